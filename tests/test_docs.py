@@ -46,6 +46,7 @@ from vve_sumo.sweep.controllers import VariedController
 from vve_sumo.sweep.spec import Boundary, Spec, Worst, parse_spec
 from vve_sumo.values import TickRow
 from vve_sumo.vehicle import arming, diagram
+from vve_sumo.vehicle.interface import INTERFACE_KINDS
 from vve_sumo.vehicle.schema import VehicleFile
 
 DOCS = REPOSITORY / "docs"
@@ -109,6 +110,11 @@ def _kinds() -> str:
         value = f"{least:g} to {most:g}; {usual:g} where none is given" if kind in injected_faults.VALUES else ""
         lines.append(f"| `{kind}` | {words} | {value} |")
     return "\n".join(lines)
+
+
+def _interface_kinds() -> str:
+    lines = ["| kind | while it is due |", "|---|---|"]
+    return "\n".join([*lines, *(f"| `{kind}` | {words} |" for kind, words in INTERFACE_KINDS.items())])
 
 
 def _receivers() -> str:
@@ -187,6 +193,7 @@ GENERATED = {
     ("sweeps.md", "controllers keys"): lambda: keys(VariedController, "controllers[]."),
     ("sweeps.md", "boundary keys"): lambda: keys(Boundary, "search."),
     ("sweeps.md", "worst keys"): lambda: keys(Worst, "search."),
+    ("vehicle.md", "interface kinds"): _interface_kinds,
     ("vehicle.md", "keys"): lambda: keys(VehicleFile),
     ("vehicle.md", "arming diagram"): lambda: f"```mermaid\n{diagram.mermaid()}\n```",
     ("vehicle.md", "gateway reasons"): lambda: _codes(arming.REASONS),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import sys
 import time
 from pathlib import Path
@@ -19,6 +20,8 @@ from vve_sumo.certify.run import CertifyQuery, certify
 from vve_sumo.cli.parser import setting
 from vve_sumo.errors import ConfigError
 from vve_sumo.pose.sources import open_udp
+from vve_sumo.wire.datagrams import SetpointDatagram, encode_setpoint
+from vve_sumo.wire.signature import signed
 
 #: listens on a port, and does not end when it is asked to
 STUBBORN = """
@@ -83,6 +86,18 @@ def test_a_brain_is_waited_for_as_long_as_the_rig_says_and_then_only_while_it_th
     assert link.receive(0.02, True) == []
     assert len(looks) == 1
     link.close()
+
+
+def test_an_answer_that_is_signed_is_read_and_a_forged_one_is_not() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as brain:
+        (port,) = free_ports(1)
+        link = FaultLink((), open_udp("127.0.0.1", port, None, "brain"), None, lambda: True, 5.0, b"secret")
+        asked = encode_setpoint(SetpointDatagram(1, 7, 0.0, 0.1, 0.25, -8.0))
+        for data in (asked, signed(asked, b"other"), signed(asked, b"secret")):
+            brain.sendto(data, ("127.0.0.1", port))
+            link.receive(0.0, True)
+        link.close()
+    assert [(one.answers, one.acceleration) for one in link.answers] == [(7, -8.0)]
 
 
 def _certificate(**other: object) -> Certificate:

@@ -79,6 +79,9 @@ suite nothing
 suite r157 --seeds 0
 suite r157 --seeds x
 suite r157 --vehicle nothing
+suite r157 --rig nothing
+suite r157 --rig simulated --vehicle lincoln_mkz
+suite r157 --rig foreign
 sweep
 sweep nowhere --out x
 sweep parked_car_speeds
@@ -92,6 +95,9 @@ sweep parked_car_speeds --out x --workers many
 sweep parked_car_speeds --out x --keep nobody
 sweep parked_car_speeds --out x --search
 sweep parked_car_speeds --out x --vehicle nothing
+sweep parked_car_speeds --out x --rig nothing
+sweep parked_car_speeds --out x --rig simulated --vehicle lincoln_mkz
+sweep parked_car_speeds --out x --rig foreign
 sweep parked_car_speeds --out x --cluster localhost
 sweep parked_car_speeds --out x --cluster ""
 sweep parked_car_speeds --out x --cluster tcp://localhost:port
@@ -104,6 +110,7 @@ study
 study cliff
 study cliff nowhere --out x
 study cliff parked_car --out full
+study cliff parked_car --out x --rig nothing
 study cliff parked_car --out x --delays-ms 5000
 study cliff parked_car --out x --delays-ms a,b
 study cliff parked_car --out x --noise nan

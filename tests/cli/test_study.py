@@ -111,6 +111,11 @@ def test_what_is_usual_goes_with_the_scenario(folder: Path) -> None:
     assert quiet.plan.cells == len(DELAYS_MS)
 
 
+def test_a_study_of_a_rigs_car(folder: Path) -> None:
+    assert cliff_study("short", folder, rig="simulated").plan.rig == str(REPOSITORY / "rigs" / "simulated.toml")
+    assert cliff_study("short", folder).plan.rig == ""
+
+
 @pytest.mark.usefixtures("studied")
 def test_a_note_that_is_none_is_named(folder: Path, tmp_path: Path) -> None:
     shutil.copytree(folder / "cliff", tmp_path / "cliff")

@@ -329,6 +329,11 @@ def test_the_scenario_alone_is_examined_without_a_rig(tmp_path: Path) -> None:
     assert (run.returncode, run.stdout.splitlines()[-1]) == (0, "GO")
     assert "200 steps" in told(run, "street")[1]
     assert "there and back" in told(run, "network")[1]
+    assert told(run, "braking") == (
+        "go",
+        "car 5.9, brakes 5.9, wire 6.2, gateway 9, tyres 8.82 m/s2; least: vehicle.deceleration_limit_mps2 is 5.9; "
+        "laden with 2095 kg 4.76 m/s2",
+    )
     assert "receiver" not in run.stdout
 
 

@@ -11,6 +11,9 @@ import pytest
 from tests.conftest import REPOSITORY
 from tests.isolated import command, isolated
 from tests.vehicle.van import DATASPEED, OWN_WIRE, van_file
+from vve_sumo.commissioning.findings import Finding
+from vve_sumo.commissioning.machine_checks import braking
+from vve_sumo.drive.run import resolve_by_name
 
 #: the comfortable stop is off: what brakes is the emergency layer alone, with all that the car has
 EMERGENCY = {"controller.tuning.comfort": False, "ego.speed_mps": 12.0}
@@ -43,3 +46,12 @@ def test_the_command_says_so_before_it_drives(tmp_path: Path) -> None:
     notes = [line for line in done.stderr.splitlines() if line.startswith("note: ")]
     assert len(notes) == 1
     assert "this car brakes with 3.93 m/s2 at most, not with the declared 5.5" in notes[0]
+
+
+def test_the_doctor_notes_it(tmp_path: Path) -> None:
+    resolved = resolve_by_name("parked_car", REPOSITORY, vehicle=str(van_file(tmp_path, DATASPEED)))
+    noted = braking(resolved)
+    assert (noted.name, noted.finding, noted.found) == ("braking", Finding.NOTE, resolved.note)
+    fine = braking(resolve_by_name("parked_car", REPOSITORY, vehicle=str(van_file(tmp_path, OWN_WIRE))))
+    assert fine.finding is Finding.GO
+    assert fine.found.endswith("laden with 2800 kg 4.52 m/s2"), "5.5 m/s2 times 2300 over 2800"

@@ -128,6 +128,11 @@ def _report(name: str, fault: str, fault_of: Fault, reasons: tuple[str, ...], st
     return Row(name, fault, Right.REST, reasons, stops, PERIOD + STEP, faults=(fault_of,))
 
 
+def _foot(name: str, fault: str, *faults: Fault, reasons: tuple[str, ...], notice: float) -> Row:
+    """A foot that takes nothing over, or that no module reports: the gateway stops the car for it."""
+    return Row(name, fault, Right.REST, reasons, GATEWAY, notice + STEP, "driver_has_control", faults=faults)
+
+
 def _driver(name: str, fault: str, *faults: Fault, reasons: tuple[str, ...] = ("driver_override",)) -> Row:
     return Row(name, fault, Right.DRIVER, reasons, ending="driver_has_control", faults=faults)
 
@@ -203,6 +208,10 @@ MATRIX: Final = (
         # The thirteenth within a second, and two ticks in which the gateway answers.
         "late_thirds", "every third tick takes 30 ms, within the rig's budget", Right.REST, ("latency_budget",),
         GATEWAY, 13 * 3 * PERIOD + 2 * PERIOD + STEP, first=("overrun",), controller="limping",
+    ),
+    Row(
+        "speeding", "the controller asks for 2 m/s2 for ever", Right.REST, ("above_desired_speed",), GATEWAY,
+        PERIOD + STEP, controller="racing", by_reason=True,
     ),
     Row(
         "geofence_breach", "the controller steers off the path, towards a pole in the lot", Right.REST,
@@ -306,6 +315,24 @@ MATRIX: Final = (
     ),
     # The driver.
     _driver("brake_override", "the driver is on the brake", Fault("brake_override")),
+    _foot(
+        "driver_touch", "the driver brakes gently for 3 s, short of taking over", Fault("driver_touch", 3.0, 0.215),
+        reasons=("driver_on_brake",), notice=2.0 * PERIOD,
+    ),
+    _foot(
+        "foot_unreported", "the driver brakes hard for 4 s, and the brake report is frozen",
+        Fault("brake_override", 4.0, 0.30), Fault("brake_report_frozen", later=-1.0),
+        reasons=("driver_inferred",), notice=0.2,
+    ),
+    _foot(
+        "foot_seen_by_motion", "the driver brakes hard for 4 s; the brake report and the reported torque are frozen",
+        Fault("brake_override", 4.0, 0.30), Fault("brake_report_frozen", later=-1.0),
+        Fault("brake_torque_frozen", later=-1.0), reasons=("driver_inferred",), notice=0.3,
+    ),
+    Row(
+        "override_false", "the brake module reports an override for 50 ms, and nobody touches anything", Right.REST,
+        ("override_unconfirmed",), GATEWAY, 2.0 * PERIOD + STEP, faults=(Fault("override_false", 0.05),),
+    ),
     _driver("throttle_override", "the driver is on the throttle, then on the brake",
             Fault("throttle_override", 0.6), _BRAKES),
     _driver("steering_override", "the driver turns the wheel, then brakes", Fault("steering_override", 0.6), _BRAKES),

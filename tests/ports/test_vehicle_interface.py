@@ -5,16 +5,26 @@ from __future__ import annotations
 import dataclasses
 import shutil
 import tempfile
+import tomllib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from tests import vehicles
 from tests.drive.street import REPOSITORY, altered
 from tests.isolated import isolated
-from tests.ports.vehicle_interface import VehicleInterfaceConformance
+from tests.live.matrix import MATRIX
+from tests.live.stage import rig_of
+from tests.ports.vehicle_interface import Bench, VehicleInterfaceConformance
+from tests.vehicle.whole_car import LOT
 from vve_sumo.errors import ConfigError
-from vve_sumo.vehicle.interface import DEFAULT, PORT, InterfaceConfig, load
+from vve_sumo.plant.fault_injected_car import FaultInjectedCar
+from vve_sumo.plant.injectable import injectable_kinds, require_injectable
+from vve_sumo.plant.injected_faults import KINDS, InjectedFault
+from vve_sumo.rig.load import parse
+from vve_sumo.vehicle.interface import DEFAULT, INTERFACE_KINDS, PORT, InterfaceConfig, load
 
 TOY_FILE = Path(__file__).parent / "toy" / "interface.py"
 TOY = InterfaceConfig(f"{TOY_FILE}:make", {"brake_nm": 3412.0})
@@ -65,6 +75,79 @@ def test_the_papers_drive_over_another_wire():
     assert identifiers == {0x300, 0x310, 0x311}
     assert difference is None
     assert changes == [[], ["interface_interface has changed since"]]
+
+
+SIMULATED = REPOSITORY / "rigs" / "simulated.toml"
+
+
+def rig_with_the_toy(kind: str) -> dict[str, Any]:
+    """Return the rig of the simulated vehicle with the toy's wire and a fault."""
+    rig = tomllib.loads(SIMULATED.read_text(encoding="utf-8"))
+    rig["drive_by_wire"] = {"interface": TOY.name, "settings": dict(TOY.settings)}
+    return rig | {"faults": [{"kind": kind, "at_s": 1.0}]}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_rig_is_refused_whose_fault_the_interface_cannot_inject(kind):
+    refused = INTERFACE_KINDS.keys() - {"report_malformed"}
+    if kind not in refused:
+        assert parse(rig_with_the_toy(kind), SIMULATED).faults[0].kind == kind
+        return
+    with pytest.raises(ConfigError) as caught:
+        parse(rig_with_the_toy(kind), SIMULATED)
+    assert str(caught.value) == (
+        f"{SIMULATED}: faults.0: fault {kind}: it cannot be injected through interface {TOY.name}: "
+        "of the kinds that an interface injects itself it can: report_malformed"
+    )
+
+
+def test_the_suite_finds_a_claim_that_is_not_kept(tmp_path):
+    file = tmp_path / "boastful.py"
+    boast = "\n\nSimulatedToy.injectable = frozenset({'brake_fault', 'brake_report_frozen', 'override_false'})\n"
+    file.write_text(TOY_FILE.read_text(encoding="utf-8") + boast, encoding="utf-8")
+    suite, config = VehicleInterfaceConformance(), dataclasses.replace(TOY, name=f"{file}:make")
+    with pytest.raises(AssertionError):
+        suite.test_a_reported_fault_is_one_subsystems_and_it_goes_on_working(Bench(config), 0)
+    with pytest.raises(AssertionError):
+        suite.test_a_frozen_report_stays_what_it_was_and_the_others_go_on(Bench(config), 0)
+    with pytest.raises(AssertionError):
+        suite.test_a_false_override_is_in_one_report_and_nobody_took_over(Bench(config), 1.0)
+
+
+def test_a_fault_of_a_sensor_that_no_report_shows_is_refused(tmp_path):
+    file = tmp_path / "poor.py"
+    file.write_text(
+        TOY_FILE.read_text(encoding="utf-8")
+        + "\n\nimport dataclasses\n\ndef poor(settings):\n    toy = make(settings)\n"
+        "    status = (BrakeState, ThrottleState, SteeringState, GearState)\n"
+        "    reports = {STATUS: status, MOTION: (WheelSpeeds, YawRate)}\n"
+        "    toy.facts = dataclasses.replace(toy.facts, reports=reports)\n    return toy\n",
+        encoding="utf-8",
+    )
+    poor = dataclasses.replace(TOY, name=f"{file}:poor")
+    with pytest.raises(ConfigError, match=r"fault brake_torque_scaled: .*poor: the interface reports no BrakeTorque"):
+        require_injectable([InjectedFault("brake_torque_scaled", 1.0, 1.0)], poor)
+    require_injectable([InjectedFault("brake_torque_scaled", 1.0, 1.0)], TOY)
+
+
+def test_a_car_is_not_made_with_a_fault_that_its_interface_cannot_inject():
+    seeds = np.random.SeedSequence
+    parameters, fault = vehicles.parameters(interface=TOY), InjectedFault("brake_fault", 1.0, 1.0)
+    with pytest.raises(ConfigError, match="fault brake_fault: it cannot be injected through interface"):
+        FaultInjectedCar(parameters, (0.0, 0.0, 0.0), LOT, 1_447_000_000.0, seeds(1), [fault], seeds(2))
+
+
+@pytest.mark.parametrize("row", [row for row in MATRIX if row.faults], ids=lambda row: row.name)
+def test_a_row_of_the_fault_matrix_is_never_green_for_a_fault_that_is_not_injected(row):
+    """A rig of a row with another wire loads only where every fault of the row can be injected over it."""
+    possible = all(fault.kind in injectable_kinds(TOY) for fault in row.faults)
+    rig = tomllib.loads(rig_of(row, 3000))
+    rig |= {"drive_by_wire": rig_with_the_toy("pose_lost")["drive_by_wire"]}
+    if possible:
+        assert len(parse(rig, SIMULATED).faults) == len(row.faults)
+    else:
+        with pytest.raises(ConfigError, match="cannot be injected through interface"):
+            parse(rig, SIMULATED)
 
 
 def test_the_shipped_ones_are_known():

@@ -10,6 +10,7 @@ The interface is judged by what it gives and takes, together with its simulated 
 
 from __future__ import annotations
 
+import functools
 import math
 import random
 from typing import ClassVar, Final
@@ -18,11 +19,16 @@ import numpy as np
 import pytest
 
 from tests import vehicles
+from vve_sumo.errors import ConfigError
 from vve_sumo.plant.car import Car
+from vve_sumo.plant.fault_injected_car import FaultInjectedCar
+from vve_sumo.plant.injectable import injectable_kinds, require_injectable
+from vve_sumo.plant.injected_faults import KINDS, Clock, InjectedFault
 from vve_sumo.values import ArmingState, Frame, Setpoint
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 from vve_sumo.vehicle.interface import (
     HANDS_OFF,
+    INTERFACE_KINDS,
     REQUIRED,
     Accelerations,
     ActuationCommand,
@@ -36,10 +42,12 @@ from vve_sumo.vehicle.interface import (
     Malformed,
     Measured,
     Report,
+    SettingValue,
     SteeringState,
     ThrottleState,
     VehicleInterface,
     WheelSpeeds,
+    WhenCommandsStop,
     YawRate,
     load,
 )
@@ -67,6 +75,8 @@ class Bench:
         self.measured = STANDING
         self.newest: dict[type, Report] = {}
         self.times: dict[type, list[float]] = {}
+        self.fault: tuple[str, float] | None = None  #: kind and value of the one that is due
+        self.malformed: set[int] = set()  #: identifiers of the malformed reports since the fault began
         self._steps = 0
 
     @property
@@ -89,11 +99,25 @@ class Bench:
 
     def _hear(self, frames: list[Frame]) -> None:
         for frame in frames:
-            reports = self.interface.decode(frame)
-            assert not isinstance(reports, Malformed), reports
+            reports = self.interface.decode(self.end.alter(self.now, frame, self._due))
+            if isinstance(reports, Malformed):
+                assert self.fault is not None, reports
+                self.malformed.add(frame.id)
+                continue
             for report in reports:
                 self.newest[type(report)] = report
                 self.times.setdefault(type(report), []).append(self.now)
+
+    def _due(self, kind: str, _time: float) -> float | None:
+        return self.fault[1] if self.fault is not None and self.fault[0] == kind else None
+
+    def inject(self, kind: str, value: float = math.nan) -> None:
+        """Put a fault on from now on, in place of the one before."""
+        self.fault, self.malformed = (kind, value), set()
+
+    def restore(self) -> None:
+        """Put no fault on any more."""
+        self.fault = None
 
     def enabled(self) -> list[bool]:
         return [self.newest[kind].enabled for kind in SUBSYSTEMS]  # type: ignore[union-attr]
@@ -258,6 +282,12 @@ class VehicleInterfaceConformance:
         assert bench.newest[WheelSpeeds] == pytest.approx(wheels, abs=0.05)
         assert bench.newest[YawRate].yaw == pytest.approx(0.21, abs=2e-3)
 
+    def test_a_wheel_speed_that_is_not_measured_is_reported_as_invalid(self, bench):
+        wheels = WheelSpeeds(30.0, 30.0, math.nan, 30.0)
+        bench.measured = STANDING._replace(speed=9.6, wheels=wheels)
+        bench.run(0.1, NEUTRAL)
+        assert any(map(math.isnan, bench.newest[WheelSpeeds]))
+
     def test_it_lets_go_when_commands_stop(self, bench):
         """Neither at once, or a frame that is lost would do, nor later than it says."""
         bench.engaged().run(0.6 * bench.interface.facts.command_timeout, None)
@@ -265,6 +295,9 @@ class VehicleInterfaceConformance:
         bench.run(0.4 * bench.interface.facts.command_timeout + 0.05, None)
         assert not any(bench.end.enabled)
         assert not any(bench.enabled())
+        stops = bench.interface.facts.when_commands_stop
+        assert bench.end.watchdog_braking is (stops.action is WhenCommandsStop.BRAKES)
+        assert bench.measured.brake_torque <= stops.brake_torque
 
     def test_a_driver_who_takes_over_keeps_the_car_until_a_clear(self, bench):
         bench.engaged()
@@ -277,6 +310,26 @@ class VehicleInterfaceConformance:
         assert bench.end.driver_brake_torque > 0.0
         bench.run(0.3, wanted)
         assert not bench.newest[BrakeState].enabled, "enable alone does not take the car back"
+        bench.run(0.1, NEUTRAL._replace(clear=True))
+        assert not any(report.override for report in _subsystems(bench))
+
+    @pytest.mark.parametrize(
+        "hands",
+        [
+            DriverInputs(throttle_pedal=0.40),
+            DriverInputs(steering_torque=5.0),
+            DriverInputs(steering_torque=-5.0),
+        ],
+        ids=["throttle", "wheel, to the left", "wheel, to the right"],
+    )
+    def test_a_driver_takes_over_by_throttle_and_by_steering_wheel_too(self, bench, hands):
+        bench.engaged()
+        wanted = NEUTRAL._replace(brake_torque=1000.0, enable=True)
+        bench.run(0.3, wanted, hands)
+        assert any(report.override for report in _subsystems(bench))
+        assert not all(bench.end.enabled)
+        bench.run(0.3, wanted)
+        assert any(report.override for report in _subsystems(bench)), "enable alone does not take the car back"
         bench.run(0.1, NEUTRAL._replace(clear=True))
         assert not any(report.override for report in _subsystems(bench))
 
@@ -295,6 +348,117 @@ class VehicleInterfaceConformance:
         for _ in range(10):
             for frame in bench.end.reports(bench.measured):
                 assert bench.end.alter(0.0, frame, lambda _kind, _time: None) == frame
+
+    # Faults that are injected.
+
+    def test_it_claims_no_fault_that_nobody_knows(self, bench):
+        assert bench.end.injectable <= INTERFACE_KINDS.keys()
+
+    @pytest.mark.parametrize("kind", sorted(INTERFACE_KINDS))
+    def test_what_is_claimed_can_be_injected_and_the_rest_is_refused(self, bench, kind):
+        fault = InjectedFault(kind, 1.0, 1.0)
+        if kind in bench.end.injectable:
+            require_injectable((fault,), self.config)
+            assert kind in injectable_kinds(self.config)
+            return
+        with pytest.raises(ConfigError, match=f"fault {kind}: it cannot be injected through interface ") as refused:
+            require_injectable((fault,), self.config)
+        assert self.config.name in str(refused.value)
+        assert "\n" not in str(refused.value)
+
+    @pytest.mark.parametrize("kind", [kind for kind in KINDS if not kind.startswith("pose_")])
+    def test_every_fault_that_is_not_refused_shows(self, kind):
+        """In what the car sends, or in how it moves."""
+        if kind not in injectable_kinds(self.config):
+            pytest.skip(f"{kind}: refused")
+        foot = {"brake_driver_bits_zero": "brake_override", "throttle_driver_bits_zero": "throttle_override"}
+        others = (foot[kind],) if kind in foot else ()
+        config = (self.config.name, tuple(self.config.settings.items()))
+        assert _ride(*config, kind, *others) != _ride(*config, *others)
+
+    def _claimed(self, bench: Bench, kind: str) -> None:
+        if kind not in bench.end.injectable:
+            pytest.skip(f"{kind}: not claimed, and so refused")
+
+    @pytest.mark.parametrize("number", range(3))
+    def test_a_reported_fault_is_one_subsystems_and_it_goes_on_working(self, bench, number):
+        kind = ("brake_fault", "throttle_fault", "steering_fault")[number]
+        self._claimed(bench, kind)
+        wanted = NEUTRAL._replace(brake_torque=1000.0, enable=True)
+        bench.engaged().inject(kind)
+        bench.run(0.1, wanted)
+        assert [report.fault for report in _subsystems(bench)] == [index == number for index in range(3)]
+        assert bench.end.enabled == (True, True, True)
+        assert all(bench.enabled())
+        bench.restore()
+        bench.run(0.1, wanted)
+        assert not any(report.fault for report in _subsystems(bench))
+
+    def test_a_malformed_report_is_the_one_of_the_steering(self, bench):
+        self._claimed(bench, "report_malformed")
+        bench.engaged().inject("report_malformed")
+        bench.run(0.1, NEUTRAL._replace(brake_torque=1000.0, enable=True))
+        reports = bench.interface.facts.reports
+        assert bench.malformed
+        assert all(SteeringState in reports[number] for number in bench.malformed)
+
+    @pytest.mark.parametrize("number", range(3))
+    def test_a_frozen_report_stays_what_it_was_and_the_others_go_on(self, bench, number):
+        kind = ("brake_report_frozen", "throttle_report_frozen", "steering_report_frozen")[number]
+        self._claimed(bench, kind)
+        bench.engaged().inject(kind)
+        bench.run(0.1, NEUTRAL._replace(brake_torque=1000.0, enable=True))
+        kept = bench.newest[SUBSYSTEMS[number]]
+        times = len(bench.times[SUBSYSTEMS[number]])
+        bench.run(0.5, NEUTRAL)
+        assert bench.newest[SUBSYSTEMS[number]] == kept
+        assert len(bench.times[SUBSYSTEMS[number]]) > times, "it goes on coming"
+        assert bench.enabled() == [index == number for index in range(3)], "the others say that they let go"
+        assert bench.malformed == set()
+        bench.restore()
+        bench.run(0.1, NEUTRAL)
+        assert not any(bench.enabled())
+
+    @pytest.mark.parametrize(
+        ("kind", "hands", "number"),
+        [
+            ("brake_driver_bits_zero", DriverInputs(brake_pedal=0.40), 0),
+            ("throttle_driver_bits_zero", DriverInputs(throttle_pedal=0.40), 1),
+        ],
+    )
+    def test_drivers_bits_that_stay_off_hide_the_driver_and_no_more(self, bench, kind, hands, number):
+        self._claimed(bench, kind)
+        bench.engaged().inject(kind)
+        bench.run(0.3, NEUTRAL._replace(brake_torque=1000.0, enable=True), hands)
+        report = _subsystems(bench)[number]
+        assert not report.override
+        assert not report.driver  # type: ignore[union-attr]
+        assert not bench.end.enabled[number], "the driver has taken over all the same"
+        bench.restore()
+        bench.run(0.1, NEUTRAL, hands)
+        assert _subsystems(bench)[number].override
+
+    @pytest.mark.parametrize("value", [1.0, 2.0, 3.0, 4.0])
+    def test_a_false_override_is_in_one_report_and_nobody_took_over(self, bench, value):
+        self._claimed(bench, "override_false")
+        wanted = NEUTRAL._replace(brake_torque=1000.0, enable=True)
+        bench.engaged().inject("override_false", value)
+        bench.run(0.2, wanted)
+        said = [report.override for report in (*_subsystems(bench), bench.newest[GearState])]  # type: ignore[union-attr]
+        assert said == [index == value for index in (1.0, 2.0, 3.0, 4.0)]
+        assert bench.end.enabled == (True, True, True)
+        bench.restore()
+        bench.run(0.2, wanted)
+        assert not bench.newest[GearState].override  # type: ignore[union-attr]
+        assert not any(report.override for report in _subsystems(bench))
+
+    def test_the_drivers_gear_lever_is_followed_and_reported(self, bench):
+        self._claimed(bench, "gear_lever")
+        bench.engaged().run(2.0, NEUTRAL._replace(brake_torque=1000.0, gear=Gear.DRIVE, enable=True))
+        wanted = NEUTRAL._replace(brake_torque=1000.0, enable=True)
+        bench.run(2.0, wanted, DriverInputs(gear=Gear.NEUTRAL))
+        assert bench.newest[GearState] == GearState(Gear.NEUTRAL, override=True)
+        assert bench.end.gear is Gear.NEUTRAL
 
     # With gateway and car.
 
@@ -339,6 +503,25 @@ def _commanded(interface: VehicleInterface, command: ActuationCommand) -> Comman
     columns = [[value for value in column if not math.isnan(value)] for column in zip(*said, strict=True)]
     assert [len(column) for column in columns] == [1, 1, 1]
     return Commanded(*(column[0] for column in columns))
+
+
+@functools.cache
+def _ride(name: str, settings: tuple[tuple[str, SettingValue], ...], *kinds: str) -> object:
+    """All that a car with these faults sends, and how it moves, in three seconds of pulling away, braking, swerving."""
+    config = InterfaceConfig(name, dict(settings))
+    faults = [InjectedFault(kind, 1.6, 1.4, clock=Clock.DRIVE) for kind in kinds]
+    parameters, seeds = vehicles.parameters(noise=0.0, interface=config), np.random.SeedSequence
+    car = FaultInjectedCar(parameters, (0.0, 0.0, 0.0), LOT, 1_447_000_000.0, seeds(1), faults, seeds(2))
+    interface, said = load(config), []
+    for tick in range(150):
+        now = tick * PERIOD
+        torque, throttle = (1500.0, 0.0) if now < 1.0 else (0.0, 0.3) if now < 2.2 else (500.0 + 100.0 * now, 0.0)
+        gear, angle = Gear.DRIVE if now < 1.0 else Gear.NONE, 0.5 * math.sin(3.0 * now)
+        command = ActuationCommand(torque, throttle, angle, 6.0, gear, enable=True, clear=False)
+        output = car.step((tick + 1) * PERIOD, interface.encode(command))
+        said.append((output.reports, car.truth(), car.car.interface.enabled))
+    assert kinds or car.truth().speed > 0.5, "a sound car is under way to the end"
+    return said
 
 
 def _subsystems(bench: Bench) -> list[BrakeState | ThrottleState | SteeringState]:

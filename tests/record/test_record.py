@@ -11,6 +11,7 @@ from pathlib import Path
 
 import can
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from tests.drive.street import drive_once
@@ -69,6 +70,39 @@ def test_a_finished_record_reads_back_what_was_kept(tmp_path: Path) -> None:
     assert boxes.num_rows == 75
     chunks = read_pose_chunks(tmp_path / "r" / "pose.bin")
     assert chunks[7] == (0.02 * 7, bytes([7] * 72))
+
+
+def test_a_record_that_is_discarded_takes_away_what_it_made_and_nothing_else(tmp_path: Path) -> None:
+    there = tmp_path / "there"
+    there.mkdir()
+    record = Record(there, {"a": 1} | RESOLVED, 1000.0)
+    fill(record, 25)
+    record.attach("notes.txt", "of the drive")
+    record.attach_table("roads", pa.table({"a": [1]}))
+    for name in ("thesis.tex", "ticks.csv"):  # somebody else's, put there while the drive went on
+        (there / name).write_text("the only copy", encoding="utf-8")
+    (there / "figures").mkdir()
+    record.discard()
+    assert sorted(file.name for file in there.iterdir()) == ["figures", "thesis.tex", "ticks.csv"]
+    assert (there / "thesis.tex").read_text(encoding="utf-8") == "the only copy"
+
+
+def test_a_text_that_lay_there_before_the_record_is_not_deleted_with_it(tmp_path: Path) -> None:
+    record = Record(tmp_path / "r", {"a": 1} | RESOLVED, 1000.0)
+    (tmp_path / "r" / "notes.txt").write_text("mine", encoding="utf-8")
+    record.attach("notes.txt", "of the drive")
+    record.discard()
+    assert [file.name for file in (tmp_path / "r").iterdir()] == ["notes.txt"]
+
+
+def test_a_discarded_record_leaves_no_folder_that_it_made_but_for_what_others_put_there(tmp_path: Path) -> None:
+    for other in (False, True):
+        record = Record(tmp_path / "a" / "b" / "c", {"a": 1} | RESOLVED, 1000.0)
+        if other:
+            (tmp_path / "a" / "mine.txt").write_text("mine", encoding="utf-8")
+        record.discard()
+        assert (tmp_path / "a").exists() is other
+        assert not (tmp_path / "a" / "b").exists()
 
 
 def test_what_nobody_keeps_has_the_same_hash_and_tables(tmp_path: Path) -> None:

@@ -20,12 +20,15 @@ from vve_sumo.cli.suite import drive
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.reader import read_table
 from vve_sumo.suite import catalogue, table
+from vve_sumo.suite.journal import digest
 from vve_sumo.suite.physics import DETECTION, Need
-from vve_sumo.suite.query import SuiteQuery, driven_by
+from vve_sumo.suite.query import SuiteQuery, car_of, driven_by, rows_of
 from vve_sumo.suite.row import Approach, CutIn, Judged, Outcome, Row, Verdict
 from vve_sumo.suite.run import invalidity, judge, run
+from vve_sumo.suite.run import job_of as run_job_of
 from vve_sumo.suite.track import AEB, scenario, target
 from vve_sumo.sweep.engine import Local
+from vve_sumo.sweep.input_cache import InputCache, resolve_job
 from vve_sumo.sweep.job import Result
 from vve_sumo.timing import PERIOD
 
@@ -307,3 +310,24 @@ def test_the_command_drives_prints_keeps_and_goes_on(capsys, tmp_path, monkeypat
     assert record.stat().st_mtime_ns == driven_at
     assert (torn / "summary.json").is_file()
     assert len((out / "journal.jsonl").read_text(encoding="utf-8").splitlines()) == 2
+
+
+def test_a_suite_is_driven_by_a_rigs_car(tmp_path):
+    """Its brakes decide what physics allows: those of a brake gain that was measured, not the model's."""
+    text = (REPOSITORY / "rigs" / "simulated.toml").read_text(encoding="utf-8")
+    file = tmp_path / "ours.toml"
+    file.write_text(text.replace("[limits]\n", "[calibration]\nbrake_gain_kgm = 700.0\n\n[limits]\n"), encoding="utf-8")
+    query = SuiteQuery(rig=str(file))
+    car, plain = car_of(query, REPOSITORY), car_of(SuiteQuery(), REPOSITORY)
+    assert car.model.vehicle.deceleration_limit == pytest.approx(3250.0 / 700.0)
+    assert car.note.startswith("this car brakes with 4.64 m/s2 at most, not with the declared 5.9")
+    assert (plain.model, plain.note, plain.rig) == (vehicles.FUSION, "", None)
+    weaker, usual = ({row.id: row for row in rows_of("r152", SuiteQuery(), one, REPOSITORY)} for one in (car, plain))
+    name = "stationary_42_unladen"
+    assert weaker[name].need.way > usual[name].need.way
+    job = run_job_of("r152", weaker[name], 1, REPOSITORY, tmp_path, car.rig)
+    assert job.rig == file
+    assert resolve_job(job, InputCache()).model == car.model
+    assert digest(usual[name], car.model) != digest(usual[name], plain.model) == digest(usual[name])
+    with pytest.raises(ConfigError, match="--vehicle: a rig brings its own vehicle"):
+        car_of(SuiteQuery(rig=str(file), vehicle="lincoln_mkz"), REPOSITORY)

@@ -41,7 +41,7 @@ class Car:
     y: float = 0.0
     heading: float = 0.0
     enabled: bool = False
-    override: bool = False
+    override: bool = False  #: latched on the brake by a foot, which the pedal shows for as long
     steering_stuck: bool = False
     driver_brake: bool = False  #: the driver's foot, below what counts as taking over
     silent: set[int] = field(default_factory=set)
@@ -87,12 +87,12 @@ class Car:
         messages = [
             codec.BrakeReport(
                 codec.BrakeReportKind.PEDAL,
-                0.19 if self.driver_brake else 0.15,
+                self.pedal,
                 torque_to_pedal(self._brake_echo),
                 0.15,
                 self.enabled,
                 override=self.override,
-                driver=self.driver_brake,
+                driver=self.driver_brake or self.override,
             ),
             codec.ThrottleReport(0.15, 0.15 + 0.65 * self._throttle_echo, 0.15, self.enabled),
             codec.SteeringReport(self.wheel_angle, self._angle_wish, abs(self.speed), 0.0, self.enabled),
@@ -104,6 +104,13 @@ class Car:
         ]
         frames = [codec.encode(message, self.variant) for message in messages]
         return [self.forged.get(frame.id, frame) for frame in frames if frame.id not in self.silent]
+
+    @property
+    def pedal(self) -> float:
+        """Brake pedal sensor: an override comes from 0.22 on, a touch from 0.18 on."""
+        if self.override:
+            return 0.25
+        return 0.19 if self.driver_brake else 0.15
 
     @property
     def yaw_rate(self) -> float:

@@ -23,7 +23,7 @@ def test_an_event_is_called_in_documents_what_it_is_called_in_the_source():
 
 
 def test_the_harder_stop_is_for_a_car_that_does_not_obey_or_is_not_watched():
-    brakes = {f"brake_{what}" for what in ("disabled", "fault", "timeout", "not_following")}
+    brakes = {f"brake_{what}" for what in ("disabled", "fault", "timeout", "not_following", "report_frozen")}
     steering = {f"steering_{what}" for what in ("disabled", "fault", "timeout", "not_following", "report_stale")}
     kit = {"dbw_braking", "dbw_watchdog", "another_writer", "bus_down"}
     car = {"gear_lost", "drive_not_following", "wheel_speeds_stale", "timer_gap"}
@@ -44,6 +44,7 @@ def test_limits():
         "stop_lateral_jerk": 10.0,
         "critical_deceleration": 4.0,
         "critical_jerk": 15.0,
+        "speed": None,
     }
 
 

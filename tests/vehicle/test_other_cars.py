@@ -137,7 +137,7 @@ def test_the_default_step_is_twenty_milliseconds():
 
 
 def test_what_an_operator_does_has_the_words_that_a_record_keeps():
-    assert [command.value for command in OperatorCommand] == ["engage", "go", "stop", "end", "disarm"]
+    assert [command.value for command in OperatorCommand] == ["engage", "go", "stop", "stop_by_page", "end", "disarm"]
 
 
 def test_a_steering_wheel_that_is_mounted_askew_points_straight_where_it_was_calibrated_to():

@@ -10,6 +10,7 @@ from vve_sumo.values import Frame
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.codec import Gear
 from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
+from vve_sumo.vehicle.interface import BrakeState
 from vve_sumo.vehicle.reports import CarReports
 
 RADIUS = 0.5  # [m]
@@ -54,7 +55,10 @@ def test_before_the_first_report_nothing_is_known():
     assert not silent.in_park(0.0)
     assert silent.last_dbw_report == -math.inf
     assert math.isnan(silent.steering.wheel_angle)
-    assert not any((*silent.brake, *silent.throttle, *silent.steering[1:], *silent.gear[1:]))
+    assert not any((*silent.brake[:-2], *silent.throttle[:-2], *silent.steering[1:-1], *silent.gear[1:]))
+    unknown = (*silent.brake[-2:], *silent.throttle[-2:], silent.steering[-1], silent.brake_torque(0.0))
+    assert all(map(math.isnan, unknown))
+    assert silent.age(BrakeState, 0.0) == math.inf
 
 
 def test_all_is_well_when_all_say_so():
@@ -120,8 +124,8 @@ def test_a_command_on_the_bus_is_another_writers(identifier):
 
 def test_what_nobody_reads_is_passed_over():
     car = heard()
-    assert car.take(0.0, [Frame(0x123, b"x"), Frame(codec.ACCELERATIONS, b"x"), Frame(codec.BRAKE_INFO, b"x")]) == []
-    assert car.take(0.0, [Frame(codec.BRAKE_INFO, b"x"), codec.encode(codec.YawRate(0.0, 0.25))]) == []
+    assert car.take(0.0, [Frame(0x123, b"x"), Frame(codec.ACCELERATIONS, b"x")]) == []
+    assert car.take(0.0, [Frame(codec.ACCELERATIONS, b"x"), codec.encode(codec.YawRate(0.0, 0.25))]) == []
     assert car.yaw_rate == pytest.approx(0.25), "nor does it hide those after it"
     assert car.take(0.0, [Frame(codec.BRAKE_REPORT, bytes(7)), codec.encode(codec.YawRate(0.0, 0.5))]) == [
         "report_malformed"

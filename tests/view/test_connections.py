@@ -9,6 +9,7 @@ import shutil
 import socket
 import ssl
 import subprocess
+import tracemalloc
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -19,7 +20,8 @@ from tests.live.patience import until
 from tests.view.conftest import serving
 from tests.view.feed import live
 from tests.view.made import Made
-from vve_sumo.view.guard import MAX_SOCKETS, MAX_WAITING
+from vve_sumo.view.assets import file
+from vve_sumo.view.guard import MAX_HEAD, MAX_SOCKETS, MAX_WAITING
 from vve_sumo.view.server import NO_FRAMES, Server, hosts_of, page_routes
 
 #: of the buffers of a connection, so that little is under way to who reads nothing [bytes]
@@ -73,6 +75,50 @@ def test_who_never_begins_with_tls_does_not_keep_a_request_out(tmp_path: Path) -
         one.request("GET", f"/{server.token}/main.js")
         assert one.getresponse().status == 200
         one.close()
+
+
+def answers(port: int, said: bytes) -> list[int]:
+    """Return the statuses of a server's answers to bytes that are sent at once."""
+    with contextlib.closing(socket.create_connection(("127.0.0.1", port), 10.0)) as one:
+        one.sendall(said)
+        heard = b""
+        with contextlib.suppress(ConnectionResetError):
+            while part := one.recv(65_536):
+                heard += part
+    return [int(status) for status in re.findall(rb"HTTP/1\.1 (\d{3}) ", heard)]
+
+
+def request(server: Server, length: int, *, close: bool = True, path: str = "main.js") -> bytes:
+    """A request whose head has so many bytes."""
+    ends = "Connection: close\r\n" if close else ""
+    start = f"GET /{server.token}/{path} HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n{ends}X: "
+    return start.encode() + b"x" * (length - len(start) - 4) + b"\r\n\r\n"
+
+
+@pytest.mark.parametrize(
+    ("length", "status"), [(400, 200), (MAX_HEAD, 200), (MAX_HEAD + 2, 400), (2 * MAX_HEAD, 400), (65_536, 400)]
+)
+def test_a_head_is_no_longer_than_it_may_be_however_it_comes(length: int, status: int) -> None:
+    with serving(Server(page_routes(NO_FRAMES))) as server:
+        assert answers(server.port, request(server, length)) == [status]
+
+
+def test_behind_a_request_under_way_no_longer_head_is_taken_either() -> None:
+    with serving(Server(page_routes(NO_FRAMES))) as server:
+        asked = request(server, 400, close=False, path="world.min.js")
+        assert answers(server.port, asked + request(server, 400)) == [200, 200]
+        assert answers(server.port, asked + request(server, 65_536))[1:] in ([], [400])
+
+
+def test_names_that_are_asked_for_are_not_kept_in_memory() -> None:
+    tracemalloc.start()
+    try:
+        for number in range(1000):
+            assert file(f"{number}" + "x" * 7000) is None
+        kept, _most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert kept < 1e6
 
 
 def test_a_browser_leaves_the_usual_port_out() -> None:

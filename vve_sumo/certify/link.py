@@ -18,6 +18,7 @@ from vve_sumo.wire.datagrams import SetpointDatagram, decode_setpoint
 from vve_sumo.wire.faults import WireFault
 from vve_sumo.wire.outputs import Output
 from vve_sumo.wire.sample import Sample
+from vve_sumo.wire.signature import without_tag
 
 #: between two checks of whether the brain still computes [s]
 POLL_INTERVAL: Final = 0.002
@@ -65,13 +66,14 @@ class FaultLink:
         window: Window | None,
         quiet: Callable[[], bool],
         timeout: float,
+        key: bytes = b"",
     ) -> None:
         """`quiet` says whether the brain will say nothing more before something new comes.
 
-        `timeout`: how long the answer to a sample is waited for [s].
+        `timeout`: how long the answer to a sample is waited for [s]. `key`: that setpoints are signed with.
         """
         self._wires, self._setpoints, self._window, self._quiet = tuple(wires), setpoints, window, quiet
-        self._timeout = timeout
+        self._timeout, self._key = timeout, key
         self._sequence = 0
         self._answered = True  # false once the brain has let its whole time pass
         self.answers: list[Answer] = []
@@ -107,7 +109,8 @@ class FaultLink:
 
     def _note(self, now: float, came: Sequence[bytes]) -> None:
         for data in came:
-            read = decode_setpoint(data)
+            body = without_tag(data, self._key)
+            read = None if body is None else decode_setpoint(body)
             if isinstance(read, SetpointDatagram):
                 self.answers.append(Answer(now, read.answers, self._sequence, read.steering, read.acceleration))
 

@@ -13,7 +13,7 @@ import shlex
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -47,6 +47,8 @@ from vve_sumo.wire.setpoints import SetpointInbox
 UNSEEN_QUIET: Final = 0.1
 #: file beside a case's record: every setpoint as it came over the wire
 ANSWERS: Final = "setpoints.csv"
+#: folder for the drives of the cases
+CASES: Final = "cases"
 
 #: waits until a brain that is started by hand is ready for the next case
 Ready = Callable[[str], None]
@@ -143,7 +145,7 @@ class Bench:
             FaultyWire(wire.output, wire.outlet, case.make(chance) if case.make and kind in case.wires else None)
             for kind, wire in zip(self.kinds, wires, strict=True)
         ]
-        return FaultLink(faulty, setpoints, window, quiet, said.deadline_s)
+        return FaultLink(faulty, setpoints, window, quiet, said.deadline_s, self._key)
 
     def _driven(self, resolved: ResolvedScenario, link: FaultLink) -> Brain:
         placement = virtual_placement(resolved.map_frame, resolved.model.mounting, DEFAULT_EPOCH)
@@ -197,10 +199,10 @@ def certify(query: CertifyQuery, working: Path, ready: Ready, done: Done) -> Cer
 
 def _clear(folder: Path, *, remove: bool) -> None:
     """Take back what was written before the first drive was over; with `remove`, the folder too."""
-    for each in folder.iterdir():
-        shutil.rmtree(each)
+    shutil.rmtree(folder / CASES, ignore_errors=True)
     if remove:
-        folder.rmdir()
+        with suppress(OSError):  # not empty: somebody else has put something there
+            folder.rmdir()
 
 
 def _of_seed(bench: Bench, seed: int, resolved: ResolvedScenario) -> Iterator[CaseResult]:
@@ -209,7 +211,7 @@ def _of_seed(bench: Bench, seed: int, resolved: ResolvedScenario) -> Iterator[Ca
         if not applies(case, bench.kinds):
             yield CaseResult(case, seed, Verdict.NOT_APPLICABLE, f"the rig has no wire of {', '.join(case.wires)}")
             continue
-        folder = bench.query.out / "cases" / case.name / f"seed_{seed}"
+        folder = bench.query.out / CASES / case.name / f"seed_{seed}"
         window = None if nominal is None else window_of(case, nominal)
         course = bench.drive(case, resolved, window, folder)
         yield _result(bench, case, seed, window, course, nominal)
@@ -223,7 +225,7 @@ def _result(
     bench: Bench, case: Case, seed: int, window: Window | None, course: Course, nominal: Course | None
 ) -> CaseResult:
     judged = judge(case, window, course, nominal)
-    record = Path("cases") / case.name / f"seed_{seed}" / "record"
+    record = Path(CASES) / case.name / f"seed_{seed}" / "record"
     result = CaseResult(case, seed, judged.verdict, judged.why, window, judged.reaction, judged.left)
     return replace(
         result,

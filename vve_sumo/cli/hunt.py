@@ -101,6 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
         total=progress.total if query.pairs else None,
         last_found=progress.last_found,
         rate=progress.rate,
+        left_out=hunt.left_out,
     )
     (query.out / REPORT).write_text(report, encoding="utf-8")
     print(report, end="")

@@ -181,7 +181,7 @@ class Pipeline:
 
     def see(self, now: float, actors: Actors) -> None:
         """Predict the pose to drive time `now` [s] and step every sensor on the `actors` of this tick."""
-        faults = self._gate.stale(now) if self._newest > -math.inf else ()
+        faults = self._gate.stale(now) + self._gate.unsteady() if self._newest > -math.inf else ()
         if not self._gate.profile.may_arm:
             faults += ("profile_may_not_arm",)
         pose, readings = self._predictor.at(now), _NO_READINGS

@@ -25,8 +25,8 @@ from vve_sumo.drive.summary import FOREIGN_BRAIN, summary_of
 from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.errors import ConfigError, RigError, SimulationError
 from vve_sumo.record.hashes import hash_files
-from vve_sumo.record.layout import PROVENANCE
-from vve_sumo.record.roads import roads_table, write_roads
+from vve_sumo.record.layout import PROVENANCE, ROADS
+from vve_sumo.record.roads import roads_table
 from vve_sumo.record.signals import SIGNALS, signals_text
 from vve_sumo.record.writer import MemoryRecorder, Record, claim
 from vve_sumo.scenario import overrides
@@ -132,9 +132,9 @@ def run(
         foreign = {} if brain is None or brain.controller is None else {"brain": "setpoints"}
         settings = resolved.to_dict(working) | shell.lot.to_dict() | foreign
         record = Record(folder, settings, shell.lot.epoch) if kept else MemoryRecorder(settings, shell.lot.epoch)
-        if kept:
+        if isinstance(record, Record):
             now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-            write_roads(folder, resolved.lanes)
+            record.attach_table(ROADS, roads_table(resolved.lanes))
             record.attach(PROVENANCE, provenance.text_of(provenance.provenance(resolved, now)))
         try:
             done = run_guarded(shell, record, watch)

@@ -23,9 +23,18 @@ def least_margins(results: Sequence[Result]) -> dict[str, tuple[float, Result]]:
 
 
 def text(
-    results: Mapping[str, Result], findings: Sequence[Finding], *, total: int | None, last_found: int, rate: float
+    results: Mapping[str, Result],
+    findings: Sequence[Finding],
+    *,
+    total: int | None,
+    last_found: int,
+    rate: float,
+    left_out: Sequence[str] = (),
 ) -> str:
-    """Return the report; `total` is the number of pairs, None for a search; `rate` is in episodes an hour."""
+    """Return the report; `total` is the number of pairs, None for a search; `rate` is in episodes an hour.
+
+    `left_out` are the kinds of faults that cannot be injected through the rig's interface.
+    """
     episodes, seconds = len(results), sum(result.seconds for result in results.values())
     broken = sum(bool(result.broken) for result in results.values())
     expected = sum(known(name, result.episode) for result in results.values() for name in result.broken)
@@ -39,6 +48,8 @@ def text(
     ]
     for invariant, (margin, result) in sorted(least_margins(list(results.values())).items(), key=lambda one: one[1][0]):
         lines.append(f"  {margin:6.3f}  {invariant}: {result.episode}")
+    if left_out:
+        lines += ["", f"not tried, the rig's interface cannot inject them: {', '.join(left_out)}"]
     lines += ["", "found:" if findings else "found nothing"]
     for finding in findings:
         row = finding.to_dict()

@@ -24,6 +24,8 @@ from vve_sumo.hunt.search import BATCH, Search
 from vve_sumo.hunt.shrink import shrunk
 from vve_sumo.hunt.simulation import Course
 from vve_sumo.live.assembly import scenario_with_rig
+from vve_sumo.plant.injectable import injectable_kinds
+from vve_sumo.plant.injected_faults import KINDS
 from vve_sumo.rig.load import load as load_rig
 
 #: pairs that are driven together; they share the nominal drive
@@ -94,6 +96,8 @@ class Hunt:
         self.course, file = course_of(query.scenario, query.rig, working)
         self.rig_text = file.read_text(encoding="utf-8")
         self.query, self._watch = query, watch
+        left_out = KINDS.keys() - injectable_kinds(self.course.resolved.model.interface)
+        self.left_out = tuple(sorted(left_out))  #: kinds that cannot be injected through the rig's interface
         self.tolerances = Tolerances()
         asked: dict[str, Any] = {
             "scenario": query.scenario,
@@ -118,7 +122,8 @@ class Hunt:
             self.journal.close()
 
     def _run_pairs(self) -> None:
-        every = pairs(self.query.phases, self.query.seed)[: self.query.episodes]
+        every = [pair for pair in pairs(self.query.phases, self.query.seed) if self._can_be_driven(pair[1])]
+        every = every[: self.query.episodes]
         self.progress.total = len(every)
         for first in range(0, len(every), CHUNK):
             if self._over():
@@ -128,11 +133,15 @@ class Hunt:
     def _run_search(self) -> None:
         search, number = Search(self.query.seed), 0
         while not self._over():
-            named = [(f"{number}/{at}", episode) for at, episode in enumerate(search.batch())]
+            batch = [episode for episode in search.batch() if self._can_be_driven(episode)]
+            named = [(f"{number}/{at}", episode) for at, episode in enumerate(batch)]
             left = BATCH if self.query.episodes is None else self.query.episodes - self.progress.done
             results = self._drive(named[:left])
             search.learn(results)
             number += 1
+
+    def _can_be_driven(self, episode: Episode) -> bool:
+        return not any(action.kind in self.left_out for action in episode.actions)
 
     def _over(self) -> bool:
         query, done = self.query, self.progress.done

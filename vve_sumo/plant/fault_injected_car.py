@@ -12,6 +12,7 @@ import numpy as np
 from vve_sumo.frames import MapFrame
 from vve_sumo.plant.car import STEPS_PER_SECOND, Car, CarOutput, CarParameters
 from vve_sumo.plant.fault_injector import FaultInjector
+from vve_sumo.plant.injectable import require_injectable
 from vve_sumo.plant.injected_faults import InjectedFault
 from vve_sumo.plant.receiver import unaltered
 from vve_sumo.values import Fix, Frame, Pose
@@ -21,7 +22,8 @@ from vve_sumo.vehicle.interface import HANDS_OFF, Measured
 class FaultInjectedCar:
     """A `Car` (see there for the arguments) and its `FaultInjector`, stepped together; the driver is the injector's.
 
-    `alter` comes before the injector: the injector alters the fix that `alter` returns.
+    `alter` comes before the injector: the injector alters the fix that `alter` returns. Raises ConfigError for a fault
+    that cannot be injected through the car's interface.
     """
 
     def __init__(
@@ -36,13 +38,17 @@ class FaultInjectedCar:
         alter: Callable[[Fix], Fix | None] = unaltered,
     ) -> None:
         self._alter, self._seeds, self._interface = alter, fault_seeds, parameters.interface
+        faults = tuple(faults)
+        require_injectable(faults, parameters.interface)
         self._injector = FaultInjector(faults, fault_seeds, parameters.interface)
         self.car = Car(parameters, start, lot, epoch, seeds, self._on_fix, self._on_measured)
         self.driver_inputs = HANDS_OFF  #: what the driver truly does in the newest step
         self._steps = 0
 
     def inject(self, faults: Iterable[InjectedFault]) -> None:
-        """Inject `faults` in place of those before."""
+        """Inject `faults` in place of those before; raises ConfigError as the constructor does."""
+        faults = tuple(faults)
+        require_injectable(faults, self._interface)
         self._injector = FaultInjector(faults, self._seeds, self._interface)
 
     def step(self, until: float, frames: Sequence[Frame]) -> CarOutput:

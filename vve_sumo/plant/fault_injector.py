@@ -184,10 +184,14 @@ class FaultInjector:
         return time
 
     def _written(self, torque: float) -> list[Frame]:
-        """The other writer's frames: brakes and straight steering, neither throttle nor gear."""
+        """The other writer's frames: brakes and straight steering, and throttle only where it shares their frame."""
         frames = self._writer.encode(ActuationCommand(torque, 0.0, 0.0, 0.0, Gear.NONE, enable=True, clear=False))
         said = [(frame, self._writer.commanded(frame)) for frame in frames]
-        return [frame for frame, command in said if command is not None and math.isnan(command.throttle)]
+        return [
+            frame
+            for frame, command in said
+            if command is not None and not (math.isnan(command.brake_torque) and math.isnan(command.wheel_angle))
+        ]
 
 
 def _or(value: float | None, usual: float) -> float:

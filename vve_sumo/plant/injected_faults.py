@@ -105,7 +105,7 @@ VALUES: Final[dict[str, tuple[float, float, float]]] = {
     "reports_old": (0.4, 0.01, MAX_REPORT_AGE),
     "gear_lever": (3.0, 1.0, 4.0),
     "override_false": (1.0, 1.0, 4.0),
-    "wheel_speeds_noisy": (1.0, 0.0, 50.0),
+    "wheel_speeds_noisy": (1.0, 0.0, 20.0),
     "yaw_rate_biased": (0.05, -2.0, 2.0),
     "brake_torque_scaled": (0.5, 0.0, 2.0),
     "brakes_drag": (500.0, 0.0, 5000.0),

@@ -14,6 +14,7 @@ from typing import Final
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.frozen import quickly_made
+from vve_sumo.pose.steadiness import Steadiness
 from vve_sumo.values import Fix, FixQuality
 
 EARTH_RADIUS: Final = 6_371_000.0  #: mean [m]; good to 0.5 % over the metre between two fixes
@@ -63,6 +64,7 @@ REASONS: Final[dict[str, str]] = {
     "heading_off_course": "the heading and the direction of travel disagree",
     "settling": "a jump or gap was seen a moment ago; fixes must agree for a while before they count again",
     "pose_stale": "no trusted fix for too long",
+    "pose_unsteady": "too many fixes of the last second were refused, or trusted ones interrupted too often",
 }
 
 
@@ -314,6 +316,10 @@ _UNSETTLING: Final = frozenset({"gap", "pose_jump", "pose_drift", "velocity_jump
 _BREAKING: Final = frozenset({"gap", "pose_jump", "velocity_jump", "heading_jump"})
 
 
+#: what a late, repeated or misdated message, or a jump before it, says against a fix: not the receiver's quality
+_OF_THE_WAY: Final = frozenset({"time_not_increasing", "fix_too_old", "fix_from_future", "gap", "settling"})
+
+
 class TrustGate:
     """Judges fixes one by one against their history.
 
@@ -321,6 +327,9 @@ class TrustGate:
     than the one before and not from the future, trusted or not; so a jump is one reason once, and then `settling`. A
     jump of what is neither position, horizontal velocity nor heading affects only its own fix: the history does not
     move on, and the next fix is compared with the one before the jump. If such jumps go on, they become a gap.
+
+    Of a profile that judges live quality, fixes that are refused again and again are a fault of their own, `unsteady`,
+    also where enough trusted ones come between them. A fix that is refused for its way alone does not count there.
     """
 
     def __init__(self, profile: TrustProfile, epoch: float) -> None:
@@ -333,6 +342,7 @@ class TrustGate:
         self._last: Fix | None = None
         self._unsettled_until = -math.inf
         self._trusted_until = -math.inf
+        self._steadiness = Steadiness()
 
     @property
     def profile(self) -> TrustProfile:
@@ -350,11 +360,18 @@ class TrustGate:
             reasons += self._of_the_history(fix)
         if not reasons:
             self._trusted_until = fix.time - self._epoch + profile.stale_limit
+            self._steadiness.step(now, refused=False)
+        elif not _OF_THE_WAY.issuperset(reasons):
+            self._steadiness.step(now, refused=True)
         return Trust(not reasons, tuple(reasons))
 
     def stale(self, now: float) -> tuple[str, ...]:
         """Return ("pose_stale",) when the last trusted fix was made too long before drive time `now`, else ()."""
         return () if now <= self._trusted_until else ("pose_stale",)
+
+    def unsteady(self) -> tuple[str, ...]:
+        """Return ("pose_unsteady",) while fixes are refused too often to drive on those between them, else ()."""
+        return ("pose_unsteady",) if self._profile.live and self._steadiness.unsteady else ()
 
     def _of_the_age(self, now: float, fix: Fix) -> list[str]:
         age = now - (fix.time - self._epoch)

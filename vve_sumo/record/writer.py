@@ -7,6 +7,7 @@ drive's record has two more tables; the record of a drive that is not kept has n
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import operator
@@ -312,31 +313,44 @@ class Record(MemoryRecorder):
     def __init__(self, folder: Path, resolved: dict[str, Any], epoch: float) -> None:
         """Open the record in `folder`, which `claim` has checked; no file that exists is overwritten."""
         self._made = [place for place in (folder, *folder.parents) if not place.exists()]
+        self._files: list[Path] = []
         folder.mkdir(parents=True, exist_ok=True)
         self.folder = folder
         super().__init__(resolved, epoch)
 
     def attach(self, name: str, text: str) -> None:
         """Write a text to a file of that name."""
-        (self.folder / name).write_text(text, encoding="utf-8")
+        self._own(name).write_text(text, encoding="utf-8")
+
+    def attach_table(self, name: str, table: pa.Table) -> None:
+        """Write a table that belongs to the drive but not to its hash."""
+        pq.write_table(table, self._own(f"{name}{CLOSED_ENDING}"), compression="zstd")
 
     def discard(self) -> None:
-        """Delete all files in the folder, and the folders that the record created."""
+        """Delete the files that the record made, and the folders, except those that hold something else."""
         super().discard()
-        for file in self.folder.iterdir():
-            file.unlink()
-        for place in self._made:
-            place.rmdir()
+        for file in self._files:
+            file.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # not empty: somebody else has put something there
+            for place in self._made:
+                place.rmdir()
 
     def summarise(self, summary: dict[str, Any]) -> None:
         """Write `summary.json`; NaN and infinity become null."""
         write_summary(self.folder, summary)
 
+    def _own(self, name: str) -> Path:
+        """Return the place of a file; it counts as made by this record unless something lies there already."""
+        file = self.folder / name
+        if not file.exists():
+            self._files.append(file)
+        return file
+
     def _bytes(self, name: str) -> _Bytes:
-        return _BytesFile(self.folder / name)
+        return _BytesFile(self._own(name))
 
     def _table(self, name: str, schema: pa.Schema) -> _Table:
-        return _TableFile(self.folder / f"{name}{OPEN_ENDING}", schema)
+        return _TableFile(self._own(f"{name}{OPEN_ENDING}"), schema)
 
 
 class LiveRecord(Record):

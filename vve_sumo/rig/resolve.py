@@ -186,13 +186,19 @@ def geofence_of(rig: Rig, alignment: Alignment) -> Geofence:
 
 
 def faults_of(rig: Rig) -> tuple[InjectedFault, ...]:
-    """Return the faults that are injected into the simulated vehicle, and the actions of its driver."""
+    """Return the faults that are injected into the simulated vehicle, and the actions of its driver.
+
+    One that cannot be injected through the rig's drive-by-wire interface is refused.
+    """
+    from vve_sumo.plant.injectable import require_injectable
     from vve_sumo.plant.injected_faults import InjectedFault
 
     faults = []
     for number, wanted in enumerate(rig.faults):
         try:
-            faults.append(InjectedFault.from_dict(wanted.model_dump()))
+            fault = InjectedFault.from_dict(wanted.model_dump())
+            require_injectable((fault,), interface_of(rig))
+            faults.append(fault)
         except ConfigError as error:
             raise ConfigError(f"faults.{number}: {error}") from None
     return tuple(faults)

@@ -287,6 +287,24 @@ class Measured(NamedTuple):
     brake_torque: float  #: applied by the brakes' own estimate, all wheels together [N m]
 
 
+#: Kinds of injected fault that a simulated DBW controller has to inject itself, because only the interface knows how
+#: its frames say it, with what `decode` must give while the fault is due. Nothing else that is reported changes, as far
+#: as the wire tells it apart, and the controller does what it would do without the fault.
+INTERFACE_KINDS: Final[Mapping[str, str]] = {
+    "brake_fault": "`BrakeState.fault` is true",
+    "throttle_fault": "`ThrottleState.fault` is true",
+    "steering_fault": "`SteeringState.fault` is true",
+    "report_malformed": "the frame that holds `SteeringState` is `Malformed`",
+    "steering_report_frozen": "`SteeringState` stays what it was when the fault began; counters and checksums go on",
+    "brake_report_frozen": "`BrakeState` stays what it was when the fault began; counters and checksums go on",
+    "throttle_report_frozen": "`ThrottleState` stays what it was when the fault began; counters and checksums go on",
+    "brake_driver_bits_zero": "`BrakeState.override` and `BrakeState.driver` are false, whatever the driver does",
+    "throttle_driver_bits_zero": "`ThrottleState.override` and `.driver` are false, whatever the driver does",
+    "override_false": "`override` is true in one report: of brakes (value 1), throttle (2), steering (3), shifter (4)",
+    "gear_lever": "no report is altered: `step` moves the lever to `DriverInputs.gear` where a car's own shifter does, "
+    "and `GearState.override` is true",
+}
+
 #: Strength of the injected fault of a kind at a time [s], NaN where the kind has none; None where it is not active.
 Due = Callable[[str, float], float | None]
 
@@ -310,6 +328,11 @@ class SimulatedInterface(Protocol):
         ...
 
     @property
+    def injectable(self) -> frozenset[str]:
+        """Return those of `INTERFACE_KINDS` that it can inject; a drive with any other of them is refused."""
+        ...
+
+    @property
     def driver_brake_torque(self) -> float:
         """Return the brake torque that the driver's foot asks for [N m]."""
         ...
@@ -319,7 +342,10 @@ class SimulatedInterface(Protocol):
         ...
 
     def step(self, driver: DriverInputs, speed: float, wheel_angle: float) -> Request:
-        """Advance by one step; `speed` [m/s] and steering `wheel_angle` [rad] are the car's own measurements."""
+        """Advance by one step; `speed` [m/s] and steering `wheel_angle` [rad] are the car's own measurements.
+
+        The driver takes over by either pedal and by torque on the steering wheel.
+        """
         ...
 
     def reports(self, measured: Measured) -> list[Frame]:
@@ -331,9 +357,11 @@ class SimulatedInterface(Protocol):
         ...
 
     def alter(self, time: float, frame: Frame, due: Due) -> Frame:
-        """Return what is sent at `time` [s] in place of a report, by the report faults that are `due`.
+        """Return what is sent at `time` [s] in place of a report.
 
-        An interface that cannot inject a fault leaves the report as it is.
+        `due(kind, time)` says whether a fault of one of the kinds in `injectable` is due, by its value, NaN where the
+        kind has none; `INTERFACE_KINDS` says what the report must then hold. With none due the frame is returned as it
+        is.
         """
         ...
 

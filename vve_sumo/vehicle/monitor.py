@@ -88,7 +88,7 @@ class Monitor:
 
     def _look(self, now: float, setpoint: Setpoint | None) -> list[str]:
         """Reason codes of faults in what car and drive say, one by one; `setpoint` is None if none arrived."""
-        faults = self._reports.stale(now) + self._reports.faults()
+        faults = self._reports.stale(now) + self._reports.faults() + self._reports.consistency.faults(now)
         if setpoint is not None:
             faults += self._take(now, setpoint)
         return faults + self._admission.faults(now)

@@ -25,6 +25,7 @@ from vve_sumo.vehicle.interface import (
     WheelSpeeds,
     YawRate,
 )
+from vve_sumo.vehicle.report_consistency import ReportConsistency
 
 TOLERANCE: Final = 1e-6  # so that rounding of times never decides [s]
 
@@ -61,6 +62,7 @@ class CarReports:
         self.fastest_wheel = math.nan  #: largest speed of any wheel's tread, without sign [m/s]
         self.yaw_rate = math.nan  #: [rad/s] counter-clockwise
         self._brake_torque = math.nan
+        self.consistency = ReportConsistency()  #: of the reports among each other
         self.wheel_angle = math.nan  #: last valid angle of the steering wheel [rad], left positive
 
     @property
@@ -217,10 +219,12 @@ class CarReports:
                 self._store_wheels(now, report)
             case YawRate():
                 self.yaw_rate = report.yaw
+                self.consistency.yaw_rate.step(now, report.yaw)
             case SteeringState():
                 self.steering = report
                 if math.isfinite(report.wheel_angle):
                     self.wheel_angle = report.wheel_angle
+                    self.consistency.wheel_angle.step(now, report.wheel_angle)
             case BrakeState():
                 self.brake = report
             case ThrottleState():
@@ -242,6 +246,7 @@ class CarReports:
             return
         # The mean of the rear wheels is the rear axle's speed in a bend too.
         self.speed = 0.5 * (rear_left + rear_right) * self._wheel_radius
+        self.consistency.speed.step(now, self.speed)
         self.fastest_wheel = (
             max(abs(front_left), abs(front_right), abs(rear_left), abs(rear_right)) * self._wheel_radius
         )

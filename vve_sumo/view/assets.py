@@ -42,6 +42,8 @@ MODULES: Final = (
 )
 #: the street in three dimensions, which the page loads when somebody asks for it; built from `web/` of the repository
 WORLD: Final = ("world.min.js", "three.LICENSE.txt")
+#: files of the page that lie here
+OWN: Final = frozenset((*MODULES, *WORLD, "index.html", "page.css"))
 #: what a page that a server sends may load: what this server sends, and nothing else
 POLICY: Final = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
@@ -59,15 +61,18 @@ class File(NamedTuple):
     kind: str  #: of its content, as HTTP says it
 
 
-@cache
 def file(name: str) -> File | None:
     """Return a file of the page by its name; None where there is none of that name."""
+    # Whoever asks may ask for any name: only what there is is kept in memory.
+    return _read(name) if name in LENT or name in OWN else None
+
+
+@cache
+def _read(name: str) -> File:
     if name in LENT:
         text = (resources.files("vve_sumo.report") / "templates" / LENT[name]).read_bytes()
-    elif name in (*MODULES, *WORLD, "index.html", "page.css"):
-        text = (resources.files(__package__) / "web" / name).read_bytes()
     else:
-        return None
+        text = (resources.files(__package__) / "web" / name).read_bytes()
     return File(text, KINDS.get(name[name.rindex(".") :], "text/plain; charset=utf-8"))
 
 

@@ -152,6 +152,22 @@ class GuardedConnection(H11Protocol):
             oldest.transport.abort()
             self.connections.discard(oldest)
 
+    def data_received(self, data: bytes) -> None:
+        """Take what has come, so that no head of a request is longer than MAX_HEAD, even one that comes at once.
+
+        The parser measures a head only while that is incomplete, so it is given no more at a time than a head may have.
+        What waits behind a request under way, which no browser sends, is bounded the same way.
+        """
+        rest = memoryview(data)
+        while rest and not self.transport.is_closing() and self.transport.get_protocol() is self:
+            waiting = len(self.conn.trailing_data[0])
+            if waiting > MAX_HEAD:
+                self.transport.abort()
+                return
+            size = max(MAX_HEAD - waiting, 1)
+            super().data_received(bytes(rest[:size]))
+            rest = rest[size:]
+
     @property
     def born(self) -> float:
         """When the connection's deadline falls due, which is how connections are put in order."""

@@ -45,6 +45,7 @@ _MOTION = struct.Struct(">hbh")
 ANGLE, WHEEL, YAW = 1e-3, 1e-2, 1e-3
 ANGLE_LIMIT, RATE_LIMIT = 9.0, 12.0  # [rad], [rad/s]
 TIMEOUT, TAKE_OVER = 0.2, 0.3  # [s], pedal sensor
+TAKE_OVER_TORQUE = 3.0  # of the driver on the steering wheel [N m]
 INVALID = -32768
 _ENABLED, _OVERRIDE, _DRIVER, _TIMEOUT, _FAULT = 1, 2, 4, 8, 16
 
@@ -144,7 +145,7 @@ class Toy:
 
 def _motion(body: bytes) -> tuple[Report, ...]:
     mean, half, yaw = _MOTION.unpack_from(body)
-    left, right = (mean - half) * WHEEL, (mean + half) * WHEEL
+    left, right = (math.nan, math.nan) if mean == INVALID else ((mean - half) * WHEEL, (mean + half) * WHEEL)
     return WheelSpeeds(left, right, left, right), YawRate(math.nan, yaw * YAW)
 
 
@@ -152,6 +153,8 @@ class SimulatedToy:
     """The toy's controller in a simulated vehicle: one enable for all, no watchdog of its own."""
 
     watchdog_braking = False
+    #: one flag of fault and one of override for all subsystems: a fault of one alone cannot be said on this wire
+    injectable = frozenset({"report_malformed"})
 
     def __init__(self, brake: float, duration: float) -> None:
         self.gear = Gear.PARK
@@ -183,8 +186,9 @@ class SimulatedToy:
 
     def step(self, driver: DriverInputs, speed: float, wheel_angle: float) -> Request:
         self._age += self._duration
-        pressed = max(driver.brake_pedal, driver.throttle_pedal)
-        self._driver, self._override = pressed > 0.18, self._override or pressed > TAKE_OVER
+        pressed, turned = max(driver.brake_pedal, driver.throttle_pedal), abs(driver.steering_torque)
+        self._driver = pressed > 0.18
+        self._override = self._override or pressed > TAKE_OVER or turned > TAKE_OVER_TORQUE
         self.driver_brake_torque = max(driver.brake_pedal - 0.18, 0.0) * 2e4
         if not self.enabled[0]:
             self._angle = math.nan
@@ -199,8 +203,10 @@ class SimulatedToy:
     def reports(self, measured: Measured) -> list[Frame]:
         self._spoken += 1
         wheels = measured.wheels
-        mean = round(0.5 * (wheels.rear_left + wheels.rear_right) / WHEEL)
-        half = min(max(round(0.5 * (wheels.rear_right - wheels.rear_left) / WHEEL), -128), 127)
+        mean, half = INVALID, 0
+        if all(map(math.isfinite, wheels)):
+            mean = round(0.5 * (wheels.rear_left + wheels.rear_right) / WHEEL)
+            half = min(max(round(0.5 * (wheels.rear_right - wheels.rear_left) / WHEEL), -128), 127)
         frames = [_sealed(MOTION, _MOTION.pack(mean, half, round(measured.rates.yaw / YAW)), self._spoken)]
         if self._spoken % 2 == 0:
             flags = (
@@ -219,9 +225,8 @@ class SimulatedToy:
         self._broken = subsystem
 
     def alter(self, time: float, frame: Frame, due: Callable[[str, float], float | None]) -> Frame:
-        if frame.id == MOTION and due("wheel_speeds_zero", time) is not None:
-            _mean, _half, yaw = _MOTION.unpack_from(frame.data)
-            return _sealed(MOTION, _MOTION.pack(0, 0, yaw), frame.data[-2])
+        if frame.id == STATUS and due("report_malformed", time) is not None:
+            return Frame(frame.id, frame.data[:-1])
         return frame
 
 

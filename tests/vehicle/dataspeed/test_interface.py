@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -75,27 +76,47 @@ def test_other_settings_are_refused(settings):
         make(settings)
 
 
-@pytest.mark.parametrize(("message", "kind"), [(BRAKE, port.BrakeState), (THROTTLE, port.ThrottleState)])
-def test_each_flag_of_a_pedal_module_is_its_own(message, kind):
-    assert state(message) == kind(enabled=False)
+#: What the three modules report while nothing is pressed, commanded or enabled.
+BRAKE_STATE = port.BrakeState(False, driver_torque=0.0, command=0.0)
+THROTTLE_STATE = port.ThrottleState(False, driver_opening=0.0, command=0.0)
+STEERING_STATE = port.SteeringState(0.0, False, driver_torque=0.0)
+
+
+@pytest.mark.parametrize(("message", "idle"), [(BRAKE, BRAKE_STATE), (THROTTLE, THROTTLE_STATE)])
+def test_each_flag_of_a_pedal_module_is_its_own(message, idle):
+    assert state(message) == idle
     for field in ("enabled", "override", "driver", "timeout"):
-        assert state(message._replace(**{field: True})) == kind(False)._replace(**{field: True})
+        assert state(message._replace(**{field: True})) == idle._replace(**{field: True})
     for fault in FAULTS:
-        assert state(message._replace(**{fault: True})) == kind(False, fault=True)
-    assert state(message._replace(fault_watchdog=True)) == kind(False, watchdog=True)
+        assert state(message._replace(**{fault: True})) == idle._replace(fault=True)
+    assert state(message._replace(fault_watchdog=True)) == idle._replace(watchdog=True)
 
 
 def test_the_watchdogs_braking_is_the_brakes():
-    assert state(BRAKE._replace(watchdog_braking=True)) == port.BrakeState(False, watchdog_braking=True)
+    assert state(BRAKE._replace(watchdog_braking=True)) == BRAKE_STATE._replace(watchdog_braking=True)
 
 
 def test_each_flag_of_the_steering_is_its_own():
-    assert state(STEERING) == port.SteeringState(0.0, enabled=False)
+    assert state(STEERING) == STEERING_STATE
     for field in ("enabled", "override", "timeout"):
-        assert state(STEERING._replace(**{field: True})) == port.SteeringState(0.0, False)._replace(**{field: True})
+        assert state(STEERING._replace(**{field: True})) == STEERING_STATE._replace(**{field: True})
     for fault in ("fault_bus_1", "fault_bus_2", "fault_calibration", "fault_power"):
-        assert state(STEERING._replace(**{fault: True})) == port.SteeringState(0.0, False, fault=True)
-    assert state(STEERING._replace(fault_watchdog=True)) == port.SteeringState(0.0, False, watchdog=True)
+        assert state(STEERING._replace(**{fault: True})) == STEERING_STATE._replace(fault=True)
+    assert state(STEERING._replace(fault_watchdog=True)) == STEERING_STATE._replace(watchdog=True)
+    assert state(STEERING._replace(torque=-3.0)).driver_torque == pytest.approx(-3.0, abs=0.04)
+
+
+def test_a_pedal_module_reports_the_drivers_pedal_and_the_command_that_it_understood():
+    """Torque by dbw_mkz_can's table of pedal positions; the throttle's travel goes from 0.15 to 0.80."""
+    brake = state(BRAKE._replace(driver_input=0.246, command=0.283))
+    assert (brake.driver_torque, brake.command) == (pytest.approx(816.0, rel=1e-3), pytest.approx(1832.0, rel=1e-3))
+    brake = state(codec.BrakeReport(codec.BrakeReportKind.TORQUE, 600.0, 1234.0, 0.0, enabled=True))
+    assert (brake.driver_torque, brake.command) == (600.0, 1234.0)
+    brake = state(codec.BrakeReport(codec.BrakeReportKind.DECELERATION, 600.0, 2.0, 0.0, enabled=True))
+    assert brake.driver_torque == 600.0
+    assert math.isnan(brake.command)
+    throttle = state(THROTTLE._replace(driver_input=0.475, command=0.80))
+    assert (throttle.driver_opening, throttle.command) == (pytest.approx(0.5, abs=1e-4), pytest.approx(1.0, abs=1e-4))
     assert state(STEERING._replace(wheel_angle=-0.5)).wheel_angle == pytest.approx(-0.5, abs=1e-3)
 
 
@@ -105,6 +126,16 @@ def test_each_flag_of_the_shifter_is_its_own():
     assert state(GEAR._replace(fault_bus=True)) == port.GearState(port.Gear.NEUTRAL, fault=True)
 
 
+def torque(pedal):
+    """Brake torque of a pedal position [N m], by the table of Dataspeed's pedal_lut.h."""
+    return float(np.interp(pedal, (0.175, 0.246, 0.283, 0.323, 0.330), (0.0, 816.0, 1832.0, 3316.0, 3412.0)))
+
+
+def opening(pedal):
+    """Throttle opening of a pedal position, 0 to 1."""
+    return min(max((pedal - 0.15) / 0.65, 0.0), 1.0)
+
+
 def of_a_message(message):
     """The report in a whole message that the codec decoded."""
     match message:
@@ -112,14 +143,19 @@ def of_a_message(message):
             fault = message.fault_channel_1 or message.fault_channel_2 or message.fault_power
             shared = message.enabled, message.override, message.driver, message.timeout, fault, message.fault_watchdog
             if isinstance(message, codec.ThrottleReport):
-                return port.ThrottleState(*shared)
-            return port.BrakeState(*shared, message.watchdog_braking)
+                return port.ThrottleState(*shared, *map(opening, (message.driver_input, message.command)))
+            driver, command = message.driver_input, message.command
+            if message.kind is codec.BrakeReportKind.PEDAL:
+                driver, command = torque(driver), torque(command)
+            elif message.kind is codec.BrakeReportKind.DECELERATION:
+                command = math.nan
+            return port.BrakeState(*shared, message.watchdog_braking, driver, command)
         case codec.SteeringReport():
             buses = message.fault_bus_1 or message.fault_bus_2
             fault = buses or message.fault_calibration or message.fault_power
             watchdog = message.fault_watchdog
             return port.SteeringState(
-                message.wheel_angle, message.enabled, message.override, message.timeout, fault, watchdog
+                message.wheel_angle, message.enabled, message.override, message.timeout, fault, watchdog, message.torque
             )
         case codec.GearReport():
             return port.GearState(message.gear, message.override, message.fault_bus)
@@ -133,7 +169,13 @@ def same_as_the_codec(interface, variant, frame):
     message, report = codec.decode(frame, variant), interface.decode(frame)
     if isinstance(message, port.Malformed):
         return report == message
-    return repr(report) == repr((of_a_message(message),))  # to the last bit, and NaN is NaN
+    expected = of_a_message(message)
+    if isinstance(expected, port.BrakeState | port.ThrottleState):
+        # Positions go through a table, so that the last bits may differ.
+        return report[0][:-2] == expected[:-2] and report[0][-2:] == pytest.approx(
+            expected[-2:], rel=1e-9, abs=1e-9, nan_ok=True
+        )
+    return repr(report) == repr((expected,))  # to the last bit, and NaN is NaN
 
 
 @given(

@@ -36,6 +36,11 @@ _FROZEN: Final = {
     layout.THROTTLE_REPORT: "throttle_report_frozen",
 }
 
+#: All kinds of fault that are injected here.
+KINDS: Final = frozenset(
+    {"report_malformed", "override_false", *_FROZEN.values(), *(kind for kinds in _SET.values() for kind in kinds)}
+)
+
 
 class ReportFaults:
     """Alters reports, one after the other."""

@@ -21,12 +21,14 @@ from vve_sumo.vehicle.dataspeed.messages import (
     ThrottleReport,
 )
 from vve_sumo.vehicle.dataspeed.pedals import THROTTLE_TRAVEL_END, pedal_to_torque, torque_to_pedal
-from vve_sumo.vehicle.dataspeed.report_faults import ReportFaults
+from vve_sumo.vehicle.dataspeed.report_faults import KINDS, ReportFaults
 from vve_sumo.vehicle.interface import PEDAL_REST, DriverInputs, Due, Gear, Measured, Request
 
 BRAKE_LIGHTS: Final = 520.0  # torque from which the brake lights are on [N m] (dbw_mkz_can)
 TORQUE_SENSOR_LIMIT: Final = 7.9  # of the driver's steering torque [N m]
 MODULE_PERIOD, GEAR_PERIOD = 2, 5  # of reports, in hundredths of a second: 50 and 20 Hz
+
+_INJECTABLE: Final = KINDS | {"gear_lever"}
 
 # In Python 3.11 naming a member of an enumeration is a call; code that runs in every report names these instead.
 _RELEASED, _BY_TORQUE = ParkingBrake.OFF, BrakeReportKind.TORQUE
@@ -57,6 +59,11 @@ class SimulatedDbw1:
     def watchdog_braking(self) -> bool:
         """Return whether the watchdog brakes."""
         return self.controller.watchdog_braking
+
+    @property
+    def injectable(self) -> frozenset[str]:
+        """Return the kinds of fault that it can inject: of its reports, and the driver's gear lever."""
+        return _INJECTABLE
 
     @property
     def driver_brake_torque(self) -> float:

@@ -1,0 +1,119 @@
+"""A receiver whose quality comes and goes, and what is borne without a word, by hand and by the injector."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.fixes import GOOD
+from tests.plant.test_fault_injector import AT, EPOCH, Ride
+from vve_sumo.plant.injected_faults import InjectedFault
+from vve_sumo.pose.dating import FixDater, Undated
+from vve_sumo.pose.steadiness import MAX_INTERRUPTIONS, MAX_REFUSED_SHARE, MIN_REFUSED, WINDOW, Steadiness
+from vve_sumo.pose.trust import DRIVE, NMEA, PLAYBACK, TrustGate
+from vve_sumo.values import FixQuality
+
+CODE = ("pose_unsteady",)
+
+
+def said(qualities: list[bool], rate: float = 100.0, profile=DRIVE) -> list[tuple[tuple[str, ...], tuple[str, ...]]]:
+    """Reason codes, unsteady and stale, after each fix of a standing car that is RTK-fixed or falls back to float."""
+    gate, found = TrustGate(profile, 0.0), []
+    for k, fixed in enumerate(qualities):
+        now = k / rate
+        quality = FixQuality.RTK_FIXED if fixed else FixQuality.RTK_FLOAT
+        gate.step(now, replace(GOOD, time=now, quality=quality))
+        found.append((gate.unsteady(), gate.stale(now)))
+    return found
+
+
+def flapping(seconds: float, on: float, off: float, rate: float = 100.0) -> list[bool]:
+    """A good second, then RTK comes and goes."""
+    times = [k / rate for k in range(round(seconds * rate))]
+    return [True] * round(rate) + [(time + 1e-9) % (on + off) < on for time in times]
+
+
+@pytest.mark.parametrize("period", [0.1, 0.05, 0.02])
+def test_rtk_that_comes_and_goes_stops_the_car_though_no_pose_is_ever_stale(period: float) -> None:
+    found = said(flapping(3.0, period, period))
+    assert all(stale == () for _, stale in found), "which is why nothing was said before"
+    first = next(k for k, (unsteady, _) in enumerate(found) if unsteady == CODE)
+    assert first / 100.0 < 1.0 + 0.6
+    assert all(unsteady == CODE for unsteady, _ in found[first:])
+
+
+def test_one_refused_fix_in_ten_is_too_often_ten_times_a_second() -> None:
+    assert CODE in [unsteady for unsteady, _ in said(flapping(3.0, 0.09, 0.01))]
+
+
+@pytest.mark.parametrize(("rate", "profile"), [(100.0, DRIVE), (10.0, NMEA)])
+@pytest.mark.parametrize("number", [1, 2])
+def test_a_refused_fix_or_two_stop_nothing(rate: float, profile, number: int) -> None:
+    for at in range(1, 30):
+        qualities = [True] * 40
+        qualities[at : at + number] = [False] * number
+        assert {unsteady for unsteady, _ in said(qualities, rate, profile)} == {()}
+
+
+def test_it_is_over_a_second_after_the_last_refused_fix() -> None:
+    found = said(flapping(1.0, 0.1, 0.1) + [True] * 150)
+    assert found[199][0] == CODE
+    assert found[200 + 110][0] == ()
+
+
+def test_before_the_first_trusted_fix_nothing_is_counted_and_recordings_are_not_judged() -> None:
+    assert {unsteady for unsteady, _ in said([False] * 300 + [True] * 10)} == {()}
+    assert {unsteady for unsteady, _ in said(flapping(3.0, 0.1, 0.1), profile=PLAYBACK)} == {()}
+
+
+@given(st.lists(st.tuples(st.floats(0.0, 0.3), st.booleans()), max_size=200))
+def test_the_counts_are_those_of_the_window(steps: list[tuple[float, bool]]) -> None:
+    """Against a count of the whole window at every fix."""
+    steadiness, now, window, before, begun = Steadiness(), 0.0, deque[tuple[float, bool, bool]](), False, False
+    for elapsed, refused in steps:
+        now += elapsed
+        steadiness.step(now, refused)
+        begun |= not refused
+        if not begun:
+            assert not steadiness.unsteady
+            continue
+        window.append((now, refused, refused and not before))
+        before = refused
+        kept = [one for one in window if not one[0] < now - WINDOW]
+        bad, begins = sum(one[1] for one in kept), sum(one[2] for one in kept)
+        many = bad >= MIN_REFUSED and bad / len(kept) > MAX_REFUSED_SHARE
+        assert steadiness.unsteady is (many or begins > MAX_INTERRUPTIONS)
+
+
+#: what the fault matrix rides through
+BORNE = [
+    "pose_bursts", "pose_garbage", "pose_duplicates", "pose_reordered", "pose_minute_wrong", "pose_ahead_once",
+    "pose_forged",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", BORNE)
+@pytest.mark.parametrize("dated", [True, False])
+def test_what_is_ridden_through_stays_so(kind: str, dated: bool) -> None:
+    """The packets of the simulated receiver, 3 s of each fault; live drives date fixes, those in lockstep do not."""
+    ride = Ride(InjectedFault(kind, AT, 3.0), seconds=7.0)
+    gate, dater, codes, fixes = TrustGate(DRIVE, EPOCH), FixDater(0.01, EPOCH), set(), 0
+    for fix in ride.fixes:
+        there = dater.date(fix.time_received, fix) if dated else fix
+        if isinstance(there, Undated):
+            continue
+        gate.step(fix.time_received, there)
+        codes |= {gate.unsteady()}
+        fixes += 1
+    assert fixes > 400
+    assert codes == {()}
+
+
+def test_the_same_of_a_receiver_without_faults() -> None:
+    gate = TrustGate(DRIVE, EPOCH)
+    ride = Ride(seconds=6.0)
+    assert {(gate.step(fix.time_received, fix), gate.unsteady())[1] for fix in ride.fixes} == {()}

@@ -1,0 +1,148 @@
+"""A car that is held, and brakes that do not hold it: said within half a second of its first motion."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.vehicle.whole_car import LOT, PARAMETERS, PERIOD, WholeCar
+from vve_sumo.plant.car import Car, CarOutput
+from vve_sumo.values import ArmingState, Frame
+from vve_sumo.vehicle.brake_monitor import ROLL_SPEED, ROLL_TIME, HoldMonitor
+from vve_sumo.vehicle.gateway import OperatorCommand
+from vve_sumo.vehicle.interface import HANDS_OFF, DriverInputs
+
+S = ArmingState
+ALARM = {"driver_needed", "brake_not_following"}
+
+
+class CutOff(Car):
+    """A car whose bus can be cut: it hears no command, and no report of it is heard."""
+
+    cut = False
+
+    def step(self, until: float, frames: tuple[Frame, ...], driver: DriverInputs = HANDS_OFF) -> CarOutput:
+        output = super().step(until, () if self.cut else frames, driver)
+        return CarOutput([], output.ncom) if self.cut else output
+
+
+def cut_off_car() -> WholeCar:
+    return WholeCar(CutOff(PARAMETERS, (0.0, 0.0, 0.0), LOT, 1_447_000_000.0, np.random.SeedSequence(1)))
+
+
+def held() -> WholeCar:
+    """Engaged, in drive and held, with sound brakes."""
+    whole = WholeCar()
+    for _ in range(10):
+        whole.step()
+    whole.step(act=OperatorCommand.ENGAGE)
+    while whole.step().reasons != ("waiting_for_go",):
+        assert whole.tick < 200
+    for _ in range(50):
+        whole.step()
+    return whole
+
+
+def alarmed(whole: WholeCar) -> tuple[float, float]:
+    """Time from the first motion to the alarm [s], and the way driven until then [m]."""
+    begun, moved = whole.distance, math.inf
+    for number in range(400):
+        verdict = whole.step(0.0)
+        if moved == math.inf and whole.car.truth().speed > 0.01:
+            moved = number * PERIOD
+        if ALARM & set(verdict.reasons):
+            return number * PERIOD - moved, whole.distance - begun
+    return math.inf, whole.distance - begun
+
+
+@pytest.mark.parametrize("share", [0.0, 0.05])
+def test_a_car_held_on_dead_brakes_raises_the_alarm(share):
+    whole = held()
+    whole.car.brake_share = share
+    time, way = alarmed(whole)
+    assert time < 0.5
+    assert way < 0.1
+
+
+def test_brakes_that_are_dead_from_the_start_raise_the_alarm_before_go():
+    whole = WholeCar()
+    whole.car.brake_share = 0.0
+    for _ in range(10):
+        whole.step()
+    whole.step(act=OperatorCommand.ENGAGE)
+    time, way = alarmed(whole)
+    assert time < 0.5
+    assert way < 0.1
+
+
+def test_a_car_that_rolls_after_it_came_to_rest_raises_the_alarm():
+    """At rest after a stop, before the gear is in park."""
+    whole = WholeCar()
+    whole.engage()
+    for _ in range(150):
+        whole.step(1.0)
+    verdict = whole.step(act=OperatorCommand.STOP)
+    while verdict.state is not S.STOPPED:
+        verdict = whole.step()
+    assert whole.car.truth().speed == 0.0
+    whole.car.brake_share = 0.0
+    time, way = alarmed(whole)
+    assert time < 0.5
+    assert way < 0.1
+
+
+def test_sound_brakes_hold_without_a_word():
+    whole = held()
+    for _ in range(500):
+        assert whole.step().reasons == ("waiting_for_go",)
+
+
+@pytest.mark.parametrize("lasts", [0.12, 0.25, 0.5])
+def test_a_dead_bus_is_no_fault_of_brakes_while_the_watchdog_brakes(lasts):
+    whole = cut_off_car()
+    whole.engage()
+    for _ in range(300):
+        whole.step(1.0 if whole.car.truth().speed < 5.0 else 0.0)
+    seen = set()
+    for number in range(400):
+        whole.car.cut = number * PERIOD < lasts
+        verdict = whole.step(0.0)
+        seen |= set(verdict.reasons)
+    assert whole.car.interface.controller.fault, "the watchdog did brake"
+    assert whole.car.truth().speed == 0.0
+    assert verdict.state is not S.ENGAGED
+    assert "brake_not_following" not in seen
+    assert "drive_not_following" not in seen
+    assert "driver_inferred" not in seen, "the watchdog's braking is nobody's foot"
+
+
+# The monitor alone.
+
+STEP = 0.02
+
+
+@given(st.lists(st.tuples(st.booleans(), st.booleans(), st.floats(0.0, 0.2)), max_size=60))
+def test_by_brute_force(steps):
+    """It rolls if for ROLL_TIME all the wheels' speeds were above ROLL_SPEED, held without a break since it stood."""
+    monitor = HoldMonitor()
+    for index, (held_now, stands, wheel) in enumerate(steps):
+        expected = False
+        for begin in range(index + 1):
+            past = steps[begin : index + 1]
+            stood = [n for n in range(index + 1) if steps[n][1] and all(held for held, _, _ in steps[n : index + 1])]
+            long = (index - begin) * STEP >= ROLL_TIME - 1e-9
+            fast = all(speed > ROLL_SPEED for _, _, speed in past)
+            expected |= long and fast and bool(stood) and min(stood) <= begin
+        assert monitor.step(index * STEP, held_now, stands, wheel) is expected
+        assert not expected or held_now
+
+
+def test_a_reset_forgets_that_it_stood():
+    monitor = HoldMonitor()
+    monitor.step(0.0, True, True, 0.0)
+    monitor.reset()
+    assert not any(monitor.step(0.02 * n, True, False, 1.0) for n in range(20))

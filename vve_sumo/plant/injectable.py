@@ -1,0 +1,45 @@
+"""Which faults can be injected into a car, by what its drive-by-wire interface reports and its simulated end can do.
+
+A fault that cannot be injected is refused, so that no drive counts as a test of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from vve_sumo.errors import ConfigError
+from vve_sumo.plant.injected_faults import KINDS, InjectedFault
+from vve_sumo.plant.sensor_faults import SENSOR_KINDS
+from vve_sumo.vehicle.interface import INTERFACE_KINDS, InterfaceConfig, load
+
+#: of the simulated end that is asked what it can inject; it is never stepped [s]
+_STEP = 0.005
+
+
+def injectable_kinds(config: InterfaceConfig) -> frozenset[str]:
+    """Return the kinds of fault and of driver's action that can be injected into a car with this interface.
+
+    Raises ConfigError where the interface cannot be made or has no simulated end.
+    """
+    interface = load(config)
+    reported = {kind for kinds in interface.facts.reports.values() for kind in kinds}
+    claimed = frozenset(interface.simulated(_STEP).injectable) & INTERFACE_KINDS.keys()
+    shown = {kind for kind, report in SENSOR_KINDS.items() if report in reported}
+    return claimed | shown | KINDS.keys() - INTERFACE_KINDS.keys() - SENSOR_KINDS.keys()
+
+
+def require_injectable(faults: Iterable[InjectedFault], config: InterfaceConfig) -> None:
+    """Raise ConfigError, naming fault and interface, for the first of the faults that cannot be injected."""
+    wanted = tuple(faults)
+    if not wanted:
+        return
+    injectable = injectable_kinds(config)
+    for fault in wanted:
+        if fault.kind in injectable:
+            continue
+        if fault.kind in SENSOR_KINDS:
+            why = f"the interface reports no {SENSOR_KINDS[fault.kind].__name__}"
+        else:
+            claimed = ", ".join(sorted(injectable & INTERFACE_KINDS.keys())) or "none"
+            why = f"of the kinds that an interface injects itself it can: {claimed}"
+        raise ConfigError(f"fault {fault.kind}: it cannot be injected through interface {config.name}: {why}")
