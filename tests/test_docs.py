@@ -23,6 +23,9 @@ from vve_sumo.analysis.latency import PERCENTILES
 from vve_sumo.analysis.sensing import STATISTICS
 from vve_sumo.certify.cases import CASES
 from vve_sumo.certify.report import required
+from vve_sumo.hunt import invariants
+from vve_sumo.hunt.brains import BEHAVIOURS
+from vve_sumo.hunt.known_limits import LIMITS
 from vve_sumo.metrics.exposure import EXPOSURE
 from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.metrics.per_tick import PER_TICK
@@ -142,8 +145,33 @@ def _cases() -> str:
     return "\n".join(lines)
 
 
+def _invariants() -> str:
+    """The invariants that a hunt judges."""
+    lines = ["| invariant | what holds |", "|---|---|"]
+    lines += [f"| `{judge.name}` | {(judge.__doc__ or '').strip()} |" for judge in invariants.ALL]
+    return "\n".join(lines)
+
+
+def _behaviours() -> str:
+    """The behaviours of a brain that a hunt tries."""
+    lines = ["| behaviour | the brain |", "|---|---|"]
+    return "\n".join([*lines, *(f"| `{kind}` | {words} |" for kind, words in BEHAVIOURS.items())])
+
+
+def _known_limits() -> str:
+    """What a gateway cannot know."""
+    lines = ["| invariant | with | why |", "|---|---|---|"]
+    for limit in LIMITS:
+        kinds = ", ".join(f"`{kind}`" for kind in sorted(limit.kinds))
+        lines.append(f"| `{limit.invariant}` | {kinds} | {limit.why} |")
+    return "\n".join(lines)
+
+
 GENERATED = {
     ("certify.md", "cases"): _cases,
+    ("hunt.md", "invariants"): _invariants,
+    ("hunt.md", "behaviours"): _behaviours,
+    ("hunt.md", "known limits"): _known_limits,
     ("faults.md", "faults"): matrix.table,
     ("faults.md", "kinds"): _kinds,
     ("glossary.md", "glossary"): glossary.markdown,

@@ -54,6 +54,13 @@ def of_pictures(total: int) -> Iterator[Callable[[int], None]]:
 
 
 @contextlib.contextmanager
+def of_hunt(*, quiet: bool) -> Iterator[Bar]:
+    """Give what takes the number of episodes done, of how many, and a text, and shows them."""
+    with _shown("", quiet=quiet, otherwise=_lines) as bar:
+        yield bar
+
+
+@contextlib.contextmanager
 def _shown(title: str, *, quiet: bool, otherwise: Callable[[], Bar]) -> Iterator[Bar]:
     """Give a bar that goes with the place where the program runs, and that is taken away at the end."""
     if quiet:

@@ -5,7 +5,7 @@ Every shell and every replay runs the pipeline that is built here. Neither a rec
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path as FilePath
@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from vve_sumo.controller import Guarded
+from vve_sumo.controller import Controller, Guarded
 from vve_sumo.drive.brain import Brain
 from vve_sumo.drive.pipeline import FallbackRule, Pipeline
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
@@ -97,20 +97,22 @@ def build_pipeline(
     working: FilePath,
     brain: Brain | None = None,
     fallback: FallbackRule = fallback_path,
+    around: Callable[[Controller], Controller] | None = None,
 ) -> Pipeline:
     """Return a scenario's pipeline; raises ConfigError as `ResolvedScenario.controller` does.
 
     With a `brain`, samples go out to it; where it decides, the scenario's controller is not made. `fallback` gives
-    the fallback path, see `Pipeline`.
+    the fallback path, see `Pipeline`; `around` returns what is asked in place of the scenario's controller.
     """
     own = partial(resolved.controller, working)
+    controller = own() if brain is None else brain.in_place_of(own)
     return Pipeline(
         decoder=pose.decoder,
         gate=TrustGate(pose.profile, pose.epoch),
         placement=pose.placement,
         predictor=Predictor(),
         sensors=sensors_of(resolved),
-        controller=Guarded(own() if brain is None else brain.in_place_of(own)),
+        controller=Guarded(controller if around is None else around(controller)),
         vehicle=resolved.vehicle,
         path=resolved.path,
         desired_speed=resolved.scenario.ego.speed_mps,

@@ -16,7 +16,7 @@ from vve_sumo.plant.injectable import require_injectable
 from vve_sumo.plant.injected_faults import InjectedFault
 from vve_sumo.plant.receiver import unaltered
 from vve_sumo.values import Fix, Frame, Pose
-from vve_sumo.vehicle.interface import HANDS_OFF
+from vve_sumo.vehicle.interface import HANDS_OFF, Measured
 
 
 class FaultInjectedCar:
@@ -37,17 +37,19 @@ class FaultInjectedCar:
         fault_seeds: np.random.SeedSequence,
         alter: Callable[[Fix], Fix | None] = unaltered,
     ) -> None:
+        self._alter, self._seeds, self._interface = alter, fault_seeds, parameters.interface
         faults = tuple(faults)
         require_injectable(faults, parameters.interface)
-        self._injector = injector = FaultInjector(faults, fault_seeds, parameters.interface)
-
-        def on_fix(fix: Fix) -> Fix | None:
-            altered = alter(fix)
-            return None if altered is None else injector.on_fix(altered)
-
-        self.car = Car(parameters, start, lot, epoch, seeds, on_fix, injector.on_measured)
+        self._injector = FaultInjector(faults, fault_seeds, parameters.interface)
+        self.car = Car(parameters, start, lot, epoch, seeds, self._on_fix, self._on_measured)
         self.driver_inputs = HANDS_OFF  #: what the driver truly does in the newest step
         self._steps = 0
+
+    def inject(self, faults: Iterable[InjectedFault]) -> None:
+        """Inject `faults` in place of those before; raises ConfigError as the constructor does."""
+        faults = tuple(faults)
+        require_injectable(faults, self._interface)
+        self._injector = FaultInjector(faults, self._seeds, self._interface)
 
     def step(self, until: float, frames: Sequence[Frame]) -> CarOutput:
         """Take in `frames`, advance to drive time `until` [s], a multiple of 5 ms; return the output until then."""
@@ -62,6 +64,13 @@ class FaultInjectedCar:
     def truth(self) -> Pose:
         """True pose of the rear axle in the lot map."""
         return self.car.truth()
+
+    def _on_fix(self, fix: Fix) -> Fix | None:
+        altered = self._alter(fix)
+        return None if altered is None else self._injector.on_fix(altered)
+
+    def _on_measured(self, time: float, measured: Measured) -> Measured:
+        return self._injector.on_measured(time, measured)
 
     def _step(self, frames: Sequence[Frame]) -> CarOutput:
         injector, car, now = self._injector, self.car, self._steps / STEPS_PER_SECOND

@@ -1,0 +1,211 @@
+"""Each invariant is broken by a truth that breaks it and by no other, tick by tick and by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from tests.hunt.course import course
+from vve_sumo.drive.termination import Outcome
+from vve_sumo.hunt.episode import RoadConditions
+from vve_sumo.hunt.invariants import Judges, Tolerances, Violation
+from vve_sumo.hunt.simulation import Simulation
+from vve_sumo.hunt.truth import TruthSample
+from vve_sumo.live.wording import BRAKES, CONTROL, DRIVING, HELD
+from vve_sumo.values import ArmingState, Point, Pose
+from vve_sumo.vehicle.interface import HANDS_OFF, ActuationCommand, DriverInputs, Gear
+
+PERIOD = 0.02
+INSIDE = (505.0, 0.0)  #: a place of the lot's map that is far from every edge [m]
+FOOT = DriverInputs(brake_pedal=0.21)
+FIRM_FOOT = DriverInputs(brake_pedal=0.26)
+
+#: what differs from a drive at a steady 5 m/s in the middle of the lot, at a time after the beginning [s]
+Differs = Callable[[float], dict[str, Any]]
+
+
+def pose(speed: float = 5.0, acceleration: float = 0.0, place: tuple[float, float] = INSIDE) -> Pose:
+    return Pose(0.0, Point.REAR_AXLE, *place, 0.0, speed, 0.0, 0.0, acceleration, 0.0)
+
+
+def command(throttle: float = 0.0, gear: Gear = Gear.NONE, angle: float = 0.0) -> ActuationCommand:
+    return ActuationCommand(0.0, throttle, angle, 8.0, gear, enable=True, clear=False)
+
+
+def sample(time: float, **changes: Any) -> TruthSample:
+    usual: dict[str, Any] = {
+        "pose": pose(),
+        "driver": HANDS_OFF,
+        "gear": Gear.DRIVE,
+        "enabled": (True, True, True),
+        "command": command(),
+        "state": ArmingState.ENGAGED,
+        "reasons": (),
+        "phase": DRIVING,
+        "said": None,
+        "went": True,
+        "due": frozenset(),
+    }
+    return TruthSample(time, **usual | changes)
+
+
+def judged(differs: Differs, seconds: float, outcome: Outcome | None = None) -> list[Violation]:
+    drive = Simulation(course(), RoadConditions(), 1)
+    judges = Judges(drive.rig, drive.parameters, drive.resolved.model.limits, Tolerances())
+    judges.went()
+    for tick in range(round(seconds / PERIOD)):
+        judges.step(sample(tick * PERIOD, **differs(tick * PERIOD)))
+    judges.end(seconds, outcome)
+    return judges.violations
+
+
+def names(violations: list[Violation]) -> list[str]:
+    return [violation.invariant for violation in violations]
+
+
+def test_a_steady_drive_breaks_nothing() -> None:
+    assert judged(lambda time: {"command": command(0.1)}, 10.0, Outcome.STOPPED) == []
+
+
+def pressed(until: float, closed_at: float, foot: DriverInputs = FIRM_FOOT, due: str = "none") -> Differs:
+    """The foot is on the brake from 1 s on, until a time; the throttle is closed at another."""
+
+    def differs(time: float) -> dict[str, Any]:
+        opening = 0.3 if time < closed_at else 0.0
+        return {
+            "driver": foot if 1.0 <= time < until else HANDS_OFF,
+            "command": command(opening),
+            "due": frozenset({due}),
+        }
+
+    return differs
+
+
+@pytest.mark.parametrize(
+    ("closed_at", "foot", "due", "broken"),
+    [
+        (1.16, FIRM_FOOT, "none", False),
+        (1.30, FIRM_FOOT, "none", True),
+        (1.30, FOOT, "none", True),
+        (1.50, FOOT, "brake_report_frozen", False),
+        (1.70, FOOT, "brake_report_frozen", True),
+        (1.30, FIRM_FOOT, "brake_report_frozen", True),
+    ],
+)
+def test_a_foot_closes_the_throttle_in_time(closed_at: float, foot: DriverInputs, due: str, broken: bool) -> None:
+    assert names(judged(pressed(4.0, closed_at, foot, due), 3.0)) == ["foot_closes_throttle"] * broken
+
+
+def test_the_throttle_stays_closed_once_the_foot_has_lifted_until_a_new_go() -> None:
+    def opens_again(time: float) -> dict[str, Any]:
+        return pressed(1.5, 1.1)(time) | {"command": command(0.3 if time > 2.0 or time < 1.1 else 0.0)}
+
+    def with_a_go(time: float) -> dict[str, Any]:
+        return opens_again(time) | {"went": not 1.7 < time < 1.9}
+
+    assert names(judged(opens_again, 3.0)) == ["foot_closes_throttle"]
+    assert judged(with_a_go, 3.0) == []
+
+
+def test_a_foot_that_is_there_at_the_go_counts_from_the_go_on() -> None:
+    def goes(closed_at: float) -> Differs:
+        return lambda time: pressed(4.0, closed_at)(time) | {"went": time > 2.0}
+
+    assert judged(goes(2.1), 3.0) == []
+    assert names(judged(goes(2.4), 3.0)) == ["foot_closes_throttle"]
+
+
+def test_a_car_that_a_foot_has_stopped_does_not_drive_off() -> None:
+    def drives_off(time: float) -> dict[str, Any]:
+        moving = 0.0 if 1.0 < time < 3.0 else 1.0
+        return {"pose": pose(moving), "driver": FOOT if time < 2.5 else HANDS_OFF}
+
+    assert names(judged(drives_off, 5.0)) == ["foot_closes_throttle"]
+    assert judged(lambda time: drives_off(min(time, 2.9)), 5.0) == []
+
+
+def test_the_speed_limit_holds_but_for_a_stuck_throttle_or_a_foot_on_it() -> None:
+    fast = {"pose": pose(13.6)}
+    assert names(judged(lambda time: fast, 1.0)) == ["speed_limit"]
+    assert judged(lambda time: {"pose": pose(13.4)}, 1.0) == []
+    assert judged(lambda time: fast | {"due": frozenset({"drive_unasked"})}, 1.0) == []
+    assert judged(lambda time: fast | {"driver": DriverInputs(throttle_pedal=0.3), "went": False}, 1.0) == []
+
+
+def test_the_body_stays_in_the_lot() -> None:
+    outside = {"pose": pose(place=(944.0, 0.0))}
+    assert names(judged(lambda time: outside, 1.0)) == ["inside_lot"]
+    assert judged(lambda time: outside | {"driver": DriverInputs(steering_torque=6.0)}, 1.0) == []
+    # Nose over the edge: the rear axle is inside.
+    assert names(judged(lambda time: {"pose": pose(place=(938.5, 0.0))}, 1.0)) == ["inside_lot"]
+
+
+def test_a_stop_ends_within_its_bound_or_raises_the_alarm() -> None:
+    rolls = {"state": ArmingState.STOPPING, "phase": "stopping"}
+
+    def stops(time: float) -> dict[str, Any]:
+        return rolls | {"pose": pose(max(10.0 - 2.5 * max(time - 0.3, 0.0), 0.0))}
+
+    assert judged(stops, 8.0) == []
+    assert names(judged(lambda time: rolls | {"pose": pose(10.0)}, 8.0)) == ["stops_in_bound"]
+    assert judged(lambda time: rolls | {"pose": pose(10.0), "phase": BRAKES if time > 1.0 else "stopping"}, 8.0) == []
+    assert judged(lambda time: rolls | {"pose": pose(10.0), "driver": FIRM_FOOT, "went": False}, 8.0) == []
+
+
+def test_a_car_that_is_let_go_with_no_driver_counts_as_being_stopped() -> None:
+    def let_go(time: float) -> dict[str, Any]:
+        return {"state": ArmingState.FAULT, "phase": CONTROL} if time > 1.0 else {}
+
+    assert "stops_in_bound" in names(judged(let_go, 20.0))
+
+
+def test_nobody_is_told_that_a_driver_who_touched_nothing_has_control() -> None:
+    told = {"state": ArmingState.FAULT, "phase": CONTROL}
+    assert names(judged(lambda time: told, 1.0)) == ["told_control"]
+    assert judged(lambda time: told | {"driver": FIRM_FOOT if time < 0.4 else HANDS_OFF}, 1.0) == []
+    assert judged(lambda time: told | {"pose": pose(0.0)}, 1.0) == []
+
+
+def test_nobody_is_told_driving_of_a_car_whose_module_is_off() -> None:
+    off = {"enabled": (False, True, True)}
+    assert names(judged(lambda time: off if time > 1.0 else {}, 3.0)) == ["told_driving"]
+    assert judged(lambda time: off if 1.0 < time < 1.4 else {}, 3.0) == []
+    assert judged(lambda time: off | {"phase": BRAKES}, 3.0) == []
+
+
+def test_park_is_not_requested_of_a_moving_car() -> None:
+    assert names(judged(lambda time: {"pose": pose(0.3), "command": command(gear=Gear.PARK)}, 1.0)) == [
+        "no_park_while_moving"
+    ]
+    assert judged(lambda time: {"pose": pose(0.0), "command": command(gear=Gear.PARK)}, 1.0) == []
+
+
+def test_a_held_car_stands_or_the_alarm_comes() -> None:
+    creeps = {"pose": pose(0.3), "phase": HELD, "went": False, "reasons": ("waiting_for_go",)}
+    assert names(judged(lambda time: creeps, 3.0)) == ["held_stands"]
+    assert judged(lambda time: creeps | {"phase": BRAKES if time > 0.9 else HELD}, 3.0) == []
+
+
+def test_steering_commands_keep_to_the_rate_and_the_lateral_jerk() -> None:
+    ratio = course().resolved.vehicle.steering_ratio
+    rate = course().resolved.vehicle.steering_rate_limit
+
+    def turning(speed: float, by: float) -> Differs:
+        return lambda time: {"pose": pose(speed), "command": command(angle=by * ratio * min(time, 0.8))}
+
+    assert judged(turning(0.0, 0.99 * rate), 2.0) == []
+    assert names(judged(turning(0.0, 1.1 * rate), 2.0)) == ["steering_commands"]
+    # 5 m/s3 of lateral jerk at 10 m/s turns the wheels by 5 * 2.85 / 100 rad/s.
+    assert judged(turning(10.0, 0.14), 2.0) == []
+    assert names(judged(turning(10.0, 0.28), 2.0)) == ["steering_commands"]
+
+
+def test_a_drive_into_which_the_driver_stepped_does_not_end_as_stopped() -> None:
+    def foot(until: float) -> Differs:
+        return lambda time: {"driver": FOOT if 1.0 < time < until else HANDS_OFF}
+
+    assert names(judged(foot(2.0), 3.0, Outcome.STOPPED)) == ["honest_verdict"]
+    assert judged(foot(2.0), 3.0, Outcome.DRIVER) == []
+    assert judged(foot(1.2), 3.0, Outcome.STOPPED) == []

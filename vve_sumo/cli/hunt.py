@@ -1,0 +1,165 @@
+"""`vve-sumo hunt`: timelines of faults, driver, keys and brain under which the safety layer breaks an invariant."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vve_sumo import progress_bar
+from vve_sumo.cli.parser import Parser, names
+from vve_sumo.errors import ConfigError
+
+if TYPE_CHECKING:
+    from vve_sumo.hunt.episode import Phase
+    from vve_sumo.hunt.simulation import Simulation
+    from vve_sumo.hunt.truth import TruthSample
+
+EXIT_CODES = """exit codes:
+  0  nothing was found
+  1  an invariant was broken
+  2  wrong use or configuration; nothing was written
+  130  interrupted from the keyboard; what was driven is kept, --resume goes on
+"""
+
+SUMMARY = "hunt for what breaks the safety layer: faults, driver, keys and brain, at every phase of a drive"
+TEXT = """\
+Drive thousands of short episodes in lockstep, without SUMO: the real gateway, pipeline and tick, and the simulated
+vehicle with faults injected into it. An episode is a timeline of up to three faults, driver's actions, operator's
+keys and behaviours of the brain, which sets in at a phase of the drive: arming, engaging, held, driving, bend,
+braking, at_rest, stopped, released. Invariants are judged by the truth, never by reports: a driver's foot closes the
+throttle, the speed limit holds, the body stays in the lot, a stop ends within its bound or raises the alarm, and more.
+
+A search draws episodes by chance and then near those that came closest to breaking an invariant. With --pairs, every
+kind of fault is combined with every other, with every driver's action and with every behaviour of the brain. What
+is found is shrunk to the shortest timeline that still breaks the invariant and written to DIR/found: a row that a test
+replays, and a rig whose [[faults]] `vve-sumo drive --lockstep` injects.
+
+examples:
+  vve-sumo hunt --rig simulated --episodes 500           ten minutes: a first look
+  vve-sumo hunt --rig rigs/ours.toml --hours 8 --out night    as long as it may take
+  vve-sumo hunt --rig rigs/ours.toml --hours 8 --out night --resume    go on with it
+  vve-sumo hunt --rig simulated --pairs --phases driving,bend,braking,at_rest --out pairs
+  vve-sumo hunt --rig simulated --show night/found/NAME.json   replay one, tick by tick where something changes
+"""
+
+
+def arguments(parser: Parser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("scenario", nargs="?", default="parked_car", help="name or .toml file (default: parked_car)")
+    parser.add_argument(
+        "--rig", metavar="NAME", required=True, help="car, lot and limits: a name under rigs/ or a file"
+    )
+    parser.add_argument("--hours", type=float, metavar="H", help="end after so long")
+    parser.add_argument("--episodes", type=int, metavar="N", help="end after so many, those of earlier runs included")
+    parser.add_argument("--pairs", action="store_true", help="try every pair instead of searching")
+    parser.add_argument(
+        "--phases", type=names, default=(), metavar="A,B", help="with --pairs: phases in which they set in"
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="absent or empty (default: under runs/)")
+    parser.add_argument("--resume", action="store_true", help="go on with the hunt in --out")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of what is drawn (default: 1)")
+    parser.add_argument("--workers", type=int, default=2, metavar="N", help="episodes at a time (default: 2)")
+    parser.add_argument("--show", type=Path, metavar="FILE", help="replay the episode of a file in DIR/found")
+    parser.add_argument("--quiet", action="store_true", help="no progress, only the report at the end")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Hunt, or show an episode; return the exit code."""
+    if arguments.show is not None:
+        return _show(arguments.scenario, arguments.rig, arguments.show)
+    _check(arguments)
+    from vve_sumo.drive.run import new_run_folder
+    from vve_sumo.hunt.journal import REPORT
+    from vve_sumo.hunt.report import text
+    from vve_sumo.hunt.run import Hunt, HuntProgress, HuntQuery
+
+    working = Path.cwd()
+    query = HuntQuery(
+        rig=arguments.rig,
+        scenario=arguments.scenario,
+        out=arguments.out if arguments.out is not None else new_run_folder("hunt", working),
+        seed=arguments.seed,
+        workers=arguments.workers,
+        pairs=arguments.pairs,
+        phases=_phases(arguments.phases),
+        episodes=arguments.episodes,
+        hours=arguments.hours,
+        resume=arguments.resume,
+    )
+    with progress_bar.of_hunt(quiet=arguments.quiet) as shown:
+
+        def watch(at: HuntProgress) -> None:
+            shown(at.done, at.total, at.say())
+
+        hunt = Hunt(query, working, watch)
+        hunt.run()
+    progress = hunt.progress
+    report = text(
+        hunt.journal.results,
+        hunt.findings.all,
+        total=progress.total if query.pairs else None,
+        last_found=progress.last_found,
+        rate=progress.rate,
+        left_out=hunt.left_out,
+    )
+    (query.out / REPORT).write_text(report, encoding="utf-8")
+    print(report, end="")
+    print(f"written: {query.out}")
+    return 1 if hunt.findings.all else 0
+
+
+def _check(arguments: argparse.Namespace) -> None:
+    if arguments.hours is None and arguments.episodes is None and not arguments.pairs:
+        raise ConfigError("--hours or --episodes: expected one of them, or --pairs: a search has no end of its own")
+    for key in ("hours", "episodes", "workers"):
+        value = getattr(arguments, key)
+        if value is not None and not value > 0:
+            raise ConfigError(f"--{key}: expected more than 0, got {value:g}")
+    if arguments.resume and arguments.out is None:
+        raise ConfigError("--resume: expected the folder of the hunt to go on with; name it with --out")
+    if arguments.phases and not arguments.pairs:
+        raise ConfigError("--phases: a search draws the phase; give --pairs too")
+
+
+def _phases(said: tuple[str, ...]) -> tuple[Phase, ...]:
+    from vve_sumo.hunt.episode import Phase
+    from vve_sumo.hunt.run import PAIR_PHASES
+
+    every = [phase.value for phase in Phase]
+    for name in said:
+        if name not in every:
+            raise ConfigError(f"--phases: expected some of {', '.join(every)}, got {name!r}")
+    return tuple(Phase(name) for name in said) or PAIR_PHASES
+
+
+def _show(scenario: str, rig: str, file: Path) -> int:
+    """Replay the episode of a row, and print a line whenever something changes."""
+    from vve_sumo.hunt.findings import read_row
+    from vve_sumo.hunt.invariants import Tolerances
+    from vve_sumo.hunt.run import course_of
+    from vve_sumo.hunt.runner import run_alone
+
+    course, _ = course_of(scenario, rig, Path.cwd())
+    invariant, episode = read_row(file)
+    print(episode)
+    last: list[object] = []
+
+    def show(sample: TruthSample, _simulation: Simulation) -> None:
+        driver, command = sample.driver, sample.command
+        changed: list[object] = [sample.phase, tuple(sample.reasons), sorted(sample.due), driver, sample.enabled]
+        if changed == last and round(sample.time / 0.02) % 25:
+            return
+        last[:] = changed
+        enabled = "".join(letter if on else "-" for letter, on in zip("BTS", sample.enabled, strict=True))
+        print(
+            f"{sample.time:7.2f} s  {sample.pose.speed:5.2f} m/s  throttle {100.0 * command.throttle:3.0f} %  "
+            f"brake {command.brake_torque:4.0f} Nm  {enabled} {sample.gear.name.lower():7}  {sample.phase}  "
+            f"[{', '.join(sample.reasons)}]  {', '.join(sorted(sample.due))}"
+        )
+
+    result = run_alone(course, episode, Tolerances(), show)
+    for violation in result.violations:
+        print(f"{violation.invariant}, {violation.time:.2f} s after the onset: {violation.text}")
+    print(f"{invariant}: {'broken' if invariant in result.broken else 'holds'}")
+    return 1 if result.broken else 0

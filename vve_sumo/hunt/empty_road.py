@@ -1,0 +1,66 @@
+"""A virtual road with nothing on it but the scenario's obstacles; it has the face of `VirtualRoad`, and no SUMO.
+
+Must not know what drives on it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from vve_sumo.drive.resolved_scenario import ResolvedScenario
+from vve_sumo.drive.virtual_road import obstacle_position
+from vve_sumo.geometry import Box, behind_bumper, overlap
+from vve_sumo.values import Actors, Floats, Pose
+from vve_sumo.world.ego_sync import EgoSyncReport
+
+#: radar cross section of a parked car at 77 GHz [m2], the same as on the virtual road with SUMO
+CROSS_SECTION: Final = 10.0
+
+
+class EmptyRoad:
+    """Standing obstacles, which the ego may touch."""
+
+    def __init__(self, resolved: ResolvedScenario) -> None:
+        obstacles, vehicle = resolved.scenario.obstacles, resolved.vehicle
+        places = [obstacle_position(one, resolved.path) for one in obstacles]
+        self._boxes = {
+            one.id: Box(place.x, place.y, place.heading, one.length_m, one.width_m)
+            for one, place in zip(obstacles, places, strict=True)
+        }
+        self._length, self._width = vehicle.length, vehicle.width
+        self.actors = self._standing()
+        self.contacts: tuple[str, ...] = ()  #: obstacles that the ego touches
+        self.faults: tuple[str, ...] = ()  #: reason codes for the next tick
+
+    def _standing(self) -> Actors:
+        boxes = self._boxes.values()
+
+        def column(name: str) -> Floats:
+            return np.array([getattr(box, name) for box in boxes], dtype=np.float64)
+
+        zeros = np.zeros(len(boxes))
+        return Actors(
+            time=0.0,
+            ids=tuple(self._boxes),
+            x=column("x"),
+            y=column("y"),
+            heading=column("heading"),
+            speed=zeros,
+            length=column("length"),
+            width=column("width"),
+            radar_cross_section=np.full(len(boxes), CROSS_SECTION),
+            lateral_speed=zeros,
+        )
+
+    def advance(self, asked: Pose | None) -> EgoSyncReport | None:
+        """Place the ego's front bumper at a pose; without one, nothing is done."""
+        if asked is None:
+            return None
+        ego = behind_bumper(asked.x, asked.y, asked.heading, self._length, self._width)
+        self.contacts = tuple(name for name, box in self._boxes.items() if overlap(ego, box))
+        self.faults = ("virtual_contact",) if self.contacts else ()
+        self.actors = replace(self.actors, time=asked.time)
+        return None
