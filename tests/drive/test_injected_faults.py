@@ -26,7 +26,8 @@ FAULTS: dict[str, tuple[str, str]] = {
     "writer": ('kind = "another_writer"\nat_s = 4.0\nfor_s = 3.0', "another_writer"),
     "silent": ('kind = "bus_silent"\nat_s = 4.0\nfor_s = 1.0', "wheel_speeds_stale"),
     "garbage": ('kind = "pose_garbage"\nat_s = 2.0\nfor_s = 3.0', ""),
-    "old": ('kind = "reports_old"\nat_s = 4.0\nshape = "flapping"\nperiod_s = 0.5', ""),
+    "old": ('kind = "reports_old"\nat_s = 4.0\nshape = "flapping"\nperiod_s = 0.5', "reports_inconsistent"),
+    "rtk": ('kind = "pose_rtk_lost"\nat_s = 4.0\nshape = "flapping"\nperiod_s = 0.1', "pose_unsteady"),
     "early": ('kind = "brake_fault"\nat_s = 3.0\nfrom_start = true', "brake_fault"),
     "none": ("", ""),
 }

@@ -73,6 +73,7 @@ class Fault(NamedTuple):
     duration: float = 3600.0
     value: float | None = None
     later: float = 0.0  #: than `AT`; negative is sooner
+    flapping: float | None = None  #: on for so long and off for so long [s]
 
 
 class Signal(NamedTuple):
@@ -223,6 +224,10 @@ MATRIX: Final = (
     # A tick sees every second fix, so it may see the jump or what is said of the fixes after it.
     _pose("pose_jumps", "the position jumps by 5 m", "pose_jump", "pose_jump", "settling"),
     _pose("rtk_lost", "the receiver loses RTK", "pose_rtk_lost", "not_rtk_fixed"),
+    Row(
+        "rtk_flaps", "the receiver loses RTK and has it again, every 0.1 s", Right.REST, ("pose_unsteady",), GATEWAY,
+        0.6 + PERIOD + STEP, fix=("not_rtk_fixed",), faults=(Fault("pose_rtk_lost", flapping=0.1),),
+    ),
     _pose("pose_backwards", "the receiver's clock goes back by 1 s", "pose_backwards"),
     _ridden("pose_bursts", "fixes come in bursts of 48 ms", "pose_bursts"),
     _ridden("pose_garbage", "random bytes between the packets, and instead of every fifth", "pose_garbage"),

@@ -338,6 +338,8 @@ def rig_of(row: Row, port: int) -> str:
         text = text.replace(old, new)
     for fault in row.faults:
         text += f'\n[[faults]]\nkind = "{fault.kind}"\nat_s = {AT + fault.later}\nfor_s = {fault.duration}\n'
+        if fault.flapping is not None:
+            text += f'shape = "flapping"\nperiod_s = {fault.flapping}\n'
         text += "" if fault.value is None else f"value = {fault.value}\n"
     return text
 
