@@ -14,8 +14,9 @@ import pytest
 
 from controllers import follow_and_stop
 from tests import vehicles
-from tests.vehicle.closed_loop import PERIOD, ClosedLoop, straight
+from tests.vehicle.closed_loop import ClosedLoop, straight
 from vve_sumo.drive.pipeline import Pipeline
+from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.frames import Alignment
 from vve_sumo.lot.geofence import Geofence, Stop
 from vve_sumo.lot.polygon import Lot
