@@ -98,7 +98,7 @@ def beside(offset: float, slant: float = 0.0) -> Lot:
     ids=["towards the edge", "bang-bang"],
 )
 def test_the_worst_legal_brain_beside_an_edge_stays_inside(play: Play, speed: float) -> None:
-    assert_inside(play, speed, beside(3.2))
+    assert_inside(play, speed, beside(2.8))
 
 
 def test_full_throttle_towards_a_wall_stays_inside() -> None:
