@@ -29,7 +29,9 @@ def test_what_is_left_to_explain_is_what_a_linear_programme_finds(seed: int, cou
         rows += [(p, q, -1.0), (-p, -q, -1.0)]
         bounds += [difference + allowed, allowed - difference]
         # The least slack with which every difference is explained; close calls are left to rounding.
-        slack = linprog((0, 0, 1), A_ub=rows, b_ub=bounds, bounds=[(-1, 1), (-2, 2), (None, None)]).fun
+        answer = linprog((0, 0, 1), A_ub=rows, b_ub=bounds, bounds=[(-1, 1), (-2, 2), (None, None)])
+        assert answer.fun is not None
+        slack = float(answer.fun)
         explained = feasible.explain(difference, p, q, allowed)
         if abs(slack) > 1e-9:
             assert explained is (slack < 0.0)

@@ -14,8 +14,9 @@ import pytest
 
 from controllers import follow_and_stop
 from tests import vehicles
-from tests.vehicle.closed_loop import PERIOD, ClosedLoop, straight
+from tests.vehicle.closed_loop import ClosedLoop, straight
 from vve_sumo.drive.pipeline import Pipeline
+from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.frames import Alignment
 from vve_sumo.lot.geofence import Geofence, Stop
 from vve_sumo.lot.polygon import Lot
@@ -97,7 +98,7 @@ def beside(offset: float, slant: float = 0.0) -> Lot:
     ids=["towards the edge", "bang-bang"],
 )
 def test_the_worst_legal_brain_beside_an_edge_stays_inside(play: Play, speed: float) -> None:
-    assert_inside(play, speed, beside(3.2))
+    assert_inside(play, speed, beside(2.8))
 
 
 def test_full_throttle_towards_a_wall_stays_inside() -> None:

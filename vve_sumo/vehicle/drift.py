@@ -66,13 +66,15 @@ class FeasibleSet:
         """
         if not math.isfinite(difference + p + q):
             return False
+        values = [a * p + b * q for a, b in self._corners]
+        if max(values) <= difference + allowed and min(values) >= difference - allowed:
+            return True
         for sign in (1.0, -1.0):
-            values = [sign * (a * p + b * q - difference) - allowed for a, b in self._corners]
-            if max(values) <= 0.0:
-                continue
-            if min(values) > 0.0:
+            beyond = [sign * (a * p + b * q - difference) - allowed for a, b in self._corners]
+            if min(beyond) > 0.0:
                 return False
-            self._cut(values)
+            if max(beyond) > 0.0:
+                self._cut(beyond)
         return True
 
     def _cut(self, values: list[float]) -> None:
