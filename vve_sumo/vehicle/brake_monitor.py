@@ -27,6 +27,9 @@ SATELLITE_EXCESS: Final = 0.10  # and by the receiver's speed this much at least
 MIN_SPEED: Final = 0.1  # slower than this the car counts as standing, and `HoldMonitor` judges it [m/s]
 # A car that was standing under a holding torque and is faster than this for this long is not held by its brakes.
 ROLL_SPEED: Final = 0.08  # of the fastest wheel; sensors resolve 3 mm/s [m/s]
+SATELLITE_ROLL_SPEED: Final = (
+    0.10  # of the receiver's averaged speed; a standing receiver's stays below half of it [m/s]
+)
 ROLL_TIME: Final = 0.1  # [s]
 ACCELERATION_LAG: Final = 0.1  # of the measured acceleration [s]
 
@@ -117,10 +120,14 @@ class HoldMonitor:
         self._stood = False
         self._rolls_long.reset()
 
-    def step(self, now: float, held: bool, stands: bool, fastest_wheel: float) -> bool:
-        """Return whether the car rolls off although it is `held`; `stands` is certain, `fastest_wheel` in m/s."""
+    def step(self, now: float, held: bool, stands: bool, fastest_wheel: float, satellite: float) -> bool:
+        """Return whether the car rolls off although it is `held`; that it `stands` is certain.
+
+        `fastest_wheel` and the receiver's averaged speed `satellite` are in m/s, NaN where unknown. Either is enough.
+        """
         self._stood = held and (self._stood or stands)
-        return self._rolls_long.step(now, self._stood and fastest_wheel > ROLL_SPEED)
+        rolls = fastest_wheel > ROLL_SPEED or abs(satellite) > SATELLITE_ROLL_SPEED
+        return self._rolls_long.step(now, self._stood and rolls)
 
 
 def added(excess: float, more: float) -> float:

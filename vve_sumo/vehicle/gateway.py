@@ -35,6 +35,8 @@ UNCERTAIN_TIME: Final = 3.0
 PARK_TIME: Final = 1.0  # [s]
 # A car that a driver has taken over, and that moves this long with no foot on a pedal, calls for the driver [s].
 UNATTENDED_TIME: Final = 1.0
+# Wheel speeds that are less than the receiver's by more than this are not trusted to limit the steering [m/s].
+WHEELS_TOO_SLOW: Final = 0.5
 
 # Found once, for every step: looking them up in their class costs a call.
 _ENGAGED, _STOPPED = ArmingState.ENGAGED, ArmingState.STOPPED
@@ -217,7 +219,7 @@ class Gateway(Monitor):
                 self._reports,
                 (self._speed, self._satellite_speed),
                 self._grade(),
-                stands=standstill.certain,
+                standstill=standstill,
                 going=self._state is _ENGAGED and self._handover.going,
             )
         else:
@@ -311,9 +313,15 @@ class Gateway(Monitor):
         latched = self._response.brakes_latched or "brake" in overrides - self._old_overrides
         if latched:
             self._notes.append("brakes_latched")
-        helpless = latched or not _HELPLESS.isdisjoint(self._causes)
+        # A car that is said to stand, and is not known to, may roll.
+        helpless = latched or self._state is _STOPPED or not _HELPLESS.isdisjoint(self._causes)
         if helpless and not self._standstill.certain and "driver_needed" not in self._notes:
             self._notes.append("driver_needed")
+
+    def _steering_speed(self) -> float:
+        """Speed at which steering is limited [m/s]: the wheels', or the receiver's where wheels say far too little."""
+        wheels, satellite = self._reports.speed, self._satellite_speed
+        return satellite if satellite > wheels + WHEELS_TOO_SLOW else wheels
 
     def _fastest(self) -> float:
         """Largest speed that wheels or receiver report [m/s]; NaN where neither is known."""
@@ -442,7 +450,9 @@ class Gateway(Monitor):
         self._followed = setpoint
         speed, limiter = self._reports.speed, self._limiter
         requested = limiter.within_speed(setpoint.acceleration, self._fastest())
-        granted = limiter.step(requested, setpoint.steering, speed, setpoint.emergency, self._elapsed)
+        granted = limiter.step(
+            requested, setpoint.steering, self._steering_speed(), setpoint.emergency, self._elapsed
+        )  # fmt: skip
         pedals = self._actuation.step(granted.acceleration, speed, setpoint.grade, self._elapsed)
         limited = granted.limited if requested == setpoint.acceleration else (*granted.limited, "speed")
         return _Command(pedals, granted.acceleration, granted.steering, limited)
@@ -487,13 +497,13 @@ class Gateway(Monitor):
             angle = self._way.steering()
         if angle is not None:
             self._held_steering = None
-            return self._limiter.steer(angle, self._reports.speed, self._elapsed)
+            return self._limiter.steer(angle, self._steering_speed(), self._elapsed)
         if self._held_steering is None:
             # The measured angle is the best guess of where the road goes, better than zero and better than a request
             # not reached. At rest it keeps the wheels where they are. The limiter still applies: a wrong report must
             # not turn the wheels at once.
             self._held_steering = self._measured_steering()
-        return self._limiter.steer(self._held_steering, self._reports.speed, self._elapsed)
+        return self._limiter.steer(self._held_steering, self._steering_speed(), self._elapsed)
 
     def _grade(self) -> float:
         return 0.0 if self._admission.setpoint is None else self._admission.setpoint.grade

@@ -120,7 +120,7 @@ class Monitor:
         known = reports.speed_known(now)
         evidence = Evidence(
             reports.fastest_wheel if known and not reports.unchanged(now) > UNCHANGED_TIME else None,
-            None if setpoint is None else abs(setpoint.speed),
+            None if setpoint is None else setpoint.speed,
         )
         standstill.step(now, elapsed, evidence, braking)
         self._speed = speed = reports.speed if known else math.nan

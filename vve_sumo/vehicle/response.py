@@ -17,6 +17,7 @@ from vve_sumo.vehicle.driver_signs import DriverSigns
 from vve_sumo.vehicle.interface import BrakeState, ThrottleState
 from vve_sumo.vehicle.reports import TOLERANCE, CarReports
 from vve_sumo.vehicle.slowing_monitor import SlowingMonitor
+from vve_sumo.vehicle.standstill import Standstill
 
 
 class ResponseMonitor:
@@ -56,19 +57,20 @@ class ResponseMonitor:
         speeds: tuple[float, float],
         grade: float,
         *,
-        stands: bool,
+        standstill: Standstill,
         going: bool,
     ) -> list[str]:
         """Return reason codes at `now` [s], `elapsed` after the last step; `told` are the pedals of that step.
 
-        `speeds` are those of wheels and receiver [m/s], NaN where unknown; `grade` [rad], uphill positive. The car
-        certainly `stands`, or is allowed to move (`going`).
+        `speeds` are those of wheels and receiver [m/s], NaN where unknown; `grade` [rad], uphill positive. What is
+        known of its `standstill`; the car may be allowed to move (`going`).
         """
         brake = reports.brake
         wheels, satellite = speeds
         faults = self._brakes.step(elapsed, told, wheels, satellite, grade, brake.watchdog_braking)
         held = told.brake_torque >= self._holding_torque and not brake.watchdog_braking
-        if self._hold.step(now, held, stands, reports.fastest_wheel):
+        mean = math.nan if satellite != satellite else standstill.satellite_mean
+        if self._hold.step(now, held, standstill.certain, reports.fastest_wheel, mean):
             faults.append("brake_not_following")
         faults += self._frozen(now, told, reports)
         unasked = self._signs.step(

@@ -6,12 +6,16 @@ a holding torque only and asked to shift to park. The module knows no frames and
 
 from __future__ import annotations
 
+import math
 from typing import Final, NamedTuple
 
 from vve_sumo.vehicle.setpoint_validation import Debounce
 
 WHEEL_REST: Final = 0.05  # no wheel turns faster [m/s]; wheel-speed sensors resolve 3 mm/s
 SATELLITE_REST: Final = 0.30  # the receiver's speed at standstill stays below [m/s]: ten sigma of RTK velocity
+# Its mean over the last few tenths of a second stays below this: its noise averages out, and a car that creeps does not.
+SATELLITE_MEAN_REST: Final = 0.08  # [m/s]
+SATELLITE_LAG: Final = 0.3  # of that mean [s]
 REST_TIME: Final = 0.3  # standing this long is rest [s]
 # Time after which the receiver alone is believed, against wheel speeds that are missing or above rest [s].
 SATELLITE_REST_TIME: Final = 3.0
@@ -28,7 +32,7 @@ class Evidence(NamedTuple):
     """Measured speeds of the car at one step of the gateway; None is "not known"."""
 
     wheels: float | None  #: the fastest wheel's speed, without sign [m/s]
-    satellite: float | None  #: the receiver's speed, without sign [m/s]
+    satellite: float | None  #: the receiver's speed, forward positive [m/s]
 
 
 class Standstill:
@@ -36,6 +40,7 @@ class Standstill:
 
     def __init__(self) -> None:
         self._possible = 0.0  # the speed that the car may still have [m/s]
+        self.satellite_mean = 0.0  #: the receiver's speed, averaged near standstill [m/s]; the last one where unknown
         self._long = Debounce(REST_TIME)
         self._satellite_long = Debounce(SATELLITE_REST_TIME)
         self.certain = False  #: the wheels say so, for long enough to be true, and nothing contradicts them
@@ -53,7 +58,10 @@ class Standstill:
         `braking` is the commanded deceleration [m/s2], None where a driver may brake as hard as the car can.
         """
         wheels, satellite = evidence
-        satellite_stands = satellite is not None and satellite < SATELLITE_REST
+        if satellite is not None:
+            self._average(satellite, elapsed)
+        satellite_stands = satellite is not None and abs(satellite) < SATELLITE_REST
+        creeps = satellite is not None and abs(self.satellite_mean) >= SATELLITE_MEAN_REST
         wheels_stand = wheels is not None and wheels < WHEEL_REST
         if wheels is not None and wheels >= self._possible - MAX_BRAKING * elapsed - QUANTUM:
             self._possible = wheels
@@ -61,8 +69,15 @@ class Standstill:
             sure = satellite_stands or braking is None
             fall = MAX_BRAKING if sure else max(BRAKING_SHARE * (braking or 0.0), MIN_BRAKING)
             self._possible = max(self._possible - fall * elapsed, 0.0)
-        satellite_moves = satellite is not None and not satellite_stands
+        satellite_moves = creeps or (satellite is not None and not satellite_stands)
         self.moves = satellite_moves or (wheels is not None and not wheels_stand)
         self.certain = wheels_stand and not satellite_moves and self._possible < WHEEL_REST
         long = self._long.step(now, self.certain)
-        self.at_rest = self._satellite_long.step(now, satellite_stands) or long
+        self.at_rest = self._satellite_long.step(now, satellite_stands and not creeps) or long
+
+    def _average(self, satellite: float, elapsed: float) -> None:
+        """Average the receiver's speed; one that is above rest is taken as it is, so that the mean does not lag it."""
+        if abs(satellite) >= SATELLITE_REST:
+            self.satellite_mean = math.copysign(SATELLITE_REST, satellite)
+        elif elapsed > 0.0:
+            self.satellite_mean += (satellite - self.satellite_mean) * elapsed / (SATELLITE_LAG + elapsed)
