@@ -86,6 +86,16 @@ def test_a_rigs_car_drives_a_sweep_as_it_drives_alone(tmp_path: Path) -> None:
     assert run_one(fusion).figures["record_sha256"] != run_one(job).figures["record_sha256"]
 
 
+def test_a_rigs_faults_are_injected_in_a_sweep_as_in_a_drive(tmp_path: Path) -> None:
+    file = rig(tmp_path)
+    text = file.read_text(encoding="utf-8")
+    file.write_text(text + '\n[[faults]]\nkind = "steering_fault"\nat_s = 2.0\n', encoding="utf-8")
+    query = query_of(sweep(tmp_path, "ego.speed_mps = [5.0]"), REPOSITORY, yes=False, rig=str(file))
+    figures = run_one(job_of(query.plan, query.spec, next(iter(query.cells)), None)).figures
+    assert figures["outcome"] == "fault"
+    assert figures["record_sha256"] == isolated(drive_by_rig, str(tmp_path / "record"), str(file))
+
+
 def test_a_sweep_of_a_rig_survives_its_folder(tmp_path: Path) -> None:
     query = query_of(sweep(tmp_path, "ego.speed_mps = [5.0]"), REPOSITORY, yes=False, rig=str(rig(tmp_path)))
     (tmp_path / "sweep.json").write_text(query.plan.text(), encoding="utf-8")
