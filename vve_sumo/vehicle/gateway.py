@@ -48,6 +48,7 @@ _LATCHING: Final = frozenset({"another_writer", "timer_gap"})
 #: Faults after which the odometry may be wrong on where the car is, or the steering may not follow its commands.
 _ASTRAY: Final = frozenset(
     {
+        "reports_inconsistent",
         "speed_mismatch",
         "steering_disabled",
         "steering_fault",
@@ -60,7 +61,7 @@ _ASTRAY: Final = frozenset(
 )
 
 #: Faults after which the wheel speeds are wrong, or it is not known whether wheels or receiver are right.
-_SPEED_UNKNOWN: Final = frozenset({"speed_mismatch", "wheel_speeds_frozen"})
+_SPEED_UNKNOWN: Final = frozenset({"reports_inconsistent", "speed_mismatch", "wheel_speeds_frozen"})
 
 
 #: Faults after which the brakes cannot be relied on, so that the driver is called while the car moves.
