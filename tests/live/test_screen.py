@@ -91,7 +91,7 @@ def test_why_not_ready_stands_in_plain_words_once():
     lines = picture(status)
     assert lines[2:] == [
         "  - the car is not known to stand",
-        "  - too many ticks within a second took longer than the rig's budget",
+        "  - too many ticks within a second took longer than the rig's budget, or than a period",
     ]
 
 

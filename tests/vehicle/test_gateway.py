@@ -381,7 +381,7 @@ def test_without_wheel_speeds_the_receiver_tells_after_a_while_that_the_car_stan
     stood = math.inf
     while rig.step(1.0).state is not S.STOPPED:
         stood = rig.now if rig.car.speed > 0.3 else stood
-    assert rig.now - stood == pytest.approx(3.0, abs=0.1)
+    assert rig.now - stood == pytest.approx(3.15, abs=0.1)
     verdicts = rig.run(5.0)
     assert {verdict.state for verdict in verdicts} == {S.STOPPED}
     assert all({"standstill_uncertain", "driver_needed"} <= set(verdict.reasons) for verdict in verdicts)
@@ -596,6 +596,10 @@ def test_stopped_uphill_it_never_touches_the_throttle():
     assert {verdict.throttle for verdict in verdicts} == {0.0}
 
 
+#: From 0.30 m/s the receiver's mean, with a lag of 0.1 s, falls below 0.08 m/s at rest: 0.1 ln(30 / 8) [s].
+AVERAGED = 0.13
+
+
 def test_rest_is_standing_for_a_while():
     rig = Rig()
     rig.cruise(5.0)
@@ -604,7 +608,7 @@ def test_rest_is_standing_for_a_while():
     while verdicts[-1].state is not S.STOPPED:
         verdicts.append(rig.step())
         standing += rig.car.speed == 0.0
-    assert standing * PERIOD == pytest.approx(0.3, abs=0.06)
+    assert standing * PERIOD == pytest.approx(0.3 + AVERAGED, abs=0.06)
 
 
 def test_at_rest_it_asks_for_park_and_lets_go_only_there():

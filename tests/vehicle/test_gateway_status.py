@@ -69,6 +69,10 @@ def test_a_drive_is_over_once_the_car_stands_and_not_before():
     assert rig.gateway.done is True
 
 
+#: From 0.30 m/s the receiver's mean, with a lag of 0.1 s, falls below 0.08 m/s at rest: 0.1 ln(30 / 8) [s].
+AVERAGED = 0.13
+
+
 def test_a_car_stands_for_a_while_before_its_drive_is_over():
     """Wheels that have only just come to zero may roll again."""
     rig = Rig()
@@ -81,7 +85,7 @@ def test_a_car_stands_for_a_while_before_its_drive_is_over():
     while not rig.gateway.done:
         rig.step()
         steps += 1
-    assert REST_TIME - PERIOD <= steps * PERIOD <= REST_TIME + 3 * PERIOD
+    assert REST_TIME - PERIOD <= steps * PERIOD <= REST_TIME + AVERAGED + 3 * PERIOD
 
 
 def test_who_does_nothing_is_not_told_that_it_is_too_early():

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tests import vehicles
 from tests.vehicle.car import CALIBRATION, FUSION, PERIOD, Rig
 from tests.vehicle.whole_car import LOT, VEHICLE, WholeCar
-from vve_sumo.plant.car import Car
+from vve_sumo.plant.car import ActuatorFaults, Car
 from vve_sumo.values import ArmingState
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 from vve_sumo.vehicle.limits import SPEED_LIMIT_BRAKING, SPEED_LIMIT_MARGIN, SPEED_LIMIT_TIME, Limiter, Limits
@@ -99,7 +99,7 @@ def test_a_runaway_is_stopped_before_it_is_much_beyond_the_margin(opening):
     engaged(whole, 0.0)
     for _ in range(400):
         whole.step(2.0)
-    whole.car.stuck_throttle = opening
+    whole.car.actuator_faults = ActuatorFaults(stuck_throttle=opening)
     fastest = 0.0
     for _ in range(500):
         verdict = whole.step(2.0)

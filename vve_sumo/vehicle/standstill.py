@@ -13,9 +13,9 @@ from vve_sumo.vehicle.setpoint_validation import Debounce
 
 WHEEL_REST: Final = 0.05  # no wheel turns faster [m/s]; wheel-speed sensors resolve 3 mm/s
 SATELLITE_REST: Final = 0.30  # the receiver's speed at standstill stays below [m/s]: ten sigma of RTK velocity
-# Its mean over the last few tenths of a second stays below this: noise averages out, and a creeping car does not.
+# Its mean over the last tenths of a second stays below this: noise averages out, and a creeping car does not.
 SATELLITE_MEAN_REST: Final = 0.08  # [m/s]
-SATELLITE_LAG: Final = 0.3  # of that mean [s]
+SATELLITE_LAG: Final = 0.1  # of that mean [s]
 REST_TIME: Final = 0.3  # standing this long is rest [s]
 # Time after which the receiver alone is believed, against wheel speeds that are missing or above rest [s].
 SATELLITE_REST_TIME: Final = 3.0
