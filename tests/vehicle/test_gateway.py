@@ -900,7 +900,7 @@ def test_it_can_be_sent_to_a_process_of_its_own():
 
 
 #: Given by those who run the gateway.
-OF_ITS_PROCESS = {"bus_down", "drive_gone", "external_brain", "operator_gone", "setpoint_corrupt", "stop_input"}
+OF_ITS_PROCESS = {"drive_gone", "external_brain", "operator_gone", "setpoint_corrupt", "stop_input"}
 
 
 def test_every_reason_it_can_give_has_plain_words():

@@ -57,6 +57,12 @@ BLINDING: Final = frozenset(
 )
 
 
+#: kinds that hide a foot in the brake module's report, and in the brake torque that the car reports: where one of each
+#: is due, a foot shows in the car's motion alone
+HIDE_PEDAL: Final = frozenset({"brake_report_frozen", "reports_old"})
+HIDE_TORQUE: Final = frozenset({"brake_torque_frozen", "brake_torque_scaled", "reports_old"})
+
+
 @dataclass(frozen=True, slots=True)
 class Tolerances:
     """How much an invariant allows; each figure with its reason."""
@@ -68,6 +74,10 @@ class Tolerances:
     blind_foot_time: float = 0.6
     #: a brake pedal from here on is felt within `foot_time` whatever the reports say [fraction]: 0.6 m/s2 and more
     firm_pedal: float = 0.24
+    #: the same where the foot shows in the car's motion alone: 2.2 m/s2 take 0.45 s to be 0.3 m/s too slow [s]
+    motion_foot_time: float = 0.5
+    #: a foot gentler than this shows in the car's motion alone late or never, which docs/vehicle.md says [fraction]
+    motion_pedal: float = 0.26
     #: a foot that has brought the car to rest: the car may roll so far without a new go [m]
     creep: float = 0.3
     #: above the rig's limit of speed [m/s]: the 1.0 m/s at which the gateway stops, and what the car gains until then
@@ -152,6 +162,8 @@ class FootClosesThrottle:
     margin: float = 1.0
     _since: float | None = None  # of the foot
     _blind: bool = False
+    _pedal_hidden: bool = False
+    _torque_hidden: bool = False
     _latched: bool = False
     _went: bool = False
     _rested: bool = False
@@ -171,14 +183,15 @@ class FootClosesThrottle:
             self._since = None  # a foot that is already there counts from the go on
         self._went = sample.went
         self._blind |= not BLINDING.isdisjoint(sample.due)
+        self._pedal_hidden |= not HIDE_PEDAL.isdisjoint(sample.due)
+        self._torque_hidden |= not HIDE_TORQUE.isdisjoint(sample.due)
         foot, now = foot_on_brake(sample.driver), sample.time
-        if not foot:
+        if not foot or self._allowed(sample.driver.brake_pedal) == math.inf:
             self._since = None
         elif self._since is None:
             self._since = now
         opened = sample.command.throttle > CLOSED
-        firm = sample.driver.brake_pedal >= self.tolerances.firm_pedal - 1e-9
-        allowed = self.tolerances.blind_foot_time if self._blind and not firm else self.tolerances.foot_time
+        allowed = self._allowed(sample.driver.brake_pedal)
         if self._since is not None and self._went:
             pressed = now - self._since
             if opened:
@@ -189,6 +202,14 @@ class FootClosesThrottle:
             pressing = "under the driver's foot" if foot else "after the driver's foot, without a new go"
             return f"throttle {100.0 * sample.command.throttle:.0f} % {pressing}"
         return self._roll(sample, foot)
+
+    def _allowed(self, pedal: float) -> float:
+        """Longest time from a foot with the brake pedal at `pedal` to a closed throttle [s]; inf for none."""
+        tolerances = self.tolerances
+        if self._pedal_hidden and self._torque_hidden:
+            return tolerances.motion_foot_time if pedal >= tolerances.motion_pedal - 1e-9 else math.inf
+        gentle = self._blind and pedal < tolerances.firm_pedal - 1e-9
+        return tolerances.blind_foot_time if gentle else tolerances.foot_time
 
     def _roll(self, sample: TruthSample, foot: bool) -> str | None:
         speed = abs(sample.pose.speed)

@@ -68,6 +68,10 @@ _SPEED_UNKNOWN: Final = frozenset({"reports_inconsistent", "speed_mismatch", "wh
 _HELPLESS: Final = frozenset({"brake_not_following", "override_unconfirmed"})
 
 
+#: Faults while which it is not known what the car does.
+_UNHEARD: Final = frozenset({"brake_report_stale", "bus_down", "wheel_speeds_stale"})
+
+
 class OperatorCommand(enum.StrEnum):
     """A deliberate command of the operator."""
 
@@ -307,15 +311,16 @@ class Gateway(Monitor):
         pulls_away = self._state is _ENGAGED and self._handover.going
         if self._uncertain_long.step(now, doubted) or (standstill.contradicted and not pulls_away):
             self._notes += ["standstill_uncertain", "driver_needed"]
-        self._call_the_driver(overrides)
+        self._call_the_driver(overrides, faults)
 
-    def _call_the_driver(self, overrides: frozenset[str]) -> None:
-        """Note that the gateway has no brakes, or that the car rolls though it should be held by them."""
+    def _call_the_driver(self, overrides: frozenset[str], faults: list[str]) -> None:
+        """Note that the gateway has no brakes, or does not hear the car, or that the car rolls though it is held."""
         latched = self._response.brakes_latched or "brake" in overrides - self._old_overrides
         if latched:
             self._notes.append("brakes_latched")
         # A car that is said to stand, and is not known to, may roll.
         helpless = latched or self._state is _STOPPED or not _HELPLESS.isdisjoint(self._causes)
+        helpless |= self._state is not _ENGAGED and not _UNHEARD.isdisjoint(faults)
         if helpless and not self._standstill.certain and "driver_needed" not in self._notes:
             self._notes.append("driver_needed")
 
