@@ -211,7 +211,9 @@ class Path:
         slope = 1.0 - bend * across
         arc = along / (slope if slope > NEWTON_MIN_SLOPE else NEWTON_MIN_SLOPE)
         offset = across - 0.5 * bend * along * arc
-        return s + arc, offset, math.remainder(heading - path_heading - bend * arc, math.tau), bend
+        turned = heading - path_heading - bend * arc
+        # The remainder of infinity, at a place beyond all places, is an error in Python and not NaN.
+        return s + arc, offset, math.remainder(turned, math.tau) if math.isfinite(turned) else math.nan, bend
 
     def locate(self, x: Floats, y: Floats, s_from: float, s_to: float) -> tuple[Floats, Floats]:
         """Return s [m] and d (left positive) [m] of many map points, shape (n,), at once.

@@ -22,7 +22,8 @@ every step:
 12. While ENGAGED the steering moves at most at the car's rate and with the comfort lateral jerk at the reported speed,
     and the acceleration with the comfort jerk, or the emergency's where the setpoint asks for one, by the time that has
     passed. On the fallback path it falls at most with the emergency's jerk; the steering holds or moves at its rate.
-13. A driver who takes over has the car in that step: FAULT, nothing enabled.
+13. A driver who takes over, and is seen on the pedal, has the car in that step: FAULT, nothing enabled. An override
+    that nothing confirms leads to rest, with the throttle closed.
 14. `done` is never said of a car that is commanded.
 """
 
@@ -167,7 +168,7 @@ class Drive:
         self.going = False
         self.good_until = self.emergency_until = NEVER  # of any sound setpoint, and of those that are emergencies
         self.wheels_at, self.wheels_stand = NEVER, False
-        self.overridden = self.was_overridden = False
+        self.overridden = self.was_overridden = self.on_brake = False
         self.in_park = False
         self.steering = self.acceleration = 0.0
         self.last_inputs: tuple[object, ...] = ()
@@ -259,6 +260,7 @@ class Drive:
                 car.driver ^= 1
             elif kind == 1:
                 car.override = True
+                car.driver |= chance.randrange(2)
             elif kind == 2:
                 car.faults = chance.choice((0, 0, 8, 16, 32, 64, 128))
             elif kind == 3:
@@ -348,6 +350,7 @@ class Drive:
             elif frame.id == codec.BRAKE_REPORT and len(data) == 8 and (data[6] & 3 != 3 or self.old):
                 # Kind 3 of the newer kit is none: such a report says nothing.
                 override = bool(data[7] & 2)
+                self.on_brake = bool(data[7] & 4)
             elif frame.id == codec.GEAR_REPORT and len(data) == 2 and data[0] & 7 <= 5 and data[0] >> 4 & 7 <= 5:
                 self.in_park = data[0] & 7 == PARK
         self.overridden = override
@@ -399,7 +402,8 @@ class Drive:
             gap = self.now - self.last_now
             hold(10, 0.0 < gap <= 2.0 * PERIOD + 2e-6 or not math.isfinite(self.last_now), "the gap")
         if before in COMMANDING and self.overridden and not self.was_overridden and not self.shadow:
-            hold(13, after is STATE.FAULT)
+            resting = after in {STATE.STOPPING, STATE.STOPPED} and verdict.throttle == 0.0  # type: ignore[attr-defined]
+            hold(13, after is STATE.FAULT or (not self.on_brake and resting))
         hold(14, not (self.gateway.done and after in COMMANDING))
 
     def _judge_rates(self, verdict: object) -> None:

@@ -24,6 +24,9 @@ _GATEWAY: Final = (
     "gateway_status.py",
     "not_commanded.py",
     "stopping.py",
+    "speed_limit.py",
+    "hold.py",
+    "drivers_foot.py",
 )
 
 #: Name on the command line to the module and its tests.
@@ -48,10 +51,15 @@ SUBJECTS: Final[dict[str, Subject]] = {
     "engagement": _vehicle("engagement", "engagement.py", "figures.py"),
     "reports": _vehicle("reports", "reports.py", "figures.py"),
     "report_consistency": _vehicle("report_consistency", "report_consistency.py"),
-    "limits": _vehicle("limits", "limits.py", "envelopes.py", "figures.py"),
+    "driver_signs": _vehicle("driver_signs", "response.py"),
+    "command_echo": _vehicle("command_echo", "response.py"),
+    "slowing_monitor": _vehicle("slowing_monitor", "response.py"),
+    "response": _vehicle("response", "response.py", "hold.py", "drivers_foot.py"),
+    "limits": _vehicle("limits", "limits.py", "envelopes.py", "figures.py", "speed_limit.py"),
     "effective_deceleration": _vehicle("effective_deceleration", "effective_deceleration.py"),
     "standstill": _vehicle("standstill", "standstill.py", "figures.py"),
-    "brake_monitor": _vehicle("brake_monitor", "brake_monitor.py", "figures.py"),
+    "brake_monitor": _vehicle("brake_monitor", "brake_monitor.py", "hold.py", "figures.py"),
+    "drift": _vehicle("drift", "drift.py"),
     "plausibility": _vehicle("plausibility", "plausibility.py", "figures.py"),
     "gateway": _vehicle("gateway", *_GATEWAY),
     "monitor": _vehicle("monitor", *_GATEWAY, "observer.py"),

@@ -45,7 +45,7 @@ LIBRARIES: Final = {
     "scipy": "1.13",
     "pyproj": "3.6",
     "python-can": "4.5",
-    "pyarrow": "17",
+    "pyarrow": "23.0.1",
     "pydantic": "2.7",
     "shapely": "2.0.4",
 }

@@ -12,9 +12,9 @@ from typing import Final
 
 import numpy as np
 
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import Floats, Vehicle
 
-TICK: Final = 0.02  #: how long a setpoint turns the wheel that came after the check [s]
 GAIN: Final = 0.5  #: by which the car may become faster until a stop begins [m/s]
 PANELS: Final = 8  #: of the integration, for each interval between knots
 
@@ -35,7 +35,7 @@ class Turning:
     @classmethod
     def of(cls, vehicle: Vehicle, lateral_jerk: float, lifetime: float) -> Turning:
         """Return the car's."""
-        answer_time = vehicle.steering_delay + vehicle.steering_lag + TICK
+        answer_time = vehicle.steering_delay + vehicle.steering_lag + PERIOD  # a setpoint that came after the check
         return cls(
             vehicle.wheelbase,
             vehicle.steering_limit,
@@ -50,7 +50,7 @@ class Turning:
 
         `steering` is the reported angle, `requested` holds the angles that the latest setpoints asked for.
         """
-        return self._within(speed, steering, requested, TICK)
+        return self._within(speed, steering, requested, PERIOD)
 
     def until_stop(self, speed: float, steering: float, requested: Angles) -> Angles:
         """Angles that the last good setpoint may have turned the wheel to when the gateway begins to stop."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import deque
 from typing import Final
 
+from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.setpoint_validation import Debounce
 
 # Torque beyond what was commanded that is somebody's foot [N m]: half of what a light touch asks for, and several times
@@ -17,9 +18,10 @@ UNASKED_TORQUE: Final = 200.0
 UNASKED_TIME: Final = 0.03  # for which it lasts: two reports of 50 Hz [s]
 # Fastest fall of a brake torque that is released [N m/s]: the simulated one takes 0.1 s from full, a real one longer.
 RELEASE_RATE: Final = 8000.0
-# From a command to the last report of the torque that it causes, before the torque's fall: delay and lag of the brakes,
-# and the report's 20 ms [s].
+# From a command to the last report of the torque that it causes, before the torque's fall, beyond the brakes' declared
+# delay and LAGS of their lags: the report's 20 ms, two steps, and a brake that is slower than declared [s].
 REPORT_DELAY: Final = 0.15
+LAGS: Final = 3.0
 
 # A foot this strong for this long latches the override of a brake module: Dataspeed's takes 0.22 of the pedal's sensor,
 # which is 517 N m, for 0.1 s. A weaker one is assumed, because a latched module brakes no more.
@@ -30,7 +32,8 @@ LATCH_TIME: Final = 0.08  # [s]
 class DriverSigns:
     """Compares the reported brake torque with the commanded one, step by step."""
 
-    def __init__(self) -> None:
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._delay = REPORT_DELAY + vehicle.brake_delay + LAGS * vehicle.brake_lag
         self._unasked_long = Debounce(UNASKED_TIME)
         self._strong_long = Debounce(LATCH_TIME)
         self._explained = 0.0  # torque that the commands explain [N m]
@@ -56,11 +59,11 @@ class DriverSigns:
         return self._unasked_long.step(now, unasked > UNASKED_TORQUE)
 
     def _largest(self, now: float, commanded: float) -> float:
-        """Largest torque commanded within the last REPORT_DELAY, `commanded` included [N m]."""
+        """Largest torque commanded within the delay of its report, `commanded` included [N m]."""
         commands = self._commands
         while commands and commands[-1][1] <= commanded:
             commands.pop()
         commands.append((now, commanded))
-        while commands[0][0] < now - REPORT_DELAY:
+        while commands[0][0] < now - self._delay:
             commands.popleft()
         return commands[0][1]

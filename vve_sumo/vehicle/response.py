@@ -27,8 +27,8 @@ class ResponseMonitor:
         self._holding_torque = holding_torque
         self._brakes = BrakeMonitor(vehicle, calibration)
         self._hold = HoldMonitor()
-        self._slowing = SlowingMonitor(calibration)
-        self._signs = DriverSigns()
+        self._slowing = SlowingMonitor(vehicle, calibration)
+        self._signs = DriverSigns(vehicle)
         self._brake_echo, self._throttle_echo = CommandEcho(TORQUE_CHANGE), CommandEcho(OPENING_CHANGE)
         self.driver_inferred = False  #: the car brakes or slows down as under a driver's foot
 

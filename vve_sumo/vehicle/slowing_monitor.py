@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.actuation import Pedals
 from vve_sumo.vehicle.brake_monitor import added
 from vve_sumo.vehicle.calibration import GRAVITY, Calibration
@@ -31,7 +32,8 @@ LEARNING_SPEED: Final = 1.0  # from which on it is learnt [m/s]; creep is not kn
 CHANGE_MARGIN: Final = 0.35  # change that counts for nothing [m/s2]
 CHANGE_SHARE: Final = 0.15  # and as much of the commanded acceleration: shifts of the transmission, warm brakes
 
-# Time in which a released brake may go on braking, and a pressed throttle may not yet push [s].
+# Time in which a released brake may go on braking beyond its declared delay and lag, and a pressed throttle may not yet
+# push [s].
 RELEASE_LAG: Final = 0.15
 THROTTLE_DELAY: Final = 0.10
 SPEED_DEFICIT: Final = 0.30  # slower than explained by this is a foot on the brake [m/s]
@@ -47,8 +49,9 @@ class SlowingMonitor:
     gateway step with the pedals commanded at the step before.
     """
 
-    def __init__(self, calibration: Calibration) -> None:
+    def __init__(self, vehicle: Vehicle, calibration: Calibration) -> None:
         self._calibration = calibration
+        self._release_lag = RELEASE_LAG + vehicle.brake_delay + vehicle.brake_lag
         self._push_lag = 1.5 * calibration.drive_lag + THROTTLE_DELAY
         self.reset()
 
@@ -84,7 +87,7 @@ class SlowingMonitor:
         """Advance the largest braking and the least push that the commanded `pedals` may have by now."""
         if elapsed <= 0.0:
             return
-        fading = self._torque - self._torque * elapsed / (RELEASE_LAG + elapsed)
+        fading = self._torque - self._torque * elapsed / (self._release_lag + elapsed)
         self._torque = max(pedals.brake_torque, fading)
         pushing = self._opening + (pedals.throttle - self._opening) * elapsed / (self._push_lag + elapsed)
         self._opening = min(pedals.throttle, pushing)
