@@ -72,7 +72,7 @@ def test_the_name_of_the_ending() -> None:
 def test_a_car_at_rest_after_its_driver_stepped_in_ended_by_the_driver(sign: str) -> None:
     assert at_rest(50.0, STOPPED, contact=False, reasons=("pose_stale", sign)) is Outcome.DRIVER
     assert at_rest(50.0, ArmingState.FAULT, contact=False, reasons=(sign,)) is Outcome.DRIVER
-    assert at_rest(50.0, STOPPED, contact=True, reasons=(sign,)) is Outcome.CONTACT
+    assert at_rest(50.0, STOPPED, contact=True, reasons=(sign,)) is Outcome.DRIVER
 
 
 def test_rolling_back_is_no_rest() -> None:

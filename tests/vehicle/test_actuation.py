@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import random
 
 import pytest
@@ -162,7 +163,10 @@ def test_never_both_pedals_and_never_beyond_their_travel(steps):
 @pytest.mark.parametrize("deceleration", [2.4, 4.0])
 def test_without_a_speed_the_brakes_still_give_what_is_asked_against_full_creep(deceleration):
     actuation = Actuation(CALIBRATION, FUSION.brake_delay, FUSION.brake_lag)
-    brake, throttle = actuation.without_speed(deceleration)
+    brake, throttle = actuation.without_speed(deceleration, grade=0.05)
+    assert actuation.without_speed(deceleration, grade=0.0).brake_torque == brake, "no help of a slope is relied on"
+    steeper = actuation.without_speed(deceleration, grade=-0.05).brake_torque - brake
+    assert steeper / 550.0 == pytest.approx(GRAVITY * math.sin(0.05))
     assert throttle == 0.0
     assert (brake * 1690.0 / 550.0 - 600.0) / 1690.0 == pytest.approx(deceleration)
     assert brake / 550.0 > GRAVITY * 0.03

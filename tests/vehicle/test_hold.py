@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tests.vehicle.whole_car import LOT, PARAMETERS, PERIOD, WholeCar
 from vve_sumo.plant.car import ActuatorFaults, Car, CarOutput
 from vve_sumo.values import ArmingState, Frame
-from vve_sumo.vehicle.brake_monitor import ROLL_SPEED, ROLL_TIME, SATELLITE_ROLL_SPEED, HoldMonitor
+from vve_sumo.vehicle.brake_monitor import ROLL_SPEED, ROLL_TIME, SATELLITE_ROLL_SPEED, SATELLITE_ROLL_TIME, HoldMonitor
 from vve_sumo.vehicle.gateway import OperatorCommand
 from vve_sumo.vehicle.interface import HANDS_OFF, DriverInputs
 
@@ -128,16 +128,17 @@ STEP = 0.02
 
 @given(st.lists(st.tuples(st.booleans(), st.booleans(), st.floats(0.0, 0.2), st.floats(-0.2, 0.2)), max_size=60))
 def test_by_brute_force(steps):
-    """It rolls if wheels or receiver were faster than their bound for ROLL_TIME, held ever since it stood."""
+    """It rolls if wheels or receiver were faster than their bound for their time, held ever since it stood."""
     monitor = HoldMonitor()
     for index, (held_now, stands, wheel, satellite) in enumerate(steps):
         expected = False
         for begin in range(index + 1):
             past = steps[begin : index + 1]
             stood = [n for n in range(index + 1) if steps[n][1] and all(held for held, _, _, _ in steps[n : index + 1])]
-            long = (index - begin) * STEP >= ROLL_TIME - 1e-9
-            fast = all(speed > ROLL_SPEED or abs(mean) > SATELLITE_ROLL_SPEED for _, _, speed, mean in past)
-            expected |= long and fast and bool(stood) and min(stood) <= begin
+            lasted = (index - begin) * STEP + 1e-9
+            rolls = lasted >= ROLL_TIME and all(speed > ROLL_SPEED for _, _, speed, _ in past)
+            moves = lasted >= SATELLITE_ROLL_TIME and all(abs(mean) > SATELLITE_ROLL_SPEED for *_, mean in past)
+            expected |= (rolls or moves) and bool(stood) and min(stood) <= begin
         assert monitor.step(index * STEP, held_now, stands, wheel, satellite) is expected
         assert not expected or held_now
 

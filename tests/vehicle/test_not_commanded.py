@@ -154,8 +154,8 @@ def test_a_driver_who_takes_over_while_the_kit_is_being_enabled_has_the_car():
     assert (verdict.state, verdict.reasons) == (S.FAULT, ("driver_override",))
 
 
-def test_an_override_of_old_that_a_confirmed_kit_still_reports_is_a_new_one():
-    """The gear module holds on to it after the act, while brake, throttle and steering confirm."""
+def test_an_override_of_old_that_a_confirmed_kit_still_reports_ends_the_drive():
+    """The gear module holds on to it after the act, while the others confirm; nobody moved the lever."""
     rig = Rig()
     rig.car.forged = {codec.GEAR_REPORT: codec.encode(codec.GearReport(Gear.PARK, override=True))}
     rig.run(0.1)
@@ -164,4 +164,4 @@ def test_an_override_of_old_that_a_confirmed_kit_still_reports_is_a_new_one():
     while rig.step().state is S.ENGAGED:
         assert rig.now - begun < 0.5
     assert rig.now - begun > 0.4
-    assert rig.step().state is S.FAULT
+    assert rig.step().state in (S.STOPPING, S.STOPPED)

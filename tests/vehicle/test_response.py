@@ -28,6 +28,8 @@ from vve_sumo.vehicle.slowing_monitor import DECELERATION_MARGIN, SPEED_DEFICIT,
 
 STEP, FINE = 0.02, 0.005  # of the gateway and of the plant [s]
 TORQUES = st.one_of(st.just(0.0), st.floats(0.0, 3400.0))
+#: How long a command of the Fusion explains a torque [s]: its brakes' delay and three lags beside.
+DELAY = REPORT_DELAY + FUSION.brake_delay + 3.0 * FUSION.brake_lag
 #: Commands that stay for some steps each.
 COMMANDS = st.lists(st.tuples(TORQUES, st.integers(1, 30)), min_size=1, max_size=12)
 
@@ -41,21 +43,21 @@ def spread(commands: list[tuple[float, int]]) -> list[float]:
 
 @given(COMMANDS)
 def test_the_largest_of_the_last_commands_is_that_of_a_brute_force(commands):
-    signs, torques = DriverSigns(), spread(commands)
+    signs, torques = DriverSigns(FUSION), spread(commands)
     times = [index * STEP for index in range(len(torques))]
     for index, (now, torque) in enumerate(zip(times, torques, strict=True)):
-        recent = [torques[n] for n in range(index + 1) if times[n] >= now - REPORT_DELAY]
+        recent = [torques[n] for n in range(index + 1) if times[n] >= now - DELAY]
         assert signs._largest(now, torque) == max(recent)
 
 
 @given(COMMANDS)
 def test_what_the_commands_explain_falls_no_faster_than_a_brake_lets_go(commands):
-    """In closed form: the largest over all commands of its torque, less RELEASE_RATE from REPORT_DELAY after it on."""
-    signs, torques = DriverSigns(), spread(commands)
+    """In closed form: the largest over all commands of its torque, less RELEASE_RATE from DELAY after it on."""
+    signs, torques = DriverSigns(FUSION), spread(commands)
     for index, torque in enumerate(torques):
         signs.step(index * STEP, STEP, torque, math.nan, math.nan)
-        # How many steps a command is still among the recent ones.
-        whole = math.floor(REPORT_DELAY / STEP + 1e-9)
+        # How many steps a command is still among the recent ones; one that is just as old may not be.
+        whole = math.floor(DELAY / STEP - 1e-9)
         explained = max(
             told - RELEASE_RATE * STEP * max(index - n - whole, 0) for n, told in enumerate(torques[: index + 1])
         )
@@ -67,7 +69,7 @@ def test_what_the_commands_explain_falls_no_faster_than_a_brake_lets_go(commands
 @given(COMMANDS, st.sampled_from([vehicles.FUSION.vehicle, vehicles.MKZ.vehicle]), st.integers(0, 3))
 def test_no_sequence_of_commands_through_ramp_delay_and_lag_looks_like_a_foot(commands, vehicle, phase):
     """The DBW controller's ramp, the actuator's delay and lag, a report every 20 ms, at any phase to the gateway."""
-    signs, brakes = DriverSigns(), Lagged(vehicle.brake_delay, vehicle.brake_lag, FINE)
+    signs, brakes = DriverSigns(vehicle), Lagged(vehicle.brake_delay, vehicle.brake_lag, FINE)
     ramped = reported = 0.0
     torques = spread(commands)
     for index, (before, torque) in enumerate(pairwise([0.0, *torques, *[0.0] * 50])):
@@ -83,28 +85,30 @@ def test_no_sequence_of_commands_through_ramp_delay_and_lag_looks_like_a_foot(co
 
 @given(st.floats(0.0, 3000.0), st.floats(UNASKED_TORQUE + 1.0, 3000.0))
 def test_a_foot_beyond_the_command_is_found_after_two_reports(commanded, foot):
-    signs = DriverSigns()
+    signs = DriverSigns(FUSION)
     for index in range(50):
         assert not signs.step(index * STEP, STEP, commanded, commanded, 0.0)
-    found = next(n for n in range(100) if signs.step((50 + n) * STEP, STEP, commanded, commanded + foot, math.nan))
+    found = next(
+        n for n in range(100) if signs.step((50 + n) * STEP, STEP, commanded, 1.15 * commanded + foot, math.nan)
+    )
     assert found * STEP == pytest.approx(UNASKED_TIME, abs=STEP)
 
 
 @given(st.floats(0.0, 3000.0), st.floats(-3000.0, UNASKED_TORQUE))
 def test_a_torque_that_is_hardly_more_or_less_is_nobodys(commanded, beyond):
-    signs = DriverSigns()
-    assert not any(signs.step(n * STEP, STEP, commanded, commanded + beyond - 1e-6, 0.0) for n in range(50))
+    signs = DriverSigns(FUSION)
+    assert not any(signs.step(n * STEP, STEP, commanded, 1.15 * commanded + beyond - 1e-6, 0.0) for n in range(50))
 
 
 def test_a_torque_that_is_not_reported_is_nobodys():
-    signs = DriverSigns()
+    signs = DriverSigns(FUSION)
     assert not any(signs.step(n * STEP, STEP, 0.0, math.nan, math.nan) for n in range(50))
     assert not signs.brakes_latched
 
 
 @pytest.mark.parametrize(("reported", "foot"), [(LATCH_TORQUE + 1.0, 0.0), (0.0, LATCH_TORQUE + 1.0)])
 def test_a_strong_foot_is_taken_to_have_the_brakes_until_the_next_engagement(reported, foot):
-    signs, latched = DriverSigns(), []
+    signs, latched = DriverSigns(FUSION), []
     for index in range(20):
         signs.step(index * STEP, STEP, 0.0, reported, foot)
         latched.append(signs.brakes_latched)
@@ -170,7 +174,7 @@ def coasting(monitor: SlowingMonitor, seconds: float = 2.0, speed: float = 10.0)
 def test_a_foot_on_a_coasting_car_is_found_by_the_speed_that_is_missing(foot):
     """The deficit grows by the deceleration less the margin and half as much drag again: SPEED_DEFICIT over that."""
     drag = 1.5 * CALIBRATION.drag(10.0) / CALIBRATION.mass
-    monitor = SlowingMonitor(CALIBRATION)
+    monitor = SlowingMonitor(FUSION, CALIBRATION)
     coasting(monitor)
     speeds = (10.0 - foot * STEP * (n + 1) for n in range(200))
     number = next(n for n, v in enumerate(speeds) if monitor.step(STEP, Pedals(0.0, 0.0), v, v, 0.0))
@@ -179,7 +183,7 @@ def test_a_foot_on_a_coasting_car_is_found_by_the_speed_that_is_missing(foot):
 
 
 def test_a_receiver_that_sees_no_deceleration_denies_the_foot():
-    monitor, wheels = SlowingMonitor(CALIBRATION), 10.0
+    monitor, wheels = SlowingMonitor(FUSION, CALIBRATION), 10.0
     coasting(monitor)
     for _ in range(10):
         wheels -= 1.5 * STEP
@@ -187,7 +191,7 @@ def test_a_receiver_that_sees_no_deceleration_denies_the_foot():
 
 
 def test_wheels_that_fall_to_zero_in_a_step_are_no_foot_without_a_receiver_either():
-    monitor = SlowingMonitor(CALIBRATION)
+    monitor = SlowingMonitor(FUSION, CALIBRATION)
     coasting(monitor)
     assert not any(monitor.step(STEP, Pedals(0.0, 0.0), 0.0, math.nan, 0.0) for _ in range(100))
 
@@ -199,7 +203,7 @@ WISHES = st.lists(st.tuples(st.floats(-3.5, 2.0), st.integers(10, 80)), min_size
 @given(WISHES, st.sampled_from([0.85, 1.0, 1.15]), st.sampled_from([0.9, 1.0, 1.1]), st.floats(-0.03, 0.03))
 def test_no_sequence_of_pedals_on_a_sound_car_looks_like_a_foot(wishes, mass_factor, gain_factor, grade):
     """Pedals by the plain model, through the plant's delays and lags; mass and brakes are not as calibrated."""
-    monitor = SlowingMonitor(CALIBRATION)
+    monitor = SlowingMonitor(FUSION, CALIBRATION)
     brakes = Lagged(FUSION.brake_delay, FUSION.brake_lag, FINE)
     engine = Lagged(vehicles.parameters().throttle_delay, CALIBRATION.drive_lag, FINE)
     speed, ramped, mass = 8.0, 0.0, CALIBRATION.mass * mass_factor

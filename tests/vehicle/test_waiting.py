@@ -73,7 +73,7 @@ def test_frozen_wheels_tell_no_speed_and_no_way_along_the_path():
     held = rig.gateway.measured_steering
     verdicts = rig.run(1.0, profile=profile)
     assert verdicts[-1].reasons[0] == "wheel_speeds_frozen"
-    assert verdicts[-1].brake_torque == pytest.approx(unknown_speed(rig, verdicts[-1].acceleration), rel=1e-9)
+    assert verdicts[-1].brake_torque >= unknown_speed(rig, verdicts[-1].acceleration) * (1.0 - 1e-9)
     assert [verdict.steering for verdict in verdicts[10:]] == pytest.approx([held] * 40, abs=1e-3)
 
 

@@ -136,10 +136,10 @@ class TerminationMonitor:
         return Outcome.STOPPED if state is ArmingState.ENGAGED else Outcome.FAULT
 
     def _name(self, station: float, state: ArmingState, reasons: Sequence[str]) -> Outcome:
-        if self.collided:
-            return Outcome.CONTACT
         if state is not ArmingState.ENGAGED and not DRIVER_SIGNS.isdisjoint(reasons):
             return Outcome.DRIVER
+        if self.collided:
+            return Outcome.CONTACT
         if state is not ArmingState.ENGAGED:
             return Outcome.FAULT
         return Outcome.ARRIVED if self.path_length - station < ARRIVAL_DISTANCE else Outcome.STOPPED

@@ -96,6 +96,7 @@ class LiveDrive:
         self._gateway_late = 0.0  # of its steps since the last tick, the worst [s]
         self._went_at: float | None = None
         self._outcome: Outcome | None = None
+        self._let_go = False  # the gateway has parked the car, or disarmed
         self._stop_reasons: tuple[str, ...] = ()  # the gateway's, which it no longer reports once it has let go
         self._status_sent_at = -math.inf
         self._clock_report: dict[str, Any] = {}
@@ -320,7 +321,9 @@ class LiveDrive:
     def _watch_for_the_end(self, now: float, done: CompletedTick) -> None:
         """Find the drive's outcome; its duration counts from the operator's go."""
         result, status = done.result, done.status
-        if status.state in ENDING:
+        self._let_go |= self._has_engaged and status.state is ArmingState.DISARMED
+        if status.state in ENDING and not self._let_go:
+            # A fault after the car was parked is none of the drive's.
             self._stop_reasons = status.reasons
         if self._outcome is not None or status.state not in COMMANDING | {ArmingState.FAULT}:
             return

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from vve_sumo.drive.reasons import in_words
 from vve_sumo.values import ArmingState
-from vve_sumo.vehicle.arming import WAITING
+from vve_sumo.vehicle.arming import COMMANDING, WAITING
 from vve_sumo.vehicle.observer import EXTERNAL
 
 #: a drive without a status message for this long counts as silent [s]
@@ -107,7 +107,7 @@ _DBW_BRAKES: Final = "nothing is commanded any more; the DBW watchdog brakes onl
 _ADVICE: Final = {
     SILENT: f"{_DBW_BRAKES}, shifts to P",
     GONE: f"{_DBW_BRAKES}, shifts to P",
-    BRAKES: "the driver brakes with the pedal, and with the parking brake; the gateway goes on asking for its brakes",
+    BRAKES: "the driver brakes with the pedal, and with the parking brake, and shifts to P",
     NEEDED: "the gateway is not sure that the car stands, or is in P: the driver holds it",
     ROLLS: "the driver has control and touches no pedal: brake to rest, shift to P",
     CONTROL: "nothing is commanded; drive, or brake to rest: the gateway ends by itself",
@@ -161,7 +161,7 @@ def _by_state(status: Mapping[str, Any], engaged: bool) -> str:
     rolls = state is ArmingState.STOPPED and "driver_needed" in reasons
     if "brake_not_following" in reasons and (rolls or state in (ArmingState.ENGAGED, ArmingState.STOPPING)):
         return BRAKES
-    if "driver_needed" in reasons and state in (ArmingState.STOPPING, ArmingState.STOPPED):
+    if "driver_needed" in reasons and state in COMMANDING and not in_shadow(status):
         return NEEDED
     if state is ArmingState.ENGAGED:
         return _engaged(status, reasons)

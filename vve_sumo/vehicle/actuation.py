@@ -76,9 +76,13 @@ class Actuation:
         force += self._calibration.drag(speed) - self._calibration.creep(speed)
         return self._pedals(force, speed, brakes_only)
 
-    def without_speed(self, deceleration: float) -> Pedals:
-        """Pedals for `deceleration` [m/s2] when the speed is not known: brakes alone, against full creep."""
-        force = self._calibration.mass * deceleration + self._calibration.creep_force
+    def without_speed(self, deceleration: float, grade: float) -> Pedals:
+        """Pedals for `deceleration` [m/s2] when the speed is not known: brakes alone, against full creep.
+
+        A downhill `grade` [rad, uphill positive] is braked against as well; an uphill one is not relied on.
+        """
+        downhill = min(max(-math.sin(grade), 0.0), HOLD_GRADE)
+        force = self._calibration.mass * (deceleration + GRAVITY * downhill) + self._calibration.creep_force
         self._torque = self._calibration.brake_torque(force)
         return Pedals(self._torque, 0.0)
 

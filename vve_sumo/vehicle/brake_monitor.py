@@ -31,6 +31,8 @@ SATELLITE_ROLL_SPEED: Final = (
     0.10  # of the receiver's averaged speed; a standing receiver's stays below half of it [m/s]
 )
 ROLL_TIME: Final = 0.1  # [s]
+# A body that rocks after a stop moves the receiver to and fro, so its speed has to last longer [s].
+SATELLITE_ROLL_TIME: Final = 0.3
 ACCELERATION_LAG: Final = 0.1  # of the measured acceleration [s]
 
 
@@ -113,12 +115,13 @@ class HoldMonitor:
 
     def __init__(self) -> None:
         self._stood = False
-        self._rolls_long = Debounce(ROLL_TIME)
+        self._rolls_long, self._moves_long = Debounce(ROLL_TIME), Debounce(SATELLITE_ROLL_TIME)
 
     def reset(self) -> None:
         """Forget the past: the gateway does not hold the car."""
         self._stood = False
         self._rolls_long.reset()
+        self._moves_long.reset()
 
     def step(self, now: float, held: bool, stands: bool, fastest_wheel: float, satellite: float) -> bool:
         """Return whether the car rolls off although it is `held`; that it `stands` is certain.
@@ -126,8 +129,9 @@ class HoldMonitor:
         `fastest_wheel` and the receiver's averaged speed `satellite` are in m/s, NaN where unknown. Either is enough.
         """
         self._stood = held and (self._stood or stands)
-        rolls = fastest_wheel > ROLL_SPEED or abs(satellite) > SATELLITE_ROLL_SPEED
-        return self._rolls_long.step(now, self._stood and rolls)
+        rolls = self._rolls_long.step(now, self._stood and fastest_wheel > ROLL_SPEED)
+        moves = self._moves_long.step(now, self._stood and abs(satellite) > SATELLITE_ROLL_SPEED)
+        return rolls or moves
 
 
 def added(excess: float, more: float) -> float:

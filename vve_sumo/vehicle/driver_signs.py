@@ -1,7 +1,7 @@
 """Finds a driver's foot in what the car does, where no module reports one: brake torque that nobody commanded.
 
 The brake torque that the car reports is another sender's than the brake module's own report, so both must fail before a
-foot goes unseen; what is left then is the car's motion (`response_monitor`). Decides nothing and commands nothing.
+foot goes unseen; what is left then is the car's motion (`slowing_monitor`). Decides nothing and commands nothing.
 """
 
 from __future__ import annotations
@@ -12,9 +12,10 @@ from typing import Final
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.setpoint_validation import Debounce
 
-# Torque beyond what was commanded that is somebody's foot [N m]: half of what a light touch asks for, and several times
-# the error of a brake controller that follows its request.
+# Torque beyond what was commanded that is somebody's foot [N m], and the share of the commanded torque that a brake
+# controller which is 10 % off may report beside it.
 UNASKED_TORQUE: Final = 200.0
+UNASKED_SHARE: Final = 0.15
 UNASKED_TIME: Final = 0.03  # for which it lasts: two reports of 50 Hz [s]
 # Fastest fall of a brake torque that is released [N m/s]: the simulated one takes 0.1 s from full, a real one longer.
 RELEASE_RATE: Final = 8000.0
@@ -53,7 +54,7 @@ class DriverSigns:
         the driver's pedal asks for by the brake module, NaN where that is not reported [N m].
         """
         self._explained = max(self._largest(now, commanded), self._explained - RELEASE_RATE * elapsed)
-        unasked = reported - self._explained
+        unasked = reported - (1.0 + UNASKED_SHARE) * self._explained
         strong = unasked > LATCH_TORQUE or foot > LATCH_TORQUE
         self.brakes_latched |= self._strong_long.step(now, strong)
         return self._unasked_long.step(now, unasked > UNASKED_TORQUE)

@@ -2,7 +2,7 @@
 
 Setpoints, report frames and the time are handed in: the module has no map, controller, bus or clock, and only the
 drive-by-wire interface encodes and decodes frames. Every fault that a step finds becomes a reason code, not an
-exception, and stops a commanded car, unless the driver has taken over.
+exception, and stops a commanded car, unless a driver who is seen has taken over.
 """
 
 from __future__ import annotations
@@ -68,8 +68,8 @@ _SPEED_UNKNOWN: Final = frozenset({"reports_inconsistent", "speed_mismatch", "wh
 _HELPLESS: Final = frozenset({"brake_not_following", "override_unconfirmed"})
 
 
-#: Faults while which it is not known what the car does.
-_UNHEARD: Final = frozenset({"brake_report_stale", "bus_down", "wheel_speeds_stale"})
+#: Faults while which it is not known how the car moves; of the gear that is no matter.
+_MOTION_UNHEARD: Final = frozenset({"brake_report_stale", "bus_down", "wheel_speeds_stale"})
 
 
 class OperatorCommand(enum.StrEnum):
@@ -270,7 +270,8 @@ class Gateway(Monitor):
         if latching:
             self._happen(now, Event.FAULT, latching)
         if self._state is ArmingState.FAULT:
-            alone = self._standstill.moves and not self._driver and "driver_override" in self._causes
+            taken = "driver_override" in self._causes
+            alone = taken and self._standstill.moves and not self._reports.attended(now)
             if self._unattended_long.step(now, alone and self._has_been_engaged):
                 self._notes.append("driver_needed")
             return
@@ -284,7 +285,7 @@ class Gateway(Monitor):
         # DBW controller has confirmed and its handshake time is over, every latched override counts.
         self._old_overrides = frozenset() if self._handover.settled(now) else self._old_overrides & overrides
         taken = overrides - self._old_overrides
-        if any(map(self._reports.confirmed, taken)) or (taken and self._response.driver_inferred):
+        if any(map(self._confirmed, taken)) or (taken and self._response.driver_inferred):
             self._happen(now, Event.OVERRIDE, ["driver_override", *faults])
             return
         if taken:
@@ -313,14 +314,24 @@ class Gateway(Monitor):
             self._notes += ["standstill_uncertain", "driver_needed"]
         self._call_the_driver(overrides, faults)
 
+    def _confirmed(self, override: str) -> bool:
+        """Whether something besides its own word confirms a module's override."""
+        if override == "gear":
+            # The gateway itself asks for drive before, and for park at rest.
+            gear, asked = self._reports.gear.gear, Gear.PARK if self._state is _STOPPED else Gear.DRIVE
+            return self._handover.in_drive and gear not in (Gear.DRIVE, asked)
+        return self._reports.confirmed(override)
+
     def _call_the_driver(self, overrides: frozenset[str], faults: list[str]) -> None:
         """Note that the gateway has no brakes, or does not hear the car, or that the car rolls though it is held."""
+        if self._shadow:
+            return
         latched = self._response.brakes_latched or "brake" in overrides - self._old_overrides
         if latched:
             self._notes.append("brakes_latched")
         # A car that is said to stand, and is not known to, may roll.
         helpless = latched or self._state is _STOPPED or not _HELPLESS.isdisjoint(self._causes)
-        helpless |= self._state is not _ENGAGED and not _UNHEARD.isdisjoint(faults)
+        helpless |= self._state is not _ENGAGED and not _MOTION_UNHEARD.isdisjoint(faults)
         if helpless and not self._standstill.certain and "driver_needed" not in self._notes:
             self._notes.append("driver_needed")
 
@@ -340,7 +351,7 @@ class Gateway(Monitor):
                 self._happen(now, Event.ENGAGE, [])
             case OperatorCommand.GO if self._state is ArmingState.ENGAGED and self._handover.going:
                 pass
-            case OperatorCommand.GO if self._state is ArmingState.ENGAGED and self._handover.may_go(self._driver):
+            case OperatorCommand.GO if self._may_go():
                 self._happen(now, Event.GO, [])
                 self._handover.going = True
             case OperatorCommand.GO:
@@ -356,6 +367,11 @@ class Gateway(Monitor):
                 self._notes.append("not_in_park")
             case OperatorCommand.DISARM:
                 self._happen(now, Event.DISARM, ["disarm_asked"])
+
+    def _may_go(self) -> bool:
+        """Whether a held car may be allowed to move: never without brakes."""
+        held = self._state is _ENGAGED and not self._response.brakes_latched
+        return held and self._handover.may_go(self._driver)
 
     def _happen(self, now: float, event: Event, causes: list[str]) -> None:
         """Apply `event` to the arming state, and keep the causes of what ends the drive."""
@@ -484,12 +500,23 @@ class Gateway(Monitor):
                 limiter.acceleration, self._reports.speed, self._grade(), self._elapsed, brakes_only=True
             )  # fmt: skip
         else:
-            pedals = self._actuation.without_speed(-limiter.acceleration)
+            pedals = self._brake_in_doubt(now)
         if weak and not self._standstill.certain:
             # Brakes that do not follow get the full torque at once.
             pedals = Pedals(self._torque_limit, 0.0)
         limited = self._steer_to_rest()
         return _Command(pedals, limiter.acceleration, limiter.steering, limited)
+
+    def _brake_in_doubt(self, now: float) -> Pedals:
+        """Pedals of a stop whose speed is not believed: as hard as by feedforward, or harder where the wheels ask."""
+        limiter, grade = self._limiter, self._grade()
+        blind = self._actuation.without_speed(-limiter.acceleration, grade)
+        if not self._reports.speed_known(now):
+            return blind
+        seen = self._actuation.step(
+            limiter.acceleration, self._reports.speed, grade, self._elapsed, brakes_only=True
+        )  # fmt: skip
+        return Pedals(max(blind.brake_torque, seen.brake_torque), 0.0)
 
     def _speed_believed(self, now: float) -> bool:
         """Whether the wheel speeds are known, above rest and not in doubt."""

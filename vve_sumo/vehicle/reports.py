@@ -35,6 +35,8 @@ FOOT_TORQUE: Final = 150.0  # that the driver's brake pedal asks for [N m]
 FOOT_OPENING: Final = 0.05  # that the driver's throttle pedal asks for, 0 to 1
 #: Torque of a driver on the steering wheel that confirms an override; an untouched wheel's friction gives less [N m].
 HAND_TORQUE: Final = 2.0
+IDLE_TORQUE: Final = 40.0  # less brake torque than this is nobody's braking [N m]; the lightest touch asks for 57
+STILL_TIME: Final = 2.0  # without a change by a bit for this long no foot is on a pedal [s]
 
 #: Reports that are read: the required ones, and where there is one the brake torque, in which a foot shows too.
 _READ: Final = REQUIRED | {BrakeTorque}
@@ -52,6 +54,7 @@ class CarReports:
         self._read = frozenset(number for number, kinds in facts.reports.items() if not _READ.isdisjoint(kinds))
         self._times: dict[type, float] = {}
         self._newest: dict[type, Report] = {}
+        self._changed: dict[type, float] = {}  # when each kind last said something new
         self.brake = BrakeState(enabled=False)
         self.throttle = ThrottleState(enabled=False)
         self.steering = SteeringState(math.nan, enabled=False)
@@ -94,6 +97,7 @@ class CarReports:
                         times[kind] = now
                         if newest.get(kind) is not report:
                             newest[kind] = report
+                            self._changed[kind] = now
                             self._store(now, report)
             elif number in self._commands:
                 troubles.append("another_writer")
@@ -166,10 +170,25 @@ class CarReports:
             return []
         return ["driver_on_brake"] * on_brake + ["driver_on_throttle"] * on_throttle
 
+    def attended(self, now: float) -> bool:
+        """Whether a foot is on a pedal, by a report that is fresh and not contradicted.
+
+        Brake torque of none contradicts a foot on the brake; a throttle pedal that has not moved by a bit of its sensor
+        for long is none that a foot is on.
+        """
+        brake, throttle = self.brake, self.throttle
+        torque = self.brake_torque(now)
+        on_brake = self.age(BrakeState, now) <= MAX_REPORT_AGE + TOLERANCE and not torque < IDLE_TORQUE
+        if on_brake and (brake.driver or brake.driver_torque > FOOT_TORQUE):
+            return True
+        on_throttle = throttle.driver or throttle.driver_opening > FOOT_OPENING
+        fresh = self.age(ThrottleState, now) <= MAX_REPORT_AGE + TOLERANCE
+        return on_throttle and fresh and now - self._changed.get(ThrottleState, -math.inf) < STILL_TIME
+
     def confirmed(self, override: str) -> bool:
         """Whether something besides the module's own word says that the driver caused its latched `override`.
 
-        A module whose interface reports nothing else is believed.
+        A module whose interface reports nothing else is believed. What confirms that of the shifter, the gateway knows.
         """
         match override:
             case "brake":
@@ -180,7 +199,7 @@ class CarReports:
                 torque = self.steering.driver_torque
                 return abs(torque) > HAND_TORQUE or torque != torque
             case _:
-                return self.gear.gear is not Gear.DRIVE
+                return False
 
     def brake_torque(self, now: float) -> float:
         """Brake torque that the car itself reports, of all wheels [N m]; NaN where it reports none that is fresh."""

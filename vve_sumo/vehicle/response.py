@@ -70,7 +70,8 @@ class ResponseMonitor:
         faults = self._brakes.step(elapsed, told, wheels, satellite, grade, brake.watchdog_braking)
         held = told.brake_torque >= self._holding_torque and not brake.watchdog_braking
         mean = math.nan if satellite != satellite else standstill.satellite_mean
-        if self._hold.step(now, held, standstill.certain, reports.fastest_wheel, mean):
+        stands = standstill.certain and standstill.at_rest
+        if self._hold.step(now, held, stands, reports.fastest_wheel, mean):
             faults.append("brake_not_following")
         faults += self._frozen(now, told, reports)
         unasked = self._signs.step(

@@ -61,7 +61,7 @@ class SlowingMonitor:
         self._torque = self._calibration.brake_torque_limit  # that may still brake [N m]
         self._opening = 0.0  # of the throttle that pushes by now, 0 to 1
         self._speeds: tuple[float, float] | None = None  # by wheels and receiver, a step ago
-        self._deficit = self._satellite_deficit = self._changed = 0.0
+        self._deficit = self._satellite_deficit = self._changed = self._satellite_changed = 0.0
         self._learnt = 0.0  # measured minus modelled acceleration [m/s2]
 
     def step(
@@ -71,7 +71,7 @@ class SlowingMonitor:
         before, self._speeds = self._speeds, (wheels, satellite)
         self._follow(elapsed, pedals)
         if before is None or elapsed <= 0.0 or not math.isfinite(wheels):
-            self._deficit = self._satellite_deficit = self._changed = 0.0
+            self._deficit = self._satellite_deficit = self._changed = self._satellite_changed = 0.0
             return False
         # Wheel speeds that fall faster than any car brakes have failed: what they lose beyond that is nobody's foot.
         gained = max(wheels - before[0], -MAX_BRAKING * elapsed)
@@ -80,7 +80,7 @@ class SlowingMonitor:
         self._satellite_deficit = added(self._satellite_deficit, allowed - (satellite - before[1]))
         # One of two speeds alone points at locked wheels or a wrong receiver, not at a foot.
         confirmed = self._satellite_deficit > SATELLITE_DEFICIT or not math.isfinite(satellite)
-        changed = self._differs_from_before(elapsed, gained, wheels, grade)
+        changed = self._differs_from_before(elapsed, (gained, satellite - before[1]), wheels, grade)
         return (self._deficit > SPEED_DEFICIT and confirmed) or changed
 
     def _follow(self, elapsed: float, pedals: Pedals) -> None:
@@ -99,17 +99,22 @@ class SlowingMonitor:
         force -= DRAG_SHARE * calibration.drag(speed) + BRAKE_SHARE * calibration.brake_force(self._torque)
         return force / calibration.mass - GRAVITY * math.sin(grade) - DECELERATION_MARGIN
 
-    def _differs_from_before(self, elapsed: float, gained: float, speed: float, grade: float) -> bool:
-        """Return whether the car has begun to lose more speed than it did, by model and what was learnt of it."""
-        calibration = self._calibration
+    def _differs_from_before(self, elapsed: float, gained: tuple[float, float], speed: float, grade: float) -> bool:
+        """Return whether the car has begun to lose more speed than it did, by model and what was learnt of it.
+
+        `gained` is the change of `speed` [m/s] by the wheels and by the receiver, NaN where that is not known.
+        """
+        calibration, (wheels, satellite) = self._calibration, gained
         if not speed > LEARNING_SPEED:
-            self._changed = 0.0
+            self._changed = self._satellite_changed = 0.0
             return False
         push = calibration.drive_force(self._opening, speed) / calibration.mass
         braking = calibration.brake_force(self._torque) / calibration.mass
         drag = (calibration.drag(speed) - calibration.creep(speed)) / calibration.mass
-        surplus = gained / elapsed - (push - braking - drag - GRAVITY * math.sin(grade))
-        missing = self._learnt - surplus - CHANGE_MARGIN - CHANGE_SHARE * (push + braking)
-        self._changed = added(self._changed, missing * elapsed)
-        self._learnt += (surplus - self._learnt) * elapsed / (LEARNING_TIME + elapsed)
-        return self._changed > CHANGE_DEFICIT
+        modelled = push - braking - drag - GRAVITY * math.sin(grade)
+        least = modelled + self._learnt - CHANGE_MARGIN - CHANGE_SHARE * (push + braking)
+        self._changed = added(self._changed, least * elapsed - wheels)
+        self._satellite_changed = added(self._satellite_changed, least * elapsed - satellite)
+        self._learnt += (wheels / elapsed - modelled - self._learnt) * elapsed / (LEARNING_TIME + elapsed)
+        confirmed = self._satellite_changed > SATELLITE_DEFICIT or not math.isfinite(satellite)
+        return self._changed > CHANGE_DEFICIT and confirmed
