@@ -56,6 +56,7 @@ class BrakeMonitor:
         self._push = 0.0  # acceleration by the engine that there may still be [m/s2]
         self._acceleration = 0.0  # measured [m/s2]
         self._speeds: tuple[float, float] | None = None  # by wheels and receiver, a step ago
+        self._by_wheels = True
         self._excess = self._satellite_excess = 0.0
 
     def step(
@@ -66,6 +67,10 @@ class BrakeMonitor:
         Where the DBW controller brakes by itself (`others_brake`), how hard it does is not known: the car may only not
         gain speed.
         """
+        by_wheels = math.isfinite(wheels)
+        if by_wheels is not self._by_wheels:
+            self._by_wheels, self._speeds = by_wheels, None
+        wheels = wheels if by_wheels else satellite  # without wheels the receiver is all there is
         before, self._speeds = self._speeds, (wheels, satellite)
         self._follow(elapsed, pedals)
         if before is None or elapsed <= 0.0 or not wheels > MIN_SPEED:

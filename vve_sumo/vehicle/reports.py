@@ -36,7 +36,7 @@ FOOT_OPENING: Final = 0.05  # that the driver's throttle pedal asks for, 0 to 1
 #: Torque of a driver on the steering wheel that confirms an override; an untouched wheel's friction gives less [N m].
 HAND_TORQUE: Final = 2.0
 IDLE_TORQUE: Final = 40.0  # less brake torque than this is nobody's braking [N m]; the lightest touch asks for 57
-STILL_TIME: Final = 2.0  # without a change by a bit for this long no foot is on a pedal [s]
+STILL_TIME: Final = 0.5  # a throttle report without a change by a bit for this long shows no foot [s]
 
 #: Reports that are read: the required ones, and where there is one the brake torque, in which a foot shows too.
 _READ: Final = REQUIRED | {BrakeTorque}
