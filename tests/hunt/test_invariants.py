@@ -13,7 +13,7 @@ from vve_sumo.hunt.episode import RoadConditions
 from vve_sumo.hunt.invariants import Judges, Tolerances, Violation
 from vve_sumo.hunt.simulation import Simulation
 from vve_sumo.hunt.truth import TruthSample
-from vve_sumo.live.wording import BRAKES, CONTROL, DRIVING, HELD
+from vve_sumo.live.wording import BRAKES, CONTROL, DRIVING, HELD, ROLLS
 from vve_sumo.values import ArmingState, Point, Pose
 from vve_sumo.vehicle.interface import HANDS_OFF, ActuationCommand, DriverInputs, Gear
 
@@ -51,13 +51,15 @@ def sample(time: float, **changes: Any) -> TruthSample:
     return TruthSample(time, **usual | changes)
 
 
-def judged(differs: Differs, seconds: float, outcome: Outcome | None = None) -> list[Violation]:
+def judged(
+    differs: Differs, seconds: float, outcome: Outcome | None = None, reasons: tuple[str, ...] = ()
+) -> list[Violation]:
     drive = Simulation(course(), RoadConditions(), 1)
     judges = Judges(drive.rig, drive.parameters, drive.resolved.model.limits, Tolerances())
     judges.went()
     for tick in range(round(seconds / PERIOD)):
         judges.step(sample(tick * PERIOD, **differs(tick * PERIOD)))
-    judges.end(seconds, outcome)
+    judges.end(seconds, outcome, reasons)
     return judges.violations
 
 
@@ -137,7 +139,10 @@ def test_the_speed_limit_holds_but_for_a_stuck_throttle_or_a_foot_on_it() -> Non
 def test_the_body_stays_in_the_lot() -> None:
     outside = {"pose": pose(place=(944.0, 0.0))}
     assert names(judged(lambda time: outside, 1.0)) == ["inside_lot"]
-    assert judged(lambda time: outside | {"driver": DriverInputs(steering_torque=6.0)}, 1.0) == []
+    turned = {"driver": DriverInputs(steering_torque=6.0)}
+    assert judged(lambda time: outside | turned | {"state": ArmingState.FAULT}, 1.0) == []
+    # The gateway goes on commanding: nobody has taken the car over, whatever they touch.
+    assert names(judged(lambda time: outside | turned, 1.0)) == ["inside_lot"]
     # Nose over the edge: the rear axle is inside.
     assert names(judged(lambda time: {"pose": pose(place=(938.5, 0.0))}, 1.0)) == ["inside_lot"]
 
@@ -158,14 +163,49 @@ def test_a_car_that_is_let_go_with_no_driver_counts_as_being_stopped() -> None:
     def let_go(time: float) -> dict[str, Any]:
         return {"state": ArmingState.FAULT, "phase": CONTROL} if time > 1.0 else {}
 
+    def after_a_lever_that_was_refused(time: float) -> dict[str, Any]:
+        lever = {"driver": DriverInputs(gear=Gear.PARK)} if time < 0.06 else {}
+        return lever | ({"state": ArmingState.FAULT, "phase": CONTROL} if time > 2.0 else {})
+
+    def taken_over(time: float) -> dict[str, Any]:
+        return let_go(time) | {"driver": FIRM_FOOT if 0.9 < time < 1.5 else HANDS_OFF}
+
     assert "stops_in_bound" in names(judged(let_go, 20.0))
+    assert "stops_in_bound" in names(judged(after_a_lever_that_was_refused, 20.0))
+    assert "stops_in_bound" not in names(judged(taken_over, 20.0))
+
+
+def test_a_car_that_was_let_go_and_moves_with_no_foot_calls_the_driver() -> None:
+    def let_go(speed: float, alarm: str = CONTROL, at: float = 2.3) -> Differs:
+        def differs(time: float) -> dict[str, Any]:
+            foot = FIRM_FOOT if time < 1.0 else HANDS_OFF
+            if time < 0.1:
+                return {"driver": foot}
+            return {
+                "state": ArmingState.FAULT,
+                "phase": alarm if time > at else CONTROL,
+                "driver": foot,
+                "pose": pose(speed),
+            }
+
+        return differs
+
+    assert names(judged(let_go(1.0), 2.4)) == []
+    (violation,) = judged(let_go(1.0), 4.0)
+    assert (violation.invariant, violation.time) == ("unattended_alarms", pytest.approx(2.52, abs=0.03))
+    assert judged(let_go(1.0, ROLLS), 4.0) == []
+    assert names(judged(let_go(1.0, ROLLS, 2.7), 4.0)) == ["unattended_alarms"]
+    assert judged(let_go(0.2), 4.0) == []
+    # A car that was never driven is its driver's.
+    never = {"state": ArmingState.FAULT, "went": False, "driver": FIRM_FOOT}
+    assert judged(lambda time: never | ({"driver": HANDS_OFF} if time > 0.1 else {}), 4.0) == []
 
 
 def test_nobody_is_told_that_a_driver_who_touched_nothing_has_control() -> None:
     told = {"state": ArmingState.FAULT, "phase": CONTROL}
     assert names(judged(lambda time: told, 1.0)) == ["told_control"]
     assert judged(lambda time: told | {"driver": FIRM_FOOT if time < 0.4 else HANDS_OFF}, 1.0) == []
-    assert judged(lambda time: told | {"pose": pose(0.0)}, 1.0) == []
+    assert names(judged(lambda time: told | {"pose": pose(0.0)}, 1.0)) == ["told_control"]
 
 
 def test_nobody_is_told_driving_of_a_car_whose_module_is_off() -> None:
@@ -206,6 +246,8 @@ def test_a_drive_into_which_the_driver_stepped_does_not_end_as_stopped() -> None
     def foot(until: float) -> Differs:
         return lambda time: {"driver": FOOT if 1.0 < time < until else HANDS_OFF}
 
-    assert names(judged(foot(2.0), 3.0, Outcome.STOPPED)) == ["honest_verdict"]
+    for outcome in (Outcome.STOPPED, Outcome.ARRIVED, Outcome.COMPLETED, Outcome.TIMEOUT):
+        assert names(judged(foot(2.0), 3.0, outcome, ("end_contact",))) == ["honest_verdict"]
+        assert judged(foot(2.0), 3.0, outcome, ("driver_on_brake",)) == []
     assert judged(foot(2.0), 3.0, Outcome.DRIVER) == []
     assert judged(foot(1.2), 3.0, Outcome.STOPPED) == []

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Final, NamedTuple, Protocol
 
@@ -25,8 +26,8 @@ from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig
 from vve_sumo.timing import NOTICED, PERIOD, SETPOINT_LIFETIME
 from vve_sumo.values import ArmingState, Vehicle
-from vve_sumo.vehicle.arming import COMMANDING
-from vve_sumo.vehicle.gateway import OperatorCommand
+from vve_sumo.vehicle.arming import COMMANDING, DRIVER_SIGNS
+from vve_sumo.vehicle.gateway import UNATTENDED_TIME
 from vve_sumo.vehicle.interface import PEDAL_REST, DriverInputs, Gear, load
 from vve_sumo.vehicle.limits import Limits
 
@@ -38,10 +39,16 @@ OVERRIDE: Final = 0.07
 STEERS: Final = 3.0
 #: the same with which a hand lies on it; an untouched wheel has less [N m]
 HAND: Final = 1.5
+#: a gateway that lets go so soon after the driver's last act does so because of it [s]
+ACT_TIME: Final = 1.0
+#: a car that truly moves faster than this with nobody at the pedals is unattended [m/s]; the gateway's own is less
+UNATTENDED_SPEED: Final = 0.3
 #: a car that truly moves slower than this stands [m/s]; wheel speeds resolve no less
 REST: Final = 0.05
 #: a throttle that is commanded less than this is closed
 CLOSED: Final = 1e-6
+#: outcomes of a drive that nothing disturbed; its criteria alone fail it
+UNTROUBLED: Final = frozenset({Outcome.STOPPED, Outcome.ARRIVED, Outcome.COMPLETED, Outcome.TIMEOUT})
 #: kinds of faults that touch what the car reports of the driver's foot: the foot is then seen by its effect alone
 BLINDING: Final = frozenset(
     {
@@ -89,6 +96,8 @@ class Tolerances:
     stop_margin: float = 0.5
     #: a car that is told to be driven may be without an enabled module for so long [s]
     told_time: float = 0.5
+    #: a car that was let go may move with no foot on a pedal for so long without an alarm [s]
+    unattended_time: float = UNATTENDED_TIME + 0.5
     #: lateral acceleration that steering commands may gain in a second beyond the lateral jerk that is allowed [m/s2]
     lateral_excess: float = 0.5
     #: steering rate of the commands over the limit [share]
@@ -130,27 +139,47 @@ def takes_over(driver: DriverInputs) -> bool:
     return pedals >= PEDAL_REST + OVERRIDE or abs(driver.steering_torque) >= STEERS or driver.gear is not Gear.NONE
 
 
+def acts(driver: DriverInputs) -> bool:
+    """Whether the driver does anything: a foot on a pedal, a hand on the wheel, the gear lever."""
+    hand = abs(driver.steering_torque) >= HAND
+    return hand or takes_over(driver) or foot_on_brake(driver) or foot_on_throttle(driver)
+
+
+def steps_in(sample: TruthSample) -> bool:
+    """Whether the driver acts on the car: a foot, a hand that turns the wheel, a lever that has moved the gear."""
+    driver = sample.driver
+    shifted = driver.gear is not Gear.NONE and sample.gear is driver.gear is not Gear.DRIVE
+    foot = foot_on_brake(driver) or foot_on_throttle(driver)
+    return foot or abs(driver.steering_torque) >= STEERS or shifted
+
+
 def alarmed(sample: TruthSample) -> bool:
     """Whether the alarm calls the driver."""
     return sample.phase in ALARMS or sample.phase == NEEDED
 
 
 class Driven:
-    """Whether the driver has taken the car over for good; from then on it is no longer the gateway's."""
+    """Whether a driver has the car: the gateway has let go of it, and the driver has acted.
+
+    What a driver does while the gateway goes on commanding takes nothing from the gateway.
+    """
 
     def __init__(self) -> None:
         self.taken = False
-        self.acted_at = -math.inf
+        self.touched = False  #: anything, since the drive began
+        self.acted_at = -math.inf  #: last time of an act [s]
+        self._commanded = False
 
     def step(self, sample: TruthSample) -> None:
         """Take a tick."""
-        hand = abs(sample.driver.steering_torque) >= HAND
-        if hand or takes_over(sample.driver) or foot_on_brake(sample.driver):
-            self.acted_at = sample.time
-        if takes_over(sample.driver):
-            self.taken = True
-        if sample.went and sample.said is OperatorCommand.GO and sample.state is ArmingState.ENGAGED:
+        commanded, now = sample.state in COMMANDING, sample.time
+        if commanded:
+            self.touched &= self._commanded  # another drive: what was done in the one before is over
             self.taken = False
+        self._commanded = commanded
+        if acts(sample.driver):
+            self.acted_at, self.touched = now, True
+        self.taken |= sample.state is ArmingState.FAULT and now - self.acted_at < ACT_TIME
 
 
 @dataclass(slots=True)
@@ -295,7 +324,7 @@ class StopsInBound:
         stopping = sample.state is ArmingState.STOPPING
         let_go = self._commanded and sample.state is ArmingState.FAULT
         self._commanded |= sample.state in COMMANDING
-        driver = self.driven.acted_at > sample.time - 1.0 or self.driven.taken
+        driver = self.driven.acted_at > sample.time - ACT_TIME or self.driven.taken
         if not (stopping or let_go) or driver:
             self._bound = None
             return None
@@ -353,7 +382,7 @@ class ToldDriving:
 
 @dataclass(slots=True)
 class ToldControl:
-    """Nobody is told that the driver has control of a moving car that no driver has touched."""
+    """Nobody is told that the driver has control of a car that no driver has touched, be it moving or at rest."""
 
     tolerances: Tolerances
     driven: Driven
@@ -363,8 +392,7 @@ class ToldControl:
 
     def step(self, sample: TruthSample) -> str | None:
         """Take a tick."""
-        touched = self.driven.taken or self.driven.acted_at > -math.inf
-        if sample.phase != CONTROL or touched or abs(sample.pose.speed) < REST:
+        if sample.phase != CONTROL or self.driven.touched:
             self._since = None
             return None
         if self._since is None:
@@ -374,6 +402,39 @@ class ToldControl:
         if late <= self.tolerances.told_time:
             return None
         return f"told {CONTROL!r} at {sample.pose.speed:.1f} m/s, and nobody touched anything"
+
+
+@dataclass(slots=True)
+class UnattendedAlarms:
+    """A car that the gateway has let go of, and that moves with no foot on a pedal, calls the driver."""
+
+    tolerances: Tolerances
+    name: ClassVar[str] = "unattended_alarms"
+    margin: float = 1.0
+    _commanded: bool = False
+    _let_go: bool = False
+    _since: float | None = None
+
+    def step(self, sample: TruthSample) -> str | None:
+        """Take a tick."""
+        fault = sample.state is ArmingState.FAULT
+        self._let_go = fault and (self._let_go or self._commanded)
+        self._commanded = sample.state in COMMANDING
+        foot = foot_on_brake(sample.driver) or foot_on_throttle(sample.driver)
+        if not self._let_go or foot or abs(sample.pose.speed) <= UNATTENDED_SPEED:
+            self._since = None
+            return None
+        if self._since is None:
+            self._since = sample.time
+        if alarmed(sample):
+            return None
+        late = sample.time - self._since
+        # A gateway that takes its time to the last moment is far from breaking this: only the excess counts.
+        excess = (late - UNATTENDED_TIME) / (self.tolerances.unattended_time - UNATTENDED_TIME)
+        self.margin = min(self.margin, 1.0 - max(excess, 0.0))
+        if late <= self.tolerances.unattended_time:
+            return None
+        return f"{abs(sample.pose.speed):.1f} m/s with no foot on a pedal for {late:.1f} s, and no alarm"
 
 
 @dataclass(slots=True)
@@ -406,7 +467,7 @@ class HeldStands:
     def step(self, sample: TruthSample) -> str | None:
         """Take a tick."""
         held = sample.state is ArmingState.STOPPED or sample.phase == HELD or "waiting_for_go" in sample.reasons
-        if not held or alarmed(sample) or self.driven.acted_at > sample.time - 1.0:
+        if not held or alarmed(sample) or self.driven.acted_at > sample.time - ACT_TIME:
             self._rolled, self._since = 0.0, None
             return None
         self._rolled += abs(sample.pose.speed) * PERIOD
@@ -460,7 +521,7 @@ class SteeringCommands:
 
 @dataclass(slots=True)
 class HonestVerdict:
-    """A drive into which the driver had to step never ends as if nothing had been."""
+    """A drive into which the driver had to step never ends as if nothing had been: its reasons say who did."""
 
     name: ClassVar[str] = "honest_verdict"
     margin: float = 1.0
@@ -469,9 +530,9 @@ class HonestVerdict:
 
     def step(self, sample: TruthSample) -> str | None:
         """Take a tick."""
-        acts = takes_over(sample.driver) or foot_on_brake(sample.driver)
+        acted = steps_in(sample)
         driven = sample.went and sample.state in COMMANDING and abs(sample.pose.speed) > 0.5
-        if not (acts and (driven or self._since is not None)):
+        if not (acted and (driven or self._since is not None)):
             self._since = None
             return None
         if self._since is None:
@@ -479,11 +540,11 @@ class HonestVerdict:
         self.stepped_in |= sample.time - self._since > 0.5
         return None
 
-    def judge(self, outcome: Outcome | None) -> str | None:
-        """Return what is wrong with an outcome."""
-        if self.stepped_in and outcome in (Outcome.STOPPED, Outcome.ARRIVED, Outcome.COMPLETED):
+    def judge(self, outcome: Outcome | None, reasons: Sequence[str]) -> str | None:
+        """Return what is wrong with an outcome and the drive's reasons, by which a drive's criteria fail."""
+        if self.stepped_in and outcome in UNTROUBLED and DRIVER_SIGNS.isdisjoint(reasons):
             self.margin = 0.0
-            return f"outcome {outcome.value} though the driver had to step in"
+            return f"outcome {outcome.value} though the driver had to step in, and no reason says so"
         return None
 
 
@@ -495,6 +556,7 @@ ALL: Final = (
     StopsInBound,
     ToldDriving,
     ToldControl,
+    UnattendedAlarms,
     NoParkWhileMoving,
     HeldStands,
     SteeringCommands,
@@ -520,6 +582,7 @@ class Judges:
             StopsInBound(weakest, max(-math.sin(parameters.grade), 0.0), tolerances, self._driven),
             ToldDriving(tolerances),
             ToldControl(tolerances, self._driven),
+            UnattendedAlarms(tolerances),
             NoParkWhileMoving(),
             HeldStands(tolerances, self._driven),
             SteeringCommands(vehicle, limits, tolerances),
@@ -540,9 +603,9 @@ class Judges:
         """The go was given before the first tick that is judged."""
         self._foot.began_driven()
 
-    def end(self, time: float, outcome: Outcome | None) -> None:
-        """Judge how the drive ended."""
-        if (text := self._verdict.judge(outcome)) is not None:
+    def end(self, time: float, outcome: Outcome | None, reasons: Sequence[str]) -> None:
+        """Judge how the drive ended, by its outcome and the reasons of that moment."""
+        if (text := self._verdict.judge(outcome, reasons)) is not None:
             self.violations.append(Violation(self._verdict.name, time, text))
 
     @property

@@ -193,6 +193,7 @@ class Simulation:
         self.number = 0  #: of the next tick
         self.moved = math.nan  #: drive time at which the car first moved [s]
         self.outcome: Outcome | None = None  #: that the drive would have by now
+        self.ended_because: tuple[str, ...] = ()  #: reasons of the gateway at that outcome
         self.s = math.nan  #: distance along the path [m]
         self.asked = math.nan  #: acceleration that the setpoint asks for [m/s2]
 
@@ -256,7 +257,8 @@ class Simulation:
         outcome = self._termination.step(
             now, truth.speed, self.s, self._status.state, self._status.reasons, contact, ahead
         )
-        self.outcome = self.outcome or outcome
+        if self.outcome is None and outcome is not None:
+            self.outcome, self.ended_because = outcome, tuple(self._status.reasons)
 
     def _sample(self, now: float, truth: Pose) -> TruthSample:
         status, command, car = self._status, self._witness.command, self._car
