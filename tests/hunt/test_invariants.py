@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -46,7 +47,7 @@ def sample(time: float, **changes: Any) -> TruthSample:
         "phase": DRIVING,
         "said": None,
         "went": True,
-        "due": frozenset(),
+        "due": {},
     }
     return TruthSample(time, **usual | changes)
 
@@ -71,7 +72,7 @@ def test_a_steady_drive_breaks_nothing() -> None:
     assert judged(lambda time: {"command": command(0.1)}, 10.0, Outcome.STOPPED) == []
 
 
-def pressed(until: float, closed_at: float, foot: DriverInputs = FIRM_FOOT, due: str = "none") -> Differs:
+def pressed(until: float, closed_at: float, foot: DriverInputs = FIRM_FOOT, *due: str) -> Differs:
     """The foot is on the brake from 1 s on, until a time; the throttle is closed at another."""
 
     def differs(time: float) -> dict[str, Any]:
@@ -79,7 +80,7 @@ def pressed(until: float, closed_at: float, foot: DriverInputs = FIRM_FOOT, due:
         return {
             "driver": foot if 1.0 <= time < until else HANDS_OFF,
             "command": command(opening),
-            "due": frozenset({due}),
+            "due": dict.fromkeys(due, math.nan),
         }
 
     return differs
@@ -88,16 +89,65 @@ def pressed(until: float, closed_at: float, foot: DriverInputs = FIRM_FOOT, due:
 @pytest.mark.parametrize(
     ("closed_at", "foot", "due", "broken"),
     [
-        (1.16, FIRM_FOOT, "none", False),
-        (1.30, FIRM_FOOT, "none", True),
-        (1.30, FOOT, "none", True),
-        (1.50, FOOT, "brake_report_frozen", False),
-        (1.70, FOOT, "brake_report_frozen", True),
-        (1.30, FIRM_FOOT, "brake_report_frozen", True),
+        (1.16, FIRM_FOOT, (), False),
+        (1.30, FIRM_FOOT, (), True),
+        (1.30, FOOT, (), True),
+        (1.50, FOOT, ("brake_report_frozen",), False),
+        (1.70, FOOT, ("brake_report_frozen",), True),
+        (1.30, FIRM_FOOT, ("brake_report_frozen",), True),
+        (1.30, FOOT, ("brake_driver_bits_zero",), True),
+        (1.30, FOOT, ("throttle_report_frozen",), True),
+        (1.45, FIRM_FOOT, ("brake_report_frozen", "brake_torque_frozen"), False),
+        (1.60, FIRM_FOOT, ("brake_report_frozen", "brake_torque_frozen"), True),
+        (9.00, FOOT, ("brake_report_frozen", "brake_torque_frozen"), False),
     ],
 )
-def test_a_foot_closes_the_throttle_in_time(closed_at: float, foot: DriverInputs, due: str, broken: bool) -> None:
-    assert names(judged(pressed(4.0, closed_at, foot, due), 3.0)) == ["foot_closes_throttle"] * broken
+def test_a_foot_closes_the_throttle_in_time(
+    closed_at: float, foot: DriverInputs, due: tuple[str, ...], broken: bool
+) -> None:
+    assert names(judged(pressed(4.0, closed_at, foot, *due), 3.0)) == ["foot_closes_throttle"] * broken
+
+
+def test_a_fault_that_is_over_excuses_no_later_foot() -> None:
+    def after_the_fault(time: float) -> dict[str, Any]:
+        return pressed(4.0, 1.5, FOOT)(time) | {"due": {"reports_old": 0.4} if time < 0.9 else {}}
+
+    assert names(judged(after_the_fault, 3.0)) == ["foot_closes_throttle"]
+
+
+@pytest.mark.parametrize(("scale", "broken"), [(0.5, False), (1.5, True)])
+def test_torque_that_tells_of_more_than_there_is_hides_no_foot(scale: float, broken: bool) -> None:
+    due = {"brake_torque_scaled": scale}
+    assert names(judged(lambda time: pressed(4.0, 1.5, FOOT)(time) | {"due": due}, 3.0)) == (
+        ["foot_closes_throttle"] * broken
+    )
+
+
+@pytest.mark.parametrize(
+    ("closed_at", "pedal", "due", "broken"),
+    [
+        (1.16, 0.2, (), False),
+        (1.30, 0.2, (), True),
+        (1.30, 0.2, ("throttle_driver_bits_zero",), True),
+        (1.30, 0.2, ("brake_report_frozen",), True),
+        (9.00, 0.185, ("throttle_driver_bits_zero",), False),
+        (9.00, 0.2, ("throttle_report_frozen",), False),
+    ],
+)
+def test_a_foot_on_the_throttle_closes_it_too(
+    closed_at: float, pedal: float, due: tuple[str, ...], broken: bool
+) -> None:
+    foot = DriverInputs(throttle_pedal=pedal)
+    assert names(judged(pressed(4.0, closed_at, foot, *due), 3.0)) == ["foot_on_throttle"] * broken
+
+
+def test_the_throttle_stays_closed_after_a_foot_on_it_until_a_new_go() -> None:
+    def opens_again(time: float) -> dict[str, Any]:
+        foot = DriverInputs(throttle_pedal=0.2)
+        return pressed(1.5, 1.1, foot)(time) | {"command": command(0.3 if time > 2.0 or time < 1.1 else 0.0)}
+
+    assert names(judged(opens_again, 3.0)) == ["foot_on_throttle"]
+    assert judged(lambda time: opens_again(time) | {"went": not 1.7 < time < 1.9}, 3.0) == []
 
 
 def test_the_throttle_stays_closed_once_the_foot_has_lifted_until_a_new_go() -> None:
@@ -132,7 +182,7 @@ def test_the_speed_limit_holds_but_for_a_stuck_throttle_or_a_foot_on_it() -> Non
     fast = {"pose": pose(13.6)}
     assert names(judged(lambda time: fast, 1.0)) == ["speed_limit"]
     assert judged(lambda time: {"pose": pose(13.4)}, 1.0) == []
-    assert judged(lambda time: fast | {"due": frozenset({"drive_unasked"})}, 1.0) == []
+    assert judged(lambda time: fast | {"due": {"drive_unasked": 0.1}}, 1.0) == []
     assert judged(lambda time: fast | {"driver": DriverInputs(throttle_pedal=0.3), "went": False}, 1.0) == []
 
 
@@ -192,7 +242,8 @@ def test_a_car_that_was_let_go_and_moves_with_no_foot_calls_the_driver() -> None
 
     assert names(judged(let_go(1.0), 2.4)) == []
     (violation,) = judged(let_go(1.0), 4.0)
-    assert (violation.invariant, violation.time) == ("unattended_alarms", pytest.approx(2.52, abs=0.03))
+    assert violation.invariant == "unattended_alarms"
+    assert 2.48 < violation.time < 2.56
     assert judged(let_go(1.0, ROLLS), 4.0) == []
     assert names(judged(let_go(1.0, ROLLS, 2.7), 4.0)) == ["unattended_alarms"]
     assert judged(let_go(0.2), 4.0) == []

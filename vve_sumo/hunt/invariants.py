@@ -33,8 +33,6 @@ from vve_sumo.vehicle.limits import Limits
 
 #: a pedal this far from rest has a foot on it; the least that a DBW controller calls activity [fraction]
 FOOT: Final = 0.03
-#: a brake pedal this far from rest takes over by itself on the shipped interface [fraction]
-OVERRIDE: Final = 0.07
 #: torque on the steering wheel with which a driver has taken it [N m]
 STEERS: Final = 3.0
 #: the same with which a hand lies on it; an untouched wheel has less [N m]
@@ -49,25 +47,17 @@ REST: Final = 0.05
 CLOSED: Final = 1e-6
 #: outcomes of a drive that nothing disturbed; its criteria alone fail it
 UNTROUBLED: Final = frozenset({Outcome.STOPPED, Outcome.ARRIVED, Outcome.COMPLETED, Outcome.TIMEOUT})
-#: kinds of faults that touch what the car reports of the driver's foot: the foot is then seen by its effect alone
+#: kinds of faults that touch what the car reports of a foot on the brake: it is then seen by its effect alone
 BLINDING: Final = frozenset(
-    {
-        "brake_report_frozen",
-        "throttle_report_frozen",
-        "reports_stale",
-        "bus_silent",
-        "brake_driver_bits_zero",
-        "brake_torque_frozen",
-        "brake_torque_scaled",
-        "reports_old",
-    }
+    {"brake_report_frozen", "reports_stale", "bus_silent", "brake_torque_frozen", "brake_torque_scaled", "reports_old"}
 )
-
-
 #: kinds that hide a foot in the brake module's report, and in the brake torque that the car reports: where one of each
 #: is due, a foot shows in the car's motion alone
 HIDE_PEDAL: Final = frozenset({"brake_report_frozen", "reports_old"})
 HIDE_TORQUE: Final = frozenset({"brake_torque_frozen", "brake_torque_scaled", "reports_old"})
+#: a module that hides the driver's bits still tells where the pedal is: from here on, 172 N m and 6 % of the throttle,
+#: that is more than the gateway takes for a pedal at rest [fraction]
+SHOWN_PEDAL: Final = 0.19
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,16 +123,15 @@ def foot_on_throttle(driver: DriverInputs) -> bool:
     return driver.throttle_pedal >= PEDAL_REST + FOOT - 1e-9
 
 
-def takes_over(driver: DriverInputs) -> bool:
-    """Whether the driver acts so that a DBW controller lets go."""
-    pedals = max(driver.brake_pedal, driver.throttle_pedal)
-    return pedals >= PEDAL_REST + OVERRIDE or abs(driver.steering_torque) >= STEERS or driver.gear is not Gear.NONE
-
-
 def acts(driver: DriverInputs) -> bool:
     """Whether the driver does anything: a foot on a pedal, a hand on the wheel, the gear lever."""
-    hand = abs(driver.steering_torque) >= HAND
-    return hand or takes_over(driver) or foot_on_brake(driver) or foot_on_throttle(driver)
+    hand = abs(driver.steering_torque) >= HAND or driver.gear is not Gear.NONE
+    return hand or foot_on_brake(driver) or foot_on_throttle(driver)
+
+
+def hiding(sample: TruthSample) -> frozenset[str]:
+    """Return the kinds of faults that are due now; scaled torque that tells of more than there is hides nothing."""
+    return frozenset(kind for kind, value in sample.due.items() if kind != "brake_torque_scaled" or value < 1.0)
 
 
 def steps_in(sample: TruthSample) -> bool:
@@ -190,9 +179,7 @@ class FootClosesThrottle:
     name: ClassVar[str] = "foot_closes_throttle"
     margin: float = 1.0
     _since: float | None = None  # of the foot
-    _blind: bool = False
-    _pedal_hidden: bool = False
-    _torque_hidden: bool = False
+    _hiding: frozenset[str] = frozenset()  # kinds of faults that were due since the foot began
     _latched: bool = False
     _went: bool = False
     _rested: bool = False
@@ -211,16 +198,14 @@ class FootClosesThrottle:
             self._latched = self._rested = False
             self._since = None  # a foot that is already there counts from the go on
         self._went = sample.went
-        self._blind |= not BLINDING.isdisjoint(sample.due)
-        self._pedal_hidden |= not HIDE_PEDAL.isdisjoint(sample.due)
-        self._torque_hidden |= not HIDE_TORQUE.isdisjoint(sample.due)
         foot, now = foot_on_brake(sample.driver), sample.time
-        if not foot or self._allowed(sample.driver.brake_pedal) == math.inf:
+        self._hiding = self._hiding | hiding(sample) if foot else frozenset()
+        allowed = self._allowed(sample.driver.brake_pedal)
+        if not foot or allowed == math.inf:
             self._since = None
         elif self._since is None:
             self._since = now
         opened = sample.command.throttle > CLOSED
-        allowed = self._allowed(sample.driver.brake_pedal)
         if self._since is not None and self._went:
             pressed = now - self._since
             if opened:
@@ -235,9 +220,11 @@ class FootClosesThrottle:
     def _allowed(self, pedal: float) -> float:
         """Longest time from a foot with the brake pedal at `pedal` to a closed throttle [s]; inf for none."""
         tolerances = self.tolerances
-        if self._pedal_hidden and self._torque_hidden:
+        if not (HIDE_PEDAL.isdisjoint(self._hiding) or HIDE_TORQUE.isdisjoint(self._hiding)):
             return tolerances.motion_foot_time if pedal >= tolerances.motion_pedal - 1e-9 else math.inf
-        gentle = self._blind and pedal < tolerances.firm_pedal - 1e-9
+        if "brake_driver_bits_zero" in self._hiding and pedal < SHOWN_PEDAL - 1e-9:
+            return math.inf
+        gentle = not BLINDING.isdisjoint(self._hiding) and pedal < tolerances.firm_pedal - 1e-9
         return tolerances.blind_foot_time if gentle else tolerances.foot_time
 
     def _roll(self, sample: TruthSample, foot: bool) -> str | None:
@@ -251,6 +238,41 @@ class FootClosesThrottle:
         if self._rolled > self.tolerances.creep:
             return f"drove off, {speed:.2f} m/s, after the driver's foot had brought it to rest, without a new go"
         return None
+
+
+@dataclass(slots=True)
+class FootOnThrottle:
+    """Throttle is closed soon after a foot on the throttle that the car reports, and stays so until a new go."""
+
+    tolerances: Tolerances
+    name: ClassVar[str] = "foot_on_throttle"
+    margin: float = 1.0
+    _since: float | None = None  # of the foot, or of the go with the foot there
+    _hidden: bool = False  # since the foot began
+    _latched: bool = False
+
+    def step(self, sample: TruthSample) -> str | None:
+        """Take a tick."""
+        pedal, due = sample.driver.throttle_pedal, sample.due
+        foot = foot_on_throttle(sample.driver)
+        bits_off = "throttle_driver_bits_zero" in due and pedal < SHOWN_PEDAL - 1e-9
+        self._hidden = foot and (self._hidden or bits_off or "throttle_report_frozen" in due)
+        if sample.state not in COMMANDING or not sample.went:
+            self._since, self._latched = None, False
+            return None
+        if not foot or self._hidden:
+            self._since = None
+        elif self._since is None:
+            self._since = sample.time
+        pressed = 0.0 if self._since is None else sample.time - self._since
+        self._latched |= pressed > self.tolerances.foot_time + PERIOD / 2
+        if sample.command.throttle <= CLOSED:
+            return None
+        self.margin = min(self.margin, 1.0 - pressed / self.tolerances.foot_time)
+        if not self._latched:
+            return None
+        self.margin = min(self.margin, 0.0)
+        return f"throttle {100.0 * sample.command.throttle:.0f} % commanded since the driver's foot was on it"
 
 
 @dataclass(slots=True)
@@ -551,6 +573,7 @@ class HonestVerdict:
 #: every invariant
 ALL: Final = (
     FootClosesThrottle,
+    FootOnThrottle,
     SpeedLimit,
     InsideLot,
     StopsInBound,
@@ -577,6 +600,7 @@ class Judges:
         weakest = weakest_stop(rig, parameters, limits)
         self.judges: tuple[Judge, ...] = (
             self._foot,
+            FootOnThrottle(tolerances),
             SpeedLimit(rig.limits.speed_mps, tolerances),
             InsideLot(whole, Body.of(vehicle), self._driven),
             StopsInBound(weakest, max(-math.sin(parameters.grade), 0.0), tolerances, self._driven),
