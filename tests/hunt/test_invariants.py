@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -13,7 +14,7 @@ from vve_sumo.hunt.episode import RoadConditions
 from vve_sumo.hunt.invariants import Judges, Tolerances, Violation
 from vve_sumo.hunt.simulation import Simulation
 from vve_sumo.hunt.truth import TruthSample
-from vve_sumo.live.wording import BRAKES, CONTROL, DRIVING, HELD
+from vve_sumo.live.wording import BRAKES, CONTROL, DRIVING, HELD, ROLLS
 from vve_sumo.values import ArmingState, Point, Pose
 from vve_sumo.vehicle.interface import HANDS_OFF, ActuationCommand, DriverInputs, Gear
 
@@ -46,18 +47,20 @@ def sample(time: float, **changes: Any) -> TruthSample:
         "phase": DRIVING,
         "said": None,
         "went": True,
-        "due": frozenset(),
+        "due": {},
     }
     return TruthSample(time, **usual | changes)
 
 
-def judged(differs: Differs, seconds: float, outcome: Outcome | None = None) -> list[Violation]:
+def judged(
+    differs: Differs, seconds: float, outcome: Outcome | None = None, reasons: tuple[str, ...] = ()
+) -> list[Violation]:
     drive = Simulation(course(), RoadConditions(), 1)
     judges = Judges(drive.rig, drive.parameters, drive.resolved.model.limits, Tolerances())
     judges.went()
     for tick in range(round(seconds / PERIOD)):
         judges.step(sample(tick * PERIOD, **differs(tick * PERIOD)))
-    judges.end(seconds, outcome)
+    judges.end(seconds, outcome, reasons)
     return judges.violations
 
 
@@ -69,7 +72,7 @@ def test_a_steady_drive_breaks_nothing() -> None:
     assert judged(lambda time: {"command": command(0.1)}, 10.0, Outcome.STOPPED) == []
 
 
-def pressed(until: float, closed_at: float, foot: DriverInputs = FIRM_FOOT, due: str = "none") -> Differs:
+def pressed(until: float, closed_at: float, foot: DriverInputs = FIRM_FOOT, *due: str) -> Differs:
     """The foot is on the brake from 1 s on, until a time; the throttle is closed at another."""
 
     def differs(time: float) -> dict[str, Any]:
@@ -77,7 +80,7 @@ def pressed(until: float, closed_at: float, foot: DriverInputs = FIRM_FOOT, due:
         return {
             "driver": foot if 1.0 <= time < until else HANDS_OFF,
             "command": command(opening),
-            "due": frozenset({due}),
+            "due": dict.fromkeys(due, math.nan),
         }
 
     return differs
@@ -86,16 +89,65 @@ def pressed(until: float, closed_at: float, foot: DriverInputs = FIRM_FOOT, due:
 @pytest.mark.parametrize(
     ("closed_at", "foot", "due", "broken"),
     [
-        (1.16, FIRM_FOOT, "none", False),
-        (1.30, FIRM_FOOT, "none", True),
-        (1.30, FOOT, "none", True),
-        (1.50, FOOT, "brake_report_frozen", False),
-        (1.70, FOOT, "brake_report_frozen", True),
-        (1.30, FIRM_FOOT, "brake_report_frozen", True),
+        (1.16, FIRM_FOOT, (), False),
+        (1.30, FIRM_FOOT, (), True),
+        (1.30, FOOT, (), True),
+        (1.50, FOOT, ("brake_report_frozen",), False),
+        (1.70, FOOT, ("brake_report_frozen",), True),
+        (1.30, FIRM_FOOT, ("brake_report_frozen",), True),
+        (1.30, FOOT, ("brake_driver_bits_zero",), True),
+        (1.30, FOOT, ("throttle_report_frozen",), True),
+        (1.45, FIRM_FOOT, ("brake_report_frozen", "brake_torque_frozen"), False),
+        (1.60, FIRM_FOOT, ("brake_report_frozen", "brake_torque_frozen"), True),
+        (9.00, FOOT, ("brake_report_frozen", "brake_torque_frozen"), False),
     ],
 )
-def test_a_foot_closes_the_throttle_in_time(closed_at: float, foot: DriverInputs, due: str, broken: bool) -> None:
-    assert names(judged(pressed(4.0, closed_at, foot, due), 3.0)) == ["foot_closes_throttle"] * broken
+def test_a_foot_closes_the_throttle_in_time(
+    closed_at: float, foot: DriverInputs, due: tuple[str, ...], broken: bool
+) -> None:
+    assert names(judged(pressed(4.0, closed_at, foot, *due), 3.0)) == ["foot_closes_throttle"] * broken
+
+
+def test_a_fault_that_is_over_excuses_no_later_foot() -> None:
+    def after_the_fault(time: float) -> dict[str, Any]:
+        return pressed(4.0, 1.5, FOOT)(time) | {"due": {"reports_old": 0.4} if time < 0.9 else {}}
+
+    assert names(judged(after_the_fault, 3.0)) == ["foot_closes_throttle"]
+
+
+@pytest.mark.parametrize(("scale", "broken"), [(0.5, False), (1.5, True)])
+def test_torque_that_tells_of_more_than_there_is_hides_no_foot(scale: float, broken: bool) -> None:
+    due = {"brake_torque_scaled": scale}
+    assert names(judged(lambda time: pressed(4.0, 1.5, FOOT)(time) | {"due": due}, 3.0)) == (
+        ["foot_closes_throttle"] * broken
+    )
+
+
+@pytest.mark.parametrize(
+    ("closed_at", "pedal", "due", "broken"),
+    [
+        (1.16, 0.2, (), False),
+        (1.30, 0.2, (), True),
+        (1.30, 0.2, ("throttle_driver_bits_zero",), True),
+        (1.30, 0.2, ("brake_report_frozen",), True),
+        (9.00, 0.185, ("throttle_driver_bits_zero",), False),
+        (9.00, 0.2, ("throttle_report_frozen",), False),
+    ],
+)
+def test_a_foot_on_the_throttle_closes_it_too(
+    closed_at: float, pedal: float, due: tuple[str, ...], broken: bool
+) -> None:
+    foot = DriverInputs(throttle_pedal=pedal)
+    assert names(judged(pressed(4.0, closed_at, foot, *due), 3.0)) == ["foot_on_throttle"] * broken
+
+
+def test_the_throttle_stays_closed_after_a_foot_on_it_until_a_new_go() -> None:
+    def opens_again(time: float) -> dict[str, Any]:
+        foot = DriverInputs(throttle_pedal=0.2)
+        return pressed(1.5, 1.1, foot)(time) | {"command": command(0.3 if time > 2.0 or time < 1.1 else 0.0)}
+
+    assert names(judged(opens_again, 3.0)) == ["foot_on_throttle"]
+    assert judged(lambda time: opens_again(time) | {"went": not 1.7 < time < 1.9}, 3.0) == []
 
 
 def test_the_throttle_stays_closed_once_the_foot_has_lifted_until_a_new_go() -> None:
@@ -130,14 +182,17 @@ def test_the_speed_limit_holds_but_for_a_stuck_throttle_or_a_foot_on_it() -> Non
     fast = {"pose": pose(13.6)}
     assert names(judged(lambda time: fast, 1.0)) == ["speed_limit"]
     assert judged(lambda time: {"pose": pose(13.4)}, 1.0) == []
-    assert judged(lambda time: fast | {"due": frozenset({"drive_unasked"})}, 1.0) == []
+    assert judged(lambda time: fast | {"due": {"drive_unasked": 0.1}}, 1.0) == []
     assert judged(lambda time: fast | {"driver": DriverInputs(throttle_pedal=0.3), "went": False}, 1.0) == []
 
 
 def test_the_body_stays_in_the_lot() -> None:
     outside = {"pose": pose(place=(944.0, 0.0))}
     assert names(judged(lambda time: outside, 1.0)) == ["inside_lot"]
-    assert judged(lambda time: outside | {"driver": DriverInputs(steering_torque=6.0)}, 1.0) == []
+    turned = {"driver": DriverInputs(steering_torque=6.0)}
+    assert judged(lambda time: outside | turned | {"state": ArmingState.FAULT}, 1.0) == []
+    # The gateway goes on commanding: nobody has taken the car over, whatever they touch.
+    assert names(judged(lambda time: outside | turned, 1.0)) == ["inside_lot"]
     # Nose over the edge: the rear axle is inside.
     assert names(judged(lambda time: {"pose": pose(place=(938.5, 0.0))}, 1.0)) == ["inside_lot"]
 
@@ -158,14 +213,50 @@ def test_a_car_that_is_let_go_with_no_driver_counts_as_being_stopped() -> None:
     def let_go(time: float) -> dict[str, Any]:
         return {"state": ArmingState.FAULT, "phase": CONTROL} if time > 1.0 else {}
 
+    def after_a_lever_that_was_refused(time: float) -> dict[str, Any]:
+        lever = {"driver": DriverInputs(gear=Gear.PARK)} if time < 0.06 else {}
+        return lever | ({"state": ArmingState.FAULT, "phase": CONTROL} if time > 2.0 else {})
+
+    def taken_over(time: float) -> dict[str, Any]:
+        return let_go(time) | {"driver": FIRM_FOOT if 0.9 < time < 1.5 else HANDS_OFF}
+
     assert "stops_in_bound" in names(judged(let_go, 20.0))
+    assert "stops_in_bound" in names(judged(after_a_lever_that_was_refused, 20.0))
+    assert "stops_in_bound" not in names(judged(taken_over, 20.0))
+
+
+def test_a_car_that_was_let_go_and_moves_with_no_foot_calls_the_driver() -> None:
+    def let_go(speed: float, alarm: str = CONTROL, at: float = 2.3) -> Differs:
+        def differs(time: float) -> dict[str, Any]:
+            foot = FIRM_FOOT if time < 1.0 else HANDS_OFF
+            if time < 0.1:
+                return {"driver": foot}
+            return {
+                "state": ArmingState.FAULT,
+                "phase": alarm if time > at else CONTROL,
+                "driver": foot,
+                "pose": pose(speed),
+            }
+
+        return differs
+
+    assert names(judged(let_go(1.0), 2.4)) == []
+    (violation,) = judged(let_go(1.0), 4.0)
+    assert violation.invariant == "unattended_alarms"
+    assert 2.48 < violation.time < 2.56
+    assert judged(let_go(1.0, ROLLS), 4.0) == []
+    assert names(judged(let_go(1.0, ROLLS, 2.7), 4.0)) == ["unattended_alarms"]
+    assert judged(let_go(0.2), 4.0) == []
+    # A car that was never driven is its driver's.
+    never = {"state": ArmingState.FAULT, "went": False, "driver": FIRM_FOOT}
+    assert judged(lambda time: never | ({"driver": HANDS_OFF} if time > 0.1 else {}), 4.0) == []
 
 
 def test_nobody_is_told_that_a_driver_who_touched_nothing_has_control() -> None:
     told = {"state": ArmingState.FAULT, "phase": CONTROL}
     assert names(judged(lambda time: told, 1.0)) == ["told_control"]
     assert judged(lambda time: told | {"driver": FIRM_FOOT if time < 0.4 else HANDS_OFF}, 1.0) == []
-    assert judged(lambda time: told | {"pose": pose(0.0)}, 1.0) == []
+    assert names(judged(lambda time: told | {"pose": pose(0.0)}, 1.0)) == ["told_control"]
 
 
 def test_nobody_is_told_driving_of_a_car_whose_module_is_off() -> None:
@@ -206,6 +297,8 @@ def test_a_drive_into_which_the_driver_stepped_does_not_end_as_stopped() -> None
     def foot(until: float) -> Differs:
         return lambda time: {"driver": FOOT if 1.0 < time < until else HANDS_OFF}
 
-    assert names(judged(foot(2.0), 3.0, Outcome.STOPPED)) == ["honest_verdict"]
+    for outcome in (Outcome.STOPPED, Outcome.ARRIVED, Outcome.COMPLETED, Outcome.TIMEOUT):
+        assert names(judged(foot(2.0), 3.0, outcome, ("end_contact",))) == ["honest_verdict"]
+        assert judged(foot(2.0), 3.0, outcome, ("driver_on_brake",)) == []
     assert judged(foot(2.0), 3.0, Outcome.DRIVER) == []
     assert judged(foot(1.2), 3.0, Outcome.STOPPED) == []

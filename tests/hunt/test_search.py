@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from random import Random
@@ -16,6 +17,7 @@ from vve_sumo.hunt.brains import BEHAVIOURS
 from vve_sumo.hunt.episode import DRIVER, FAULTS, Action, Episode, Phase, RoadConditions
 from vve_sumo.hunt.findings import Finding, Findings, faults_text, read_row
 from vve_sumo.hunt.journal import EPISODES, Journal
+from vve_sumo.hunt.known_limits import known
 from vve_sumo.hunt.run import Hunt, HuntQuery
 from vve_sumo.hunt.runner import Result
 from vve_sumo.hunt.search import BATCH, BLIND, Search
@@ -53,6 +55,36 @@ def test_the_pairs_are_all_pairs_once_in_every_phase() -> None:
         for at, fault in enumerate(FAULTS):
             for other in (*FAULTS[at + 1 :], *DRIVER, *BEHAVIOURS):
                 assert (phase, frozenset({fault, other})) in driven
+
+
+@pytest.mark.parametrize(
+    ("kind", "other", "numbers"),
+    [
+        ("dbw_dropout", "steering_report_frozen", {1.0, 2.0, 3.0}),
+        ("override_false", "pose_lost", {1.0, 2.0, 3.0, 4.0}),
+        ("gear_lever", "brain_nan", {1.0, 2.0, 3.0, 4.0}),
+        ("gear_lever", "bus_silent", {1.0, 2.0, 3.0, 4.0}),
+    ],
+)
+def test_pairs_try_every_module_and_gear(kind: str, other: str, numbers: set[float]) -> None:
+    actions = [{one.kind: one.value for one in episode.actions} for _, episode in draw.pairs((Phase.DRIVING,), 1)]
+    tried = [one[kind] for one in actions if one.keys() == {kind, other}]
+    assert set(tried) == numbers
+    assert len(tried) == len(numbers)
+    assert all(len(one) == 2 for one in actions)  # no kind with itself
+
+
+@pytest.mark.parametrize(
+    ("module", "after", "expected"),
+    [(3.0, 1.0, True), (math.nan, 1.0, True), (2.0, 1.0, False), (1.0, 1.0, False), (3.0, 4.0, False)],
+)
+def test_a_frozen_report_hides_its_own_module_and_while_it_is_frozen(
+    module: float, after: float, expected: bool
+) -> None:
+    frozen, off = Action("steering_report_frozen", 0.0, 4.0), Action("dbw_dropout", after, 2.0, module)
+    episode = Episode(Phase.DRIVING, 1.0, (frozen, off))
+    assert known("told_driving", episode) is expected
+    assert not known("inside_lot", episode)
 
 
 def test_a_search_repeats_and_turns_to_what_came_close() -> None:

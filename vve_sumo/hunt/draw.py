@@ -49,14 +49,14 @@ WEIGHTS: Final = {
     Phase.RELEASED: 1,
 }
 #: What a driver does, gentle and hard: kind and value.
-DRIVER_ACTIONS: Final = tuple(
+DRIVER_CHOICES: Final = tuple(
     (kind, value)
     for kind, values in (
         ("driver_touch", (0.19, 0.215)),
         ("brake_override", (0.23, 0.26, 0.33)),
         ("throttle_override", (0.2, 0.4)),
         ("steering_override", (2.0, 5.0)),
-        ("gear_lever", (3.0,)),
+        ("gear_lever", (1.0, 2.0, 3.0, 4.0)),
     )
     for value in values
 )
@@ -179,6 +179,14 @@ def _nudged(one: Action, random: Random) -> Action:
         return one
 
 
+def choices(kind: str) -> tuple[float, ...]:
+    """Return the values with which a kind of fault is paired: each number of one, NaN as the default of another."""
+    if kind not in NUMBERS:
+        return (float("nan"),)
+    _usual, least, most = VALUES[kind]
+    return tuple(map(float, range(round(least), round(most) + 1)))
+
+
 def pairs(phases: Sequence[Phase], seed: int) -> list[tuple[str, Episode]]:
     """Return every pair in an order of chance, so that the first of them are a sample of all; see `all_pairs`."""
     every = list(all_pairs(phases, seed))
@@ -189,14 +197,15 @@ def pairs(phases: Sequence[Phase], seed: int) -> list[tuple[str, Episode]]:
 def all_pairs(phases: Sequence[Phase], seed: int) -> Iterator[tuple[str, Episode]]:
     """Yield every pair, with its name: kind of fault by kind of fault, driver action or behaviour; driver by behaviour.
 
+    A kind whose value is a number of something, as a module, is one for each number; it is not paired with itself.
     Each pair is tried once in every phase, on the nominal road. The first sets in at the onset and the second up to
     1.5 s later, so that each meets a car that the other has already touched.
     """
-    singles = [(kind, float("nan")) for kind in FAULTS]
+    singles = [(kind, value) for kind in FAULTS for value in choices(kind)]
     brains = [(kind, float("nan")) for kind in BEHAVIOURS]
-    couples = [*combinations(singles, 2)]
-    couples += [(fault, other) for fault in singles for other in (*DRIVER_ACTIONS, *brains)]
-    couples += [(driver, brain) for driver in DRIVER_ACTIONS for brain in brains]
+    couples = [(one, other) for one, other in combinations(singles, 2) if one[0] != other[0]]
+    couples += [(fault, other) for fault in singles for other in (*DRIVER_CHOICES, *brains)]
+    couples += [(driver, brain) for driver in DRIVER_CHOICES for brain in brains]
     for phase in phases:
         for first, second in couples:
             name = f"{phase.value}: {_named(first)} x {_named(second)}"

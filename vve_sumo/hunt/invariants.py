@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Final, NamedTuple, Protocol
 
@@ -25,42 +26,38 @@ from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig
 from vve_sumo.timing import NOTICED, PERIOD, SETPOINT_LIFETIME
 from vve_sumo.values import ArmingState, Vehicle
-from vve_sumo.vehicle.arming import COMMANDING
-from vve_sumo.vehicle.gateway import OperatorCommand
+from vve_sumo.vehicle.arming import COMMANDING, DRIVER_SIGNS
+from vve_sumo.vehicle.gateway import UNATTENDED_TIME
 from vve_sumo.vehicle.interface import PEDAL_REST, DriverInputs, Gear, load
 from vve_sumo.vehicle.limits import Limits
 
 #: a pedal this far from rest has a foot on it; the least that a DBW controller calls activity [fraction]
 FOOT: Final = 0.03
-#: a brake pedal this far from rest takes over by itself on the shipped interface [fraction]
-OVERRIDE: Final = 0.07
 #: torque on the steering wheel with which a driver has taken it [N m]
 STEERS: Final = 3.0
 #: the same with which a hand lies on it; an untouched wheel has less [N m]
 HAND: Final = 1.5
+#: a gateway that lets go so soon after the driver's last act does so because of it [s]
+ACT_TIME: Final = 1.0
+#: a car that truly moves faster than this with nobody at the pedals is unattended [m/s]; the gateway's own is less
+UNATTENDED_SPEED: Final = 0.3
 #: a car that truly moves slower than this stands [m/s]; wheel speeds resolve no less
 REST: Final = 0.05
 #: a throttle that is commanded less than this is closed
 CLOSED: Final = 1e-6
-#: kinds of faults that touch what the car reports of the driver's foot: the foot is then seen by its effect alone
+#: outcomes of a drive that nothing disturbed; its criteria alone fail it
+UNTROUBLED: Final = frozenset({Outcome.STOPPED, Outcome.ARRIVED, Outcome.COMPLETED, Outcome.TIMEOUT})
+#: kinds of faults that touch what the car reports of a foot on the brake: it is then seen by its effect alone
 BLINDING: Final = frozenset(
-    {
-        "brake_report_frozen",
-        "throttle_report_frozen",
-        "reports_stale",
-        "bus_silent",
-        "brake_driver_bits_zero",
-        "brake_torque_frozen",
-        "brake_torque_scaled",
-        "reports_old",
-    }
+    {"brake_report_frozen", "reports_stale", "bus_silent", "brake_torque_frozen", "brake_torque_scaled", "reports_old"}
 )
-
-
 #: kinds that hide a foot in the brake module's report, and in the brake torque that the car reports: where one of each
 #: is due, a foot shows in the car's motion alone
 HIDE_PEDAL: Final = frozenset({"brake_report_frozen", "reports_old"})
 HIDE_TORQUE: Final = frozenset({"brake_torque_frozen", "brake_torque_scaled", "reports_old"})
+#: a module that hides the driver's bits still tells where the pedal is: from here on, 172 N m and 6 % of the throttle,
+#: that is more than the gateway takes for a pedal at rest [fraction]
+SHOWN_PEDAL: Final = 0.19
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +86,8 @@ class Tolerances:
     stop_margin: float = 0.5
     #: a car that is told to be driven may be without an enabled module for so long [s]
     told_time: float = 0.5
+    #: a car that was let go may move with no foot on a pedal for so long without an alarm [s]
+    unattended_time: float = UNATTENDED_TIME + 0.5
     #: lateral acceleration that steering commands may gain in a second beyond the lateral jerk that is allowed [m/s2]
     lateral_excess: float = 0.5
     #: steering rate of the commands over the limit [share]
@@ -124,10 +123,23 @@ def foot_on_throttle(driver: DriverInputs) -> bool:
     return driver.throttle_pedal >= PEDAL_REST + FOOT - 1e-9
 
 
-def takes_over(driver: DriverInputs) -> bool:
-    """Whether the driver acts so that a DBW controller lets go."""
-    pedals = max(driver.brake_pedal, driver.throttle_pedal)
-    return pedals >= PEDAL_REST + OVERRIDE or abs(driver.steering_torque) >= STEERS or driver.gear is not Gear.NONE
+def acts(driver: DriverInputs) -> bool:
+    """Whether the driver does anything: a foot on a pedal, a hand on the wheel, the gear lever."""
+    hand = abs(driver.steering_torque) >= HAND or driver.gear is not Gear.NONE
+    return hand or foot_on_brake(driver) or foot_on_throttle(driver)
+
+
+def hiding(sample: TruthSample) -> frozenset[str]:
+    """Return the kinds of faults that are due now; scaled torque that tells of more than there is hides nothing."""
+    return frozenset(kind for kind, value in sample.due.items() if kind != "brake_torque_scaled" or value < 1.0)
+
+
+def steps_in(sample: TruthSample) -> bool:
+    """Whether the driver acts on the car: a foot, a hand that turns the wheel, a lever that has moved the gear."""
+    driver = sample.driver
+    shifted = driver.gear is not Gear.NONE and sample.gear is driver.gear is not Gear.DRIVE
+    foot = foot_on_brake(driver) or foot_on_throttle(driver)
+    return foot or abs(driver.steering_torque) >= STEERS or shifted
 
 
 def alarmed(sample: TruthSample) -> bool:
@@ -136,21 +148,27 @@ def alarmed(sample: TruthSample) -> bool:
 
 
 class Driven:
-    """Whether the driver has taken the car over for good; from then on it is no longer the gateway's."""
+    """Whether a driver has the car: the gateway has let go of it, and the driver has acted.
+
+    What a driver does while the gateway goes on commanding takes nothing from the gateway.
+    """
 
     def __init__(self) -> None:
         self.taken = False
-        self.acted_at = -math.inf
+        self.touched = False  #: anything, since the drive began
+        self.acted_at = -math.inf  #: last time of an act [s]
+        self._commanded = False
 
     def step(self, sample: TruthSample) -> None:
         """Take a tick."""
-        hand = abs(sample.driver.steering_torque) >= HAND
-        if hand or takes_over(sample.driver) or foot_on_brake(sample.driver):
-            self.acted_at = sample.time
-        if takes_over(sample.driver):
-            self.taken = True
-        if sample.went and sample.said is OperatorCommand.GO and sample.state is ArmingState.ENGAGED:
+        commanded, now = sample.state in COMMANDING, sample.time
+        if commanded:
+            self.touched &= self._commanded  # another drive: what was done in the one before is over
             self.taken = False
+        self._commanded = commanded
+        if acts(sample.driver):
+            self.acted_at, self.touched = now, True
+        self.taken |= sample.state is ArmingState.FAULT and now - self.acted_at < ACT_TIME
 
 
 @dataclass(slots=True)
@@ -161,9 +179,7 @@ class FootClosesThrottle:
     name: ClassVar[str] = "foot_closes_throttle"
     margin: float = 1.0
     _since: float | None = None  # of the foot
-    _blind: bool = False
-    _pedal_hidden: bool = False
-    _torque_hidden: bool = False
+    _hiding: frozenset[str] = frozenset()  # kinds of faults that were due since the foot began
     _latched: bool = False
     _went: bool = False
     _rested: bool = False
@@ -182,16 +198,14 @@ class FootClosesThrottle:
             self._latched = self._rested = False
             self._since = None  # a foot that is already there counts from the go on
         self._went = sample.went
-        self._blind |= not BLINDING.isdisjoint(sample.due)
-        self._pedal_hidden |= not HIDE_PEDAL.isdisjoint(sample.due)
-        self._torque_hidden |= not HIDE_TORQUE.isdisjoint(sample.due)
         foot, now = foot_on_brake(sample.driver), sample.time
-        if not foot or self._allowed(sample.driver.brake_pedal) == math.inf:
+        self._hiding = self._hiding | hiding(sample) if foot else frozenset()
+        allowed = self._allowed(sample.driver.brake_pedal)
+        if not foot or allowed == math.inf:
             self._since = None
         elif self._since is None:
             self._since = now
         opened = sample.command.throttle > CLOSED
-        allowed = self._allowed(sample.driver.brake_pedal)
         if self._since is not None and self._went:
             pressed = now - self._since
             if opened:
@@ -206,9 +220,11 @@ class FootClosesThrottle:
     def _allowed(self, pedal: float) -> float:
         """Longest time from a foot with the brake pedal at `pedal` to a closed throttle [s]; inf for none."""
         tolerances = self.tolerances
-        if self._pedal_hidden and self._torque_hidden:
+        if not (HIDE_PEDAL.isdisjoint(self._hiding) or HIDE_TORQUE.isdisjoint(self._hiding)):
             return tolerances.motion_foot_time if pedal >= tolerances.motion_pedal - 1e-9 else math.inf
-        gentle = self._blind and pedal < tolerances.firm_pedal - 1e-9
+        if "brake_driver_bits_zero" in self._hiding and pedal < SHOWN_PEDAL - 1e-9:
+            return math.inf
+        gentle = not BLINDING.isdisjoint(self._hiding) and pedal < tolerances.firm_pedal - 1e-9
         return tolerances.blind_foot_time if gentle else tolerances.foot_time
 
     def _roll(self, sample: TruthSample, foot: bool) -> str | None:
@@ -222,6 +238,41 @@ class FootClosesThrottle:
         if self._rolled > self.tolerances.creep:
             return f"drove off, {speed:.2f} m/s, after the driver's foot had brought it to rest, without a new go"
         return None
+
+
+@dataclass(slots=True)
+class FootOnThrottle:
+    """Throttle is closed soon after a foot on the throttle that the car reports, and stays so until a new go."""
+
+    tolerances: Tolerances
+    name: ClassVar[str] = "foot_on_throttle"
+    margin: float = 1.0
+    _since: float | None = None  # of the foot, or of the go with the foot there
+    _hidden: bool = False  # since the foot began
+    _latched: bool = False
+
+    def step(self, sample: TruthSample) -> str | None:
+        """Take a tick."""
+        pedal, due = sample.driver.throttle_pedal, sample.due
+        foot = foot_on_throttle(sample.driver)
+        bits_off = "throttle_driver_bits_zero" in due and pedal < SHOWN_PEDAL - 1e-9
+        self._hidden = foot and (self._hidden or bits_off or "throttle_report_frozen" in due)
+        if sample.state not in COMMANDING or not sample.went:
+            self._since, self._latched = None, False
+            return None
+        if not foot or self._hidden:
+            self._since = None
+        elif self._since is None:
+            self._since = sample.time
+        pressed = 0.0 if self._since is None else sample.time - self._since
+        self._latched |= pressed > self.tolerances.foot_time + PERIOD / 2
+        if sample.command.throttle <= CLOSED:
+            return None
+        self.margin = min(self.margin, 1.0 - pressed / self.tolerances.foot_time)
+        if not self._latched:
+            return None
+        self.margin = min(self.margin, 0.0)
+        return f"throttle {100.0 * sample.command.throttle:.0f} % commanded since the driver's foot was on it"
 
 
 @dataclass(slots=True)
@@ -295,7 +346,7 @@ class StopsInBound:
         stopping = sample.state is ArmingState.STOPPING
         let_go = self._commanded and sample.state is ArmingState.FAULT
         self._commanded |= sample.state in COMMANDING
-        driver = self.driven.acted_at > sample.time - 1.0 or self.driven.taken
+        driver = self.driven.acted_at > sample.time - ACT_TIME or self.driven.taken
         if not (stopping or let_go) or driver:
             self._bound = None
             return None
@@ -353,7 +404,7 @@ class ToldDriving:
 
 @dataclass(slots=True)
 class ToldControl:
-    """Nobody is told that the driver has control of a moving car that no driver has touched."""
+    """Nobody is told that the driver has control of a car that no driver has touched, be it moving or at rest."""
 
     tolerances: Tolerances
     driven: Driven
@@ -363,8 +414,7 @@ class ToldControl:
 
     def step(self, sample: TruthSample) -> str | None:
         """Take a tick."""
-        touched = self.driven.taken or self.driven.acted_at > -math.inf
-        if sample.phase != CONTROL or touched or abs(sample.pose.speed) < REST:
+        if sample.phase != CONTROL or self.driven.touched:
             self._since = None
             return None
         if self._since is None:
@@ -374,6 +424,39 @@ class ToldControl:
         if late <= self.tolerances.told_time:
             return None
         return f"told {CONTROL!r} at {sample.pose.speed:.1f} m/s, and nobody touched anything"
+
+
+@dataclass(slots=True)
+class UnattendedAlarms:
+    """A car that the gateway has let go of, and that moves with no foot on a pedal, calls the driver."""
+
+    tolerances: Tolerances
+    name: ClassVar[str] = "unattended_alarms"
+    margin: float = 1.0
+    _commanded: bool = False
+    _let_go: bool = False
+    _since: float | None = None
+
+    def step(self, sample: TruthSample) -> str | None:
+        """Take a tick."""
+        fault = sample.state is ArmingState.FAULT
+        self._let_go = fault and (self._let_go or self._commanded)
+        self._commanded = sample.state in COMMANDING
+        foot = foot_on_brake(sample.driver) or foot_on_throttle(sample.driver)
+        if not self._let_go or foot or abs(sample.pose.speed) <= UNATTENDED_SPEED:
+            self._since = None
+            return None
+        if self._since is None:
+            self._since = sample.time
+        if alarmed(sample):
+            return None
+        late = sample.time - self._since
+        # A gateway that takes its time to the last moment is far from breaking this: only the excess counts.
+        excess = (late - UNATTENDED_TIME) / (self.tolerances.unattended_time - UNATTENDED_TIME)
+        self.margin = min(self.margin, 1.0 - max(excess, 0.0))
+        if late <= self.tolerances.unattended_time:
+            return None
+        return f"{abs(sample.pose.speed):.1f} m/s with no foot on a pedal for {late:.1f} s, and no alarm"
 
 
 @dataclass(slots=True)
@@ -406,7 +489,7 @@ class HeldStands:
     def step(self, sample: TruthSample) -> str | None:
         """Take a tick."""
         held = sample.state is ArmingState.STOPPED or sample.phase == HELD or "waiting_for_go" in sample.reasons
-        if not held or alarmed(sample) or self.driven.acted_at > sample.time - 1.0:
+        if not held or alarmed(sample) or self.driven.acted_at > sample.time - ACT_TIME:
             self._rolled, self._since = 0.0, None
             return None
         self._rolled += abs(sample.pose.speed) * PERIOD
@@ -460,7 +543,7 @@ class SteeringCommands:
 
 @dataclass(slots=True)
 class HonestVerdict:
-    """A drive into which the driver had to step never ends as if nothing had been."""
+    """A drive into which the driver had to step never ends as if nothing had been: its reasons say who did."""
 
     name: ClassVar[str] = "honest_verdict"
     margin: float = 1.0
@@ -469,9 +552,9 @@ class HonestVerdict:
 
     def step(self, sample: TruthSample) -> str | None:
         """Take a tick."""
-        acts = takes_over(sample.driver) or foot_on_brake(sample.driver)
+        acted = steps_in(sample)
         driven = sample.went and sample.state in COMMANDING and abs(sample.pose.speed) > 0.5
-        if not (acts and (driven or self._since is not None)):
+        if not (acted and (driven or self._since is not None)):
             self._since = None
             return None
         if self._since is None:
@@ -479,22 +562,24 @@ class HonestVerdict:
         self.stepped_in |= sample.time - self._since > 0.5
         return None
 
-    def judge(self, outcome: Outcome | None) -> str | None:
-        """Return what is wrong with an outcome."""
-        if self.stepped_in and outcome in (Outcome.STOPPED, Outcome.ARRIVED, Outcome.COMPLETED):
+    def judge(self, outcome: Outcome | None, reasons: Sequence[str]) -> str | None:
+        """Return what is wrong with an outcome and the drive's reasons, by which a drive's criteria fail."""
+        if self.stepped_in and outcome in UNTROUBLED and DRIVER_SIGNS.isdisjoint(reasons):
             self.margin = 0.0
-            return f"outcome {outcome.value} though the driver had to step in"
+            return f"outcome {outcome.value} though the driver had to step in, and no reason says so"
         return None
 
 
 #: every invariant
 ALL: Final = (
     FootClosesThrottle,
+    FootOnThrottle,
     SpeedLimit,
     InsideLot,
     StopsInBound,
     ToldDriving,
     ToldControl,
+    UnattendedAlarms,
     NoParkWhileMoving,
     HeldStands,
     SteeringCommands,
@@ -515,11 +600,13 @@ class Judges:
         weakest = weakest_stop(rig, parameters, limits)
         self.judges: tuple[Judge, ...] = (
             self._foot,
+            FootOnThrottle(tolerances),
             SpeedLimit(rig.limits.speed_mps, tolerances),
             InsideLot(whole, Body.of(vehicle), self._driven),
             StopsInBound(weakest, max(-math.sin(parameters.grade), 0.0), tolerances, self._driven),
             ToldDriving(tolerances),
             ToldControl(tolerances, self._driven),
+            UnattendedAlarms(tolerances),
             NoParkWhileMoving(),
             HeldStands(tolerances, self._driven),
             SteeringCommands(vehicle, limits, tolerances),
@@ -540,9 +627,9 @@ class Judges:
         """The go was given before the first tick that is judged."""
         self._foot.began_driven()
 
-    def end(self, time: float, outcome: Outcome | None) -> None:
-        """Judge how the drive ended."""
-        if (text := self._verdict.judge(outcome)) is not None:
+    def end(self, time: float, outcome: Outcome | None, reasons: Sequence[str]) -> None:
+        """Judge how the drive ended, by its outcome and the reasons of that moment."""
+        if (text := self._verdict.judge(outcome, reasons)) is not None:
             self.violations.append(Violation(self._verdict.name, time, text))
 
     @property

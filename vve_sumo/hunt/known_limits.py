@@ -2,35 +2,59 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final, NamedTuple
 
-from vve_sumo.hunt.episode import Episode
+from vve_sumo.hunt.episode import Action, Episode
+from vve_sumo.plant.injected_faults import VALUES
+
+#: kind of fault that switches a module off
+DROPOUT: Final = "dbw_dropout"
 
 
 class Limit(NamedTuple):
-    """A violation that no gateway can prevent by the reports that it has."""
+    """A violation that no gateway can prevent by its reports: a frozen report hides that its module is off."""
 
     invariant: str
-    kinds: frozenset[str]  #: that the timeline has to hold
+    frozen: str  #: kind of fault that freezes the module's report
+    module: int  #: value of the `DROPOUT` of the same module
     why: str
+
+    @property
+    def kinds(self) -> frozenset[str]:
+        """Return the kinds of faults that the timeline has to hold, at the same time."""
+        return frozenset({self.frozen, DROPOUT})
+
+    def explains(self, episode: Episode) -> bool:
+        """Whether the report is frozen while its own module is off."""
+        frozen = [one for one in episode.actions if one.kind == self.frozen]
+        off = [one for one in episode.actions if one.kind == DROPOUT and _module(one) == self.module]
+        return any(one.after < other.end and other.after < one.end for one in frozen for other in off)
+
+
+def _module(dropout: Action) -> float:
+    return VALUES[DROPOUT][0] if math.isnan(dropout.value) else dropout.value
 
 
 LIMITS: Final = (
     Limit(
         "told_driving",
-        frozenset({"steering_report_frozen", "dbw_dropout"}),
+        "steering_report_frozen",
+        3,
         "on a straight road a steering that is off and whose report is frozen differs from a good one in nothing; "
         "it is found as soon as the steering is told to move",
     ),
     Limit(
         "told_driving",
-        frozenset({"brake_report_frozen", "dbw_dropout"}),
+        "brake_report_frozen",
+        1,
         "brakes that are off and whose report is frozen differ from good ones in nothing while they are not told to "
         "brake; they are found as soon as they are",
     ),
     Limit(
         "told_driving",
-        frozenset({"throttle_report_frozen", "dbw_dropout"}),
+        "throttle_report_frozen",
+        2,
         "a throttle that is off and whose report is frozen differs from a good one in nothing while it is told to stay "
         "closed; it is found as soon as it is told to open",
     ),
@@ -39,5 +63,4 @@ LIMITS: Final = (
 
 def known(invariant: str, episode: Episode) -> bool:
     """Whether a listed limit explains the violation."""
-    kinds = {action.kind for action in episode.actions}
-    return any(limit.invariant == invariant and limit.kinds <= kinds for limit in LIMITS)
+    return any(limit.invariant == invariant and limit.explains(episode) for limit in LIMITS)

@@ -168,7 +168,7 @@ def finish(simulation: Simulation, episode: Episode, tolerances: Tolerances, sho
         if quiet > QUIET:
             break
     outcome: Outcome | None = simulation.outcome
-    judges.end(simulation.now, outcome)
+    judges.end(simulation.now, outcome, simulation.ended_because)
     return Result(
         episode,
         tuple(v._replace(time=round(v.time - begun, 3)) for v in judges.violations),

@@ -27,7 +27,7 @@ from vve_sumo.hunt.episode import KEYS, Action, RoadConditions
 from vve_sumo.hunt.truth import TruthSample, WitnessedInterface
 from vve_sumo.live.wording import phase
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
-from vve_sumo.plant.injected_faults import KINDS, START_SPEED
+from vve_sumo.plant.injected_faults import KINDS, START_SPEED, VALUES
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.trust import DRIVE
 from vve_sumo.rig import resolve as meaning
@@ -189,10 +189,11 @@ class Simulation:
         self._status: GatewayStatus | None = None
         self._reports: list[Frame] = []
         self._frames: Sequence[Frame] = ()
-        self._actions: tuple[tuple[str, float, float], ...] = ()
+        self._actions: tuple[tuple[str, float, float, float], ...] = ()
         self.number = 0  #: of the next tick
         self.moved = math.nan  #: drive time at which the car first moved [s]
         self.outcome: Outcome | None = None  #: that the drive would have by now
+        self.ended_because: tuple[str, ...] = ()  #: reasons of the gateway at that outcome
         self.s = math.nan  #: distance along the path [m]
         self.asked = math.nan  #: acceleration that the setpoint asks for [m/s2]
 
@@ -215,7 +216,7 @@ class Simulation:
         self.operator.keys = sorted(
             ((now + one.after, KEYS[one.kind]) for one in actions if one.kind in KEYS), key=lambda key: key[0]
         )
-        self._actions = tuple((one.kind, now + one.after, now + one.end) for one in actions)
+        self._actions = tuple((one.kind, now + one.after, now + one.end, _value_of(one)) for one in actions)
 
     def faults(self) -> tuple[str, ...]:
         """Return no reason codes: this shell has no faults of its own."""
@@ -256,7 +257,8 @@ class Simulation:
         outcome = self._termination.step(
             now, truth.speed, self.s, self._status.state, self._status.reasons, contact, ahead
         )
-        self.outcome = self.outcome or outcome
+        if self.outcome is None and outcome is not None:
+            self.outcome, self.ended_because = outcome, tuple(self._status.reasons)
 
     def _sample(self, now: float, truth: Pose) -> TruthSample:
         status, command, car = self._status, self._witness.command, self._car
@@ -281,5 +283,18 @@ class Simulation:
             phase=phase(words),
             said=self._said,
             went=self.operator.went,
-            due=frozenset(kind for kind, begin, end in self._actions if begin <= now < end),
+            due=self._due(now),
         )
+
+    def _due(self, now: float) -> dict[str, float]:
+        due: dict[str, float] = {}
+        for kind, begin, end, value in self._actions:
+            if begin <= now < end:
+                due[kind] = min(due.get(kind, value), value)
+        return due
+
+
+def _value_of(action: Action) -> float:
+    """Return an action's value, or its kind's default; NaN where the kind takes none."""
+    usual = VALUES[action.kind][0] if action.kind in VALUES else math.nan
+    return usual if math.isnan(action.value) else action.value

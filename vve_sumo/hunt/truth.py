@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from vve_sumo.values import ArmingState, Frame, Pose
@@ -64,4 +64,4 @@ class TruthSample(NamedTuple):
     phase: str  #: on the operator's screen
     said: OperatorCommand | None  #: that the operator gave in this tick
     went: bool  #: a go was given and not refused
-    due: frozenset[str]  #: kinds of faults that are injected now
+    due: Mapping[str, float]  #: kinds of actions that are due now, with the least value; NaN for a kind without
