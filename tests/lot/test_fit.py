@@ -11,7 +11,7 @@ import shapely
 from tests import vehicles
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment
-from vve_sumo.lot.fit import Fit, fit
+from vve_sumo.lot.fit import Fit, fit, shortened
 from vve_sumo.lot.geofence import Geofence, Stop
 from vve_sumo.lot.polygon import Lot
 from vve_sumo.path import Path
@@ -126,3 +126,16 @@ def test_a_lot_without_room_for_a_start_says_so() -> None:
     lot = Lot([(0, 0), (200, 0), (200, 3.0), (0, 3.0)], margin=1.0)
     with pytest.raises(ConfigError, match="no place for the start"):
         fit(STRAIGHT, geofence(lot), 6.0)
+
+
+@pytest.mark.parametrize("rounding", [1.0 - 1e-6, 1.0 + 1e-6])
+def test_what_is_cut_still_fits_when_a_file_has_rounded_it(rounding: float) -> None:
+    lot = Lot([(-10.0, -10.0), (100.0, -10.0), (100.0, 10.0), (-10.0, 10.0)], margin=1.0)
+    fence = Geofence(lot, VEHICLE, Alignment(), gateway=GATEWAY, watchdog=WATCHDOG)
+    whole = Path.from_points(np.arange(0.0, 95.0), np.zeros(95))
+    station = fence.along(whole, 8.0)
+    assert station is not None
+    short = shortened(whole, fence, 8.0, station)
+    assert station - 2.0 < short.length < station
+    x = np.linspace(0.0, short.length, 60) * rounding
+    assert fence.along(Path.from_points(x, np.zeros(60)), 8.0) is None

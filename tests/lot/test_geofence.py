@@ -15,6 +15,7 @@ from tests import vehicles
 from vve_sumo.frames import GRAVITY, Alignment
 from vve_sumo.lot.geofence import GEOFENCE_BREACH, JERK, Geofence, Stop
 from vve_sumo.lot.polygon import Lot
+from vve_sumo.lot.turning import Turning
 from vve_sumo.path import Path
 from vve_sumo.values import FallbackPath, Point, Pose
 
@@ -55,22 +56,41 @@ def test_distances_on_the_level_are_the_textbooks(
     deceleration=st.floats(2.0, 8.0),
     delay=st.floats(0.0, 0.5),
     rise=st.floats(0.0, 0.6),
+    jerk=st.floats(0.5, 100.0),
+    asked=st.floats(0.5, 5.0),
 )
 def test_no_car_that_does_what_is_declared_goes_farther(
-    speed: float, gaining: float, downhill: float, deceleration: float, delay: float, rise: float
+    speed: float,
+    gaining: float,
+    downhill: float,
+    deceleration: float,
+    delay: float,
+    rise: float,
+    jerk: float,
+    asked: float,
 ) -> None:
-    stop = Stop(deceleration, delay, rise, drive_lag=0.25)
+    stop = Stop(deceleration, delay, rise, 0.25, jerk, asked)
     v, s, t, step = speed, 0.0, 0.0, 2e-3
     drive = max(gaining, 0.0)
     while v > 0.0 or t == 0.0:
         since = t + 0.5 * step - delay
         # The drive force grows as a setpoint may ask until the brakes set in, then fades; the brakes rise.
-        force = drive + JERK * t if since < 0.0 else (drive + JERK * delay) * math.exp(-since / 0.25)
+        pressed = max(drive, min(drive + jerk * min(t, delay), asked))
+        force = pressed if since < 0.0 else pressed * math.exp(-since / 0.25)
         brake = 0.0 if since < 0.0 else deceleration * (min(since / rise, 1.0) if rise else 1.0)
         a = force - brake + GRAVITY * downhill
         s, v, t = s + max(v + 0.5 * a * step, 0.0) * step, v + a * step, t + step
     # The brakes set in between two steps of this integration.
     assert stop.distance(speed, gaining, downhill) >= s * (1.0 - 1e-4) - 0.005 - speed * step
+
+
+def test_a_throttle_that_may_jump_costs_the_way_that_it_adds() -> None:
+    """Closed form: 2 m/s2 from the start on but for a rise of 0.1 s, then fading with 0.25 s."""
+    jumping = replace(GATEWAY, jerk=20.0)
+    gained = 2.0 * (0.16 - 0.05 + 0.25)
+    still = replace(GATEWAY, acceleration=1e-9)
+    assert jumping.distance(5.0) == pytest.approx(still.distance(5.0 + gained), abs=1e-6)
+    assert jumping.distance(5.0) > GATEWAY.distance(5.0) + 0.5
 
 
 def test_brakes_weaker_than_the_slope_never_stop() -> None:
@@ -126,6 +146,27 @@ def test_a_pose_that_is_not_finite_is_outside(field: str, bad: float) -> None:
     here = replace(pose(), **{field: bad})
     if (field, bad) != ("acceleration", -math.inf):
         assert geofence(Lot(LANE)).check(here, 0.0, None) == GEOFENCE_BREACH
+
+
+@pytest.mark.parametrize("asked", [(math.nan, 0.0), (0.0, math.nan), (-math.inf, 0.0), (-math.inf, math.inf)])
+def test_requests_that_are_not_finite_are_a_breach(asked: tuple[float, float]) -> None:
+    assert geofence(Lot(LANE)).check(pose(), 0.0, None, requested=(0.0, 0.0)) == ()
+    assert geofence(Lot(LANE)).check(pose(), 0.0, None, requested=asked) == GEOFENCE_BREACH
+
+
+def test_a_car_that_rolls_backwards_may_be_turned_as_one_that_nobody_leads() -> None:
+    """No profile leads backwards: ground that only a wheel turned by the last setpoints reaches is checked with one."""
+    fence = Geofence(
+        Lot(LANE), VEHICLE, Alignment(), gateway=GATEWAY, watchdog=WATCHDOG, turning=Turning.of(VEHICLE, 5.0, 0.13, 2.0)
+    )
+    ahead = FallbackPath(0.5, (0.0,) * 60)
+    places = [(40.0, y) for y in np.arange(24.0, 30.0, 0.05)]
+    led = [fence.check(pose(x, y, speed=-5.0), 0.0, ahead) for x, y in places]
+    alone = [fence.check(pose(x, y, speed=-5.0), 0.0, None) for x, y in places]
+    assert led == alone
+    assert {(), GEOFENCE_BREACH} == set(alone)
+    held = geofence(Lot(LANE))
+    assert [held.check(pose(x, y, speed=-5.0), 0.0, None) for x, y in places].count(()) > alone.count(())
 
 
 @pytest.mark.parametrize(

@@ -87,6 +87,14 @@ def test_a_record_that_is_discarded_takes_away_what_it_made_and_nothing_else(tmp
     assert (there / "thesis.tex").read_text(encoding="utf-8") == "the only copy"
 
 
+def test_a_record_that_is_discarded_when_it_is_closed_takes_its_tables_away_too(tmp_path: Path) -> None:
+    record = Record(tmp_path / "r", {"a": 1} | RESOLVED, 1000.0)
+    fill(record, 25)
+    record.close()
+    record.discard()
+    assert not (tmp_path / "r").exists()
+
+
 def test_a_text_that_lay_there_before_the_record_is_not_deleted_with_it(tmp_path: Path) -> None:
     record = Record(tmp_path / "r", {"a": 1} | RESOLVED, 1000.0)
     (tmp_path / "r" / "notes.txt").write_text("mine", encoding="utf-8")

@@ -214,6 +214,11 @@ def test_the_fence_counts_with_the_slope_and_the_tested_watchdog() -> None:
     # 0.2 of 9.8 m/s2 in place of 2.4, whatever was measured elsewhere.
     slippery = first_refused(watchdog_test=test | {"deceleration_mps2": 5.9, "delay_s": 0.1}, lot={"friction": 0.2})
     assert slippery > strong + 64.0 / (2.0 * 1.96) - 64.0 / 4.8 - 0.5
+    # 0.4 m/s faster when the brakes set in.
+    jumping = first_refused(
+        watchdog_test=test | {"deceleration_mps2": 5.9, "delay_s": 0.1}, limits={"comfort_jerk_mps3": 20.0}
+    )
+    assert jumping > strong + 8.0 * 0.3 / 2.4
 
 
 def test_faults_become_what_the_car_knows() -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -18,12 +19,14 @@ from tests.vehicle.closed_loop import ClosedLoop, straight
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.frames import Alignment
-from vve_sumo.lot.geofence import Geofence, Stop
+from vve_sumo.lot.geofence import Geofence, Stop, no_drift
 from vve_sumo.lot.polygon import Lot
 from vve_sumo.lot.swept_area import Body
 from vve_sumo.lot.turning import Turning
 from vve_sumo.values import ArmingState, ControlCommand, Observation
 from vve_sumo.vehicle.drift import unseen_drift
+from vve_sumo.vehicle.gateway import Gateway
+from vve_sumo.vehicle.limits import COMFORT, Limits
 
 VEHICLE = vehicles.FUSION.vehicle
 LAG = vehicles.FUSION.calibration.drive_lag
@@ -49,18 +52,27 @@ class LegalBrain:
         return ControlCommand(steering, acceleration if observation.pose.speed < 12.0 else min(acceleration, 0.0))
 
 
-def room(play: Play, speed: float, lot: Lot, silent_from: float = math.inf) -> tuple[float, float]:
+def room(
+    play: Play,
+    speed: float,
+    lot: Lot,
+    silent_from: float = math.inf,
+    jerk: float = COMFORT.jerk,
+    drift: Callable[[float], float] = unseen_drift,
+) -> tuple[float, float]:
     """Least distance of the true body from the lot's edge [m], margin kept, and when the gateway began to stop [s]."""
     fence = Geofence(
         lot,
         VEHICLE,
         Alignment(),
-        gateway=GATEWAY,
-        watchdog=WATCHDOG,
-        turning=Turning.of(VEHICLE, 5.0, 0.13),
-        drift=unseen_drift,
+        gateway=replace(GATEWAY, jerk=jerk),
+        watchdog=replace(WATCHDOG, jerk=jerk),
+        turning=Turning.of(VEHICLE, 5.0, 0.13, COMFORT.acceleration),
+        drift=drift,
     )
     loop = ClosedLoop(straight(500.0), speed, controller=LegalBrain(play), pipeline=partial(Pipeline, geofence=fence))  # type: ignore[arg-type]
+    limits = Limits(comfort=replace(COMFORT, jerk=jerk))
+    loop.gateway = Gateway(VEHICLE, vehicles.FUSION.calibration, limits, PERIOD)
     loop.silent_from = silent_from
     least, stopped = math.inf, math.inf
     for ticked in loop.ticks():
@@ -103,6 +115,19 @@ def test_the_worst_legal_brain_beside_an_edge_stays_inside(play: Play, speed: fl
 
 def test_full_throttle_towards_a_wall_stays_inside() -> None:
     assert_inside(lambda t: (2.0, 0.0), 5.0, Lot([(-20.0, -30.0), (110.0, -30.0), (110.0, 30.0), (-20.0, 30.0)]))
+
+
+@pytest.mark.parametrize("onset", [0.0, 0.04, 0.08, 0.12, 0.16, 0.2])
+def test_a_throttle_that_a_rig_lets_jump_keeps_its_room_before_a_wall(onset: float) -> None:
+    """Full throttle within 0.1 s, again and again at other moments; the receiver does not drift."""
+    wall = Lot([(-20.0, -30.0), (60.0, -30.0), (60.0, 30.0), (-20.0, 30.0)])
+
+    def play(t: float) -> tuple[float, float]:
+        return (2.0 if (t + onset) % 0.5 < 0.25 else -0.5), 0.0
+
+    least, stopped = room(play, 5.0, wall, jerk=20.0, drift=no_drift)
+    assert least >= 0.0
+    assert stopped < math.inf, "the geofence never stopped this brain"
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -17,7 +17,7 @@ from tests.vehicle.car import FUSION, PERIOD, Rig
 from vve_sumo.values import ArmingState, Frame
 from vve_sumo.vehicle.dataspeed import layout
 from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
-from vve_sumo.vehicle.report_consistency import ReportConsistency
+from vve_sumo.vehicle.report_consistency import SPEED_SPIKE, STEERING_SPIKE, YAW_RATE_SPIKE, ReportConsistency
 from vve_sumo.vehicle.reports import CarReports
 
 CODE = ["reports_inconsistent"]
@@ -75,6 +75,27 @@ def test_a_real_cars_reports_are_consistent(shared_data: Path, log: str) -> None
     assert len(reports) > 400
     assert said(reports) == []
     assert said(reports[::2]) == [], "nor at half the rate"
+
+
+def greatest_spike(values: Sequence[float]) -> float:
+    """By how much a value lies off both its neighbours, on the same side, at most."""
+    triples = zip(values, values[1:], values[2:], strict=False)
+    return max((min(abs(b - a), abs(b - c)) for a, b, c in triples if (b - a) * (b - c) > 0.0), default=0.0)
+
+
+def test_a_real_cars_reports_lie_off_their_neighbours_by_a_fifth_of_the_bounds_at_most(shared_data: Path) -> None:
+    spikes = [
+        [greatest_spike([one[kind] for _, one in reports[::step]]) for kind in range(3)]
+        for reports in (recorded(shared_data, log) for log in LOGS)
+        for step in (1, 2)
+    ]
+    speed, yaw_rate, angle = (max(of_one) for of_one in zip(*spikes, strict=True))
+    assert speed == pytest.approx(0.065, abs=5e-4)
+    assert speed < 0.2 * SPEED_SPIKE
+    assert yaw_rate == pytest.approx(0.0022, abs=5e-5)
+    assert yaw_rate < 0.2 * YAW_RATE_SPIKE
+    assert math.degrees(angle) == pytest.approx(0.3, abs=0.005)
+    assert angle < 0.2 * STEERING_SPIKE
 
 
 @pytest.mark.parametrize("every", [1, 2, 5])

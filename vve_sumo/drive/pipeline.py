@@ -147,6 +147,7 @@ class Pipeline:
         self._fallback_rule = fallback
         self._sequence = 0
         self._s: float | None = None
+        self._way, self._moved = 0.0, math.inf  # driven since the first pose [m]; drive time up to which it counts [s]
         self._newest = -math.inf
         self._reasons: tuple[str, ...] = ()
         self._outputs = self._newest_outputs()
@@ -210,6 +211,8 @@ class Pipeline:
         if pose is not None:
             beside = self._path.project(pose.x, pose.y, self._s)
             self._s, s, d = beside.s, beside.s, beside.offset
+            self._way += abs(pose.speed) * max(now - self._moved, 0.0)
+            self._moved = now
             faults += ("off_path",) if not abs(d) <= self._deviation_limit else ()
             faults += ("above_desired_speed",) if not pose.speed <= self._speed_limit else ()
             if not abs(now - self._prepared_for) <= PREPARED_TOLERANCE:
@@ -254,9 +257,9 @@ class Pipeline:
         self._fallback = self._fallback_rule(pose, steering, self._path, self._s, self._vehicle)
         if self._geofence is not None:
             requested = (min(self._requested), max(self._requested)) if self._requested else None
-            self._geofence_breach = self._geofence.check(
-                pose, steering, computed(self._fallback), max(self._s, 0.0), requested
-            )
+            # The gateway compares the receiver with the car from the first setpoint on, however the car drives.
+            driven = max(self._s, self._way)
+            self._geofence_breach = self._geofence.check(pose, steering, computed(self._fallback), driven, requested)
 
     def front_bumper_at(self, time: float) -> Pose | None:
         """Return the front bumper's pose to request of SUMO for drive time `time` [s]; None before a trusted fix."""

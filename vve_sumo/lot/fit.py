@@ -110,13 +110,15 @@ def shortened(path: Path, geofence: Geofence, speed: float, station: float) -> P
     Beyond its new end the car is taken to go straight on, which may ask for a place to end a little sooner. Raises
     ConfigError where less than `MIN_PATH_LENGTH` is left.
     """
+    # A place a metre is checked. An end half-way between two asks for the same ones however a file rounds its length.
+    station = math.ceil(station) - 0.5
     while station >= MIN_PATH_LENGTH:
         points = [path.at(s) for s in np.linspace(0.0, station, round(station) + 1).tolist()]
         cut = Path.from_points([point.x for point in points], [point.y for point in points])
         leaves = geofence.along(cut, speed)
         if leaves is None:
             return cut
-        station = min(leaves, station) - 1.0
+        station = math.ceil(min(leaves, station)) - 1.5
     raise ConfigError(f"the lot takes less than {MIN_PATH_LENGTH:g} m of the path")
 
 

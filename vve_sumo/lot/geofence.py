@@ -25,11 +25,13 @@ from vve_sumo.values import FallbackPath, Floats, Point, Pose, Vehicle
 GEOFENCE_BREACH: Final = ("geofence_breach",)
 #: a fallback path with more knots is refused [-]; the gateway takes no more than 64
 MAX_KNOTS: Final = 200
-#: what a setpoint may ask beyond the present acceleration grows with this until it expires [m/s3]; ISO 15622's comfort
-JERK: Final = 5.0
+#: how fast and up to what setpoints may ask for more acceleration, where the limits say nothing else; ISO 15622
+JERK, ACCELERATION = 5.0, 2.0  # [m/s3], [m/s2]
 #: a shorter rise counts as 0 [s], its jerk would be too large to compute with
 MIN_RISE_TIME: Final = 1e-6
-#: how a controller is taken to drive a path: lateral acceleration in bends, slowing down ahead of them, speeding up
+# How a controller is taken to drive a path, in the look ahead before a drive only: lateral acceleration in bends,
+# slowing down ahead of them, speeding up. The check at every tick takes the car's own speed, so a limit that lets a
+# controller drive bends faster takes nothing from it.
 LATERAL, SLOWING, SPEEDING_UP = 3.0, 1.5, 2.0  # [m/s2]
 
 
@@ -41,17 +43,21 @@ class Stop:
     delay: float  #: from the last good setpoint to the first deceleration, dead times and lags included [s]
     rise: float = 0.0  #: from the first deceleration to the full one, linearly [s]
     drive_lag: float = 0.0  #: time constant with which the drive force fades once the throttle is closed [s]
+    jerk: float = JERK  #: with which setpoints may ask for more acceleration until they expire [m/s3]
+    acceleration: float = ACCELERATION  #: greatest that setpoints may ask for [m/s2]
 
     def distance(self, speed: float, acceleration: float = 0.0, downhill: float = 0.0) -> float:
         """Return the stopping distance [m] from `speed` [m/s, not negative], `downhill` being the slope; inf if never.
 
-        Until the brakes set in, speed rises by the present acceleration, by what `JERK` lets a setpoint add, and by the
-        slope's share b; the drive force of both fades with its lag. Then v t + b t^2 / 2 - j t^3 / 6 while the
-        deceleration rises to a, and v^2 / (2 (a - b)).
+        Until the brakes set in, speed rises by the present acceleration, by what setpoints add to it, and by the
+        slope's share b; the drive force of both fades with its lag. Setpoints add with `jerk`, and no more than the
+        greatest `acceleration`: the present one is measured, and holds drag and slope too. Then
+        v t + b t^2 / 2 - j t^3 / 6 while the deceleration rises to a, and v^2 / (2 (a - b)).
         """
         pull = GRAVITY * downhill
         gained = max(acceleration, 0.0) * (self.delay + self.drive_lag)
-        gained += JERK * self.delay * (0.5 * self.delay + self.drive_lag)
+        adding = min(self.delay, self.acceleration / self.jerk)
+        gained += self.jerk * adding * (self.delay - 0.5 * adding + self.drive_lag)
         start = speed + gained + pull * self.delay
         if not self.deceleration > pull:
             return math.inf
@@ -121,10 +127,10 @@ class Geofence:
 
         `pose` is the rear axle's in the street's map, `steering` the road-wheel angle that the car reports [rad, left
         positive], `profile` the fallback path that the setpoint carries, None for none. `driven` is the way since the
-        drive began [m], `requested` the least and the greatest road-wheel angle that the latest setpoints asked for
-        [rad], by default the reported one. A value that is not finite is a breach.
+        receiver was first compared with the car [m], `requested` the least and the greatest road-wheel angle that the
+        latest setpoints asked for [rad], by default the reported one. A value that is not finite is a breach.
         """
-        distances = self._distances(pose, steering + driven)
+        distances = self._distances(pose, steering + driven + sum(requested or ()))
         if distances is None:
             return GEOFENCE_BREACH
         placed, body = self._to_lot.apply(pose), self._body.grown(self._drift(driven))
@@ -201,22 +207,24 @@ class Geofence:
         """Swept area of all fallback paths, in the rear axle's frame; None where `profile` is invalid."""
         by_gateway, by_watchdog = distances
         turning, asked = self._turning, requested or (steering, steering)
+        # A fallback path leads forwards: nobody leads a car that rolls backwards.
+        way = profile if by_gateway > 0.0 else None
         held = (steering, steering) if turning is None else turning.at_once(speed, steering, asked)
         low, high = self._bends(speed, *held)
         swept = [relaxing(body, min(low, 0.0), max(high, 0.0), by_watchdog)]
-        if profile is None and turning is not None:
+        if way is None and turning is not None:
             # Nobody leads the wheel back to where it was: it may be held wherever setpoints have turned it by then.
             swept.append(fan(body, *self._bends(speed, *turning.until_stop(speed, steering, asked)), by_gateway))
         elif abs(by_gateway) > abs(by_watchdog):
             swept.append(fan(body, *self._bends(speed, steering, steering), by_gateway))
-        if profile is not None and by_gateway > 0.0:
-            knots = _knots(profile, by_gateway)
+        if way is not None:
+            knots = _knots(way, by_gateway)
             if knots is None:
                 return None
             ways = [knots]
             if turning is not None:
-                ways += turning.led_astray(knots, profile.spacing, speed, steering, asked)
-            swept += [trail(body, way, profile.spacing) for way in ways]
+                ways += turning.led_astray(knots, way.spacing, speed, steering, asked)
+            swept += [trail(body, bends, way.spacing) for bends in ways]
         return np.concatenate(swept)
 
     def _bends(self, speed: float, low: float, high: float) -> tuple[float, float]:

@@ -15,7 +15,6 @@ import numpy as np
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Floats, Vehicle
 
-GAIN: Final = 0.5  #: by which the car may become faster until a stop begins [m/s]
 PANELS: Final = 8  #: of the integration, for each interval between knots
 
 Angles = tuple[float, float]  #: least and greatest road-wheel angle [rad], left positive
@@ -31,9 +30,10 @@ class Turning:
     lateral_jerk: float  #: greatest from steering [m/s3]
     answer_time: float  #: by which the reported angle lags behind the commanded one [s]
     lifetime: float  #: from a setpoint's time until the gateway no longer acts on it [s]
+    acceleration: float  #: greatest that setpoints may ask for [m/s2]
 
     @classmethod
-    def of(cls, vehicle: Vehicle, lateral_jerk: float, lifetime: float) -> Turning:
+    def of(cls, vehicle: Vehicle, lateral_jerk: float, lifetime: float, acceleration: float) -> Turning:
         """Return the car's."""
         answer_time = vehicle.steering_delay + vehicle.steering_lag + PERIOD  # a setpoint that came after the check
         return cls(
@@ -43,6 +43,7 @@ class Turning:
             lateral_jerk,
             answer_time,
             lifetime,
+            acceleration,
         )
 
     def at_once(self, speed: float, steering: float, requested: Angles) -> Angles:
@@ -62,11 +63,14 @@ class Turning:
         """Curvatures [1/m] of a car whose wheel setpoints turned away from a fallback path before it was followed.
 
         One for either side; `knots` are the path's, given every `spacing` [m]. The wheel turns at the limiter's rate
-        until the gateway stops and the steering answers, then back at that rate. Each knot holds the mean around it,
-        so that the heading is right.
+        until the gateway stops and the steering answers, T, then back at that rate. Each knot holds the mean around
+        it, so that the heading is right. The wheel is back after 2 T at the latest. Until then the way is at most
+        v t + a t^2 / 2 with the greatest acceleration a, less than that of a car which is faster by a T all the time;
+        no brakes count.
         """
         rate = self._rate(speed)
-        until, fast = self.lifetime + self.answer_time, speed + GAIN
+        until = self.lifetime + self.answer_time
+        fast = speed + self.acceleration * until
         count = PANELS * (len(knots) - 1) + 1
         s = np.arange(count) * (spacing / PANELS)
         ways = []

@@ -350,6 +350,7 @@ class Record(MemoryRecorder):
         return _BytesFile(self._own(name))
 
     def _table(self, name: str, schema: pa.Schema) -> _Table:
+        self._own(f"{name}{CLOSED_ENDING}")  # which it becomes
         return _TableFile(self._own(f"{name}{OPEN_ENDING}"), schema)
 
 

@@ -173,6 +173,7 @@ def geofence_of(rig: Rig, alignment: Alignment) -> Geofence:
     stronger than the lot's friction allows.
     """
     vehicle, limits, lag = vehicle_of(rig), limits_of(rig), calibration_of(rig).drive_lag
+    comfort = limits.comfort
     slope = math.atan(rig.lot.grade_percent / 100.0)
     grip = rig.lot.friction * GRAVITY * math.cos(slope)
     deceleration = min(limits.stop_deceleration, grip)
@@ -181,12 +182,14 @@ def geofence_of(rig: Rig, alignment: Alignment) -> Geofence:
         SETPOINT_LIFETIME + NOTICED + vehicle.brake_delay + vehicle.brake_lag,
         deceleration / limits.stop_jerk,
         lag,
+        comfort.jerk,
+        comfort.acceleration,
     )
     test = rig.watchdog_test
     strength = watchdog_deceleration_of(rig, load(interface_of(rig)).facts)
     watchdog = gateway
     if test is not None and strength is not None:
-        watchdog = Stop(min(strength, grip), SETPOINT_LIFETIME + test.delay_s, drive_lag=lag)
+        watchdog = replace(gateway, deceleration=min(strength, grip), delay=SETPOINT_LIFETIME + test.delay_s, rise=0.0)
     return Geofence(
         lot_of(rig),
         vehicle,
@@ -194,7 +197,7 @@ def geofence_of(rig: Rig, alignment: Alignment) -> Geofence:
         gateway=gateway,
         watchdog=watchdog,
         downhill=math.sin(slope),
-        turning=Turning.of(vehicle, limits.comfort.lateral_jerk, SETPOINT_LIFETIME + NOTICED),
+        turning=Turning.of(vehicle, comfort.lateral_jerk, SETPOINT_LIFETIME + NOTICED, comfort.acceleration),
         drift=unseen_drift,
     )
 

@@ -10,8 +10,11 @@ from typing import Final
 
 # A report that lies off both its neighbours by more than this, on the same side, is a spike. Reports come every 10 or
 # 20 ms, so the bounds are accelerations to and fro that no wheel, body or steering has from one report to the next. In
-# recordings of a real Ford Fusion, hard braking included, the greatest are 0.065 m/s, 0.001 rad/s and 0.3 deg.
-# An anti-lock brake that swings a wheel by 1 m/s to both sides at 8 Hz makes spikes of 0.12 m/s at its turning points.
+# recordings of a real Ford Fusion, hard braking included, the greatest are 0.065 m/s, 0.0022 rad/s and 0.3 deg, every
+# report taken or every second one (tests/vehicle/test_report_consistency.py). Computed and not measured: an anti-lock
+# brake that swings both wheels by A = 1 m/s to both sides, as a sine of f = 8 Hz, makes spikes of
+# A (1 - cos(2 pi f T)) at its turning points: 0.12 m/s with a report every T = 10 ms, as wheel speeds come; with
+# one every 20 ms it would be 0.46 m/s and found.
 SPEED_SPIKE: Final = 0.35  # of the rear axle by the wheels [m/s]: 35 m/s2 in 10 ms, and back in the next
 YAW_RATE_SPIKE: Final = 0.05  # [rad/s]
 STEERING_SPIKE: Final = 0.07  # of the steering wheel's angle [rad]: 200 deg/s to one side, then to the other
