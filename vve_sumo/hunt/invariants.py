@@ -651,4 +651,5 @@ def weakest_stop(rig: Rig, parameters: CarParameters, limits: Limits) -> Stop:
         deceleration, delay = min(deceleration, watchdog), max(delay, SETPOINT_LIFETIME + test.delay_s)
     true = deceleration * min(parameters.brake_gain_factor / parameters.mass_factor, 1.0)
     true = min(true, 0.9 * parameters.friction * GRAVITY)
-    return Stop(true, delay, true / limits.stop_jerk, parameters.calibration.drive_lag)
+    asked = limits.comfort
+    return Stop(true, delay, true / limits.stop_jerk, parameters.calibration.drive_lag, asked.jerk, asked.acceleration)
