@@ -75,13 +75,23 @@ class SlowingMonitor:
             return False
         # Wheel speeds that fall faster than any car brakes have failed: what they lose beyond that is nobody's foot.
         gained = max(wheels - before[0], -MAX_BRAKING * elapsed)
-        allowed = self._least(wheels, grade) * elapsed
+        seen = satellite - before[1]
+        any_car, modelled, margin = self._expected(wheels, grade)
+        allowed = any_car * elapsed
         self._deficit = added(self._deficit, allowed - gained)
-        self._satellite_deficit = added(self._satellite_deficit, allowed - (satellite - before[1]))
+        self._satellite_deficit = added(self._satellite_deficit, allowed - seen)
+        if wheels > LEARNING_SPEED:
+            allowed = (modelled + self._learnt - margin) * elapsed
+            self._changed = added(self._changed, allowed - gained)
+            self._satellite_changed = added(self._satellite_changed, allowed - seen)
+            self._learnt += (gained / elapsed - modelled - self._learnt) * elapsed / (LEARNING_TIME + elapsed)
+        else:
+            self._changed = self._satellite_changed = 0.0
         # One of two speeds alone points at locked wheels or a wrong receiver, not at a foot.
-        confirmed = self._satellite_deficit > SATELLITE_DEFICIT or not math.isfinite(satellite)
-        changed = self._differs_from_before(elapsed, (gained, satellite - before[1]), wheels, grade)
-        return (self._deficit > SPEED_DEFICIT and confirmed) or changed
+        unknown = not math.isfinite(satellite)
+        slow = self._deficit > SPEED_DEFICIT and (unknown or self._satellite_deficit > SATELLITE_DEFICIT)
+        slower = self._changed > CHANGE_DEFICIT and (unknown or self._satellite_changed > SATELLITE_DEFICIT)
+        return slow or slower
 
     def _follow(self, elapsed: float, pedals: Pedals) -> None:
         """Advance the largest braking and the least push that the commanded `pedals` may have by now."""
@@ -92,29 +102,12 @@ class SlowingMonitor:
         pushing = self._opening + (pedals.throttle - self._opening) * elapsed / (self._push_lag + elapsed)
         self._opening = min(pedals.throttle, pushing)
 
-    def _least(self, speed: float, grade: float) -> float:
-        """Least acceleration that any sound car may have now [m/s2]."""
+    def _expected(self, speed: float, grade: float) -> tuple[float, float, float]:
+        """Least acceleration of any sound car, this car's by its model, and what it may be less than that [m/s2]."""
         calibration = self._calibration
-        force = DRIVE_SHARE * calibration.drive_force(self._opening, max(speed, 0.0))
-        force -= DRAG_SHARE * calibration.drag(speed) + BRAKE_SHARE * calibration.brake_force(self._torque)
-        return force / calibration.mass - GRAVITY * math.sin(grade) - DECELERATION_MARGIN
-
-    def _differs_from_before(self, elapsed: float, gained: tuple[float, float], speed: float, grade: float) -> bool:
-        """Return whether the car has begun to lose more speed than it did, by model and what was learnt of it.
-
-        `gained` is the change of `speed` [m/s] by the wheels and by the receiver, NaN where that is not known.
-        """
-        calibration, (wheels, satellite) = self._calibration, gained
-        if not speed > LEARNING_SPEED:
-            self._changed = self._satellite_changed = 0.0
-            return False
-        push = calibration.drive_force(self._opening, speed) / calibration.mass
-        braking = calibration.brake_force(self._torque) / calibration.mass
-        drag = (calibration.drag(speed) - calibration.creep(speed)) / calibration.mass
-        modelled = push - braking - drag - GRAVITY * math.sin(grade)
-        least = modelled + self._learnt - CHANGE_MARGIN - CHANGE_SHARE * (push + braking)
-        self._changed = added(self._changed, least * elapsed - wheels)
-        self._satellite_changed = added(self._satellite_changed, least * elapsed - satellite)
-        self._learnt += (wheels / elapsed - modelled - self._learnt) * elapsed / (LEARNING_TIME + elapsed)
-        confirmed = self._satellite_changed > SATELLITE_DEFICIT or not math.isfinite(satellite)
-        return self._changed > CHANGE_DEFICIT and confirmed
+        mass, drag = calibration.mass, calibration.drag(speed)
+        push = calibration.drive_force(self._opening, speed if speed > 0.0 else 0.0)
+        braking, slope = calibration.brake_force(self._torque), GRAVITY * math.sin(grade)
+        any_car = (DRIVE_SHARE * push - DRAG_SHARE * drag - BRAKE_SHARE * braking) / mass - slope - DECELERATION_MARGIN
+        modelled = (push + calibration.creep(speed) - braking - drag) / mass - slope
+        return any_car, modelled, CHANGE_MARGIN + CHANGE_SHARE * (push + braking) / mass
