@@ -284,16 +284,14 @@ class Gateway(Monitor):
         # An override latched before engaging does not count until the CLEAR sent on engaging has reset it. Once the
         # DBW controller has confirmed and its handshake time is over, every latched override counts.
         self._old_overrides = frozenset() if self._handover.settled(now) else self._old_overrides & overrides
-        taken = overrides - self._old_overrides
-        if any(map(self._confirmed, taken)) or (taken and self._response.driver_inferred):
+        overrides -= self._old_overrides
+        if any(map(self._confirmed, overrides)) or (overrides and self._response.driver_inferred):
             self._happen(now, Event.OVERRIDE, ["driver_override", *faults])
             return
-        if taken:
+        if overrides:
             # The word of one module alone, which may be wrong: a car that nobody brakes must not be let go.
             faults.append("override_unconfirmed")
-        under_way = self._state is ArmingState.STOPPING or (self._state is _ENGAGED and self._handover.going)
-        if under_way and (signs := [*self._driver, *["driver_inferred"] * self._response.driver_inferred]):
-            self._happen(now, Event.DRIVER, signs)
+        self._judge_foot(now)
         if self._limiter.too_fast(self._fastest()):
             faults.append("speed_above_limit")
         faults += self._progress(now)
@@ -301,6 +299,18 @@ class Gateway(Monitor):
             self._happen(now, Event.FAULT, faults)
         if self._state is _ENGAGED and not self._admission.valid(now):
             self._happen(now, Event.EXPIRED, ["setpoint_expired"])
+        self._judge_rest(now)
+        self._call_the_driver("brake" in overrides, faults)
+
+    def _judge_foot(self, now: float) -> None:
+        """Stop a car under way on whose pedals the driver's foot is."""
+        under_way = self._state is ArmingState.STOPPING or (self._state is _ENGAGED and self._handover.going)
+        signs = [*self._driver, "driver_inferred"] if self._response.driver_inferred else self._driver
+        if under_way and signs:
+            self._happen(now, Event.DRIVER, signs)
+
+    def _judge_rest(self, now: float) -> None:
+        """Apply that the car stands, or is parked; call the driver where it is not certain that it stands."""
         standstill = self._standstill
         if standstill.at_rest:
             self._happen(now, Event.AT_REST, [])
@@ -312,7 +322,6 @@ class Gateway(Monitor):
         pulls_away = self._state is _ENGAGED and self._handover.going
         if self._uncertain_long.step(now, doubted) or (standstill.contradicted and not pulls_away):
             self._notes += ["standstill_uncertain", "driver_needed"]
-        self._call_the_driver(overrides, faults)
 
     def _confirmed(self, override: str) -> bool:
         """Whether something besides its own word confirms a module's override."""
@@ -322,11 +331,11 @@ class Gateway(Monitor):
             return self._handover.in_drive and gear not in (Gear.DRIVE, asked)
         return self._reports.confirmed(override)
 
-    def _call_the_driver(self, overrides: frozenset[str], faults: list[str]) -> None:
+    def _call_the_driver(self, brake_overridden: bool, faults: list[str]) -> None:
         """Note that the gateway has no brakes, or does not hear the car, or that the car rolls though it is held."""
         if self._shadow:
             return
-        latched = self._response.brakes_latched or "brake" in overrides - self._old_overrides
+        latched = self._response.brakes_latched or brake_overridden
         if latched:
             self._notes.append("brakes_latched")
         # A car that is said to stand, and is not known to, may roll.
