@@ -160,10 +160,10 @@ def _behaviours() -> str:
 
 def _known_limits() -> str:
     """What a gateway cannot know."""
-    lines = ["| invariant | with | why |", "|---|---|---|"]
+    lines = ["| invariant | with | and | why |", "|---|---|---|---|"]
     for limit in LIMITS:
-        kinds = ", ".join(f"`{kind}`" for kind in sorted(limit.kinds))
-        lines.append(f"| `{limit.invariant}` | {kinds} | {limit.why} |")
+        others = " or ".join(f"`{kind}`" for kind in sorted(limit.kinds - {limit.frozen}))
+        lines.append(f"| `{limit.invariant}` | `{limit.frozen}` | {others} | {limit.why} |")
     return "\n".join(lines)
 
 

@@ -19,16 +19,18 @@ class Limit(NamedTuple):
     frozen: str  #: kind of fault that freezes the module's report
     module: int  #: value of the `DROPOUT` of the same module
     why: str
+    override: str = ""  #: kind of the driver's action that takes the module over, where that is no better seen
 
     @property
     def kinds(self) -> frozenset[str]:
-        """Return the kinds of faults that the timeline has to hold, at the same time."""
-        return frozenset({self.frozen, DROPOUT})
+        """Return the kinds of which the timeline has to hold the frozen report, and at the same time one other."""
+        return frozenset({self.frozen, DROPOUT, self.override} - {""})
 
     def explains(self, episode: Episode) -> bool:
         """Whether the report is frozen while its own module is off."""
         frozen = [one for one in episode.actions if one.kind == self.frozen]
         off = [one for one in episode.actions if one.kind == DROPOUT and _module(one) == self.module]
+        off += [one for one in episode.actions if one.kind == self.override]
         return any(one.after < other.end and other.after < one.end for one in frozen for other in off)
 
 
@@ -41,8 +43,9 @@ LIMITS: Final = (
         "told_driving",
         "steering_report_frozen",
         3,
-        "on a straight road a steering that is off and whose report is frozen differs from a good one in nothing; "
-        "it is found as soon as the steering is told to move",
+        "on a straight road a steering that is off, or that the driver has taken over, and whose report is frozen "
+        "differs from a good one in nothing; it is found as soon as the steering is told to move",
+        "steering_override",
     ),
     Limit(
         "told_driving",
@@ -56,7 +59,9 @@ LIMITS: Final = (
         "throttle_report_frozen",
         2,
         "a throttle that is off and whose report is frozen differs from a good one in nothing while it is told to stay "
-        "closed; it is found as soon as it is told to open",
+        "closed; it is found as soon as it is told to open. A driver's foot on it shows in the car's speed alone, "
+        "which the limits of rig and scenario bound",
+        "throttle_override",
     ),
 )
 
