@@ -1,6 +1,6 @@
 """How far setpoints may still turn the wheel before a stop begins, by the bounds of the gateway's limiter.
 
-The angle that the car reports lags behind what it is told, and the last good setpoint is acted on until it expires.
+The angle that the car reports lags behind the commanded one, and the last good setpoint is acted on until it expires.
 Arithmetic only; knows neither lot nor body.
 """
 
@@ -47,7 +47,7 @@ class Turning:
         )
 
     def at_once(self, speed: float, steering: float, requested: Angles) -> Angles:
-        """Angles that the car has been told when nothing is told it any more.
+        """Angles that the car has been commanded when nothing is commanded any more.
 
         `steering` is the reported angle, `requested` holds the angles that the latest setpoints asked for.
         """
@@ -96,8 +96,8 @@ class Turning:
     def _within(self, speed: float, steering: float, requested: Angles, duration: float) -> Angles:
         """Least and greatest angle: as far as earlier requests lead within the answer time, any for `duration` [s]."""
         rate = self._rate(speed)
-        told, newest = rate * self.answer_time, rate * duration
-        low = steering - min(told, max(steering - requested[0], 0.0)) - newest
-        high = steering + min(told, max(requested[1] - steering, 0.0)) + newest
+        answered, newest = rate * self.answer_time, rate * duration
+        low = steering - min(answered, max(steering - requested[0], 0.0)) - newest
+        high = steering + min(answered, max(requested[1] - steering, 0.0)) + newest
         # A report beyond the limit is no reason to check less than where the wheel is.
         return max(low, min(steering, -self.limit)), min(high, max(steering, self.limit))

@@ -119,12 +119,12 @@ class HoldMonitor:
     """Monitors that a car that stands under a commanded holding torque goes on standing."""
 
     def __init__(self) -> None:
-        self._stood = False
+        self._was_at_rest = False
         self._rolls_long, self._moves_long = Debounce(ROLL_TIME), Debounce(SATELLITE_ROLL_TIME)
 
     def reset(self) -> None:
         """Forget the past: the gateway does not hold the car."""
-        self._stood = False
+        self._was_at_rest = False
         self._rolls_long.reset()
         self._moves_long.reset()
 
@@ -133,9 +133,9 @@ class HoldMonitor:
 
         `fastest_wheel` and the receiver's averaged speed `satellite` are in m/s, NaN where unknown. Either is enough.
         """
-        self._stood = held and (self._stood or stands)
-        rolls = self._rolls_long.step(now, self._stood and fastest_wheel > ROLL_SPEED)
-        moves = self._moves_long.step(now, self._stood and abs(satellite) > SATELLITE_ROLL_SPEED)
+        self._was_at_rest = held and (self._was_at_rest or stands)
+        rolls = self._rolls_long.step(now, self._was_at_rest and fastest_wheel > ROLL_SPEED)
+        moves = self._moves_long.step(now, self._was_at_rest and abs(satellite) > SATELLITE_ROLL_SPEED)
         return rolls or moves
 
 

@@ -52,7 +52,7 @@ class ResponseMonitor:
         self,
         now: float,
         elapsed: float,
-        told: Pedals,
+        pedals: Pedals,
         reports: CarReports,
         speeds: tuple[float, float],
         grade: float,
@@ -60,37 +60,37 @@ class ResponseMonitor:
         standstill: Standstill,
         going: bool,
     ) -> list[str]:
-        """Return reason codes at `now` [s], `elapsed` after the last step; `told` are the pedals of that step.
+        """Return reason codes at `now` [s], `elapsed` after the last step; `pedals` are those commanded in that step.
 
         `speeds` are those of wheels and receiver [m/s], NaN where unknown; `grade` [rad], uphill positive. What is
         known of its `standstill`; the car may be allowed to move (`going`).
         """
         brake = reports.brake
         wheels, satellite = speeds
-        faults = self._brakes.step(elapsed, told, wheels, satellite, grade, brake.watchdog_braking)
-        held = told.brake_torque >= self._holding_torque and not brake.watchdog_braking
+        faults = self._brakes.step(elapsed, pedals, wheels, satellite, grade, brake.watchdog_braking)
+        held = pedals.brake_torque >= self._holding_torque and not brake.watchdog_braking
         mean = math.nan if satellite != satellite else standstill.satellite_mean
         stands = standstill.certain and standstill.at_rest
         if self._hold.step(now, held, stands, reports.fastest_wheel, mean):
             faults.append("brake_not_following")
-        faults += self._frozen(now, told, reports)
+        faults += self._frozen(now, pedals, reports)
         unasked = self._signs.step(
-            now, elapsed, told.brake_torque, reports.brake_torque(now), brake.driver_torque
+            now, elapsed, pedals.brake_torque, reports.brake_torque(now), brake.driver_torque
         )  # fmt: skip
         slowed = False
         if going:
-            slowed = self._slowing.step(elapsed, told, wheels, satellite, grade)
+            slowed = self._slowing.step(elapsed, pedals, wheels, satellite, grade)
         else:
             self._slowing.reset()
         self.driver_inferred = (unasked or slowed) and not brake.watchdog_braking
         return faults
 
-    def _frozen(self, now: float, told: Pedals, reports: CarReports) -> list[str]:
+    def _frozen(self, now: float, pedals: Pedals, reports: CarReports) -> list[str]:
         """Reason codes of modules whose fresh reports do not repeat their commands."""
         oldest = MAX_REPORT_AGE + TOLERANCE
         torque = reports.brake.command if reports.age(BrakeState, now) <= oldest else math.nan
         opening = reports.throttle.command if reports.age(ThrottleState, now) <= oldest else math.nan
-        faults = ["brake_report_frozen"] if self._brake_echo.step(now, told.brake_torque, torque) else []
-        if self._throttle_echo.step(now, told.throttle, opening):
+        faults = ["brake_report_frozen"] if self._brake_echo.step(now, pedals.brake_torque, torque) else []
+        if self._throttle_echo.step(now, pedals.throttle, opening):
             faults.append("throttle_report_frozen")
         return faults
