@@ -273,6 +273,14 @@ def test_park_is_not_requested_of_a_moving_car() -> None:
     assert judged(lambda time: {"pose": pose(0.0), "command": command(gear=Gear.PARK)}, 1.0) == []
 
 
+def test_a_car_may_begin_to_roll_while_it_shifts_to_park_and_not_after() -> None:
+    def rolls(time: float) -> dict[str, Any]:
+        return {"pose": pose(0.0 if time < 0.3 else 0.2), "command": command(gear=Gear.PARK)}
+
+    assert judged(rolls, 0.5) == []
+    assert names(judged(rolls, 0.7)) == ["no_park_while_moving"]
+
+
 def test_a_held_car_stands_or_the_alarm_comes() -> None:
     creeps = {"pose": pose(0.3), "phase": HELD, "went": False, "reasons": ("waiting_for_go",)}
     assert names(judged(lambda time: creeps, 3.0)) == ["held_stands"]

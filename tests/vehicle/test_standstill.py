@@ -11,8 +11,8 @@ STEP = 0.015625  # [s], a binary fraction
 BRAKING = 4.0  # what the car is told [m/s2]
 #: Wheels are believed where their fall to zero is what 12 m/s2 and their resolution explain in a step [m/s].
 BELIEVED = 12.0 * STEP + 0.02
-#: From 0.30 m/s the receiver's mean, with a lag of 0.1 s, comes from a reading of 0.05 below 0.08 m/s: 0.1 ln(25 / 3).
-FORGOTTEN = 0.21
+#: From 0.30 m/s the receiver's mean, with a lag of 0.1 s, comes from a reading of 0.03 below 0.05 m/s: 0.1 ln(27 / 2).
+FORGOTTEN = 0.26
 
 
 class Weighed:
@@ -74,7 +74,7 @@ def test_standing_for_three_tenths_of_a_second_is_rest():
 
 def test_the_receiver_alone_is_believed_after_three_seconds_and_for_rest_only():
     weighed = moving(5.0)
-    assert weighed.until("at_rest", None, 0.05) == pytest.approx(3.0 + FORGOTTEN, abs=3.0 * STEP)
+    assert weighed.until("at_rest", None, 0.03) == pytest.approx(3.0 + FORGOTTEN, abs=3.0 * STEP)
     assert not weighed.subject.certain
     assert weighed.subject.contradicted
     assert weighed.step(None, 0.3) == (False, False, True)
@@ -117,7 +117,7 @@ def test_wheels_at_the_bound_of_what_a_car_can_brake():
 
 
 def test_where_the_receiver_confirms_or_a_driver_may_brake_the_hardest_braking_counts():
-    assert moving(5.0).until("certain", 0.0, 0.05) == pytest.approx((5.0 - BELIEVED) / 12.0, abs=2.0 * STEP)
+    assert moving(5.0).until("certain", 0.0, 0.03) == pytest.approx((5.0 - BELIEVED) / 12.0, abs=2.0 * STEP)
     assert moving(5.0).until("certain", 0.0, None, None) == pytest.approx((5.0 - BELIEVED) / 12.0, abs=2.0 * STEP)
 
 

@@ -88,6 +88,8 @@ class Tolerances:
     told_time: float = 0.5
     #: a car that was let go may move with no foot on a pedal for so long without an alarm [s]
     unattended_time: float = UNATTENDED_TIME + 0.5
+    #: park that was requested of a car that stood is engaged by then; a car whose brakes fail meanwhile may roll [s]
+    shift_time: float = 0.6
     #: lateral acceleration that steering commands may gain in a second beyond the lateral jerk that is allowed [m/s2]
     lateral_excess: float = 0.5
     #: steering rate of the commands over the limit [share]
@@ -463,12 +465,19 @@ class UnattendedAlarms:
 class NoParkWhileMoving:
     """Park is never requested of a car that moves."""
 
+    tolerances: Tolerances
     name: ClassVar[str] = "no_park_while_moving"
     margin: float = 1.0
+    _begun: float = math.nan  # of the request [s]
 
     def step(self, sample: TruthSample) -> str | None:
         """Take a tick."""
         if sample.command.gear is not Gear.PARK or not sample.command.enable:
+            self._begun = math.nan
+            return None
+        if math.isnan(self._begun):
+            self._begun = sample.time
+        elif sample.time - self._begun < self.tolerances.shift_time:
             return None
         speed = abs(sample.pose.speed)
         self.margin = min(self.margin, 1.0 - speed / (2.0 * REST))
@@ -607,7 +616,7 @@ class Judges:
             ToldDriving(tolerances),
             ToldControl(tolerances, self._driven),
             UnattendedAlarms(tolerances),
-            NoParkWhileMoving(),
+            NoParkWhileMoving(tolerances),
             HeldStands(tolerances, self._driven),
             SteeringCommands(vehicle, limits, tolerances),
             self._verdict,

@@ -65,7 +65,7 @@ _SPEED_UNKNOWN: Final = frozenset({"reports_inconsistent", "speed_mismatch", "wh
 
 
 #: Faults after which the brakes cannot be relied on, so that the driver is called while the car moves.
-_HELPLESS: Final = frozenset({"brake_not_following", "override_unconfirmed"})
+_HELPLESS: Final = frozenset({"brake_disabled", "brake_not_following", "override_unconfirmed"})
 
 
 #: Faults while which it is not known how the car moves; of the gear that is no matter.
@@ -554,7 +554,8 @@ class Gateway(Monitor):
         if self._shadow or not self._standstill.certain:
             return _NO_GEAR
         if self._state is _STOPPED:
-            return Gear.PARK
+            # A car that rolled a moment ago may only seem to stand.
+            return Gear.PARK if self._standstill.settled else _NO_GEAR
         if self._state is _ENGAGED and self._handover.enabled and not self._handover.in_drive:
             return Gear.DRIVE
         return _NO_GEAR

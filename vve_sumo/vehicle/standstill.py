@@ -14,7 +14,7 @@ from vve_sumo.vehicle.setpoint_validation import Debounce
 WHEEL_REST: Final = 0.05  # no wheel turns faster [m/s]; wheel-speed sensors resolve 3 mm/s
 SATELLITE_REST: Final = 0.30  # the receiver's speed at standstill stays below [m/s]: ten sigma of RTK velocity
 # Its mean over the last tenths of a second stays below this: noise averages out, and a creeping car does not.
-SATELLITE_MEAN_REST: Final = 0.08  # [m/s]
+SATELLITE_MEAN_REST: Final = 0.05  # [m/s]
 SATELLITE_LAG: Final = 0.1  # of that mean [s]
 REST_TIME: Final = 0.3  # standing this long is rest [s]
 # Time after which the receiver alone is believed, against wheel speeds that are missing or above rest [s].
@@ -44,7 +44,8 @@ class Standstill:
         self._long = Debounce(REST_TIME)
         self._satellite_long = Debounce(SATELLITE_REST_TIME)
         self.certain = False  #: the wheels say so, for long enough to be true, and nothing contradicts them
-        self.at_rest = False  #: certain for a while, or the receiver alone has said so for long
+        self.settled = False  #: certain for `REST_TIME`
+        self.at_rest = False  #: settled, or the receiver alone has said so for long
         self.moves = False  #: something says that the car moves
 
     @property
@@ -72,8 +73,8 @@ class Standstill:
         satellite_moves = creeps or (satellite is not None and not satellite_stands)
         self.moves = satellite_moves or (wheels is not None and not wheels_stand)
         self.certain = wheels_stand and not satellite_moves and self._possible < WHEEL_REST
-        long = self._long.step(now, self.certain)
-        self.at_rest = self._satellite_long.step(now, satellite_stands and not creeps) or long
+        self.settled = self._long.step(now, self.certain)
+        self.at_rest = self._satellite_long.step(now, satellite_stands and not creeps) or self.settled
 
     def _average(self, satellite: float, elapsed: float) -> None:
         """Average the receiver's speed; one that is above rest is taken as it is, so that the mean does not lag it."""
