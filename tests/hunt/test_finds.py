@@ -10,7 +10,7 @@ import pytest
 from tests.hunt.course import course
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.hunt.episode import Action, Episode, Phase
-from vve_sumo.hunt.invariants import Tolerances
+from vve_sumo.hunt.judging import Tolerances
 from vve_sumo.hunt.runner import run_alone
 from vve_sumo.vehicle.limits import Limiter
 from vve_sumo.vehicle.reports import CarReports

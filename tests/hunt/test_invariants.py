@@ -11,7 +11,8 @@ import pytest
 from tests.hunt.course import course
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.hunt.episode import RoadConditions
-from vve_sumo.hunt.invariants import Judges, Tolerances, Violation
+from vve_sumo.hunt.invariants import Judges
+from vve_sumo.hunt.judging import Tolerances, Violation
 from vve_sumo.hunt.simulation import Simulation
 from vve_sumo.hunt.truth import TruthSample
 from vve_sumo.live.wording import BRAKES, CONTROL, DRIVING, HELD, ROLLS

@@ -6,7 +6,7 @@ import pytest
 
 from tests.hunt.course import course
 from vve_sumo.hunt.episode import Action, Episode, Phase
-from vve_sumo.hunt.invariants import Tolerances
+from vve_sumo.hunt.judging import Tolerances
 from vve_sumo.hunt.runner import Result, run_alone, run_many
 from vve_sumo.plant.injected_faults import Shape
 

@@ -12,7 +12,7 @@ from tests.hunt.course import course
 from vve_sumo.hunt import draw
 from vve_sumo.hunt.episode import Action, Episode, Phase
 from vve_sumo.hunt.findings import read_row
-from vve_sumo.hunt.invariants import Tolerances
+from vve_sumo.hunt.judging import Tolerances
 from vve_sumo.hunt.known_limits import known
 from vve_sumo.hunt.run import PAIR_PHASES
 from vve_sumo.hunt.runner import Result, run_alone, run_many

@@ -136,7 +136,7 @@ def _phases(said: tuple[str, ...]) -> tuple[Phase, ...]:
 def _show(scenario: str, rig: str, file: Path) -> int:
     """Replay the episode of a row, and print a line whenever something changes."""
     from vve_sumo.hunt.findings import read_row
-    from vve_sumo.hunt.invariants import Tolerances
+    from vve_sumo.hunt.judging import Tolerances
     from vve_sumo.hunt.run import course_of
     from vve_sumo.hunt.runner import run_alone
 

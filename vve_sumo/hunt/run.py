@@ -17,8 +17,8 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.hunt.draw import pairs
 from vve_sumo.hunt.episode import Episode, Phase
 from vve_sumo.hunt.findings import Finding, Findings
-from vve_sumo.hunt.invariants import Tolerances
 from vve_sumo.hunt.journal import FOUND, Journal
+from vve_sumo.hunt.judging import Tolerances
 from vve_sumo.hunt.runner import Result, run_many
 from vve_sumo.hunt.search import BATCH, Search
 from vve_sumo.hunt.shrink import shrunk

@@ -20,7 +20,8 @@ from typing import Any, Final
 
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.hunt.episode import Episode, Phase, RoadConditions
-from vve_sumo.hunt.invariants import Judges, Tolerances, Violation
+from vve_sumo.hunt.invariants import Judges
+from vve_sumo.hunt.judging import Tolerances, Violation
 from vve_sumo.hunt.simulation import Course, Simulation
 from vve_sumo.hunt.truth import TruthSample
 from vve_sumo.live.wording import DRIVING
