@@ -147,6 +147,16 @@ def test_a_recording_is_played(near: vve.Run, working: Path) -> None:
     assert "prediction over 100 ms, maximum error" in played._repr_html_()
 
 
+def test_a_rig_brings_its_car_and_its_faults(working: Path) -> None:
+    faults = '[[faults]]\nkind = "wheel_speeds_zero"\nat_s = 2.0\n'
+    (working / "ours.toml").write_text((REPOSITORY / "rigs/simulated.toml").read_text() + faults)
+    scenario = vve.Scenario("delay_probe").replace(NEAR)
+    run = vve.drive(scenario, speed=8, rig="ours.toml", out="faulty")
+    assert run.summary["outcome"] == "fault"
+    rows = vve.sweep(scenario, seeds=2, rig="ours.toml", out="sweep").rows()
+    assert list(rows["outcome"]) == ["fault", "fault"]
+
+
 def test_a_crash_is_an_error_that_names_the_drive_and_the_next_drive_goes_on(working: Path) -> None:
     (working / "crashing.py").write_text(CRASHING, encoding="utf-8")
     with pytest.raises(vve.SimulationError, match=r"delay_probe: the drive came to no end: crashed: SIGSEGV") as crash:
@@ -189,6 +199,9 @@ def _children() -> list[str]:
         (lambda: vve.drive("parked_car", seed=-1), "seed: expected 0 to 2147483647, got -1"),
         (lambda: vve.drive("parked_car", speed=99), "ego.speed_mps: expected less than or equal to 40, got 99"),
         (lambda: vve.drive("parked_car", vehicle="tank"), "no vehicle named 'tank'"),
+        (lambda: vve.drive("parked_car", rig="nowhere"), "no rig named 'nowhere'"),
+        (lambda: vve.drive("parked_car", rig="simulated", vehicle="fusion"), "a rig brings its own vehicle"),
+        (lambda: vve.sweep("parked_car", seeds=2, rig="foreign"), "no foreign brain is waited for"),
         (lambda: vve.drive("parked_car", controller="nobody"), "controller nobody: unknown"),
         (lambda: vve.drive("parked_car", pose="no.csv"), "no.csv"),
         (lambda: vve.drive("parked_car", out="full"), "full is not empty"),

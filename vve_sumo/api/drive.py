@@ -14,6 +14,7 @@ from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.record.writer import claim
 from vve_sumo.sweep.engine import run_one
 from vve_sumo.sweep.job import CONFIG, Job, Result
+from vve_sumo.sweep.plan import rig_that_drives
 from vve_sumo.sweep.run import growing
 
 #: of a sweep's run, time [s] and memory [MB]; a drive that somebody waits for has neither
@@ -27,6 +28,7 @@ def drive(
     seed: int | None = None,
     controller: str | None = None,
     vehicle: str | None = None,
+    rig: str | Path | None = None,
     pose: str | Path | None = None,
     out: str | Path | None = None,
     progress: bool = True,
@@ -35,7 +37,8 @@ def drive(
 
     `scenario` is a name under scenarios/, a .toml file or a `Scenario`. Instead of the scenario's own: `speed` to keep
     where nothing forbids it ([m/s], or a text such as "25 mph"), `seed`, `controller` (a shipped name, "file.py:make"
-    or an entry point) and `vehicle` (a name under vehicles/ or a .toml file). `pose` is a recorded drive (NCOM bytes or
+    or an entry point) and `vehicle` (a name under vehicles/ or a .toml file), or a `rig` (a name under rigs/ or a .toml
+    file) with whose vehicle and injected faults the simulated vehicle drives. `pose` is a recorded drive (NCOM bytes or
     CSV) to play instead of driving; then commands are computed and nobody obeys. `out` is the folder of the record,
     absent or empty; by default it is a new one under runs/. `progress` shows a bar meanwhile.
 
@@ -49,6 +52,7 @@ def drive(
     working = Path.cwd()
     asked = scenario if isinstance(scenario, Scenario) else Scenario(scenario)
     asked = asked.chosen(seed=seed, speed=speed, controller=controller, vehicle=vehicle)
+    rig_file = None if rig is None else rig_that_drives(str(rig), vehicle, working)
     folder = new_run_folder(asked.name, working) if out is None else Path(out)
     claim(folder)
     job = Job(
@@ -59,6 +63,7 @@ def drive(
         working=working,
         keep=folder.absolute(),
         pose=None if pose is None else Path(pose).absolute(),
+        rig=rig_file,
         progress=True,
         time_limit_s=NO_LIMIT,
         memory_limit_mb=NO_LIMIT,

@@ -26,6 +26,7 @@ def sweep(
     vary: Mapping[str, Any] | None = None,
     controllers: Mapping[str, Mapping[str, Any]] | Sequence[str] | None = None,
     seeds: int | Sequence[int] | None = None,
+    rig: str | Path | None = None,
     workers: int | None = None,
     out: str | Path | None = None,
     progress: bool = True,
@@ -39,6 +40,7 @@ def sweep(
     `seeds` is how often, or a list of seeds. Without these, `what` is a sweep's name or file, or a mapping of what such
     a file says.
 
+    With a `rig` (a name under rigs/ or a .toml file), its vehicle drives, simulated, and its faults are injected.
     `workers` runs go on at a time, by default as many as there are processors. `out` is the folder of the dataset, by
     default a new one under runs/. Where it holds this very sweep already, only what is not finished is driven.
 
@@ -51,7 +53,7 @@ def sweep(
     2
     """
     working = Path.cwd()
-    query = _query(what, vary, controllers, seeds, working)
+    query = _query(what, vary, controllers, seeds, None if rig is None else str(rig), working)
     for line in query.notes:
         warnings.warn(line, stacklevel=2)
     folder = new_run_folder(query.plan.scenario, working) if out is None else Path(out)
@@ -80,14 +82,15 @@ def _query(
     vary: Mapping[str, Any] | None,
     controllers: Mapping[str, Mapping[str, Any]] | Sequence[str] | None,
     seeds: int | Sequence[int] | None,
+    rig: str | None,
     working: Path,
 ) -> SweepQuery:
     if vary is None and controllers is None and seeds is None:
         if isinstance(what, Scenario):
             raise ConfigError("vve.sweep: a scenario alone is one drive; expected vary={…}, controllers={…} or seeds=…")
         if isinstance(what, Mapping):
-            return planned(plain(what), CALLED, working, yes=False)
-        return query_of(str(what), working, yes=False)
+            return planned(plain(what), CALLED, working, yes=False, rig=rig)
+        return query_of(str(what), working, yes=False, rig=rig)
     if isinstance(what, Mapping):
         raise ConfigError("vve.sweep: a mapping says itself what is varied; leave out vary, controllers and seeds")
     scenario = what if isinstance(what, Scenario) else Scenario(what)
@@ -96,7 +99,7 @@ def _query(
         said["controllers"] = _controllers(controllers)
     if seeds is not None:
         said["seeds"] = plain(seeds)
-    return planned(said, CALLED, working, yes=False, scenario=(scenario.file.absolute(), scenario.table))
+    return planned(said, CALLED, working, yes=False, rig=rig, scenario=(scenario.file.absolute(), scenario.table))
 
 
 def _controllers(said: Mapping[str, Mapping[str, Any]] | Sequence[str]) -> list[dict[str, Any]]:
