@@ -136,6 +136,13 @@ def test_a_fault_of_a_sensor_that_no_report_shows_is_refused(tmp_path):
     require_injectable([InjectedFault("brake_torque_scaled", 1.0, 1.0)], TOY)
 
 
+def test_a_simulated_end_that_does_not_say_what_it_injects_is_told_so(tmp_path):
+    file = tmp_path / "old.py"
+    file.write_text(TOY_FILE.read_text(encoding="utf-8") + "\n\ndel SimulatedToy.injectable\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"old.py:make: SimulatedToy has no `injectable`, expected the kinds of"):
+        require_injectable([InjectedFault("brake_fault", 1.0, 1.0)], dataclasses.replace(TOY, name=f"{file}:make"))
+
+
 def test_a_car_is_not_made_with_a_fault_that_its_interface_cannot_inject():
     seeds = np.random.SeedSequence
     parameters, fault = vehicles.parameters(interface=TOY), InjectedFault("brake_fault", 1.0, 1.0)

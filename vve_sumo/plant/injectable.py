@@ -23,7 +23,14 @@ def injectable_kinds(config: InterfaceConfig) -> frozenset[str]:
     """
     interface = load(config)
     reported = {kind for kinds in interface.facts.reports.values() for kind in kinds}
-    claimed = frozenset(interface.simulated(_STEP).injectable) & INTERFACE_KINDS.keys()
+    simulated = interface.simulated(_STEP)
+    # An interface of one's own may have been written before its simulated end had to say this.
+    if (injectable := getattr(simulated, "injectable", None)) is None:
+        raise ConfigError(
+            f"interface {config.name}: {type(simulated).__name__} has no `injectable`, expected the kinds of "
+            "fault that it injects: docs/vehicle.md#another-drive-by-wire-interface"
+        )
+    claimed = frozenset(injectable) & INTERFACE_KINDS.keys()
     shown = {kind for kind, report in SENSOR_KINDS.items() if report in reported}
     return claimed | shown | KINDS.keys() - INTERFACE_KINDS.keys() - SENSOR_KINDS.keys()
 
