@@ -70,6 +70,32 @@ def test_before_the_first_trusted_fix_nothing_is_counted_and_recordings_are_not_
     assert {unsteady for unsteady, _ in said(flapping(3.0, 0.1, 0.1), profile=PLAYBACK)} == {()}
 
 
+def unsteady(refused: list[bool], rate: float) -> bool:
+    """Whether it is, after these fixes; one is trusted first."""
+    steadiness = Steadiness()
+    for number, one in enumerate([False, *refused]):
+        steadiness.step(number / rate, one)
+    return steadiness.unsteady
+
+
+@pytest.mark.parametrize(
+    ("refused", "rate", "expected"),
+    [
+        # At 100 Hz a window has 101 fixes, the first and the last on its edges: 25 are 24.8 %, 26 are 25.7 %.
+        ([False] * 75 + [True] * 25, 100.0, False),
+        ([False] * 75 + [True] * 26, 100.0, True),
+        ([False, False, True, True], 4.0, False),  # two of five
+        ([False, True, True, True], 4.0, True),  # three of five
+        ([True, True, True], 2.0, True),  # three of three, the oldest on the edge
+        ([True, *[False] * 9] * 4, 100.0, False),  # four interruptions
+        ([True, *[False] * 9] * 5, 100.0, True),
+        ([False] * 90 + [True] * 6, 100.0, False),  # one long interruption is one
+    ],
+)
+def test_a_quarter_of_a_second_s_fixes_or_five_interruptions(refused: list[bool], rate: float, expected: bool) -> None:
+    assert unsteady(refused, rate) is expected
+
+
 @given(st.lists(st.tuples(st.floats(0.0, 0.3), st.booleans()), max_size=200))
 def test_the_counts_are_those_of_the_window(steps: list[tuple[float, bool]]) -> None:
     """Against a count of the whole window at every fix."""
