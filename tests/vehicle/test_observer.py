@@ -96,6 +96,25 @@ def test_the_driver_takes_over_at_once():
     assert (status.state, status.reasons[0]) == (S.FAULT, "driver_override")
 
 
+def test_a_foot_on_the_brake_ends_a_drive_and_keeps_one_from_beginning():
+    watched = Watched().driving()
+    watched.car.driver_brake = True
+    status = watched.step()
+    assert (status.state, status.reasons[:1]) == (S.STOPPING, ("driver_on_brake",))
+    watched.car.driver_brake, watched.car.speed = False, 0.0
+    assert "driver_on_brake" in watched.run(1.0).reasons, "it says why to the end"
+
+    waiting = Watched()
+    waiting.run(0.5)
+    waiting.step(Act.ENGAGE)
+    waiting.car.driver_brake = True
+    waiting.step()
+    assert {"go_too_early", "driver_on_brake", "waiting_for_go"} <= set(waiting.step(Act.GO).reasons)
+    waiting.car.driver_brake = False
+    waiting.step()
+    assert waiting.step(Act.GO).reasons == ("external_brain",)
+
+
 def test_reports_that_stop_end_the_drive():
     watched = Watched().driving()
     watched.car.silent = set(range(0x60, 0x80))

@@ -2,7 +2,7 @@
 
 It has no encoder: not one frame can come out of it. Its arming states are those of the gateway and say when the brain's
 sensors may be valid, not when the car is commanded: from the operator's go until a stop, a fault or the driver's
-override. The module has no map, bus or clock.
+override, or his foot on a pedal of a car under way. The module has no map, bus or clock.
 """
 
 from __future__ import annotations
@@ -100,6 +100,9 @@ class Observer(Monitor):
         if overrides - self._old_overrides:
             self._happen(Event.OVERRIDE, ["driver_override", *faults])
             return
+        under_way = self._going or self._state is ArmingState.STOPPING
+        if under_way and (signs := self._reports.driver()):
+            self._happen(Event.DRIVER, signs)
         if faults:
             self._happen(Event.FAULT, faults)
         if self._state is ArmingState.ENGAGED and not self._admission.valid(now):
@@ -113,10 +116,10 @@ class Observer(Monitor):
         match act:
             case OperatorCommand.ENGAGE:
                 self._happen(Event.ENGAGE, [])
-            case OperatorCommand.GO if self._state is ArmingState.ENGAGED:
+            case OperatorCommand.GO if self._state is ArmingState.ENGAGED and not self._reports.driver():
                 self._going = True
             case OperatorCommand.GO:
-                self._notes.append("go_too_early")
+                self._notes += ["go_too_early", *self._reports.driver()]
             case OperatorCommand.STOP:
                 self._happen(Event.STOP, ["stop_asked"])
             case OperatorCommand.STOP_BY_PAGE:
