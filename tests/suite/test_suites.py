@@ -19,7 +19,7 @@ from vve_sumo.cli import main
 from vve_sumo.cli.suite import drive
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.reader import read_table
-from vve_sumo.suite import catalogue, table
+from vve_sumo.suite import catalogue, euroncap, requirements, table
 from vve_sumo.suite.journal import digest
 from vve_sumo.suite.physics import DETECTION, Need
 from vve_sumo.suite.query import SuiteQuery, car_of, driven_by, rows_of
@@ -47,7 +47,7 @@ def driven(name: str, rows: list[Row], records: Path | None = None, workers: int
 
 
 SAMPLE = {
-    "euroncap": ("CCRs_50_-50", "CCRm_40_75", "CCRb_12m_6"),
+    "euroncap": ("CCRs_50", "CCRm_40", "CCRb_12m_6"),
     "following": ("following_7.2", "following_40"),
     "fmvss127": ("stopped_10", "stopped_80", "slower_60", "decelerating_80_12m_0.5g"),
     "fmvss127_pedestrian": (
@@ -82,6 +82,18 @@ def test_the_shipped_controller_passes_some_rows_of_every_suite(name):
         if outcome.row.demand:
             # What is asked for is what the declared brakes give at most, whatever the load makes of it.
             assert outcome.demand_mps2 == pytest.approx(CAR.deceleration_limit, rel=0.03)
+
+
+def test_one_overlap_stands_for_all_since_the_radar_tells_none_from_another():
+    rows = [
+        replace(euroncap.closing(vehicles.FUSION, "CCRs", 30.0, 0.0, overlap), id=f"{overlap:g}")
+        for overlap in requirements.EURO_NCAP_OVERLAPS
+    ]
+    outcomes = driven("overlaps", rows).values()
+    first = next(iter(outcomes))
+    for outcome in outcomes:
+        assert outcome.least_gap_m == pytest.approx(first.least_gap_m, abs=1e-4)
+        assert outcome.deceleration_mps2 == pytest.approx(first.deceleration_mps2, abs=1e-4)
 
 
 def test_a_hidden_child_is_seen_where_the_closed_form_says(tmp_path):

@@ -28,7 +28,7 @@ SUITES = {
     "fmvss127": Suite("FMVSS 127: a car ahead that stands, drives slower, brakes", fmvss127.lead_rows),
     "fmvss127_pedestrian": Suite("FMVSS 127: a pedestrian who crosses, stands, walks ahead", fmvss127_pedestrian.rows),
     "pass_through": Suite("FMVSS 127: no braking between two cars beside the way", fmvss127.pass_through_rows),
-    "euroncap": Suite("Euro NCAP 2023 CCRs, CCRm, CCRb, with overlaps; passed where nothing is touched", euroncap.rows),
+    "euroncap": Suite("Euro NCAP 2023 CCRs, CCRm, CCRb, one overlap for all; passed without contact", euroncap.rows),
     "r157": Suite("UN R157: a car cuts in as late as has to be avoided", r157.cut_in_rows),
     "following": Suite("UN R157: the distance kept behind a steady car", r157.following_rows),
 }
