@@ -80,11 +80,12 @@ class _Place(NamedTuple):
 
     def seen(self, later: _Place) -> tuple[float, float]:
         """Offset of a later pose ahead and to the left [m] of where dead reckoning leads from this one."""
-        cosine, sine = math.cos(self.own_heading), math.sin(self.own_heading)
-        x, y = later.own_x - self.own_x, later.own_y - self.own_y
-        own_ahead, own_left = x * cosine + y * sine, y * cosine - x * sine
-        cosine, sine = math.cos(self.heading), math.sin(self.heading)
-        x, y = later.x - self.x, later.y - self.y
+        _, x, y, heading, own_x, own_y, own_heading, _, _, _ = self
+        _, later_x, later_y, _, later_own_x, later_own_y, _, _, _, _ = later
+        cosine, sine = math.cos(own_heading), math.sin(own_heading)
+        x, y, own_x, own_y = later_x - x, later_y - y, later_own_x - own_x, later_own_y - own_y
+        own_ahead, own_left = own_x * cosine + own_y * sine, own_y * cosine - own_x * sine
+        cosine, sine = math.cos(heading), math.sin(heading)
         return x * cosine + y * sine - own_ahead, y * cosine - x * sine - own_left
 
 
@@ -162,7 +163,8 @@ class Plausibility:
         reasons = []
         allowed = SPEED_DIFFERENCE + 2.0 * self._speed_share * abs(car.speed)
         # The smaller acceleration of the two, so that a jump of wheels or receiver alone does not widen the tolerance.
-        allowed += DELAY * min(abs(self._acceleration), abs(self._satellite_acceleration))
+        by_wheels, by_receiver = abs(self._acceleration), abs(self._satellite_acceleration)
+        allowed += DELAY * (by_receiver if by_receiver < by_wheels else by_wheels)
         difference = abs(setpoint.speed - car.speed)
         gross = self._speed_gross.step(now, not difference <= GROSS_FACTOR * allowed)
         if self._speed_differs.step(now, not difference <= allowed) or gross:
@@ -285,6 +287,6 @@ class Plausibility:
             POSITION_DIFFERENCE + (self._speed_share + 0.5 * uncertain) * distance + DELAY * abs(now.speed - then.speed)
         )
         allowed = math.hypot(across, along) if turned > 0.5 else across
-        if not (abs(left) <= allowed and abs(ahead) <= max(along, allowed)):
+        if not (abs(left) <= allowed and abs(ahead) <= (allowed if allowed > along else along)):
             reasons.append("position_mismatch")
         return reasons

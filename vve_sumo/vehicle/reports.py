@@ -54,7 +54,7 @@ class CarReports:
         self._read = frozenset(number for number, kinds in facts.reports.items() if not _READ.isdisjoint(kinds))
         self._times: dict[type, float] = {}
         self._newest: dict[type, Report] = {}
-        self._changed: dict[type, float] = {}  # when each kind last said something new
+        self._throttle_changed = -math.inf  # when the throttle report last said something new [s]
         self.brake = BrakeState(enabled=False)
         self.throttle = ThrottleState(enabled=False)
         self.steering = SteeringState(math.nan, enabled=False)
@@ -82,7 +82,7 @@ class CarReports:
         read, decode, times, newest = self._read, self._decode, self._times, self._newest
         reports: tuple[Report, ...] | Malformed | None
         for frame in frames:
-            number = frame.id
+            number, _data = frame
             if number in read:
                 try:
                     reports = decode(frame)
@@ -97,7 +97,6 @@ class CarReports:
                         times[kind] = now
                         if newest.get(kind) is not report:
                             newest[kind] = report
-                            self._changed[kind] = now
                             self._store(now, report)
             elif number in self._commands:
                 troubles.append("another_writer")
@@ -183,7 +182,7 @@ class CarReports:
             return True
         on_throttle = throttle.driver or throttle.driver_opening > FOOT_OPENING
         fresh = self.age(ThrottleState, now) <= MAX_REPORT_AGE + TOLERANCE
-        return on_throttle and fresh and now - self._changed.get(ThrottleState, -math.inf) < STILL_TIME
+        return on_throttle and fresh and now - self._throttle_changed < STILL_TIME
 
     def confirmed(self, override: str) -> bool:
         """Whether something besides the module's own word says that the driver caused its latched `override`.
@@ -234,24 +233,24 @@ class CarReports:
 
     def _store(self, now: float, report: Report) -> None:
         match report:
+            case YawRate(yaw=yaw):
+                self.yaw_rate = yaw
+                self.consistency.yaw_rate.step(now, yaw)
             case WheelSpeeds():
                 self._store_wheels(now, report)
-            case YawRate():
-                self.yaw_rate = report.yaw
-                self.consistency.yaw_rate.step(now, report.yaw)
-            case SteeringState():
+            case ThrottleState():
+                self.throttle, self._throttle_changed = report, now
+            case SteeringState(wheel_angle=angle):
                 self.steering = report
-                if math.isfinite(report.wheel_angle):
-                    self.wheel_angle = report.wheel_angle
-                    self.consistency.wheel_angle.step(now, report.wheel_angle)
+                if math.isfinite(angle):
+                    self.wheel_angle = angle
+                    self.consistency.wheel_angle.step(now, angle)
             case BrakeState():
                 self.brake = report
-            case ThrottleState():
-                self.throttle = report
-            case GearState():
-                self.gear = report
             case BrakeTorque(actual=torque):
                 self._brake_torque = torque
+            case GearState():
+                self.gear = report
             case _:
                 pass
 

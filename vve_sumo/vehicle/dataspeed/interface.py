@@ -23,7 +23,7 @@ from vve_sumo.vehicle.dataspeed.messages import (
     ThrottleCommand,
     ThrottleKind,
 )
-from vve_sumo.vehicle.dataspeed.signals import READINGS
+from vve_sumo.vehicle.dataspeed.signals import READINGS, Reading
 from vve_sumo.vehicle.dataspeed.simulated import SimulatedDbw1
 from vve_sumo.vehicle.interface import (
     Accelerations,
@@ -56,15 +56,23 @@ REPORTS: Final[dict[int, tuple[type, ...]]] = {
     layout.BRAKE_INFO: (BrakeTorque,),
 }
 
-# Found once, for every step: looking them up in their class costs a call.
-_TORQUE: Final = BrakeKind.TORQUE
-_PERCENT: Final = ThrottleKind.PERCENT
-
 # How hard the watchdog brakes is not public: each car's own test says it.
 WHEN_COMMANDS_STOP: Final = CommandsStop(
     WhenCommandsStop.BRAKES,
     "lets go of pedals and steering; where its watchdog is armed it brakes until the driver takes over",
 )
+
+
+class _LastReport:
+    """How a report frame is read, and what was read last: most reports repeat themselves."""
+
+    __slots__ = ("counts", "reports", "size", "understand", "unpack")
+
+    def __init__(self, reading: Reading) -> None:
+        self.size, self.unpack = reading.signals.size, reading.signals.unpack
+        self.understand = reading.understand
+        self.counts: tuple[int, ...] = ()
+        self.reports: tuple[Report, ...] = ()
 
 
 class DataspeedDbw1:
@@ -89,8 +97,7 @@ class DataspeedDbw1:
         self._gear_frames = {
             (gear, clear): codec.encode(GearCommand(gear, clear), variant) for gear in Gear for clear in (False, True)
         }
-        # Identifier to the last counts that were read, and to their reports. Most reports repeat themselves.
-        self._understood: dict[int, tuple[tuple[int, ...], tuple[Report, ...]]] = {}
+        self._last = {number: _LastReport(reading) for number, reading in READINGS[variant].items()}
 
     @property
     def facts(self) -> InterfaceFacts:
@@ -100,34 +107,28 @@ class DataspeedDbw1:
     def encode(self, command: ActuationCommand) -> tuple[Frame, ...]:
         """Return the brake, throttle, steering and gear frames; the first three have the same counter."""
         torque, throttle, wheel_angle, wheel_rate, gear, enable, clear = command
-        variant = self._variant
         counter = self._counter = (self._counter + 1) & 0xFF
         return (
-            codec.encode(BrakeCommand(_TORQUE, torque, enable, counter, clear), variant),
-            codec.encode(ThrottleCommand(_PERCENT, throttle, enable, counter, clear), variant),
-            codec.encode(SteeringCommand(wheel_angle, wheel_rate, enable, counter, clear), variant),
+            *codec.encode_commands(torque, throttle, wheel_angle, wheel_rate, enable, clear, counter, self._variant),
             self._gear_frames[gear, clear],
         )
 
     def decode(self, frame: Frame) -> tuple[Report, ...] | Malformed:
         """Return what a frame reports; repeated signals give the same reports again."""
         number, data = frame
-        reading = READINGS[self._variant].get(number)
-        if reading is None:
+        last = self._last.get(number)
+        if last is None:
             return ()
-        signals, understand = reading
-        if len(data) != signals.size:
+        if len(data) != last.size:
             return Malformed(number, "length")
-        counts = signals.unpack(data)
-        before = self._understood.get(number)
-        if before is not None and before[0] == counts:
-            return before[1]
-        report = understand(*counts)
+        counts = last.unpack(data)
+        if counts == last.counts:
+            return last.reports
+        report = last.understand(*counts)
         if isinstance(report, Malformed):
             return report
-        reports = (report,)
-        self._understood[number] = counts, reports
-        return reports
+        last.counts, last.reports = counts, (report,)
+        return last.reports
 
     def commanded(self, frame: Frame) -> Commanded | None:
         """Return a brake torque, throttle opening or steering command in the gateway's units; None for other frames."""

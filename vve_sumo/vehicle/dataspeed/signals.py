@@ -47,13 +47,13 @@ class Reading(NamedTuple):
 
 def _brake_2018(driver: int, command: int, status: int, flags: int) -> BrakeState:
     return BrakeState(
-        bool(flags & _ENABLED),
-        bool(flags & _OVERRIDE),
-        bool(flags & _DRIVER),
-        bool(flags & _TIMEOUT),
-        bool(flags & _PEDAL_FAULTS),
-        bool(flags & _WATCHDOG),
-        bool(status & _WATCHDOG_BRAKING),
+        flags & _ENABLED != 0,
+        flags & _OVERRIDE != 0,
+        flags & _DRIVER != 0,
+        flags & _TIMEOUT != 0,
+        flags & _PEDAL_FAULTS != 0,
+        flags & _WATCHDOG != 0,
+        status & _WATCHDOG_BRAKING != 0,
         pedal_to_torque(driver / FULL_TRAVEL),
         pedal_to_torque(command / FULL_TRAVEL),
     )
@@ -66,13 +66,13 @@ def _brake_2024(driver: int, command: int, status: int, flags: int) -> BrakeStat
     if kind == _NO_KIND:
         return Malformed(layout.BRAKE_REPORT, "value")
     return BrakeState(
-        bool(flags & _ENABLED),
-        bool(flags & _OVERRIDE),
-        bool(flags & _DRIVER),
-        bool(flags & _TIMEOUT),
-        bool(flags & _PEDAL_FAULTS),
-        bool(flags & _WATCHDOG),
-        bool(status & _WATCHDOG_BRAKING),
+        flags & _ENABLED != 0,
+        flags & _OVERRIDE != 0,
+        flags & _DRIVER != 0,
+        flags & _TIMEOUT != 0,
+        flags & _PEDAL_FAULTS != 0,
+        flags & _WATCHDOG != 0,
+        status & _WATCHDOG_BRAKING != 0,
         float(driver),  # in steps of 1 N m, by torque and by deceleration alike
         float(command) if kind == _BY_TORQUE else math.nan,
     )
@@ -80,12 +80,12 @@ def _brake_2024(driver: int, command: int, status: int, flags: int) -> BrakeStat
 
 def _throttle(driver: int, command: int, flags: int) -> ThrottleState:
     return ThrottleState(
-        bool(flags & _ENABLED),
-        bool(flags & _OVERRIDE),
-        bool(flags & _DRIVER),
-        bool(flags & _TIMEOUT),
-        bool(flags & _PEDAL_FAULTS),
-        bool(flags & _WATCHDOG),
+        flags & _ENABLED != 0,
+        flags & _OVERRIDE != 0,
+        flags & _DRIVER != 0,
+        flags & _TIMEOUT != 0,
+        flags & _PEDAL_FAULTS != 0,
+        flags & _WATCHDOG != 0,
         pedal_to_throttle(driver / FULL_TRAVEL),
         pedal_to_throttle(command / FULL_TRAVEL),
     )
@@ -94,11 +94,11 @@ def _throttle(driver: int, command: int, flags: int) -> ThrottleState:
 def _steering(angle: int, torque: int, flags: int) -> SteeringState:
     return SteeringState(
         value_of(angle, layout.TENTH_DEGREE),
-        bool(flags & _ENABLED),
-        bool(flags & _OVERRIDE),
-        bool(flags & _TIMEOUT),
-        bool(flags & _STEERING_FAULTS),
-        bool(flags & _WATCHDOG),
+        flags & _ENABLED != 0,
+        flags & _OVERRIDE != 0,
+        flags & _TIMEOUT != 0,
+        flags & _STEERING_FAULTS != 0,
+        flags & _WATCHDOG != 0,
         value_of(torque, layout.DRIVER_TORQUE_STEP, -128),
     )
 
@@ -107,7 +107,7 @@ def _gear(first: int) -> GearState | Malformed:
     gear, command = _GEARS.get(first & 7), _GEARS.get(first >> 4 & 7)
     if gear is None or command is None:
         return Malformed(layout.GEAR_REPORT, "value")
-    return GearState(gear, bool(first & 0x08), bool(first & 0x80))
+    return GearState(gear, first & 0x08 != 0, first & 0x80 != 0)
 
 
 def _wheel_speeds(front_left: int, front_right: int, rear_left: int, rear_right: int) -> WheelSpeeds:
