@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from vve_sumo.errors import ConfigError
+from vve_sumo.laws import clamp
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint, Vehicle, computed
 from vve_sumo.vehicle.actuation import Actuation, Pedals
@@ -39,7 +40,7 @@ UNATTENDED_TIME: Final = 1.0
 WHEELS_TOO_SLOW: Final = 0.5
 
 # Found once, for every step: looking them up in their class costs a call.
-_ENGAGED, _STOPPED = ArmingState.ENGAGED, ArmingState.STOPPED
+_ENGAGED, _STOPPING, _STOPPED = ArmingState.ENGAGED, ArmingState.STOPPING, ArmingState.STOPPED
 _NO_GEAR: Final = Gear.NONE
 
 #: Faults that latch even while nothing is commanded: they concern the gateway itself or a second node that commands.
@@ -195,10 +196,11 @@ class Gateway(Monitor):
         faults = reports.take(now, frames)
         gap = now - self._last_now
         # Time that stands still or runs backwards is a fault too. The first step has no gap: NaN fails the comparisons.
-        if gap <= 0.0 or gap > MAX_STEP * self._period + TOLERANCE or not math.isfinite(now):
+        longest = MAX_STEP * self._period
+        if gap <= 0.0 or gap > longest + TOLERANCE or not math.isfinite(now):
             faults.append("timer_gap")
         self._last_now = now
-        self._elapsed = min(gap, MAX_STEP * self._period) if gap > 0.0 else 0.0
+        self._elapsed = (gap if gap < longest else longest) if gap > 0.0 else 0.0
         self._driver = [] if self._shadow else reports.driver()
         taken = self._admission.setpoint
         faults += self._look(now, setpoint)
@@ -285,10 +287,10 @@ class Gateway(Monitor):
         # DBW controller has confirmed and its handshake time is over, every latched override counts.
         self._old_overrides = frozenset() if self._handover.settled(now) else self._old_overrides & overrides
         overrides -= self._old_overrides
-        if any(map(self._confirmed, overrides)) or (overrides and self._response.driver_inferred):
-            self._happen(now, Event.OVERRIDE, ["driver_override", *faults])
-            return
         if overrides:
+            if self._response.driver_inferred or any(map(self._confirmed, overrides)):
+                self._happen(now, Event.OVERRIDE, ["driver_override", *faults])
+                return
             # The word of one module alone, which may be wrong: a car that nobody brakes must not be let go.
             faults.append("override_unconfirmed")
         self._judge_foot(now)
@@ -304,7 +306,7 @@ class Gateway(Monitor):
 
     def _judge_foot(self, now: float) -> None:
         """Stop a car under way on whose pedals the driver's foot is."""
-        under_way = self._state is ArmingState.STOPPING or (self._state is _ENGAGED and self._handover.going)
+        under_way = self._state is _STOPPING or (self._state is _ENGAGED and self._handover.going)
         signs = [*self._driver, "driver_inferred"] if self._response.driver_inferred else self._driver
         if under_way and signs:
             self._happen(now, Event.DRIVER, signs)
@@ -438,31 +440,32 @@ class Gateway(Monitor):
         angle = self.measured_steering
         if angle != angle:
             return 0.0
-        return min(max(angle, -self._steering_limit), self._steering_limit)
+        return clamp(angle, -self._steering_limit, self._steering_limit)
 
     # Commands to the car.
 
     def _speak(self, now: float) -> GatewayOutput:
-        command = self._command(now)
+        pedals, acceleration, steering, limited = self._command(now)
+        torque, throttle = pedals
+        if torque > self._torque_limit:
+            torque = self._torque_limit
+            pedals = Pedals(torque, throttle)
+        self._told = pedals
         enable = self._state in COMMANDING and not self._shadow
-        torque = min(command.pedals.brake_torque, self._torque_limit)
         wheel_limit = self._wire.wheel_angle_limit
-        wheel_angle = min(max(command.steering * self._ratio + self._wheel_bias, -wheel_limit), wheel_limit)
+        wheel_angle = clamp(steering * self._ratio + self._wheel_bias, -wheel_limit, wheel_limit)
         clear = self._clear and not self._shadow
         frames = self._interface.encode(
-            ActuationCommand(
-                torque, command.pedals.throttle, wheel_angle, self._wheel_rate, self._gear_wish(), enable, clear
-            )
+            ActuationCommand(torque, throttle, wheel_angle, self._wheel_rate, self._gear_wish(), enable, clear)
         )
-        self._told = Pedals(torque, command.pedals.throttle)
         verdict = GatewayStatus(
             state=self._state,
             reasons=tuple(dict.fromkeys([*self._causes, *self._notes])) if self._causes or self._notes else (),
-            steering=command.steering,
-            acceleration=command.acceleration,
-            limited=command.limited,
+            steering=steering,
+            acceleration=acceleration,
+            limited=limited,
             brake_torque=torque,
-            throttle=command.pedals.throttle,
+            throttle=throttle,
         )
         return GatewayOutput(verdict, frames)
 
@@ -481,12 +484,13 @@ class Gateway(Monitor):
         self._followed = setpoint
         speed, limiter = self._reports.speed, self._limiter
         requested = limiter.within_speed(setpoint.acceleration, self._fastest())
-        granted = limiter.step(
+        acceleration, steering, limited = limiter.step(
             requested, setpoint.steering, self._steering_speed(), setpoint.emergency, self._elapsed
         )  # fmt: skip
-        pedals = self._actuation.step(granted.acceleration, speed, setpoint.grade, self._elapsed)
-        limited = granted.limited if requested == setpoint.acceleration else (*granted.limited, "speed")
-        return _Command(pedals, granted.acceleration, granted.steering, limited)
+        pedals = self._actuation.step(acceleration, speed, setpoint.grade, self._elapsed)
+        if requested != setpoint.acceleration:
+            limited = (*limited, "speed")
+        return _Command(pedals, acceleration, steering, limited)
 
     def _wait(self) -> _Command:
         """Hold the brakes until DBW controller and gear are confirmed, no pedal is touched and the operator says go."""

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import Final, NamedTuple
+from dataclasses import dataclass
+from typing import Final
 
+from vve_sumo.frozen import quickly_made
 from vve_sumo.values import Setpoint, Vehicle
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.drift import DELAY, DriftCheck, Sample
@@ -53,7 +55,10 @@ FROZEN_YAW_RATE_CHANGE: Final = 0.04  # of the receiver's yaw rate meanwhile [ra
 FROZEN_STEERING_CHANGE: Final = 0.03  # of the commanded road-wheel angle meanwhile [rad]
 
 
-class CarMotion(NamedTuple):
+# Dataclasses and not tuples, here and below: each field is read several times, which tuples with names make dear.
+@quickly_made
+@dataclass(frozen=True, slots=True)
+class CarMotion:
     """The car's motion at one step by its own sensors, with the commanded steering."""
 
     speed: float  #: of the rear axle by the wheels [m/s], forward positive; NaN unknown
@@ -64,7 +69,9 @@ class CarMotion(NamedTuple):
     stands: bool  #: by all evidence
 
 
-class _Place(NamedTuple):
+@quickly_made
+@dataclass(frozen=True, slots=True)
+class _Place:
     """A pose of a setpoint, with the dead-reckoned pose at the same time."""
 
     time: float
@@ -80,12 +87,11 @@ class _Place(NamedTuple):
 
     def seen(self, later: _Place) -> tuple[float, float]:
         """Offset of a later pose ahead and to the left [m] of where dead reckoning leads from this one."""
-        _, x, y, heading, own_x, own_y, own_heading, _, _, _ = self
-        _, later_x, later_y, _, later_own_x, later_own_y, _, _, _, _ = later
-        cosine, sine = math.cos(own_heading), math.sin(own_heading)
-        x, y, own_x, own_y = later_x - x, later_y - y, later_own_x - own_x, later_own_y - own_y
-        own_ahead, own_left = own_x * cosine + own_y * sine, own_y * cosine - own_x * sine
-        cosine, sine = math.cos(heading), math.sin(heading)
+        cosine, sine = math.cos(self.own_heading), math.sin(self.own_heading)
+        x, y = later.own_x - self.own_x, later.own_y - self.own_y
+        own_ahead, own_left = x * cosine + y * sine, y * cosine - x * sine
+        cosine, sine = math.cos(self.heading), math.sin(self.heading)
+        x, y = later.x - self.x, later.y - self.y
         return x * cosine + y * sine - own_ahead, y * cosine - x * sine - own_left
 
 

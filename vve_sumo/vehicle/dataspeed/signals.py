@@ -34,6 +34,7 @@ _STEERING_FAULTS = 0x74  # either bus, the calibration, the supply
 # Kind of the values in a brake report of the newer generation.
 _KIND, _BY_PEDAL, _BY_TORQUE, _NO_KIND = 0x03, 0x00, 0x02, 0x03
 _WATCHDOG_BRAKING = 0x08
+_INVALID = -32768  # of wheel speeds and yaw rates, which are read as `value_of` reads, without its call
 
 _GEARS: Final = {int(gear): gear for gear in Gear}
 
@@ -113,12 +114,16 @@ def _gear(first: int) -> GearState | Malformed:
 def _wheel_speeds(front_left: int, front_right: int, rear_left: int, rear_right: int) -> WheelSpeeds:
     step = layout.WHEEL_SPEED_STEP
     return WheelSpeeds(
-        value_of(front_left, step), value_of(front_right, step), value_of(rear_left, step), value_of(rear_right, step)
+        front_left * step if front_left != _INVALID else math.nan,
+        front_right * step if front_right != _INVALID else math.nan,
+        rear_left * step if rear_left != _INVALID else math.nan,
+        rear_right * step if rear_right != _INVALID else math.nan,
     )
 
 
 def _yaw_rate(roll: int, yaw: int) -> YawRate:
-    return YawRate(value_of(roll, layout.GYRO_STEP), value_of(yaw, layout.GYRO_STEP))
+    step = layout.GYRO_STEP
+    return YawRate(roll * step if roll != _INVALID else math.nan, yaw * step if yaw != _INVALID else math.nan)
 
 
 def _accelerations(lateral: int, longitudinal: int, vertical: int) -> Accelerations:
