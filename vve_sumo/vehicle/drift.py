@@ -70,20 +70,27 @@ class FeasibleSet:
         values = [a * p + b * q for a, b in self._corners]
         if max(values) <= difference + allowed and min(values) >= difference - allowed:
             return True
-        for sign in (1.0, -1.0):
-            beyond = [sign * (a * p + b * q - difference) - allowed for a, b in self._corners]
-            if min(beyond) > 0.0:
-                return False
-            if max(beyond) > 0.0:
-                self._cut(beyond)
+        above = [value - difference - allowed for value in values]
+        if min(above) > 0.0:
+            return False
+        if max(above) > 0.0:
+            self._cut(above)
+            values = [a * p + b * q for a, b in self._corners]
+        below = [difference - value - allowed for value in values]
+        if min(below) > 0.0:
+            return False
+        if max(below) > 0.0:
+            self._cut(below)
         return True
 
     def _cut(self, values: list[float]) -> None:
         """Keep the part of the polygon where a linear function is not positive, given its `values` at the corners."""
         kept: list[tuple[float, float]] = []
         last, last_value = self._corners[-1], values[-1]
+        outside = last_value > 0.0
         for corner, value in zip(self._corners, values, strict=True):
-            if (value > 0.0) is not (last_value > 0.0):
+            if (value > 0.0) is not outside:
+                outside = not outside
                 share = last_value / (last_value - value)
                 kept.append((last[0] + share * (corner[0] - last[0]), last[1] + share * (corner[1] - last[1])))
             if value <= 0.0:

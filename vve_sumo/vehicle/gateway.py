@@ -95,13 +95,8 @@ class GatewayOutput(NamedTuple):
     frames: tuple[Frame, ...]  #: to be sent now, in this order
 
 
-class _Command(NamedTuple):
-    """Actuation granted in one step."""
-
-    pedals: Pedals
-    acceleration: float  #: granted [m/s2]
-    steering: float  #: road-wheel angle [rad]
-    limited: tuple[str, ...] = ()
+#: Actuation granted in one step: pedals, acceleration [m/s2], road-wheel angle [rad] and the limits that changed it.
+_Command = tuple[Pedals, float, float, tuple[str, ...]]
 
 
 class Gateway(Monitor):
@@ -152,6 +147,7 @@ class Gateway(Monitor):
 
         self._elapsed = 0.0  # since the last step, bounded [s]
         self._told = Pedals(0.0, 0.0)  # at the last step
+        self._fastest = math.nan  # largest speed by wheels or receiver, of a commanded car [m/s]; NaN where not known
         self._driver: list[str] = []  # pedals that the driver touches
         self._unattended_long = Debounce(UNATTENDED_TIME)
         self._clear = False
@@ -294,7 +290,8 @@ class Gateway(Monitor):
             # The word of one module alone, which may be wrong: a car that nobody brakes must not be let go.
             faults.append("override_unconfirmed")
         self._judge_foot(now)
-        if self._limiter.too_fast(self._fastest()):
+        self._fastest = self._largest_speed()
+        if self._limiter.too_fast(self._fastest):
             faults.append("speed_above_limit")
         faults += self._progress(now)
         if faults:
@@ -351,7 +348,7 @@ class Gateway(Monitor):
         wheels, satellite = self._reports.speed, self._satellite_speed
         return satellite if satellite > wheels + WHEELS_TOO_SLOW else wheels
 
-    def _fastest(self) -> float:
+    def _largest_speed(self) -> float:
         """Largest speed that wheels or receiver report [m/s]; NaN where neither is known."""
         wheels, satellite = abs(self._speed), abs(self._satellite_speed)
         return wheels if wheels >= satellite or satellite != satellite else satellite
@@ -478,24 +475,24 @@ class Gateway(Monitor):
             return self._wait()
         if self._state in COMMANDING:
             return self._stop(now)
-        return _Command(Pedals(0.0, 0.0), 0.0, self._measured_steering())
+        return Pedals(0.0, 0.0), 0.0, self._measured_steering(), ()
 
     def _follow(self, setpoint: Setpoint) -> _Command:
         self._followed = setpoint
         speed, limiter = self._reports.speed, self._limiter
-        requested = limiter.within_speed(setpoint.acceleration, self._fastest())
+        requested = limiter.within_speed(setpoint.acceleration, self._fastest)
         acceleration, steering, limited = limiter.step(
             requested, setpoint.steering, self._steering_speed(), setpoint.emergency, self._elapsed
         )  # fmt: skip
         pedals = self._actuation.step(acceleration, speed, setpoint.grade, self._elapsed)
         if requested != setpoint.acceleration:
             limited = (*limited, "speed")
-        return _Command(pedals, acceleration, steering, limited)
+        return pedals, acceleration, steering, limited
 
     def _wait(self) -> _Command:
         """Hold the brakes until DBW controller and gear are confirmed, no pedal is touched and the operator says go."""
         pedals = self._actuation.step(0.0, self._reports.speed, self._grade(), self._elapsed)
-        return _Command(pedals, 0.0, self._limiter.steering)
+        return pedals, 0.0, self._limiter.steering, ()
 
     def _stop(self, now: float) -> _Command:
         limits, limiter = self._limits, self._limiter
@@ -518,7 +515,7 @@ class Gateway(Monitor):
             # Brakes that do not follow get the full torque at once.
             pedals = Pedals(self._torque_limit, 0.0)
         limited = self._steer_to_rest()
-        return _Command(pedals, limiter.acceleration, limiter.steering, limited)
+        return pedals, limiter.acceleration, limiter.steering, limited
 
     def _brake_in_doubt(self, now: float) -> Pedals:
         """Pedals of a stop whose speed is not believed: as hard as by feedforward, or harder where the wheels ask."""

@@ -52,7 +52,8 @@ class Standstill:
         """Weigh the evidence at `now` [s], `elapsed` after the last step.
 
         `wheels` is the speed of the fastest wheel, without sign, `satellite` the receiver's, forward positive [m/s];
-        None is "not known". `braking` is the commanded deceleration [m/s2], None where a driver may brake as hard as the car can.
+        None is "not known". `braking` is the commanded deceleration [m/s2], None where a driver may brake as hard as
+        the car can.
         """
         if satellite is not None:
             self._average(satellite, elapsed)
