@@ -289,7 +289,8 @@ class Gateway(Monitor):
                 return
             # The word of one module alone, which may be wrong: a car that nobody brakes must not be let go.
             faults.append("override_unconfirmed")
-        self._judge_foot(now)
+        if self._driver or self._response.driver_inferred:
+            self._judge_foot(now)
         self._fastest = self._largest_speed()
         if self._limiter.too_fast(self._fastest):
             faults.append("speed_above_limit")
@@ -305,7 +306,7 @@ class Gateway(Monitor):
         """Stop a car under way on whose pedals the driver's foot is."""
         under_way = self._state is _STOPPING or (self._state is _ENGAGED and self._handover.going)
         signs = [*self._driver, "driver_inferred"] if self._response.driver_inferred else self._driver
-        if under_way and signs:
+        if under_way:
             self._happen(now, Event.DRIVER, signs)
 
     def _judge_rest(self, now: float) -> None:

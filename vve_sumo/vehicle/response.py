@@ -31,16 +31,14 @@ class ResponseMonitor:
         self._signs = DriverSigns(vehicle)
         self._brake_echo, self._throttle_echo = CommandEcho(TORQUE_CHANGE), CommandEcho(OPENING_CHANGE)
         self.driver_inferred = False  #: the car brakes or slows down as under a driver's foot
-
-    @property
-    def brakes_latched(self) -> bool:
-        """Whether a foot has been strong enough, for long enough, to take the brakes until the next engagement."""
-        return self._signs.brakes_latched
+        #: a foot has been strong enough, for long enough, to take the brakes until the next engagement
+        self.brakes_latched = False
 
     def engage(self) -> None:
         """Begin a drive: what latched in the one before is being cleared."""
         self.reset()
         self._signs.reset()
+        self.brakes_latched = False
 
     def reset(self) -> None:
         """Forget how the car answered: it is not commanded."""
@@ -75,6 +73,7 @@ class ResponseMonitor:
             faults.append("brake_not_following")
         faults += self._frozen(now, pedals, reports)
         unasked = self._signs.step(now, elapsed, torque, reports.brake_torque(now), foot)
+        self.brakes_latched = self._signs.brakes_latched
         slowed = False
         if going:
             slowed = self._slowing.step(elapsed, pedals, wheels, satellite, grade)

@@ -39,12 +39,8 @@ class Standstill:
         self.certain = False  #: the wheels say so, for long enough to be true, and nothing contradicts them
         self.settled = False  #: certain for `REST_TIME`
         self.at_rest = False  #: settled, or the receiver alone has said so for long
+        self.contradicted = False  #: the receiver has long said rest, but the wheels do not confirm it
         self.moves = False  #: something says that the car moves
-
-    @property
-    def contradicted(self) -> bool:
-        """Whether the evidence disagrees: the receiver has long said rest, but the wheels do not confirm it."""
-        return self.at_rest and not self.certain
 
     def step(
         self, now: float, elapsed: float, wheels: float | None, satellite: float | None, braking: float | None
@@ -71,6 +67,7 @@ class Standstill:
         self.certain = wheels_stand and not satellite_moves and self._possible < WHEEL_REST
         self.settled = self._long.step(now, self.certain)
         self.at_rest = self._satellite_long.step(now, satellite_stands and not creeps) or self.settled
+        self.contradicted = self.at_rest and not self.certain
 
     def _average(self, satellite: float, elapsed: float) -> None:
         """Average the receiver's speed; one that is above rest is taken as it is, so that the mean does not lag it."""
