@@ -23,7 +23,7 @@ from vve_sumo.vehicle.dataspeed.messages import (
     ThrottleCommand,
     ThrottleKind,
 )
-from vve_sumo.vehicle.dataspeed.signals import READINGS, Reading
+from vve_sumo.vehicle.dataspeed.signals import READINGS
 from vve_sumo.vehicle.dataspeed.simulated import SimulatedDbw1
 from vve_sumo.vehicle.interface import (
     Accelerations,
@@ -63,18 +63,6 @@ WHEN_COMMANDS_STOP: Final = CommandsStop(
 )
 
 
-class _LastReport:
-    """How a report frame is read, and what was read last: most reports repeat themselves."""
-
-    __slots__ = ("counts", "reports", "size", "understand", "unpack")
-
-    def __init__(self, reading: Reading) -> None:
-        self.size, self.unpack = reading.signals.size, reading.signals.unpack
-        self.understand = reading.understand
-        self.counts: tuple[int, ...] = ()
-        self.reports: tuple[Report, ...] = ()
-
-
 class DataspeedDbw1:
     """The interface of one firmware generation."""
 
@@ -97,7 +85,8 @@ class DataspeedDbw1:
         self._gear_frames = {
             (gear, clear): codec.encode(GearCommand(gear, clear), variant) for gear in Gear for clear in (False, True)
         }
-        self._last = {number: _LastReport(reading) for number, reading in READINGS[variant].items()}
+        # Identifier to the last counts that were read, and to their reports. Most reports repeat themselves.
+        self._understood: dict[int, tuple[tuple[int, ...], tuple[Report, ...]]] = {}
 
     @property
     def facts(self) -> InterfaceFacts:
@@ -116,19 +105,22 @@ class DataspeedDbw1:
     def decode(self, frame: Frame) -> tuple[Report, ...] | Malformed:
         """Return what a frame reports; repeated signals give the same reports again."""
         number, data = frame
-        last = self._last.get(number)
-        if last is None:
+        reading = READINGS[self._variant].get(number)
+        if reading is None:
             return ()
-        if len(data) != last.size:
+        signals, understand = reading
+        if len(data) != signals.size:
             return Malformed(number, "length")
-        counts = last.unpack(data)
-        if counts == last.counts:
-            return last.reports
-        report = last.understand(*counts)
+        counts = signals.unpack(data)
+        before = self._understood.get(number)
+        if before is not None and before[0] == counts:
+            return before[1]
+        report = understand(*counts)
         if isinstance(report, Malformed):
             return report
-        last.counts, last.reports = counts, (report,)
-        return last.reports
+        reports = (report,)
+        self._understood[number] = counts, reports
+        return reports
 
     def commanded(self, frame: Frame) -> Commanded | None:
         """Return a brake torque, throttle opening or steering command in the gateway's units; None for other frames."""
