@@ -87,10 +87,8 @@ class FeasibleSet:
         """Keep the part of the polygon where a linear function is not positive, given its `values` at the corners."""
         kept: list[tuple[float, float]] = []
         last, last_value = self._corners[-1], values[-1]
-        outside = last_value > 0.0
         for corner, value in zip(self._corners, values, strict=True):
-            if (value > 0.0) is not outside:
-                outside = not outside
+            if (value > 0.0) is not (last_value > 0.0):
                 share = last_value / (last_value - value)
                 kept.append((last[0] + share * (corner[0] - last[0]), last[1] + share * (corner[1] - last[1])))
             if value <= 0.0:
