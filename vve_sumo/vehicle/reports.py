@@ -137,12 +137,9 @@ class CarReports:
     def dropped_out(self) -> list[str]:
         """Reason codes of the subsystems that are disabled or timed out although they are commanded."""
         brake, throttle, steering = self.brake, self.throttle, self.steering
+        if self.all_enabled() and not (brake.timeout or throttle.timeout or steering.timeout):
+            return []
         reasons: list[str] = []
-        if (
-            brake.enabled and throttle.enabled and steering.enabled
-            and not (brake.timeout or throttle.timeout or steering.timeout)
-        ):  # fmt: skip
-            return reasons
         for report, timeout, disabled in (
             (brake, "brake_timeout", "brake_disabled"),
             (throttle, "throttle_timeout", "throttle_disabled"),
