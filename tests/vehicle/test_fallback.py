@@ -51,6 +51,7 @@ def test_the_plain_car_is_neutral():
         FallbackPath(1.0, (0.0,) * 65),
         FallbackPath(1.0, (0.0, math.nan)),
         FallbackPath(1.0, (math.inf, 0.0)),
+        FallbackPath(1.0, (math.inf, -math.inf)),
     ],
 )
 def test_what_is_no_way_is_refused_and_stops_the_car(profile):
@@ -61,7 +62,9 @@ def test_what_is_no_way_is_refused_and_stops_the_car(profile):
     assert (verdict.state, verdict.reasons[0]) == (S.STOPPING, "profile_invalid")
 
 
-@pytest.mark.parametrize("profile", [FallbackPath(1e-300, (0.1, -0.1)), FallbackPath(2.0, (0.0,) * 64)])
+@pytest.mark.parametrize(
+    "profile", [FallbackPath(1e-300, (0.1, -0.1)), FallbackPath(2.0, (0.0,) * 64), FallbackPath(2.0, (1e308, 1e308))]
+)
 def test_what_is_a_way_is_taken(profile):
     assert well_formed(profile)
     rig = Rig()

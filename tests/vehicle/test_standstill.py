@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vve_sumo.vehicle.standstill import Evidence, Standstill
+from vve_sumo.vehicle.standstill import Standstill
 
 STEP = 0.015625  # [s], a binary fraction
 BRAKING = 4.0  # what the car is told [m/s2]
@@ -24,7 +24,7 @@ class Weighed:
     def step(self, wheels: float | None, satellite: float | None, braking: float | None = BRAKING) -> tuple[bool, ...]:
         """Certain, at rest, moves."""
         self.now += STEP
-        self.subject.step(self.now, STEP, Evidence(wheels, satellite), braking)
+        self.subject.step(self.now, STEP, wheels, satellite, braking)
         return self.subject.certain, self.subject.at_rest, self.subject.moves
 
     def until(self, flag: str, *evidence: float | None) -> float:

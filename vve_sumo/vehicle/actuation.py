@@ -10,6 +10,7 @@ import math
 from collections import deque
 from typing import Final, NamedTuple
 
+from vve_sumo.laws import clamp
 from vve_sumo.vehicle.calibration import GRAVITY, Calibration
 
 #: Acceleration for each m/s of speed that the car is behind its reference [1/s]. The speed error is the integral of
@@ -71,7 +72,7 @@ class Actuation:
         if self._stands(acceleration, speed):
             return self._hold(speed, elapsed)
         requested = acceleration + INTEGRAL_GAIN * self._speed_error(acceleration, speed, elapsed)
-        slope = min(max(math.sin(grade), -HOLD_GRADE), HOLD_GRADE)
+        slope = clamp(math.sin(grade), -HOLD_GRADE, HOLD_GRADE)
         force = self._calibration.mass * (requested + GRAVITY * slope)
         force += self._calibration.drag(speed) - self._calibration.creep(speed)
         return self._pedals(force, speed, brakes_only)
@@ -110,7 +111,7 @@ class Actuation:
             # released.
             self._hold_target = self._calibration.brake_torque_limit
         change = HOLD_RATE * elapsed
-        self._torque += min(max(self._hold_target - self._torque, -change), change)
+        self._torque += clamp(self._hold_target - self._torque, -change, change)
         self._driving = False
         return Pedals(self._torque, 0.0)
 
@@ -125,7 +126,7 @@ class Actuation:
         if change != change or change * self._saturation > 0.0:
             return self._error
         bound = CORRECTION_LIMIT / INTEGRAL_GAIN
-        self._error = min(max(self._error + change, -bound), bound)
+        self._error = clamp(self._error + change, -bound, bound)
         return self._error
 
     def _reference_target(self, acceleration: float, elapsed: float) -> float:

@@ -76,7 +76,8 @@ class BrakeMonitor:
         if before is None or elapsed <= 0.0 or not wheels > MIN_SPEED:
             self._excess = self._satellite_excess = 0.0
             return []
-        gained, satellite_gained = wheels - before[0], satellite - before[1]
+        wheels_before, satellite_before = before
+        gained, satellite_gained = wheels - wheels_before, satellite - satellite_before
         allowed = self._most(wheels, grade, 0.0 if others_brake else self._torque) * elapsed
         self._excess = added(self._excess, gained - allowed)
         self._satellite_excess = added(self._satellite_excess, satellite_gained - allowed)
@@ -92,14 +93,15 @@ class BrakeMonitor:
 
     def _follow(self, elapsed: float, pedals: Pedals) -> None:
         """Advance the modelled brake torque and engine acceleration under the commanded `pedals`."""
+        torque, throttle = pedals
         self._time += elapsed
-        queue = self._told
-        queue.append((self._time, pedals.brake_torque))
-        while len(queue) > 1 and queue[1][0] <= self._time - self._delay:
+        queue, oldest = self._told, self._time - self._delay
+        queue.append((self._time, torque))
+        while len(queue) > 1 and queue[1][0] <= oldest:
             queue.popleft()
         if elapsed > 0.0:
             self._torque += (queue[0][1] - self._torque) * elapsed / (self._lag + elapsed)
-        if pedals.throttle > 0.0:
+        if throttle > 0.0:
             self._push = math.inf
             return
         if self._push == math.inf:
@@ -143,4 +145,7 @@ def added(excess: float, more: float) -> float:
     """Return the cumulative sum, never below zero; NaN and +inf add nothing, -inf resets it to zero."""
     if more == -math.inf:
         return 0.0
-    return max(excess + more, 0.0) if math.isfinite(more) else excess
+    if not math.isfinite(more):
+        return excess
+    total = excess + more
+    return 0.0 if total < 0.0 else total

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass, fields
 
 from vve_sumo.errors import ConfigError
+from vve_sumo.laws import clamp
 
 GRAVITY = 9.80665  # standard acceleration of free fall [m/s2], CGPM 1901
 AIR_DENSITY = 1.2  # dry air at 20 C and sea level [kg/m3]
@@ -56,7 +57,7 @@ class Calibration:
 
     def throttle(self, force: float, speed: float) -> float:
         """Throttle (0 to 1, clipped) for a drive `force` [N] at `speed` [m/s]; inverse of `drive_force`."""
-        return min(max(force / self.full_throttle_force(speed), 0.0), 1.0)
+        return clamp(force / self.full_throttle_force(speed), 0.0, 1.0)
 
     def creep(self, speed: float) -> float:
         """Force of the idling drivetrain [N] at `speed` [m/s]."""
@@ -74,4 +75,4 @@ class Calibration:
 
     def brake_torque(self, force: float) -> float:
         """Torque [N m] for a braking `force` [N], clipped to 0 and the limit; inverse of `brake_force`."""
-        return min(max(force * self.brake_gain / self.mass, 0.0), self.brake_torque_limit)
+        return clamp(force * self.brake_gain / self.mass, 0.0, self.brake_torque_limit)

@@ -70,12 +70,17 @@ class FeasibleSet:
         values = [a * p + b * q for a, b in self._corners]
         if max(values) <= difference + allowed and min(values) >= difference - allowed:
             return True
-        for sign in (1.0, -1.0):
-            beyond = [sign * (a * p + b * q - difference) - allowed for a, b in self._corners]
-            if min(beyond) > 0.0:
-                return False
-            if max(beyond) > 0.0:
-                self._cut(beyond)
+        above = [value - difference - allowed for value in values]
+        if min(above) > 0.0:
+            return False
+        if max(above) > 0.0:
+            self._cut(above)
+            values = [a * p + b * q for a, b in self._corners]
+        below = [difference - value - allowed for value in values]
+        if min(below) > 0.0:
+            return False
+        if max(below) > 0.0:
+            self._cut(below)
         return True
 
     def _cut(self, values: list[float]) -> None:

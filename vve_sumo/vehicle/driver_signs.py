@@ -53,8 +53,9 @@ class DriverSigns:
         `commanded` is the torque of the step before, `reported` the car's own, NaN where it reports none, `foot` what
         the driver's pedal asks for by the brake module, NaN where that is not reported [N m].
         """
-        self._explained = max(self._largest(now, commanded), self._explained - RELEASE_RATE * elapsed)
-        unasked = reported - (1.0 + UNASKED_SHARE) * self._explained
+        largest, falling = self._largest(now, commanded), self._explained - RELEASE_RATE * elapsed
+        self._explained = explained = falling if falling > largest else largest
+        unasked = reported - (1.0 + UNASKED_SHARE) * explained
         strong = unasked > LATCH_TORQUE or foot > LATCH_TORQUE
         self.brakes_latched |= self._strong_long.step(now, strong)
         return self._unasked_long.step(now, unasked > UNASKED_TORQUE)
@@ -65,6 +66,7 @@ class DriverSigns:
         while commands and commands[-1][1] <= commanded:
             commands.pop()
         commands.append((now, commanded))
-        while commands[0][0] < now - self._delay:
+        oldest = now - self._delay
+        while commands[0][0] < oldest:
             commands.popleft()
         return commands[0][1]

@@ -23,7 +23,8 @@ def well_formed(profile: FallbackPath) -> bool:
     return (
         0.0 < profile.spacing < math.inf
         and 1 <= len(profile.curvature) <= MAX_KNOTS
-        and all(map(math.isfinite, profile.curvature))
+        # A sum that is finite has finite terms; one that is not may have overflowed.
+        and (math.isfinite(sum(profile.curvature)) or all(map(math.isfinite, profile.curvature)))
     )
 
 

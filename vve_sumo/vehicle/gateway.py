@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from vve_sumo.errors import ConfigError
+from vve_sumo.laws import clamp
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint, Vehicle, computed
 from vve_sumo.vehicle.actuation import Actuation, Pedals
@@ -39,7 +40,7 @@ UNATTENDED_TIME: Final = 1.0
 WHEELS_TOO_SLOW: Final = 0.5
 
 # Found once, for every step: looking them up in their class costs a call.
-_ENGAGED, _STOPPED = ArmingState.ENGAGED, ArmingState.STOPPED
+_ENGAGED, _STOPPING, _STOPPED = ArmingState.ENGAGED, ArmingState.STOPPING, ArmingState.STOPPED
 _NO_GEAR: Final = Gear.NONE
 
 #: Faults that latch even while nothing is commanded: they concern the gateway itself or a second node that commands.
@@ -94,13 +95,8 @@ class GatewayOutput(NamedTuple):
     frames: tuple[Frame, ...]  #: to be sent now, in this order
 
 
-class _Command(NamedTuple):
-    """Actuation granted in one step."""
-
-    pedals: Pedals
-    acceleration: float  #: granted [m/s2]
-    steering: float  #: road-wheel angle [rad]
-    limited: tuple[str, ...] = ()
+#: Actuation granted in one step: pedals, acceleration [m/s2], road-wheel angle [rad] and the limits that changed it.
+_Command = tuple[Pedals, float, float, tuple[str, ...]]
 
 
 class Gateway(Monitor):
@@ -151,6 +147,7 @@ class Gateway(Monitor):
 
         self._elapsed = 0.0  # since the last step, bounded [s]
         self._told = Pedals(0.0, 0.0)  # at the last step
+        self._fastest = math.nan  # largest speed by wheels or receiver, of a commanded car [m/s]; NaN where not known
         self._driver: list[str] = []  # pedals that the driver touches
         self._unattended_long = Debounce(UNATTENDED_TIME)
         self._clear = False
@@ -195,10 +192,11 @@ class Gateway(Monitor):
         faults = reports.take(now, frames)
         gap = now - self._last_now
         # Time that stands still or runs backwards is a fault too. The first step has no gap: NaN fails the comparisons.
-        if gap <= 0.0 or gap > MAX_STEP * self._period + TOLERANCE or not math.isfinite(now):
+        longest = MAX_STEP * self._period
+        if gap <= 0.0 or gap > longest + TOLERANCE or not math.isfinite(now):
             faults.append("timer_gap")
         self._last_now = now
-        self._elapsed = min(gap, MAX_STEP * self._period) if gap > 0.0 else 0.0
+        self._elapsed = (gap if gap < longest else longest) if gap > 0.0 else 0.0
         self._driver = [] if self._shadow else reports.driver()
         taken = self._admission.setpoint
         faults += self._look(now, setpoint)
@@ -285,14 +283,16 @@ class Gateway(Monitor):
         # DBW controller has confirmed and its handshake time is over, every latched override counts.
         self._old_overrides = frozenset() if self._handover.settled(now) else self._old_overrides & overrides
         overrides -= self._old_overrides
-        if any(map(self._confirmed, overrides)) or (overrides and self._response.driver_inferred):
-            self._happen(now, Event.OVERRIDE, ["driver_override", *faults])
-            return
         if overrides:
+            if self._response.driver_inferred or any(map(self._confirmed, overrides)):
+                self._happen(now, Event.OVERRIDE, ["driver_override", *faults])
+                return
             # The word of one module alone, which may be wrong: a car that nobody brakes must not be let go.
             faults.append("override_unconfirmed")
-        self._judge_foot(now)
-        if self._limiter.too_fast(self._fastest()):
+        if self._driver or self._response.driver_inferred:
+            self._judge_foot(now)
+        self._fastest = self._largest_speed()
+        if self._limiter.too_fast(self._fastest):
             faults.append("speed_above_limit")
         faults += self._progress(now)
         if faults:
@@ -304,9 +304,9 @@ class Gateway(Monitor):
 
     def _judge_foot(self, now: float) -> None:
         """Stop a car under way on whose pedals the driver's foot is."""
-        under_way = self._state is ArmingState.STOPPING or (self._state is _ENGAGED and self._handover.going)
+        under_way = self._state is _STOPPING or (self._state is _ENGAGED and self._handover.going)
         signs = [*self._driver, "driver_inferred"] if self._response.driver_inferred else self._driver
-        if under_way and signs:
+        if under_way:
             self._happen(now, Event.DRIVER, signs)
 
     def _judge_rest(self, now: float) -> None:
@@ -349,7 +349,7 @@ class Gateway(Monitor):
         wheels, satellite = self._reports.speed, self._satellite_speed
         return satellite if satellite > wheels + WHEELS_TOO_SLOW else wheels
 
-    def _fastest(self) -> float:
+    def _largest_speed(self) -> float:
         """Largest speed that wheels or receiver report [m/s]; NaN where neither is known."""
         wheels, satellite = abs(self._speed), abs(self._satellite_speed)
         return wheels if wheels >= satellite or satellite != satellite else satellite
@@ -438,31 +438,32 @@ class Gateway(Monitor):
         angle = self.measured_steering
         if angle != angle:
             return 0.0
-        return min(max(angle, -self._steering_limit), self._steering_limit)
+        return clamp(angle, -self._steering_limit, self._steering_limit)
 
     # Commands to the car.
 
     def _speak(self, now: float) -> GatewayOutput:
-        command = self._command(now)
+        pedals, acceleration, steering, limited = self._command(now)
+        torque, throttle = pedals
+        if torque > self._torque_limit:
+            torque = self._torque_limit
+            pedals = Pedals(torque, throttle)
+        self._told = pedals
         enable = self._state in COMMANDING and not self._shadow
-        torque = min(command.pedals.brake_torque, self._torque_limit)
         wheel_limit = self._wire.wheel_angle_limit
-        wheel_angle = min(max(command.steering * self._ratio + self._wheel_bias, -wheel_limit), wheel_limit)
+        wheel_angle = clamp(steering * self._ratio + self._wheel_bias, -wheel_limit, wheel_limit)
         clear = self._clear and not self._shadow
         frames = self._interface.encode(
-            ActuationCommand(
-                torque, command.pedals.throttle, wheel_angle, self._wheel_rate, self._gear_wish(), enable, clear
-            )
+            ActuationCommand(torque, throttle, wheel_angle, self._wheel_rate, self._gear_wish(), enable, clear)
         )
-        self._told = Pedals(torque, command.pedals.throttle)
         verdict = GatewayStatus(
             state=self._state,
             reasons=tuple(dict.fromkeys([*self._causes, *self._notes])) if self._causes or self._notes else (),
-            steering=command.steering,
-            acceleration=command.acceleration,
-            limited=command.limited,
+            steering=steering,
+            acceleration=acceleration,
+            limited=limited,
             brake_torque=torque,
-            throttle=command.pedals.throttle,
+            throttle=throttle,
         )
         return GatewayOutput(verdict, frames)
 
@@ -475,23 +476,24 @@ class Gateway(Monitor):
             return self._wait()
         if self._state in COMMANDING:
             return self._stop(now)
-        return _Command(Pedals(0.0, 0.0), 0.0, self._measured_steering())
+        return Pedals(0.0, 0.0), 0.0, self._measured_steering(), ()
 
     def _follow(self, setpoint: Setpoint) -> _Command:
         self._followed = setpoint
         speed, limiter = self._reports.speed, self._limiter
-        requested = limiter.within_speed(setpoint.acceleration, self._fastest())
-        granted = limiter.step(
+        requested = limiter.within_speed(setpoint.acceleration, self._fastest)
+        acceleration, steering, limited = limiter.step(
             requested, setpoint.steering, self._steering_speed(), setpoint.emergency, self._elapsed
         )  # fmt: skip
-        pedals = self._actuation.step(granted.acceleration, speed, setpoint.grade, self._elapsed)
-        limited = granted.limited if requested == setpoint.acceleration else (*granted.limited, "speed")
-        return _Command(pedals, granted.acceleration, granted.steering, limited)
+        pedals = self._actuation.step(acceleration, speed, setpoint.grade, self._elapsed)
+        if requested != setpoint.acceleration:
+            limited = (*limited, "speed")
+        return pedals, acceleration, steering, limited
 
     def _wait(self) -> _Command:
         """Hold the brakes until DBW controller and gear are confirmed, no pedal is touched and the operator says go."""
         pedals = self._actuation.step(0.0, self._reports.speed, self._grade(), self._elapsed)
-        return _Command(pedals, 0.0, self._limiter.steering)
+        return pedals, 0.0, self._limiter.steering, ()
 
     def _stop(self, now: float) -> _Command:
         limits, limiter = self._limits, self._limiter
@@ -514,7 +516,7 @@ class Gateway(Monitor):
             # Brakes that do not follow get the full torque at once.
             pedals = Pedals(self._torque_limit, 0.0)
         limited = self._steer_to_rest()
-        return _Command(pedals, limiter.acceleration, limiter.steering, limited)
+        return pedals, limiter.acceleration, limiter.steering, limited
 
     def _brake_in_doubt(self, now: float) -> Pedals:
         """Pedals of a stop whose speed is not believed: as hard as by feedforward, or harder where the wheels ask."""

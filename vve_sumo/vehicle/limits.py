@@ -10,6 +10,7 @@ from dataclasses import dataclass, fields
 from typing import Final, NamedTuple
 
 from vve_sumo.errors import ConfigError
+from vve_sumo.laws import clamp
 from vve_sumo.values import Vehicle
 
 
@@ -170,7 +171,9 @@ class Limiter:
         """
         lateral = self._limits.lateral_acceleration
         turning = math.atan2(self._wheelbase * lateral, speed * speed) + self._understeer * lateral
-        return min(self._steering_limit, max(turning, 0.0))
+        if not turning < self._steering_limit:  # nor where the speed is not known
+            return self._steering_limit
+        return turning if turning > 0.0 else 0.0
 
     def steering_rate_bound(self, speed: float, lateral_jerk: float) -> float:
         """Largest rate of the road-wheel angle [rad/s] at `speed` [m/s], by the car's limit and the lateral jerk."""
@@ -181,7 +184,7 @@ class Limiter:
 
     def _limit_acceleration(self, requested: float, emergency: bool, elapsed: float, limited: list[str]) -> float:
         comfort, braking = self._limits.comfort, self._limits.emergency
-        target = min(max(requested, -(braking if emergency else comfort).deceleration), comfort.acceleration)
+        target = clamp(requested, -(braking if emergency else comfort).deceleration, comfort.acceleration)
         if target != requested:
             limited.append("acceleration")
         away, towards = comfort.jerk, comfort.release_jerk
@@ -196,11 +199,11 @@ class Limiter:
         self, requested: float, speed: float, lateral_jerk: float, elapsed: float, limited: list[str]
     ) -> float:  # fmt: skip
         bound = self.steering_bound(speed)
-        target = min(max(requested, -bound), bound)
+        target = clamp(requested, -bound, bound)
         if target != requested:
             limited.append("steering_angle" if bound == self._steering_limit else "lateral_acceleration")
         change = self.steering_rate_bound(speed, lateral_jerk) * elapsed
-        granted = min(max(target, self.steering - change), self.steering + change)
+        granted = clamp(target, self.steering - change, self.steering + change)
         if granted != target:
             limited.append("steering_rate")
         return granted
@@ -217,4 +220,4 @@ def move_towards(value: float, target: float, away: float, towards: float, perio
             return value - math.copysign(towards * period, value)
         return move_towards(0.0, target, away, towards, period - to_zero)
     change = period * (away if abs(target) > abs(value) else towards)
-    return min(max(target, value - change), value + change)
+    return clamp(target, value - change, value + change)

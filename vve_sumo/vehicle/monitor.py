@@ -16,7 +16,7 @@ from vve_sumo.vehicle.interface import VehicleInterface
 from vve_sumo.vehicle.plausibility import CarMotion, Plausibility
 from vve_sumo.vehicle.reports import CarReports
 from vve_sumo.vehicle.setpoint_validation import Debounce, SetpointValidator
-from vve_sumo.vehicle.standstill import Evidence, Standstill
+from vve_sumo.vehicle.standstill import Standstill
 
 #: A drive is over once the car has not been commanded, and nothing has indicated motion, for this long [s].
 DRIVER_TIME: Final = 10.0
@@ -88,10 +88,14 @@ class Monitor:
 
     def _look(self, now: float, setpoint: Setpoint | None) -> list[str]:
         """Reason codes of faults in what car and drive say, one by one; `setpoint` is None if none arrived."""
-        faults = self._reports.stale(now) + self._reports.faults() + self._reports.consistency.faults(now)
+        reports = self._reports
+        faults = reports.stale(now)
+        faults += reports.faults()
+        faults += reports.consistency.faults(now)
         if setpoint is not None:
             faults += self._take(now, setpoint)
-        return faults + self._admission.faults(now)
+        faults += self._admission.faults(now)
+        return faults
 
     def _take(self, now: float, setpoint: Setpoint) -> list[str]:
         """Accept or reject a setpoint; of a rejected one, its fault codes and a fatal reason."""
@@ -118,13 +122,11 @@ class Monitor:
         if setpoint is not None and (_GUESSED in setpoint.faults or not self._admission.valid(now)):
             setpoint = None
         known = reports.speed_known(now)
-        evidence = Evidence(
-            reports.fastest_wheel if known and not reports.unchanged(now) > UNCHANGED_TIME else None,
-            None if setpoint is None else setpoint.speed,
-        )
-        standstill.step(now, elapsed, evidence, braking)
+        fastest = reports.fastest_wheel if known and not reports.unchanged(now) > UNCHANGED_TIME else None
+        satellite = None if setpoint is None else setpoint.speed
+        standstill.step(now, elapsed, fastest, satellite, braking)
         self._speed = speed = reports.speed if known else math.nan
-        self._satellite_speed = math.nan if setpoint is None else setpoint.speed
+        self._satellite_speed = math.nan if satellite is None else satellite
         car = CarMotion(
             speed, reports.yaw_rate, self.measured_steering, reports.wheels, steering, standstill.certain
         )  # fmt: skip

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import Final, NamedTuple
+from dataclasses import dataclass
+from typing import Final
 
+from vve_sumo.frozen import quickly_made
 from vve_sumo.values import Setpoint, Vehicle
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.drift import DELAY, DriftCheck, Sample
@@ -53,7 +55,10 @@ FROZEN_YAW_RATE_CHANGE: Final = 0.04  # of the receiver's yaw rate meanwhile [ra
 FROZEN_STEERING_CHANGE: Final = 0.03  # of the commanded road-wheel angle meanwhile [rad]
 
 
-class CarMotion(NamedTuple):
+# Dataclasses and not tuples, here and below: each field is read several times, which tuples with names make dear.
+@quickly_made
+@dataclass(frozen=True, slots=True)
+class CarMotion:
     """The car's motion at one step by its own sensors, with the commanded steering."""
 
     speed: float  #: of the rear axle by the wheels [m/s], forward positive; NaN unknown
@@ -64,7 +69,9 @@ class CarMotion(NamedTuple):
     stands: bool  #: by all evidence
 
 
-class _Place(NamedTuple):
+@quickly_made
+@dataclass(frozen=True, slots=True)
+class _Place:
     """A pose of a setpoint, with the dead-reckoned pose at the same time."""
 
     time: float
@@ -162,7 +169,8 @@ class Plausibility:
         reasons = []
         allowed = SPEED_DIFFERENCE + 2.0 * self._speed_share * abs(car.speed)
         # The smaller acceleration of the two, so that a jump of wheels or receiver alone does not widen the tolerance.
-        allowed += DELAY * min(abs(self._acceleration), abs(self._satellite_acceleration))
+        by_wheels, by_receiver = abs(self._acceleration), abs(self._satellite_acceleration)
+        allowed += DELAY * (by_receiver if by_receiver < by_wheels else by_wheels)
         difference = abs(setpoint.speed - car.speed)
         gross = self._speed_gross.step(now, not difference <= GROSS_FACTOR * allowed)
         if self._speed_differs.step(now, not difference <= allowed) or gross:
@@ -285,6 +293,6 @@ class Plausibility:
             POSITION_DIFFERENCE + (self._speed_share + 0.5 * uncertain) * distance + DELAY * abs(now.speed - then.speed)
         )
         allowed = math.hypot(across, along) if turned > 0.5 else across
-        if not (abs(left) <= allowed and abs(ahead) <= max(along, allowed)):
+        if not (abs(left) <= allowed and abs(ahead) <= (allowed if allowed > along else along)):
             reasons.append("position_mismatch")
         return reasons

@@ -6,8 +6,8 @@ Frames, decoded by the interface, become measurements and reason codes; the gate
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from typing import Final
+from collections.abc import Callable, Iterable
+from typing import Any, Final
 
 from vve_sumo.timing import MAX_GEAR_REPORT_AGE, MAX_REPORT_AGE
 from vve_sumo.values import Frame
@@ -52,9 +52,9 @@ class CarReports:
         self._commands = facts.commands
         # Other reports are not decoded: they come as often as those needed here and would cost as much.
         self._read = frozenset(number for number, kinds in facts.reports.items() if not _READ.isdisjoint(kinds))
-        self._times: dict[type, float] = {}
+        self._times: dict[type, float] = dict.fromkeys(REQUIRED, -math.inf)
         self._newest: dict[type, Report] = {}
-        self._changed: dict[type, float] = {}  # when each kind last said something new
+        self._throttle_changed = -math.inf  # when the throttle report last said something new [s]
         self.brake = BrakeState(enabled=False)
         self.throttle = ThrottleState(enabled=False)
         self.steering = SteeringState(math.nan, enabled=False)
@@ -82,7 +82,7 @@ class CarReports:
         read, decode, times, newest = self._read, self._decode, self._times, self._newest
         reports: tuple[Report, ...] | Malformed | None
         for frame in frames:
-            number = frame.id
+            number, _data = frame
             if number in read:
                 try:
                     reports = decode(frame)
@@ -97,8 +97,8 @@ class CarReports:
                         times[kind] = now
                         if newest.get(kind) is not report:
                             newest[kind] = report
-                            self._changed[kind] = now
-                            self._store(now, report)
+                            if (store := _STORES.get(kind)) is not None:
+                                store(self, now, report)
             elif number in self._commands:
                 troubles.append("another_writer")
         return troubles
@@ -107,6 +107,8 @@ class CarReports:
         """Reason codes of the reports that are missing or too old."""
         get, never = self._times.get, -math.inf
         oldest = now - MAX_REPORT_AGE - TOLERANCE
+        if min(self._times.values()) >= oldest:
+            return []
         reasons = [code for kind, code in _STALE_CODES if get(kind, never) < oldest]
         if get(GearState, never) < now - MAX_GEAR_REPORT_AGE - TOLERANCE:
             reasons.append("gear_report_stale")
@@ -183,7 +185,7 @@ class CarReports:
             return True
         on_throttle = throttle.driver or throttle.driver_opening > FOOT_OPENING
         fresh = self.age(ThrottleState, now) <= MAX_REPORT_AGE + TOLERANCE
-        return on_throttle and fresh and now - self._changed.get(ThrottleState, -math.inf) < STILL_TIME
+        return on_throttle and fresh and now - self._throttle_changed < STILL_TIME
 
     def confirmed(self, override: str) -> bool:
         """Whether something besides the module's own word says that the driver caused its latched `override`.
@@ -232,28 +234,27 @@ class CarReports:
         """For how long nonzero wheel speeds have been the same to the last bit [s]; 0 for none or zero ones."""
         return now - self._wheels_changed if self.fastest_wheel > 0.0 else 0.0
 
-    def _store(self, now: float, report: Report) -> None:
-        match report:
-            case WheelSpeeds():
-                self._store_wheels(now, report)
-            case YawRate():
-                self.yaw_rate = report.yaw
-                self.consistency.yaw_rate.step(now, report.yaw)
-            case SteeringState():
-                self.steering = report
-                if math.isfinite(report.wheel_angle):
-                    self.wheel_angle = report.wheel_angle
-                    self.consistency.wheel_angle.step(now, report.wheel_angle)
-            case BrakeState():
-                self.brake = report
-            case ThrottleState():
-                self.throttle = report
-            case GearState():
-                self.gear = report
-            case BrakeTorque(actual=torque):
-                self._brake_torque = torque
-            case _:
-                pass
+    def _store_brake(self, _: float, brake: BrakeState) -> None:
+        self.brake = brake
+
+    def _store_throttle(self, now: float, throttle: ThrottleState) -> None:
+        self.throttle, self._throttle_changed = throttle, now
+
+    def _store_steering(self, now: float, steering: SteeringState) -> None:
+        self.steering, angle = steering, steering.wheel_angle
+        if math.isfinite(angle):
+            self.wheel_angle = angle
+            self.consistency.wheel_angle.step(now, angle)
+
+    def _store_gear(self, _: float, gear: GearState) -> None:
+        self.gear = gear
+
+    def _store_yaw_rate(self, now: float, rate: YawRate) -> None:
+        self.yaw_rate = yaw_rate = rate.yaw
+        self.consistency.yaw_rate.step(now, yaw_rate)
+
+    def _store_brake_torque(self, _: float, torque: BrakeTorque) -> None:
+        self._brake_torque = torque.actual
 
     def _store_wheels(self, now: float, wheels: WheelSpeeds) -> None:
         if wheels != self.wheels:
@@ -270,6 +271,17 @@ class CarReports:
             max(abs(front_left), abs(front_right), abs(rear_left), abs(rear_right)) * self._wheel_radius
         )
 
+
+#: What is done with a report that says something new, by its kind; others are stored nowhere.
+_STORES: Final[dict[type, Callable[[CarReports, float, Any], None]]] = {
+    BrakeState: CarReports._store_brake,
+    ThrottleState: CarReports._store_throttle,
+    SteeringState: CarReports._store_steering,
+    GearState: CarReports._store_gear,
+    WheelSpeeds: CarReports._store_wheels,
+    YawRate: CarReports._store_yaw_rate,
+    BrakeTorque: CarReports._store_brake_torque,
+}
 
 _OF_THE_INTERFACE: Final[tuple[type, ...]] = (BrakeState, ThrottleState, SteeringState, GearState)
 

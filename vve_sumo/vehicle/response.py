@@ -31,16 +31,14 @@ class ResponseMonitor:
         self._signs = DriverSigns(vehicle)
         self._brake_echo, self._throttle_echo = CommandEcho(TORQUE_CHANGE), CommandEcho(OPENING_CHANGE)
         self.driver_inferred = False  #: the car brakes or slows down as under a driver's foot
-
-    @property
-    def brakes_latched(self) -> bool:
-        """Whether a foot has been strong enough, for long enough, to take the brakes until the next engagement."""
-        return self._signs.brakes_latched
+        #: a foot has been strong enough, for long enough, to take the brakes until the next engagement
+        self.brakes_latched = False
 
     def engage(self) -> None:
         """Begin a drive: what latched in the one before is being cleared."""
         self.reset()
         self._signs.reset()
+        self.brakes_latched = False
 
     def reset(self) -> None:
         """Forget how the car answered: it is not commanded."""
@@ -65,24 +63,23 @@ class ResponseMonitor:
         `speeds` are those of wheels and receiver [m/s], NaN where unknown; `grade` [rad], uphill positive. What is
         known of its `standstill`; the car may be allowed to move (`going`).
         """
-        brake = reports.brake
+        foot, others_brake, torque = reports.brake.driver_torque, reports.brake.watchdog_braking, pedals.brake_torque
         wheels, satellite = speeds
-        faults = self._brakes.step(elapsed, pedals, wheels, satellite, grade, brake.watchdog_braking)
-        held = pedals.brake_torque >= self._holding_torque and not brake.watchdog_braking
+        faults = self._brakes.step(elapsed, pedals, wheels, satellite, grade, others_brake)
+        held = torque >= self._holding_torque and not others_brake
         mean = math.nan if satellite != satellite else standstill.satellite_mean
         stands = standstill.certain and standstill.at_rest
         if self._hold.step(now, held, stands, reports.fastest_wheel, mean):
             faults.append("brake_not_following")
         faults += self._frozen(now, pedals, reports)
-        unasked = self._signs.step(
-            now, elapsed, pedals.brake_torque, reports.brake_torque(now), brake.driver_torque
-        )  # fmt: skip
+        unasked = self._signs.step(now, elapsed, torque, reports.brake_torque(now), foot)
+        self.brakes_latched = self._signs.brakes_latched
         slowed = False
         if going:
             slowed = self._slowing.step(elapsed, pedals, wheels, satellite, grade)
         else:
             self._slowing.reset()
-        self.driver_inferred = (unasked or slowed) and not brake.watchdog_braking
+        self.driver_inferred = (unasked or slowed) and not others_brake
         return faults
 
     def _frozen(self, now: float, pedals: Pedals, reports: CarReports) -> list[str]:

@@ -74,8 +74,11 @@ class SlowingMonitor:
             self._deficit = self._satellite_deficit = self._changed = self._satellite_changed = 0.0
             return False
         # Wheel speeds that fall faster than any car brakes have failed: what they lose beyond that is nobody's foot.
-        gained = max(wheels - before[0], -MAX_BRAKING * elapsed)
-        seen = satellite - before[1]
+        wheels_before, satellite_before = before
+        gained, least = wheels - wheels_before, -MAX_BRAKING * elapsed
+        if gained < least:
+            gained = least
+        seen = satellite - satellite_before
         any_car, modelled, margin = self._expected(wheels, grade)
         allowed = any_car * elapsed
         self._deficit = added(self._deficit, allowed - gained)
@@ -97,10 +100,11 @@ class SlowingMonitor:
         """Advance the largest braking and the least push that the commanded `pedals` may have by now."""
         if elapsed <= 0.0:
             return
+        torque, throttle = pedals
         fading = self._torque - self._torque * elapsed / (self._release_lag + elapsed)
-        self._torque = max(pedals.brake_torque, fading)
-        pushing = self._opening + (pedals.throttle - self._opening) * elapsed / (self._push_lag + elapsed)
-        self._opening = min(pedals.throttle, pushing)
+        self._torque = fading if fading > torque else torque
+        pushing = self._opening + (throttle - self._opening) * elapsed / (self._push_lag + elapsed)
+        self._opening = pushing if pushing < throttle else throttle
 
     def _expected(self, speed: float, grade: float) -> tuple[float, float, float]:
         """Least acceleration of any sound car, this car's by its model, and what it may be less than that [m/s2]."""

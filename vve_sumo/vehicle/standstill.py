@@ -7,7 +7,7 @@ a holding torque only and asked to shift to park. The module knows no frames and
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Final
 
 from vve_sumo.vehicle.setpoint_validation import Debounce
 
@@ -28,13 +28,6 @@ BRAKING_SHARE: Final = 0.5
 MIN_BRAKING: Final = 0.3  # of a car that rolls out [m/s2]
 
 
-class Evidence(NamedTuple):
-    """Measured speeds of the car at one step of the gateway; None is "not known"."""
-
-    wheels: float | None  #: the fastest wheel's speed, without sign [m/s]
-    satellite: float | None  #: the receiver's speed, forward positive [m/s]
-
-
 class Standstill:
     """Weighs the evidence step by step."""
 
@@ -46,19 +39,18 @@ class Standstill:
         self.certain = False  #: the wheels say so, for long enough to be true, and nothing contradicts them
         self.settled = False  #: certain for `REST_TIME`
         self.at_rest = False  #: settled, or the receiver alone has said so for long
+        self.contradicted = False  #: the receiver has long said rest, but the wheels do not confirm it
         self.moves = False  #: something says that the car moves
 
-    @property
-    def contradicted(self) -> bool:
-        """Whether the evidence disagrees: the receiver has long said rest, but the wheels do not confirm it."""
-        return self.at_rest and not self.certain
-
-    def step(self, now: float, elapsed: float, evidence: Evidence, braking: float | None) -> None:
+    def step(
+        self, now: float, elapsed: float, wheels: float | None, satellite: float | None, braking: float | None
+    ) -> None:  # fmt: skip
         """Weigh the evidence at `now` [s], `elapsed` after the last step.
 
-        `braking` is the commanded deceleration [m/s2], None where a driver may brake as hard as the car can.
+        `wheels` is the speed of the fastest wheel, without sign, `satellite` the receiver's, forward positive [m/s];
+        None is "not known". `braking` is the commanded deceleration [m/s2], None where a driver may brake as hard as
+        the car can.
         """
-        wheels, satellite = evidence
         if satellite is not None:
             self._average(satellite, elapsed)
         satellite_stands = satellite is not None and abs(satellite) < SATELLITE_REST
@@ -75,6 +67,7 @@ class Standstill:
         self.certain = wheels_stand and not satellite_moves and self._possible < WHEEL_REST
         self.settled = self._long.step(now, self.certain)
         self.at_rest = self._satellite_long.step(now, satellite_stands and not creeps) or self.settled
+        self.contradicted = self.at_rest and not self.certain
 
     def _average(self, satellite: float, elapsed: float) -> None:
         """Average the receiver's speed; one that is above rest is taken as it is, so that the mean does not lag it."""

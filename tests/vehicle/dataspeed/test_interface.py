@@ -45,6 +45,37 @@ def test_an_actuation_is_four_frames_with_one_counter(variant, enable, clear):
         )
 
 
+def around(limit: float):
+    """Numbers within a limit, its neighbours, and what is no command."""
+    edges = [0.0, -0.0, limit, math.nextafter(limit, math.inf), -1e-9, math.nan, math.inf]
+    return st.floats(-0.1 * limit, 1.01 * limit) | st.sampled_from(edges)
+
+
+def said(make):
+    """What is returned, or the text of the ValueError."""
+    try:
+        return make()
+    except ValueError as error:
+        return str(error)
+
+
+@given(
+    st.sampled_from(Variant), around(3412.0), around(1.0), around(9.6), around(17.5),
+    st.booleans(), st.booleans(), st.integers(0, 255),
+)  # fmt: skip
+def test_commands_that_are_encoded_together_are_those_that_are_encoded_alone(
+    variant, torque, throttle, angle, rate, enable, clear, counter
+):
+    """Refusals included, with their words."""
+    messages = (
+        codec.BrakeCommand(codec.BrakeKind.TORQUE, torque, enable, counter, clear),
+        codec.ThrottleCommand(codec.ThrottleKind.PERCENT, throttle, enable, counter, clear),
+        codec.SteeringCommand(angle, rate, enable, counter, clear),
+    )
+    together = said(lambda: codec.encode_commands(torque, throttle, angle, rate, enable, clear, counter, variant))
+    assert together == said(lambda: tuple(codec.encode(message, variant) for message in messages))
+
+
 @pytest.mark.parametrize("gear", port.Gear)
 @pytest.mark.parametrize("clear", [False, True])
 def test_every_gear_is_asked_for_as_it_is(gear, clear):
@@ -215,12 +246,11 @@ def test_sensors_are_passed_on():
 @pytest.mark.parametrize("identifier", [codec.BRAKE_REPORT, codec.THROTTLE_REPORT])
 def test_a_pedal_report_is_read_anew_whenever_its_state_may_differ(variant, identifier):
     """Every pair of status bytes, one after the other in one interface, against one that never heard anything."""
-    interface, other = DataspeedDbw1(variant), DataspeedDbw1(variant)
+    interface = DataspeedDbw1(variant)
     for status in range(256):
         for flags in (0, 1 << status % 8, 255):
-            data = bytes((flags, status, 1, 2, 3, 4, status, flags))
-            other._understood.clear()
-            assert interface.decode(Frame(identifier, data)) == other.decode(Frame(identifier, data))
+            frame = Frame(identifier, bytes((flags, status, 1, 2, 3, 4, status, flags)))
+            assert interface.decode(frame) == DataspeedDbw1(variant).decode(frame)
 
 
 def test_what_is_damaged_says_nothing_whatever_was_said_before():

@@ -101,6 +101,7 @@ _BRAKE_KINDS = {int(kind): kind for kind in BrakeKind}
 _THROTTLE_KINDS = {int(kind): kind for kind in ThrottleKind}
 # In Python 3.11 naming a member of an enumeration is a call; code that runs with every frame names these instead.
 _OLD, _MODERN = Variant.DBW1_2018, Variant.DBW1_2024
+_BY_TORQUE, _BY_PERCENT = BrakeKind.TORQUE << 4, ThrottleKind.PERCENT << 4  # second byte of a pedal's command
 _REPORT_KINDS = {int(kind): kind for kind in BrakeReportKind}
 _GEARS = {int(gear): gear for gear in Gear}
 #: Every flag byte as eight booleans, lowest bit first.
@@ -133,6 +134,31 @@ def decode(frame: Frame, variant: Variant = Variant.DBW1_2024) -> Message | Malf
         command: BrakeCommand | ThrottleCommand | SteeringCommand | Malformed = function(data + bytes(4), variant)
         return command if isinstance(command, Malformed) else command._replace(counter=None)
     return Malformed(frame.id, "length")
+
+
+def encode_commands(
+    torque: float,
+    throttle: float,
+    wheel_angle: float,
+    wheel_rate: float,
+    enable: bool,
+    clear: bool,
+    counter: int,
+    variant: Variant,
+) -> tuple[Frame, Frame, Frame]:
+    """Return the frames of a brake torque, a throttle in percent and a steering command, as `encode` gives each.
+
+    In one go and without messages in between, because every step of the gateway sends them.
+    """
+    flags = (_EN if enable else 0) | (_CLEAR if clear else 0)
+    brake = counts(torque, 0.0, TORQUE_LIMIT[variant], 1.0, "brake command")
+    opening = counts(throttle, 0.0, 1.0, FULL_TRAVEL, "throttle command")
+    angle, rate = _steering_counts(wheel_angle, wheel_rate, variant)
+    return (
+        Frame(BRAKE_COMMAND, _PEDAL_COMMAND.pack(brake, _BY_TORQUE, flags, counter)),
+        Frame(THROTTLE_COMMAND, _PEDAL_COMMAND.pack(opening, _BY_PERCENT, flags, counter)),
+        Frame(STEERING_COMMAND, _STEERING_COMMAND.pack(angle, flags, rate, counter)),
+    )
 
 
 def _flags(command: BrakeCommand | ThrottleCommand | SteeringCommand) -> int:
@@ -180,13 +206,18 @@ def _decode_throttle_command(data: bytes, _: Variant) -> ThrottleCommand | Malfo
 
 
 def _encode_steering_command(command: SteeringCommand, variant: Variant) -> Frame:
-    limit, step = WHEEL_ANGLE_LIMIT[variant], WHEEL_RATE_STEP[variant]
-    angle = counts(command.wheel_angle, -limit, limit, 1.0 / TENTH_DEGREE, "steering-wheel angle")
-    if not 0.0 <= command.wheel_rate <= WHEEL_RATE_LIMIT[variant]:
-        raise ValueError(f"steering-wheel rate must be 0 to {WHEEL_RATE_LIMIT[variant]:g}, got {command.wheel_rate:g}")
-    # Rounded down, but never to zero: zero asks for the DBW controller's largest rate.
-    rate = max(1, int(command.wheel_rate / step + 1e-9)) if command.wheel_rate > 0.0 else 0
+    angle, rate = _steering_counts(command.wheel_angle, command.wheel_rate, variant)
     return _command_frame(STEERING_COMMAND, _STEERING_COMMAND, angle, _flags(command), rate, command.counter)
+
+
+def _steering_counts(wheel_angle: float, wheel_rate: float, variant: Variant) -> tuple[int, int]:
+    limit = WHEEL_ANGLE_LIMIT[variant]
+    angle = counts(wheel_angle, -limit, limit, 1.0 / TENTH_DEGREE, "steering-wheel angle")
+    if not 0.0 <= wheel_rate <= WHEEL_RATE_LIMIT[variant]:
+        raise ValueError(f"steering-wheel rate must be 0 to {WHEEL_RATE_LIMIT[variant]:g}, got {wheel_rate:g}")
+    # Rounded down, but never to zero: zero asks for the DBW controller's largest rate.
+    rate = int(wheel_rate / WHEEL_RATE_STEP[variant] + 1e-9) or 1 if wheel_rate > 0.0 else 0
+    return angle, rate
 
 
 def _decode_steering_command(data: bytes, variant: Variant) -> SteeringCommand | Malformed:

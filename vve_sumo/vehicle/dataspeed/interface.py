@@ -56,10 +56,6 @@ REPORTS: Final[dict[int, tuple[type, ...]]] = {
     layout.BRAKE_INFO: (BrakeTorque,),
 }
 
-# Found once, for every step: looking them up in their class costs a call.
-_TORQUE: Final = BrakeKind.TORQUE
-_PERCENT: Final = ThrottleKind.PERCENT
-
 # How hard the watchdog brakes is not public: each car's own test says it.
 WHEN_COMMANDS_STOP: Final = CommandsStop(
     WhenCommandsStop.BRAKES,
@@ -100,12 +96,9 @@ class DataspeedDbw1:
     def encode(self, command: ActuationCommand) -> tuple[Frame, ...]:
         """Return the brake, throttle, steering and gear frames; the first three have the same counter."""
         torque, throttle, wheel_angle, wheel_rate, gear, enable, clear = command
-        variant = self._variant
         counter = self._counter = (self._counter + 1) & 0xFF
         return (
-            codec.encode(BrakeCommand(_TORQUE, torque, enable, counter, clear), variant),
-            codec.encode(ThrottleCommand(_PERCENT, throttle, enable, counter, clear), variant),
-            codec.encode(SteeringCommand(wheel_angle, wheel_rate, enable, counter, clear), variant),
+            *codec.encode_commands(torque, throttle, wheel_angle, wheel_rate, enable, clear, counter, self._variant),
             self._gear_frames[gear, clear],
         )
 

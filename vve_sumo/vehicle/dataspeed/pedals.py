@@ -8,9 +8,12 @@ from __future__ import annotations
 from bisect import bisect_right
 from typing import Final
 
+from vve_sumo.laws import clamp
 from vve_sumo.vehicle.interface import PEDAL_REST
 
 THROTTLE_TRAVEL_END: Final = 0.80  # pedal sensor of a floored pedal, fraction of its range
+
+_THROTTLE_TRAVEL: Final = THROTTLE_TRAVEL_END - PEDAL_REST
 
 # Brake pedal sensor and the torque it asks for [N m] (pedal_lut.h).
 PEDALS: Final = (0.175, 0.246, 0.283, 0.323, 0.330)
@@ -40,4 +43,4 @@ def torque_to_pedal(torque: float) -> float:
 
 def pedal_to_throttle(pedal: float) -> float:
     """Throttle opening, 0 to 1, of an accelerator pedal sensor at `pedal`."""
-    return min(max((pedal - PEDAL_REST) / (THROTTLE_TRAVEL_END - PEDAL_REST), 0.0), 1.0)
+    return clamp((pedal - PEDAL_REST) / _THROTTLE_TRAVEL, 0.0, 1.0)

@@ -34,6 +34,7 @@ _STEERING_FAULTS = 0x74  # either bus, the calibration, the supply
 # Kind of the values in a brake report of the newer generation.
 _KIND, _BY_PEDAL, _BY_TORQUE, _NO_KIND = 0x03, 0x00, 0x02, 0x03
 _WATCHDOG_BRAKING = 0x08
+_INVALID = -32768  # of wheel speeds and yaw rates, which are read as `value_of` reads, without its call
 
 _GEARS: Final = {int(gear): gear for gear in Gear}
 
@@ -47,13 +48,13 @@ class Reading(NamedTuple):
 
 def _brake_2018(driver: int, command: int, status: int, flags: int) -> BrakeState:
     return BrakeState(
-        bool(flags & _ENABLED),
-        bool(flags & _OVERRIDE),
-        bool(flags & _DRIVER),
-        bool(flags & _TIMEOUT),
-        bool(flags & _PEDAL_FAULTS),
-        bool(flags & _WATCHDOG),
-        bool(status & _WATCHDOG_BRAKING),
+        flags & _ENABLED != 0,
+        flags & _OVERRIDE != 0,
+        flags & _DRIVER != 0,
+        flags & _TIMEOUT != 0,
+        flags & _PEDAL_FAULTS != 0,
+        flags & _WATCHDOG != 0,
+        status & _WATCHDOG_BRAKING != 0,
         pedal_to_torque(driver / FULL_TRAVEL),
         pedal_to_torque(command / FULL_TRAVEL),
     )
@@ -66,13 +67,13 @@ def _brake_2024(driver: int, command: int, status: int, flags: int) -> BrakeStat
     if kind == _NO_KIND:
         return Malformed(layout.BRAKE_REPORT, "value")
     return BrakeState(
-        bool(flags & _ENABLED),
-        bool(flags & _OVERRIDE),
-        bool(flags & _DRIVER),
-        bool(flags & _TIMEOUT),
-        bool(flags & _PEDAL_FAULTS),
-        bool(flags & _WATCHDOG),
-        bool(status & _WATCHDOG_BRAKING),
+        flags & _ENABLED != 0,
+        flags & _OVERRIDE != 0,
+        flags & _DRIVER != 0,
+        flags & _TIMEOUT != 0,
+        flags & _PEDAL_FAULTS != 0,
+        flags & _WATCHDOG != 0,
+        status & _WATCHDOG_BRAKING != 0,
         float(driver),  # in steps of 1 N m, by torque and by deceleration alike
         float(command) if kind == _BY_TORQUE else math.nan,
     )
@@ -80,12 +81,12 @@ def _brake_2024(driver: int, command: int, status: int, flags: int) -> BrakeStat
 
 def _throttle(driver: int, command: int, flags: int) -> ThrottleState:
     return ThrottleState(
-        bool(flags & _ENABLED),
-        bool(flags & _OVERRIDE),
-        bool(flags & _DRIVER),
-        bool(flags & _TIMEOUT),
-        bool(flags & _PEDAL_FAULTS),
-        bool(flags & _WATCHDOG),
+        flags & _ENABLED != 0,
+        flags & _OVERRIDE != 0,
+        flags & _DRIVER != 0,
+        flags & _TIMEOUT != 0,
+        flags & _PEDAL_FAULTS != 0,
+        flags & _WATCHDOG != 0,
         pedal_to_throttle(driver / FULL_TRAVEL),
         pedal_to_throttle(command / FULL_TRAVEL),
     )
@@ -94,11 +95,11 @@ def _throttle(driver: int, command: int, flags: int) -> ThrottleState:
 def _steering(angle: int, torque: int, flags: int) -> SteeringState:
     return SteeringState(
         value_of(angle, layout.TENTH_DEGREE),
-        bool(flags & _ENABLED),
-        bool(flags & _OVERRIDE),
-        bool(flags & _TIMEOUT),
-        bool(flags & _STEERING_FAULTS),
-        bool(flags & _WATCHDOG),
+        flags & _ENABLED != 0,
+        flags & _OVERRIDE != 0,
+        flags & _TIMEOUT != 0,
+        flags & _STEERING_FAULTS != 0,
+        flags & _WATCHDOG != 0,
         value_of(torque, layout.DRIVER_TORQUE_STEP, -128),
     )
 
@@ -107,18 +108,22 @@ def _gear(first: int) -> GearState | Malformed:
     gear, command = _GEARS.get(first & 7), _GEARS.get(first >> 4 & 7)
     if gear is None or command is None:
         return Malformed(layout.GEAR_REPORT, "value")
-    return GearState(gear, bool(first & 0x08), bool(first & 0x80))
+    return GearState(gear, first & 0x08 != 0, first & 0x80 != 0)
 
 
 def _wheel_speeds(front_left: int, front_right: int, rear_left: int, rear_right: int) -> WheelSpeeds:
     step = layout.WHEEL_SPEED_STEP
     return WheelSpeeds(
-        value_of(front_left, step), value_of(front_right, step), value_of(rear_left, step), value_of(rear_right, step)
+        front_left * step if front_left != _INVALID else math.nan,
+        front_right * step if front_right != _INVALID else math.nan,
+        rear_left * step if rear_left != _INVALID else math.nan,
+        rear_right * step if rear_right != _INVALID else math.nan,
     )
 
 
 def _yaw_rate(roll: int, yaw: int) -> YawRate:
-    return YawRate(value_of(roll, layout.GYRO_STEP), value_of(yaw, layout.GYRO_STEP))
+    step = layout.GYRO_STEP
+    return YawRate(roll * step if roll != _INVALID else math.nan, yaw * step if yaw != _INVALID else math.nan)
 
 
 def _accelerations(lateral: int, longitudinal: int, vertical: int) -> Accelerations:
