@@ -72,6 +72,9 @@ def _over_model(table: dict[str, Any], file: Path, working: Path) -> dict[str, A
     wire = vehicles.load(found).interface  # and what is wrong in the model's own file is refused
     model = read_as(found, "vehicle", VehicleFile)
     whole = {one: {k: v for k, v in model[one].items() if k != "sources"} | said[one] for one in MODEL_TABLES}
+    if "measured" in model and isinstance(table.get("measured", {}), dict):
+        numbers = {k: v for k, v in model["measured"].items() if k != "sources"}
+        whole["measured"] = numbers | table.get("measured", {})
     if "brake_gain_kgm" not in said["calibration"]:
         _scale_brake_gain(whole, model["vehicle"])
     if isinstance(table.get("drive_by_wire"), dict):  # its settings are verified on the car: none are the model's

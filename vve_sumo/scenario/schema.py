@@ -41,7 +41,12 @@ class Lot(Table):
 class Car(Table):
     """How the simulated vehicle differs from the car that is declared."""
 
-    noise: bool = Field(default=True, description="RTK and gyro noise on or off")
+    fidelity: Literal["ideal", "measured"] = Field(
+        default="ideal",
+        description="of sensors, brakes, tyres and receiver; `measured`: as the vehicle model's table `[measured]` "
+        "has them",
+    )
+    noise: bool = Field(default=True, description="RTK and gyro noise on or off, and what `measured` adds to them")
     noise_factor: Annotated[float, Field(ge=0.0, le=100.0)] = Field(
         default=1.0, description="size of that noise over what the receiver says of itself"
     )
