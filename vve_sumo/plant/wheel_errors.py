@@ -43,9 +43,10 @@ class WheelErrors:
         return WheelSpeeds(*self._each(true))
 
     def _each(self, true: WheelSpeeds) -> Iterator[float]:
-        for number, (speed, error) in enumerate(zip(true, self._wheels, strict=True)):
+        for number, (mean, error) in enumerate(zip(true, self._wheels, strict=True)):
+            speed = mean * (1.0 + error.larger)
             angle = self._angles[number] = math.remainder(self._angles[number] + self._period * speed, math.tau)
-            share = error.larger + error.runout * math.cos(angle) + self._jitter * next(self._draws)
+            share = error.runout * math.cos(angle) + self._jitter * next(self._draws)
             yield _in_steps(speed * (1.0 + share), self._quantum)
 
 
