@@ -196,6 +196,11 @@ class Actor(Table):
         "to the path, counter-clockwise; at the end of a path it leaves the street",
     )
     speed_mps: RoadSpeed = Field(default=0.0, description="at which it enters")
+    fidelity: Literal["ideal", "measured"] = Field(
+        default="ideal",
+        description="of a change of speed whose event states no acceleration: `ideal` at once, `measured` as people "
+        "change theirs, where its kind walks",
+    )
     enters: When = Field(default=When(), description="it is on the street from then on; left out: from the start")
     events: tuple[Event, ...] = Field(default=(), strict=False)
 
