@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import savgol_filter
 
 from tests import vehicles
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
@@ -16,6 +18,7 @@ from vve_sumo.pose.ncom import Decoder
 from vve_sumo.values import Frame
 from vve_sumo.vehicle.dataspeed import codec, messages
 from vve_sumo.vehicle.interface import InterfaceConfig
+from vve_sumo.vehicle.model import IDEAL
 
 LOT = MapFrame("+proj=tmerc +lat_0=40 +lon_0=-82.98 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs")
 EPOCH = 1_447_000_000.0
@@ -227,3 +230,74 @@ def test_gear_reports_follow_the_shift() -> None:
 def test_refuses_times_between_its_steps() -> None:
     with pytest.raises(ValueError, match=r"0\.005 s, got until=0\.012"):
         make().step(0.012, [])
+
+
+MEASURED = {"imperfections": vehicles.FUSION.measured}
+
+
+def test_two_measured_rides_with_one_seed_are_the_same_to_the_bit() -> None:
+    first, second, other = ([*ride(make(vehicles.parameters(**MEASURED), seed), 12.0, town)] for seed in (1, 1, 2))
+    assert first == second
+    assert [output.reports for output in first] != [output.reports for output in other]
+
+
+def test_imperfections_leave_every_other_noise_as_it_is() -> None:
+    """The gyroscope's and the fixes' errors are draw for draw those of the ideal car."""
+    only_wheels = replace(IDEAL, wheel_jitter=0.0005, receiver_short_gaps=0.7, receiver_gap_p95=0.0455,
+                          receiver_gap_max=0.0481)  # fmt: skip
+    ideal, other = make(), make(vehicles.parameters(imperfections=only_wheels))
+    said: list[tuple[list[Frame], list[bytes]]] = []
+    for car in (ideal, other):
+        outputs = [*ride(car, 6.0, town)]
+        frames = [frame for output in outputs for _, frame in output.reports if frame.id == codec.YAW_RATE]
+        said.append((frames, [packet for output in outputs for _, packet in output.ncom]))
+    (rates, packets), (other_rates, other_packets) = said
+    assert rates == other_rates
+    assert other_packets == packets[: len(other_packets)]
+    assert len(packets) - len(other_packets) <= 5, "held back at the end"
+
+
+def test_without_noise_the_sensors_of_a_measured_car_are_ideal() -> None:
+    """Brakes and tyres are not: they are the car, and no noise."""
+    sound = replace(vehicles.FUSION.measured, brake_gain_factor=1.0, combined_slip=False)
+    quiet, measured = make(vehicles.parameters(noise=0.0)), make(vehicles.parameters(noise=0.0, imperfections=sound))
+    assert [*ride(quiet, 6.0, town)] == [*ride(measured, 6.0, town)]
+
+
+def test_the_imperfect_car_moves_as_the_ideal_one_but_for_its_brakes_and_tyres() -> None:
+    sound = replace(vehicles.FUSION.measured, brake_gain_factor=1.0, combined_slip=False)
+    ideal, measured = make(), make(vehicles.parameters(imperfections=sound))
+    for _ in zip(ride(ideal, 12.0, town), ride(measured, 12.0, town), strict=True):
+        assert measured.truth() == ideal.truth()
+
+
+def test_the_measured_brakes_are_as_much_weaker_as_the_vehicle_file_says() -> None:
+    factor = vehicles.FUSION.measured.brake_gain_factor
+    weaker, measured = (in_drive(vehicles.parameters(**said)) for said in ({"brake_gain_factor": factor}, MEASURED))
+    for car in (weaker, measured):
+        for _ in ride(car, 6.0, lambda _: (0.0, 0.4, 0.0), start=1.0):
+            pass
+        for _ in ride(car, 1.0, lambda _: (1650.0, 0.0, 0.0), start=7.0):
+            pass
+    assert factor < 1.0
+    assert measured.truth().acceleration == pytest.approx(weaker.truth().acceleration, rel=1e-12)
+
+
+def test_the_reports_of_a_measured_car_at_speed_have_its_errors() -> None:
+    """From its frames alone: the steps of the wheel speeds, and the accelerometers' noise."""
+    car = in_drive(vehicles.parameters(**MEASURED))
+    for _ in ride(car, 8.0, lambda _: (0.0, 0.25, 0.0), start=1.0):
+        pass
+    wheels, along = [], []
+    for output in ride(car, 10.0, lambda _: (0.0, 0.05, 0.0), start=9.0):
+        for _, frame in output.reports:
+            message = codec.decode(frame)
+            if isinstance(message, messages.WheelSpeeds):
+                wheels.append(message)
+            elif isinstance(message, messages.Accelerations):
+                along.append(message.longitudinal)
+    steps = np.array(wheels) / 0.04
+    assert steps == pytest.approx(np.round(steps), abs=1e-6)
+    rest = np.array(along) - savgol_filter(along, 51, 2)
+    # A parabola over half a second takes a quarter of a noise that is correlated over 0.06 s.
+    assert np.std(rest) == pytest.approx(0.74 * vehicles.FUSION.measured.longitudinal_acceleration_noise, rel=0.15)

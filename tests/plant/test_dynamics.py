@@ -205,3 +205,91 @@ def test_agrees_with_the_commonroad_single_track_model(number: int, speed: float
         assert motion.heading == pytest.approx(heading, abs=5e-4)
         assert math.hypot(our_x - x, our_y - y) < 0.04
     assert np.ptp(reference[1]) > 0.1, "the manoeuvre must move the car sideways"
+
+
+SLIPPING = replace(FRICTIONLESS, combined_slip=True)
+
+
+def force_of_tyres(motion: Dynamics, before: tuple[float, float]) -> float:
+    """Of all tyres together over the mass [m/s2]: nothing else acts on a body without drag on the level."""
+    return math.hypot(motion.acceleration, side_acceleration(motion, before))
+
+
+@pytest.mark.parametrize("steering", [0.03, 0.1, -0.3])
+@pytest.mark.parametrize("brake", [0.3, 0.7, 1.0, 2.0])
+def test_braking_and_steering_together_ask_for_no_more_than_the_grip(steering: float, brake: float) -> None:
+    """Force over weight from the motion alone; capped apart, the same manoeuvre takes up to 1.41 times the grip."""
+    limit = SLIPPING.friction * GRAVITY
+    largest = {}
+    for body in (SLIPPING, FRICTIONLESS):
+        motion, largest[body] = Dynamics(body, ORIGIN, speed=20.0), 0.0
+        while motion.speed > DYNAMIC_SPEED + 0.5 and motion.distance < 200.0:
+            before = motion.lateral_speed, motion.yaw_rate
+            motion.advance(STEP, steering, 0.0, brake * limit * body.mass)
+            largest[body] = max(largest[body], force_of_tyres(motion, before))
+    assert largest[SLIPPING] < 1.01 * limit
+    if brake >= 0.7 and abs(steering) > 0.05:
+        assert largest[FRICTIONLESS] > 1.15 * limit
+
+
+@pytest.mark.parametrize("brake", [0.0, 0.5, 0.9])
+def test_sliding_tyres_hold_their_force_in_the_direction_that_was_asked_for(brake: float) -> None:
+    """First step of a car that runs straight on, against the closed form of the circle for both axles."""
+    friction, steering, mass = SLIPPING.friction, 0.25, SLIPPING.mass
+    length, ahead = SLIPPING.wheelbase, SLIPPING.front_axle_to_mass
+    front_load, rear_load = mass * GRAVITY * (length - ahead) / length, mass * GRAVITY * ahead / length
+    side = SLIPPING.cornering_stiffness_front * steering / front_load
+    share = min(1.0, friction / math.hypot(brake, side))
+    longitudinal = (front_load * share + rear_load * min(1.0, friction / max(brake, 1e-9))) * brake
+    motion = Dynamics(SLIPPING, ORIGIN, speed=20.0)
+    motion.advance(STEP, steering, 0.0, brake * mass * GRAVITY)
+    assert motion.acceleration == pytest.approx(-longitudinal / mass, rel=1e-9)
+    # The bound of the side force; load that shifts within the step is that of its own deceleration.
+    shift = mass * SLIPPING.mass_height / length * motion.acceleration
+    sideways = (front_load - shift) * math.sqrt(friction**2 - (share * brake) ** 2)
+    assert share < 1.0
+    assert motion.yaw_rate == pytest.approx(STEP * ahead * sideways / SLIPPING.yaw_inertia, rel=0.03)
+
+
+@pytest.mark.parametrize("braking", [2.0, 5.0, 8.0])
+def test_a_bend_at_the_limit_leaves_the_side_force_of_the_circle(braking: float) -> None:
+    """On a wheel turned far in: lateral acceleration sqrt((friction g)^2 - braking^2), within what the yawing takes."""
+    limit = SLIPPING.friction * GRAVITY
+    motion = Dynamics(
+        replace(SLIPPING, cornering_stiffness_front=6e5, cornering_stiffness_rear=6e5), ORIGIN, speed=25.0
+    )
+    used = []
+    for step in range(160):
+        before = motion.lateral_speed, motion.yaw_rate
+        motion.advance(STEP, 0.08 * min(1.0, step / 100.0), 0.0, braking * SLIPPING.mass)
+        used.append(abs(side_acceleration(motion, before)) / math.sqrt(limit**2 - motion.acceleration**2))
+    assert 0.93 < max(used) < 1.01
+
+
+@given(
+    speed=st.floats(0.0, 25.0),
+    steering=st.floats(-0.03, 0.03),
+    force=st.floats(0.0, 4000.0),
+    brake=st.floats(0.0, 4000.0),
+)
+@settings(max_examples=40, deadline=None)
+def test_far_from_the_limit_the_circle_changes_nothing(
+    speed: float, steering: float, force: float, brake: float
+) -> None:
+    steering *= min(1.0, 64.0 / max(speed, 1.0) ** 2)
+    apart, together = Dynamics(FUSION, ORIGIN, speed), Dynamics(replace(FUSION, combined_slip=True), ORIGIN, speed)
+    for _ in range(100):
+        apart.advance(STEP, steering, force, brake)
+        together.advance(STEP, steering, force, brake)
+    for name in ("x", "y", "heading", "speed", "lateral_speed", "yaw_rate"):
+        assert getattr(together, name) == getattr(apart, name)
+
+
+def test_full_braking_straight_ahead_is_that_of_the_grip_with_the_circle_too() -> None:
+    motion = drive(Dynamics(SLIPPING, ORIGIN, speed=20.0), 5.0, brake=1e5)
+    assert motion.x == pytest.approx(20.0**2 / (2.0 * SLIPPING.friction * GRAVITY), abs=1e-3)
+
+
+def test_a_parked_car_stands_on_a_hill_with_the_circle_too() -> None:
+    motion = drive(Dynamics(SLIPPING, ORIGIN, grade=0.1), 5.0, brake=math.inf)
+    assert (motion.x, motion.speed) == (0.0, 0.0)

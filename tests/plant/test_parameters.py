@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests import vehicles
+from vve_sumo.errors import ConfigError
 from vve_sumo.plant.actuators import Lagged
 from vve_sumo.plant.car import STEP, chassis
 from vve_sumo.plant.dynamics import Dynamics
+from vve_sumo.plant.parameters import perturbed
+from vve_sumo.scenario.schema import Car
+from vve_sumo.vehicle.model import IDEAL
 
 RECORDING = "drives/ford_fusion/tidy_collision_assist_activated.csv"
 Log = dict[str, np.ndarray]
@@ -78,3 +83,21 @@ def test_full_braking_reaches_the_declared_deceleration() -> None:
     force = calibration.brake_force(vehicle.brake_torque_limit)
     assert force / vehicle.mass == pytest.approx(vehicle.deceleration_limit, abs=0.05)
     assert vehicle.understeer_gradient == pytest.approx(3.3e-4, rel=0.02)
+
+
+def test_the_measured_brake_gain_is_that_of_the_recorded_plateau(braking: Log) -> None:
+    """Torque over the deceleration that is left once the assumed drag is taken out; the calibration has it in."""
+    plateau = (braking["t"] > 3.2) & (braking["t"] < 3.95)
+    times, speed = braking["t"][plateau], braking["v_over_ground_kmh"][plateau] / 3.6
+    calibration = vehicles.FUSION.calibration
+    braked = -np.polyfit(times, speed, 1)[0] - calibration.drag(speed.mean()) / calibration.mass
+    gain = braking["brk_tq_act_Nm"][plateau].mean() / braked
+    assert vehicles.FUSION.measured.brake_gain_factor == pytest.approx(calibration.brake_gain / gain, abs=0.005)
+
+
+def test_the_fidelity_of_a_file_decides_on_the_imperfections() -> None:
+    assert perturbed(vehicles.FUSION, Car()).imperfections == IDEAL
+    assert perturbed(vehicles.FUSION, Car(fidelity="measured")).imperfections == vehicles.FUSION.measured
+    bare = replace(vehicles.FUSION, measured=IDEAL)
+    with pytest.raises(ConfigError, match=r"^fidelity: expected 'ideal'.* ford_fusion, .* got 'measured'$"):
+        perturbed(bare, Car(fidelity="measured"))

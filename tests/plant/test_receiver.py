@@ -9,11 +9,13 @@ from itertools import islice
 import numpy as np
 import pytest
 
+from tests import vehicles
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
 from vve_sumo.plant.noise import wander, white
 from vve_sumo.plant.receiver import Receiver, ReceiverParameters
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.values import Fix, FixQuality, Point, Pose
+from vve_sumo.vehicle.model import IDEAL
 
 # Central meridian two degrees away, so that convergence (1.3 deg) matters.
 LOT = MapFrame("+proj=tmerc +lat_0=40 +lon_0=-81 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m", (170_000.0, 1000.0))
@@ -163,3 +165,33 @@ def test_white_noise_is_what_numpy_draws_whatever_the_blocks() -> None:
     ours = sorted(islice(white(np.random.SeedSequence(5)), 1024))
     theirs = np.random.Generator(np.random.PCG64(np.random.SeedSequence(5))).standard_normal(1024)
     assert ours == sorted(theirs.tolist())
+
+
+def test_a_float_position_lies_off_by_what_was_drawn_and_the_packets_say_that_it_is_one() -> None:
+    often = replace(IDEAL, receiver_float_every=5.0, receiver_float_time=5.0, receiver_float_sigma=0.3)
+    parameters = ReceiverParameters(MOUNTING)
+    fixed, spells = (decode(record(one, 120.0)) for one in (parameters, replace(parameters, imperfections=often)))
+    norths = [(fix.latitude - exact.latitude) * 6_371_000.0 for exact, fix in zip(fixed, spells, strict=True)]
+    floats = [abs(north) > 1e-9 for north in norths]
+    assert 0.2 < np.mean(floats) < 0.8
+    assert 0.1 < np.std([north for north in norths if north]) < 0.6
+    # The status channel that holds the quality comes every 2 s at most.
+    for number in range(200, len(spells)):
+        lately = floats[number - 200 : number + 1]
+        said = spells[number].quality
+        if all(lately):
+            assert said is FixQuality.RTK_FLOAT
+            assert spells[number].position_sigma == pytest.approx(0.3, abs=1e-3)
+        elif not any(lately):
+            assert said is FixQuality.RTK_FIXED
+
+
+def test_bursts_change_when_fixes_arrive_and_nothing_of_what_they_say() -> None:
+    parameters = ReceiverParameters(MOUNTING)
+    held = replace(parameters, imperfections=vehicles.FUSION.measured)
+    even, burst = record(parameters, 60.0), record(held, 60.0)
+    assert [packet for _, packet in burst] == [packet for _, packet in even][: len(burst)]
+    waits = [late - soon for (soon, _), (late, _) in zip(even, burst, strict=False)]
+    assert min(waits) >= 0.0
+    assert max(waits) <= 0.0481
+    assert np.diff([time for time, _ in burst]).max() > 0.045

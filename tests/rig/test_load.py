@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import datetime
 import json
 import tomllib
@@ -11,11 +12,14 @@ from typing import Any
 
 import pytest
 
+from tests import vehicles
 from tests.complaints import complaint_of
 from tests.conftest import REPOSITORY
 from vve_sumo.errors import ConfigError
+from vve_sumo.rig import resolve
 from vve_sumo.rig.load import load, parse, parse_json
 from vve_sumo.rig.validation import arming_obstacle
+from vve_sumo.vehicle.model import IDEAL
 
 SIMULATED = REPOSITORY / "rigs" / "simulated.toml"
 EXAMPLE = REPOSITORY / "rigs" / "fusion_example.toml"
@@ -336,6 +340,25 @@ def test_what_no_simulated_vehicle_is_driven_with(change: Change, words: str) ->
         parse(change_and_see, Path("mine.toml"))
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_measured_car_needs_a_model_whose_file_says_what_was_measured(tmp_path: Path) -> None:
+    table = simulated()
+    table["car_start"]["fidelity"] = "measured"
+    ours = parse(table, Path("mine.toml"))
+    assert resolve.model_of(ours).measured == vehicles.FUSION.measured
+    table["measured"] = {"wheel_jitter": 0.001}
+    changed = resolve.model_of(parse(table, Path("mine.toml"))).measured
+    assert changed == dataclasses.replace(vehicles.FUSION.measured, wheel_jitter=0.001)
+    del table["measured"]
+    text = (REPOSITORY / "vehicles" / "ford_fusion.toml").read_text(encoding="utf-8")
+    (tmp_path / "bare.toml").write_text(text[: text.index("[measured]")], encoding="utf-8")
+    table["vehicle"] = {"model": "bare.toml"}
+    with pytest.raises(ConfigError, match=r"car_start\.fidelity: expected 'ideal', .* got 'measured'") as caught:
+        parse(table, tmp_path / "rig.toml")
+    assert "\n" not in str(caught.value)
+    table["car_start"]["fidelity"] = "ideal"
+    assert resolve.model_of(parse(table, tmp_path / "rig.toml")).measured == IDEAL
 
 
 def on_socketcan(channel: str, car_end: str | None, *, automatic: bool) -> dict[str, Any]:

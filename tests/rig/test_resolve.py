@@ -54,6 +54,7 @@ def test_a_rig_brings_the_model_that_it_names_and_its_own_measurements() -> None
     assert model.vehicle == dataclasses.replace(vehicles.MKZ.vehicle, brake_lag=0.02)
     assert model.calibration == vehicles.MKZ.calibration
     assert model.simulated == vehicles.MKZ.simulated
+    assert model.measured == vehicles.MKZ.measured
     assert (model.name, model.rig, model.interface) == ("lincoln_mkz", "Fusion, template", DEFAULT)
     assert model.steering_wheel_bias == pytest.approx(math.radians(1.5))
     assert (model.mounting, model.limits) == (resolve.mounting_of(ours), resolve.limits_of(ours))

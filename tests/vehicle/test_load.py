@@ -86,7 +86,7 @@ def test_the_inertia_is_that_of_a_car(model: VehicleModel) -> None:
 @pytest.mark.parametrize("file", SHIPPED, ids=lambda file: file.stem)
 def test_every_number_of_a_shipped_vehicle_says_where_it_is_from(file: Path) -> None:
     table = tomllib.loads(file.read_text(encoding="utf-8"))
-    for name in ("vehicle", "calibration", "simulated"):
+    for name in ("vehicle", "calibration", "simulated", "measured"):
         sources = table[name].pop("sources")
         assert list(sources) == list(table[name]), "in the order of the numbers"
         assert not any(source.startswith("assumed") and not source.startswith(ASSUMED) for source in sources.values())
@@ -121,6 +121,12 @@ def without(table: str, key: str) -> Change:
             "simulated: sources.track_m: expected the reason after 'assumed: '",
         ),
         (lambda t: t["simulated"]["sources"].update(track_m="assumed: "), "expected the reason after 'assumed: '"),
+        (without("measured", "wheel_jitter"), "key 'measured.wheel_jitter' is missing"),
+        (lambda t: t["measured"]["sources"].pop("wheel_jitter"), "measured: wheel_jitter has no source"),
+        (put("measured", "wheel_runout_rear_left", -0.001), "measured.wheel_runout_rear_left: "),
+        (put("measured", "receiver_short_gaps", 0.6), "measured: receiver_short_gaps, receiver_gap_p95_s, "),
+        (put("measured", "receiver_gap_max_s", 0.045), "whose shortest time between bursts would be 0.0164 s"),
+        (put("measured", "receiver_float_time_s", 0.0), "measured.receiver_float_time_s: expected more than 0"),
         (without("calibration", "sources"), "key 'calibration.sources' is missing"),
         (lambda t: t.pop("drive_by_wire"), "key 'drive_by_wire' is missing"),
         (without("drive_by_wire", "settings"), "key 'drive_by_wire.settings' is missing"),

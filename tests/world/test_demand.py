@@ -11,7 +11,7 @@ import sumolib
 
 from tests.isolated import isolated
 from vve_sumo.errors import ConfigError
-from vve_sumo.world.demand import LEVELS, TYPES, write_demand
+from vve_sumo.world.demand import DRIVERS, LEVELS, TYPES, _type, write_demand
 
 TIMES = (0.0, 30.0, 60.0, 120.0)
 PATHS = ("linden_17th", "linden_loop")
@@ -162,6 +162,7 @@ def test_another_seed_draws_other_traffic(linden, tmp_path):
     ("options", "message"),
     [
         ({"level": "rush"}, "no traffic level 'rush'; known: light, moderate, heavy"),
+        ({"level": "light", "drivers": "calm"}, "no drivers 'calm'; known: brisk, comfortable"),
         ({"level": "light", "duration": 0.0}, "expected a time above zero"),
         ({"level": "light", "duration": float("nan")}, "expected a time above zero"),
         ({"level": "light", "unhindered": ("21354771", "nowhere")}, "there is no edge 'nowhere'"),
@@ -171,3 +172,50 @@ def test_another_seed_draws_other_traffic(linden, tmp_path):
 def test_traffic_that_cannot_be_drawn_is_refused(linden, tmp_path, options, message):
     with pytest.raises(ConfigError, match=message):
         write_demand(linden, tmp_path / "x.rou.xml", **options)
+
+
+def test_comfortable_drivers_make_the_same_trips_and_brake_more_gently(linden, tmp_path):
+    roots = []
+    for drivers in DRIVERS:
+        write_demand(linden, tmp_path / f"{drivers}.xml", level="light", duration=60.0, drivers=drivers)
+        roots.append(ET.parse(tmp_path / f"{drivers}.xml").getroot())
+    brisk, comfortable = ({one.attrib["id"]: one.attrib for one in root.iter("vType")} for root in roots)
+    assert [ET.tostring(one) for one in roots[0].iter("vehicle")] == [
+        ET.tostring(one) for one in roots[1].iter("vehicle")
+    ]
+    for name, was in brisk.items():
+        now = comfortable[name]
+        assert float(now["decel"]) < float(was["decel"])
+        assert float(now["decel"]) < float(now["emergencyDecel"]) <= 8.0
+        assert {**now, "decel": was["decel"]} == {**was, "emergencyDecel": now["emergencyDecel"]}
+
+
+def _stops(drivers: str, folder: str) -> tuple[float, float, int]:
+    """Return the hardest braking over a second of a stop from 8 m/s [m/s2], the least speed, and contacts."""
+    import libsumo
+
+    from benchmarks.strings import start, street
+
+    network = street(Path(folder), 8.0)
+    types = " ".join(ET.tostring(_type("sedan", drivers), encoding="unicode").split())
+    stop = '<stop lane="ab_0" endPos="400" duration="30"/>'
+    cars = f'<vehicle id="a" type="sedan" depart="0" departSpeed="max"><route edges="ab"/>{stop}</vehicle>'
+    start(network, f"<routes>{types}{cars}</routes>", 1)
+    hardest, speeds = 0.0, []
+    for _ in range(round(90.0 / 0.02)):
+        libsumo.simulationStep()
+        if "a" in libsumo.vehicle.getIDList():
+            speeds.append(libsumo.vehicle.getSpeed("a"))
+    contacts = len(libsumo.simulation.getCollisions())
+    libsumo.close()
+    window = 50  # a second, so that the steps of 0.1 s in which drivers act do not count
+    for early, late in zip(speeds, speeds[window:], strict=False):
+        hardest = max(hardest, early - late)
+    return hardest, min(speeds), contacts
+
+
+@pytest.mark.parametrize(("drivers", "most"), [("brisk", 4.5), ("comfortable", 3.0)])
+def test_a_free_stop_is_as_hard_as_the_drivers_are(tmp_path, drivers, most):
+    hardest, slowest, contacts = isolated(_stops, drivers, str(tmp_path))
+    assert 0.8 * most < hardest < 1.05 * most
+    assert (slowest, contacts) == (0.0, 0)

@@ -75,6 +75,12 @@ def _add_demand(inner: Commands) -> None:
         help="path over which nobody has the right of way: others go around the junctions where the ego would have to "
         "give way, at signals too",
     )
+    demand.add_argument(
+        "--drivers",
+        choices=("brisk", "comfortable"),
+        default="brisk",
+        help="how they brake: as in the shipped traffic, or as gently as most people do (default: brisk)",
+    )
     demand.add_argument("--out", type=Path, required=True, metavar="ROU", help="route file to write (.rou.xml)")
     demand.set_defaults(run=_demand)
 
@@ -133,6 +139,7 @@ def _demand(arguments: argparse.Namespace) -> int:
         seed=arguments.seed,
         clear=(*arguments.clear, *_edges_of(arguments.path)),
         unhindered=_edges_of(arguments.unhindered),
+        drivers=arguments.drivers,
     )
     print(f"{arguments.level} traffic of {drawn.vehicles} vehicles written to {arguments.out}")
     return 0

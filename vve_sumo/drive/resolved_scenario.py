@@ -27,6 +27,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.frames import MapFrame
 from vve_sumo.path import Path
 from vve_sumo.path_feasibility import find_reversal, refuse_tight_bend
+from vve_sumo.plant.parameters import imperfections_of
 from vve_sumo.record.layout import LAYOUT, check_layout
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.sensors.port import SensorSettings, configured
@@ -265,6 +266,10 @@ def resolve_scenario(
         return (path_in or read_path)(of, map_frame, network).path
 
     model, note = load_vehicle_model(vehicle_file)
+    try:
+        imperfections_of(model, scenario.ego.car)
+    except ConfigError as error:
+        raise ConfigError(f"{file}: ego.car.{error}") from None
     followed = find_actor_paths(scenario.actors, file, path, find, read)
     files = {"network": network.path, "path": path_file, "vehicle": vehicle_file, **followed.files}
     files |= {f"demand_{number}": found for number, found in enumerate(demand)}

@@ -14,11 +14,13 @@ import numpy as np
 
 from vve_sumo.frames import MapFrame
 from vve_sumo.frozen import quickly_made
+from vve_sumo.plant.acceleration_errors import AccelerationErrors
 from vve_sumo.plant.actuators import Lagged, Steering
 from vve_sumo.plant.dynamics import Chassis, Dynamics
 from vve_sumo.plant.noise import white
-from vve_sumo.plant.onboard_sensors import Axles, OnboardSensors
+from vve_sumo.plant.onboard_sensors import Axles, OnboardSensors, SensorErrors
 from vve_sumo.plant.receiver import Receiver, ReceiverParameters, unaltered
+from vve_sumo.plant.wheel_errors import WheelErrors
 from vve_sumo.values import Fix, Frame, Point, Pose, Vehicle
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.interface import (
@@ -30,6 +32,7 @@ from vve_sumo.vehicle.interface import (
     SimulatedInterface,
     load,
 )
+from vve_sumo.vehicle.model import IDEAL, Imperfections
 
 STEP = 0.005  # of the integration and of the drive-by-wire controller [s]
 STEPS_PER_SECOND = round(1.0 / STEP)
@@ -59,6 +62,7 @@ class CarParameters:
     steering_wheel_bias: float = 0.0  #: reported wheel angle at which the wheels point straight [rad], left positive
     wheel_radius_factor: float = 1.0  #: true over declared rolling radius
     heading_misalignment: float = 0.0  #: of the receiver beyond its declared mounting [rad], counter-clockwise
+    imperfections: Imperfections = IDEAL  #: of sensors, brakes, tyres and receiver
 
 
 class ActuatorFaults(NamedTuple):
@@ -102,6 +106,7 @@ def chassis(parameters: CarParameters) -> Chassis:
         friction=parameters.friction,
         rolling_resistance=calibration.rolling_resistance,
         drag_area=calibration.drag_area,
+        combined_slip=parameters.imperfections.combined_slip,
     )
 
 
@@ -140,9 +145,11 @@ class Car:
         gyro_noise = parameters.receiver.noise * parameters.gyro_noise
         radius = vehicle.wheel_radius * parameters.wheel_radius_factor
         axles = Axles(vehicle.wheelbase, parameters.track, radius)
-        self._sensors = OnboardSensors(axles, gyro_noise, white(gyro_seeds), parameters.gyro_bias)
+        errors = _sensor_errors(parameters, seeds)
+        self._sensors = OnboardSensors(axles, gyro_noise, white(gyro_seeds), parameters.gyro_bias, errors)
         self._receiver = Receiver(_as_mounted(parameters), lot, epoch, receiver_seeds, alter)
-        self._brake_force = parameters.brake_gain_factor * calibration.brake_force(1.0)
+        gain_factor = parameters.brake_gain_factor * parameters.imperfections.brake_gain_factor
+        self._brake_force = gain_factor * calibration.brake_force(1.0)
         self._calibration, self._wheel_bias = calibration, parameters.steering_wheel_bias
         self._steering_ratio = vehicle.steering_ratio
         self.actuator_faults = HEALTHY
@@ -241,8 +248,21 @@ class Car:
         self._receiver.measure(self.truth(), motion.distance * math.tan(motion.grade))
 
 
+def _sensor_errors(parameters: CarParameters, seeds: np.random.SeedSequence) -> SensorErrors | None:
+    """Return the errors of wheels and accelerometers, None for ideal ones; further children are spawned of `seeds`."""
+    imperfections, size = parameters.imperfections, parameters.receiver.noise
+    if imperfections == IDEAL or size == 0.0:
+        return None
+    wheels, accelerations = seeds.spawn(2)
+    return SensorErrors(
+        WheelErrors(imperfections, size, FAST * STEP, wheels),
+        AccelerationErrors(imperfections, size, FAST * STEP, accelerations),
+    )
+
+
 def _as_mounted(parameters: CarParameters) -> ReceiverParameters:
-    """The receiver with its true mounting on the car."""
+    """The receiver with its true mounting on the car, and the car's imperfections."""
     mounting = parameters.receiver.mounting
     turned = mounting.heading_misalignment + parameters.heading_misalignment
-    return replace(parameters.receiver, mounting=replace(mounting, heading_misalignment=turned))
+    mounted = replace(mounting, heading_misalignment=turned)
+    return replace(parameters.receiver, mounting=mounted, imperfections=parameters.imperfections)

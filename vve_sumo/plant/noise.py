@@ -24,9 +24,10 @@ def wander(sigma: float, time: float, period: float, seeds: np.random.SeedSequen
     """First-order Gauss-Markov noise of standard deviation `sigma` and correlation time `time` [s], stationary at once.
 
     x' = a x + sigma sqrt(1 - a^2) w with a = exp(-period / time) (Brown and Hwang, Introduction to Random Signals).
+    Time 0 is white noise.
     """
     numbers = white(seeds)
-    keep = math.exp(-period / time)
+    keep = math.exp(-period / time) if time > 0.0 else 0.0
     drive = sigma * math.sqrt(1.0 - keep * keep)
     value = sigma * next(numbers)
     for number in numbers:

@@ -9,7 +9,9 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from vve_sumo.plant.acceleration_errors import AccelerationErrors
 from vve_sumo.plant.dynamics import Dynamics
+from vve_sumo.plant.wheel_errors import WheelErrors
 from vve_sumo.vehicle.calibration import GRAVITY
 from vve_sumo.vehicle.interface import Accelerations, Measured, WheelSpeeds, YawRate
 
@@ -22,29 +24,48 @@ class Axles(NamedTuple):
     wheel_radius: float  #: rolling [m]
 
 
-class OnboardSensors:
-    """Turns the motion into measurements, with the gyroscope's errors."""
+class SensorErrors(NamedTuple):
+    """Errors of the sensors other than the gyroscope."""
 
-    def __init__(self, axles: Axles, gyro_noise: float, white: Iterator[float], gyro_bias: float = 0.0) -> None:
+    wheels: WheelErrors
+    accelerations: AccelerationErrors
+
+
+class OnboardSensors:
+    """Turns the motion into measurements, with the errors of the gyroscope and, where given, of the other sensors."""
+
+    def __init__(
+        self,
+        axles: Axles,
+        gyro_noise: float,
+        white: Iterator[float],
+        gyro_bias: float = 0.0,
+        errors: SensorErrors | None = None,
+    ) -> None:
         """`gyro_noise` is the standard deviation of the yaw rate, `gyro_bias` its mean [rad/s], `white` its source."""
         self._axles = axles
         self._gyro_bias = gyro_bias
         self._gyro_noise = gyro_noise
         self._white = white
+        self._errors = errors
 
     def measure(self, motion: Dynamics, road_angle: float, wheel_angle: float, brake_torque: float) -> Measured:
-        """Return what is measured now, with the gyroscope's next error.
+        """Return what is measured now, with the next errors.
 
         `road_angle` is the front wheels', `wheel_angle` the steering wheel's [rad], `brake_torque` the brakes' own
         estimate [N m].
         """
         felt = motion.acceleration + GRAVITY * math.sin(motion.grade)
         yaw_rate = motion.yaw_rate + self._gyro_bias + self._gyro_noise * next(self._white)
+        wheels = self._wheels(motion, road_angle)
+        accelerations = Accelerations(felt, motion.speed * motion.yaw_rate, GRAVITY)
+        if (errors := self._errors) is not None:
+            wheels, accelerations = errors.wheels.measured(wheels), errors.accelerations.measured(accelerations)
         return Measured(
             motion.speed,
             motion.acceleration,
-            self._wheels(motion, road_angle),
-            Accelerations(felt, motion.speed * motion.yaw_rate, GRAVITY),
+            wheels,
+            accelerations,
             YawRate(0.0, yaw_rate),
             wheel_angle,
             brake_torque,

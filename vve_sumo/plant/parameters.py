@@ -8,12 +8,13 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Mounting
 from vve_sumo.plant.car import CarParameters
 from vve_sumo.plant.receiver import ReceiverParameters
 from vve_sumo.scenario.schema import Car, Weather
 from vve_sumo.vehicle.interface import InterfaceConfig
-from vve_sumo.vehicle.model import VehicleModel
+from vve_sumo.vehicle.model import IDEAL, Imperfections, VehicleModel
 
 #: friction of tyre on road where no other is stated
 DRY: Final = Weather().friction
@@ -33,6 +34,7 @@ def parameters(
     grade: float = 0.0,
     steering_wheel_bias: float = 0.0,
     heading_misalignment: float = 0.0,
+    imperfections: Imperfections = IDEAL,
 ) -> CarParameters:
     """A vehicle as declared, with the given perturbations; their meanings and units are those of `CarParameters`.
 
@@ -55,11 +57,15 @@ def parameters(
         grade=grade,
         steering_wheel_bias=steering_wheel_bias,
         heading_misalignment=heading_misalignment,
+        imperfections=imperfections,
     )
 
 
 def perturbed(model: VehicleModel, car: Car, friction: float = DRY) -> CarParameters:
-    """A vehicle as declared, with the perturbations that a file states."""
+    """A vehicle as declared, with the perturbations that a file states.
+
+    Raises ConfigError for the fidelity `measured` of a model in whose file nothing is measured.
+    """
     return parameters(
         model,
         noise=car.noise_factor if car.noise else 0.0,
@@ -71,4 +77,16 @@ def perturbed(model: VehicleModel, car: Car, friction: float = DRY) -> CarParame
         grade=math.atan(car.grade_percent / 100.0),
         steering_wheel_bias=model.steering_wheel_bias + math.radians(car.steering_wheel_bias_deg),
         heading_misalignment=-math.radians(car.heading_misalignment_deg),
+        imperfections=imperfections_of(model, car),
     )
+
+
+def imperfections_of(model: VehicleModel, car: Car) -> Imperfections:
+    """Return the imperfections of the fidelity that a file states; raises ConfigError as `perturbed` does."""
+    if car.fidelity == "ideal":
+        return IDEAL
+    if model.measured == IDEAL:
+        raise ConfigError(
+            f"fidelity: expected 'ideal' with vehicle {model.name}, which has no [measured], got 'measured'"
+        )
+    return model.measured

@@ -8,16 +8,18 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
+from vve_sumo.plant.arrivals import Bursts, FloatSpells
 from vve_sumo.plant.noise import wander, white
 from vve_sumo.pose.ncom import Encoder
 from vve_sumo.values import Fix, FixQuality, Pose
+from vve_sumo.vehicle.model import FIX_PERIOD, IDEAL, Imperfections
 
-PERIOD = 0.01  # between fixes [s]; NCOM's standard 100 Hz
+PERIOD = FIX_PERIOD  # between fixes [s]
 EARTH_RADIUS = 6_371_000.0  # mean [m]; only turns centimetres of noise into angles
 ALTITUDE = 220.0  # of the lot at the start, about Columbus's [m]
 _RTK_FIXED = FixQuality.RTK_FIXED
@@ -40,6 +42,7 @@ class ReceiverParameters:
     yaw_rate: float = math.radians(0.03)  #: 1 sigma [rad/s]
     acceleration: float = 0.02  #: 1 sigma [m/s2]
     differential_age: float = 1.0  #: age of the corrections [s]
+    imperfections: Imperfections = IDEAL  #: of which those of the receiver count here
 
 
 def unaltered(fix: Fix) -> Fix:
@@ -83,12 +86,20 @@ class Receiver:
         self._yaw_rate_error, self._acceleration_error = size * parameters.yaw_rate, size * parameters.acceleration
         self._position_sigma = math.hypot(parameters.position_white, slow)
         self._late = parameters.hidden_delay + parameters.delay
+        of, (bursts, floats) = parameters.imperfections, seeds.spawn(2)
+        self._bursts = Bursts(of, bursts) if size > 0.0 and of.receiver_short_gaps > 0.0 else None
+        self._floats = FloatSpells(of, floats) if size > 0.0 and of.receiver_float_every > 0.0 else None
 
     def measure(self, truth: Pose, climbed: float) -> None:
         """Measure the rear axle at lot pose `truth`, `climbed` metres above the start, and send the bytes."""
-        fix = self._alter(self._observe(truth, climbed))
-        if fix is not None:
-            self._under_way.append((truth.time + self._late, self._encoder.encode(fix)))
+        fix = self._observe(truth, climbed)
+        if self._floats is not None and (offset := self._floats.offset(truth.time)) is not None:
+            fix = self._float(fix, *offset)
+        altered = self._alter(fix)
+        if altered is not None:
+            ready = truth.time + self._late
+            arrival = ready if self._bursts is None else self._bursts.arrival(ready)
+            self._under_way.append((arrival, self._encoder.encode(altered)))
 
     def arrived(self, until: float) -> list[tuple[float, bytes]]:
         """Take out the packets that have arrived by drive time `until` [s], with their times of arrival."""
@@ -96,6 +107,16 @@ class Receiver:
         while way and way[0][0] <= until + 1e-9:
             taken.append(way.popleft())
         return taken
+
+    def _float(self, fix: Fix, north: float, east: float) -> Fix:
+        """Return the fix as a float solution that lies so far off [m], and says how good it is."""
+        return replace(
+            fix,
+            latitude=fix.latitude + self._size * north / EARTH_RADIUS,
+            longitude=fix.longitude + self._size * east / (EARTH_RADIUS * math.cos(fix.latitude)),
+            quality=FixQuality.RTK_FLOAT,
+            position_sigma=self._parameters.imperfections.receiver_float_sigma,
+        )
 
     def _observe(self, truth: Pose, climbed: float) -> Fix:
         latitude, longitude, heading, velocity_north, velocity_east, acceleration = self._placement.output(truth)

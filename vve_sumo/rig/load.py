@@ -28,7 +28,7 @@ _UNSURVEYED: Final = ": a lot that nobody has surveyed is refused; survey it, wr
 #: what to say beside that a key is missing
 ADVICE: Final = {"lot": _UNSURVEYED, "lot.surveyed": _UNSURVEYED}
 #: tables of a vehicle file that a rig may change
-MODEL_TABLES: Final = ("vehicle", "calibration", "simulated")
+MODEL_TABLES: Final = ("vehicle", "calibration", "simulated", "measured")
 
 
 def parse(table: dict[str, Any], file: Path, working: Path | None = None) -> Rig:
@@ -71,7 +71,8 @@ def _over_model(table: dict[str, Any], file: Path, working: Path) -> dict[str, A
         raise ConfigError(f"{file}: vehicle.model: {error}") from None
     wire = vehicles.load(found).interface  # and what is wrong in the model's own file is refused
     model = read_as(found, "vehicle", VehicleFile)
-    whole = {one: {k: v for k, v in model[one].items() if k != "sources"} | said[one] for one in MODEL_TABLES}
+    there = [one for one in MODEL_TABLES if one in model]  # a model need not say what was measured
+    whole = {one: {k: v for k, v in model[one].items() if k != "sources"} | said[one] for one in there}
     if "brake_gain_kgm" not in said["calibration"]:
         _scale_brake_gain(whole, model["vehicle"])
     if isinstance(table.get("drive_by_wire"), dict):  # its settings are verified on the car: none are the model's

@@ -42,6 +42,7 @@ def model_of(rig: Rig) -> VehicleModel:
         mounting=mounting_of(rig),
         limits=limits_of(rig),
         interface=interface_of(rig),
+        measured=vehicles.imperfections(rig.measured),
         steering_wheel_bias=steering_wheel_bias_of(rig),
         rig=rig.title,
     )

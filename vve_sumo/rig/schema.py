@@ -21,7 +21,7 @@ from vve_sumo.scenario.schema import DEFAULT_VEHICLE, Weather
 from vve_sumo.scenario.schema import Car as TrueCar
 from vve_sumo.scenario.schema import Lot as Start
 from vve_sumo.vehicle.schema import Calibration as ModelCalibration
-from vve_sumo.vehicle.schema import Declared, DriveByWire, Simulated
+from vve_sumo.vehicle.schema import Declared, DriveByWire, Measured, Simulated
 
 Date = datetime.date
 
@@ -422,6 +422,7 @@ class Rig(Table):
     vehicle: Vehicle
     calibration: Calibration
     simulated: Simulated
+    measured: Measured | None = Field(default=None, description="as the vehicle model's, for `car_start.fidelity`")
     limits: Limits
     lot: Lot
     alignment: Alignment = Alignment()

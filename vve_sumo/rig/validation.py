@@ -111,6 +111,8 @@ def _of_a_simulated_vehicle(rig: Rig) -> Iterator[str]:
     if start is None:
         yield "key 'car_start' is missing: where the simulated vehicle stands"
         return
+    if start.fidelity == "measured" and rig.measured is None:
+        yield f"car_start.fidelity: expected 'ideal', for {rig.vehicle.model} has no table [measured], got 'measured'"
     if not isinstance(pose, NcomUdp):
         yield f"pose.kind: the simulated vehicle speaks 'ncom_udp', got {pose.kind!r}"
     elif not ipaddress.ip_address(pose.address).is_loopback:

@@ -41,7 +41,12 @@ class Lot(Table):
 class Car(Table):
     """How the simulated vehicle differs from the car that is declared."""
 
-    noise: bool = Field(default=True, description="RTK and gyro noise on or off")
+    fidelity: Literal["ideal", "measured"] = Field(
+        default="ideal",
+        description="of sensors, brakes, tyres and receiver; `measured`: as the vehicle model's table `[measured]` "
+        "has them",
+    )
+    noise: bool = Field(default=True, description="RTK and gyro noise on or off, and what `measured` adds to them")
     noise_factor: Annotated[float, Field(ge=0.0, le=100.0)] = Field(
         default=1.0, description="size of that noise over what the receiver says of itself"
     )
@@ -191,6 +196,11 @@ class Actor(Table):
         "to the path, counter-clockwise; at the end of a path it leaves the street",
     )
     speed_mps: RoadSpeed = Field(default=0.0, description="at which it enters")
+    fidelity: Literal["ideal", "measured"] = Field(
+        default="ideal",
+        description="of a change of speed whose event states no acceleration: `ideal` at once, `measured` as people "
+        "change theirs, where its kind walks",
+    )
     enters: When = Field(default=When(), description="it is on the street from then on; left out: from the start")
     events: tuple[Event, ...] = Field(default=(), strict=False)
 

@@ -14,9 +14,9 @@ from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.effective_deceleration import ROUNDING
 from vve_sumo.vehicle.interface import InterfaceConfig
-from vve_sumo.vehicle.model import SimulatedParameters, VehicleModel
+from vve_sumo.vehicle.model import FIX_PERIOD, IDEAL, Imperfections, SimulatedParameters, VehicleModel
 from vve_sumo.vehicle.schema import Calibration as CalibrationTable
-from vve_sumo.vehicle.schema import Declared, DriveByWire, Simulated, VehicleFile
+from vve_sumo.vehicle.schema import Declared, DriveByWire, Measured, Simulated, VehicleFile
 
 
 def declared(table: Declared) -> Vehicle:
@@ -41,6 +41,26 @@ def calibrated(table: CalibrationTable, vehicle: Vehicle) -> Calibration:
 def simulated(table: Simulated) -> SimulatedParameters:
     """Return the further parameters of the simulated vehicle."""
     return SimulatedParameters(**in_si(table, "sources", "receiver_forward_m", "receiver_left_m"))
+
+
+def imperfections(table: Measured | None) -> Imperfections:
+    """Return the simulated vehicle's imperfections, IDEAL where there is no table.
+
+    Raises ConfigError, without the file's name, if they are impossible.
+    """
+    if table is None:
+        return IDEAL
+    said = Imperfections(combined_slip=table.combined_slip, **in_si(table, "sources", "combined_slip"))
+    share, late, latest = said.receiver_short_gaps, said.receiver_gap_p95, said.receiver_gap_max
+    if share > 0.0 and not FIX_PERIOD <= said.receiver_gap_min <= late <= latest:
+        raise ConfigError(
+            "measured: receiver_short_gaps, receiver_gap_p95_s, receiver_gap_max_s: expected bursts at least "
+            f"{FIX_PERIOD:g} s apart with a fix in every {FIX_PERIOD:g} s on average, got {share:g}, {late:g}, "
+            f"{latest:g}, whose shortest time between bursts would be {said.receiver_gap_min:.4f} s"
+        )
+    if said.receiver_float_every > 0.0 and not said.receiver_float_time > 0.0:
+        raise ConfigError("measured.receiver_float_time_s: expected more than 0 beside receiver_float_every_s")
+    return said
 
 
 def interface(table: DriveByWire, folder: Path) -> InterfaceConfig:
@@ -81,7 +101,8 @@ def _resolved(file: Path, said: VehicleFile) -> VehicleModel:
         )
     mounting = Mounting(said.simulated.receiver_forward_m, said.simulated.receiver_left_m)
     name, wire = file.name.removesuffix(".toml"), interface(said.drive_by_wire, file.parent)
-    return VehicleModel(name, vehicle, calibration, numbers, mounting, interface=wire)
+    measured = imperfections(said.measured)
+    return VehicleModel(name, vehicle, calibration, numbers, mounting, interface=wire, measured=measured)
 
 
 def load(file: Path) -> VehicleModel:

@@ -12,6 +12,10 @@ from pydantic import Field, model_validator
 
 from vve_sumo.config_file import Finite, Name, NotNegative, Positive, Share, Short, Strength, Table
 
+#: of an error, over what is measured
+Small = Annotated[float, Field(ge=0.0, le=0.05)]
+#: of an accelerometer's error [m/s2]
+Sigma = Annotated[float, Field(ge=0.0, le=5.0)]
 #: beginning of the source of a number that was neither measured nor published; the reason follows
 ASSUMED = "assumed: "
 
@@ -77,6 +81,50 @@ class Simulated(Table):
     )
 
 
+class Measured(Table):
+    """How the simulated vehicle's sensors, brakes, tyres and receiver differ from ideal ones: fidelity `measured`."""
+
+    wheel_runout_front_left: Small = Field(
+        description="error of the wheel sensor once per revolution, amplitude over the wheel speed"
+    )
+    wheel_runout_front_right: Small = Field(description="the same")
+    wheel_runout_rear_left: Small = Field(description="the same")
+    wheel_runout_rear_right: Small = Field(description="the same")
+    wheel_jitter: Small = Field(description="independent from report to report, 1 sigma over the wheel speed")
+    wheel_quantum_radps: Annotated[float, Field(ge=0.0, le=1.0)] = Field(
+        description="step in which wheel speeds are reported; 0: as finely as the interface does"
+    )
+    wheel_front_right_over_left: Annotated[float, Field(ge=-0.05, le=0.05)] = Field(
+        description="by which the right front wheel turns faster than the left, over the wheel speed"
+    )
+    wheel_rear_right_over_left: Annotated[float, Field(ge=-0.05, le=0.05)] = Field(description="the same of the rear")
+    longitudinal_acceleration_noise_mps2: Sigma = Field(description="1 sigma")
+    lateral_acceleration_noise_mps2: Sigma = Field(description="1 sigma")
+    acceleration_correlation_s: Short = Field(description="correlation time of both")
+    longitudinal_acceleration_bias_mps2: Sigma = Field(
+        description="1 sigma of what is drawn once for a drive: the sensor's zero and the road's slope"
+    )
+    lateral_acceleration_bias_mps2: Sigma = Field(
+        description="1 sigma of what is drawn once for a drive: the sensor's zero and the road's camber"
+    )
+    brake_gain_factor: Annotated[float, Field(ge=0.3, le=2.0)] = Field(
+        description="true brake force over what calibration.brake_gain_kgm gives"
+    )
+    combined_slip: bool = Field(
+        description="longitudinal and lateral force of an axle are bounded together, by friction times its load"
+    )
+    receiver_short_gaps: Annotated[float, Field(ge=0.0, lt=0.95)] = Field(
+        description="share of fixes that arrive together with the one before; 0: evenly spaced"
+    )
+    receiver_gap_p95_s: Short = Field(description="95 % quantile of the time between arrivals")
+    receiver_gap_max_s: Short = Field(description="longest time between arrivals")
+    receiver_float_every_s: NotNegative = Field(
+        description="mean time between losses of the fixed ambiguities; 0: never lost"
+    )
+    receiver_float_time_s: NotNegative = Field(description="mean time until they are fixed again")
+    receiver_float_sigma_m: NotNegative = Field(description="error of a float position, north and east each, 1 sigma")
+
+
 class DriveByWire(Table):
     """The drive-by-wire interface that the car is commanded through."""
 
@@ -121,6 +169,10 @@ class SourcedSimulated(Simulated, Sourced):
     """`[simulated]` of a vehicle file."""
 
 
+class SourcedMeasured(Measured, Sourced):
+    """`[measured]` of a vehicle file."""
+
+
 class VehicleFile(Table):
     """One vehicle model: its wire, what is declared of it, what its pedals do, and what its simulated one has."""
 
@@ -129,3 +181,4 @@ class VehicleFile(Table):
     vehicle: SourcedDeclared
     calibration: SourcedCalibration
     simulated: SourcedSimulated
+    measured: SourcedMeasured | None = None

@@ -75,6 +75,30 @@ DRIVER = {
 }
 
 
+class Braking(NamedTuple):
+    """How drivers of one class brake."""
+
+    comfortable: float  #: [m/s2]
+    emergency: float  #: greatest [m/s2]
+
+
+#: Braking of `comfortable` drivers, by SUMO's vehicle class. SUMO's drivers use all of the comfortable deceleration in
+#: every stop: cars have 3.0 m/s2, with which the Institute of Transportation Engineers times yellow lights (10 ft/s2);
+#: AASHTO's stopping sight distance counts with 3.4 m/s2. Greatest: 8.0 m/s2 for cars, less than a dry road's grip of
+#: 8.8 m/s2 (assumed), and 5.0 m/s2 for lorries and buses, which UN R13 demands of them; their comfortable 2.0 m/s2 are
+#: assumed, for standing passengers and loads.
+COMFORTABLE = {
+    "passenger": Braking(3.0, 8.0),
+    "delivery": Braking(3.0, 7.0),
+    "truck": Braking(2.0, 5.0),
+    "bus": Braking(2.0, 5.0),
+}
+
+#: How drivers brake: `brisk` stops with the `decel` of their type and SUMO's emergency braking of their class, 9 m/s2
+#: for cars and 7 m/s2 for lorries and buses.
+DRIVERS = ("brisk", "comfortable")
+
+
 class Trip(NamedTuple):
     """One vehicle's trip."""
 
@@ -101,17 +125,20 @@ def write_demand(
     seed: int = SEED,
     clear: Collection[str] = (),
     unhindered: Sequence[str] = (),
+    drivers: str = DRIVERS[0],
 ) -> Demand:
     """Draw the traffic of a level ("light", "moderate", "heavy") and write it to `out` as a SUMO route file.
 
     The streets are busy from the start: vehicles under way at time 0 begin at the place that they would have reached.
     `clear` are edges (the ego's path) on which no vehicle appears, neither at time 0 nor later, and none disappears.
     `unhindered` is a route, edge by edge: no vehicle gets a route through a junction in which it would have the right
-    of way over the ego. Raises ConfigError on an unknown level or edge, edges that do not follow each other, or a
-    network without usable streets.
+    of way over the ego. `drivers` is one of DRIVERS; trips and vehicles are the same for both. Raises ConfigError on an
+    unknown level, edge or kind of drivers, edges that do not follow each other, or a network without usable streets.
     """
     if level not in LEVELS:
         raise ConfigError(f"no traffic level {level!r}; known: {', '.join(LEVELS)}")
+    if drivers not in DRIVERS:
+        raise ConfigError(f"no drivers {drivers!r}; known: {', '.join(DRIVERS)}")
     if not (math.isfinite(duration) and duration > 0.0):
         raise ConfigError(f"duration {duration}: expected a time above zero [s]")
     drawn = random.Random(f"{seed} {level}")
@@ -124,7 +151,9 @@ def write_demand(
     mean = sum(_travel_time(edges) for edges, _kerb in samples) / len(samples)
     trips = list(_trips(places, drawn, mean / LEVELS[level], MAX_TRIP_FACTOR * mean, duration))
     spares = ", nobody with right of way over the ego's path" if unhindered else ""
-    return _write(out, trips, f"{level} traffic, seed {seed}{spares}", frozenset(clear), mean)
+    said = "" if drivers == DRIVERS[0] else f", {drivers} drivers"
+    types = [_type(name, drivers) for name in TYPES]
+    return _write(out, trips, types, f"{level} traffic, seed {seed}{spares}{said}", frozenset(clear), mean)
 
 
 class _Choice:
@@ -230,16 +259,22 @@ def _vehicle(name: str, trip: Trip, clear: frozenset[str]) -> ET.Element | None:
     return element
 
 
-def _type(name: str) -> ET.Element:
+def _type(name: str, drivers: str) -> ET.Element:
     kind = TYPES[name]
+    braking = {"decel": f"{kind.decel}"}
+    if drivers == "comfortable":
+        comfortable, emergency = COMFORTABLE[kind.vehicle_class]
+        braking = {"decel": f"{comfortable}", "emergencyDecel": f"{emergency}"}
     size = {"length": f"{kind.length}", "width": f"{kind.width}", "height": f"{kind.height}"}
     looks = {"vClass": kind.vehicle_class, "guiShape": kind.shape}
-    return ET.Element("vType", {"id": name, "accel": f"{kind.accel}", "decel": f"{kind.decel}"} | size | looks | DRIVER)
+    return ET.Element("vType", {"id": name, "accel": f"{kind.accel}"} | braking | size | looks | DRIVER)
 
 
-def _write(out: Path, trips: Sequence[Trip], drawn_as: str, clear: frozenset[str], mean: float) -> Demand:
+def _write(
+    out: Path, trips: Sequence[Trip], types: Sequence[ET.Element], drawn_as: str, clear: frozenset[str], mean: float
+) -> Demand:
     root = ET.Element("routes")
-    root.extend(_type(name) for name in TYPES)
+    root.extend(types)
     named = ((f"{trip.kind}.{i}", trip) for i, trip in enumerate(trips))
     vehicles = [vehicle for vehicle in (_vehicle(name, trip, clear) for name, trip in named) if vehicle is not None]
     vehicles.sort(key=lambda vehicle: float(vehicle.attrib["depart"]))
