@@ -106,8 +106,8 @@ def _judged(table: dict[str, Any], file: Path, validate: Callable[[type[Rig], di
 def _with_its_receiver(table: dict[str, Any]) -> tuple[dict[str, Any], type[Rig]]:
     """Return a rig's table and its model, which `pose.kind` decides on; raises ConfigError naming the key.
 
-    Quantities in the keys of the kind become numbers, as `numbers_of` makes those of every rig. A kind given as a file is
-    resolved against the present working folder, so that a record can be read from anywhere.
+    Quantities in the keys of the kind become numbers, as `numbers_of` makes those of every rig. A kind given as a file
+    is resolved against the present working folder, so that a record can be read from anywhere.
     """
     pose = table.get("pose")
     if not isinstance(pose, dict):
