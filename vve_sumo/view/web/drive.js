@@ -53,10 +53,10 @@ export class DriveView {
     this.frame = frame;
     this.seats.show(frame, clock);
     const [phase, why] = this.state.children;
-    const [first, ...rest] = verdict ? ["over", inWords(verdict), frame.said] : frame.said.split(": ");
-    say(phase, first);
-    const contact = frame.contact ? [`contact with ${frame.contact.replaceAll("+", ", ")}`] : [];
-    say(why, [...contact, rest.join(verdict ? "; " : ": ")].filter(Boolean).join("; "));
+    const [first, ...rest] = frame.said.split(": ");
+    say(phase, verdict ? "over" : first);
+    const contact = frame.contact ? `contact with ${frame.contact.replaceAll("+", ", ")}` : "";
+    say(why, [verdict && inWords(verdict), contact, rest.join(": ")].filter(Boolean).join("; "));
     const state = verdict ? { true: "passed", false: "failed" }[verdict.passed] ?? "over" : frame.state;
     if (this.state.dataset.state !== state) this.state.dataset.state = state;
     this.gauges.show(frame);
