@@ -112,6 +112,27 @@ def test_convergence_is_proj_s(projection, middle):
             assert abs(got - expected) < MILLIDEGREE / 100
 
 
+@pytest.mark.parametrize(
+    "beside",
+    [
+        "+geoidgrids=egm96_15.gtx +vunits=m +no_defs ",  # as netconvert writes it of a town of CARLA's
+        "+geoidgrids=egm96_15.gtx,egm08_25.gtx",
+        "+geoidgrids=@egm96_15.gtx",
+        "+vunits=us-ft",
+        "+vto_meter=0.3048",
+        "+towgs84=0,0,0",
+        "+towgs84=0,0,0,0,0,0,0 +no_defs",
+        "+nadgrids=@null",
+    ],
+)
+def test_heights_and_a_datum_that_is_wgs84_s_leave_the_map_as_it_is(beside):
+    plain, frame = MapFrame(LINDEN), MapFrame(LINDEN.replace("+no_defs", beside))
+    place = math.radians(40.012), math.radians(-82.978)
+    assert frame.to_map(*place) == plain.to_map(*place)
+    assert frame.to_geodetic(100.0, -200.0) == plain.to_geodetic(100.0, -200.0)
+    assert frame.convergence(*place) == plain.convergence(*place) != 0.0
+
+
 def test_convergence_turns_a_true_heading_onto_the_map_by_this_sign():
     """Linden lies west of UTM zone 17's middle: there true north leans right on the map, so headings lose 1.27 deg."""
     assert math.degrees(MapFrame(UTM17).convergence(math.radians(40.0), math.radians(-82.98))) == pytest.approx(
@@ -134,6 +155,10 @@ def test_convergence_turns_a_true_heading_onto_the_map_by_this_sign():
         ("+proj=geocent", "geocent"),
         ("+proj=tmerc +lat_0=40 +lon_0=-83 +units=us-ft", "foot"),
         ("+proj=tmerc +lat_0=40 +lon_0=-83 +ellps=intl", "WGS84"),
+        ("+proj=tmerc +lat_0=40 +lon_0=-83 +datum=WGS84 +nadgrids=absent.gsb", "not understood"),
+        ("+proj=utm +zone=33 +ellps=GRS80 +towgs84=1,0,0,0,0,0,0 +units=m", "a shift of datum"),
+        ("+proj=tmerc +lat_0=40 +lon_0=-83 +datum=WGS84 +pm=paris", "east of Greenwich"),
+        ("+proj=tmerc +lon_0=1e9 +datum=WGS84", "east of Greenwich"),
     ],
 )
 def test_nonsense_projections_are_refused_with_their_name(projection, word):

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import cmath
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import pyproj
 from pyproj.enums import TransformDirection
-from pyproj.exceptions import CRSError
+from pyproj.exceptions import ProjError
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.values import Fix, Point, Pose
@@ -26,7 +27,12 @@ SEMI_MAJOR: Final = 6_378_137.0  #: of WGS84 [m]; GRS80 shares it
 SECOND_ECCENTRICITY: Final = 0.00673949674228  #: of WGS84, squared
 SEMI_MAJOR_LIMIT: Final = 0.5  #: an ellipsoid off by more is another datum [m]
 SPREAD_LIMIT: Final = 1.0  #: surveyed points closer to their middle than this fix no rotation [m, root mean square]
+NORTHWARD: Final = 1e-4  #: from the natural origin, to see where the map has north [rad]
+NORTH_TOLERANCE: Final = 1e-6  #: of that direction [rad]
 SCALE_LIMIT: Final = 0.01  #: two surveys of one place that differ by more differ in their units or places
+
+#: what a PROJ string says of heights, which play no part: a geoid's grid is a file that PROJ need not have
+_OF_HEIGHTS: Final = re.compile(r"(?:^|\s)\+?(?:geoidgrids|geoid_crs|vunits|vto_meter)=\S+")
 
 Pair = tuple[float, float]
 
@@ -45,20 +51,18 @@ class MapFrame:
 
     `projection` is a PROJ string of a transverse Mercator projection in metres on WGS84 or GRS80 (`+proj=tmerc ...` or
     `+proj=utm ...`, as in a SUMO network's `projParameter`); `offset` is added to the projected x and y (SUMO's
-    `netOffset`). Raises ConfigError for any other projection. Heights play no part: distances are those on the
-    ellipsoid, 4e-5 shorter than on the ground at 250 m.
+    `netOffset`). Raises ConfigError for any other projection. Heights play no part, nor does what the string says of
+    them (`+geoidgrids`, `+vunits`): distances are those on the ellipsoid, 4e-5 shorter than on the ground at 250 m.
     """
 
     def __init__(self, projection: str, offset: Pair = (0.0, 0.0)) -> None:
         self.projection = projection
         self.offset = offset
-        opened = _open_projection(projection)
-        # Calling `opened` itself does the same in twice the time.
-        self._project = pyproj.Transformer.from_pipeline(opened.srs).transform
+        opened, self._meridian = _open_projection(projection)
+        self._project = opened.transform
         self._x, self._y = offset
         if not math.isfinite(self._x + self._y):
             raise ConfigError(f"map offset {offset!r}: expected two finite numbers [m]")
-        self._meridian = _central_meridian(opened.crs)
 
     def to_map(self, latitude: float, longitude: float) -> Pair:
         """Return map x, y [m] of WGS84 latitude, longitude [rad]; not finite where the projection has no answer."""
@@ -93,27 +97,54 @@ def local_frame(latitude: float, longitude: float) -> MapFrame:
     return MapFrame(f"+proj=tmerc {where} +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs")
 
 
-def _open_projection(projection: str) -> pyproj.Proj:
+def _open_projection(projection: str) -> tuple[pyproj.Transformer, float]:
+    """Return what projects radians to metres, and the longitude of the projection's natural origin [rad]."""
     try:
-        opened = pyproj.Proj(projection)
-        axes = opened.crs.axis_info
-        ellipsoid = opened.crs.ellipsoid
-    except CRSError as error:
+        opened = pyproj.Proj(_OF_HEIGHTS.sub(" ", projection))
+        # Calling `opened` itself does the same in twice the time.
+        transformer = pyproj.Transformer.from_pipeline(opened.srs)
+        plane = _plane(opened.crs)
+        axes, ellipsoid = plane.axis_info, plane.ellipsoid
+    except ProjError as error:
         raise ConfigError(f"projection {projection!r}: not understood by PROJ ({error})") from None
     if opened.name not in PROJECTIONS:
         raise ConfigError(f"projection {projection!r}: expected +proj=tmerc or +proj=utm, got {opened.name or 'none'}")
     if any(axis.unit_conversion_factor != 1.0 for axis in axes):
         raise ConfigError(f"projection {projection!r}: expected metres, got {axes[0].unit_name}")
-    if ellipsoid is None or not abs(ellipsoid.semi_major_metre - SEMI_MAJOR) <= SEMI_MAJOR_LIMIT:
-        raise ConfigError(f"projection {projection!r}: expected the WGS84 ellipsoid, got {ellipsoid}")
-    return opened
+    if ellipsoid is None or not abs(ellipsoid.semi_major_metre - SEMI_MAJOR) <= SEMI_MAJOR_LIMIT or _shifts(opened.crs):
+        shifted = " with a shift of datum" if _shifts(opened.crs) else ""
+        raise ConfigError(f"projection {projection!r}: expected the WGS84 ellipsoid, got {ellipsoid}{shifted}")
+    latitude, meridian = _natural_origin(plane)
+    if not _points_north(transformer, latitude, meridian):
+        raise ConfigError(f"projection {projection!r}: expected north up along its central meridian, east of Greenwich")
+    return transformer, meridian
 
 
-def _central_meridian(crs: pyproj.CRS) -> float:
-    """Longitude of the projection's natural origin [rad]."""
-    operation = crs.coordinate_operation
-    assert operation is not None  # every projected CRS has one
-    return math.radians(float(next(p.value for p in operation.params if p.name == "Longitude of natural origin")))
+def _plane(crs: pyproj.CRS) -> pyproj.CRS:
+    """Return the projected reference system in one that adds heights or a way to WGS84 to it."""
+    if crs.is_compound:
+        return _plane(crs.sub_crs_list[0])
+    return crs.source_crs if crs.is_bound and crs.source_crs is not None else crs
+
+
+def _shifts(crs: pyproj.CRS) -> bool:
+    """Whether the reference system says that it lies elsewhere than WGS84 (`+towgs84`)."""
+    return crs.is_bound and crs.coordinate_operation is not None and any(crs.coordinate_operation.towgs84)
+
+
+def _natural_origin(plane: pyproj.CRS) -> tuple[float, float]:
+    """Return latitude and longitude of the projection's natural origin [rad]."""
+    operation = plane.coordinate_operation
+    assert operation is not None  # every projected reference system has one
+    named = {parameter.name: math.radians(float(parameter.value)) for parameter in operation.params}
+    return named["Latitude of natural origin"], named["Longitude of natural origin"]
+
+
+def _points_north(transformer: pyproj.Transformer, latitude: float, meridian: float) -> bool:
+    """Whether the map's +y is north along the central meridian, which the series of the convergence counts from."""
+    north = -NORTHWARD if latitude > 0.0 else NORTHWARD  # either way, for a pole has no north
+    (x, y), (to_x, to_y) = (transformer.transform(meridian, latitude + by, radians=True) for by in (0.0, north))
+    return abs(math.atan2(to_x - x, (to_y - y) * math.copysign(1.0, north))) <= NORTH_TOLERANCE
 
 
 def move_point(pose: Pose, dx: float, dy: float, to: Point) -> Pose:

@@ -23,7 +23,32 @@ KINDS: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 
 #: folders that `vve-sumo init` lays out
-WORKSPACE_FOLDERS = ("controllers", "networks", "notebooks", "rigs", "routes", "scenarios", "sweeps", "vehicles")
+WORKSPACE_FOLDERS = (
+    "controllers",
+    "examples",
+    "networks",
+    "notebooks",
+    "rigs",
+    "routes",
+    "scenarios",
+    "sweeps",
+    "vehicles",
+)
+#: suites that any receiver, sensor and drive-by-wire interface must pass, with what they import, and examples of each
+CONFORMANCE_SUITES = (
+    "tests/__init__.py",
+    "tests/ports/__init__.py",
+    "tests/ports/receiver.py",
+    "tests/ports/sensor.py",
+    "tests/ports/toy",
+    "tests/ports/vehicle_interface.py",
+    "tests/sensors/__init__.py",
+    "tests/sensors/scenes.py",
+    "tests/setpoints.py",
+    "tests/vehicle/__init__.py",
+    "tests/vehicle/whole_car.py",
+    "tests/vehicles.py",
+)
 #: of them, the one that may be had by itself
 NOTEBOOKS = "notebooks"
 
@@ -33,6 +58,11 @@ def shipped_root() -> Path:
     package = Path(__file__).parent
     inside = package / "shipped"
     return inside if inside.is_dir() else package.parent
+
+
+def documentation() -> Path:
+    """Folder of the documentation's pages, such as `rigs.md`."""
+    return shipped_root() / "docs"
 
 
 def roots(working: Path) -> tuple[Path, ...]:
@@ -89,12 +119,13 @@ def controller_folders(working: Path) -> tuple[Path, ...]:
 
 
 def lay_out(target: Path) -> list[Path]:
-    """Copy the shipped workspace folders into `target` and return the files written.
+    """Copy the shipped workspace folders and the conformance suites into `target` and return the files written.
 
     Raises ConfigError, before anything is written, when a file of the same name stands there already.
     """
-    root = shipped_root()
-    return _copied(root, [file for folder in WORKSPACE_FOLDERS for file in _shipped(folder)], target)
+    return _copied(
+        shipped_root(), [file for one in (*WORKSPACE_FOLDERS, *CONFORMANCE_SUITES) for file in _shipped(one)], target
+    )
 
 
 def lay_out_notebooks(target: Path) -> list[Path]:
@@ -102,10 +133,12 @@ def lay_out_notebooks(target: Path) -> list[Path]:
     return _copied(shipped_root() / NOTEBOOKS, _shipped(NOTEBOOKS), target)
 
 
-def _shipped(folder: str) -> list[Path]:
-    """Files of a shipped folder; of notebooks themselves alone, not what they have made where they were run."""
-    inside = shipped_root() / folder
-    files = inside.glob("*.ipynb") if folder == NOTEBOOKS else inside.rglob("*")
+def _shipped(name: str) -> list[Path]:
+    """A shipped file, or those of a folder; notebooks themselves alone, not what they have made where they were run."""
+    inside = shipped_root() / name
+    if inside.is_file():
+        return [inside]
+    files = inside.glob("*.ipynb") if name == NOTEBOOKS else inside.rglob("*")
     return [file for file in sorted(files) if _belongs(file)]
 
 

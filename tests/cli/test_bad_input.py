@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import shlex
 from pathlib import Path
 
@@ -9,6 +10,19 @@ import pytest
 
 from vve_sumo.cli.dispatch import main
 
+
+def _gzipped(text: str, kept: float) -> str:
+    """The beginning of a gzip file of a text, as a text that `surrogateescape` turns into its bytes."""
+    whole = gzip.compress(text.encode())
+    return whole[: int(kept * len(whole))].decode(errors="surrogateescape")
+
+
+#: a network's head with a projection whose grid nobody has
+BENT = (
+    '<net><location netOffset="0,0" convBoundary="0,0,1,1" '
+    'projParameter="+proj=utm +zone=17 +nadgrids=absent.gsb"/></net>'
+)
+ROUTES = f"<routes>{''.join(f'<!-- {number} -->' for number in range(999))}</routes>"
 #: files that lie in the working folder, by their names
 FILES = {
     "empty.toml": "",
@@ -25,6 +39,12 @@ FILES = {
     "scenarios/mine.toml": "title = 'mine'\nunknown = 1\n",
     "sweeps/mine.toml": "title = 'mine'\nscenario = 'parked_car'\nseeds = -1\n",
     "sweeps/far.toml": "scenario = 'parked_car'\n[parameters]\nego.speed_mps = [999.0]\n",
+    "bent.net.xml": BENT,
+    "torn.net.xml.gz": _gzipped(BENT, 0.5),
+    "torn.rou.xml.gz": _gzipped(ROUTES, 0.5),
+    "spoilt.rou.xml.gz": _gzipped(ROUTES, 0.3) + "\x00" * 99,
+    "plain.rou.xml.gz": ROUTES,
+    "torn.osm.xml.gz": _gzipped("<osm>" + ROUTES, 0.5),
     "rigs/mine.toml": "[pose]\nkind = 'nothing'\n",
 }
 WRONG = """
@@ -66,6 +86,12 @@ drive parked_car --rig simulated --vehicle ford_fusion
 drive parked_car --rig simulated --pose text.csv
 drive parked_car --nothing
 drive parked_car twice
+drive parked_car --set road.network=bent.net.xml
+drive parked_car --set road.network=torn.net.xml.gz
+drive parked_car --set 'road.demand=["torn.rou.xml.gz"]'
+drive parked_car --set 'road.demand=["spoilt.rou.xml.gz"]'
+drive parked_car --set 'road.demand=["plain.rou.xml.gz"]'
+drive parked_car --set 'sensors=[{name="a",kind="radar",settings={range_limit="50 mph"}}]'
 scenarios show
 scenarios show nowhere
 scenarios show parked_car --all x
@@ -137,7 +163,24 @@ pose decode missing.ncom
 pose decode full
 path record missing.csv --out x.csv
 path record text.csv --out x.csv
+path record bent.net.xml --from a --to b --out x.csv
+path record torn.net.xml.gz --from a --to b --out x.csv
+path record linden --from nowhere --to nowhere --out x.csv
+path record linden --from 21405924#2 --to 21405924#2 --from-position nan --out x.csv
+path record linden --from 21405924#2 --to 21405924#2 --tolerance nan --out x.csv
+path record linden --from 21405924#2 --to 21405924#2 --tolerance=-1 --out x.csv
+path record linden --from 21405924#2 --to 21405924#2 --vehicle nothing --out x.csv
+view nowhere
+view full
+view nowhere --html x.html
+view full full full
+render nowhere --png
+render full --png
+export nowhere --csv
+export full --mcap
 network build missing.osm --out x.net.xml
+network build torn.osm.xml.gz --out x.net.xml
+network edges bent.net.xml 0 0
 network build torn.toml --out x.net.xml
 network edges nowhere 0 0
 network demand nowhere --out x.rou.xml

@@ -7,12 +7,14 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 import xmlschema
 from scenariogeneration import xosc
 
 from tests.export.made import HEADING, TIME, X, Y, box_at, record
 from vve_sumo.analysis import Run
+from vve_sumo.errors import ConfigError
 from vve_sumo.export.write import export
 
 
@@ -79,3 +81,11 @@ def test_what_stands_is_put_there_and_does_nothing(file: Path, events: dict[str,
     objects = {one.name: one.entityobject for one in scenario.entities.scenario_objects}
     assert isinstance(objects["walker"], xosc.Pedestrian)
     assert isinstance(objects["parked"], xosc.Vehicle)
+
+
+def test_a_drive_of_a_single_tick_is_refused_in_one_line(tmp_path: Path) -> None:
+    made = record(tmp_path / "mine", {"outcome": "timeout"}, ticks=1)
+    ticks = pq.read_table(made / "ticks.parquet")
+    pq.write_table(ticks.slice(0, 1), made / "ticks.parquet")
+    with pytest.raises(ConfigError, match="mine: a drive of a single tick has no trajectory in OpenSCENARIO"):
+        export(Run(made), "openscenario", tmp_path)

@@ -63,6 +63,6 @@ def test_the_operators_stop_counts_before_that_of_the_page() -> None:
 
 def test_before_anything_moves_the_page_ends_the_drive_and_the_operator_is_told_who_did() -> None:
     at = At().hears(ArmingState.READY).asks()
-    gateway: Channel = at.console._processes.to_gateway
+    gateway: Channel = at.console.processes.to_gateway
     assert gateway.closed
     assert at.said == ["  somebody asked to stop over the page in a browser: the drive is over before it began"]

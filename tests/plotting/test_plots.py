@@ -431,6 +431,16 @@ def test_a_stopping_law_is_that_of_one_controller() -> None:
     assert labelled(beside, "τ = 0 ms, a = 2.00").size  # each in a panel of its own
 
 
+def test_an_approach_that_ends_above_the_axis_is_marked_at_its_edge(tmp_path: Path) -> None:
+    run = stopping(tmp_path / "record", speed=6.0)
+    boxes = [BOX | {"actor": "parked", "x_m": 140.0 + 0.2 * tick, "tick": tick} for tick in range(len(TIME))]
+    put(run.folder, "actors", boxes)  # it drives away from a car that never comes near
+    axes = plotting.gap_against_speed(Run(run.folder)).axes[0]
+    (end,) = (line for line in axes.lines if str(line.get_label()).startswith("end: "))
+    assert float(np.asarray(end.get_ydata())[0]) <= axes.get_ylim()[1]
+    assert str(end.get_label()).endswith("above the axis")
+
+
 @pytest.mark.parametrize(("gap", "mark"), [(40.0, "o"), (140.0, "^")])
 def test_an_approach_that_begins_above_the_axis_has_a_triangle_at_its_edge(
     tmp_path: Path, gap: float, mark: str

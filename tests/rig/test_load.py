@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import datetime
 import json
+import math
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -116,6 +117,17 @@ def test_the_example_says_what_to_fill_in_first() -> None:
 def test_a_port_that_others_reach_names_its_receiver(pose: dict[str, Any], words: str, kind: str) -> None:
     table = NMEA_UDP if kind == "nmea_udp" and "file" not in pose else {"kind": kind, "minimum_delay_ms": 3.0}
     assert words in said(real(), put("pose", table | pose))
+
+
+def test_quantities_in_the_keys_of_a_kind_of_receiver_become_numbers() -> None:
+    pose = NMEA_UDP | {"source": "127.0.0.1", "velocity_sigma_mps": "0.36 km/h", "heading_sigma_deg": "0.01 rad"}
+    parsed = parse(real() | {"pose": pose}, EXAMPLE).pose
+    assert parsed.velocity_sigma_mps == pytest.approx(0.1)  # type: ignore[attr-defined]
+    assert parsed.heading_sigma_deg == pytest.approx(math.degrees(0.01))  # type: ignore[attr-defined]
+    without = {key: value for key, value in pose.items() if key != "heading_sigma_deg"} | {"heading_sigma": "0.5 deg"}
+    assert parse(real() | {"pose": without}, EXAMPLE).pose.heading_sigma_deg == 0.5  # type: ignore[attr-defined]
+    wrong = said(real(), put("pose", pose | {"heading_sigma_deg": "3 m"}))
+    assert "pose.heading_sigma_deg: expected a angle in deg, °, rad, got '3 m'" in wrong
 
 
 def test_a_receiver_on_the_network_is_named_and_one_on_the_loopback_need_not_be() -> None:

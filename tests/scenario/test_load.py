@@ -232,3 +232,21 @@ def test_what_the_reader_of_toml_chokes_on_is_one_line_too(tmp_path: Path, text:
 def test_a_folder_is_no_scenario(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="cannot be read"):
         load(tmp_path)
+
+
+def test_quantities_in_a_sensors_settings_become_numbers_by_the_keys_of_its_kind() -> None:
+    def parsed(settings: dict[str, Any], kind: str = "radar") -> Any:
+        return parse(table() | {"sensors": [{"name": "second", "kind": kind, "settings": settings}]}, FILE).sensors[0]
+
+    assert parsed({"range_limit_m": "300 ft", "latency": "40 ms", "ideal": True}).settings == {
+        "range_limit_m": pytest.approx(91.44),
+        "latency_s": pytest.approx(0.04),
+        "ideal": True,
+    }
+    assert parsed({"range_limit_m": 80.0}).settings == {"range_limit_m": 80.0}
+    # What a kind that cannot be found would say is not known here: its sensor is refused where it is made.
+    assert parsed({"range_limit_m": "300 ft"}, kind="nowhere").settings == {"range_limit_m": "300 ft"}
+    with pytest.raises(ConfigError, match=r"sensors\.0\.settings\.latency_s: expected a time in s, .*, got '3 m'"):
+        parsed({"latency_s": "3 m"})
+    with pytest.raises(ConfigError, match=r"sensors\.0\.settings\.latency: is there beside latency_s"):
+        parsed({"latency": "3 ms", "latency_s": 0.1})

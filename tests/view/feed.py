@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from starlette.requests import Request
@@ -63,7 +64,8 @@ class Live:
         self.asked = 0  #: requests to stop
         self.silent = threading.Event()  #: while it is set, no sample comes
         self.late: list[float] = []  #: how much later than due each sample was taken [s]
-        self._count, self._over = count, threading.Event()
+        self._count, self._over, self.closed = count, threading.Event(), threading.Event()
+        self._verdict: dict[str, Any] | None = None
         contents = {"version": 1, "kind": "live", "records": []}
         routes = [
             Route(STOP_PATH, self._stop, methods=["POST"]),
@@ -89,15 +91,17 @@ class Live:
             tick += 1
             if not self.silent.is_set():
                 self.hub.changed(self.frames.take(decode(encode(sample(tick, self._count)))))
-        self.hub.end()
+        self.hub.end(self._verdict)
         await asyncio.sleep(0.1)
         self.server.close()
         await serving
 
     def run(self) -> None:
         asyncio.run(self._run())
+        self.closed.set()
 
-    def end(self) -> None:
+    def end(self, verdict: dict[str, Any] | None = None) -> None:
+        self._verdict = self._verdict or verdict
         self._over.set()
 
 

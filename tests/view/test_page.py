@@ -16,6 +16,7 @@ from tests.report.test_page import CONTRAST, DESK, LOOKS, PHONE, READABLE, TARGE
 from tests.view.conftest import serving
 from tests.view.made import Made
 from vve_sumo.view.library import Library
+from vve_sumo.view.notebook import ShownPage
 from vve_sumo.view.server import Server, replay_server
 
 HEIGHTS = """() => [...document.querySelectorAll('button, select, input')].filter(
@@ -209,3 +210,105 @@ def test_an_old_scan_is_not_shown(browser: Any, replay: Server) -> None:
         fresh, old, none = pictures
         assert fresh != none
         assert old == none
+
+
+#: of every strip: the room beside its upright axis and what its widest label needs there, both in pixels, and its span
+AXES = """() => vveSumo.shown.views.flatMap(view => view.strips.plots.map(plot => {
+  const axis = plot.axes[1], context = document.createElement('canvas').getContext('2d');
+  context.font = '14px system-ui, sans-serif';
+  const widest = Math.max(...axis._values.map(text => context.measureText(text).width));
+  return [axis._size, widest + axis.gap, plot.scales.y.max - plot.scales.y.min]; }))"""
+
+
+def test_strips_have_room_for_their_labels_and_a_least_span(browser: Any, replay: Server) -> None:
+    with opened(browser, replay.address) as page:
+        page.wait_for_function("vveSumo.shown.records[0].frames.details !== null")
+        # A car that keeps its speed but for noise, as strips of a live drive take it.
+        page.evaluate("""() => { const { strips } = vveSumo.shown.views[0];
+          strips.data = null;
+          for (let k = 0; k < 150; k += 1) strips.add({ t: k / 10, gap: null,
+            ego: { speed: 11.244 + 0.003 * (k % 2), acceleration: 0.04 * (k % 2), wished: 0 } }); }""")
+        strips = page.evaluate(AXES)
+        assert len(strips) == 3
+        assert all(room >= needed for room, needed, _span in strips)
+        assert all(span >= least for (_room, _needed, span), least in zip(strips, (10.0, 2.0, 10.0), strict=True))
+        # Labels with many digits, such as those of a gap of kilometres, have room too.
+        page.evaluate("""() => { const { strips } = vveSumo.shown.views[0];
+          strips.data[2][1] = strips.data[2][1].map((_, k) => 123456 + 9 * k);
+          strips.build(null); strips.plots[2].setScale('x', { min: 0, max: 15 }); }""")
+        page.wait_for_function("vveSumo.shown.views[0].strips.plots[2].axes[1]._size > 42")
+        assert all(room >= needed for room, needed, _span in page.evaluate(AXES))
+
+
+def test_what_is_still_computed_does_not_look_like_a_free_road(browser: Any, replay: Server) -> None:
+    gauge = "[...document.querySelectorAll('.gauge')].find(one => one.innerText.startsWith('gap ahead')).innerText"
+    with opened(browser, replay.address) as page:
+        page.wait_for_function("vveSumo.shown.records[0].frames.details !== null")
+        said = page.evaluate(f"""() => {{ const [view] = vveSumo.shown.views, frame = {{ ...view.frame, gap: null }};
+          return ['coming', 'failed', 'there'].map((detailed) => {{ view.show({{ ...frame, detailed }});
+            return {gauge}; }}); }}""")
+        assert [text.split("\n")[-1] for text in said] == ["computing …", "could not be computed", "nothing ahead"]
+
+
+def test_two_records_have_their_names_their_gauges_and_their_ends(
+    browser: Any, made: Made, tmp_path: Path, copied: Callable[[Path, Path], None]
+) -> None:
+    copied(made.drive, tmp_path / "before" / "run")
+    copied(made.traffic, tmp_path / "after" / "run")
+    folders = [tmp_path / "before" / "run", tmp_path / "after" / "run"]
+    ends = [ticks(folder)["time_s"][-1] for folder in folders]
+    assert ends[0] != ends[1]
+    first = int(ends[0] > ends[1])  # of the two to end
+    with serving(replay_server(folders)) as server, opened(browser, server.address) as page:
+        assert page.locator("article h2").all_inner_texts() == ["before/run", "after/run"]
+        assert all(one.is_visible() for one in page.locator(".gauge:not([hidden])").all())
+        state = page.locator("article .state")
+        page.evaluate(f"vveSumo.shown.seek({min(ends) - 0.5})")
+        assert [one for one in state.all_inner_texts() if one.startswith("OVER")] == []
+        page.evaluate(f"vveSumo.shown.seek({min(ends) + 0.5})")
+        assert [text.startswith("OVER") for text in state.all_inner_texts()] == [number == first for number in (0, 1)]
+        page.evaluate("vveSumo.shown.seek(0)")
+        assert [one for one in state.all_inner_texts() if one.startswith("OVER")] == []
+
+
+def test_a_drive_that_failed_says_at_its_end_what_it_failed(browser: Any, made: Made, tmp_path: Path) -> None:
+    verdict = Library([made.drive]).record("0").scene()["verdict"]  # type: ignore[union-attr]
+    assert verdict == {"outcome": "stopped", "passed": True, "failed": []}
+    with serving(replay_server([made.drive])) as server, opened(browser, server.address) as page:
+        page.evaluate("vveSumo.shown.seek(1e9)")
+        assert "stopped, criteria passed" in page.inner_text(".state")
+        assert page.get_attribute(".state", "data-state") == "passed"
+        page.evaluate("""() => { vveSumo.shown.records[0].scene.verdict =
+          { outcome: 'timeout', passed: false, failed: ['stop_gap_m is none'] }; vveSumo.shown.seek(1e9); }""")
+        assert "FAILED: stop_gap_m is none" in page.inner_text(".state")
+        assert page.get_attribute(".state", "data-state") == "failed"
+
+
+def test_speeds_are_shown_in_miles_an_hour_on_request_and_from_then_on(browser: Any, replay: Server) -> None:
+    with opened(browser, replay.address) as page:
+        page.evaluate("vveSumo.shown.seek(18.2)")
+        speed = float(page.evaluate("vveSumo.shown.views[0].frame.ego.speed"))
+        first = page.locator(".gauge").first
+        assert first.inner_text().split()[1:] == [f"{3.6 * speed:.1f}", "km/h"]
+        page.keyboard.press("u")
+        assert first.inner_text().split()[1:] == [f"{speed / 0.44704:.1f}", "mph"]
+        assert "[mph]" in page.inner_text(".strips")
+        drawn = page.evaluate("vveSumo.shown.views[0].strips.data[0][1][0]")
+        assert drawn == pytest.approx(page.evaluate("vveSumo.shown.records[0].frames.columns.speed[0]") / 0.44704)
+        page.reload()
+        page.wait_for_selector("html[data-ready]")
+        page.evaluate("vveSumo.shown.seek(18.2)")
+        assert first.inner_text().split()[1:] == [f"{speed / 0.44704:.1f}", "mph"]
+
+
+def test_the_page_in_a_notebooks_cell_needs_no_server(browser: Any, made: Made, tmp_path: Path) -> None:
+    cell = tmp_path / "cell.html"
+    cell.write_text(f"<!doctype html><meta charset='utf-8'>{ShownPage(made.drive)._repr_html_()}", encoding="utf-8")
+    context = browser.new_context(viewport=DESK)
+    page = context.new_page()
+    page.goto(cell.as_uri())
+    inside = page.frame_locator("iframe")
+    inside.locator("html[data-ready]").wait_for()
+    assert inside.locator("h1").inner_text() == Library([made.drive]).record("0").scene()["title"]  # type: ignore[union-attr]
+    assert inside.locator(".gauge").count() > 5
+    context.close()

@@ -81,7 +81,7 @@ def test_the_next_drive_at_the_same_address_is_shown_anew(browser: Any, made: Ma
     context = browser.new_context()
     opened = context.new_page()
     with live(made.drive) as first:
-        first.hub.end = lambda: None  # type: ignore[method-assign]
+        first.hub.end = lambda verdict=None: None  # type: ignore[method-assign]
         opened.goto(first.address)
         until(lambda: says(opened, f"{FEED} === 'live'"))
         port, token = first.server.port, first.token
@@ -115,3 +115,30 @@ def test_a_headset_shows_the_present_or_nothing(browser: Any, fed: Live) -> None
     until(lambda: not says(opened, f"{SEATS}.world.renderer.xr.isPresenting"))
     assert says(opened, f"{FEED} === 'lost'")
     context.close()
+
+
+VERDICT = {"outcome": "stopped", "passed": True, "failed": []}
+
+
+def test_a_drive_that_is_over_stays_in_colour_with_its_verdict_and_nothing_to_stop(page: Any, fed: Live) -> None:
+    fed.end(VERDICT)
+    until(lambda: says(page, f"{FEED} === 'over'"))
+    assert not page.locator("#stop").is_visible()
+    assert "stopped, criteria passed" in page.inner_text(".state")
+    page.wait_for_timeout(1000)  # without a new frame all the while
+    assert not says(page, "document.querySelector('article.stale')")
+    assert page.get_attribute(".state", "data-state") == "passed"
+
+
+def test_the_page_follows_the_next_drive_at_its_address(page: Any, fed: Live, made: Made) -> None:
+    before = page.evaluate("vveSumo.shown.drive")
+    fed.end(VERDICT)
+    until(lambda: says(page, f"{FEED} === 'over'"))
+    until(fed.closed.is_set)
+    with live(made.drive, port=fed.place[1], token=fed.token):
+        with page.expect_navigation():  # the page loads itself anew
+            pass
+        page.wait_for_selector("html[data-ready]")
+        until(lambda: says(page, f"{FEED} === 'live'"))
+        assert page.evaluate("vveSumo.shown.drive") != before
+        assert page.locator("#stop").is_visible()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vve_sumo.values import Detections
-from vve_sumo.wire.numbering import MAX_UNSEEN, Numbering
+from vve_sumo.wire.numbering import ACCELERATION_GAIN, MAX_UNSEEN, RATE_GAIN, Numbering
 
 PERIOD = 0.05
 
@@ -72,12 +73,34 @@ def test_a_number_is_free_again_only_after_a_while() -> None:
     assert again.new
 
 
-def test_range_acceleration_is_the_slope_of_the_range_rate() -> None:
-    numbering = Numbering(4)
-    numbering.step(_scan(0.0, [(30.0, 0.0, -4.0)]), 0.0)
-    (back,) = numbering.step(_scan(0.05, [(29.8, 0.0, -4.2)]), 0.0)
-    assert back is not None
-    assert back.range_acceleration == pytest.approx(-4.0)
+def _accelerations(rates: Sequence[float]) -> list[float]:
+    """The range acceleration of an object whose range rates come scan by scan; it stays where it is seen."""
+    numbering, found = Numbering(4), []
+    for step, rate in enumerate(rates):
+        (numbered,) = numbering.step(_scan(PERIOD * step, [(30.0, 0.0, rate)]), 0.0)
+        assert numbered is not None
+        found.append(numbered.range_acceleration)
+    return found
+
+
+def test_range_acceleration_comes_to_the_slope_of_the_range_rate() -> None:
+    found = _accelerations([-4.0 - 4.0 * PERIOD * step for step in range(80)])
+    assert found[0] == 0.0
+    assert found[-1] == pytest.approx(-4.0, abs=0.01)
+    assert min(found) > -4.0 * 1.3  # it overshoots by little
+    # Two thirds of a change are there when the constants say.
+    assert next(n for n, value in enumerate(found) if value < -4.0 * 2 / 3) * PERIOD == pytest.approx(0.45, abs=0.06)
+
+
+def test_noise_of_the_range_rate_is_filtered() -> None:
+    """Against the variance of an alpha-beta filter's rate, 2 b^2 / (a (4 - 2 a - b)) (Kalata 1984), in its units."""
+    sigma, gain = 0.12, ACCELERATION_GAIN
+    rates = np.random.default_rng(1).normal(-4.0, sigma, 20_000)
+    found = np.array(_accelerations(rates.tolist()))[200:]
+    expected = sigma / PERIOD * math.sqrt(2.0 * gain**2 / (RATE_GAIN * (4.0 - 2.0 * RATE_GAIN - gain)))
+    assert np.std(found) == pytest.approx(expected, rel=0.1)
+    assert np.std(found) < 0.2 < np.std(np.diff(rates) / PERIOD) / 10.0
+    assert abs(np.mean(found)) < 0.02
 
 
 def test_an_older_scan_begins_anew() -> None:

@@ -58,9 +58,9 @@ class Run(run.Run):
         return export(self, form, out)
 
     def view(self) -> ShownPage:
-        """Show the drive as a page in a browser, or in the cell of a notebook, and play it back.
+        """Show the drive in the cell of a notebook, and play it back, wherever the notebook's kernel runs.
 
-        The page is served on this machine until `close()` of what is returned, or the end of Python.
+        The cell holds the whole page, a few megabytes of a long drive. In a browser `vve-sumo view` shows it.
         """
         from vve_sumo.view.notebook import ShownPage
 
@@ -137,9 +137,9 @@ class Sweep(dataset.Sweep):
         return heat_map(rows, x, y, figure, by=by, facet=facet)
 
     def view(self) -> ShownPage:
-        """Show the sweep as a page in a browser, or in the cell of a notebook, as a table that sorts and plots.
+        """Show the sweep in the cell of a notebook, as a table that sorts and plots.
 
-        The page is served on this machine until `close()` of what is returned, or the end of Python.
+        The cell holds the whole page, but for the records of the runs: `vve-sumo view` opens these from the table.
         """
         from vve_sumo.view.notebook import ShownPage
 

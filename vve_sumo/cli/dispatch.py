@@ -69,7 +69,8 @@ def _parser() -> Parser:
     parser = Parser(
         prog="vve-sumo",
         description="Vehicle in Virtual Environment testing on SUMO: a real drive-by-wire car, a virtual road.",
-        epilog="Start with `vve-sumo drive`: it drives the simulated vehicle towards a parked car in Linden.\n\n"
+        epilog="Start with `vve-sumo drive`: it drives the simulated vehicle towards a parked car in Linden.\n"
+        "docs/ has a page on every subject, such as docs/scenarios.md, docs/rigs.md and docs/brains.md.\n\n"
         + EXIT_CODES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

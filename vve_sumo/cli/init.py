@@ -10,7 +10,9 @@ from vve_sumo.cli.parser import Parser
 SUMMARY = "lay out a workspace of your own"
 TEXT = """\
 Copy the shipped controllers, networks, notebooks, rigs, routes, scenarios, sweeps and vehicles into a
-folder. Run vve-sumo from there: your files win over shipped ones of the same name.
+folder, with examples of foreign brains (examples/brains) and the suites that a receiver, a sensor and a
+drive-by-wire interface of your own must pass (tests/ports). Run vve-sumo from there: your files win over
+shipped ones of the same name.
 """
 
 

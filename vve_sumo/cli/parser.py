@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 from vve_sumo.errors import ConfigError, did_you_mean
+from vve_sumo.workspace import documentation
 
 EXIT_CODES = """exit codes:
   0  good
@@ -27,6 +28,11 @@ _NAME = re.compile(r"[^\s',]+")
 
 class Parser(argparse.ArgumentParser):
     """Says what is wrong in one line, then where to read on."""
+
+    def format_help(self) -> str:
+        """Return the help, and where the pages lie that it names."""
+        text = super().format_help()
+        return f"{text}\ndocs/ is {documentation()}\n" if "docs/" in text else text
 
     def error(self, message: str) -> None:  # type: ignore[override]
         """Exit with one line and code 2."""

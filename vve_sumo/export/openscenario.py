@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 MINOR_VERSION: Final = 2  #: of OpenSCENARIO XML 1
 #: between two points of a trajectory [s]: at 10 m/s2 a straight line between two of them is at most 13 mm off
 POINT_PERIOD: Final = 0.1
+#: of a trajectory; scenariogeneration refuses fewer
+MIN_POINTS: Final = 2
 #: of a file whose record does not say when the drive was
 NO_DATE: Final = "1980-01-06T00:00:00+00:00"
 
@@ -70,12 +72,14 @@ class Entity:
 
 
 def of_drive(run: Run) -> Iterator[Part]:
-    """Yield the file; raises ConfigError where scenariogeneration is not installed."""
+    """Yield the file; raises ConfigError where scenariogeneration is not installed, or for a drive of a single tick."""
     try:
         from scenariogeneration import xosc
     except ImportError:
         raise ConfigError("openscenario needs scenariogeneration: pip install 'vve-sumo[openscenario]'") from None
     entities = [*_entities(run)]
+    if len(entities[0].body.at) < MIN_POINTS:
+        raise ConfigError(f"{run.folder}: a drive of a single tick has no trajectory in OpenSCENARIO")
     begin, end = entities[0].body.time[[0, -1]].tolist()
     declared = xosc.Entities()
     for entity in entities:

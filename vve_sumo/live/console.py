@@ -12,6 +12,7 @@ import math
 import select
 import subprocess
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -65,13 +66,16 @@ class ProcessGroup:
     to_gateway: Channel
     to_drive: Channel
     to_car: Channel | None
-    to_view: Channel | None  #: whatever comes out of it is a request to stop
+    to_view: Channel | None  #: whatever comes out of it is a request to stop; the verdict goes in
 
     def shutdown(self, timeout: float) -> None:
         """Wait for the gateway, the drive, the recorder and the car to end, in this order; kill a later one that hangs.
 
-        The gateway is never killed: as long as it runs, it holds the car or still tries to.
+        The gateway is never killed: as long as it runs, it holds the car or still tries to. The page goes on until
+        `end_view`.
         """
+        if self.to_view is not None:
+            self.to_view.send(b'{"kind": "ended"}')  # from here on nobody takes a page's request to stop
         self.to_gateway.close()
         self.to_drive.close()
         self.gateway.wait()
@@ -79,12 +83,18 @@ class ProcessGroup:
         if self.outputs is not None:
             _end(self.outputs, DRIVE_TIMEOUT)
         _end(self.recorder, timeout)
-        if self.view is not None and self.to_view is not None:
-            self.to_view.close()
-            _end(self.view, VIEW_TIMEOUT)
         if self.car is not None and self.to_car is not None:
             self.to_car.close()
             _end(self.car, timeout)
+
+    def end_view(self, verdict: Mapping[str, Any] | None = None) -> None:
+        """Show a drive's verdict on the page, as `words.verdict_of` has it, and end the page; again is nothing."""
+        if self.view is None or self.to_view is None:
+            return
+        if verdict is not None:
+            self.to_view.send(json.dumps({"kind": "verdict", "verdict": verdict}).encode())
+        self.to_view.close()
+        _end(self.view, VIEW_TIMEOUT)
 
 
 def _end(process: subprocess.Popen[bytes], timeout: float) -> None:
@@ -105,7 +115,7 @@ class Console:
 
         `overridden` is why the car is armed without the doctor's GO; the screen shows it for the whole drive.
         """
-        self._processes, self._keys, self._screen = processes, keys, screen
+        self.processes, self._keys, self._screen = processes, keys, screen
         self._operator = ScriptedOperator() if automatic else None
         self._state = ArmingState.DISARMED
         self._engaged = self._over = self._ends = self._left = False
@@ -121,7 +131,7 @@ class Console:
 
     def run(self) -> None:
         """Serve the operator until the gateway's process ends."""
-        processes = self._processes
+        processes = self.processes
         while processes.gateway.poll() is None:
             channels = (processes.to_gateway, processes.to_drive, processes.to_view)
             watched = [*self._keys.filenos(), *(number for channel in channels for number in self._alive(channel))]
@@ -145,7 +155,7 @@ class Console:
             self._show(Guard.ENDED)
 
     def _show(self, guard: Guard) -> None:
-        if self._left or (self._processes.to_gateway.closed and guard is Guard.SILENT):
+        if self._left or (self.processes.to_gateway.closed and guard is Guard.SILENT):
             # A gateway that has closed its channel is ending: its silence is no alarm.
             guard = Guard.LEFT if self._left else Guard.HEARD
         self._status |= {"gateway": guard.value, "engaged": self._engaged}
@@ -199,35 +209,35 @@ class Console:
         return command is KeyCommand.GO and self._state is ArmingState.ENGAGED and not self._status["went"]
 
     def _act(self, act: OperatorCommand) -> None:
-        self._processes.to_gateway.send(link.encode_operator_command(act))
+        self.processes.to_gateway.send(link.encode_operator_command(act))
         if act is OperatorCommand.GO:
             self._status["went"] = True
 
     def _speak(self) -> None:
         """Send the gateway a sign of life, and repeat a stop or an end until the gateway acts on it."""
-        if self._processes.to_gateway.closed:
+        if self.processes.to_gateway.closed:
             return
-        self._processes.to_gateway.send(ALIVE)
+        self.processes.to_gateway.send(ALIVE)
         if (self._stop or self._ends) and self._state in (ArmingState.READY, ArmingState.ENGAGED):
             command = self._stop or OperatorCommand.END
-            self._processes.to_gateway.send(link.encode_operator_command(command))
+            self.processes.to_gateway.send(link.encode_operator_command(command))
 
     def _leave(self) -> None:
         self._over = self._left = True
-        self._processes.to_gateway.close()
+        self.processes.to_gateway.close()
 
     def _hear_view(self) -> None:
         """Take the page's requests to stop: whatever it says is a stop of nobody known, and nothing else."""
-        view = self._processes.to_view
+        view = self.processes.to_view
         if view is not None and not view.closed and view.receive():
             if not self._engaged and not self._over:
                 self._screen.say(f"  {in_words('stop_asked_by_page')}: the drive is over before it began")
             self._ask_to_stop(OperatorCommand.STOP_BY_PAGE)
 
     def _hear_drive(self) -> None:
-        if self._processes.to_drive.closed:
+        if self.processes.to_drive.closed:
             return
-        for data in self._processes.to_drive.receive():
+        for data in self.processes.to_drive.receive():
             message = json.loads(data)
             if "refused" in message:
                 self.refused = (message["refused"], message["exit_code"])
@@ -237,9 +247,9 @@ class Console:
                 self._status |= message
 
     def _hear_gateway(self) -> None:
-        if self._processes.to_gateway.closed:
+        if self.processes.to_gateway.closed:
             return
-        for data in self._processes.to_gateway.receive():
+        for data in self.processes.to_gateway.receive():
             feedback = link.decode_feedback(data)
             if not isinstance(feedback, link.Feedback):
                 self._hear_refusal(data)
@@ -277,9 +287,9 @@ class Console:
             return
         if self._status.get("outcome") is not None and self._state is ArmingState.ENGAGED:
             self._over = self._ends = True
-        elif not self._engaged and self._processes.drive.poll() is not None:
+        elif not self._engaged and self.processes.drive.poll() is not None:
             self._refuse("the drive's process ended before anything moved", 4)
-        elif not self._engaged and self._processes.recorder.poll() is not None:
+        elif not self._engaged and self.processes.recorder.poll() is not None:
             self._refuse("the recorder's process ended before anything moved", 3)
         elif self._operator is not None and not self._engaged and time.monotonic() - self._begun > READY_LIMIT:
             missing = "; ".join(why(self._status)) or "the gateway does not answer"

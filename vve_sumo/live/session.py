@@ -49,6 +49,7 @@ from vve_sumo.rig.lock import held
 from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.validation import PTY, arming_obstacle
 from vve_sumo.scenario.schema import EndTrigger
+from vve_sumo.view.words import verdict_of
 
 #: time for a process to end by itself after the drive [s]; the recorder writes its tables in this time
 EXIT_TIMEOUT: Final = 60.0
@@ -160,6 +161,25 @@ def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify)
     permitted = rights()
     if lacking := permitted.lacking():
         notify(lacking)
+    with contextlib.ExitStack() as page:
+        console = _driven(plan, doctor, permitted, terminal, notify, page)
+        if console.refused is not None and not _drove(plan.folder):
+            text, exit_code = console.refused
+            raise _ERRORS.get(exit_code, VveError)(text)
+        summary = _summary(plan, console.why, notify)
+        console.processes.end_view(verdict_of(summary))
+        return summary
+
+
+def _driven(
+    plan: Plan,
+    doctor: Mapping[str, Any],
+    permitted: Rights,
+    terminal: TextIO,
+    notify: Notify,
+    page: contextlib.ExitStack,
+) -> Console:
+    """Drive a plan to its end, from the rig's lock to the end of all processes but the page's, which `page` ends."""
     with (
         held(plan.rig_file, plan.rig) as locks,
         contextlib.ExitStack() as stack,
@@ -180,6 +200,7 @@ def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify)
         scenario_content["files_sha256"] |= plugged_in.digests(plugged_in.receiver(plan.rig.pose.kind).files())
         _write_roads(plan, notify)
         processes = _processes(plan, scenario_content, _provenance(plan, doctor, permitted), ground, car, notify, locks)
+        page.callback(_end_page, plan, processes)
         screen = Screen(terminal)
         overridden = str(doctor.get("override", ""))
         console = Console(processes, keys, screen, plan.rig.operator.automatic, overridden)
@@ -190,14 +211,15 @@ def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify)
         finally:
             screen.close()
             processes.shutdown(EXIT_TIMEOUT)
-            # A process that was killed left the address of its page.
-            with contextlib.suppress(OSError):
-                (plan.folder / "view.json").unlink(missing_ok=True)
             stack.pop_all()
-    if console.refused is not None and not _drove(plan.folder):
-        text, exit_code = console.refused
-        raise _ERRORS.get(exit_code, VveError)(text)
-    return _summary(plan, console.why, notify)
+    return console
+
+
+def _end_page(plan: Plan, processes: ProcessGroup) -> None:
+    processes.end_view()
+    # A process that was killed left the address of its page.
+    with contextlib.suppress(OSError):
+        (plan.folder / "view.json").unlink(missing_ok=True)
 
 
 _ERRORS: Final = {2: ConfigError, 3: RigError, 4: SimulationError}

@@ -74,6 +74,8 @@ class ViewProcess:
         scene = scene_of(config["resolved"], read_roads(folder), source="live")
         self._hub = Hub(self._frames, with_network(scene, config["resolved"], Path.cwd()))
         self._over = asyncio.Event()
+        self._ended = False  # the console takes no request to stop any more
+        self._verdict: dict[str, Any] | None = None
         contents = {"version": VERSION, "kind": "live", "records": []}
         routes = [
             Route(STOP_PATH, self._stop, methods=["POST"]),
@@ -91,7 +93,7 @@ class ViewProcess:
         loop.add_reader(self._console.fileno(), self._hear_console)
         serving = asyncio.create_task(self.server.serve())
         await self._over.wait()
-        self._hub.end()
+        self._hub.end(self._verdict)
         await asyncio.sleep(FAREWELL)
         self.server.close()
         await serving
@@ -105,14 +107,17 @@ class ViewProcess:
         self._hub.changed(events)
 
     def _hear_console(self) -> None:
-        self._console.receive()
+        for datagram in self._console.receive():
+            message = json.loads(datagram)
+            self._ended = True
+            self._verdict = message.get("verdict")
         if self._console.closed:
             asyncio.get_running_loop().remove_reader(self._console.fileno())
             self._over.set()
 
     async def _stop(self, request: Request) -> Response:
         """Pass a request to stop on to the console."""
-        if self._console.send(STOP):
+        if not self._ended and self._console.send(STOP):
             return PlainTextResponse("the gateway is asked to stop\n")
         return PlainTextResponse("the console does not take the request: the driver brakes\n", 503)
 

@@ -94,7 +94,7 @@ def _needed(axes: Axes, run: Run, fastest: float) -> float:
 def _ends(axes: Axes, run: Run, speed: Floats, gap: Floats, most: float) -> None:
     """Mark where the approach began and ended, which way it went, and the first contact.
 
-    Where it began above the axis, whose end is at `most` [m], a triangle marks where it came from there.
+    Where it began or ended above the axis, whose end is at `most` [m], a triangle marks the place on the axis's edge.
     """
     known = np.flatnonzero(finite(speed, gap))
     first, last = known[0], known[-1]
@@ -106,16 +106,9 @@ def _ends(axes: Axes, run: Run, speed: Floats, gap: Floats, most: float) -> None
         entered = next((row for row in known if gap[row] <= most), first)
         above: dict[str, Any] = {"clip_on": False, "label": f"{word}, above the axis"}
         axes.plot(speed[entered], most, "^", markerfacecolor=PAPER, **above, **ends)
-    axes.plot(
-        speed[last],
-        gap[last],
-        "o",
-        color=FIRST.colour,
-        label=f"end: {gap[last]:.2f} m",
-        clip_on=False,
-        zorder=5,
-        **ends,
-    )
+    shown, sign, beyond = (gap[last], "o", "") if gap[last] <= most else (most, "^", ", above the axis")
+    label = f"end: {gap[last]:.2f} m{beyond}"
+    axes.plot(speed[last], shown, sign, color=FIRST.colour, label=label, clip_on=False, zorder=5, **ends)
     for share in ARROWS if len(known) > STEPS else ():
         at = known[int(share * (len(known) - 1))]
         ahead = min(at + 10, last)

@@ -14,7 +14,7 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from vve_sumo import workspace
-from vve_sumo.config_file import complaint, numbers_of, read, read_as
+from vve_sumo.config_file import complaint, in_key_units, numbers_of, read, read_as
 from vve_sumo.errors import ConfigError
 from vve_sumo.pose.receivers import port as receivers
 from vve_sumo.rig.dates import day_to_come
@@ -107,7 +107,8 @@ def _judged(table: dict[str, Any], file: Path, validate: Callable[[type[Rig], di
 def _with_its_receiver(table: dict[str, Any]) -> tuple[dict[str, Any], type[Rig]]:
     """Return a rig's table and its model, which `pose.kind` decides on; raises ConfigError naming the key.
 
-    A kind given as a file is resolved against the present working folder, so that a record can be read from anywhere.
+    Quantities in the keys of the kind become numbers, as `numbers_of` makes those of every rig. A kind given as a file
+    is resolved against the present working folder, so that a record can be read from anywhere.
     """
     pose = table.get("pose")
     if not isinstance(pose, dict):
@@ -120,9 +121,13 @@ def _with_its_receiver(table: dict[str, Any]) -> tuple[dict[str, Any], type[Rig]
     file, colon, function = kind.rpartition(":")
     kind = f"{Path(file).resolve()}:{function}" if colon else kind
     try:
-        return table | {"pose": pose | {"kind": kind}}, rig_with(receivers.load(kind))
+        receiver = receivers.load(kind)
     except ConfigError as error:
         raise ConfigError(f"pose.kind: {error}") from None
+    try:
+        return table | {"pose": in_key_units(pose, receiver) | {"kind": kind}}, rig_with(receiver)
+    except ValueError as error:
+        raise ConfigError(f"pose.{error}") from None
 
 
 def _keys_of(table: dict[str, Any], model: type[Rig], said: str) -> str:

@@ -7,15 +7,17 @@ from typing import Any, get_origin
 
 from pydantic import ValidationError
 
-from vve_sumo.config_file import alternatives, complaint, inside, is_table, numbers_of, read, spelt
+from vve_sumo.config_file import alternatives, complaint, in_key_units, inside, is_table, numbers_of, read, spelt
 from vve_sumo.errors import ConfigError
 from vve_sumo.scenario.schema import Scenario
+from vve_sumo.sensors import port as sensors
+from vve_sumo.units import is_quantity
 
 
 def parse(table: dict[str, Any], file: Path) -> Scenario:
     """Return the scenario that a parsed table holds; `file` is named in the ConfigError of a wrong one."""
     try:
-        scenario = Scenario.model_validate(numbers_of(table, file, Scenario))
+        scenario = Scenario.model_validate(_with_sensors_numbers(numbers_of(table, file, Scenario), file))
     except ValidationError as error:
         raise ConfigError(complaint(file, error, Scenario)) from None
     names = [one.id for one in scenario.obstacles] + [one.id for one in scenario.actors]
@@ -23,9 +25,9 @@ def parse(table: dict[str, Any], file: Path) -> Scenario:
     if twice is not None:
         where = "obstacles" if twice in (one.id for one in scenario.obstacles) else "actors"
         raise ConfigError(f"{file}: {where}: id {twice!r} stands twice, expected each once")
-    sensors = ["radar", *(sensor.name for sensor in scenario.sensors)]
-    if len({*sensors}) < len(sensors):
-        twice = next(name for name in sensors if sensors.count(name) > 1)
+    called = ["radar", *(sensor.name for sensor in scenario.sensors)]
+    if len({*called}) < len(called):
+        twice = next(name for name in called if called.count(name) > 1)
         whose = ", that of the table [radar]" if twice == "radar" else ""
         raise ConfigError(f"{file}: sensors: name {twice!r} stands twice{whose}, expected each once")
     for name, parameter in scenario.parameters.items():
@@ -33,6 +35,30 @@ def parse(table: dict[str, Any], file: Path) -> Scenario:
             if not _takes_a_value(scenario, place):
                 raise ConfigError(f"{file}: parameters.{name}.sets: no key {spelt(place)} that takes a value")
     return scenario
+
+
+def _with_sensors_numbers(table: dict[str, Any], file: Path) -> dict[str, Any]:
+    """Return a scenario's table with the quantities in sensors' settings as numbers, by the keys of each one's kind."""
+    rows = table.get("sensors")
+    if not isinstance(rows, list):
+        return table  # which the schema refuses in its own words, if there is anything
+    return table | {"sensors": [_with_settings_numbers(row, f"{file}: sensors.{n}") for n, row in enumerate(rows)]}
+
+
+def _with_settings_numbers(row: Any, where: str) -> Any:
+    settings = row.get("settings") if isinstance(row, dict) else None
+    if not (
+        isinstance(settings, dict) and any(map(is_quantity, settings.values())) and isinstance(row.get("kind"), str)
+    ):
+        return row
+    try:
+        kind = sensors.load(row["kind"])
+    except ConfigError:
+        return row  # what is wrong with a kind is said where its sensor is made
+    try:
+        return row | {"settings": in_key_units(settings, kind)}
+    except ValueError as error:
+        raise ConfigError(f"{where}.settings.{error}") from None
 
 
 def _takes_a_value(scenario: Scenario, place: str) -> bool:

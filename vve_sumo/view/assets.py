@@ -26,6 +26,7 @@ LENT: Final = {"uplot.js": LIBRARY, "uplot.css": LIBRARY_STYLE, "uplot.txt": LIB
 #: modules of the page in the order in which each finds what it needs before it
 MODULES: Final = (
     "elements.js",
+    "units.js",
     "canvas.js",
     "frames.js",
     "source.js",

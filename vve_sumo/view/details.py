@@ -93,7 +93,7 @@ def _looks(run: Run) -> dict[int, Actors]:
     names = table["actor"].to_pylist()
     columns = [table[name].to_numpy() for name in _ACTOR_COLUMNS]
     ticks, begins = np.unique(at, return_index=True)
-    ends = np.append(begins[1:], len(at))
+    ends = np.append(begins, len(at))[1:]  # none where no actor came into range
     return {
         tick: Actors(float(run.time[tick]), tuple(names[begin:end]), *(column[begin:end] for column in columns))
         for tick, begin, end in zip(ticks.tolist(), begins.tolist(), ends.tolist(), strict=True)

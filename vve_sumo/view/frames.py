@@ -28,7 +28,7 @@ from vve_sumo.values import Floats
 from vve_sumo.view.events import events_of
 from vve_sumo.view.scene import VERSION, body, scene_of
 from vve_sumo.view.sight import return_points
-from vve_sumo.view.words import reasons_in_words, state_in_words
+from vve_sumo.view.words import reasons_in_words, state_in_words, verdict_of
 
 MAGIC: Final = b"VVEF"
 _LENGTH: Final = struct.Struct("<I")
@@ -67,6 +67,7 @@ class Frames:
             "actors": self._bodies(),
             "events": events_of(run),
             "outcome": None if run.summary is None else run.summary["outcome"],
+            "verdict": verdict_of(run.summary),
         }
 
     @cached_property

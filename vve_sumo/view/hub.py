@@ -54,6 +54,7 @@ class Hub:
         self._encoded: tuple[float, str] = (float("-inf"), "")
         self.dropped = 0  #: pages that were dropped for what they did or did not do
         self.over = False
+        self._verdict: dict[str, Any] | None = None
 
     @property
     def clients(self) -> int:
@@ -66,9 +67,9 @@ class Hub:
             client.events = [*client.events, *events][-MAX_EVENTS:]
             client.wake.set()
 
-    def end(self) -> None:
-        """Say that the drive is over."""
-        self.over = True
+    def end(self, verdict: dict[str, Any] | None = None) -> None:
+        """Say that the drive is over, and what it came to as `words.verdict_of` has it; None where nobody knows."""
+        self.over, self._verdict = True, verdict
         for client in self._clients:
             client.wake.set()
 
@@ -100,7 +101,7 @@ class Hub:
             for message in self._news(client):
                 await _sent(socket, message)
             if self.over:
-                await _sent(socket, json.dumps({"type": "over"}))
+                await _sent(socket, json.dumps({"type": "over", "verdict": self._verdict}))
                 return
 
     async def _room(self, client: Client) -> None:

@@ -36,14 +36,18 @@ PLOTTED_FIRST: Final = ("stop_gap_m", "min_gap_m", "min_ttc_s")
 class Record:
     """A record for the page; what is computed is computed once."""
 
-    def __init__(self, run: Run) -> None:
-        self._frames, self._run = Frames(run), run
+    def __init__(self, run: Run, name: str = "") -> None:
+        """`name` is what the page calls the record where another is beside it; by default that of its folder."""
+        self._frames, self._run, self._name = Frames(run), run, name or run.folder.resolve().name
         self._lock = threading.RLock()
         self._made: dict[str, Any] = {}
 
     def scene(self) -> dict[str, Any]:
         """Return the scene."""
-        return dict(self._once("scene", lambda: with_network(self._frames.scene, self._run.resolved, Path.cwd())))
+        return dict(self._once("scene", self._scene))
+
+    def _scene(self) -> dict[str, Any]:
+        return with_network(self._frames.scene, self._run.resolved, Path.cwd()) | {"record": self._name}
 
     def frames(self) -> bytes:
         """Return the file of frames."""
@@ -72,7 +76,10 @@ class Library:
         self.sweep = held[0] if isinstance(held[0], Sweep) else None
         if len(held) > 1 and any(isinstance(one, Sweep) for one in held):
             raise ConfigError("expected two drives' records to show side by side, got a sweep among them")
-        self._open = {str(number): Record(run) for number, run in enumerate(held) if isinstance(run, Run)}
+        names = names_apart(folders)
+        self._open = {
+            str(number): Record(run, names[number]) for number, run in enumerate(held) if isinstance(run, Run)
+        }
         self._lock = threading.Lock()
         self._kept = frozenset(_kept(self.sweep)) if self.sweep is not None else frozenset()
 
@@ -116,6 +123,13 @@ class Library:
         if table is not None:
             data["sweep"] = _text(table)
         return one_file(data)
+
+
+def names_apart(folders: Sequence[Path]) -> list[str]:
+    """Return the shortest ends of the folders' paths, whole names, that tell them apart."""
+    parts = [folder.resolve().parts for folder in folders]
+    depth = next((n for n in range(1, max(map(len, parts))) if len({one[-n:] for one in parts}) == len(parts)), 1)
+    return ["/".join(one[-depth:]) for one in parts]
 
 
 def packed_table(sweep: Sweep) -> bytes:

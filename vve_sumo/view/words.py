@@ -1,8 +1,9 @@
-"""Says in plain words what the gateway did at a tick of a record."""
+"""Says in plain words what the gateway did at a tick of a record, and what a drive came to."""
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Mapping
+from typing import Any, Final
 
 from vve_sumo.drive.reasons import in_words
 from vve_sumo.values import ArmingState
@@ -31,3 +32,14 @@ def state_in_words(state: str, reasons: str) -> str:
     held = (words for code, words in ENGAGED_PHASES.items() if code in reasons.split("+"))
     phase = next(held, PHASES[ArmingState(state)])
     return f"{phase}: {why}" if why else phase
+
+
+def verdict_of(summary: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return what a drive came to, by its summary: outcome, whether its criteria are met, and those that are not."""
+    if summary is None:
+        return {"outcome": "killed", "passed": None, "failed": []}
+    return {
+        "outcome": str(summary["outcome"]),
+        "passed": summary.get("passed"),
+        "failed": [str(one) for one in summary.get("failed", ())],
+    }

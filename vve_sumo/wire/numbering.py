@@ -17,6 +17,12 @@ MAX_UNSEEN: Final = 0.3
 #: an object that is farther from where it was expected is another one: a standing part, and one that grows with the
 #: time since it was seen, for what moves across [m], [m/s]
 GATE, GATE_SPEED = 2.0, 15.0
+#: gains of the filter of an object's range rate and its rate of change: the first as a share, the second by Benedict
+#: and Bordner's relation (IRE Transactions on Automatic Control, 1962) of least noise beside least lag. At 20 scans a
+#: second, errors of 0.12 m/s a scan become 0.13 m/s2, where their plain slope is 3.4 m/s2; two thirds of a change are
+#: there after 0.45 s. `tests/wire/test_numbering.py` holds both
+RATE_GAIN: Final = 0.25
+ACCELERATION_GAIN: Final = RATE_GAIN**2 / (2.0 - RATE_GAIN)
 
 
 @dataclass(slots=True)
@@ -28,6 +34,16 @@ class _Known:
     azimuth: float  #: [rad]
     range_rate: float  #: [m/s]
     seen: float  #: drive time [s]
+    filtered_rate: float  #: of range [m/s]
+    filtered_acceleration: float = 0.0  #: rate of change of the range rate [m/s2]
+
+    def follow(self, range_rate: float, passed: float) -> float:
+        """Take a range rate [m/s] some time later [s]; return its filtered rate of change [m/s2]."""
+        expected = self.filtered_rate + self.filtered_acceleration * passed
+        off = range_rate - expected
+        self.filtered_rate = expected + RATE_GAIN * off
+        self.filtered_acceleration += ACCELERATION_GAIN * off / passed
+        return self.filtered_acceleration
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +52,7 @@ class Numbered:
 
     number: int
     new: bool  #: the detection is the object's first
-    range_acceleration: float  #: rate of change of the range rate [m/s2]; 0 for a new one
+    range_acceleration: float  #: rate of change of the range rate [m/s2], filtered; 0 for a new one
 
 
 class Numbering:
@@ -92,9 +108,9 @@ class Numbering:
         if known is None:
             if not self._free:
                 return None
-            known = _Known(self._free.pop(), range_, azimuth, range_rate, now)
+            known = _Known(self._free.pop(), range_, azimuth, range_rate, now, range_rate)
             self._known.append(known)
             return Numbered(known.number, True, 0.0)
-        acceleration = (range_rate - known.range_rate) / (now - known.seen)
+        acceleration = known.follow(range_rate, now - known.seen)
         known.range, known.azimuth, known.range_rate, known.seen = range_, azimuth, range_rate, now
         return Numbered(known.number, False, acceleration)

@@ -12,6 +12,7 @@ import os
 import subprocess
 import tempfile
 import xml.etree.ElementTree as ET
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -92,7 +93,7 @@ def _middle(osm: Path) -> tuple[float, float]:
                 if element.tag == "bounds":
                     low, left, high, right = (float(element.attrib[key]) for key in BOUNDS)
                     return round((low + high) / 2, ORIGIN_DECIMALS), round((left + right) / 2, ORIGIN_DECIMALS)
-    except (ET.ParseError, KeyError, ValueError, OSError, EOFError) as error:
+    except (ET.ParseError, KeyError, ValueError, OSError, EOFError, zlib.error) as error:
         raise ConfigError(f"{osm}: expected an OpenStreetMap extract in XML, it can't be read: {error}") from None
     raise ConfigError(f"{osm}: expected a <bounds> element, found none; give an origin")
 

@@ -196,7 +196,12 @@ class Roads:
         import sumolib
 
         self.network = read_network(path)
-        self._net: Any = sumolib.net.readNet(str(path), withInternal=True)
+        try:
+            self._net: Any = sumolib.net.readNet(str(path), withInternal=True)
+        except Exception as error:  # sumolib has no error of its own: what it stumbles over is what it raises
+            raise ConfigError(
+                f"{path}: expected a SUMO network, sumolib cannot read it ({type(error).__name__}: {error})"
+            ) from error
 
     @property
     def edges(self) -> tuple[Any, ...]:

@@ -10,6 +10,7 @@ import math
 import os
 import tempfile
 import xml.parsers.expat
+import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -76,6 +77,8 @@ def check_input(file: Path, roots: Sequence[str]) -> str:
             parser.ParseFile(stream)
     except OSError as error:
         raise ConfigError(f"{file}: cannot be read ({error.strerror or error})") from error
+    except (EOFError, zlib.error) as error:  # a file that was cut short, or damaged
+        raise ConfigError(f"{file}: cannot be read ({error})") from error
     except xml.parsers.expat.ExpatError as error:
         raise ConfigError(f"{file}: not well-formed XML ({error})") from error
     if seen[0] not in roots:

@@ -11,10 +11,11 @@ import { Strips } from "./strips.js";
 const MOST_EVENTS = 500; // of a live drive's list
 
 export class DriveView {
-  /** Make the view of a scene in `root`; `onEvent` is called with the time [s] of an event that was chosen. */
-  constructor(root, scene, { narrow = false, onEvent = null } = {}) {
+  /** Make the view of a scene in `root`, under the `name` of its record where another is beside it; `onEvent` is called with the time [s] of an event that was chosen. */
+  constructor(root, scene, { name = "", onEvent = null } = {}) {
     this.scene = scene;
     this.onEvent = onEvent;
+    this.name = element("h2", { class: "name", hidden: !name }, name);
     this.state = element("p", { class: "state" }, element("strong", {}, "…"), element("span"));
     const street = element("canvas", { role: "img", "aria-label": "the street from above" });
     const lot = element("canvas", { role: "img", "aria-label": "the lot from above; a click shows the car close by" });
@@ -24,7 +25,7 @@ export class DriveView {
     const strips = element("div", { class: "strips" });
     this.legend = element("ul", { class: "legend" });
     this.box = element(
-      "article", { class: narrow ? "drive narrow" : "drive" }, this.state,
+      "article", { class: name ? "drive narrow" : "drive" }, this.name, this.state,
       element("div", { class: "street" }, street, this.legend),
       element("section", { class: "side" },
         element("div", { class: "lot", hidden: !scene.lot }, lotWords, lot), gauges, this.list),
@@ -44,15 +45,20 @@ export class DriveView {
     for (const canvas of [street, lot]) resized.observe(canvas);
   }
 
-  /** Show a frame from now on; `clock` gives the drive time that is displayed [s], which the frame is predicted to. */
-  show(frame, clock = () => frame.t) {
+  /**
+   * Show a frame from now on; `clock` gives the drive time that is displayed [s], which the frame is predicted to.
+   * A `verdict` says that the drive is over and what it came to.
+   */
+  show(frame, clock = () => frame.t, verdict = null) {
     this.frame = frame;
     this.seats.show(frame, clock);
     const [phase, why] = this.state.children;
     const [first, ...rest] = frame.said.split(": ");
-    say(phase, first);
-    say(why, [...(frame.contact ? [`contact with ${frame.contact.replaceAll("+", ", ")}`] : []), rest.join(": ")].filter(Boolean).join("; "));
-    if (this.state.dataset.state !== frame.state) this.state.dataset.state = frame.state;
+    say(phase, verdict ? "over" : first);
+    const contact = frame.contact ? `contact with ${frame.contact.replaceAll("+", ", ")}` : "";
+    say(why, [verdict && inWords(verdict), contact, rest.join(": ")].filter(Boolean).join("; "));
+    const state = verdict ? { true: "passed", false: "failed" }[verdict.passed] ?? "over" : frame.state;
+    if (this.state.dataset.state !== state) this.state.dataset.state = state;
     this.gauges.show(frame);
   }
 
@@ -104,9 +110,20 @@ export class DriveView {
     }));
   }
 
+  unitsChanged() {
+    this.gauges.show(this.frame);
+    this.strips.unitsChanged();
+  }
+
   themeChanged() {
     this.drawLegend();
     this.strips.themeChanged();
     this.draw();
   }
+}
+
+/** What a drive came to: its outcome, and its criteria. */
+function inWords({ outcome, passed, failed }) {
+  const criteria = { true: "criteria passed", false: `FAILED: ${failed.join("; ")}` }[passed] ?? "";
+  return [outcome, criteria].filter(Boolean).join(", ");
 }

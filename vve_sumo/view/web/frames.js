@@ -48,11 +48,13 @@ export class Frames {
     this.times = columns.t;
     this.count = columns.t.length;
     this.details = null;
+    this.detailed = "coming"; // what takes longer to compute: coming, there, or failed
   }
 
   /** Add what takes longer to compute: gaps, the lot's distances and footprints, why actors were not detected. */
   addDetails({ head, columns }) {
     this.details = { texts: head.texts, columns };
+    this.detailed = "there";
   }
 
   /** Index of the tick at a drive time [s], the last one that is not after it. */
@@ -84,6 +86,7 @@ export class Frames {
       latency: known(c.latency[k]),
       latencies: null,
       signals: this.#signals(c.t[k]),
+      detailed: this.detailed,
       ...this.#detailed(k, scan),
     };
   }

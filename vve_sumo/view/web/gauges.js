@@ -1,8 +1,8 @@
 // The gauges of one drive: large numbers, each with a bar where it has limits.
 
 import { element, number, say } from "./elements.js";
+import { speedUnit } from "./units.js";
 
-const KMH = 3.6;
 const DEGREES = 180 / Math.PI;
 const BRAKING_SHOWN = 8; // end of the bar of decelerations [m/s2]
 const LATENCY_SHOWN = 1.5; // end of the latency's bar, in budgets
@@ -44,7 +44,8 @@ export class Gauges {
   show(frame) {
     const ego = frame?.ego ?? null;
     const { speed, braking, wished: asked, steering, gap, edge, quality, latency, note } = this.parts;
-    set(speed, ego && KMH * ego.speed, 1, "km/h");
+    const unit = speedUnit();
+    set(speed, ego && unit.factor * ego.speed, 1, unit.name);
     fill(speed, 0, ego ? ego.speed / (1.2 * this.scene.desired_speed) : 0);
     const real = ego && ego.acceleration !== null ? Math.max(-ego.acceleration, 0) : null;
     const wished = ego && ego.wished !== null ? Math.max(-ego.wished, 0) : null;
@@ -55,8 +56,8 @@ export class Gauges {
     const wheel = ego && ego.steering !== null ? ego.steering * this.scene.ego.steering_ratio : null;
     set(steering, wheel === null ? null : Math.abs(wheel) * DEGREES, 0, wheel > 0.01 ? "° left" : wheel < -0.01 ? "° right" : "°");
     fromMiddle(steering, wheel === null ? 0 : -ego.steering / this.scene.ego.steering_limit);
-    set(gap, frame?.gap ?? null, 1, "m");
-    set(edge, frame?.to_edge ?? null, 1, "m");
+    setDetail(gap, frame, frame?.gap ?? null, "nothing ahead");
+    setDetail(edge, frame, frame?.to_edge ?? null, "not known");
     edge.box.toggleAttribute("data-bad", (frame?.to_edge ?? Infinity) < NEAR_EDGE);
     say(quality.value, frame?.quality ?? "–");
     quality.box.toggleAttribute("data-bad", Boolean(frame?.quality?.startsWith("refused")));
@@ -79,6 +80,15 @@ function set(part, value, decimals, unit) {
   if (part.text === text + unit) return;
   part.text = text + unit;
   part.value.replaceChildren(text, element("small", {}, ` ${unit}`));
+}
+
+/** Show metres; where there are none, why: they are computed yet, or there is nothing to measure. */
+function setDetail(part, frame, value, nothing) {
+  if (value !== null || !frame) return set(part, value, 1, "m");
+  const why = { coming: "computing …", failed: "could not be computed" }[frame.detailed] ?? (frame.ego ? nothing : "no pose");
+  if (part.text === why) return;
+  part.text = why;
+  part.value.replaceChildren(element("small", {}, why));
 }
 
 function fill(part, bar, share) {

@@ -7,7 +7,9 @@ import { DriveView } from "./drive.js";
 const LOST = 0.3; // without a new frame for so long the feed is lost [s]; with one more look it is said within 0.5 s
 const BEHIND = 0.5; // frames that are later than the promptest by more are old, not live [s]
 const LOOK = 80; // between two looks at the feed [ms]
+const NEXT = 2000; // between two attempts to find the next drive at this address [ms]
 const RETRY = 500; // between two attempts to connect, and to ask for a stop [ms]
+const AT_REST = new Set(["stopped", "disarmed"]); // states of the gateway in which no car moves any more
 const STOPPABLE = new Set(["ready", "engaged"]); // states of the gateway in which a stop is still to come
 const ASKED = "the gateway was asked to stop";
 const AGES_KEPT = 2000; // ages of drawn frames that are kept for whoever measures
@@ -20,7 +22,8 @@ export class Live {
     this.heard = -Infinity;
     this.newest = -Infinity;
     this.lead = Infinity;
-    this.over = false;
+    this.over = false; // the drive's process of the page has said that the drive is over
+    this.ended = false; // the drive has said how it ended; the verdict is still to come
     this.ages = [];
     this.feed = document.getElementById("feed");
     this.feed.hidden = false;
@@ -50,7 +53,7 @@ export class Live {
     socket.addEventListener("close", ({ code, reason }) => {
       this.socket = null;
       this.closed = code === 1013 ? reason : "";
-      if (!this.over) setTimeout(() => this.connect(), RETRY);
+      setTimeout(() => this.connect(), this.over ? NEXT : RETRY);
     });
   }
 
@@ -58,8 +61,8 @@ export class Live {
     const now = performance.now() / 1000;
     if (message.type === "scene") this.begin(message);
     else if (message.type === "actors") Object.assign(this.view.scene.actors, message.actors);
-    else if (message.type === "event") this.view.addEvent(message.event);
-    else if (message.type === "over") this.over = true;
+    else if (message.type === "event") this.happened(message.event);
+    else if (message.type === "over") this.conclude(message.verdict);
     else if (message.type === "frame") {
       this.waiting = message;
       this.heard = now;
@@ -68,6 +71,20 @@ export class Live {
       this.behind = now - message.frame.t - this.lead;
       socket.send(String(message.n));
     }
+  }
+
+  happened(event) {
+    this.ended ||= event.kind === "end";
+    this.view.addEvent(event);
+  }
+
+  /** Show what the drive came to; there is nothing left to stop. */
+  conclude(verdict) {
+    this.over = true;
+    this.button.hidden = true;
+    if (!this.waiting) return;
+    this.view.show(this.waiting.frame, undefined, verdict ?? { outcome: "", passed: null, failed: [] });
+    this.view.draw();
   }
 
   shownTime() {
@@ -85,7 +102,7 @@ export class Live {
     if (this.view) {
       Object.assign(this.view.scene.actors, scene.actors);
       const missed = scene.events.filter(({ time }) => time > this.view.lastEvent);
-      for (const event of missed) this.view.addEvent(event);
+      for (const event of missed) this.happened(event);
       return;
     }
     document.getElementById("stage").replaceChildren();
@@ -126,10 +143,12 @@ export class Live {
 
   /** Say whether what is shown is live. */
   look() {
-    const { lost } = this;
+    // What is shown of a car that stands after its drive is no older than it looks.
+    const resting = this.over || (this.ended && AT_REST.has(this.view?.frame?.state));
+    const lost = this.lost && !resting;
     this.view?.stale(lost);
-    this.button.classList.toggle("idle", this.over);
-    if (this.over) return this.tell("over", "drive over");
+    if (this.over) return this.tell("over", "drive over: waiting for the next one");
+    if (resting) return this.tell("over", "drive ended: its verdict is to come");
     if (!lost) return this.tell("live", "● live");
     if (this.newest === -Infinity) return this.tell("wait", this.closed || "waiting for the drive");
     const age = Math.max(this.silent, this.behind ?? 0);

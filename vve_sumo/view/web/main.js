@@ -6,8 +6,9 @@ import { Live } from "./live.js";
 import { Replay } from "./replay.js";
 import { readContents, readRecord } from "./source.js";
 import { SweepTable } from "./table.js";
+import { otherSpeedUnit, switchSpeedUnit } from "./units.js";
 
-const COMMON_KEYS = [["+ −", "nearer or farther"], ["n", "north up, or the car's heading up"], ["v", "the map, or the street in three dimensions"], ["d", "day or night"], ["?", "this list"]];
+const COMMON_KEYS = [["+ −", "nearer or farther"], ["n", "north up, or the car's heading up"], ["v", "the map, or the street in three dimensions"], ["u", "speeds in km/h or mph"], ["d", "day or night"], ["?", "this list"]];
 
 class Page {
   constructor() {
@@ -17,6 +18,8 @@ class Page {
     this.theme(night ? "night" : "day");
     document.getElementById("theme").addEventListener("click", () => this.switchTheme());
     document.getElementById("turn").addEventListener("click", () => this.switchNorth());
+    document.getElementById("units").textContent = otherSpeedUnit();
+    document.getElementById("units").addEventListener("click", () => this.switchUnits());
     document.getElementById("help-button").addEventListener("click", () => this.help());
     document.addEventListener("keydown", (event) => this.key(event));
     for (const kind of ["wheel", "pointermove", "dblclick", "click"]) {
@@ -62,6 +65,12 @@ class Page {
     this.theme(document.documentElement.dataset.theme === "night" ? "day" : "night");
   }
 
+  switchUnits() {
+    switchSpeedUnit();
+    document.getElementById("units").textContent = otherSpeedUnit();
+    this.shown?.views?.forEach((view) => view.unitsChanged());
+  }
+
   switchNorth() {
     this.northUp = !this.northUp;
     document.getElementById("turn").setAttribute("aria-pressed", String(this.northUp));
@@ -85,7 +94,7 @@ class Page {
     }
     const common = {
       "+": () => this.zoom(1.25), "=": () => this.zoom(1.25), "-": () => this.zoom(0.8),
-      n: () => this.switchNorth(), v: () => this.shown?.views?.forEach((view) => view.seats.next()), d: () => this.switchTheme(), "?": () => this.help(),
+      n: () => this.switchNorth(), v: () => this.shown?.views?.forEach((view) => view.seats.next()), d: () => this.switchTheme(), u: () => this.switchUnits(), "?": () => this.help(),
     }[event.key];
     if (common) common();
     else if (!this.shown?.key?.(event)) return;

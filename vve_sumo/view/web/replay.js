@@ -25,15 +25,15 @@ export class Replay {
     const stage = document.getElementById("stage");
     stage.replaceChildren();
     this.records = records;
-    const narrow = records.length > 1;
+    const several = records.length > 1;
     this.views = records.map(({ scene, frames }) => {
-      const view = new DriveView(stage, scene, { narrow, onEvent: (time) => this.seek(time) });
+      const view = new DriveView(stage, scene, { name: several ? scene.record : "", onEvent: (time) => this.seek(time) });
       view.strips.take(frames);
       // In a headset's session the browser may draw nothing else.
       view.seats.onPicture = () => this.advance(performance.now());
       return view;
     });
-    page.titled(records.map(({ scene }) => scene.title).join("  |  "));
+    page.titled([...new Set(records.map(({ scene }) => scene.title))].join("  |  "));
     this.begins = Math.min(...records.map(({ frames }) => frames.times[0]));
     this.ends = Math.max(...records.map(({ frames }) => frames.times[frames.count - 1]));
     this.time = this.begins;
@@ -46,7 +46,13 @@ export class Replay {
         frames.addDetails(unpacked(await unzipped(bytes)));
         this.views[index].strips.take(frames);
         this.show();
-      }).catch((error) => console.warn("the details could not be read", error));
+      }).catch((error) => {
+        console.warn("the details could not be read", error);
+        frames.detailed = "failed";
+        this.views[index].strips.take(frames);
+        this.show();
+      });
+      if (!details) frames.detailed = "failed";
     });
     this.show();
     const draw = (now) => {
@@ -135,7 +141,9 @@ export class Replay {
   show() {
     this.records.forEach(({ frames }, index) => {
       const view = this.views[index];
-      view.show(frames.frame(frames.at(this.time)), () => this.time);
+      const ends = frames.times[frames.count - 1];
+      const verdict = this.time >= ends ? this.records[index].scene.verdict : null;
+      view.show(frames.frame(frames.at(this.time)), () => Math.min(this.time, ends), verdict);
       view.draw();
       view.markEvent(this.time);
     });

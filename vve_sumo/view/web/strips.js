@@ -3,23 +3,29 @@
 
 import { colour } from "./canvas.js";
 import { element } from "./elements.js";
+import { speedUnit } from "./units.js";
 
 const MOST_POINTS = 2000; // of a record's strip: more than a screen has pixels
 const LIVE_SPAN = 20; // of a live drive's strips [s]
 const LIVE_PERIOD = 0.1; // between two points of them [s]
 const HEIGHT = 120;
+const LABEL_WIDTH = 8.5; // of a character beside an axis [pixels]
+const LABEL_ROOM = 14; // beside an axis's labels [pixels]
+const LEAST_ROOM = 42; // of an axis with its labels [pixels]
 
 const STRIPS = [
-  { title: "speed", unit: "km/h", lines: [["real", "first", (f) => scaled(f.ego?.speed, 3.6)]] },
+  // `least`: what a strip spans at least, so that noise at constant speed does not fill it.
+  { title: "speed", unit: () => speedUnit().name, least: 10, lines: [["real", "first", (f) => scaled(f.ego?.speed, speedUnit().factor)]] },
   {
     title: "acceleration",
-    unit: "m/s²",
+    unit: () => "m/s²",
+    least: 2,
     lines: [
       ["real", "first", (f) => f.ego?.acceleration],
       ["wished", "second", (f) => f.ego?.wished],
     ],
   },
-  { title: "gap ahead", unit: "m", lines: [["gap", "third", (f) => f.gap]] },
+  { title: "gap ahead", unit: () => "m", least: 10, lines: [["gap", "third", (f) => f.gap]] },
 ];
 
 const scaled = (value, factor) => (value === null || value === undefined ? null : factor * value);
@@ -30,6 +36,7 @@ export class Strips {
     this.plots = [];
     this.data = null;
     this.drawnAt = -Infinity;
+    this.factor = speedUnit().factor; // of the speeds in the data
     new ResizeObserver(() => this.fit()).observe(root);
   }
 
@@ -41,7 +48,9 @@ export class Strips {
     const sampled = (values, factor = 1) => rows.map((row) => (Number.isFinite(values?.[row]) ? factor * values[row] : null));
     const column = (name, factor) => sampled(c[name], factor);
     const time = rows.map((row) => c.t[row]);
-    this.data = [[time, column("speed", 3.6)], [time, column("acceleration"), column("wished")], [time, sampled(frames.details?.columns.gap)]];
+    this.gaps = frames.detailed;
+    this.factor = speedUnit().factor;
+    this.data = [[time, column("speed", this.factor)], [time, column("acceleration"), column("wished")], [time, sampled(frames.details?.columns.gap)]];
     this.build([time[0], time[time.length - 1]]);
   }
 
@@ -82,10 +91,15 @@ export class Strips {
       const names = strip.lines.length > 1
         ? strip.lines.flatMap(([name, tint]) => [" ", tinted(name, tint)])
         : [];
-      const box = element("figure", {}, element("figcaption", {}, element("b", {}, strip.title), ` [${strip.unit}]`, ...names));
+      const box = element("figure", {}, element("figcaption", {}, element("b", {}, strip.title), ` [${strip.unit()}]`, ...names, this.lacking(strip)));
       this.root.append(box);
       return new uPlot(this.options(strip, box), this.data[index], box);
     });
+  }
+
+  /** What a strip's title says of a record whose gaps are not computed. */
+  lacking(strip) {
+    return strip.title === "gap ahead" ? { coming: " computing …", failed: " could not be computed" }[this.gaps] ?? "" : "";
   }
 
   options(strip, box) {
@@ -97,8 +111,11 @@ export class Strips {
       legend: { show: false },
       cursor: { show: false },
       padding: [8, 8, 0, 0],
-      scales: { x: { time: false, ...(this.range ? { min: this.range[0], max: this.range[1] } : {}) } },
-      axes: [{ ...axis, size: 26 }, { ...axis, size: 42 }],
+      scales: {
+        x: { time: false, ...(this.range ? { min: this.range[0], max: this.range[1] } : {}) },
+        y: { range: (plot, low, high) => spanned(low, high, strip.least) },
+      },
+      axes: [{ ...axis, size: 26 }, { ...axis, size: (plot, labels) => labelled(labels) }],
       series: [{}, ...strip.lines.map(([, tint]) => ({ stroke: colour(tint), width: 2, points: { show: false } }))],
       hooks: { draw: [(plot) => this.drawMark(plot)] },
     };
@@ -125,9 +142,32 @@ export class Strips {
     });
   }
 
+  /** Show speeds in the unit that was chosen. */
+  unitsChanged() {
+    const ratio = speedUnit().factor / this.factor;
+    this.factor = speedUnit().factor;
+    if (this.data === null) return;
+    this.data[0][1] = this.data[0][1].map((value) => (value === null ? null : ratio * value));
+    this.build(this.range);
+  }
+
   themeChanged() {
     if (this.data !== null) this.build(this.range);
   }
+}
+
+/** Return the ends of an axis of values from low to high, which spans `least` at least and, of none below 0, none. */
+function spanned(low, high, least) {
+  if (low === null || high === null) return [0, least];
+  const half = 0.525 * Math.max(high - low, least);
+  const begin = (low + high) / 2 - half;
+  return low >= 0 && begin < 0 ? [0, 2 * half] : [begin, begin + 2 * half];
+}
+
+/** Return the room that labels need beside an axis [pixels]. */
+function labelled(labels) {
+  const longest = Math.max(0, ...(labels ?? []).map((label) => String(label ?? "").length));
+  return Math.max(LEAST_ROOM, Math.ceil(LABEL_ROOM + LABEL_WIDTH * longest));
 }
 
 function tinted(name, tint) {
