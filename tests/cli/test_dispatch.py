@@ -12,6 +12,7 @@ import pytest
 
 from tests import isolated
 from tests.conftest import REPOSITORY
+from vve_sumo.cli import main, scenarios
 
 SCENARIO = (REPOSITORY / "scenarios" / "parked_car.toml").read_text(encoding="utf-8")
 
@@ -286,3 +287,19 @@ def test_a_users_own_controller_drives_and_its_failure_is_a_stop(tmp_path: Path)
     assert "out of ideas" in run.stdout
     assert "fault" in run.stdout
     shutil.rmtree(tmp_path / "record")
+
+
+def test_a_defect_of_ours_is_no_failed_drive(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def defective(arguments: object) -> int:
+        raise ZeroDivisionError("in a command")
+
+    def gone(arguments: object) -> int:
+        raise BrokenPipeError
+
+    monkeypatch.setattr(scenarios, "run", defective)
+    assert main(["scenarios"]) == 70
+    assert "ZeroDivisionError: in a command" in capsys.readouterr().err
+    monkeypatch.setattr(scenarios, "run", gone)
+    assert main(["scenarios"]) == 141

@@ -10,6 +10,8 @@ if TYPE_CHECKING:
 
 #: exit code of a command that was interrupted from the keyboard: 128 and the number of SIGINT, as shells count
 INTERRUPTED = 130
+PIPE_CLOSED = 141  #: whoever read the output has gone, as a shell says of a signal: 128 + SIGPIPE
+DEFECT = 70  #: an exception of ours that nothing foresaw: EX_SOFTWARE of sysexits.h
 #: characters of a line where there is no terminal to say
 WIDTH = 160
 

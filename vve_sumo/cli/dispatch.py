@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import io
 import sys
+import traceback
 from collections.abc import Sequence
 
 from vve_sumo.cli import (
@@ -32,7 +33,7 @@ from vve_sumo.cli import (
     sweep,
     view,
 )
-from vve_sumo.cli.console import INTERRUPTED, complain
+from vve_sumo.cli.console import DEFECT, INTERRUPTED, PIPE_CLOSED, complain
 from vve_sumo.cli.parser import EXIT_CODES, Parser, add_command
 from vve_sumo.errors import VveError
 from vve_sumo.version import __version__
@@ -98,11 +99,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         complain(str(error))
         return error.exit_code
     except BrokenPipeError:
-        return 1
+        return PIPE_CLOSED
     except OSError as error:
         complain(f"{error.filename or 'a file'}: {error.strerror or error}")
         return 2
     except KeyboardInterrupt as interrupt:
         complain(str(interrupt) or "interrupted")
         return INTERRUPTED
+    except Exception:
+        # 1, with which Python itself ends by an exception, says that something was driven and failed.
+        traceback.print_exc()
+        return DEFECT
     return code

@@ -17,6 +17,7 @@ EXIT_CODES = """exit codes:
   2  wrong use or configuration; nothing was written
   3  the rig is not ready
   4  the simulation broke
+  70  a defect of vve_sumo; its traceback says where
   130  interrupted from the keyboard
 """
 
