@@ -71,8 +71,11 @@ def _over_model(table: dict[str, Any], file: Path, working: Path) -> dict[str, A
         raise ConfigError(f"{file}: vehicle.model: {error}") from None
     wire = vehicles.load(found).interface  # and what is wrong in the model's own file is refused
     model = read_as(found, "vehicle", VehicleFile)
-    there = [one for one in MODEL_TABLES if one in model]  # a model need not say what was measured
-    whole = {one: {k: v for k, v in model[one].items() if k != "sources"} | said[one] for one in there}
+    whole: dict[str, Any] = {
+        one: {k: v for k, v in model[one].items() if k != "sources"} | said[one]
+        for one in MODEL_TABLES
+        if one in model  # which need not say what was measured
+    }
     if "brake_gain_kgm" not in said["calibration"]:
         _scale_brake_gain(whole, model["vehicle"])
     if isinstance(table.get("drive_by_wire"), dict):  # its settings are verified on the car: none are the model's
