@@ -31,8 +31,8 @@ def open_bus(place: str) -> Bus:
 class EsrRadar:
     """The newest whole cycle of a radar."""
 
-    def __init__(self, place: str) -> None:
-        self.bus, self._decoder = open_bus(place), esr.Decoder()
+    def __init__(self, bus: Bus) -> None:
+        self.bus, self._decoder = bus, esr.Decoder()
         self._cycle: esr.Cycle | None = None
         self._came = float("-inf")
 

@@ -142,12 +142,12 @@ def _shown(case: Case) -> float:
     return max(within, case.lasts if math.isfinite(case.lasts) else 0.0)
 
 
-def _tried(preferred: float, onset: float) -> Iterator[float]:
-    """Yield the times of ticks at which a fault might begin [s]: the preferred one, those before it, those after it."""
+def _tried(preferred: float, last: float) -> Iterator[float]:
+    """Yield the times of ticks at which a fault might begin [s]: the preferred one, then others by their distance."""
     first = max(round(preferred / PERIOD), 0)
     step = round(STEP / PERIOD)
-    yield from (tick * PERIOD for tick in range(first, -1, -step))
-    yield from (tick * PERIOD for tick in range(first + step, round(onset / PERIOD) + 1, step))
+    ticks = [*range(first, -1, -step), *range(first + step, round(last / PERIOD) + 1, step)]
+    yield from (tick * PERIOD for tick in sorted(ticks, key=lambda tick: abs(tick - first)))
 
 
 def _unbraked(course: Course, begins: float, ends: float) -> bool:
