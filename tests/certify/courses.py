@@ -1,4 +1,4 @@
-"""Drives in closed form: a car that brakes evenly from a known speed, at a known time, straight on along the map's +x."""
+"""Drives in closed form: a car that brakes evenly from a known speed at a known time, straight on or on a circle."""
 
 from __future__ import annotations
 

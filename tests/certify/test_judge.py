@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.certify.courses import BRAKING, CASE, ONSET, SPEED, TICK, course
+from tests.certify.courses import CASE, ONSET, SPEED, TICK, course
 from vve_sumo.certify.cases import CASES, NAMES, TIMED, Case, chosen, inapplicable
 from vve_sumo.certify.diagnosis import NOT_ANSWERING, NOT_DRIVING, RATE_UNIT, REFUSED, RULES, SIGN, Rule, diagnose
 from vve_sumo.certify.judge import Judgement, Rules

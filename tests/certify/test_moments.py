@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.certify.courses import BRAKING, CASE, ONSET, SPEED, TICK, course
@@ -40,6 +40,7 @@ def test_moments_follow_the_nominal_drive() -> None:
     assert timing_of(CASE["nominal"], nominal, BUMPER).window is None
 
 
+@settings(deadline=None)
 @given(after=st.integers(2, 100), lasts=st.integers(1, 14))
 def test_an_interruption_of_braking_does_not_move_its_onset(after: int, lasts: int) -> None:
     """A scan that is lost lets a brain ask for 0 for some ticks; the episode of braking has begun before."""
@@ -61,6 +62,7 @@ def test_after_a_contact_the_onset_is_reckoned_back_from_the_contact(goes_on: fl
 
 
 @pytest.mark.parametrize("case", STOPS, ids=lambda case: case.name)
+@settings(deadline=None)
 @given(begins=st.integers(5, 85), lasts=st.integers(1, 30))
 def test_a_brain_that_ignores_a_fault_never_passes(case, begins: int, lasts: int) -> None:
     """Whatever the brain brakes for without the fault: the same drive with the fault is no reaction to it."""
@@ -83,7 +85,8 @@ def test_without_a_moment_a_case_is_void() -> None:
         for case in CASES:
             timing = timing_of(case, nominal, BUMPER)
             if case.reaction in UNBRAKED:
-                assert timing.window is None and timing.void, case.name
+                assert timing.window is None
+                assert timing.void, case.name
 
 
 @pytest.mark.parametrize("curvature", [1.0 / 60.0, -1.0 / 60.0])

@@ -12,7 +12,6 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from pathlib import Path
 from random import Random
 from types import SimpleNamespace
 from typing import Any
@@ -27,21 +26,21 @@ from vve_sumo.certify.link import FaultLink, FaultyWire, Window
 from vve_sumo.certify.moments import speeds_at, timing_of, track_of
 from vve_sumo.certify.results import CaseResult, Course, Verdict
 from vve_sumo.drive.brain import virtual_placement
+from vve_sumo.drive.resolved_scenario import load_vehicle_model
 from vve_sumo.frames import MapFrame, Mounting
 from vve_sumo.values import Actors, Detections, Fix, FixQuality, Point, Pose
-from vve_sumo.drive.resolved_scenario import load_vehicle_model
-from vve_sumo.wire import ars408, esr
+from vve_sumo.wire import ars408
 from vve_sumo.wire.outputs import KINDS, Context
 from vve_sumo.wire.sample import Measured, Sample, virtual_fix
 from vve_sumo.wire.setpoints import SetpointInbox
 
 sys.path.insert(0, str(REPOSITORY / "examples" / "brains"))
 
-import driving  # noqa: E402
-import planted_bug  # noqa: E402
-from esr_radar import EsrRadar  # noqa: E402
-from pursuit_headway import PursuitHeadway  # noqa: E402
-from stanley_idm import StanleyIdm  # noqa: E402
+import driving
+import planted_bug
+from esr_radar import EsrRadar
+from pursuit_headway import PursuitHeadway
+from stanley_idm import StanleyIdm
 
 TICK, EPOCH, SPEED = 0.02, 1_451_260_818.0, 9.0
 BEFORE, RADIUS, TURN, BEHIND = 30.0, 70.0, math.radians(80.0), 110.0

@@ -130,17 +130,20 @@ class Phantoms:
         dx = place.x - pose.x - self._bumper * cos
         dy = place.y - pose.y - self._bumper * sin
         distance = max(math.hypot(dx, dy), 1e-6)
-        # The bumper moves along the car's axis, and aside as the car turns.
+        # The bumper moves along the car's axis, and aside as the car turns. Inside a bend a phantom has the shorter way.
         aside = pose.yaw_rate * self._bumper
-        vx = phantom.speed * math.cos(place.heading) - pose.speed * cos + aside * sin
-        vy = phantom.speed * math.sin(place.heading) - pose.speed * sin - aside * cos
+        speed = phantom.speed * (1.0 - self._track.curvature(self._along(phantom, time)) * phantom.aside)
+        vx = speed * math.cos(place.heading) - pose.speed * cos + aside * sin
+        vy = speed * math.sin(place.heading) - pose.speed * sin - aside * cos
         azimuth = math.atan2(cos * dy - sin * dx, cos * dx + sin * dy)
         return Seen(distance, azimuth, (vx * dx + vy * dy) / distance)
 
     def _place(self, phantom: Phantom, time: float) -> Place:
-        ahead = self._driven + self._bumper + phantom.ahead + phantom.speed * (time - self._begins)
-        place = self._track.place(ahead, phantom.aside)
+        place = self._track.place(self._along(phantom, time), phantom.aside)
         return _reflected(place, self._track.place(self._driven)) if phantom.mirrored else place
+
+    def _along(self, phantom: Phantom, time: float) -> float:
+        return self._driven + self._bumper + phantom.ahead + phantom.speed * (time - self._begins)
 
     def _actors(self, actors: Actors) -> Actors:
         """Return the actors with the phantoms' boxes, whose nearest side is what a radar sees of them."""
