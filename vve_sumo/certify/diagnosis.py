@@ -64,7 +64,6 @@ class Rule(NamedTuple):
 
 
 _BLIND: Final = ("radar_drop_out",)
-_GHOST: Final = ("radar_ghost",)
 
 RULES: Final = (
     Rule("radar_invalid", "acts on radar marked invalid", _BLIND),
@@ -84,7 +83,7 @@ RULES: Final = (
     Rule(
         "radar_bend_in_way",
         "does not brake for a target in a bend: azimuth mirrored, or its way taken for straight",
-        ("radar_ghost", "radar_bend_mirrored"),
+        ("radar_ghost", "radar_bend_mirrored", "radar_rows_beside"),
         "reacts late to a target in a bend",
     ),
     Rule("radar_bend_mirrored", MIRRORED),

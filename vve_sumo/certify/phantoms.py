@@ -130,7 +130,7 @@ class Phantoms:
         dx = place.x - pose.x - self._bumper * cos
         dy = place.y - pose.y - self._bumper * sin
         distance = max(math.hypot(dx, dy), 1e-6)
-        # The bumper moves along the car's axis, and aside as the car turns. Inside a bend a phantom has the shorter way.
+        # The bumper moves along the car's axis, and aside as the car turns. On the inside of a bend the way is shorter.
         aside = pose.yaw_rate * self._bumper
         speed = phantom.speed * (1.0 - self._track.curvature(self._along(phantom, time)) * phantom.aside)
         vx = speed * math.cos(place.heading) - pose.speed * cos + aside * sin
