@@ -93,6 +93,15 @@ def test_every_case_is_held_to_the_path_and_to_the_speed() -> None:
     assert "1.1 m/s faster" in fast.why
 
 
+def test_who_asks_for_more_steering_than_there_is_has_another_unit() -> None:
+    nominal = course()
+    for asked, passes in ((0.7, True), (-0.8, False), (28.0, False)):
+        steered = [one._replace(steering=asked) if one.time > 5.0 else one for one in nominal.answers]
+        rules = Rules(Limits(), SPEED, steering=0.5)
+        found = judge_by(CASE["nominal"], None, replace(nominal, answers=steered), None, rules)
+        assert (found.verdict is Verdict.PASSED) is passes, asked
+
+
 def test_limits_are_refused_where_nothing_could_keep_them() -> None:
     for values, said in (
         ({"min_left": 1.0}, "'min_left' is no limit.*min_left_m"),

@@ -52,7 +52,7 @@ SCAN_PERIOD, SCAN_DELAY = 0.05, 0.03  #: of the radar [s]
 PROJECTION = "+proj=tmerc +lat_0=40 +lon_0=-83 +k=1 +x_0=0 +y_0=0 +ellps=WGS84 +units=m +no_defs"
 #: where the receiver sits: as the brains have it
 MOUNTING = Mounting(driving.AHEAD, driving.LEFT)
-RULES = Rules(Limits(), SPEED)
+RULES = Rules(Limits(), SPEED, steering=0.5)
 
 
 def place(s: float) -> tuple[float, float, float]:

@@ -46,8 +46,10 @@ GREATEST_STEERING: Final = 0.9
 GREATEST_ACCELERATION: Final = 15.0
 #: who brakes for something asks for more than this at least once [m/s2]
 LEAST_BRAKING: Final = 1.0
-#: at rest, a brain that wants to stay there may ask for as little [m/s2]; one that wants to drive off asks for more
+#: a brain that wants to drive off asks for more [m/s2]
 MOVING_OFF: Final = 0.3
+#: a drive begins with driving off, for so long at least [s]
+DRIVING_OFF: Final = 1.0
 #: of the path, from which on steering is looked at [m]
 ASIDE: Final = (0.1, 3.0)
 #: of the steering beyond what the way takes is to the wrong side
@@ -186,9 +188,9 @@ def _asks_too_much(course: Course) -> bool:
 
 
 def _asks_backwards(course: Course) -> bool:
-    """Whether the car never moved off and the brain asked for braking."""
-    stood = float(np.nanmax(np.abs(course.speed))) < 0.5
-    return stood and float(np.median([answer.acceleration for answer in course.answers])) < -MOVING_OFF
+    """Whether the brain asked for braking at the beginning of the drive, when it had to drive off, and came to rest."""
+    begun = [answer.acceleration for answer in course.answers if answer.time < course.answers[0].time + DRIVING_OFF]
+    return float(np.median(begun)) < -MOVING_OFF and not course.collision
 
 
 def _asks_too_little(course: Course) -> bool:

@@ -30,6 +30,8 @@ LEAST_BRAKING: Final = 0.3
 MOST_BRAKING: Final = 0.1
 #: a drive with a fault may be so much ahead of or behind the nominal one [s]
 SHIFT: Final = 0.3
+#: a brain may ask for so much of the car's steering: the gateway limits it, but who asks for more has another unit
+MOST_STEERING: Final = 1.5
 #: outcomes that are no fault of the brain: nothing can be said of it then
 BROKEN: Final = ("broken", "interrupted")
 #: outcomes of a drive that nothing cut short
@@ -55,6 +57,7 @@ class Rules:
 
     limits: Limits
     speed: float  #: that the scenario asks for [m/s]
+    steering: float = math.inf  #: road-wheel angle that the car has on either side [rad]
 
 
 def judge(case: Case, window: Window | None, course: Course, nominal: Course | None, rules: Rules) -> Judgement:
@@ -151,6 +154,9 @@ def _failure(
     if case.reaction is Reaction.DRIVE and float(np.nanmax(np.abs(course.speed))) <= AT_REST:
         return "the car never moved"
     found = [*_beyond(course, rules), *_untimely(case, reaction)]
+    steered = max((abs(answer.steering) for answer in course.answers), default=0.0)
+    if case.reaction is Reaction.DRIVE and steered > MOST_STEERING * rules.steering:
+        found.append(f"it asked for {steered:.2f} rad of steering, the car has {rules.steering:.2f} rad")
     if case.reaction in UNDISTURBED:
         found += _disturbed(case, window, course, nominal, rules.limits)
     elif not found:

@@ -114,7 +114,8 @@ class Bench:
     @property
     def rules(self) -> Rules:
         """What every drive is held to."""
-        return Rules(self.query.limits, next(iter(self.scenarios.values())).scenario.ego.speed_mps)
+        resolved = next(iter(self.scenarios.values()))
+        return Rules(self.query.limits, resolved.scenario.ego.speed_mps, resolved.vehicle.steering_limit)
 
     def identity(self) -> dict[str, Any]:
         """Return what must be the same where a certificate is gone on with."""
