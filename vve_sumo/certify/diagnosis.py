@@ -159,9 +159,7 @@ def _braked(driven: Sequence[CaseResult], name: str, demand: float = -BRAKING_DE
 
 
 def _steers_too_much(course: Course) -> bool:
-    return float(np.median([abs(answer.steering) for answer in course.answers])) > GREATEST_STEERING or any(
-        abs(answer.steering) > 2.0 * GREATEST_STEERING for answer in course.answers
-    )
+    return any(abs(answer.steering) > GREATEST_STEERING for answer in course.answers)
 
 
 def _steers_away(course: Course) -> bool:
@@ -202,7 +200,7 @@ def _asks_too_little(course: Course) -> bool:
 _OF_DRIVES: Final[tuple[tuple[Callable[[Course], bool], str], ...]] = (
     (_asks_too_much, ACCELERATION_LARGE),
     (_asks_backwards, ACCELERATION_SIGN),
-    (_steers_too_much, STEERING_SCALE),
     (_steers_away, STEERING_SIGN),
+    (_steers_too_much, STEERING_SCALE),
     (_asks_too_little, ACCELERATION_SMALL),
 )
