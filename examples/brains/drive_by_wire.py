@@ -163,7 +163,7 @@ def main() -> None:
     brain, gnss = Brain(waypoints(given.waypoints), given.speed), Gnss(given.gnss)
     with contextlib.suppress(PermissionError):  # what commands a car must not wait for a browser
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
-    radar, car = EsrRadar(given.esr), Car(given.car)
+    radar, car = EsrRadar(open_bus(given.esr)), Car(given.car)
     drive = Drive(brain, gnss, radar, car)
     try:
         while drive.step(time.monotonic()):

@@ -90,11 +90,18 @@ class Brain:
 
     def believes(self, beat: RadarDatagram) -> bool:
         """Whether a datagram may be acted on: it is valid, newer than the last, and its scan is not too old."""
-        newer = self._sequence is None or 0 < (beat.sequence - self._sequence) % SEQUENCES < SEQUENCES // 2
-        if not (newer and self.valid(beat) and self.age(beat) <= MAX_AGE):
+        if not (self.newer(beat) and self.valid(beat) and self.age(beat) <= MAX_AGE):
             return False
         self._sequence = beat.sequence
         return True
+
+    def newer(self, beat: RadarDatagram) -> bool:
+        """Whether a datagram's sequence is newer than that of the last that was believed."""
+        return self._sequence is None or 0 < (beat.sequence - self._sequence) % SEQUENCES < SEQUENCES // 2
+
+    def timely(self, fix: Fix, beat: RadarDatagram) -> bool:
+        """Whether a fix and a datagram are of the same time: the fix tells how late the datagram is."""
+        return abs(fix.time - beat.time) <= SAME_TICK
 
     def valid(self, beat: RadarDatagram) -> bool:
         """Whether a datagram says that it is valid."""
@@ -107,6 +114,10 @@ class Brain:
     def range_rate(self, target: Target) -> float:
         """Return the radial speed of a target [m/s], opening positive."""
         return target.range_rate
+
+    def azimuth(self, target: Target) -> float:
+        """Return the direction of a target [rad], left positive."""
+        return target.azimuth
 
     def _plane(self, latitude: float, longitude: float) -> tuple[float, float]:
         north = EARTH * (latitude - self._origin[0])
@@ -151,9 +162,10 @@ class Brain:
     def _acceleration(self, radar: Seen, curvature: float) -> float:
         gap, age = math.inf, self.age(radar)
         for target in radar.targets:
-            along, aside = target.range * math.cos(target.azimuth), target.range * math.sin(target.azimuth)
+            azimuth = self.azimuth(target)
+            along, aside = target.range * math.cos(azimuth), target.range * math.sin(azimuth)
             # What moves with the road is left to others: this brain stops for what stands.
-            stands = abs(self.range_rate(target) + radar.speed * math.cos(target.azimuth)) < 2.0
+            stands = abs(self.range_rate(target) + radar.speed * math.cos(azimuth)) < 2.0
             if stands and abs(aside - 0.5 * curvature * (along + BUMPER) ** 2) < HALF_WIDTH:
                 gap = min(gap, along - radar.speed * (age + LAG))
         needed = radar.speed**2 / (2.0 * max(gap - GAP, 0.1))
@@ -177,13 +189,29 @@ def waypoints(file: Path) -> list[tuple[float, float]]:
         return [(math.radians(float(r["latitude_deg"])), math.radians(float(r["longitude_deg"]))) for r in rows]
 
 
+class Fixes:
+    """The newest fix of a receiver that sends NCOM."""
+
+    def __init__(self) -> None:
+        self._decoder = Decoder()
+        self._fix: Fix | None = None
+
+    def feed(self, data: bytes) -> None:
+        """Take a packet that has come."""
+        self._fix = ([self._fix, *self._decoder.feed(data, 0.0)])[-1]
+
+    @property
+    def fix(self) -> Fix | None:
+        """The newest fix where it is one to drive by, else None."""
+        return self._fix if self._fix is not None and self._fix.locked else None
+
+
 class Gnss:
     """The newest fix of a receiver that sends NCOM to a port of this machine."""
 
     def __init__(self, port: int) -> None:
-        self.socket, self._decoder = listen(port), Decoder()
+        self.socket, self._fixes = listen(port), Fixes()
         self.socket.setblocking(False)
-        self.fix: Fix | None = None
 
     def read(self) -> Fix | None:
         """Take what has come, and return the newest fix where it is one to drive by, else None."""
@@ -191,35 +219,60 @@ class Gnss:
             try:
                 data = self.socket.recv(100)
             except BlockingIOError:
-                return self.fix if self.fix is not None and self.fix.locked else None
-            self.fix = ([self.fix, *self._decoder.feed(data, 0.0)])[-1]
+                return self._fixes.fix
+            self._fixes.feed(data)
 
 
 #: what a brain sees at a fix, in the tick of a radar datagram; None: it has no radar now
 Look = Callable[[Fix, RadarDatagram], Seen | None]
 
 
-def answer(brain: Brain, gnss: Gnss, radar: socket.socket, setpoints: int, look: Look, key: bytes = b"") -> None:
-    """Answer each radar datagram that the brain believes with a setpoint; without a radar the answer is to brake.
+class Answers:
+    """Makes the setpoint that answers a radar datagram, where the brain believes it."""
+
+    lifetime = 0.1  # of the setpoints [s]
+
+    def __init__(self, brain: Brain, look: Look, key: bytes = b"") -> None:
+        """With a `key`, datagrams that are not signed with it are not believed, and setpoints are signed."""
+        self._brain, self._look, self._key = brain, look, key
+        self._sequence, self._steering = 0, 0.0
+
+    def to(self, data: bytes, fix: Fix | None) -> bytes | None:
+        """Return the bytes of the setpoint that answers a datagram; without a radar it brakes. None: no answer."""
+        body = without_tag(data, self._key)
+        beat = None if body is None else decode_radar(body)
+        if beat is None or fix is None or not self._brain.timely(fix, beat) or not self._brain.believes(beat):
+            return None
+        seen, acceleration = self._look(fix, beat), -BLIND
+        if seen is not None:
+            self._steering, acceleration = self._brain.answer(fix, seen)
+        self._sequence += 1
+        asked = SetpointDatagram(
+            self._sequence, beat.sequence, beat.time, self.lifetime, self._steering, acceleration
+        )  # fmt: skip
+        sent = encode_setpoint(asked)
+        return signed(sent, self._key) if self._key else sent
+
+
+def answer(answers: Answers, gnss: int, radar: int, setpoints: int) -> None:
+    """Answer the radar datagrams that come to a port of this machine, by the fixes that come to another, to a third.
 
     The datagram is the beat of the setpoints, whatever the brain sees by: a setpoint names the one that it answers.
-    With a `key`, datagrams that are not signed with it are not believed, and setpoints are signed.
     """
-    out, sequence, steering = socket.socket(socket.AF_INET, socket.SOCK_DGRAM), 0, 0.0
+    receiver, beats = Gnss(gnss), listen(radar)
+    out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     out.bind(("127.0.0.1", 0))
     while True:
-        body = without_tag(radar.recv(2048), key)
-        beat = None if body is None else decode_radar(body)
-        fix = gnss.read()  # the fix of the same tick was sent before
-        if beat is None or fix is None or abs(fix.time - beat.time) > SAME_TICK or not brain.believes(beat):
-            continue
-        seen, acceleration = look(fix, beat), -BLIND
-        if seen is not None:
-            steering, acceleration = brain.answer(fix, seen)
-        sequence += 1
-        asked = SetpointDatagram(sequence, beat.sequence, beat.time, 0.1, steering, acceleration)
-        data = encode_setpoint(asked)
-        out.sendto(signed(data, key) if key else data, ("127.0.0.1", setpoints))
+        data = beats.recv(2048)
+        setpoint = answers.to(data, receiver.read())  # the fix of the same tick was sent before
+        if setpoint is not None:
+            out.sendto(setpoint, ("127.0.0.1", setpoints))
+
+
+def answer_by_radar(make: Callable[[argparse.Namespace], Brain], description: str | None) -> None:
+    """Run a brain that sees by the radar datagram, with the arguments of the command line."""
+    given = arguments(description).parse_args()
+    answer(Answers(make(given), lambda _fix, radar: radar, given.key), given.gnss, given.radar, given.setpoints)
 
 
 def read_key(file: str) -> bytes:

@@ -31,8 +31,8 @@ def open_bus(place: str) -> Bus:
 class EsrRadar:
     """The newest whole cycle of a radar."""
 
-    def __init__(self, place: str) -> None:
-        self.bus, self._decoder = open_bus(place), esr.Decoder()
+    def __init__(self, bus: Bus) -> None:
+        self.bus, self._decoder = bus, esr.Decoder()
         self._cycle: esr.Cycle | None = None
         self._came = float("-inf")
 
@@ -44,7 +44,10 @@ class EsrRadar:
             self._cycle = None
             return
         for cycle in self._decoder.feed(frames):
-            self._cycle, self._came = cycle, now
+            # A cycle that repeats the scan index shows no new scan: a radar that hangs repeats it for good.
+            if self._cycle is None or cycle.scan_index != self._cycle.scan_index:
+                self._came = now
+            self._cycle = cycle
 
     def tell(self, speed: float, yaw_rate: float) -> None:
         """Send the vehicle messages: speed [m/s], yaw rate [rad/s], and the order to radiate."""

@@ -31,8 +31,8 @@ int main(int count, char **words) {
         if (came < 0) continue;
         const size_t length = has_key ? vve_without_tag(data, (size_t)came, key) : (size_t)came;
         if (!vve_read_radar(data, length, &radar)) continue;
-        /* An invalid or an old datagram has no answer, and the gateway stops the car. */
-        if (!(radar.head.flags & VVE_VALID) || radar.head.sequence <= newest) continue;
+        /* An invalid or an old datagram, or an old scan, has no answer, and the gateway stops the car. */
+        if (!vve_fresh(&radar) || radar.head.sequence <= newest) continue;
         newest = radar.head.sequence;
         float ahead = INFINITY;
         for (uint32_t n = 0; n < radar.targets; n++) {

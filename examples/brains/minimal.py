@@ -15,6 +15,7 @@ import zlib
 from pathlib import Path
 
 HEAD, RADAR, TARGET, ANSWER = struct.Struct("<4sBBHII"), struct.Struct("<ddffII"), "<fffHBB", struct.Struct("<dffII")
+MAX_SCAN_AGE = 0.3  # [s]
 hears, answers = (int(port) for port in sys.argv[1:3] or ("5002", "5003"))
 key = bytes.fromhex(Path(sys.argv[3]).read_text()) if len(sys.argv) > 3 else b""
 
@@ -40,6 +41,8 @@ while True:
         continue  # another datagram, an invalid one, or an old one: no answer, and the gateway stops the car
     newest = sequence
     time, measured, speed, yaw_rate, count, _ = RADAR.unpack_from(data, HEAD.size)
+    if not -0.001 < time - measured <= MAX_SCAN_AGE:
+        continue  # an old scan under a new time
     targets = list(struct.iter_unpack(TARGET, data[48:-4]))  # range, azimuth, range rate, number, mode, 0
     if not all(map(math.isfinite, (time, measured, speed, *(x for t in targets for x in t[:3])))):
         continue  # a comparison with what is not a number is never true: such a target would not be braked for

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import math
 
-from driving import Brain, Gnss, Scan, answer, arguments, listen, waypoints
-from esr_radar import EsrRadar
+from driving import Answers, Brain, Scan, answer, arguments, waypoints
+from esr_radar import EsrRadar, open_bus
 
 from vve_sumo.values import Fix
 from vve_sumo.wire.datagrams import RadarDatagram
@@ -23,8 +23,7 @@ def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--esr", default="slcan:esr.pty", help="the radar's bus, slcan:esr.pty where nothing is said")
     given = parser.parse_args()
-    brain, gnss, beat = Brain(waypoints(given.waypoints), given.speed), Gnss(given.gnss), listen(given.radar)
-    radar = EsrRadar(given.esr)
+    brain, radar = Brain(waypoints(given.waypoints), given.speed), EsrRadar(open_bus(given.esr))
 
     def look(fix: Fix, _beat: RadarDatagram) -> Scan | None:
         speed = math.hypot(fix.velocity_north, fix.velocity_east)
@@ -32,7 +31,7 @@ def main() -> None:
         radar.tell(speed, 0.0)
         return radar.scan(fix.time, fix.time, speed)
 
-    answer(brain, gnss, beat, given.setpoints, look, given.key)
+    answer(Answers(brain, look, given.key), given.gnss, given.radar, given.setpoints)
 
 
 if __name__ == "__main__":

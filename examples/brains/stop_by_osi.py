@@ -13,7 +13,7 @@ import select
 import socket
 from types import SimpleNamespace
 
-from driving import Brain, Gnss, Scan, answer, arguments, listen, waypoints
+from driving import Answers, Brain, Scan, answer, arguments, listen, waypoints
 from osi3.osi_sensordata_pb2 import SensorData
 
 from vve_sumo.values import Fix
@@ -63,7 +63,8 @@ def main() -> None:
     parser.add_argument("--osi", type=int, default=5004, help="port of SensorData")
     given = parser.parse_args()
     brain = Brain(waypoints(given.waypoints), given.speed)
-    answer(brain, Gnss(given.gnss), listen(given.radar), given.setpoints, OsiRadar(given.osi).look, given.key)
+    answers = Answers(brain, OsiRadar(given.osi).look, given.key)
+    answer(answers, given.gnss, given.radar, given.setpoints)
 
 
 if __name__ == "__main__":

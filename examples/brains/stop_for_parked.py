@@ -9,15 +9,7 @@ the other side stops the car.
 
 from __future__ import annotations
 
-from driving import Brain, Gnss, answer, arguments, listen, waypoints
-
-
-def main() -> None:
-    """Answer until interrupted."""
-    given = arguments(__doc__).parse_args()
-    brain = Brain(waypoints(given.waypoints), given.speed)
-    answer(brain, Gnss(given.gnss), listen(given.radar), given.setpoints, lambda _fix, radar: radar, given.key)
-
+from driving import Brain, answer_by_radar, waypoints
 
 if __name__ == "__main__":
-    main()
+    answer_by_radar(lambda given: Brain(waypoints(given.waypoints), given.speed), __doc__)

@@ -23,7 +23,7 @@ typedef struct {
     uint8_t kind;         /* VVE_RADAR or VVE_SETPOINT */
     uint16_t flags;       /* radar: VVE_VALID; setpoint: VVE_EMERGENCY */
     uint32_t sequence;    /* radar: counts ticks up, with gaps for skipped ones; setpoint: counts up */
-    uint32_t lifetime_us; /* from its arrival on; not to be acted on for longer */
+    uint32_t lifetime_us; /* not to be acted on for longer: radar: after its time_s; setpoint: after its arrival */
 } vve_head;
 
 typedef struct {
@@ -55,7 +55,16 @@ typedef struct {
     uint32_t reserved;
 } vve_setpoint;
 
+#define VVE_MAX_SCAN_AGE 0.3 /* [s]; an older scan is not to be acted on */
+
 enum { VVE_RADAR_HEAD = 48, VVE_SETPOINT_LENGTH = 44, VVE_KEY = 32, VVE_TAG = 16 };
+
+/* Return whether a radar datagram may be acted on: it says so, and its scan is not older than 0.3 s. Its own lifetime
+ * is the caller's to check, who knows the time: at a GNSS time later than time_s + lifetime_us it has ended. */
+static inline int vve_fresh(const vve_radar *radar) {
+    const double age = radar->time_s - radar->measured_s;
+    return (radar->head.flags & VVE_VALID) && age > -0.001 && age <= VVE_MAX_SCAN_AGE;
+}
 
 static inline uint32_t vve_crc32(const uint8_t *data, size_t length) {
     uint32_t crc = 0xFFFFFFFFu;

@@ -12,10 +12,11 @@ import pytest
 from tests.conftest import REPOSITORY
 from tests.live.stage import free_ports
 from vve_sumo.certify.brain_process import BrainProcess
-from vve_sumo.certify.cases import NAMES, chosen
+from vve_sumo.certify.cases import CASES, NAMES, chosen
+from vve_sumo.certify.limits import Limits
 from vve_sumo.certify.link import FaultLink
 from vve_sumo.certify.report import again
-from vve_sumo.certify.results import BrainUnderTest, Certificate
+from vve_sumo.certify.results import BrainUnderTest, CaseResult, Certificate, Verdict
 from vve_sumo.certify.run import CertifyQuery, certify
 from vve_sumo.cli.parser import setting
 from vve_sumo.errors import ConfigError
@@ -43,7 +44,7 @@ def test_a_launchers_brain_ends_with_the_case(tmp_path: Path) -> None:
     launcher = tmp_path / "launcher.sh"
     launcher.write_text(f"{sys.executable} {tmp_path / 'brain.py'} {port} &\nwait\n", encoding="utf-8")
     process = BrainProcess(f"sh {launcher}", [port], tmp_path / "brain.log", tmp_path)
-    process.wait_until_it_listens()
+    assert process.wait_until_it_listens([port]) == frozenset()
     process.close()
     limit = time.monotonic() + 5.0
     while _is_listened_on(port) and time.monotonic() < limit:
@@ -104,6 +105,7 @@ def _certificate(**other: object) -> Certificate:
     values: dict[str, object] = {
         "rig": "foreign", "rig_asked": "mine/foreign.toml", "rig_sha256": "", "scenario": "parked_car", "values": {},
         "brain": BrainUnderTest("./brain --fast", {}), "wires": ("radar",), "seeds": (1, 2), "cases": NAMES,
+        "limits": Limits(),
         "results": (), "defects": (), "software": {}, "began_utc": "",
     }  # fmt: skip
     return Certificate(**(values | other))  # type: ignore[arg-type]
@@ -114,6 +116,30 @@ def test_the_command_that_drives_it_again_has_the_same_rig_cases_and_values() ->
     assert again(_certificate()) == f"{asked} --brain './brain --fast'"
     chosen = again(_certificate(cases=("nominal", "radar_gap"), brain=BrainUnderTest("", {})))
     assert chosen == f"{asked} --cases nominal,radar_gap"
+    stricter = again(_certificate(limits=Limits(max_deviation_m=0.3), brain=BrainUnderTest("", {})))
+    assert stricter == f"{asked} --limit max_deviation_m=0.3"
+
+
+def test_what_was_not_tested_is_not_passed() -> None:
+    def with_verdicts(*verdicts: Verdict) -> Certificate:
+        return _certificate(results=tuple(CaseResult(CASES[0], n, verdict) for n, verdict in enumerate(verdicts)))
+
+    assert with_verdicts(Verdict.PASSED, Verdict.NOT_APPLICABLE).verdict == "passed"
+    assert with_verdicts(Verdict.PASSED, Verdict.VOID).verdict == "INCOMPLETE"
+    assert not with_verdicts(Verdict.PASSED, Verdict.VOID).passed
+    assert with_verdicts(Verdict.FAILED, Verdict.VOID).verdict == "FAILED"
+
+
+def test_a_brain_that_sees_by_radar_alone_need_not_listen_elsewhere(tmp_path: Path) -> None:
+    """Ports that it has not opened when it waits are those of wires that it does not use; the radar's it must open."""
+    radar, gnss = free_ports(2)
+    (tmp_path / "brain.py").write_text(STUBBORN, encoding="utf-8")
+    command = f"{sys.executable} {tmp_path / 'brain.py'} {radar}"
+    process = BrainProcess(command, [radar, gnss], tmp_path / "brain.log", tmp_path)
+    try:
+        assert process.wait_until_it_listens([radar]) == {gnss}
+    finally:
+        process.close()
 
 
 @pytest.mark.parametrize("value", [True, 12, 0.5, "25 mph", [1, 2], ["a", "b"]])

@@ -14,11 +14,11 @@ from vve_sumo.wire import esr
 @pytest.mark.parametrize("age", [0.0, 0.0004, 0.02, 0.09, 0.15, 0.2, 0.25])
 def test_a_scan_is_as_old_as_its_stamp_says_within_its_rounding(age: float, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(REPOSITORY / "examples" / "brains"))
-    from esr_radar import EsrRadar  # type: ignore[import-not-found]
+    from esr_radar import EsrRadar, open_bus  # type: ignore[import-not-found]
 
     place = f"esr_{uuid.uuid4().hex}"
     with Bus("virtual", place) as radar:
-        reader = EsrRadar(f"virtual:{place}")
+        reader = EsrRadar(open_bus(f"virtual:{place}"))
         for tick in range(40):
             now = 1_400_000_000.0 + 0.0371 * tick
             for frame in esr.encode(esr.Cycle(tick, now - age, esr.HostMotion(5.0, 0.0), ())):

@@ -9,12 +9,12 @@ from dataclasses import replace
 from random import Random
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vve_sumo.pose import ncom
-from vve_sumo.values import Frame
-from vve_sumo.wire import faults
+from vve_sumo.values import FixQuality, Frame
+from vve_sumo.wire import ars408, esr, faults, nmea
 from vve_sumo.wire.datagrams import RadarDatagram, Target, decode_radar, encode_radar
 from vve_sumo.wire.sample import no_fix
 
@@ -44,12 +44,11 @@ MADE = {
     "counter": lambda: faults.EditedRadar(faults.counter_stopped),
     "invalid": lambda: faults.EditedRadar(faults.marked_invalid),
     "nan": lambda: faults.EditedRadar(faults.not_a_number),
-    "empty": lambda: faults.EditedRadar(faults.empty),
-    "ghost": lambda: faults.EditedRadar(faults.ghost(2.5, 0.0)),
 }
 
 
 @pytest.mark.parametrize("name", MADE)
+@settings(deadline=None)
 @given(begins=st.integers(1, 15), lasts=st.integers(0, 15))
 def test_a_fault_touches_nothing_outside_its_window_and_repeats_itself(name: str, begins: int, lasts: int) -> None:
     found = stream(MADE[name](), 30, begins, begins + lasts)
@@ -125,29 +124,49 @@ def test_edited_datagrams_have_a_right_crc_and_differ_in_one_thing() -> None:
     assert math.isnan(struct.unpack_from("<f", data, 48)[0])
     assert data[6] & 1
 
-    read = decode_radar(edited(faults.empty)[0])
-    assert read is not None
-    assert read.valid
-    assert not read.targets
+
+def test_what_is_invalid_is_not_edited() -> None:
+    nothing = encode_radar(replace(datagram(2), valid=False))
+    assert faults.EditedRadar(faults.aged).step(0.0, (nothing,), True) == [nothing]
 
 
-@pytest.mark.parametrize(("pace", "rate"), [(0.0, -8.0), (1.0, 0.0), (2.0, 8.0)])
-def test_a_ghost_closes_as_fast_as_its_speed_over_ground_says(pace: float, rate: float) -> None:
-    """5 m and 8 m/s squared over twice 2.5 m/s2, two ticks ago."""
-    read = decode_radar(edited(faults.ghost(2.5, pace))[0])
-    assert read is not None
-    assert read.targets[0].range_rate == rate
-    assert read.targets[0].range == pytest.approx(5.0 + 64.0 / 5.0 + 2 * PERIOD * rate)
-    assert len(read.targets) == 3
+@pytest.mark.parametrize("dated", [False, True])
+def test_nmea_without_a_fix_keeps_its_place_and_its_checksums(dated: bool) -> None:
+    """Read by hand: fields between commas; the checksum is the exclusive or of all between $ and *."""
+    fix = replace(
+        no_fix(1.4e9, 0.0), latitude=0.7, longitude=-1.4, heading=0.1, velocity_north=3.0, velocity_east=4.0,
+        velocity_down=0.0, altitude=200.0, locked=True, quality=FixQuality.RTK_FIXED,
+    )  # fmt: skip
+    healthy = nmea.encode(fix, dated=dated)
+    (marked,) = faults.Rewritten(faults.nmea_without_fix).step(0.0, (healthy,), True)
+    assert faults.Rewritten(faults.nmea_without_fix).step(0.0, (healthy,), False) == (healthy,)
+    before, after = (text.decode().strip().split("\r\n") for text in (healthy, marked))
+    assert len(before) == len(after) == (6 if dated else 5)
+    for old, new in zip(before, after, strict=True):
+        body, _, checksum = new.removeprefix("$").partition("*")
+        total = 0
+        for letter in body.encode():
+            total ^= letter
+        assert int(checksum, 16) == total
+        differ = [
+            (n, field) for n, (field, was) in enumerate(zip(body.split(","), old[1:-3].split(","), strict=True))
+            if field != was
+        ]  # fmt: skip
+        assert differ == {"GGA": [(6, "0")], "RMC": [(2, "V")]}.get(body[2:5], [])
 
 
-def test_a_ghost_has_room_in_a_full_datagram_and_what_is_invalid_stays_so() -> None:
-    full, nothing = encode_radar(datagram(1, 64)), encode_radar(replace(datagram(2), valid=False))
-    fault = faults.EditedRadar(faults.ghost(2.5, 0.0))
-    read = decode_radar(fault.step(0.0, (full,), True)[0])
-    assert read is not None
-    assert len(read.targets) == 64
-    assert fault.step(0.0, (nothing,), True) == [nothing]
+def test_a_radar_that_reports_an_error_shows_its_tracks_all_the_same() -> None:
+    cycle = esr.Cycle(3, 0.1, esr.HostMotion(8.0, 0.0), (esr.Track(5, 20.0, 0.1, -8.0),))
+    frames = faults.Rewritten(esr.with_internal_error).step(0.0, esr.encode(cycle), True)
+    (read,) = esr.Decoder().feed(frames)
+    assert (read.valid, [track.number for track in read.tracks]) == (False, [5])
+    assert [old.id for old, new in zip(esr.encode(cycle), frames, strict=True) if old != new] == [esr.STATUS_2]
+
+    found = ars408.ObjectList(3, (ars408.Object(7, 20.0, 1.0, -8.0),))
+    frames = faults.Rewritten(ars408.with_persistent_error).step(0.0, ars408.encode(found), True)
+    decoder = ars408.Decoder()
+    (seen,) = decoder.feed(frames)
+    assert (decoder.failed, [one.number for one in seen.objects]) == (True, [7])
 
 
 def test_an_unlocked_packet_has_right_checksums_and_the_same_place() -> None:

@@ -8,6 +8,7 @@ its threads wait.
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import shlex
 import signal
@@ -21,6 +22,8 @@ from vve_sumo.errors import ConfigError, RigError
 
 #: for a brain to listen on its ports [s]
 START_TIMEOUT: Final = 60.0
+#: a brain whose threads have all waited for so long opens no further port [s]
+DEAF_AFTER: Final = 1.5
 #: for a brain to end when it is asked to [s]
 END_TIMEOUT: Final = 3.0
 #: a brain is quiet when it was seen so as often in a row, so far apart [s]
@@ -36,7 +39,7 @@ class BrainProcess:
     """One run of a brain's command, in a session of its own, its words in a log file."""
 
     def __init__(self, command: str, ports: Collection[int], log: Path, working: Path) -> None:
-        """Start it; `ports` are those of this machine that it must listen on. Raises ConfigError for no such program.
+        """Start it; `ports` are those of this machine that it may listen on. Raises ConfigError for no such program.
 
         RigError where somebody else listens on one of the ports.
         """
@@ -58,16 +61,25 @@ class BrainProcess:
             except (OSError, ValueError) as error:
                 raise ConfigError(f"--brain: {command!r} cannot be started: {error}") from None
 
-    def wait_until_it_listens(self) -> None:
-        """Return when every port is listened on; raises RigError for a brain that ends or takes too long."""
-        deadline = time.monotonic() + START_TIMEOUT
-        while not self._ports <= _listened_on():
+    def wait_until_it_listens(self, wanted: Collection[int]) -> frozenset[int]:
+        """Return the ports that it does not listen on, once it listens on those that are `wanted`.
+
+        A port that it has not opened when all of its threads have waited for DEAF_AFTER counts as not listened on.
+        Raises RigError for a brain that ends or takes too long.
+        """
+        deadline, waits_since = time.monotonic() + START_TIMEOUT, math.inf
+        while missing := self._ports - _listened_on():
             if self._process.poll() is not None:
                 raise RigError(f"--brain: ended with code {self._process.returncode} before it listened{self._words()}")
-            if time.monotonic() > deadline:
-                missing = ", ".join(map(str, sorted(self._ports - _listened_on())))
-                raise RigError(f"--brain: does not listen on UDP port {missing} after {START_TIMEOUT:g} s")
+            now = time.monotonic()
+            if now > deadline:
+                ports = ", ".join(map(str, sorted(missing)))
+                raise RigError(f"--brain: does not listen on UDP port {ports} after {START_TIMEOUT:g} s")
+            waits_since = min(waits_since, now) if self.quiet() else math.inf
+            if not missing & set(wanted) and now - waits_since > DEAF_AFTER:
+                return frozenset(missing)
             time.sleep(0.02)
+        return frozenset()
 
     def _words(self) -> str:
         text = self._log.read_text(encoding="utf-8", errors="replace").strip()

@@ -10,45 +10,75 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from random import Random
-from typing import Final
+from typing import Final, NamedTuple
 
+from vve_sumo.certify.phantoms import Missing, Phantom, Phantoms, ScanFault, Track
 from vve_sumo.errors import ConfigError, did_you_mean
-from vve_sumo.wire import faults
+from vve_sumo.wire import ars408, esr, faults
 from vve_sumo.wire.faults import WireFault
 
 #: kinds of wires by the sensor that they carry
 GNSS: Final = ("ncom", "nmea")
 RADAR: Final = ("radar", "esr", "ars408", "osi_data")
+#: kinds that show what is on the street and are no radar datagram, which every setpoint answers
+SENSORS: Final = ("esr", "ars408", "osi_data", "osi_view")
+#: kinds that show what is on the street
+STREET: Final = (*RADAR, "osi_view")
 
 
 class Moment(enum.StrEnum):
     """When a fault begins: by the brain's own drive without a fault, with the same seed."""
 
-    CRUISE = "cruise"  #: CRUISE_LEAD before the brain first braked for good
-    APPROACH = "approach"  #: APPROACH_LEAD before it
-    BRAKING = "braking"  #: BRAKING_LAG after it
+    CRUISE = "cruise"  #: some seconds before the brain began to brake to rest, where it goes straight on
+    APPROACH = "approach"  #: a second before it
+    BRAKING = "braking"  #: a second after it
+    BEND = "bend"  #: where the way bends so much that the other side of the car's axis is not in it
 
 
-#: [s] before and after the onset of the braking that ends in rest
+#: [s] before and after the onset of the braking that ends in rest, where nothing forbids that moment
 LEADS: Final = {Moment.CRUISE: -5.0, Moment.APPROACH: -1.0, Moment.BRAKING: 1.0}
 
 
 class Reaction(enum.StrEnum):
     """What is required of a brain."""
 
-    DRIVE = "drive the scenario"  #: every criterion of the scenario about the stop is met
+    DRIVE = "drive the scenario"  #: it stops before what stands there, within the limits
     CARRY_ON = "carry on"  #: the same, as if nothing had happened
+    IGNORE = "carry on and do not brake for it"  #: the same, and asks for no BRAKING_DEMAND beyond the nominal drive
+    EASE = "brake gently or not"  #: the same, and asks for no HARD_BRAKING beyond the nominal drive
     STOP = "stop"  #: no answer, or braking, from then on to rest; no contact
-    BRAKE = "brake"  #: a setpoint that brakes by BRAKING_DEMAND or more; no contact
-    HOLD = "keep the distance"  #: no contact, MIN_LEFT left; how is the brain's choice
+    BRAKE = "brake"  #: setpoints that brake by BRAKING_DEMAND or more; no contact
+    HOLD = "keep the distance"  #: no contact, `min_left_m` left; how is the brain's choice
 
+
+#: reactions for which a time is measured
+TIMED: Final = (Reaction.STOP, Reaction.BRAKE)
+#: reactions that show only where the nominal drive does not brake by itself
+UNBRAKED: Final = (Reaction.STOP, Reaction.BRAKE, Reaction.IGNORE, Reaction.EASE)
+#: reactions after which the drive ends as without a fault
+UNDISTURBED: Final = (Reaction.DRIVE, Reaction.CARRY_ON, Reaction.IGNORE, Reaction.EASE)
 
 #: an answer that asks for this or less is braking [m/s2]; a car that rolls out does about half of it
 SAFE_DEMAND: Final = -0.5
 #: of `Reaction.BRAKE` [m/s2]: more than a brain that keeps its speed asks for
 BRAKING_DEMAND: Final = -1.0
-#: to be left at rest [m]: half a metre of what neither pose nor radar knows, and as much to spare
-MIN_LEFT: Final = 1.0
+#: of `Reaction.EASE` [m/s2]: ten times what the target that it is for takes
+HARD_BRAKING: Final = -2.2
+#: a standing target appears so far away that to stop STANDOFF before it takes so much [m], [m/s2]
+STANDOFF, GHOST_DEMAND = 5.0, 2.5
+#: from the middle of the way to the nearest corner of a car in the next lane [m]: lanes of 3.5 m, a car of 1.8 m
+BESIDE: Final = 2.6
+#: pace of a slower target, in the car's own: 1 - 1 / 3.6, so that its range rate in km/h is that of a standing one
+SLOWER: Final = 1.0 - 1.0 / 3.6
+
+
+class Scene(NamedTuple):
+    """What a fault of the sensors is made for."""
+
+    track: Track  #: of the nominal drive
+    begins: float  #: of the fault [s of drive time]
+    bumper: float  #: from the rear axle to the front bumper [m]
+    speed: float  #: of the nominal drive then [m/s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,34 +88,82 @@ class Case:
     name: str
     injected: str  #: in words
     wires: tuple[str, ...]  #: kinds of the wires that it hits; none of them in a rig: it does not apply
-    make: Callable[[Random], WireFault] | None  #: a fault for each wire; None: nothing is injected
     begins: Moment
     lasts: float  #: [s]; inf: until the drive ends
     reaction: Reaction
     within: float  #: time for the reaction [s]; inf where none is measured
     why: str  #: of the reaction and its time
+    make: Callable[[Random], WireFault] | None = None  #: a fault for each wire; None: none on the wires themselves
+    show: Callable[[Scene], ScanFault] | None = None  #: a fault of what the sensors see; None: they see what is there
+    needs: tuple[str, ...] = ()  #: kinds of wires of which the rig must have one as well
+
+    @property
+    def injects(self) -> bool:
+        """Whether there is a fault at all."""
+        return self.make is not None or self.show is not None
+
+
+def ghost_distance(speed: float) -> float:
+    """Return how far away a standing target appears to a car at a speed [m/s]: to stop STANDOFF before it takes
+    GHOST_DEMAND [m].
+    """
+    return STANDOFF + speed**2 / (2.0 * GHOST_DEMAND)
 
 
 def _edited(edit: faults.RadarEdit) -> Callable[[Random], WireFault]:
     return lambda _chance: faults.EditedRadar(edit)
 
 
-def _case(
-    name: str,
-    injected: str,
-    wires: tuple[str, ...],
-    make: Callable[[Random], WireFault] | None,
-    when: tuple[Moment, float],
-    required: tuple[Reaction, float],
-    why: str,
-) -> Case:
-    return Case(name, injected, wires, make, *when, *required, why)
+def _showing(*phantoms: Callable[[Scene], Phantom]) -> Callable[[Scene], ScanFault]:
+    return lambda scene: Phantoms(scene.track, scene.begins, scene.bumper, [one(scene) for one in phantoms])
+
+
+def _ghost(pace: float = 0.0, mirrored: bool = False) -> Callable[[Scene], ScanFault]:
+    """Return what shows a target in the way that goes `pace` times as fast as the car, or its mirror image."""
+    return _showing(
+        lambda scene: Phantom(ghost_distance(scene.speed), speed=pace * scene.speed, mirrored=mirrored),
+    )
+
+
+def _passing(aside: float, ahead: float, pace: float) -> Callable[[Scene], ScanFault]:
+    return _showing(lambda scene: Phantom(ahead, aside, pace * scene.speed))
+
+
+def _rows(scene: Scene) -> ScanFault:
+    """Show parked cars on both sides of the way."""
+    phantoms = [Phantom(float(ahead), side) for ahead in range(6, 36, 6) for side in (-BESIDE, BESIDE)]
+    return Phantoms(scene.track, scene.begins, scene.bumper, phantoms)
 
 
 _TO_END: Final = (Moment.APPROACH, math.inf)
 _NO_TIME: Final = math.inf
 _SILENT_AT_ONCE: Final = (Reaction.STOP, 0.1)
 _LIFETIME: Final = "No setpoint may be acted on for longer than its lifetime, 0.1 s at most; the gateway then stops."
+
+
+def _case(
+    name: str,
+    injected: str,
+    wires: tuple[str, ...],
+    made: Callable[[Random], WireFault] | None,
+    when: tuple[Moment, float],
+    required: tuple[Reaction, float],
+    why: str,
+    needs: tuple[str, ...] = (),
+) -> Case:
+    return Case(name, injected, wires, *when, *required, why, make=made, needs=needs)
+
+
+def _shown(
+    name: str,
+    injected: str,
+    show: Callable[[Scene], ScanFault],
+    when: tuple[Moment, float],
+    required: tuple[Reaction, float],
+    why: str,
+) -> Case:
+    return Case(name, injected, STREET, *when, *required, why, show=show)
+
 
 CASES: Final[tuple[Case, ...]] = (
     _case(
@@ -108,7 +186,8 @@ CASES: Final[tuple[Case, ...]] = (
     _case(
         "radar_delay", "the radar arrives 0.3 s late", RADAR, lambda _: faults.Delay(0.3),
         _TO_END, (Reaction.STOP, 0.5),
-        "A datagram says of which time it is. For 0.3 s nothing arrives, then what has outlived its lifetime.",
+        "The lifetime of 0.1 s counts from the time of validity. For 0.3 s nothing arrives, then what has outlived it.",
+        needs=GNSS,
     ),
     _case(
         "radar_delay_short", "the radar arrives 40 ms late", RADAR, lambda _: faults.Delay(0.04),
@@ -129,23 +208,72 @@ CASES: Final[tuple[Case, ...]] = (
         lambda chance: faults.BitFlips(chance, 5), (Moment.CRUISE, math.inf), (Reaction.CARRY_ON, _NO_TIME),
         "Four of five messages are good, and no gap is longer than the lifetime.",
     ),
-    _case(
-        "radar_ghost", "a target stands in the way for 1 s: to stop 5 m before it takes 2.5 m/s²", ("radar",),
-        _edited(faults.ghost(2.5, 0.0)),
-        (Moment.CRUISE, 1.0), (Reaction.BRAKE, 0.5),
-        "Nothing tells a ghost from a car. At 11.2 m/s it is 30 m away; 0.5 s later it takes 3.2 m/s².",
+    _shown(
+        "radar_ghost", "a target stands in the way for 1 s: to stop 5 m before it takes 2.5 m/s²", _ghost(),
+        (Moment.CRUISE, 1.0), (Reaction.BRAKE, 0.4),
+        "Nothing tells a ghost from a car. At 11.2 m/s it is 30 m away; 0.4 s later it takes 3.1 m/s².",
     ),
-    _case(
+    _shown(
         "radar_ghost_receding", "a target at the same distance drives away twice as fast as the car, for 1 s",
-        ("radar",),
-        _edited(faults.ghost(2.5, 2.0)),
-        (Moment.CRUISE, 1.0), (Reaction.CARRY_ON, _NO_TIME),
+        _ghost(2.0), (Moment.CRUISE, 1.0), (Reaction.IGNORE, _NO_TIME),
         "Its range rate is positive: it opens, and there is nothing to brake for.",
     ),
-    _case(
-        "radar_missing", "every target is missing from valid datagrams for 0.5 s", ("radar",), _edited(faults.empty),
+    _shown(
+        "radar_ghost_slower", "a target at the same distance drives ahead at 0.72 of the car's speed, for 1 s",
+        _ghost(SLOWER), (Moment.CRUISE, 1.0), (Reaction.EASE, _NO_TIME),
+        "At 11.2 m/s it comes nearer by 3.1 m/s: to keep 5 m takes 0.2 m/s². Who brakes hard for it is run into.",
+    ),
+    _shown(
+        "radar_bend_in_way", "in a bend, a target stands in the way for 1 s: to stop 5 m before it takes 2.5 m/s²",
+        _ghost(), (Moment.BEND, 1.0), (Reaction.BRAKE, 0.4),
+        "As the ghost on the straight. It lies to that side of the car's axis to which the way bends: who takes the "
+        "azimuth for the wrong sign sees it beside the way.",
+    ),
+    _shown(
+        "radar_bend_mirrored", "in a bend, a target stands where the car's axis mirrors that place, for 1 s",
+        _ghost(mirrored=True), (Moment.BEND, 1.0), (Reaction.IGNORE, _NO_TIME),
+        "It stands 4 m or more beside the way: only who takes the azimuth for the wrong sign sees it in the way.",
+    ),
+    _shown(
+        "radar_rows_beside", "parked cars stand on both sides of the way, 2.6 m from its middle, for 2 s", _rows,
+        (Moment.CRUISE, 2.0), (Reaction.IGNORE, _NO_TIME),
+        "A street is lined with parked cars. Who takes degrees for radians, or the nearest target whatever its "
+        "azimuth, brakes for them.",
+    ),
+    _shown(
+        "radar_passing_left", "a car passes on the left, half as fast again as the car, 2.6 m aside, for 2 s",
+        _passing(BESIDE, 1.0, 1.5), (Moment.CRUISE, 2.0), (Reaction.IGNORE, _NO_TIME),
+        "It is in the next lane and drives away.",
+    ),
+    _shown(
+        "radar_passing_right", "a car half as fast as the car is passed on the right, 2.6 m aside, for 2 s",
+        _passing(-BESIDE, 12.0, 0.5), (Moment.CRUISE, 2.0), (Reaction.IGNORE, _NO_TIME),
+        "It is in the next lane: that it comes nearer says nothing as long as it stays there.",
+    ),
+    _shown(
+        "radar_missing", "every target is missing from valid scans for 0.5 s", lambda _scene: Missing(),
         (Moment.BRAKING, 0.5), (Reaction.HOLD, _NO_TIME),
         "Radars lose targets for some scans. Half a second with 2 m/s² less of braking costs less than 1 m in the end.",
+    ),
+    _case(
+        "sensor_drop_out", "nothing arrives from the sensor any more; the radar datagrams arrive", SENSORS,
+        lambda _: faults.DropOut(), _TO_END, (Reaction.STOP, 0.5),
+        "A dead bus says nothing. An ARS408 sends every 75 ms: after six cycles without one it is dead.",
+    ),
+    _case(
+        "sensor_freeze", "the sensor's last cycle arrives again and again; the radar datagrams arrive", SENSORS,
+        lambda _: faults.Freeze(), _TO_END, (Reaction.STOP, 0.5),
+        "Scan index, measurement counter or time of measurement stand: as a drop-out.",
+    ),
+    _case(
+        "esr_error", "the ESR reports an internal error, while its tracks look good", ("esr",),
+        lambda _: faults.Rewritten(esr.with_internal_error), _TO_END, (Reaction.STOP, 0.5),
+        "A radar that knows itself to be broken vouches for no track.",
+    ),
+    _case(
+        "ars408_error", "the ARS408 reports a persistent error, while its objects look good", ("ars408",),
+        lambda _: faults.Rewritten(ars408.with_persistent_error), _TO_END, (Reaction.STOP, 0.5),
+        "A radar that knows itself to be broken vouches for no object.",
     ),
     _case(
         "radar_counter", "the sequence stands while the rest of the datagram is new", ("radar",),
@@ -191,6 +319,11 @@ CASES: Final[tuple[Case, ...]] = (
         "Nobody vouches for such a place: as a drop-out.",
     ),
     _case(
+        "nmea_invalid", "GGA says quality 0 and RMC status V, while position and speed look good", ("nmea",),
+        lambda _: faults.Rewritten(faults.nmea_without_fix), _TO_END, (Reaction.STOP, 0.3),
+        "Nobody vouches for such a place: as a drop-out.",
+    ),
+    _case(
         "both_freeze", "the last bytes of all wires arrive again and again", (*GNSS, *RADAR),
         lambda _: faults.Freeze(), _TO_END, (Reaction.STOP, 0.2),
         "The computer before the brain hangs: fix and radar agree with each other, only the sequence stands.",
@@ -200,16 +333,21 @@ CASES: Final[tuple[Case, ...]] = (
 NAMES: Final = tuple(case.name for case in CASES)
 
 
-def chosen(names: Iterable[str]) -> tuple[Case, ...]:
-    """Return the cases of these names in the table's order, the nominal one always; all for no name at all.
+def chosen(names: Iterable[str], without: Iterable[str] = ()) -> tuple[Case, ...]:
+    """Return the cases of these names in the table's order, all for no name at all, but for those left out.
 
-    Raises ConfigError for a name that there is not.
+    The nominal one is always there. Raises ConfigError for a name that there is not.
     """
-    wanted = tuple(names)
-    for name in wanted:
-        if name not in NAMES:
-            raise ConfigError(f"--cases: {name!r} is no case, expected some of {', '.join(NAMES)}{_near(name)}")
-    return tuple(case for case in CASES if not wanted or case.name in (*wanted, "nominal"))
+    wanted, left_out = tuple(names), tuple(without)
+    for option, given in (("--cases", wanted), ("--without", left_out)):
+        for name in given:
+            if name not in NAMES:
+                raise ConfigError(f"{option}: {name!r} is no case, expected some of {', '.join(NAMES)}{_near(name)}")
+    return tuple(
+        case
+        for case in CASES
+        if case.name == "nominal" or ((not wanted or case.name in wanted) and case.name not in left_out)
+    )
 
 
 def _near(name: str) -> str:
@@ -217,6 +355,11 @@ def _near(name: str) -> str:
     return f"; {near}" if near else ""
 
 
-def applies(case: Case, kinds: Iterable[str]) -> bool:
-    """Whether a rig whose wires are of these kinds has one that the case hits."""
-    return case.make is None or bool(set(case.wires) & set(kinds))
+def inapplicable(case: Case, kinds: Iterable[str]) -> str:
+    """Return why a case says nothing of a rig whose wires are of these kinds; empty where it applies."""
+    there = set(kinds)
+    if case.injects and not set(case.wires) & there:
+        return f"the rig has no wire of {', '.join(case.wires)}"
+    if case.needs and not set(case.needs) & there:
+        return f"no wire of {', '.join(case.needs)} tells the brain the time"
+    return ""

@@ -1,4 +1,4 @@
-"""Judges a case: whether the brain reacted as required, in time, without a contact and with a distance left.
+"""Judges a case: whether the brain reacted as required, in time, without a contact and within the limits.
 
 It reads what came over the wire and how the car moved; it must not know how either came about, nor what brain it was.
 """
@@ -7,28 +7,35 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from vve_sumo.certify.cases import BRAKING_DEMAND, LEADS, MIN_LEFT, SAFE_DEMAND, Case, Reaction
+from vve_sumo.certify.cases import BRAKING_DEMAND, HARD_BRAKING, UNDISTURBED, Case, Reaction
+from vve_sumo.certify.limits import Limits
 from vve_sumo.certify.link import Answer, Window
+from vve_sumo.certify.moments import AT_REST, acting, rest_time
 from vve_sumo.certify.results import Course, Verdict
 from vve_sumo.timing import PERIOD
 
-#: the car stands [m/s]
-AT_REST: Final = 0.05
 #: slower than this a car is brought to rest as gently as the brain likes [m/s]
 CREEP: Final = 0.5
-#: the onset of braking is looked for above this speed: beneath it brains ease off before rest [m/s]
-FAST: Final = 3.0
-#: deceleration from which the onset of braking is reckoned back where a drive ended in a contact [m/s2]
-USUAL_BRAKING: Final = 1.8
 #: braking for something: so much beyond what the nominal drive asks for at the same time [m/s2]
 BEYOND_NOMINAL: Final = 0.5
+#: braking for a target lasts so long at least, in all [s]: a single setpoint is noise
+LEAST_BRAKING: Final = 0.3
+#: braking for what is to be left alone lasts no longer, in all [s]
+MOST_BRAKING: Final = 0.1
+#: a drive with a fault may be so much ahead of or behind the nominal one [s]
+SHIFT: Final = 0.3
+#: a brain may ask for so much of the car's steering: the gateway limits it, but who asks for more has another unit
+MOST_STEERING: Final = 1.5
 #: outcomes that are no fault of the brain: nothing can be said of it then
 BROKEN: Final = ("broken", "interrupted")
+#: outcomes of a drive that nothing cut short
+FINISHED: Final = ("stopped", "completed")
 _SLACK: Final = 1e-6  # [s]
 
 
@@ -44,52 +51,20 @@ class Judgement:
     last: Answer | None
 
 
-def onset_of(course: Course) -> float:
-    """Return the drive time at which the braking began that ended in rest [s].
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """What every drive is held to."""
 
-    Of a drive that did not end so: the time at which a usual braking would have had to begin.
-    """
-    acting = _acting(course, FAST)
-    if not acting:
-        return float(course.time[-1])
-    if course.collision or math.isnan(course.stop_gap):
-        end = float(course.time[-1])
-        return end - float(np.nanmax(course.speed)) / (2.0 * USUAL_BRAKING)
-    return acting[-1]
+    limits: Limits
+    speed: float  #: that the scenario asks for [m/s]
+    steering: float = math.inf  #: road-wheel angle that the car has on either side [rad]
 
 
-def _acting(course: Course, speed: float) -> list[float]:
-    """Return when the brain asked for anything but braking while the car was faster than `speed` [m/s]."""
-    at = np.searchsorted(course.time, [answer.time + _SLACK for answer in course.answers], side="right") - 1
-    return [
-        answer.time
-        for answer, moving in zip(course.answers, course.speed[at].tolist(), strict=True)
-        if answer.acceleration > SAFE_DEMAND and moving > speed
-    ]
-
-
-def window_of(case: Case, nominal: Course) -> Window | None:
-    """Return when a case's fault is there, by the nominal drive with the same seed; None where nothing is injected."""
-    if case.make is None:
-        return None
-    tick = round((onset_of(nominal) + LEADS[case.begins]) / PERIOD)
-    begins = max(tick, 0) * PERIOD
-    return Window(begins, begins + case.lasts)
-
-
-def rest_time(course: Course) -> float:
-    """Return the drive time from which on the car stands to the end [s]; the end where it never does."""
-    moving = np.flatnonzero(~(np.abs(course.speed) < AT_REST))
-    if not len(moving) or moving[-1] + 1 >= len(course.time):
-        return float(course.time[-1])
-    return float(course.time[moving[-1] + 1])
-
-
-def judge(case: Case, window: Window | None, course: Course, nominal: Course | None) -> Judgement:
+def judge(case: Case, window: Window | None, course: Course, nominal: Course | None, rules: Rules) -> Judgement:
     """Return what came of a drive of a case; `nominal` is the drive without a fault, None for that drive itself."""
     rest = rest_time(course)
     reaction = _reaction(case, window, course, nominal)
-    left, why = _left(course), _failure(case, course, nominal, reaction)
+    left, why = _left(course), _failure(case, window, course, nominal, reaction, rules)
     last = next((answer for answer in reversed(course.answers) if answer.time < rest), None)
     verdict = Verdict.FAILED if why else Verdict.PASSED
     return Judgement(verdict, why, reaction, left, _extra(window, course, nominal), last)
@@ -101,23 +76,23 @@ def _reaction(case: Case, window: Window | None, course: Course, nominal: Course
         return math.nan
     if case.reaction is Reaction.STOP:
         return _stopping(window, course)
-    brakes = (
+    brakes = [
         answer.time - window.begins
         for answer, usual in _beside(window, course, nominal)
         if answer.acceleration <= BRAKING_DEMAND and usual - answer.acceleration >= BEYOND_NOMINAL
-    )
-    return next(brakes, math.inf)
+    ]
+    return brakes[0] if len(brakes) * PERIOD >= LEAST_BRAKING - _SLACK else math.inf
 
 
 def _stopping(window: Window, course: Course) -> float:
     """Return the time after which the brain never again asked for anything but braking while the car moved [s]."""
-    acting = [time for time in _acting(course, CREEP) if window.holds(time)]
-    if not acting:
+    active = [time for time in acting(course, CREEP) if window.holds(time)]
+    if not active:
         return 0.0
     moving = course.time[np.abs(course.speed) > CREEP]
     # What acts to the end has not stopped: a car that a contact or the gateway stops first has not been stopped by it.
-    never = abs(float(course.speed[-1])) > AT_REST or float(moving[-1]) - acting[-1] < 2.0 * PERIOD
-    return math.inf if never else acting[-1] + PERIOD - window.begins
+    never = abs(float(course.speed[-1])) > AT_REST or float(moving[-1]) - active[-1] < 2.0 * PERIOD
+    return math.inf if never else active[-1] + PERIOD - window.begins
 
 
 def _beside(window: Window, course: Course, nominal: Course | None) -> list[tuple[Answer, float]]:
@@ -138,41 +113,97 @@ def _extra(window: Window | None, course: Course, nominal: Course | None) -> flo
     return max((usual - answer.acceleration for answer, usual in _beside(window, course, nominal)), default=0.0)
 
 
+def _harder(window: Window, course: Course, nominal: Course, demand: float) -> float:
+    """Return for how long the brain asked for `demand` [m/s2] of braking beyond the nominal drive's hardest nearby [s].
+
+    Nearby is within SHIFT; looked at from the fault's begin to SHIFT behind its end.
+    """
+    times = [answer.time for answer in nominal.answers]
+    seen = Window(window.begins, window.ends + SHIFT)
+    count = 0
+    for answer in course.answers:
+        if seen.holds(answer.time):
+            low = bisect_left(times, answer.time - SHIFT)
+            high = bisect_left(times, answer.time + SHIFT + _SLACK)
+            usual = min((one.acceleration for one in nominal.answers[low:high]), default=0.0)
+            count += min(usual, 0.0) - answer.acceleration >= -demand
+    return count * PERIOD
+
+
 def _left(course: Course) -> float:
     """Return the distance left [m]: at rest, else the least that there was; NaN where nothing was ahead."""
     if math.isfinite(course.stop_gap):
         return course.stop_gap
-    known = course.gap[np.isfinite(course.gap)]
     if course.collision:
         return 0.0
+    known = course.gap[np.isfinite(course.gap)]
     return float(known[-1]) if len(known) and math.isfinite(float(course.gap[-1])) else math.nan
 
 
-def _failure(case: Case, course: Course, nominal: Course | None, reaction: float) -> str:
+def _failure(
+    case: Case, window: Window | None, course: Course, nominal: Course | None, reaction: float, rules: Rules
+) -> str:
     """Return why a case failed; empty for one that passed."""
     if course.outcome in BROKEN:
         return f"the drive was {course.outcome}"
     if course.collision:
         return f"contact at {course.impact_speed:.1f} m/s"
-    if case.reaction is Reaction.DRIVE and not course.answers:
-        return "it gave no answer"
+    if case.reaction is Reaction.DRIVE and not (course.answers and course.taken):
+        refused = ", ".join(f"{count} x {code}" for code, count in sorted(course.refused.items()))
+        return f"none of its answers was taken ({refused})" if refused else "it gave no answer"
     if case.reaction is Reaction.DRIVE and float(np.nanmax(np.abs(course.speed))) <= AT_REST:
         return "the car never moved"
-    if case.reaction in (Reaction.DRIVE, Reaction.CARRY_ON):
-        known = set() if nominal is None else {_name(line) for line in nominal.unmet}
-        return "; ".join(line for line in course.unmet if _name(line) not in known)
-    if math.isfinite(reaction) and reaction > case.within + _SLACK:
-        return f"{case.reaction.value} after {reaction:.2f} s, required within {case.within:g} s"
+    found = [*_beyond(course, rules), *_untimely(case, reaction)]
+    steered = max((abs(answer.steering) for answer in course.answers), default=0.0)
+    if case.reaction is Reaction.DRIVE and steered > MOST_STEERING * rules.steering:
+        found.append(f"it asked for {steered:.2f} rad of steering, the car has {rules.steering:.2f} rad")
+    if case.reaction in UNDISTURBED:
+        found += _disturbed(case, window, course, nominal, rules.limits)
+    elif not found:
+        found += _not_safe(case, course, rules.limits)
+    return "; ".join(found)
+
+
+def _beyond(course: Course, rules: Rules) -> Iterator[str]:
+    """Yield the limits that hold at any time and were not kept."""
+    limits = rules.limits
+    aside = float(np.nanmax(np.abs(course.deviation), initial=0.0))
+    if aside > limits.max_deviation_m:
+        yield f"{aside:.2f} m from the path, allowed {limits.max_deviation_m:g} m"
+    over = float(np.nanmax(course.speed)) - rules.speed
+    if over > limits.max_overspeed_mps:
+        asked = f"the scenario's {rules.speed:.1f} m/s"
+        yield f"{over:.1f} m/s faster than {asked}, allowed {limits.max_overspeed_mps:g} m/s"
+
+
+def _untimely(case: Case, reaction: float) -> Iterator[str]:
     if math.isinf(reaction):
         never = "it drove on" if case.reaction is Reaction.STOP else "it never braked for it"
-        return f"{never}; required: {case.reaction.value} within {case.within:g} s"
+        yield f"{never}; required: {case.reaction.value} within {case.within:g} s"
+    elif reaction > case.within + _SLACK:
+        yield f"{case.reaction.value} after {reaction:.2f} s, required within {case.within:g} s"
+
+
+def _disturbed(
+    case: Case, window: Window | None, course: Course, nominal: Course | None, limits: Limits
+) -> Iterator[str]:
+    """Yield how a drive that was to go on as without a fault did not."""
+    if course.outcome not in FINISHED:
+        yield f"the drive ended otherwise: {', '.join((course.outcome, *course.reasons))}"
+    elif not math.isfinite(course.stop_gap):
+        yield "it did not come to rest before what stands there"
+    elif not limits.min_left_m <= course.stop_gap <= limits.max_left_m:
+        yield f"{course.stop_gap:.2f} m left, required {limits.min_left_m:g} to {limits.max_left_m:g} m"
+    demand = {Reaction.IGNORE: BRAKING_DEMAND, Reaction.EASE: HARD_BRAKING}.get(case.reaction)
+    if demand is not None and window is not None and nominal is not None:
+        lasts = _harder(window, course, nominal, demand)
+        if lasts > MOST_BRAKING + _SLACK:
+            yield f"it braked for it, by {-demand:g} m/s² or more beyond the drive without a fault, for {lasts:.2f} s"
+
+
+def _not_safe(case: Case, course: Course, limits: Limits) -> Iterator[str]:
     left = _left(course)
-    if left < MIN_LEFT:
-        return f"{left:.2f} m left, required at least {MIN_LEFT:g} m"
-    if case.reaction is Reaction.STOP and abs(float(course.speed[-1])) >= AT_REST:
-        return "the car did not come to rest"
-    return ""
-
-
-def _name(line: str) -> str:
-    return line.partition(" is ")[0]
+    if left < limits.min_left_m:
+        yield f"{left:.2f} m left, required at least {limits.min_left_m:g} m"
+    elif case.reaction is Reaction.STOP and abs(float(course.speed[-1])) >= AT_REST:
+        yield "the car did not come to rest"

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
+from vve_sumo.certify.phantoms import ScanFault
 from vve_sumo.outlets import Outlet
 from vve_sumo.pose.sources import Source
 from vve_sumo.wire.datagrams import SetpointDatagram, decode_setpoint
@@ -31,7 +32,8 @@ class FaultyWire(NamedTuple):
 
     output: Output
     outlet: Outlet[Any]
-    fault: WireFault | None  #: None: nothing goes wrong on it
+    fault: WireFault | None  #: of its bytes or frames; None: nothing goes wrong on it
+    show: ScanFault | None = None  #: of what it shows; None: what is there
 
 
 class Answer(NamedTuple):
@@ -83,7 +85,7 @@ class FaultLink:
         active = self._window is not None and self._window.holds(sample.drive_time)
         self._sequence = sample.sequence
         for wire in self._wires:
-            portions = wire.output.step(sample)
+            portions = wire.output.step(sample if wire.show is None else wire.show.step(sample, active))
             if wire.fault is not None:
                 portions = wire.fault.step(sample.drive_time, portions, active)
             wire.outlet.send(portions)

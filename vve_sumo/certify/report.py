@@ -15,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from vve_sumo.certify.cases import NAMES, Case, Reaction
+from vve_sumo.certify.limits import Limits
 from vve_sumo.certify.results import CaseResult, Certificate, Verdict
 from vve_sumo.drive.reasons import in_words
 from vve_sumo.plotting.wire_fault import WireFaultDrive, wire_fault
@@ -28,10 +29,17 @@ from vve_sumo.report.write import save
 
 JSON: Final = "certificate.json"
 #: changes with what `certificate.json` holds
-VERSION: Final = 1
+VERSION: Final = 2
 #: pictures of drives that passed are left out where there are more than these
 MAX_PICTURES: Final = 30
-_MARK: Final = {Verdict.PASSED: "yes", Verdict.FAILED: "no", Verdict.NOT_APPLICABLE: "quiet"}
+_MARK: Final = {Verdict.PASSED: "yes", Verdict.FAILED: "no", Verdict.VOID: "no", Verdict.NOT_APPLICABLE: "quiet"}
+#: meaning of each limit, with its unit
+_LIMITS: Final = {
+    "min_left_m": "left at rest to what stands ahead, at least [m]",
+    "max_left_m": "left at rest to what stands ahead where it is to drive on, at most [m]",
+    "max_deviation_m": "of the rear axle from the path at any time, at most [m]",
+    "max_overspeed_mps": "beyond the scenario's speed at any time, at most [m/s]",
+}
 CAPTION: Final = (
     "Above: the car's true speed and the gap to what was ahead. Below: the acceleration of every setpoint that came "
     "over the wire; where there is no point, the brain said nothing. The fault is shaded."
@@ -50,6 +58,9 @@ def to_dict(certificate: Certificate) -> dict[str, Any]:
     return {
         "version": VERSION,
         "passed": certificate.passed,
+        "verdict": certificate.verdict,
+        "limits": certificate.limits.to_dict(),
+        "left_out": _left_out(certificate),
         "defects": [{"name": one.name, "cases": list(one.cases)} for one in certificate.defects],
         "brain": {"command": brain.command, "files_sha256": dict(brain.files)},
         "rig": certificate.rig,
@@ -96,19 +107,21 @@ def _plain(value: float) -> float | None:
 
 def page_of(certificate: Certificate) -> Report:
     """Return the page."""
-    drives = [result for result in certificate.results if result.verdict is not Verdict.NOT_APPLICABLE]
+    drives = [result for result in certificate.results if result.verdict in (Verdict.PASSED, Verdict.FAILED)]
     failed = [result for result in drives if result.verdict is Verdict.FAILED]
     return Report(
         template="certificate.html.j2",
         kind="Certificate of a control computer at its wires",
         title=_title(certificate),
-        verdict=Top("FAILED" if failed else "passed", tuple(_sentences(certificate, drives, failed))),
+        verdict=Top(certificate.verdict, tuple(_sentences(certificate, drives, failed))),
         key_figures=_figures(certificate, drives),
         pictures=_pictures(drives, failed),
         sources=(),
         content={
             "timing": "A fault begins by the drive without a fault of the same seed: 5 s before the brain began to "
-            "brake to rest (cruise), 1 s before it (approach), or 1 s after it (braking).",
+            "brake to rest (cruise), 1 s before it (approach), 1 s after it (braking), or in a bend. Where that drive "
+            "brakes by itself within the time for the reaction, the fault begins at another moment.",
+            "limits": _limits(certificate),
             "cases": _cases(certificate),
             "defects": Table(
                 "likely defects", ("defect", "by"), [(d.name, ", ".join(d.cases)) for d in certificate.defects]
@@ -137,9 +150,26 @@ def _sentences(certificate: Certificate, drives: list[CaseResult], failed: list[
     yield f"{len(drives) - len(failed)} of {len(drives)} drives passed: {cases}, {seeds}."
     if certificate.defects:
         yield f"Likely: {'; '.join(defect.name for defect in certificate.defects)}."
+    void = sorted({r.case.name for r in certificate.results if r.verdict is Verdict.VOID})
+    if void:
+        yield f"Not tested, and so not passed: {', '.join(void)}. The nominal drive has no moment for it."
+    if absent := _left_out(certificate):
+        yield f"Left out by the command: {', '.join(absent)}."
     left_out = sorted({r.case.name for r in certificate.results if r.verdict is Verdict.NOT_APPLICABLE})
     if left_out:
         yield f"Not applicable to this rig's wires: {', '.join(left_out)}."
+
+
+def _left_out(certificate: Certificate) -> list[str]:
+    return [name for name in NAMES if name not in certificate.cases]
+
+
+def _limits(certificate: Certificate) -> Table:
+    rows = [
+        (Cell(name, kind="code"), number(value, "", 2), _LIMITS[name])
+        for name, value in certificate.limits.to_dict().items()
+    ]
+    return Table("limits", ("limit", "value", "meaning"), rows)
 
 
 def _figures(certificate: Certificate, drives: list[CaseResult]) -> list[KeyFigure]:
@@ -159,14 +189,14 @@ def _cases(certificate: Certificate) -> Table:
     rows = []
     for case in dict.fromkeys(result.case for result in certificate.results):
         of_case = [result for result in certificate.results if result.case is case]
-        worst = next((r for r in of_case if r.verdict is Verdict.FAILED), of_case[0])
+        worst = min(of_case, key=lambda result: _WORST.index(result.verdict))
         passed = sum(result.verdict is Verdict.PASSED for result in of_case)
         mark: Any = _MARK[worst.verdict]
         rows.append(
             (
                 Cell(case.name, kind="code"),
                 case.injected,
-                NONE if case.make is None else case.begins.value,
+                NONE if not case.injects else case.begins.value,
                 _lasts(case),
                 required(case),
                 f"{passed} of {len(of_case)}",
@@ -176,8 +206,11 @@ def _cases(certificate: Certificate) -> Table:
     return Table("cases", columns, rows)
 
 
+_WORST: Final = (Verdict.FAILED, Verdict.VOID, Verdict.PASSED, Verdict.NOT_APPLICABLE)
+
+
 def _lasts(case: Case) -> str:
-    if case.make is None:
+    if not case.injects:
         return NONE
     return "to the end" if math.isinf(case.lasts) else number(case.lasts, "s", 2)
 
@@ -267,6 +300,9 @@ def again(certificate: Certificate) -> str:
     ]
     if certificate.cases != NAMES:
         words += ["--cases", ",".join(certificate.cases)]
+    for name, value in certificate.limits.to_dict().items():
+        if value != Limits().to_dict()[name]:
+            words += ["--limit", f"{name}={value:g}"]
     for key, value in certificate.values.items():
         # JSON's words for truth values and its lists are TOML's as well.
         words += ["--set", f"{key}={value if isinstance(value, str) else json.dumps(value)}"]

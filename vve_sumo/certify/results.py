@@ -6,12 +6,14 @@ Values only.
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from vve_sumo.certify.cases import Case
+from vve_sumo.certify.limits import Limits
 from vve_sumo.certify.link import Answer, Window
 from vve_sumo.values import Floats
 
@@ -21,6 +23,7 @@ class Verdict(enum.StrEnum):
 
     PASSED = "passed"
     FAILED = "FAILED"
+    VOID = "VOID"  #: the nominal drive has no moment at which the case could show anything: nothing was tested
     NOT_APPLICABLE = "not applicable"  #: the rig has no wire that the case hits
 
 
@@ -37,7 +40,13 @@ class Course:
     collision: bool
     impact_speed: float  #: [m/s]; NaN for no contact
     stop_gap: float  #: at rest [m]; NaN where nothing was ahead or the car did not come to rest
-    unmet: Sequence[str]  #: criteria of the scenario that were not met, a line each
+    x: Floats  #: true rear axle, map [m]
+    y: Floats  #: as x
+    heading: Floats  #: true [rad]
+    deviation: Floats  #: of the true rear axle from the path [m], left positive
+    contact: float = math.nan  #: drive time of the first contact [s]; NaN for none
+    refused: Mapping[str, int] = field(default_factory=dict)  #: setpoints that were not taken, by reason code
+    taken: int = 1  #: setpoints that were taken
     record_sha256: str = ""  #: of the drive's record
 
 
@@ -96,6 +105,7 @@ class Certificate:
     wires: tuple[str, ...]  #: kinds
     seeds: tuple[int, ...]
     cases: tuple[str, ...]  #: that were asked for
+    limits: Limits
     results: tuple[CaseResult, ...]
     defects: tuple[Defect, ...]
     software: Mapping[str, Any]  #: versions and hash of the code
@@ -103,5 +113,11 @@ class Certificate:
 
     @property
     def passed(self) -> bool:
-        """Whether every case that was driven passed."""
-        return all(result.verdict is not Verdict.FAILED for result in self.results)
+        """Whether every case that applies was driven and passed: what was not tested is not passed."""
+        return all(result.verdict in (Verdict.PASSED, Verdict.NOT_APPLICABLE) for result in self.results)
+
+    @property
+    def verdict(self) -> Literal["passed", "FAILED", "INCOMPLETE"]:
+        """The whole in a word: what failed outweighs what was not tested."""
+        verdicts = {result.verdict for result in self.results}
+        return "FAILED" if Verdict.FAILED in verdicts else "passed" if self.passed else "INCOMPLETE"

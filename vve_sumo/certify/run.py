@@ -5,35 +5,35 @@ It knows how a drive and a brain are started and ended; it must not know what a 
 
 from __future__ import annotations
 
-import csv
 import datetime
 import hashlib
-import math
+import os
 import shlex
-import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from random import Random
-from typing import Any, Final
-
-import numpy as np
+from typing import Any, Final, NamedTuple
 
 from vve_sumo import workspace
-from vve_sumo.analysis.run import Run
+from vve_sumo.certify import kept, places
 from vve_sumo.certify.brain_process import BrainProcess
-from vve_sumo.certify.cases import Case, applies
+from vve_sumo.certify.cases import CASES, Case, Scene, inapplicable
 from vve_sumo.certify.diagnosis import diagnose
-from vve_sumo.certify.judge import BROKEN, judge, window_of
-from vve_sumo.certify.link import Answer, FaultLink, FaultyWire, Window
+from vve_sumo.certify.judge import BROKEN, Rules, judge
+from vve_sumo.certify.limits import Limits
+from vve_sumo.certify.link import FaultLink, FaultyWire, Window
+from vve_sumo.certify.moments import Timing, speeds_at, timing_of, track_of
+from vve_sumo.certify.places import Place
+from vve_sumo.certify.pool import Pool
 from vve_sumo.certify.results import BrainUnderTest, CaseResult, Certificate, Course, Verdict
 from vve_sumo.drive import provenance
 from vve_sumo.drive.brain import Brain, Publisher, SetpointController, virtual_placement
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
-from vve_sumo.drive.run import Drive, resolve_by_name
+from vve_sumo.drive.run import resolve_by_name
 from vve_sumo.drive.run import run as run_drive
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.live.brain_link import key_of, open_setpoints
@@ -45,10 +45,6 @@ from vve_sumo.wire.setpoints import SetpointInbox
 
 #: a brain that nobody can look at is taken to be quiet after so long [s]
 UNSEEN_QUIET: Final = 0.1
-#: file beside a case's record: every setpoint as it came over the wire
-ANSWERS: Final = "setpoints.csv"
-#: folder for the drives of the cases
-CASES: Final = "cases"
 
 #: waits until a brain that is started by hand is ready for the next case
 Ready = Callable[[str], None]
@@ -67,6 +63,17 @@ class CertifyQuery:
     seeds: tuple[int, ...]
     out: Path  #: folder for the certificate, absent or empty
     values: Mapping[str, Any]  #: of the scenario's keys and parameters
+    limits: Limits = field(default_factory=Limits)
+    workers: int | None = None  #: brains at a time; None: as many as processors where their places can differ
+    resume: bool = False  #: whether `out` holds drives of the same query that are over
+
+
+class Job(NamedTuple):
+    """A drive to be driven."""
+
+    case: str
+    seed: int
+    window: Window | None
 
 
 class Bench:
@@ -85,55 +92,87 @@ class Bench:
         self.kinds = tuple(output.kind for output in self.rig.outputs)
         if "radar" not in self.kinds:
             raise ConfigError(f"{self.rig_file}: outputs: expected one of kind 'radar', which a setpoint answers")
-        if query.out.exists() and (not query.out.is_dir() or any(query.out.iterdir())):
-            raise ConfigError(f"--out: {query.out} is not empty, expected a folder that is absent or empty")
+        self.places = places.places_of(self.rig, query.command, self._workers())
+        self.scenarios = {seed: self._resolved(seed) for seed in query.seeds}
         self._key = key_of(self.rig.brain, working)
 
-    def resolved(self, seed: int) -> ResolvedScenario:
-        """Return the scenario with a seed and the rig's car."""
+    def _workers(self) -> int:
+        if self.query.workers is not None:
+            return self.query.workers
+        return (os.cpu_count() or 1) if places.has_places(self.rig, self.query.command) else 1
+
+    def _resolved(self, seed: int) -> ResolvedScenario:
         query = self.query
         return resolve_by_name(query.scenario, self.working, seed=seed, rig=query.rig, values=query.values)
 
-    def _ports(self) -> list[int]:
-        places = [output.udp.rpartition(":") for output in self.rig.outputs if output.udp is not None]
-        return [int(port) for host, _, port in places if host.startswith("127.") or host == "localhost"]
+    @property
+    def bumper(self) -> float:
+        """From the rear axle to the front bumper [m]."""
+        vehicle = next(iter(self.scenarios.values())).vehicle
+        return vehicle.wheelbase + vehicle.front_overhang
 
-    def drive(self, case: Case, resolved: ResolvedScenario, window: Window | None, folder: Path) -> Course:
-        """Drive a case into a folder of its own and return its course."""
+    @property
+    def rules(self) -> Rules:
+        """What every drive is held to."""
+        resolved = next(iter(self.scenarios.values()))
+        return Rules(self.query.limits, resolved.scenario.ego.speed_mps, resolved.vehicle.steering_limit)
+
+    def identity(self) -> dict[str, Any]:
+        """Return what must be the same where a certificate is gone on with."""
+        query = self.query
+        brain = under_test(query.command, self.working)
+        return {
+            "rig_sha256": _digest(self.rig_file),
+            "scenario": query.scenario,
+            "scenario_sha256": _digest(workspace.find("scenario", query.scenario, self.working)),
+            "values": dict(query.values),
+            "brain": brain.command,
+            "brain_files_sha256": dict(brain.files),
+            "code_sha256": provenance.software()["code"]["sha256"],
+        }
+
+    def drive(self, job: Job, place: Place) -> None:
+        """Drive a job at a place into a folder of its own, where it is kept."""
+        case, resolved = CASE[job.case], self.scenarios[job.seed]
+        folder = kept.folder_of(self.query.out, job.case, job.seed)
+        kept.clear(folder)
         folder.mkdir(parents=True)
-        with self._brain(case, folder) as quiet, ExitStack() as stack:
-            link = self._link(case, resolved, window, quiet)
+        inbox = SetpointInbox(DEFAULT_EPOCH, self._key)
+        with self._brain(case, place, folder) as (quiet, deaf), ExitStack() as stack:
+            link = self._link(case, resolved, job, place, quiet)
             stack.callback(link.close)
-            done = run_drive(resolved, folder / "record", self.working, brain=self._driven(resolved, link))
+            done = run_drive(resolved, folder / "record", self.working, brain=_driven(resolved, link, inbox))
         if done.summary["outcome"] in BROKEN:
             if done.summary["outcome"] == "interrupted":
+                kept.clear(folder)
                 raise KeyboardInterrupt
             raise SimulationError(f"case {case.name}: {done.summary['text'] or done.summary['reasons']}")
-        _write_answers(folder / ANSWERS, link.answers)
-        return course_of(done, link.answers)
+        begins = None if job.window is None else job.window.begins
+        kept.keep(folder, link.answers, kept.Told(begins, dict(inbox.counts), inbox.taken, deaf))
 
     @contextmanager
-    def _brain(self, case: Case, folder: Path) -> Iterator[Callable[[], bool]]:
-        """Give a brain that listens; yields what says whether it is quiet."""
-        if self.query.command is None:
+    def _brain(self, case: Case, place: Place, folder: Path) -> Iterator[tuple[Callable[[], bool], tuple[str, ...]]]:
+        """Give a brain that listens; yields what says whether it is quiet, and the wires that it does not hear."""
+        if place.command is None:
             self._ready(case.name)
-            yield _unseen
+            yield _unseen, ()
             return
-        process = BrainProcess(self.query.command, self._ports(), folder / "brain.log", self.working)
+        ports = place.ports
+        process = BrainProcess(place.command, ports, folder / "brain.log", self.working)
         try:
-            process.wait_until_it_listens()
-            yield process.quiet
+            deaf = process.wait_until_it_listens([port for port, kind in ports.items() if kind == "radar"])
+            yield process.quiet, tuple(sorted(ports[port] for port in deaf))
         finally:
             process.close()
 
     def _link(
-        self, case: Case, resolved: ResolvedScenario, window: Window | None, quiet: Callable[[], bool]
+        self, case: Case, resolved: ResolvedScenario, job: Job, place: Place, quiet: Callable[[], bool]
     ) -> FaultLink:
         said, context = (
-            self.rig.brain,
+            place.rig.brain,
             Context(resolved.vehicle, resolved.map_frame.projection, resolved.map_frame.offset, key=self._key),
         )
-        wires = opened([output.model_dump(mode="json") for output in self.rig.outputs], context)
+        wires = opened([output.model_dump(mode="json") for output in place.rig.outputs], context)
         try:
             setpoints = open_setpoints(said, self._key)
         except BaseException:
@@ -141,17 +180,42 @@ class Bench:
                 wire.outlet.close()
             raise
         chance = Random(f"{case.name} {resolved.scenario.seed}")
+        scene = None if job.window is None or case.show is None else self._scene(job.seed, job.window)
         faulty = [
-            FaultyWire(wire.output, wire.outlet, case.make(chance) if case.make and kind in case.wires else None)
+            FaultyWire(
+                wire.output,
+                wire.outlet,
+                case.make(chance) if case.make and kind in case.wires else None,
+                case.show(scene) if case.show and scene and kind in case.wires else None,
+            )
             for kind, wire in zip(self.kinds, wires, strict=True)
         ]
-        return FaultLink(faulty, setpoints, window, quiet, said.deadline_s, self._key)
+        return FaultLink(faulty, setpoints, job.window, quiet, said.deadline_s, self._key)
 
-    def _driven(self, resolved: ResolvedScenario, link: FaultLink) -> Brain:
-        placement = virtual_placement(resolved.map_frame, resolved.model.mounting, DEFAULT_EPOCH)
-        publisher = Publisher(link.send, placement, DEFAULT_EPOCH)
-        inbox = SetpointInbox(DEFAULT_EPOCH, self._key)
-        return Brain(publisher, SetpointController(publisher, link.receive, inbox, waits=True))
+    def _scene(self, seed: int, window: Window) -> Scene:
+        nominal = self.course(Job(NOMINAL, seed, None))
+        (speed,) = speeds_at(nominal, [window.begins]).tolist()
+        return Scene(track_of(nominal), window.begins, self.bumper, speed)
+
+    def told(self, job: Job) -> kept.Told | None:
+        """Return what was kept of a job; None where it has not been driven."""
+        return kept.told_of(kept.folder_of(self.query.out, job.case, job.seed), job.window)
+
+    def course(self, job: Job) -> Course:
+        """Return the course of a job that was driven."""
+        told = self.told(job)
+        assert told is not None
+        return kept.course_of(kept.folder_of(self.query.out, job.case, job.seed), told)
+
+
+NOMINAL: Final = CASES[0].name
+CASE: Final[Mapping[str, Case]] = {case.name: case for case in CASES}
+
+
+def _driven(resolved: ResolvedScenario, link: FaultLink, inbox: SetpointInbox) -> Brain:
+    placement = virtual_placement(resolved.map_frame, resolved.model.mounting, DEFAULT_EPOCH)
+    publisher = Publisher(link.send, placement, DEFAULT_EPOCH)
+    return Brain(publisher, SetpointController(publisher, link.receive, inbox, waits=True))
 
 
 def _unseen() -> bool:
@@ -163,23 +227,32 @@ def certify(query: CertifyQuery, working: Path, ready: Ready, done: Done) -> Cer
     """Drive every case with every seed and return the certificate; raises VveError where one cannot be driven.
 
     Where the nominal drive of a seed has no answer at all, its other cases are not driven. A ConfigError in the first
-    drive leaves nothing behind.
+    drive leaves nothing behind. After an interrupt the drives that are over stay, for `query.resume`.
     """
     bench = Bench(query, working, ready)
-    scenarios = {seed: bench.resolved(seed) for seed in query.seeds}
-    began = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     there = query.out.exists()
-    query.out.mkdir(parents=True, exist_ok=True)
-    results: list[CaseResult] = []
+    kept.begin(query.out, bench.identity(), resume=query.resume)
+    began = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    seeds = {seed: _Seed(bench, seed) for seed in query.seeds}
+    shown: list[CaseResult] = []
+
+    def tell(results: Sequence[CaseResult]) -> None:
+        for result in results:
+            shown.append(result)
+            done(shown)
+
+    def after(job: Job) -> Sequence[Job]:
+        results, jobs = seeds[job.seed].take(job)
+        tell(results)
+        return _undriven(bench, jobs, after)
+
     try:
-        for seed, resolved in scenarios.items():
-            for result in _of_seed(bench, seed, resolved):
-                results.append(result)
-                done(results)
+        _drive_all(bench, _undriven(bench, [Job(NOMINAL, seed, None) for seed in query.seeds], after), after)
     except ConfigError:
-        if not results:
+        if not shown and not query.resume:
             _clear(query.out, remove=not there)
         raise
+    results = [result for seed in query.seeds for result in seeds[seed].results()]
     return Certificate(
         rig=str(bench.rig_file.name.removesuffix(".toml")),
         rig_asked=query.rig,
@@ -190,6 +263,7 @@ def certify(query: CertifyQuery, working: Path, ready: Ready, done: Done) -> Cer
         wires=bench.kinds,
         seeds=query.seeds,
         cases=tuple(case.name for case in query.cases),
+        limits=query.limits,
         results=tuple(results),
         defects=diagnose(results),
         software=provenance.software(),
@@ -197,79 +271,102 @@ def certify(query: CertifyQuery, working: Path, ready: Ready, done: Done) -> Cer
     )
 
 
+def _undriven(bench: Bench, jobs: Sequence[Job], after: Callable[[Job], Sequence[Job]]) -> list[Job]:
+    """Return the jobs that are still to be driven; those that were kept are taken as they are, with what follows."""
+    left: list[Job] = []
+    for job in jobs:
+        if bench.told(job) is None:
+            left.append(job)
+        else:
+            left.extend(after(job))
+    return left
+
+
+def _drive_all(bench: Bench, jobs: Sequence[Job], after: Callable[[Job], Sequence[Job]]) -> None:
+    if len(bench.places) == 1:
+        left = list(jobs)
+        while left:
+            job = left.pop(0)
+            bench.drive(job, bench.places[0])
+            left.extend(after(job))
+        return
+    pool: Pool[Job] = Pool([partial(bench.drive, place=place) for place in bench.places])
+    try:
+        pool.run(jobs, after)
+    finally:
+        pool.close()
+
+
+class _Seed:
+    """The results of a seed: first the nominal drive, then those that are timed by it."""
+
+    def __init__(self, bench: Bench, seed: int) -> None:
+        self._bench, self._seed = bench, seed
+        self._nominal: Course | None = None
+        self._found: dict[str, CaseResult] = {}
+
+    def take(self, job: Job) -> tuple[list[CaseResult], list[Job]]:
+        """Judge a job that was driven; return what is known now, and the jobs that follow from it."""
+        course = self._bench.course(job)
+        result = self._judged(job, course)
+        self._found[job.case] = result
+        if job.case != NOMINAL:
+            return [result], []
+        self._nominal = course
+        if not course.answers:
+            return [result], []
+        told = self._bench.told(job)
+        heard = [kind for kind in self._bench.kinds if told is None or kind not in told.deaf]
+        settled, jobs = [result], []
+        for case in self._bench.query.cases[1:]:
+            undriven, window = self._undriven(case, heard)
+            if undriven is None:
+                jobs.append(Job(case.name, self._seed, window))
+            else:
+                self._found[case.name] = undriven
+                settled.append(undriven)
+        return settled, jobs
+
+    def _undriven(self, case: Case, heard: Sequence[str]) -> tuple[CaseResult | None, Window | None]:
+        """Return the result of a case that is not driven, or when its fault is there."""
+        assert self._nominal is not None
+        if why := inapplicable(case, self._bench.kinds) or inapplicable(case, heard):
+            silent = "" if inapplicable(case, self._bench.kinds) else "the brain listens to no such wire: "
+            return CaseResult(case, self._seed, Verdict.NOT_APPLICABLE, silent + why), None
+        timing: Timing = timing_of(case, self._nominal, self._bench.bumper)
+        if timing.void:
+            return CaseResult(case, self._seed, Verdict.VOID, timing.void), None
+        return None, timing.window
+
+    def _judged(self, job: Job, course: Course) -> CaseResult:
+        case = CASE[job.case]
+        judged = judge(case, job.window, course, self._nominal, self._bench.rules)
+        record = Path(kept.CASES) / case.name / f"seed_{job.seed}" / "record"
+        result = CaseResult(case, job.seed, judged.verdict, judged.why, job.window, judged.reaction, judged.left)
+        return replace(
+            result,
+            impact_speed=course.impact_speed,
+            outcome=course.outcome,
+            reasons=tuple(course.reasons),
+            extra_braking=judged.extra_braking,
+            last=judged.last,
+            record=record,
+            record_sha256=course.record_sha256,
+            course=course,
+        )
+
+    def results(self) -> list[CaseResult]:
+        """Return the results in the order of the cases."""
+        return [self._found[case.name] for case in self._bench.query.cases if case.name in self._found]
+
+
 def _clear(folder: Path, *, remove: bool) -> None:
     """Take back what was written before the first drive was over; with `remove`, the folder too."""
-    shutil.rmtree(folder / CASES, ignore_errors=True)
+    kept.clear(folder / kept.CASES)
+    (folder / kept.QUERY).unlink(missing_ok=True)
     if remove:
         with suppress(OSError):  # not empty: somebody else has put something there
             folder.rmdir()
-
-
-def _of_seed(bench: Bench, seed: int, resolved: ResolvedScenario) -> Iterator[CaseResult]:
-    nominal: Course | None = None
-    for case in bench.query.cases:
-        if not applies(case, bench.kinds):
-            yield CaseResult(case, seed, Verdict.NOT_APPLICABLE, f"the rig has no wire of {', '.join(case.wires)}")
-            continue
-        folder = bench.query.out / CASES / case.name / f"seed_{seed}"
-        window = None if nominal is None else window_of(case, nominal)
-        course = bench.drive(case, resolved, window, folder)
-        yield _result(bench, case, seed, window, course, nominal)
-        if nominal is None:
-            nominal = course
-            if not course.answers:
-                return
-
-
-def _result(
-    bench: Bench, case: Case, seed: int, window: Window | None, course: Course, nominal: Course | None
-) -> CaseResult:
-    judged = judge(case, window, course, nominal)
-    record = Path(CASES) / case.name / f"seed_{seed}" / "record"
-    result = CaseResult(case, seed, judged.verdict, judged.why, window, judged.reaction, judged.left)
-    return replace(
-        result,
-        impact_speed=course.impact_speed,
-        outcome=course.outcome,
-        reasons=tuple(course.reasons),
-        extra_braking=judged.extra_braking,
-        last=judged.last,
-        record=record,
-        record_sha256=course.record_sha256,
-        course=course,
-    )
-
-
-def course_of(done: Drive, answers: Sequence[Answer]) -> Course:
-    """Return the course of a drive that is over, from its record."""
-    run, summary = Run(done.folder), done.summary
-    number = partial(_number, summary)
-    ticks = run.arrow("ticks")
-    return Course(
-        time=np.asarray(run.time, np.float64),
-        speed=ticks["true_speed_mps"].to_numpy(),
-        gap=np.asarray(run.lead.gap, np.float64),
-        answers=tuple(answers),
-        outcome=str(summary["outcome"]),
-        reasons=tuple(summary["reasons"]),
-        collision=bool(summary["collision"]),
-        impact_speed=number("impact_speed_mps") if summary["collision"] else math.nan,
-        stop_gap=number("stop_gap_m"),
-        unmet=tuple(summary["failed"]),
-        record_sha256=str(summary["record_sha256"]),
-    )
-
-
-def _number(summary: Mapping[str, Any], name: str) -> float:
-    value = summary.get(name)
-    return math.nan if value is None else float(value)
-
-
-def _write_answers(file: Path, answers: Sequence[Answer]) -> None:
-    with file.open("w", encoding="utf-8", newline="") as out:
-        writer = csv.writer(out)
-        writer.writerow(("time_s", "answers", "newest", "steering_rad", "acceleration_mps2"))
-        writer.writerows((f"{a.time:.3f}", a.answers, a.newest, a.steering, a.acceleration) for a in answers)
 
 
 def under_test(command: str | None, working: Path) -> BrainUnderTest:

@@ -16,28 +16,34 @@ if TYPE_CHECKING:
 
 EXIT_CODES = """exit codes:
   0  every case passed
-  1  the brain failed a case
+  1  the brain failed a case, or a case could not be tested
   2  wrong use or configuration; nothing was written
   3  the brain does not start, or a port is taken
   4  the simulation broke
-  130  interrupted from the keyboard; there is no certificate then
+  130  interrupted from the keyboard; what was driven is kept, --resume goes on
 """
 
 SUMMARY = "drive a brain of somebody else's through faults on its wires: a certificate"
 TEXT = """\
 Drive a control computer of somebody else's (a brain) through a scenario in lockstep, first without a fault and then
-with one fault after the other on the wires by which it sees: frozen, lost, late, old and wrong messages, ghosts,
-counters that stand, wrong validity. Each case requires a reaction within a time. Writes report.html,
-certificate.json and the record of every drive. A brain that fails is told its likely defect, by its behaviour alone.
+with one fault after the other on the wires by which it sees: frozen, lost, late, old and wrong messages, targets that
+are not there, counters that stand, wrong validity. Each case requires a reaction within a time, and every drive keeps
+the certificate's limits. Writes report.html, certificate.json and the record of every drive. A brain that fails is told
+its likely defect, by its behaviour alone. A case that cannot be tested is not passed.
 
 The brain is started before each case and ended after it. Its answers must depend on the datagrams alone. Without
 --brain, the command waits before each case until you have started the brain again and pressed Enter.
+
+Several brains are tested at a time where the command takes its ports: {ncom}, {radar}, … stand for those of the rig's
+wires, {setpoints} for brain.port.
 
 examples:
   vve-sumo certify --list                    the cases: what is injected, what is required, and why
   vve-sumo certify --rig rigs/foreign.toml \\
       --brain 'python examples/brains/stop_for_parked.py routes/linden_17th.csv'
   vve-sumo certify --rig ours --brain ./brain --cases radar_ageing,radar_invalid --runs 20 --out cert
+  vve-sumo certify --rig ours --out cert --resume --workers 4 --limit max_deviation_m=0.3 \\
+      --brain './brain {ncom} {radar} {setpoints}'
 """
 
 
@@ -48,6 +54,13 @@ def arguments(parser: Parser) -> None:
     parser.add_argument("--brain", metavar="COMMAND", help="starts the brain; in quotes, with its arguments")
     parser.add_argument("--out", type=Path, metavar="DIR", help="absent or empty (default: under runs/)")
     parser.add_argument("--cases", type=names, default=(), metavar="A,B", help="some cases; the nominal one always")
+    parser.add_argument("--without", type=names, default=(), metavar="A,B", help="cases that are left out")
+    parser.add_argument(
+        "--limit", type=setting, action="append", default=[], metavar="NAME=VALUE", dest="limits",
+        help="instead of the certificate's own: min_left_m, max_left_m, max_deviation_m, max_overspeed_mps",
+    )  # fmt: skip
+    parser.add_argument("--workers", type=int, metavar="N", help="brains at a time (default: as many as can be)")
+    parser.add_argument("--resume", action="store_true", help="go on with the certificate in --out")
     parser.add_argument("--runs", type=int, default=1, metavar="N", help="seeds 1 to N of each case (default: 1)")
     parser.add_argument(
         "--set", type=setting, action="append", default=[], metavar="KEY=VALUE", dest="values",
@@ -60,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     """List the cases, or drive them; return the exit code."""
     from vve_sumo.certify.cases import CASES, chosen
 
-    cases = chosen(arguments.cases)
+    cases = chosen(arguments.cases, arguments.without)
     if arguments.listed:
         from vve_sumo.certify.report import required
 
@@ -71,6 +84,11 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigError("--rig: expected the rig that names the brain's wires; see `vve-sumo certify --help`")
     if arguments.runs < 1:
         raise ConfigError(f"--runs: expected 1 or more, got {arguments.runs}")
+    if arguments.workers is not None and arguments.workers < 1:
+        raise ConfigError(f"--workers: expected 1 or more, got {arguments.workers}")
+    if arguments.resume and arguments.out is None:
+        raise ConfigError("--resume: expected --out, the folder to go on with")
+    from vve_sumo.certify.limits import limits_of
     from vve_sumo.certify.run import CertifyQuery
     from vve_sumo.drive.run import new_run_folder
 
@@ -84,6 +102,9 @@ def run(arguments: argparse.Namespace) -> int:
         seeds=tuple(range(1, arguments.runs + 1)),
         out=out,
         values=values_of(arguments.values),
+        limits=limits_of(dict(arguments.limits)),
+        workers=arguments.workers,
+        resume=arguments.resume,
     )
     from vve_sumo.certify import report
     from vve_sumo.certify.run import certify
@@ -94,10 +115,16 @@ def run(arguments: argparse.Namespace) -> int:
         shown(tally)
 
         def done(results: Sequence[CaseResult]) -> None:
-            tally.count(results[-1].verdict.value != "FAILED", "")
+            tally.count(results[-1].verdict.value not in ("FAILED", "VOID"), "")
             shown(tally)
 
-        certificate = certify(query, working, _by_hand, done)
+        try:
+            certificate = certify(query, working, _by_hand, done)
+        except KeyboardInterrupt:
+            kept = f"{tally.finished} of {tally.total} results are kept in {out}"
+            raise KeyboardInterrupt(
+                f"interrupted: {kept}; the same command with --out {out} --resume goes on"
+            ) from None
     page = report.write(certificate, out)
     _show(certificate)
     print(f"written: {page}")
@@ -117,4 +144,5 @@ def _show(certificate: Certificate) -> None:
         print(f"{result.verdict.value:<14} {result.key}{': ' if result.why else ''}{result.why}")
     for defect in certificate.defects:
         print(f"likely defect: {defect.name} ({', '.join(defect.cases)})")
-    print("passed" if certificate.passed else "FAILED")
+    print(f"limits: {', '.join(f'{name} = {value:g}' for name, value in certificate.limits.to_dict().items())}")
+    print(certificate.verdict)

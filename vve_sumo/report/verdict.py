@@ -18,7 +18,7 @@ from vve_sumo.metrics.table import label_of
 from vve_sumo.report.formatting import SPACE, number
 
 #: the verdict itself
-Word = Literal["passed", "FAILED", "explored", "not judged", "broken off", "altered"]
+Word = Literal["passed", "FAILED", "explored", "not judged", "broken off", "altered", "INCOMPLETE"]
 #: gaps that differ by less are the same to a reader [m]
 SAME = 0.005
 

@@ -143,6 +143,13 @@ def _state(sensor: int, valid: bool) -> bytes:
     )
 
 
+def with_persistent_error(frame: Frame) -> Frame:
+    """Return a frame in which sensor 0 reports a persistent error, all else in it as it was; others as they are."""
+    if frame.id != RADAR_STATE:
+        return frame
+    return frame._replace(data=data_of(bits_of(frame.data), _PERSISTENT_ERROR.put(1.0)))
+
+
 def _general(one: Object) -> bytes:
     return data_of(
         _number(one),

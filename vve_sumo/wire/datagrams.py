@@ -62,7 +62,7 @@ class RadarDatagram:
 
     sequence: int  #: counts ticks up by one, skipped ones included, modulo SEQUENCES
     time: float  #: of validity: the tick's, GNSS time [s since 1980-01-06, no leap seconds]
-    lifetime: float  #: after its arrival it must not be acted on for longer [s]
+    lifetime: float  #: after its time of validity it must not be acted on for longer [s]
     measured: float  #: when the scan was measured, GNSS time [s]
     speed: float  #: of the rear axle along the heading [m/s]
     yaw_rate: float  #: [rad/s], left positive

@@ -182,6 +182,13 @@ def _track(track: Track, rolling: int) -> bytes:
     )
 
 
+def with_internal_error(frame: Frame) -> Frame:
+    """Return a frame in which the radar reports an internal error, all else in it as it was; others as they are."""
+    if frame.id != STATUS_2:
+        return frame
+    return frame._replace(data=data_of(bits_of(frame.data), _INTERNAL_ERROR.put(1.0)))
+
+
 def decode_track(frame: Frame) -> Track | None:
     """Return the track of a frame; None for an empty one, which has no status or no range, and for another frame."""
     number, bits = frame.id - FIRST_TRACK, bits_of(frame.data)

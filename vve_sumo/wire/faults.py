@@ -12,20 +12,20 @@ import zlib
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import reduce
+from operator import xor
 from random import Random
 from typing import Any, Final, Protocol, TypeAlias
 
 from vve_sumo.pose import ncom
 from vve_sumo.values import Frame
-from vve_sumo.wire.datagrams import MAX_TARGETS, RadarDatagram, Target, decode_radar, encode_radar
+from vve_sumo.wire.datagrams import RadarDatagram, Target, decode_radar, encode_radar
 
 #: what a wire carries at one tick: datagrams, portions of a stream, or CAN frames
 Portions: TypeAlias = Sequence[Any]
 
-#: number of a ghost's object: as any object's, and none of the first that are given out
-GHOST_NUMBER: Final = 4242
-#: to be left before a ghost [m]
-GHOST_STANDOFF: Final = 5.0
+#: number of the object whose range is not a number, where there is no object: none of the first that are given out
+MADE_UP_NUMBER: Final = 4242
 #: offset of the flags, and of the first target's range, in a radar datagram [bytes]
 _FLAGS, _FIRST_RANGE = 6, 48
 _CRC_LENGTH: Final = 4  # [bytes]
@@ -153,36 +153,46 @@ def marked_invalid(newest: RadarDatagram, _last: RadarDatagram) -> bytes:
 
 def not_a_number(newest: RadarDatagram, _last: RadarDatagram) -> bytes:
     """Return a datagram that says that it is valid, and whose first range is not a number."""
-    targets = newest.targets or (Target(GHOST_NUMBER, 1.0, 0.0, 0.0),)
+    targets = newest.targets or (Target(MADE_UP_NUMBER, 1.0, 0.0, 0.0),)
     return _sealed(encode_radar(replace(newest, targets=targets)), _FIRST_RANGE, struct.pack("<f", math.nan))
-
-
-def empty(newest: RadarDatagram, _last: RadarDatagram) -> bytes:
-    """Return a valid datagram in which every target is missing."""
-    return encode_radar(replace(newest, targets=()))
-
-
-def ghost(demand: float, pace: float) -> RadarEdit:
-    """Return what adds a target straight ahead, which goes `pace` times as fast over ground as the car, away from it.
-
-    It begins so far away that a stop GHOST_STANDOFF before a standing one takes `demand` [m/s2], and then moves on as
-    its range rate says.
-    """
-
-    def edit(newest: RadarDatagram, last: RadarDatagram) -> bytes:
-        begins = GHOST_STANDOFF + last.speed**2 / (2.0 * demand)
-        mean = 0.5 * (last.speed + newest.speed)
-        distance = max(begins + (pace - 1.0) * mean * (newest.time - last.time), 0.1)
-        target = Target(GHOST_NUMBER, distance, 0.0, (pace - 1.0) * newest.speed)
-        return encode_radar(replace(newest, targets=(target, *newest.targets[: MAX_TARGETS - 1])))
-
-    return edit
 
 
 def _sealed(data: bytes, offset: int, part: bytes) -> bytes:
     """Return a datagram with other bytes at an offset, and the CRC that belongs to them."""
     body = data[:offset] + part + data[offset + len(part) : -_CRC_LENGTH]
     return body + struct.pack("<I", zlib.crc32(body))
+
+
+class Rewritten:
+    """Every portion is another one."""
+
+    def __init__(self, edit: Callable[[Any], Any]) -> None:
+        """`edit` returns what is carried in place of a portion."""
+        self._edit = edit
+
+    def step(self, _now: float, portions: Portions, active: bool) -> Portions:
+        """Return the portions, rewritten."""
+        return [self._edit(one) for one in portions] if active else portions
+
+
+def nmea_without_fix(portion: bytes) -> bytes:
+    """Return NMEA sentences that say that there is no fix, while position and motion in them look good.
+
+    GGA says quality 0 and RMC status V; every checksum is right.
+    """
+    return b"\r\n".join(map(_without_fix, portion.split(b"\r\n")))
+
+
+def _without_fix(sentence: bytes) -> bytes:
+    fields = sentence.partition(b"*")[0].split(b",")
+    if fields[0].endswith(b"GGA"):
+        fields[6] = b"0"
+    elif fields[0].endswith(b"RMC"):
+        fields[2] = b"V"
+    else:
+        return sentence
+    content = b",".join(fields)
+    return b"%b*%02X" % (content, reduce(xor, content[1:]))
 
 
 class UnlockedNcom:
