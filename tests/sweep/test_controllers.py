@@ -65,7 +65,7 @@ def test_a_search_for_a_boundary_finds_one_for_every_controller() -> None:
     for run in search.cells():
         if run is not None:
             hit = float(run.values["speed"]) >= flips[str(run.values["controller.name"])]
-            search.take({"key": run.key, "fault": "", "collision": hit, "failed": ""})
+            search.take({"key": run.key, "error": "", "collision": hit, "failed": ""})
     assert search.found is not None
     lines = search.found["boundaries"]
     assert [line["values"]["controller.name"] for line in lines] == ["a"] * 6 + ["b"]
@@ -162,7 +162,7 @@ def test_from_python_without_a_file_to_a_row_each_and_one_driven_again(toys: Pat
     tunings = {"soft": {"ease": [0.5, 1]}, "hard": {"force": 2.0}}
     sweep = vve.sweep(short, controllers=tunings, out="compared", progress=False)
     rows = sweep.rows()
-    assert not rows["fault"].any()
+    assert not rows["error"].any()
     assert list(rows["controller.name"]) == ["soft", "soft", "hard"]
     assert rows["controller.tuning.ease"].tolist()[:2] == [0.5, 1.0]
     assert rows["controller.tuning.ease"].isna().tolist() == [False, False, True]

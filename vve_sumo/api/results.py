@@ -157,11 +157,11 @@ class Sweep(dataset.Sweep):
 
     @property
     def _counts(self) -> str:
-        rows = self.rows(["passed", "fault"])
-        passed, faults = int(rows["passed"].eq(True).sum()), int(rows["fault"].ne("").sum())
+        rows = self.rows(["passed", "error"])
+        passed, errors = int(rows["passed"].eq(True).sum()), int(rows["error"].ne("").sum())
         of = "" if self.found is not None or self.finished == self.asked else f" of {self.asked}"
-        failed = self.finished - passed - faults
-        return f"{self.finished}{of} runs: {passed} passed, {failed} failed, {faults} with a fault"
+        failed = self.finished - passed - errors
+        return f"{self.finished}{of} runs: {passed} passed, {failed} failed, {errors} with an error"
 
     def _shown_figures(self) -> Sequence[str]:
         """Return the figures that the scenario's criteria ask for, as far as they are numbers, or the usual ones."""

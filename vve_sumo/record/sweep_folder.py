@@ -26,7 +26,7 @@ from vve_sumo.scenario.descriptions import meaning_of_key
 if TYPE_CHECKING:
     from pyarrow.dataset import Dataset
 
-VERSION = 3  #: of this layout; rows of earlier versions had fewer figures
+VERSION = 4  #: of this layout; rows of earlier versions had fewer figures, and a column `fault` in place of `error`
 
 _ARROW: dict[str, pa.DataType] = {"bool": pa.bool_(), "int": pa.int64(), "float": pa.float64(), "str": pa.string()}
 
@@ -35,16 +35,23 @@ RUN = rows(
     Metric("number", "number", "of the run, in the design's order", kind="int"),
     Metric("key", "key", "of the run; the same run has the same key in every sweep", kind="str"),
     Metric("seed", "seed", "of the run", kind="int"),
-    Metric("fault", "fault", "why there are no figures; empty where there are", kind="str"),
+    Metric("error", "error", "why there are no figures; empty where there are", kind="str"),
+    Metric(
+        "undisturbed",
+        "undisturbed",
+        "whether the drive is a test of its criteria: false where the driver stepped in, or a gateway fault ended it "
+        "that no criterion asks for; meets_… hold what each criterion comes to by itself",
+        kind="bool",
+    ),
 )
-#: machine resources that a run took, and the last lines that a run with a fault printed
+#: machine resources that a run took, and the last lines that a run with an error printed
 MACHINE = rows(
     RUN["number"],
     RUN["key"],
     Metric("wall_s", "wall time", "wall time that the run took"),
     Metric("cpu_s", "processor time", "processor time that it took"),
     Metric("peak_mb", "peak memory", "greatest memory of its process, 10^6 bytes"),
-    Metric("said", "last words", "the last that a run with a fault printed", kind="str"),
+    Metric("said", "last words", "the last that a run with an error printed", kind="str"),
 )
 #: every column that is not a parameter; no parameter may have one of these names
 COLUMNS: dict[str, Metric] = {**RUN, **FIGURES, **MACHINE}
@@ -74,7 +81,8 @@ class Plan:
         """Return name and kind of a row's columns, in their order."""
         met: dict[str, Kind] = {f"meets_{name}": "bool" for name in self.criteria}
         figures: dict[str, Kind] = {name: metric.kind for name, metric in FIGURES.items()}
-        return {"number": "int", "key": "str", **self.parameters, "seed": "int", "fault": "str", **figures, **met}
+        run: dict[str, Kind] = {"seed": "int", "error": "str", "undisturbed": "bool"}
+        return {"number": "int", "key": "str", **self.parameters, **run, **figures, **met}
 
     def units(self) -> dict[str, str]:
         """Return the units of the parameters that the scenario declares: those of the keys that they set."""

@@ -79,24 +79,24 @@ def verdict(sweep: Sweep, rows: pd.DataFrame, counted: runs.Counts, margin: Late
 def _word(counted: runs.Counts, repeated: bool) -> Word:
     if counted.failed:
         return "FAILED" if repeated else "explored"
-    return "not judged" if counted.faults or not counted.judged else "passed"
+    return "not judged" if counted.errors or not counted.judged else "passed"
 
 
 def _driven(counted: runs.Counts) -> str:
     """Return how many runs there were; the share that passed would depend on the points that the search chose."""
-    faults = f", {integer(counted.faults)} of them ended with a fault" if counted.faults else ""
-    return f"{count(counted.finished, 'run was', 'runs were')} driven{faults}."
+    errors = f", {integer(counted.errors)} of them ended with an error" if counted.errors else ""
+    return f"{count(counted.finished, 'run was', 'runs were')} driven{errors}."
 
 
 def _judged(counted: runs.Counts) -> str:
     if not counted.judged:
-        return f"Of {count(counted.finished, 'run')} none was judged; {counted.faults} ended with a fault."
-    faults = f"; {integer(counted.faults)} more ended with a fault" if counted.faults else ""
+        return f"Of {count(counted.finished, 'run')} none was judged; {counted.errors} ended with an error."
+    errors = f"; {integer(counted.errors)} more ended with an error" if counted.errors else ""
     if counted.failed == 0:
         every = "The one judged run" if counted.judged == 1 else f"All {integer(counted.judged)} judged runs"
-        return f"{every} passed{faults}."
+        return f"{every} passed{errors}."
     part = f"{integer(counted.passed)} of {integer(counted.judged)} judged runs met the criteria"
-    return f"{part} ({share(counted.passed / counted.judged)}), {integer(counted.failed)} did not{faults}."
+    return f"{part} ({share(counted.passed / counted.judged)}), {integer(counted.failed)} did not{errors}."
 
 
 def _extremes(rows: pd.DataFrame) -> tuple[str, ...]:
@@ -228,7 +228,7 @@ def _results(sweep: Sweep, rows: pd.DataFrame, counted: runs.Counts) -> dict[str
         "combinations": runs.combinations(sweep, rows, figures),
         "failed": runs.failed_runs(rows, sweep.parameters, figures),
         **stops.bound_checks(rows),
-        "faults": runs.faults(rows),
+        "errors": runs.errors(rows),
     }
 
 

@@ -134,7 +134,7 @@ def _counted(
 ) -> Done:
     """Return what is to be called with every outcome: counts it and hands the tally on."""
     failed = sum(outcome.verdict in BAD for outcome in known)
-    tally = Tally(total, finished=len(known), failed=failed, faults=0)
+    tally = Tally(total, finished=len(known), failed=failed, errors=0)
     progress(tally)
 
     def done(outcome: Outcome) -> None:

@@ -38,17 +38,17 @@ class Rerun:
     @property
     def same(self) -> bool:
         """Whether the run came to the same as in the sweep."""
-        return bool(self.result.fault == self.row["fault"] and self._digest == self.row["record_sha256"])
+        return bool(self.result.error == self.row["error"] and self._digest == self.row["record_sha256"])
 
     @property
     def then(self) -> str:
         """What the run came to in the sweep."""
-        return str(self.row["fault"]) or f"record {self.row['record_sha256']}"
+        return str(self.row["error"]) or f"record {self.row['record_sha256']}"
 
     @property
     def now(self) -> str:
         """What the run came to now."""
-        return self.result.fault or f"record {self._digest}"
+        return self.result.error or f"record {self._digest}"
 
     @property
     def _digest(self) -> object:
