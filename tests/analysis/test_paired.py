@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -59,6 +59,7 @@ def test_what_was_measured_of_a_contact_is_in_no_difference(behind: float) -> No
     np.testing.assert_array_equal(compared.difference("stop_gap_m"), wanted.difference("stop_gap_m"))
 
 
+@settings(deadline=None)
 @given(st.integers(0, 60), st.integers(0, 60))
 def test_the_sign_test_and_mcnemars_are_scipys_exact_binomial_test(fewer: int, more: int) -> None:
     wanted = stats.binomtest(fewer, fewer + more).pvalue if fewer + more else 1.0
@@ -86,6 +87,7 @@ def test_the_interval_of_a_median_covers_it_about_as_often_as_it_says() -> None:
     assert 0.91 < np.mean(covered) < 0.985
 
 
+@settings(deadline=None)
 @given(st.lists(st.tuples(*[st.sampled_from([1.0, 2.0, math.nan])] * 2, *[st.sampled_from([True, False, None])] * 2)))
 def test_every_pair_is_counted_once(pairs: list[tuple[float, float, bool | None, bool | None]]) -> None:
     if not pairs:

@@ -43,9 +43,7 @@ def arguments(parser: Parser) -> None:
     parser.add_argument(
         "other", type=Path, nargs="?", metavar="OTHER", help="folder of another; differences are other minus one"
     )
-    parser.add_argument(
-        "--by", metavar="PARAMETER", help="of one sweep: compare the values of this parameter, two by two"
-    )
+    parser.add_argument("--by", metavar="PARAMETER", help="of one sweep: compare this parameter's values two by two")
     parser.add_argument("--figure", default="stop_gap_m", metavar="FIGURE", help="of sweeps: what the picture shows")
     parser.add_argument("--out", type=Path, metavar="PNG", help="picture to write; of several pairs NAME_1.png …")
 

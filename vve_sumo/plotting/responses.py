@@ -35,8 +35,8 @@ def response(rows: pd.DataFrame, x: str, figure: str, *, by: str | None = None, 
 
     A median is over all runs of a value that have the figure or collided, where a collision is beyond every gap, time
     to collision and DRAC: there is none where half of them did. Runs that collided, and runs without the figure, are
-    marked along the lower edge. `by` is a column whose values have lines of their own, the controller if not said and there are several; `facet` is one whose
-    values have a panel each. Raises ConfigError for an `x` that is no number.
+    marked along the lower edge. `by` is a column whose values have lines of their own, the controller if not said and
+    there are several; `facet` is one whose values have a panel each. Raises ConfigError for an `x` that is no number.
     """
     need(rows, x, figure)
     if not is_number(rows[x]):

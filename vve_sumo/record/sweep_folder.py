@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from itertools import pairwise, zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self, get_args
@@ -76,6 +76,8 @@ class Plan:
     files_sha256: dict[str, list[str]]  #: hashes of the files that the first runs read, by role
     versions: dict[str, str]
     rig: str = ""  #: file of the rig whose car drives; empty: the scenario's vehicle
+    #: hashes of each controller's code by its name and the file's role; none of a shipped one
+    controllers_sha256: dict[str, dict[str, list[str]]] = field(default_factory=dict)
 
     def columns(self) -> dict[str, Kind]:
         """Return name and kind of a row's columns, in their order."""
@@ -114,7 +116,7 @@ class Plan:
         try:
             data = json.loads(file.read_text(encoding="utf-8"))
             version = data["version"]
-            data = {"rig": "", **data}  # which sweeps had not at first
+            data = {"rig": "", "controllers_sha256": {}, **data}  # which sweeps had not at first
         except OSError:
             raise ConfigError(f"{folder}: no sweep.json: not a sweep's folder") from None
         except (ValueError, KeyError, TypeError) as error:
@@ -125,7 +127,7 @@ class Plan:
         wrong = _wrong({name: value for name, value in data.items() if name != "version"}, cls)
         if wrong:
             raise ConfigError(f"{file}: not what a sweep writes: {wrong}")
-        return cls(**{field.name: data[field.name] for field in fields(cls)})
+        return cls(**{one.name: data[one.name] for one in fields(cls)})
 
 
 def _meaning_of_parameter(name: str, declared: Mapping[str, Any]) -> str:
@@ -145,10 +147,10 @@ _PLAIN = {"str": str, "int": int, "dict": dict, "list": list}
 
 def _wrong(data: Mapping[str, Any], plan: type[Plan]) -> str:
     """Return what is wrong with the content of `sweep.json`, empty where nothing is."""
-    for field in fields(plan):
-        if type(data.get(field.name)) is not _PLAIN[str(field.type).partition("[")[0]]:
-            return f"expected a {str(field.type).partition('[')[0]} as its {field.name}"
-    unknown = [name for name in data if name not in {field.name for field in fields(plan)}]
+    for one in fields(plan):
+        if type(data.get(one.name)) is not _PLAIN[str(one.type).partition("[")[0]]:
+            return f"expected a {str(one.type).partition('[')[0]} as its {one.name}"
+    unknown = [name for name in data if name not in {one.name for one in fields(plan)}]
     kinds = [f"{name}: {kind}" for name, kind in data["parameters"].items() if kind not in get_args(Kind)]
     return "".join(f"got {name}" for name in (unknown + kinds)[:1])
 

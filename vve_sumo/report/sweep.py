@@ -14,6 +14,7 @@ import numpy as np
 
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.latency_margin import LatencyMargin
+from vve_sumo.drive.plugged_in import CONTROLLER
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.report import formatting, key_figures, pictures, runs, search_results, settings, stops, study
 from vve_sumo.report.formatting import count, integer, number, share, short
@@ -232,12 +233,18 @@ def _results(sweep: Sweep, rows: pd.DataFrame, counted: runs.Counts) -> dict[str
     }
 
 
+def _controller(name: str, code: Mapping[str, Sequence[str]]) -> Cell:
+    """Return a controller of a sweep, with the hash of each file of its code; none of a shipped one."""
+    hashed = ", ".join(f"{role.removeprefix(CONTROLLER)} {' or '.join(digests)}" for role, digests in code.items())
+    return Cell(f"{name}: {hashed}" if hashed else name)
+
+
 def _provenance(sweep: Sweep) -> dict[str, object]:
     folder = sweep.folder.resolve().name
     rows = [
         ("dataset", folder),
         ("scenario", sweep.scenario),
-        ("controller", str((sweep.plan["table"].get("controller") or {}).get("name", "follow_and_stop"))),
+        *(("controller", _controller(name, code)) for name, code in sweep.plan["controllers_sha256"].items()),
         ("rows", f"{integer(sweep.finished)}, in rows/part-*.parquet"),
     ]
     files = [(role, digest) for role, digests in sweep.plan["files_sha256"].items() for digest in digests]
