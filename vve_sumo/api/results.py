@@ -124,7 +124,8 @@ class Sweep(dataset.Sweep):
         from vve_sumo.plotting import distribution, heat_map, response
 
         asked = [name for name in (x, y, by, facet) if name is not None]
-        rows = self.rows(list(dict.fromkeys([*self.parameters, "seed", "collision", "outcome", figure, *asked])))
+        known = ("seed", "error", "collision", "outcome", figure)
+        rows = self.rows(list(dict.fromkeys([*self.parameters, *known, *asked])))
         chosen = chosen_axes(rows, figure, [name for name in self.parameters if name not in asked])
         first, second = (name for name in [*(one for one in chosen[:2] if one), None, None][:2])
         y = y or (first if x else second)

@@ -17,6 +17,7 @@ from vve_sumo.analysis.over_time import exposure, over_time
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.sensing import radar_statistics
 from vve_sumo.drive.verify import altered_parts
+from vve_sumo.metrics.key_figures import emergency_layer
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.per_drive import OF_STOP, PER_DRIVE
 from vve_sumo.metrics.table import PLAYBACK
@@ -123,7 +124,7 @@ def _figures(figures: Figures) -> Table:
 def _figure(key: str, figures: Figures) -> str:
     value = figures[key]
     if key == "emergency_used":
-        return "braked" if value else "not needed"
+        return emergency_layer(figures)
     if value is None or (key == "impact_speed_mps" and not figures.get("collision")):
         return NONE
     return formatting.figure(key, value)
