@@ -39,7 +39,7 @@ OTHERWISE: dict[str, dict[str, Any]] = {
             "ego.speed_mps": 9.5,
             "controller.tuning.emergency": False,
             "title": 'my "car" $x ä',
-            "obstacles": [{"id": "car", "at_m": 77.5}],
+            "obstacles": [{"id": "parked_car", "at_m": 77.5, "offset_m": 0.25}],
             "criteria.stop_gap_m": {"min": 1.0},
         }
     },

@@ -162,14 +162,14 @@ def test_from_python_without_a_file_to_a_row_each_and_one_driven_again(toys: Pat
     (toys / "elsewhere").mkdir()
     (toys / "elsewhere" / "third.py").write_text(TOY % ("pull", "pull", "pull"), encoding="utf-8")
     third = f"{toys / 'elsewhere' / 'third.py'}:make"
-    tunings = {"soft": {"ease": [0.5, 1]}, "hard": {"force": 2.0}, third: {"pull": 3.0}, "follow_and_stop": {}}
+    tunings = {"soft": {"ease": [0.5, 1]}, third: {"pull": 1.5}, "hard": {"force": 2.0}, "follow_and_stop": {}}
     sweep = vve.sweep(short, controllers=tunings, out="compared", progress=False)
     rows = sweep.rows()
     assert not rows["error"].any()
-    assert list(rows["controller.name"]) == ["soft", "soft", "hard", third, "follow_and_stop"]
+    assert list(rows["controller.name"]) == ["soft", "soft", third, "hard", "follow_and_stop"]
     assert rows["controller.tuning.ease"].tolist()[:2] == [0.5, 1.0]
     assert rows["controller.tuning.ease"].isna().tolist() == [False, False, True, True, True]
-    assert rows["controller.tuning.force"].isna().tolist() == [True, True, False, True, True]
+    assert rows["controller.tuning.force"].isna().tolist() == [True, True, True, False, True]
     # The same way from rest takes the shorter, the stronger the constant acceleration is.
     assert rows["duration_s"][:4].is_monotonic_decreasing
     assert rows["duration_s"][:4].is_unique
@@ -181,8 +181,8 @@ def test_from_python_without_a_file_to_a_row_each_and_one_driven_again(toys: Pat
     assert [str(row[1]).count(name) for row, name in zip(named, tunings, strict=True)] == [1, 1, 1, 1]
     (toys / "elsewhere" / "third.py").write_text(TOY % ("pull", "pull", "pull") + "# changed\n", encoding="utf-8")
     with pytest.raises(ConfigError, match="controller_third has changed since"):
-        rerun(Path("compared"), rows.loc[3, "key"], toys / "again", lambda line: None)
-    assert rerun(Path("compared"), rows.loc[2, "key"], toys / "once more", lambda line: None).same
+        rerun(Path("compared"), rows.loc[2, "key"], toys / "again", lambda line: None)
+    assert rerun(Path("compared"), rows.loc[3, "key"], toys / "once more", lambda line: None).same
     assert "0.5, 1 (soft)" in str(report(sweep).content["varied"])
 
 

@@ -32,7 +32,7 @@ DELAY, NOISE = "ego.car.gnss_hidden_delay_s", "ego.car.noise_factor"
 #: of a row: how far off its path the ego came
 LATERAL: Final = "max_lateral_deviation_m"
 #: a drive that ended so was stopped by its gateway or broke: where it stands says nothing of the margin
-CUT_SHORT: Final = frozenset({"error", "completed", "broken", "interrupted"})
+CUT_SHORT: Final = frozenset({"fault", "completed", "broken", "interrupted"})
 
 STEPS: Final = {
     "noise_factor": "size of the receiver's noise over what it says of itself",
