@@ -81,7 +81,7 @@ def test_a_column_says_its_unit_its_meaning_and_what_is_missing(tmp_path: Path) 
     assert rows.attrs["units"]["stop_gap_m"] == "m"
     assert rows.attrs["meanings"]["speed"] == "the scenario's speed"
     assert all(rows.attrs["meanings"].values())
-    assert set(COLUMNS) == {"number", "key", "seed", "error", *FIGURES, *MACHINE}
+    assert set(COLUMNS) == {"number", "key", "seed", "error", "undisturbed", *FIGURES, *MACHINE}
     assert len(rows[~rows["passed"]]) == 1  # number 1; the run with an error has neither passed nor failed
     assert rows["passed"].isna().tolist() == [False, False, False, True, False]
     assert rows["ticks"].dtype == "Int64"

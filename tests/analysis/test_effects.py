@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -34,6 +34,7 @@ def test_a_sum_over_a_grid_is_shared_out_by_the_squares_of_its_weights() -> None
     assert all(found.attrs["meanings"].values())
 
 
+@settings(deadline=None)  # the first import of scipy's statistics takes a while
 @given(st.lists(st.lists(st.floats(-100.0, 100.0), min_size=1, max_size=6), min_size=2, max_size=5))
 def test_the_shares_follow_from_scipys_rank_test(parts: list[list[float]]) -> None:
     values, level = np.concatenate(parts), np.repeat(range(len(parts)), [len(part) for part in parts])
