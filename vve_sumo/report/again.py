@@ -52,6 +52,9 @@ def command(run: Run, working: Path) -> str | None:
 def _differences(here: Any, there: Any, place: str = "") -> Iterator[tuple[str, Any]]:
     """Yield the dotted keys at which two trees of settings differ, as deep as both have them, with what is there."""
     if isinstance(here, Mapping) and isinstance(there, Mapping):
+        if place and any(there[key] is None and here.get(key) is not None for key in there):
+            yield place, _without_none(there)  # a key that is to have no value is left out of its table
+            return
         for key, value in there.items():
             yield from _differences(here.get(key), value, f"{place}.{key}" if place else str(key))
     elif isinstance(here, list) and isinstance(there, list) and len(here) == len(there):
