@@ -100,7 +100,7 @@ def _best(rows: pd.DataFrame, figure: str, parameters: Sequence[str], within: Se
     levels = [_levels(rows[name]) for name in within if name is not None]
     if levels:
         left = left - left.groupby(levels).transform("mean")
-    return str(_shares(rows, left.to_numpy(), contacts(rows, figure), parameters).index[0])
+    return str(_shares(rows, np.asarray(left, np.float64), contacts(rows, figure), parameters).index[0])
 
 
 def is_number(column: pd.Series[Any]) -> bool:

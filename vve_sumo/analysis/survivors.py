@@ -58,5 +58,4 @@ def ranked(rows: pd.DataFrame, figure: str) -> Floats:
     if figure in METRICS:
         driven = rows["error"].fillna("").eq("").to_numpy(bool) if "error" in rows else np.ones(len(rows), bool)
         values = np.where(np.isnan(values) & driven, METRICS[figure].absent, values)
-    ranks: Floats = pd.Series(values).rank().to_numpy(np.float64)
-    return ranks
+    return np.asarray(pd.Series(values).rank(), np.float64)
