@@ -202,7 +202,8 @@ def _is_verdict(name: str) -> bool:
 def _side(pairs: pd.DataFrame, side: str) -> pd.DataFrame:
     """Return the columns of one side of the pairs, under their own names."""
     begin = f"{side}_"
-    return pairs[[name for name in pairs if name.startswith(begin)]].rename(columns=lambda name: name[len(begin) :])
+    names = [name for name in map(str, pairs) if name.startswith(begin)]
+    return pairs[names].rename(columns={name: name.removeprefix(begin) for name in names})
 
 
 def _figure(pairs: pd.DataFrame, name: str) -> dict[str, Any]:

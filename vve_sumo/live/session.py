@@ -391,7 +391,7 @@ def _drove(folder: FilePath) -> bool:
 def _summary(plan: Plan, why: tuple[str, ...], notify: Notify) -> dict[str, Any]:
     """Complete the recorder's summary by the scenario's verdict; `why` is the gateway's last reasons at the console."""
     try:
-        summary = json.loads((plan.folder / "summary.json").read_text(encoding="utf-8"))
+        summary: dict[str, Any] = json.loads((plan.folder / "summary.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
         # The recorder died, or the disk is full: summarise what the record holds.
         summary = summarise(plan.folder, {"outcome": Outcome.FAULT.value, "reasons": [*why, "record_lost"]})

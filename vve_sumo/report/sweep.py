@@ -21,7 +21,7 @@ from vve_sumo.report.formatting import count, integer, number, share, short
 from vve_sumo.report.page import Report, hashes, versions
 from vve_sumo.report.points import points
 from vve_sumo.report.sources import open_street_map
-from vve_sumo.report.tables import Cell, Column, Table, meanings, named, of_frame
+from vve_sumo.report.tables import Cell, Column, Row, Table, meanings, named, of_frame
 from vve_sumo.report.verdict import Verdict, Word
 
 if TYPE_CHECKING:
@@ -241,7 +241,7 @@ def _controller(name: str, code: Mapping[str, Sequence[str]]) -> Cell:
 
 def _provenance(sweep: Sweep) -> dict[str, object]:
     folder = sweep.folder.resolve().name
-    rows = [
+    rows: list[Row] = [
         ("dataset", folder),
         ("scenario", sweep.scenario),
         *(("controller", _controller(name, code)) for name, code in sweep.plan["controllers_sha256"].items()),

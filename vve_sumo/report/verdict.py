@@ -135,7 +135,7 @@ def _ending(run: Run, outcome: str, figures: Mapping[str, Any]) -> str:
 
 def _after_contact(figures: Mapping[str, Any], at: str) -> str:
     """Return what ended a drive after its contact: the scenario's end trigger, the driver, or that the car stopped."""
-    codes = figures.get("reasons") or ()
+    codes: Sequence[str] = figures.get("reasons") or ()
     if not END_REASONS.isdisjoint(codes[:1]):
         return f"; the scenario ended the drive after {at}: {in_words(codes[0])}"
     return "; then the driver took over" if not DRIVER_SIGNS.isdisjoint(codes) else " and then stopped"
