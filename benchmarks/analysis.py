@@ -78,8 +78,8 @@ def make(folder: Path, design: str, runs: int) -> None:
     dataset, chance = Dataset(folder, plan, resume=False), random.Random(2)
     for number, (values, seed) in enumerate(points(design, runs)):
         key = key_of("parked_car", values, seed)
-        fault = "timed_out" if number % 997 == 0 else ""
-        result = Result(key, {} if fault else figures(values, chance), fault, 1.5, 1.4, 300.0)
+        error = "timed_out" if number % 997 == 0 else ""
+        result = Result(key, {} if error else figures(values, chance), error, 1.5, 1.4, 300.0)
         dataset.add(RunSpec(number, key, dict(values), seed), result)
     dataset.close()
 

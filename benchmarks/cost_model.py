@@ -83,11 +83,11 @@ def job(demand: list[str], seconds: float, seed: int, keep: Path | None = None) 
 
 
 def driven(jobs: list[Job]) -> list[tuple[Job, Result]]:
-    """Drive jobs one after the other; end the benchmark at one with a fault."""
+    """Drive jobs one after the other; end the benchmark at one with an error."""
     came: list[tuple[Job, Result]] = []
     Local(1).run(jobs, lambda one, result: came.append((one, result)))
     for one, result in came:
-        if result.fault or abs(result.figures["ticks"] - one.table["duration_s"] / PERIOD) > 1:  # type: ignore[operator]
+        if result.error or abs(result.figures["ticks"] - one.table["duration_s"] / PERIOD) > 1:  # type: ignore[operator]
             sys.exit(f"the drive {one.key} did not last: {result}")
     return came
 

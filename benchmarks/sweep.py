@@ -91,12 +91,12 @@ def bare(demand: Path, ticks: int) -> Cost:
 
 
 def driven(engine: Local, jobs: list[Job]) -> list[Result]:
-    """Drive jobs and return their results; end the benchmark at the first that has a fault."""
+    """Drive jobs and return their results; end the benchmark at the first that has an error."""
     results: list[Result] = []
 
     def done(_job: Job, result: Result) -> None:
-        if result.fault:
-            sys.exit(f"run {result.key}: {result.fault} {result.said}")
+        if result.error:
+            sys.exit(f"run {result.key}: {result.error} {result.said}")
         results.append(result)
 
     engine.run(jobs, done)
@@ -108,7 +108,7 @@ def whole(worker: Worker, one: Job, ticks: int) -> Cost:
     worker.submit(one)
     while (result := worker.result()) is None:
         select.select([worker], [], [])
-    if result.fault or result.figures["ticks"] != ticks:
+    if result.error or result.figures["ticks"] != ticks:
         sys.exit(f"the drive did not last: {result}")
     return Cost(result.cpu_s, result.wall_s)
 
@@ -166,7 +166,7 @@ def fresh(jobs: list[Job]) -> None:
             done = subprocess.run(
                 command, input=one.to_json(), capture_output=True, text=True, cwd=REPOSITORY, check=False
             )
-        if done.returncode != 0 or Result.from_json(done.stdout.splitlines()[-1]).fault:
+        if done.returncode != 0 or Result.from_json(done.stdout.splitlines()[-1]).error:
             sys.exit(f"a fresh process failed: {done.stdout[-300:]} {done.stderr[-300:]}")
 
 

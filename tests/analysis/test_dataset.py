@@ -81,8 +81,8 @@ def test_a_column_says_its_unit_its_meaning_and_what_is_missing(tmp_path: Path) 
     assert rows.attrs["units"]["stop_gap_m"] == "m"
     assert rows.attrs["meanings"]["speed"] == "the scenario's speed"
     assert all(rows.attrs["meanings"].values())
-    assert set(COLUMNS) == {"number", "key", "seed", "fault", *FIGURES, *MACHINE}
-    assert len(rows[~rows["passed"]]) == 1  # number 1; the run with a fault has neither passed nor failed
+    assert set(COLUMNS) == {"number", "key", "seed", "error", "undisturbed", *FIGURES, *MACHINE}
+    assert len(rows[~rows["passed"]]) == 1  # number 1; the run with an error has neither passed nor failed
     assert rows["passed"].isna().tolist() == [False, False, False, True, False]
     assert rows["ticks"].dtype == "Int64"
 
@@ -94,8 +94,8 @@ def made() -> Iterator[tuple[RunSpec, Result]]:
         passed = chance.random() < 0.6
         gap = chance.gauss(4.0, 1.0) if number % 7 else None
         figures: dict[str, Any] = {"outcome": "stopped", "passed": passed, "collision": not passed, "stop_gap_m": gap}
-        fault = "timed_out" if number % 11 == 0 else ""
-        yield RunSpec(number, f"{number:016x}", values, number), Result("", {} if fault else figures, fault)
+        error = "timed_out" if number % 11 == 0 else ""
+        yield RunSpec(number, f"{number:016x}", values, number), Result("", {} if error else figures, error)
 
 
 @pytest.fixture(scope="module")
@@ -124,18 +124,26 @@ def test_groups_are_what_counting_by_hand_comes_to(sweep: Sweep, by: list[str]) 
         by_hand.setdefault(tuple(one.values[name] for name in by), []).append(came)
     assert [tuple(values) for values in groups[by].to_numpy().tolist()] == list(by_hand)
     for (_index, row), results in zip(groups.iterrows(), by_hand.values(), strict=True):
-        judged = [came.figures["passed"] for came in results if not came.fault]
-        assert (row["runs"], row["faults"]) == (len(results), len(results) - len(judged))
+        judged = [came.figures["passed"] for came in results if not came.error]
+        assert (row["runs"], row["errors"]) == (len(results), len(results) - len(judged))
         assert (row["judged"], row["passed"]) == (len(judged), sum(map(bool, judged)))
         assert row["collisions"] == sum(bool(came.figures.get("collision")) for came in results)
         low, high = stats.binomtest(sum(map(bool, judged)), len(judged)).proportion_ci(0.95, "wilson")
         assert row["passed_share"] == np.mean(judged) == pytest.approx(1.0 - row["mean_collision"])
         wanted = (low, high) if len(by) == 2 else (np.nan, np.nan)  # else the runs differ by more than their seed
         assert (row["passed_low_share"], row["passed_high_share"]) == pytest.approx(wanted, nan_ok=True)
-        gaps = np.array([came.figures.get("stop_gap_m") or np.nan for came in results], float)
+        hits = [bool(came.figures.get("collision")) for came in results]
+        measured = [came.figures.get("stop_gap_m") or np.nan for came in results]
+        gaps = np.array([gap for gap, hit in zip(measured, hits, strict=True) if not hit], float)
         gaps = gaps[np.isfinite(gaps)]
         names = ("mean", "least", "worst", "p05", "p50", "p95", "greatest")
-        figures = (gaps.mean(), gaps.min(), gaps.min(), *np.quantile(gaps, (0.05, 0.5, 0.95)), gaps.max())
+        figures = (
+            gaps.mean(),
+            gaps.min(),
+            0.0 if any(hits) else gaps.min(),
+            *np.quantile(gaps, (0.05, 0.5, 0.95)),
+            gaps.max(),
+        )
         assert [row[f"{name}_stop_gap_m"] for name in names] == pytest.approx(figures)
         spread = stats.t.ppf(0.975, len(gaps) - 1) * stats.sem(gaps) if len(by) == 2 else np.nan
         assert (row["half_width_stop_gap_m"], row["stop_gap_m_count"]) == (
@@ -143,7 +151,10 @@ def test_groups_are_what_counting_by_hand_comes_to(sweep: Sweep, by: list[str]) 
             len(gaps),
         )
         assert row["stop_gap_m_share"] == pytest.approx(len(gaps) / len(results))
-        every = sorted(-math.inf if hit and not gap <= 0.0 else gap for hit, gap in all_of(results))
+        assert row["stop_gap_m_contacts"] == sum(hits)
+        assert row["stop_gap_m_missing"] == len(results) - len(gaps) - sum(hits)
+        assert (row["collision_contacts"], row["collision_missing"]) == (0, row["errors"])
+        every = sorted(-math.inf if hit else gap for hit, gap in all_of(results))
         middle = (every[(len(every) - 1) // 2] + every[len(every) // 2]) / 2.0
         median = middle if math.isfinite(middle) else math.nan
         assert row["median_all_stop_gap_m"] == pytest.approx(median, nan_ok=True)
@@ -153,17 +164,18 @@ def test_groups_are_what_counting_by_hand_comes_to(sweep: Sweep, by: list[str]) 
 
 def rows_of(seeds: list[int], gaps: list[float], hits: list[bool], **more: Any) -> pd.DataFrame:
     held = {"seed": seeds, "stop_gap_m": gaps, "collision": hits, "passed": [not hit for hit in hits]}
-    return pd.DataFrame({"speed": 1.0, "fault": "", "outcome": "stopped", **held, **more})
+    return pd.DataFrame({"speed": 1.0, "error": "", "outcome": "stopped", **held, **more})
 
 
 def test_runs_that_collided_are_below_the_median_of_all_and_not_in_the_mean() -> None:
     rows = rows_of([1, 2, 3, 4, 5], [4.0, math.nan, 2.0, 7.0, 3.0], [False, True, False, True, False])
     (row,) = grouped(rows, ["speed"], ["stop_gap_m"]).to_dict("records")
-    assert (
-        row["mean_stop_gap_m"] == 4.0
-    )  # of 4, 2, 7 and 3: the gap behind an obstacle that was driven through is in it
+    assert row["mean_stop_gap_m"] == 3.0  # of 4, 2 and 3: the 7 m are behind an obstacle that was driven through
     assert row["median_all_stop_gap_m"] == 2.0  # of two below zero, 2, 3 and 4
-    assert (row["stop_gap_m_count"], row["stop_gap_m_share"], row["collisions"]) == (4, 0.8, 2)
+    assert (row["stop_gap_m_count"], row["stop_gap_m_share"], row["collisions"]) == (3, 0.6, 2)
+    assert (row["stop_gap_m_contacts"], row["stop_gap_m_missing"], row["worst_stop_gap_m"]) == (2, 0, 0.0)
+    deep = rows.assign(stop_gap_m=rows["stop_gap_m"].replace(7.0, -2.0))  # an overlap
+    assert grouped(deep, ["speed"], ["stop_gap_m"]).to_dict("records") == [row]
     half = grouped(rows.iloc[:4], ["speed"], ["stop_gap_m"])
     assert half["median_all_stop_gap_m"].isna().all()
 

@@ -23,7 +23,7 @@ from vve_sumo.analysis.latency_margin import (
 
 SPEED = 10.0
 ROW: dict[str, Any] = {
-    NOISE: 0.0, DELAY: 0.0, "fault": "", "passed": True, "collision": False, "outcome": "stopped", "reasons": "",
+    NOISE: 0.0, DELAY: 0.0, "error": "", "passed": True, "collision": False, "outcome": "stopped", "reasons": "",
     "stop_gap_m": math.nan, "min_gap_m": math.nan, "max_lateral_deviation_m": 0.1, "meets_outcome": True,
     "meets_stop_gap_m": True,
 }  # fmt: skip
@@ -62,11 +62,13 @@ def test_the_margin_of_a_run_is_its_gap_and_a_contact_leaves_none() -> None:
         {"outcome": "fault", "stop_gap_m": 55.0, "min_gap_m": 55.0},
         {"outcome": "fault", "stop_gap_m": 3.5, "min_gap_m": 3.5},
         {"outcome": "broken", "stop_gap_m": 3.5, "min_gap_m": 3.5},
-        {"fault": "broken: it", **NO_ROW},
+        {"error": "broken: it", **NO_ROW},
     )
     np.testing.assert_array_equal(
-        margins(frame), [4.0, 2.5, math.nan, -0.7, 0.0, -0.2, math.nan, 3.5, math.nan, math.nan]
+        margins(frame), [4.0, 2.5, math.nan, -0.7, 0.0, -0.2, math.nan, math.nan, math.nan, math.nan]
     )
+    for row in range(len(frame)):  # it depends on no other run
+        np.testing.assert_array_equal(margins(frame.iloc[[row]]), margins(frame)[[row]])
 
 
 def test_steps_and_edges_are_the_closed_form_where_speed_times_delay_is_all_that_is_lost() -> None:
@@ -80,6 +82,7 @@ def test_steps_and_edges_are_the_closed_form_where_speed_times_delay_is_all_that
     np.testing.assert_allclose(study.steps["least_margin_m"], 2.25 - SPEED * np.sort(delays), atol=1e-12)
     np.testing.assert_allclose(study.steps["closed_form_m"], study.steps["mean_margin_m"], atol=1e-12)
     assert study.steps["margins"].tolist() == study.steps["runs"].tolist() == [2] * 5
+    assert study.steps["contacts"].tolist() == [0, 0, 0, 2, 2]
     assert study.steps["passed_share"].tolist() == [1.0, 1.0, 1.0, 0.0, 0.0]
     (edge,) = study.edges.to_dict("records")
     assert edge["zero_s"] == edge["closed_form_zero_s"] == pytest.approx(0.25, abs=1e-12)
@@ -104,6 +107,12 @@ def test_a_run_that_has_nothing_left_is_named_before_the_mean_has_not() -> None:
 def test_a_margin_that_ends_because_the_gateway_stops_the_car_is_no_zero() -> None:
     stop = {"outcome": "fault", "reasons": "off_path; pose_stale", "passed": False, "meets_outcome": False}
     study = found(rows(ended(0.0, 5.0), ended(0.1, 4.9), ended(0.2, 80.0, **stop), ended(0.3, math.nan, **stop)), 0.4)
+    assert study.steps[["margins", "contacts", "stopped_by_gateway"]].to_numpy().tolist() == [
+        [1, 0, 0],
+        [1, 0, 0],
+        [0, 0, 1],
+        [0, 0, 1],
+    ]
     (edge,) = study.edges.to_dict("records")
     assert math.isnan(edge["zero_s"])
     assert (edge["known_to_s"], edge["failed_from_s"], edge["stopped_for"]) == (0.1, 0.2, "off_path+pose_stale")
@@ -115,7 +124,7 @@ def test_a_margin_that_ends_because_the_gateway_stops_the_car_is_no_zero() -> No
 
 def test_each_noise_factor_has_its_own_edge_and_a_run_with_a_fault_does_not_pass() -> None:
     clean = [ended(delay, 1.0 - SPEED * delay) for delay in (0.0, 0.05)]
-    noisy = [hit(0.0, -0.1, **{NOISE: 4.0}), {NOISE: 4.0, DELAY: 0.05, "fault": "timed_out", **NO_ROW}]
+    noisy = [hit(0.0, -0.1, **{NOISE: 4.0}), {NOISE: 4.0, DELAY: 0.05, "error": "timed_out", **NO_ROW}]
     study = found(rows(*noisy, *clean))
     assert study.edges["noise_factor"].tolist() == [0.0, 4.0]
     assert study.edges["zero_s"].isna().tolist() == [True, False]
@@ -123,11 +132,11 @@ def test_each_noise_factor_has_its_own_edge_and_a_run_with_a_fault_does_not_pass
     assert quiet.endswith("every run passed")
     assert "the mean margin is zero from the first step on, 0 ms" in loud
     assert study.steps["judged"].tolist() == [1, 1, 1, 0]
-    all_faults = found(rows({DELAY: 0.0, "fault": "timed_out", **NO_ROW}))
-    assert "no run has a margin" in next(all_faults.verdicts())
-    assert all_faults.edges["failed_from_s"].tolist() == [0.0]
-    one_fault = found(rows(ended(0.0, 1.0), {DELAY: 0.0, "fault": "timed_out", **NO_ROW}))
-    assert one_fault.edges["failed_from_s"].tolist() == [0.0]
+    all_errors = found(rows({DELAY: 0.0, "error": "timed_out", **NO_ROW}))
+    assert "no run has a margin" in next(all_errors.verdicts())
+    assert all_errors.edges["failed_from_s"].tolist() == [0.0]
+    one_error = found(rows(ended(0.0, 1.0), {DELAY: 0.0, "error": "timed_out", **NO_ROW}))
+    assert one_error.edges["failed_from_s"].tolist() == [0.0]
 
 
 @pytest.mark.parametrize(

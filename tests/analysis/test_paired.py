@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import stats
 
 from vve_sumo.analysis.paired import SEED, VERDICTS, compare_rows
+from vve_sumo.analysis.resampling import bootstrap_median, sign_test
 from vve_sumo.errors import ConfigError
 
 
@@ -40,11 +42,52 @@ def test_who_has_no_gap_is_counted_and_in_no_difference() -> None:
     compared = compare_rows(side(0.0), side(-1.0), ["speed"], figures=["stop_gap_m"])
     row = compared.figures.loc["stop_gap_m"]
     # At 10 m/s gaps of 0.6 to 0.8 m become collisions.
-    assert (row["pairs"], row["only_one"], row["only_other"], row["lower"]) == (3, 3, 0, 3)
-    assert compared.verdicts.loc["collision"].tolist() == [0, 0, 3, 3]
-    assert compared.verdicts.loc["passed"].tolist() == [3, 0, 0, 3]
+    assert (row["pairs"], row["only_one"], row["only_other"], row["lower"]) == (3, 3, 0, 6)  # a contact is less
+    assert row["sign_test_p"] == 2.0 / 2.0**6
+    assert compared.verdicts.loc["collision"].tolist() == [0, 0, 3, 3, 0.25]
+    assert compared.verdicts.loc["passed"].tolist() == [3, 0, 0, 3, 1.0]
 
 
+@pytest.mark.parametrize("behind", [40.0, -2.0])
+def test_what_was_measured_of_a_contact_is_in_no_difference(behind: float) -> None:
+    """A car that drove through an obstacle has a gap to what stood behind, or the depth of an overlap."""
+    one, other = side(0.0), side(-1.0)
+    other["stop_gap_m"] = other["stop_gap_m"].fillna(behind)
+    compared = compare_rows(one, other, ["speed"], figures=["stop_gap_m"])
+    wanted = compare_rows(one, side(-1.0), ["speed"], figures=["stop_gap_m"])
+    pd.testing.assert_frame_equal(compared.figures, wanted.figures)
+    np.testing.assert_array_equal(compared.difference("stop_gap_m"), wanted.difference("stop_gap_m"))
+
+
+@settings(deadline=None)
+@given(st.integers(0, 60), st.integers(0, 60))
+def test_the_sign_test_and_mcnemars_are_scipys_exact_binomial_test(fewer: int, more: int) -> None:
+    wanted = stats.binomtest(fewer, fewer + more).pvalue if fewer + more else 1.0
+    assert sign_test(fewer, more) == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize("count", [2, 3, 10, 41, 200])
+def test_the_interval_of_a_median_is_the_percentile_bootstraps(count: int) -> None:
+    values = np.random.default_rng(count).gamma(2.0, 3.0, count)
+    resampled = np.random.default_rng(1).choice(values, (40_000, count))
+    wanted = np.quantile(np.median(resampled, axis=1), (0.025, 0.975))
+    found = bootstrap_median(values)
+    # Of few values a quantile jumps between neighbours.
+    near = 0.0 if count < 20 else 0.06 * float(values.std())
+    assert found.low == pytest.approx(wanted[0], abs=1e-9 + near)
+    assert found.high == pytest.approx(wanted[1], abs=1e-9 + near)
+    assert bootstrap_median(values) == found, "the same pairs have the same interval"
+    assert all(math.isnan(end) for end in bootstrap_median(values[:1]))
+
+
+def test_the_interval_of_a_median_covers_it_about_as_often_as_it_says() -> None:
+    chance = np.random.default_rng(7)
+    samples = (chance.normal(1.0, 2.0, 30) for _ in range(400))
+    covered = [found.low <= 1.0 <= found.high for found in map(bootstrap_median, samples)]
+    assert 0.91 < np.mean(covered) < 0.985
+
+
+@settings(deadline=None)
 @given(st.lists(st.tuples(*[st.sampled_from([1.0, 2.0, math.nan])] * 2, *[st.sampled_from([True, False, None])] * 2)))
 def test_every_pair_is_counted_once(pairs: list[tuple[float, float, bool | None, bool | None]]) -> None:
     if not pairs:
@@ -67,7 +110,9 @@ def test_every_pair_is_counted_once(pairs: list[tuple[float, float, bool | None,
     assert row["median_difference"] == pytest.approx(wanted, nan_ok=True)
     verdicts = [pair[2:] for pair in pairs]
     kinds = [(True, True), (True, False), (False, True), (False, False)]
-    assert compared.verdicts.loc["passed", list(VERDICTS)].tolist() == [verdicts.count(kind) for kind in kinds]
+    found = compared.verdicts.loc["passed", list(VERDICTS)].tolist()
+    counts = [verdicts.count(kind) for kind in kinds]
+    assert found == [*counts, pytest.approx(sign_test(counts[1], counts[2]))]
 
 
 def test_what_cannot_be_paired_is_one_line() -> None:

@@ -42,16 +42,28 @@ def cells(text: str, name: str) -> list[str]:
 def test_two_sweeps_are_compared_pair_by_pair(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = told(capsys, sweep(tmp_path / "old", 1.0), sweep(tmp_path / "new", 1.5), "--out", tmp_path / "pairs.png")
     assert "6 pairs by speed, kind, seed" in text
-    assert cells(text, "passed") == ["5", "0", "0", "1"]
-    assert cells(text, "stop_gap_m") == ["5", "0", "0", "2", "2.5", "0.5", "0.5", "0.5", "0", "0", "5", "lower"]
+    assert cells(text, "passed") == ["5", "0", "0", "1", "1"]
+    gap = ["5", "0", "0", "2", "2.5", "0.5", "0.5", "0.5", "0.5", "0.5", "0", "1", "5", "0.0625", "lower"]
+    assert cells(text, "stop_gap_m") == gap
+    assert "differences are new minus old" in text
     assert (tmp_path / "pairs.png").stat().st_size > 0
 
 
 def test_two_values_of_one_sweep_are_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = told(capsys, sweep(tmp_path / "sweep", 1.0), "--by", "kind")
     assert "3 pairs by speed, seed" in text
-    assert cells(text, "collision") == ["0", "0", "1", "2"]
+    assert cells(text, "collision") == ["0", "0", "1", "2", "1"]
     assert cells(text, "stop_gap_m")[:3] == ["2", "1", "0"]
+
+
+def test_three_values_of_one_sweep_are_compared_each_with_each(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = told(capsys, sweep(tmp_path / "sweep", 1.0), "--by", "speed", "--out", tmp_path / "pairs.png")
+    for pair in ("1.0 minus 0.0", "2.0 minus 0.0", "2.0 minus 1.0"):
+        assert f"differences are {pair}" in text
+    assert text.count("2 pairs by kind, seed") == 3
+    assert sorted(file.name for file in tmp_path.glob("*.png")) == [f"pairs_{number}.png" for number in (1, 2, 3)]
 
 
 @pytest.mark.parametrize(
@@ -59,7 +71,6 @@ def test_two_values_of_one_sweep_are_compared(tmp_path: Path, capsys: pytest.Cap
     [
         ([], "a sweep; expected either another sweep or --by PARAMETER"),
         (["--by", "nix"], "'nix' was not varied; there are speed, kind"),
-        (["--by", "speed"], "speed: expected two of its values, 0.0, 1.0, 2.0"),
     ],
 )
 def test_what_makes_no_pairs_is_one_line(

@@ -13,6 +13,7 @@ import pytest
 from tests.drive.street import altered, drive_once
 from tests.isolated import isolated
 from vve_sumo.drive.termination import end_reason
+from vve_sumo.drive.verify import alterations
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.record.reader import read_table
 from vve_sumo.scenario.schema import EndTrigger
@@ -51,6 +52,7 @@ def test_each_condition_ends_a_drive_by_itself(
 
 def ended(folder: str) -> dict[str, dict[str, Any]]:
     wanted = {"contact": {"contact": True}, "ttc": {"ttc_s": 2.0}, "place": {"ego_at_m": 20.0}}
+    wanted["beyond"] = {"ego_at_m": 92.0}  # behind the face of the obstacle
     return {name: drive_once(BLIND | {"end_trigger": trigger}, f"{folder}/{name}") for name, trigger in wanted.items()}
 
 
@@ -58,7 +60,9 @@ def test_a_drive_ends_at_the_first_tick_at_which_it_shall(tmp_path: Path) -> Non
     """The tables say when that was, whatever the drive thought: contact, time to collision, and place."""
     summaries = isolated(ended, str(tmp_path))
     for name, code in (("contact", "end_contact"), ("ttc", "end_ttc"), ("place", "end_ego_at")):
-        assert (summaries[name]["outcome"], summaries[name]["passed"]) == ("completed", True), summaries[name]
+        hit = name == "contact"
+        assert summaries[name]["outcome"] == ("contact" if hit else "completed"), summaries[name]
+        assert summaries[name]["passed"] is not hit
         assert summaries[name]["reasons"][0] == code
     ticks = read_table(tmp_path / "contact", "ticks")
     assert [row for row, touched in enumerate(ticks["contacts"].to_pylist()) if touched] == [ticks.num_rows - 1]
@@ -70,6 +74,11 @@ def test_a_drive_ends_at_the_first_tick_at_which_it_shall(tmp_path: Path) -> Non
     ttc = _ttc(ticks, read_table(tmp_path / "ttc", "actors"))
     assert np.flatnonzero(ttc < 2.0).tolist() == [ticks.num_rows - 1]
     assert summaries["ttc"]["impact_speed_mps"] == 0.0
+
+    assert summaries["beyond"]["reasons"][0] == "end_ego_at"
+    assert (summaries["beyond"]["outcome"], summaries["beyond"]["collision"]) == ("contact", True)
+    assert summaries["beyond"]["impact_speed_mps"] == summaries["contact"]["impact_speed_mps"]
+    assert alterations(tmp_path / "beyond") == []
 
     car = altered({}).vehicle
     near = read_table(tmp_path / "place", "ticks")["s_m"].to_numpy() + car.rear_axle_to_bumper

@@ -9,6 +9,7 @@ import pytest
 
 from vve_sumo.drive import summary
 from vve_sumo.scenario.schema import Band, Criteria
+from vve_sumo.sweep.run import verdicts
 
 GOOD = {
     "outcome": "stopped",
@@ -110,10 +111,37 @@ def test_a_broken_drive_never_passes() -> None:
 
 
 def test_a_drive_that_a_fault_ended_passes_only_where_that_was_asked_for() -> None:
-    assert judged(Criteria(), outcome="fault") == ["a fault ended the drive"]
+    assert judged(Criteria(), outcome="fault") == ["a gateway fault ended the drive"]
     assert judged(Criteria(outcome="fault"), outcome="fault") == []
 
 
 def test_a_band_that_nothing_can_meet_is_refused() -> None:
     with pytest.raises(ValueError, match="least 6"):
         Band(min=6.0, max=5.0)
+
+
+@pytest.mark.parametrize("wanted", ["fault", "stopped", None])
+@pytest.mark.parametrize("end", [{}, {"outcome": "fault"}, {"reasons": ["driver_on_brake"]}, {"outcome": "broken"}])
+def test_each_criterion_of_a_run_is_judged_by_itself(wanted: Any, end: dict[str, Any]) -> None:
+    """Whatever ended the drive, a gap within its band meets it; whether the drive counts is a column of its own."""
+    drive = GOOD | {"passed": False} | end
+    criteria = STRICT.model_copy(update={"outcome": wanted})
+    found = verdicts(criteria, drive)
+    alone = {name: found.pop(f"meets_{name}") for name in ("collision", "stop_gap_m", "max_lateral_deviation_m")}
+    assert set(alone.values()) == {True}
+    assert verdicts(criteria, drive | {"collision": True, "stop_gap_m": 4.4}) | {"undisturbed": None} == {
+        "undisturbed": None,
+        "meets_collision": False,
+        "meets_stop_gap_m": False,
+        "meets_max_lateral_deviation_m": True,
+        **({} if wanted is None else {"meets_outcome": drive["outcome"] == wanted}),
+    }
+    assert found.pop("meets_outcome", None) == (None if wanted is None else drive["outcome"] == wanted)
+    sound = end == {} or (drive["outcome"] == "fault" and wanted == "fault")
+    assert found == {"undisturbed": sound}
+
+
+def test_nothing_of_a_playback_is_judged() -> None:
+    found = verdicts(STRICT, GOOD | {"outcome": "played", "passed": None})
+    assert set(found.values()) == {None}
+    assert "meets_stop_gap_m" in found

@@ -72,7 +72,17 @@ def test_the_name_of_the_ending() -> None:
 def test_a_car_at_rest_after_its_driver_stepped_in_ended_by_the_driver(sign: str) -> None:
     assert at_rest(50.0, STOPPED, contact=False, reasons=("pose_stale", sign)) is Outcome.DRIVER
     assert at_rest(50.0, ArmingState.FAULT, contact=False, reasons=(sign,)) is Outcome.DRIVER
-    assert at_rest(50.0, STOPPED, contact=True, reasons=(sign,)) is Outcome.DRIVER
+    assert at_rest(50.0, STOPPED, contact=True, reasons=(sign,)) is Outcome.CONTACT
+
+
+@pytest.mark.parametrize("outcome", [Outcome.COMPLETED, Outcome.TIMEOUT, Outcome.FAULT])
+def test_a_contact_is_the_outcome_whatever_else_ends_the_drive(outcome: Outcome) -> None:
+    watch = ending()
+    watch.see(0.0, 3.0, 0.0)
+    assert watch.unless_contact(outcome) is outcome
+    watch.see(0.1, 3.0, 0.3, contact=True)
+    watch.see(0.2, 3.0, 0.6)
+    assert watch.unless_contact(outcome) is Outcome.CONTACT
 
 
 def test_rolling_back_is_no_rest() -> None:

@@ -28,7 +28,7 @@ DRIVES: dict[str, dict[str, Any]] = {
         "obstacles": [{"id": "parked_car", "at_m": 90.0}],
         "radar.range_limit_m": 10.0,
         "controller.tuning": {"emergency": False},
-        "end_trigger": {"contact": True},
+        "end_trigger": {"ego_at_m": 60.0},
     },
 }
 

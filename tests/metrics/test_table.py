@@ -138,5 +138,9 @@ def test_no_meaning_is_read_with_the_name_of_a_metric() -> None:
 
 def test_the_longest_ending_is_the_unit() -> None:
     assert unit_of("jerk_m_s2") == "m/s²"
+    assert unit_of("controller.tuning.speed_gain_per_s") == "1/s"
+    assert unit_of("gap_gain_per_s2") == "1/s²"
+    assert unit_of("kp_rad_per_m") == "rad/m"
+    assert label_of("controller.tuning.speed_gain_per_s") == "tuning speed gain"
     assert {unit_of(f"x{ending}") for ending in UNITS} == {*UNITS.values()}
     assert Metric("x_mps", "x", "a speed").unit == "m/s"

@@ -87,20 +87,20 @@ def timed(tick: int) -> LatencyRow:
 
 
 def rows_of(count: int, seed: int = 1) -> pd.DataFrame:
-    """Rows of a sweep over speed and delay: gaps fall with their product; some collide, some have a fault."""
+    """Rows of a sweep over speed and delay: gaps fall with their product; some collide, some have an error."""
     random = np.random.default_rng(seed)
     speed, delay = random.uniform(5.0, 15.0, count), random.choice([0.0, 0.1, 0.2], count)
     demand, reaction = random.uniform(2.0, 3.0, count), random.uniform(0.03, 0.06, count)
     distance = speed * reaction + speed**2 / (2.0 * demand)
     gap = 2.0 - speed * delay + random.normal(0.0, 0.1, count)
-    fault = np.arange(count) % 10 == 3
+    error = np.arange(count) % 10 == 3
     frame = pd.DataFrame(
         {
             "number": range(count),
             "ego.speed_mps": speed,
             "delay": delay,
             "seed": 1,
-            "fault": np.where(fault, "timed_out", ""),
+            "error": np.where(error, "timed_out", ""),
             "collision": gap < 0.0,
             "passed": gap > 0.5,
             "stop_gap_m": gap,
@@ -113,8 +113,8 @@ def rows_of(count: int, seed: int = 1) -> pd.DataFrame:
             "hunting": False,
         }
     ).astype({"collision": "boolean", "passed": "boolean", "hunting": "boolean"})
-    frame.loc[fault, ["collision", "passed", "hunting"]] = pd.NA
-    frame.loc[fault, [name for name in frame if name.startswith("stop_")]] = np.nan
+    frame.loc[error, ["collision", "passed", "hunting"]] = pd.NA
+    frame.loc[error, [name for name in frame if name.startswith("stop_")]] = np.nan
     frame.attrs["units"] = {"delay": "s"}
     return frame
 
@@ -142,7 +142,7 @@ def searched(folder: Path, search: dict[str, Any], found: dict[str, Any] | None)
     with (folder / "journal.jsonl").open("w", encoding="utf-8") as journal:
         for number, (seed, speed) in enumerate(itertools.product(FLIPS_AT, speeds)):
             hit = speed >= FLIPS_AT[seed]
-            row = {"number": number, "key": f"{number:016x}", "pace": speed, "offset": 0.5, "seed": seed, "fault": ""}
+            row = {"number": number, "key": f"{number:016x}", "pace": speed, "offset": 0.5, "seed": seed, "error": ""}
             row |= {"collision": hit, "passed": not hit, "impact_speed_mps": None if number == 2 else speed - 5.5}
             journal.write(json.dumps(dict.fromkeys(plan.columns()) | row) + "\n")
     if found is not None:
@@ -172,7 +172,7 @@ def cliff_rows() -> pd.DataFrame:
     random, rows = np.random.default_rng(3), []
     for noise, delay, seed in itertools.product((1.0, 2.0), np.arange(0.0, 0.45, 0.05), range(3)):
         gap = 4.0 - 0.2 * noise - 11.0 * delay + random.normal(0.0, 0.02)
-        rows.append({study.DELAY: delay, study.NOISE: noise, "seed": seed, "fault": "", "passed": gap > 1.0}
+        rows.append({study.DELAY: delay, study.NOISE: noise, "seed": seed, "error": "", "passed": gap > 1.0}
                     | {"collision": gap < 0.0, "outcome": "contact" if gap < 0.0 else "stopped", "stop_gap_m": gap}
                     | {"min_gap_m": gap, study.LATERAL: 0.1, "reasons": ""})  # fmt: skip
     return pd.DataFrame(rows)
@@ -295,14 +295,14 @@ def test_the_approach_runs_down_to_rest_over_the_parabola(figures: dict[str, Fig
 
 def test_gaps_at_rest_are_the_rows_and_what_has_none_is_marked(figures: dict[str, Figure]) -> None:
     rows = rows_of(300)
-    hit, fault = rows["collision"].eq(True).fillna(False), rows["fault"] != ""
-    at_rest = rows[~hit & ~fault]
+    hit, error = rows["collision"].eq(True).fillna(False), rows["error"] != ""
+    at_rest = rows[~hit & ~error]
     x, y = labelled(figures["gaps"], f"gap at rest \\({len(at_rest)} runs")
     assert sorted(zip(x, y, strict=True)) == sorted(zip(at_rest["ego.speed_mps"], at_rest["stop_gap_m"], strict=True))
     x, y = labelled(figures["gaps"], f"collision \\({hit.sum()} runs")
     assert x.tolist() == rows[hit]["ego.speed_mps"].tolist()
     assert y.tolist() == rows[hit]["stop_gap_m"].tolist()
-    assert labelled(figures["gaps"], f"fault \\({fault.sum()} runs")[0].tolist() == sorted(rows[fault]["ego.speed_mps"])
+    assert labelled(figures["gaps"], f"error \\({error.sum()} runs")[0].tolist() == sorted(rows[error]["ego.speed_mps"])
 
 
 def test_stops_lie_beside_the_closed_form_and_broken_bounds_are_marked(figures: dict[str, Figure]) -> None:
@@ -386,7 +386,7 @@ def survivors() -> pd.DataFrame:
     hit = second & (speed > 12.0)
     gap = np.where(hit, np.nan, np.where(second, 15.0 - speed, 30.0 - speed))
     demand = np.where(second, 2.0, 3.0)
-    frame = {"ego.speed_mps": speed, "controller.name": np.where(second, "two", "one"), "fault": "", "collision": hit}
+    frame = {"ego.speed_mps": speed, "controller.name": np.where(second, "two", "one"), "error": "", "collision": hit}
     frame |= {"stop_gap_m": gap, "passed": ~hit, "weather": np.where(speed > 9.0, "wet", "dry")}
     frame |= {"stop_onset_speed_mps": speed, "stop_demand_mps2": demand, "stop_reaction_s": 0.0}
     frame |= {"stop_distance_m": speed**2 / 2.0 / demand, "stop_bound_m": speed**2 / 2.0 / demand}
@@ -396,15 +396,32 @@ def survivors() -> pd.DataFrame:
 
 def test_a_distribution_counts_who_drove_through_as_below_zero() -> None:
     figure = plotting.distribution(survivors(), "stop_gap_m", "controller.name")
-    x, share = labelled(figure, r"^two \(8 of 10 runs, 2 collided without\)")
+    x, share = labelled(figure, r"^two \(8 of 10 runs, 2 collided\)")
     assert x.tolist() == [0.0, 0.0, *range(3, 11)]
     assert share.tolist() == [0.0, *range(20, 110, 10)]
     assert labelled(figure, r"^one \(10 runs\)")[1][-1] == 100.0
     rows = survivors()
-    rows.loc[rows["ego.speed_mps"].eq(14.0) & rows["collision"], "stop_gap_m"] = -3.0  # an overlap that was measured
-    x, share = labelled(plotting.distribution(rows, "stop_gap_m", "controller.name"), r"^two \(9 of 10 runs")
-    assert x.tolist() == [-3.0, -3.0, -3.0, *range(3, 11)]
-    assert share.tolist() == [0.0, 10.0, 20.0, *range(30, 110, 10)]
+    # Neither an overlap that was measured, nor a gap to what stood behind, is a gap.
+    for measured in (-3.0, 40.0):
+        rows.loc[rows["ego.speed_mps"].eq(14.0) & rows["collision"], "stop_gap_m"] = measured
+        again = labelled(plotting.distribution(rows, "stop_gap_m", "controller.name"), r"^two \(8 of 10 runs, 2 coll")
+        assert [part.tolist() for part in again] == [x.tolist(), share.tolist()]
+
+
+@pytest.mark.parametrize("figure", ["stop_gap_m", "min_gap_m", "min_ttc_s", "max_drac_mps2"])
+def test_every_plot_of_a_figure_counts_all_runs_with_a_contact(figure: str) -> None:
+    """Whatever was measured of them: an overlap, what stands behind, or nothing."""
+    rows = survivors()
+    rows[figure] = np.where(rows["collision"], np.resize([-3.0, np.nan, 30.0], 20), rows["stop_gap_m"])
+    hits = int(rows["collision"].sum())
+    response = plotting.response(rows, "ego.speed_mps", figure)
+    assert labelled(response, rf"^two: collided \({hits}\)")[0].tolist() == [13.0, 14.0]
+    spread = plotting.distribution(rows, figure, "controller.name")
+    assert labelled(spread, rf"^two \(8 of 10 runs, {hits} collided\)")[1][-1] == (80.0 if "drac" in figure else 100.0)
+    map_ = plotting.heat_map(rows, "ego.speed_mps", "weather", figure)
+    for drawn in (response, spread, map_):
+        assert "18 of 20 runs" in drawn.get_suptitle()
+        assert f"{hits} " in drawn.get_suptitle().partition("18 of 20 runs")[2]
 
 
 def test_a_median_over_all_runs_counts_who_drove_through_and_ends_where_half_did() -> None:
@@ -469,7 +486,7 @@ def test_panels_hold_the_rows_of_their_value_on_the_same_axes_and_colours() -> N
     assert meshes[1].get_array().compressed().tolist() == list(map(float, range(10, 2, -1)))
     # Text has neither unit nor number.
     assert figure.axes[0].get_ylabel() == "weather"
-    both = plotting.heat_map(survivors(), "ego.speed_mps", "fault", "passed", by="controller.name", facet="weather")
+    both = plotting.heat_map(survivors(), "ego.speed_mps", "error", "passed", by="controller.name", facet="weather")
     assert [axes.get_title("left").replace("\n", " ") for axes in both.axes[:4]] == [
         "dry, one",
         "dry, two",
@@ -507,6 +524,9 @@ def test_runs_that_the_gateway_stopped_are_told_of_beside_a_gap(ended: int) -> N
 
 def test_pairs_are_drawn_one_over_the_other_with_their_differences() -> None:
     one, two = (part.assign(seed=1) for _name, part in survivors().groupby("controller.name"))
+    figure = plotting.paired(compare_rows(one, two, ["ego.speed_mps"], "first", "second"))
+    assert "second minus first" in figure.get_suptitle()
+    assert "95 % interval" in figure.get_suptitle()
     figure = plotting.paired(compare_rows(one, two, ["ego.speed_mps"], "one", "two"))
     assert labelled(figure, "^8 pairs")[:, :8].tolist() == [list(range(25, 17, -1)), list(range(10, 2, -1))]
     assert labelled(figure, r"^two has none \(2\)").tolist() == [[17.0, 16.0], [0.0, 0.0]]
@@ -607,7 +627,7 @@ def nobody() -> pd.DataFrame:
 ROWS: dict[str, Callable[[], pd.DataFrame]] = {
     "none": lambda: rows_of(20).iloc[:0],
     "one": lambda: rows_of(1),
-    "one with a fault": lambda: rows_of(4).iloc[3:],
+    "one with an error": lambda: rows_of(4).iloc[3:],
     "without a figure": nobody,
     "alike": lambda: pd.concat([rows_of(1)] * 5, ignore_index=True),
 }
@@ -708,3 +728,14 @@ def has_pyplot() -> bool:
 
 def test_plots_need_no_pyplot() -> None:
     assert not isolated(has_pyplot)
+
+
+@pytest.mark.parametrize("form", ["pdf", "ps"])
+def test_a_plot_for_a_paper_has_no_type_3_fonts(form: str, tmp_path: Path) -> None:
+    """Publishers refuse them; fonts of a PDF are named in its text, those of PostScript by their type."""
+    file = tmp_path / f"plot.{form}"
+    plotting.distribution(survivors(), "stop_gap_m", "controller.name").savefig(file)
+    content = file.read_bytes()
+    assert b"/Subtype /Type3" not in content
+    assert b"/FontType 3" not in content
+    assert (b"/Subtype /CIDFontType2" if form == "pdf" else b"/FontType 42") in content

@@ -19,7 +19,7 @@ ROWS = pd.DataFrame(
         "outcome": ["stopped"] * 4,
         "collision": [False] * 4,
         "passed": [True] * 4,
-        "fault": [""] * 4,
+        "error": [""] * 4,
         "seed": [1] * 4,
     }
 )

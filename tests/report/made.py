@@ -74,9 +74,9 @@ def runs() -> Iterator[tuple[RunSpec, Result]]:
         figures |= {"stop_onset_speed_mps": speed + 5.0, "stop_distance_m": 10.0 + speed, "stop_bound_m": 12.0}
         figures |= {"stop_tolerance_m": 0.1, "hunting": False}
         figures |= {"stop_demand_mps2": 5.0, "stop_reaction_s": 0.1, "record_sha256": "0"}
-        fault = "crashed: SIGSEGV <b>" if number == 5 else ""
+        error = "crashed: SIGSEGV <b>" if number == 5 else ""
         values = {"ego.speed_mps": speed, "gap": gap}
-        yield RunSpec(number, f"{number:016x}", values, 1), Result("", {} if fault else figures, fault)
+        yield RunSpec(number, f"{number:016x}", values, 1), Result("", {} if error else figures, error)
 
 
 def swept(folder: Path) -> Path:

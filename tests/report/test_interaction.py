@@ -141,6 +141,18 @@ def test_a_run_is_named_where_the_reader_points_and_with_keys(folders: Folders, 
     agrees(page.inner_text(OUT))
 
 
+def test_a_run_that_has_no_gap_because_it_collided_is_on_the_plot_too(folders: Folders, opened: Any) -> None:
+    page = opened(folders.sweep)
+    unfolded(page, "runs")
+    page.focus("#chart [role=group]")
+    seen = set()
+    for _ in range(36):
+        page.keyboard.press("ArrowRight")
+        seen.add(page.inner_text(OUT).partition(",")[0].removeprefix("run "))
+    assert seen == {spec.key for spec, _result in runs()}
+    assert any(result.figures.get("collision") for spec, result in runs() if spec.key in seen)
+
+
 def test_on_a_phone_what_is_wider_scrolls_and_says_so(folders: Folders, opened: Any) -> None:
     page = opened(folders.drive, viewport=PHONE)
     wide = page.evaluate("""() => [...document.querySelectorAll('.paper')].filter(one => one.checkVisibility()).map(

@@ -77,7 +77,7 @@ def test_words_among_parameters_are_places_on_an_axis() -> None:
             "key": ["a", "b", "c"],
             "seed": [1, 1, 1],
             "passed": [True, False, None],
-            "fault": ["", "", "timed_out"],
+            "error": ["", "", "timed_out"],
             "outcome": ["stopped", "contact", None],
             "failed": ["", "collision is True, expected False", None],
             "controller.name": ["one", "two", "one"],
@@ -89,6 +89,6 @@ def test_words_among_parameters_are_places_on_an_axis() -> None:
     assert drawn is not None
     assert [(one["values"], one["names"]) for one in drawn["x"]] == [([0, 1, 0], ["one", "two"])]
     assert drawn["passed"] == [True, False, None]
-    assert drawn["text"] == ["stopped", "contact; collision is True, expected False", "fault: timed_out"]
+    assert drawn["text"] == ["stopped", "contact; collision is True, expected False", "error: timed_out"]
     assert drawn["y"][0]["values"] == [2.0, None, None]
     assert points.points(rows, ["speed"], ["stop_gap_m"]) is None

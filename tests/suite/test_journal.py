@@ -9,12 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.sweep.test_controllers import TOY
 from tests.vehicles import FUSION
 from vve_sumo.errors import ConfigError
 from vve_sumo.suite import catalogue
 from vve_sumo.suite.journal import NAME, Journal
+from vve_sumo.suite.query import code_of, driven_by
 from vve_sumo.suite.row import Outcome, Verdict
 
+#: a controller of one's own
+OWN = TOY % ("ease", "ease", "ease")
 ROWS = catalogue.rows("pass_through", FUSION)
 NUMBERS = st.none() | st.floats(allow_nan=False)
 OUTCOMES = st.builds(
@@ -46,6 +50,25 @@ def test_what_was_written_is_read_again_but_for_a_torn_line(tmp_path_factory, ou
         assert journal.known == outcomes
     with Journal(folder, ROWS, resume=True) as journal:
         assert journal.known == outcomes
+
+
+def test_drives_of_two_versions_of_a_controller_are_in_no_one_journal(tmp_path: Path) -> None:
+    first = tmp_path / "controllers" / "mine.py"
+    first.parent.mkdir()
+    first.write_text(OWN, encoding="utf-8")
+    rows = [driven_by(row, "mine") for row in ROWS]
+    code = code_of(rows, tmp_path)
+    assert code_of(rows, tmp_path) == code
+    outcome = Outcome(row=rows[0], seed=1, verdict=Verdict.PASSED)
+    with Journal(tmp_path / "out", rows, resume=False, code=code) as journal:
+        journal.add(outcome)
+    with Journal(tmp_path / "out", rows, resume=True, code=code) as journal:
+        assert journal.known == [outcome]
+    first.write_text(OWN + "# another\n", encoding="utf-8")
+    other = code_of(rows, tmp_path)
+    assert other != code
+    with pytest.raises(ConfigError, match=r"line 1: row .* was driven by other code of its controller"):
+        Journal(tmp_path / "out", rows, resume=True, code=other)
 
 
 @pytest.mark.parametrize(

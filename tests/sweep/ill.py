@@ -96,7 +96,7 @@ def begets(note: Path) -> None:
 
 def prints(note: Path) -> None:
     for _ in range(2000):
-        print('{"version": 1, "key": "forged", "figures": {}, "fault": "", "said": ""}')
+        print('{"version": 1, "key": "forged", "figures": {}, "error": "", "said": ""}')
     sys.stdout.flush()
     os.write(1, b"x" * 300_000 + b"\n")
     subprocess.run(["echo", "ready"], check=True)

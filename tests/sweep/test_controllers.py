@@ -65,7 +65,7 @@ def test_a_search_for_a_boundary_finds_one_for_every_controller() -> None:
     for run in search.cells():
         if run is not None:
             hit = float(run.values["speed"]) >= flips[str(run.values["controller.name"])]
-            search.take({"key": run.key, "fault": "", "collision": hit, "failed": ""})
+            search.take({"key": run.key, "error": "", "collision": hit, "failed": ""})
     assert search.found is not None
     lines = search.found["boundaries"]
     assert [line["values"]["controller.name"] for line in lines] == ["a"] * 6 + ["b"]
@@ -159,20 +159,30 @@ def test_a_key_set_twice_is_refused(toys: Path) -> None:
 
 def test_from_python_without_a_file_to_a_row_each_and_one_driven_again(toys: Path) -> None:
     short = vve.Scenario("delay_probe").replace({"end_trigger.ego_at_m": 15.0, "ego.speed_mps": 8.0})
-    tunings = {"soft": {"ease": [0.5, 1]}, "hard": {"force": 2.0}}
+    (toys / "elsewhere").mkdir()
+    (toys / "elsewhere" / "third.py").write_text(TOY % ("pull", "pull", "pull"), encoding="utf-8")
+    third = f"{toys / 'elsewhere' / 'third.py'}:make"
+    tunings = {"soft": {"ease": [0.5, 1]}, third: {"pull": 1.5}, "hard": {"force": 2.0}, "follow_and_stop": {}}
     sweep = vve.sweep(short, controllers=tunings, out="compared", progress=False)
     rows = sweep.rows()
-    assert not rows["fault"].any()
-    assert list(rows["controller.name"]) == ["soft", "soft", "hard"]
+    assert not rows["error"].any()
+    assert list(rows["controller.name"]) == ["soft", "soft", third, "hard", "follow_and_stop"]
     assert rows["controller.tuning.ease"].tolist()[:2] == [0.5, 1.0]
-    assert rows["controller.tuning.ease"].isna().tolist() == [False, False, True]
-    assert rows["controller.tuning.force"].isna().tolist() == [True, True, False]
+    assert rows["controller.tuning.ease"].isna().tolist() == [False, False, True, True, True]
+    assert rows["controller.tuning.force"].isna().tolist() == [True, True, True, False, True]
     # The same way from rest takes the shorter, the stronger the constant acceleration is.
-    assert rows["duration_s"].is_monotonic_decreasing
-    assert rows["duration_s"].is_unique
-    assert len(sweep.grouped()) == 3
+    assert rows["duration_s"][:4].is_monotonic_decreasing
+    assert rows["duration_s"][:4].is_unique
+    assert len(sweep.grouped()) == 5
     pd.testing.assert_frame_equal(rows, vve.load("compared").rows())
-    assert rerun(Path("compared"), rows.loc[2, "key"], None, lambda line: None).same
+    for key in rows["key"]:  # of its own controller a rerun needs the code alone
+        assert rerun(Path("compared"), key, None, lambda line: None).same
+    named = [row for row in report(sweep).content["provenance"].rows if row[0] == "controller"]  # type: ignore[attr-defined]
+    assert [str(row[1]).count(name) for row, name in zip(named, tunings, strict=True)] == [1, 1, 1, 1]
+    (toys / "elsewhere" / "third.py").write_text(TOY % ("pull", "pull", "pull") + "# changed\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match="controller_third has changed since"):
+        rerun(Path("compared"), rows.loc[2, "key"], toys / "again", lambda line: None)
+    assert rerun(Path("compared"), rows.loc[3, "key"], toys / "once more", lambda line: None).same
     assert "0.5, 1 (soft)" in str(report(sweep).content["varied"])
 
 

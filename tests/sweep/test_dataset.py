@@ -48,7 +48,7 @@ def cell(number: int) -> RunSpec:
 
 def result(number: int) -> Result:
     if number == 3:
-        return Result(cell(number).key, fault="crashed: SIGSEGV", said="…")
+        return Result(cell(number).key, error="crashed: SIGSEGV", said="…")
     figures = {"outcome": "stopped", "passed": number % 2 == 0, "stop_gap_m": 5.0 / (1 + number), "min_ttc_s": None}
     return Result(cell(number).key, {**figures, "ticks": number, "record_sha256": f"{number}"}, wall_s=1.5)
 
@@ -188,7 +188,7 @@ def test_rows_come_back_in_cell_order(tmp_path: Path) -> None:
     assert list(rows["number"]) == list(range(COUNT))
     assert list(rows["speed"]) == [0.1 * number for number in range(COUNT)]
     assert list(rows["seed"]) == [1 + number for number in range(COUNT)]
-    assert rows["fault"][3] == "crashed: SIGSEGV"
+    assert rows["error"][3] == "crashed: SIGSEGV"
     assert rows["passed"].isna().tolist() == [number == 3 for number in range(COUNT)]
     table = pyarrow.dataset.dataset(tmp_path / "a" / "rows").to_table()
     assert table.num_rows == COUNT

@@ -117,7 +117,7 @@ def test_results_are_those_of_a_drive_in_a_process_of_its_own(tmp_path: Path) ->
     for one in jobs[:2]:
         summary = isolated(in_process, one, tmp_path / one.key)
         figures = results[one.key].figures
-        assert results[one.key].fault == ""
+        assert results[one.key].error == ""
         assert figures["record_sha256"] == summary["record_sha256"]
         assert figures["ticks"] == 50
         assert figures["stop_gap_m"] is None
@@ -152,8 +152,8 @@ def test_each_end_has_its_reason_and_neighbours_are_right() -> None:
         seeded("after", 5),
         workers=2,
     )
-    faults = {key: result.fault for key, result in results.items()}
-    assert {key: fault for key, fault in faults.items() if not fault.startswith("config: ")} == {
+    errors = {key: result.error for key, result in results.items()}
+    assert {key: error for key, error in errors.items() if not error.startswith("config: ")} == {
         "before": "",
         "segfault": "crashed: SIGSEGV",
         "hang": "timed_out",
@@ -167,9 +167,9 @@ def test_each_end_has_its_reason_and_neighbours_are_right() -> None:
         "prints": "",
         "after": "",
     }
-    assert faults["bad"].startswith("config: straight_on.toml: after_stop_s: ")
-    assert "duration_s" in faults["unspeakable"] or "finite" in faults["unspeakable"]
-    assert "no such day" in faults["stillborn"]
+    assert errors["bad"].startswith("config: straight_on.toml: after_stop_s: ")
+    assert "duration_s" in errors["unspeakable"] or "finite" in errors["unspeakable"]
+    assert "no such day" in errors["stillborn"]
     for key, text in (
         ("raises", "ZeroDivisionError: nothing left of <object object at 0x...>"),
         ("exits", "SystemExit: 3"),
@@ -179,7 +179,7 @@ def test_each_end_has_its_reason_and_neighbours_are_right() -> None:
     assert "goodbye" in results["leaves"].said
     assert "ill.py" in results["segfault"].said
     assert results["before"].figures == results["after"].figures
-    assert all(not result.figures for result in results.values() if result.fault)
+    assert all(not result.figures for result in results.values() if result.error)
 
 
 def test_a_kept_record_replaces_a_record_and_nothing_else(tmp_path: Path) -> None:
@@ -189,9 +189,9 @@ def test_a_kept_record_replaces_a_record_and_nothing_else(tmp_path: Path) -> Non
     torn = job("torn", "segfault", keep=kept)
     evidence = dataclasses.replace(torn, key="evidence", keep=tmp_path / "evidence")
     results = driven(torn, seeded("whole", 5, keep=kept), seeded("other", 5, keep=other), evidence)
-    assert results["whole"].fault == ""
+    assert results["whole"].error == ""
     assert (kept / "summary.json").is_file()
-    assert results["other"].fault == f"config: {other} is not empty, expected an empty or absent folder for the record"
+    assert results["other"].error == f"config: {other} is not empty, expected an empty or absent folder for the record"
     assert sorted(place.name for place in tmp_path.iterdir()) == ["evidence", "kept", "other", "scratch"]
     assert (tmp_path / "evidence" / "ticks.arrows").is_file()
 
@@ -212,9 +212,9 @@ def test_a_server_killed_from_outside_is_replaced(tmp_path: Path) -> None:
         first = spoil(worker, note)
         assert eventually(lambda: worker.result() or worker.pid != first) is True
         spoil(worker, note)
-        assert eventually(worker.result) == Result("stubborn", fault="killed: SIGKILL")
+        assert eventually(worker.result) == Result("stubborn", error="killed: SIGKILL")
         worker.submit(job("next", "begets", note))
-        assert eventually(worker.result).fault == ""
+        assert eventually(worker.result).error == ""
         assert not alive(int(note.read_text()))
         # A process that forks must have one thread, whatever numpy or Arrow would like.
         assert len(list(Path(f"/proc/{worker.pid}/task").iterdir())) == 1
@@ -283,8 +283,8 @@ FIGURE = st.none() | st.booleans() | st.integers() | st.floats() | st.text()
 
 
 @given(st.dictionaries(st.text(), FIGURE), st.text(), st.text())
-def test_results_travel_as_one_line(figures: dict[str, Any], fault: str, said: str) -> None:
-    result = Result("key", figures, fault, 1.5, 1.25, 180.0, said)
+def test_results_travel_as_one_line(figures: dict[str, Any], error: str, said: str) -> None:
+    result = Result("key", figures, error, 1.5, 1.25, 180.0, said)
     line = result.to_json()
     assert "\n" not in line
     told = {name: None if isinstance(it, float) and it - it != 0.0 else it for name, it in figures.items()}

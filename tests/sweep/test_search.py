@@ -25,6 +25,8 @@ from vve_sumo.cli.search_results import lines, table_of
 from vve_sumo.errors import ConfigError
 from vve_sumo.laws import stopping_distance
 from vve_sumo.record.sweep_folder import Plan, read_tables
+from vve_sumo.report import search_results
+from vve_sumo.report.formatting import SPACE
 from vve_sumo.sweep import boundary, worst
 from vve_sumo.sweep.dataset import Dataset
 from vve_sumo.sweep.job import Result
@@ -139,8 +141,8 @@ def driven(
         one = waiting.pop(0)
         numbers.append(one.number)
         figures = drive(one.values, one.seed)
-        fault = figures.pop("fault", "")
-        hunt.take(dataset.add(one, Result(one.key, {} if fault else figures, fault=fault)))
+        error = figures.pop("error", "")
+        hunt.take(dataset.add(one, Result(one.key, {} if error else figures, error=error)))
     if hunt.found is not None:
         dataset.settle(hunt.runs)
     dataset.close()
@@ -179,9 +181,9 @@ def test_boundaries_are_where_the_closed_form_has_them(tmp_path: Path) -> None:
 
 
 def island(values: Mapping[str, Any], seed: int) -> dict[str, Any]:
-    """Bad between 8 and 11, and a fault above 14."""
+    """Bad between 8 and 11, and an error above 14."""
     bad = 8.0 <= values["speed"] <= 11.0
-    return {"collision": bad, "passed": not bad, "failed": "", "fault": "timed_out" if values["speed"] > 14.0 else ""}
+    return {"collision": bad, "passed": not bad, "failed": "", "error": "timed_out" if values["speed"] > 14.0 else ""}
 
 
 def test_what_is_not_monotone_is_said_and_a_fault_meets_nothing(tmp_path: Path) -> None:
@@ -190,10 +192,10 @@ def test_what_is_not_monotone_is_said_and_a_fault_meets_nothing(tmp_path: Path) 
     for line in hunt.found["boundaries"]:
         ends = [(round(flip["meets"], 6), round(flip["fails"], 6)) for flip in line["flips"]]
         assert ends == [(7.9, 8.0), (11.1, 11.0), (14.0, 14.1)]
-    assert hunt.found["faults"] > 0
+    assert hunt.found["errors"] > 0
     said = "\n".join(lines(hunt.found, tmp_path / "a"))
     assert "2 of 2 combinations flip more than once" in said
-    assert "with a fault" in said
+    assert "with an error" in said
     table = table_of(hunt.found, "t")
     assert table is not None
     assert table.row_count == 6
@@ -272,6 +274,34 @@ def chosen_and_costs(cost: Callable[[worst.Shares], float], points: int, seed: i
 def test_corners_come_first_where_a_batch_holds_them() -> None:
     assert next(worst.search(2, 10, 4, 1)) == list(itertools.product((0.0, 1.0), repeat=2))
     assert not {0.0, 1.0} & {share for point in next(worst.search(2, 10, 3, 1)) for share in point}
+
+
+@pytest.mark.parametrize(("figure", "goal"), [("min_gap_m", "lowest"), ("max_drac_mps2", "highest")])
+def test_a_contact_is_worse_than_every_value_whatever_was_measured_of_it(
+    tmp_path: Path, figure: str, goal: str
+) -> None:
+    """As where the ego was hit from the side: its gap is none. Of two contacts the harder one is the worst."""
+
+    def drive(values: Mapping[str, Any], seed: int) -> dict[str, Any]:
+        hit = 9.0 < values["speed"] < 11.0
+        row: dict[str, Any] = {"collision": hit, "passed": not hit, "outcome": "contact" if hit else "stopped"}
+        return row | {
+            "failed": "hit" * hit,
+            figure: None if hit else 1.0,
+            "impact_speed_mps": values["speed"] if hit else 0.0,
+        }
+
+    text = WORST.replace('highest = "impact_speed_mps"', f'{goal} = "{figure}"')
+    assert text != WORST
+    hunt, _numbers = driven(tmp_path / "a", text, drive)
+    assert hunt.found is not None
+    case = hunt.found["worst"]
+    assert 9.0 < case["values"]["speed"] < 11.0
+    assert (case["collision"], case[figure], hunt.found["without"]) == (True, None, 0)
+    assert case["impact_speed_mps"] == load_rows(tmp_path / "a")["impact_speed_mps"].max()
+    assert table_of(hunt.found, "t") is not None
+    at = f"contact at {case['impact_speed_mps']:.2f}"
+    assert at in search_results.sentence(hunt.found, {}).replace(SPACE, " ")
 
 
 def test_costs_that_are_none_do_not_stop_a_search() -> None:

@@ -78,7 +78,7 @@ def test_a_road_that_changed_is_loaded_anew(tmp_path: Path, worker: Worker) -> N
     assert before[0] == before[1] != after[0] == after[1]
     assert after[0] == isolated(in_process, runs[2], tmp_path / "alone")["record_sha256"]
     demand.unlink()
-    assert result_of(worker, runs[0]).fault.startswith("config: ")
+    assert result_of(worker, runs[0]).error.startswith("config: ")
 
 
 def test_where_sumo_writes_every_run_starts_its_own(tmp_path: Path, worker: Worker) -> None:
@@ -87,7 +87,7 @@ def test_where_sumo_writes_every_run_starts_its_own(tmp_path: Path, worker: Work
     runs = [in_town(str(number), 1, demand=["linden_light", str(loops)]) for number in range(3)]
     for one in runs:
         out.unlink(missing_ok=True)
-        assert result_of(worker, one).fault == ""
+        assert result_of(worker, one).error == ""
         assert out.read_text().rstrip().endswith("</meandata>")
     assert stand_ins(worker) == []
 
@@ -97,16 +97,16 @@ def test_a_crash_on_a_shared_road_costs_its_own_run() -> None:
     well = [seeded(str(number), 5) for number in range(2 * len(ills) + 1)]
     mixed = [one for pair in zip(well[1:], map(job, ills, ills), strict=False) for one in pair]
     results = driven(*well[:1], *mixed, *well[len(ills) + 1 :])
-    faults = [results[ill].fault for ill in ills]
-    assert faults == ["crashed: SIGSEGV", "exited: 3", "killed: SIGKILL", "interrupted"]
+    errors = [results[ill].error for ill in ills]
+    assert errors == ["crashed: SIGSEGV", "exited: 3", "killed: SIGKILL", "interrupted"]
     assert all(results[one.key].figures == results["0"].figures for one in well)
 
 
 def test_what_a_run_on_a_shared_road_leaves_behind_ends(tmp_path: Path, worker: Worker) -> None:
     note = tmp_path / "note"
     for key in ("first", "second"):
-        assert result_of(worker, job(key)).fault == ""
-    assert result_of(worker, job("begets", "begets", note)).fault == ""
+        assert result_of(worker, job(key)).error == ""
+    assert result_of(worker, job("begets", "begets", note)).error == ""
     assert not alive(int(note.read_text()))
     [stand_in] = stand_ins(worker)
     # A process that forks must have one thread, whatever SUMO would like.
@@ -116,7 +116,7 @@ def test_what_a_run_on_a_shared_road_leaves_behind_ends(tmp_path: Path, worker: 
 def test_a_killed_stand_in_takes_the_server_with_it_and_the_run_is_driven_again(tmp_path: Path, worker: Worker) -> None:
     note = tmp_path / "note"
     for key in ("first", "second"):
-        assert result_of(worker, job(key)).fault == ""
+        assert result_of(worker, job(key)).error == ""
     worker.submit(job("hangs", "hang", note))
     run, server = written(note), worker.pid
     [stand_in] = [one for one in stand_ins(worker) if one != run]

@@ -44,9 +44,9 @@ def test_a_single_number_has_no_interval() -> None:
     assert math.isnan(mean.half)
 
 
-def row(speed: float, passed: bool | None, gap: float | None, fault: str = "") -> dict[str, Any]:
+def row(speed: float, passed: bool | None, gap: float | None, error: str = "") -> dict[str, Any]:
     hit = None if passed is None else not passed
-    return {"speed": speed, "passed": passed, "stop_gap_m": gap, "fault": fault, "collision": hit, "outcome": None}
+    return {"speed": speed, "passed": passed, "stop_gap_m": gap, "error": error, "collision": hit, "outcome": None}
 
 
 def test_runs_are_grouped_and_faults_and_collisions_stand_beside() -> None:
@@ -55,11 +55,18 @@ def test_runs_are_grouped_and_faults_and_collisions_stand_beside() -> None:
     first, second = came.groups[(1.0,)], came.groups[(2.0,)]
     assert list(came.groups) == [(1.0,), (2.0,)]
     assert (first.runs, first.judged, first.passed, first.means["stop_gap_m"].mean) == (3, 2, 2, 5.5)
-    assert (first.faults, first.collisions, first.worst("stop_gap_m")) == (1, 0, 5.0)
+    assert (first.errors, first.collisions, first.worst("stop_gap_m")) == (1, 0, 5.0)
     assert (second.runs, second.judged, second.passed, second.means["stop_gap_m"].count) == (1, 1, 0, 0)
     assert second.collisions == 1
     assert (came.all.runs, came.all.judged, came.all.passed) == (4, 3, 2)
     assert list(came.lines()) == ["1 x timed_out"]
+
+
+def test_a_contact_is_in_no_mean_of_gaps_and_is_the_worst() -> None:
+    rows = [row(1.0, True, 5.0), row(1.0, False, -0.4), row(1.0, False, 30.0), row(1.0, False, None)]
+    (group,) = outcome(rows, ["speed"], ["stop_gap_m"]).groups.values()
+    assert (group.means["stop_gap_m"].mean, group.means["stop_gap_m"].count, group.collisions) == (5.0, 1, 3)
+    assert group.worst("stop_gap_m") == 0.0
 
 
 def test_what_runs_did_not_meet_is_counted_by_criterion_the_most_frequent_first() -> None:

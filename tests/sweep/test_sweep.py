@@ -109,7 +109,7 @@ def test_every_run_is_a_row(whole: Path) -> None:
     rows = load_rows(whole / "whole")
     assert list(rows["mark"]) == list(range(MARKS))
     assert begun(whole) == Counter(range(MARKS))
-    assert rows["fault"].tolist() == ["crashed: SIGSEGV" if mark == 3 else "" for mark in range(MARKS)]
+    assert rows["error"].tolist() == ["crashed: SIGSEGV" if mark == 3 else "" for mark in range(MARKS)]
     assert rows["passed"].tolist() == [{1: False, 3: None}.get(mark, True) for mark in range(MARKS)]
     assert rows["meets_duration_s"].tolist() == rows["passed"].tolist()
     assert rows["record_sha256"].notna().tolist() == [mark != 3 for mark in range(MARKS)]

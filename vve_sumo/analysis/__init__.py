@@ -10,7 +10,7 @@ from vve_sumo.analysis.latency import latency_breakdown, legs_over_time
 from vve_sumo.analysis.latency_margin import LatencyMargin, latency_margin_of
 from vve_sumo.analysis.load import load
 from vve_sumo.analysis.over_time import encroachment_of, exposure, over_time, zone_times
-from vve_sumo.analysis.paired import PairedComparison, compare_rows, compare_sweeps, compare_within
+from vve_sumo.analysis.paired import PairedComparison, compare_each, compare_rows, compare_sweeps, compare_within
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.sensing import braked_for_nothing, radar_statistics
 from vve_sumo.analysis.stopping_bound import StoppingBoundCheck, stopping_bound_check, stopping_bound_checks
@@ -30,6 +30,7 @@ __all__ = [
     "braked_for_nothing",
     "comfort",
     "compare",
+    "compare_each",
     "compare_rows",
     "compare_sweeps",
     "compare_within",

@@ -109,7 +109,7 @@ class Sweep:
         return (self._frame(table) for table in tables if table.num_rows)
 
     def machine(self) -> pd.DataFrame:
-        """Return what every finished run took of the machine; `said` is the last that a run with a fault printed."""
+        """Return what every finished run took of the machine; `said` is the last that a run with an error printed."""
         return self._frame(pa.concat_tables(self._held.machine()))
 
     def sql(self, query: str) -> pd.DataFrame:

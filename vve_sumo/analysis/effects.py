@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vve_sumo.analysis.survivors import contacts, ranked
 from vve_sumo.analysis.units import described
 from vve_sumo.errors import ConfigError, hint
 from vve_sumo.values import Floats
@@ -23,9 +24,11 @@ if TYPE_CHECKING:
 LEVELS: Final = 10
 
 MEANINGS: Final = {
-    "levels": "values of the parameter, or portions of its range, among the runs that have the figure",
-    "runs": "runs that have the figure and the parameter, which another controller may not have",
-    "explained_share": "eta squared: sum of squares between the levels over the total one",
+    "levels": "values of the parameter, or portions of its range, among the runs that have a rank",
+    "runs": "runs that have a rank by the figure and the parameter, which another controller may not have",
+    "contacts": "of them with a contact, which ranks beyond every value of a gap, a time to collision or a DRAC",
+    "without": "runs that have neither the figure nor a contact, and so no rank",
+    "explained_share": "eta squared of the ranks: sum of squares between the levels over the total one",
     "adjusted_share": "epsilon squared: the same less what as many levels would explain by chance; may be below 0",
 }
 
@@ -39,27 +42,35 @@ class Axes(NamedTuple):
 
 
 def variance_explained(rows: pd.DataFrame, figure: str, parameters: Sequence[str]) -> pd.DataFrame:
-    """Return how much of a figure's variance each parameter explains by itself, the greatest share first.
+    """Return how much of the variance of a figure's ranks each parameter explains by itself, the greatest share first.
 
-    One-way analysis of variance over the runs that have the figure, a truth value as 0 and 1: a row a parameter with
-    the columns of MEANINGS. Shares of crossed parameters add up to at most 1; what is left is their interplay and
-    chance. Eta squared is Pearson's correlation ratio (1905), epsilon squared that of Kelley (1935), by which the rows
-    are ordered, as many levels explain something by chance. NaN where the figure is the same in all runs, or where a
+    The runs are ranked, so that those with a contact take part: they lie beyond every gap, and a study whose worst runs
+    all collide would otherwise be one of its mild runs alone. One-way analysis of variance of the ranks, a truth value
+    as 0 and 1: a row a parameter with the columns of MEANINGS. Shares of crossed parameters add up to at most 1; what
+    is left is their interplay and chance. Eta squared is Pearson's correlation ratio (1905), of ranks the statistic of
+    Kruskal and Wallis (1952) over the runs less one; epsilon squared is that of Kelley (1935), by which the rows are
+    ordered, as many levels explain something by chance. NaN where the figure is the same in all runs, or where a
     parameter has one value. Raises ConfigError for a column that the rows have not.
     """
-    import pandas as pd
-
     missing = next((name for name in (figure, *parameters) if name not in rows), None)
     if missing is not None:
         raise ConfigError(f"no column {missing!r}; {hint(missing, map(str, rows.columns))}")
-    values: Floats = rows[figure].to_numpy(np.float64, na_value=np.nan)
+    return described(_shares(rows, ranked(rows, figure), contacts(rows, figure), parameters), MEANINGS)
+
+
+def _shares(rows: pd.DataFrame, values: Floats, hit: NDArray[np.bool_], parameters: Sequence[str]) -> pd.DataFrame:
+    """Return the table of `variance_explained` for any values (n), of which those `hit` had a contact."""
+    import pandas as pd
+
     found = []
     for name in parameters:
-        known = np.isfinite(values) & rows[name].notna().to_numpy(bool)
-        found.append(_explained(values[known], _levels(rows.loc[known, name])))
+        has = rows[name].notna().to_numpy(bool)
+        known = np.isfinite(values) & has
+        levels, runs, *shares = _explained(values[known], _levels(rows.loc[known, name]))
+        found.append((levels, runs, int((hit & known).sum()), int((has & ~known).sum()), *shares))
     table = pd.DataFrame(found, pd.Index(list(parameters), name="parameter"), list(MEANINGS))
     order = table["adjusted_share"].fillna(table["explained_share"]).sort_values(ascending=False, kind="stable")
-    return described(table.loc[order.index], MEANINGS)
+    return table.loc[order.index]
 
 
 def chosen_axes(rows: pd.DataFrame, figure: str, parameters: Sequence[str]) -> Axes:
@@ -80,17 +91,16 @@ def chosen_axes(rows: pd.DataFrame, figure: str, parameters: Sequence[str]) -> A
 
 
 def _best(rows: pd.DataFrame, figure: str, parameters: Sequence[str], within: Sequence[str | None]) -> str | None:
-    """Return the parameter that explains most of what is left of a figure within the levels of other parameters."""
+    """Return the parameter that explains most of what is left of a figure's ranks within the levels of others."""
     import pandas as pd
 
     if not parameters:
         return None
-    left = pd.Series(rows[figure].to_numpy(np.float64, na_value=np.nan))
+    left = pd.Series(ranked(rows, figure))
     levels = [_levels(rows[name]) for name in within if name is not None]
     if levels:
         left = left - left.groupby(levels).transform("mean")
-    found = variance_explained(rows.assign(**{figure: left.to_numpy()}), figure, parameters)
-    return str(found.index[0])
+    return str(_shares(rows, np.asarray(left, np.float64), contacts(rows, figure), parameters).index[0])
 
 
 def is_number(column: pd.Series[Any]) -> bool:

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vve_sumo.analysis.survivors import BELOW_ZERO_AFTER_COLLISION, with_collisions
+from vve_sumo.analysis.survivors import contacts, with_contacts, without_contacts
+from vve_sumo.metrics.contacts import BEYOND, at_contact
 from vve_sumo.metrics.table import METRICS
 from vve_sumo.statistics import student, wilson
 from vve_sumo.values import Floats
@@ -22,24 +23,32 @@ if TYPE_CHECKING:
 #: quantiles of a figure, by how their columns begin
 QUANTILES = {"p05": 0.05, "p50": 0.5, "p95": 0.95}
 
-#: what a figure's columns begin with, and what they are, over the runs that have it
+#: what a figure's columns begin with, and what they are, over the runs that have it; of a figure that a contact is
+#: beyond, over those of them without a contact
 SPREAD = {
-    "mean": "mean over the runs that have it",
+    "mean": "mean over the runs that have it; of gaps, times to collision and DRAC over those without a contact",
     "half_width": "half of Student's 95 % interval of the mean; none where chance did not make the runs differ",
-    "worst": "worst; none of a figure of which neither way is worse",
+    "worst": "worst, a contact as no gap, no time, the greatest DRAC; none of a figure of which neither way is worse",
     "least": "least",
     **{name: f"quantile {share:g}" for name, share in QUANTILES.items()},
     "greatest": "greatest",
 }
-#: how the column begins that also counts runs which collided, and what it is
+#: how the column begins that also counts runs with a contact, and what it is
 MEDIAN_OF_ALL = "median_all"
 MEDIAN_OF_ALL_MEANS = (
-    "median over all runs that have it or collided, a collision as a value below 0; none where half did"
+    "median over all runs that have it or a contact, which is beyond every value; none where half had one"
 )
+#: how the columns end that say of how many runs a figure is, and what they are; the first three add up to `runs`
+NUMBERS_OF = {
+    "count": "runs of which the mean is",
+    "contacts": "runs that a contact leaves without it; none of a figure that a contact leaves as it is",
+    "missing": "runs without it for another reason",
+    "share": "count over runs",
+}
 
 COUNTS = {
     "runs": "finished runs",
-    "faults": "of them with a fault: without figures, neither passed nor failed",
+    "errors": "of them with an error: without figures, neither passed nor failed",
     "collisions": "of them with a collision",
     "stopped_by_gateway": "of them that the gateway stopped for a reason code: the outcome is fault",
     "judged": "of them that passed or failed",
@@ -49,7 +58,7 @@ COUNTS = {
     "passed_high_share": "its upper end",
 }
 #: columns of the rows that the counts take
-NEEDED = ("passed", "fault", "collision", "outcome")
+NEEDED = ("passed", "error", "collision", "outcome")
 
 
 def grouped(
@@ -58,9 +67,10 @@ def grouped(
     """Return a row for every combination of values in the columns `by`, in the order in which they first come.
 
     Beside them the columns of COUNTS and for every figure those of SPREAD, such as `mean_min_ttc_s`, over the runs that
-    have it, how many those are, `min_ttc_s_count`, and their share of the runs, `min_ttc_s_share`. A figure that a
-    collision leaves below zero has `median_all_…` too. `rows` has the columns NEEDED too. `repeated` says of every run
-    (n) whether the runs of its group are repetitions by chance: only of those there are intervals; all if not said.
+    have it, and of how many runs they are, with the endings of NUMBERS_OF, such as `min_ttc_s_count`. A contact is
+    beyond every gap, time to collision and DRAC: a run with one is in no mean of them, and they have `median_all_…`
+    too. `rows` has the columns NEEDED too. `repeated` says of every run (n) whether the runs of its group are
+    repetitions by chance: only of those there are intervals; all if not said.
     """
     import pandas as pd
 
@@ -109,13 +119,10 @@ def meanings(of: Mapping[str, str]) -> dict[str, str]:
     """Return what the columns of such a table mean, given what those of the rows do."""
     spread = {f"{name}_{figure}": f"{what}: {of[figure]}" for figure in of for name, what in SPREAD.items()}
     censored = {
-        f"{MEDIAN_OF_ALL}_{figure}": f"{MEDIAN_OF_ALL_MEANS}: {of[figure]}"
-        for figure in BELOW_ZERO_AFTER_COLLISION
-        if figure in of
+        f"{MEDIAN_OF_ALL}_{figure}": f"{MEDIAN_OF_ALL_MEANS}: {of[figure]}" for figure in BEYOND if figure in of
     }
-    counts = {f"{figure}_count": f"runs that have {figure}" for figure in of}
-    shares = {f"{figure}_share": f"share of the finished runs that have {figure}" for figure in of}
-    return {**of, **COUNTS, **spread, **censored, **counts, **shares}
+    counts = {f"{figure}_{ending}": f"{what}: {figure}" for figure in of for ending, what in NUMBERS_OF.items()}
+    return {**of, **COUNTS, **spread, **censored, **counts}
 
 
 def _counts(rows: pd.DataFrame, group: NDArray[np.int64], sure: NDArray[np.bool_]) -> dict[str, Any]:
@@ -129,7 +136,7 @@ def _counts(rows: pd.DataFrame, group: NDArray[np.int64], sure: NDArray[np.bool_
     share = np.divide(good, judged, out=np.full(groups, np.nan), where=judged > 0)
     said = (
         count(np.ones(len(rows), bool)),
-        count(rows["fault"].fillna("").to_numpy() != ""),
+        count(rows["error"].fillna("").to_numpy() != ""),
         count(rows["collision"].eq(True).fillna(False).to_numpy(bool)),
         count(rows["outcome"].eq("fault").fillna(False).to_numpy(bool)),
     )
@@ -148,17 +155,21 @@ def _intervals(good: NDArray[np.int64], judged: NDArray[np.int64], sure: NDArray
 def _spread(name: str, rows: pd.DataFrame, group: NDArray[np.int64], sure: NDArray[np.bool_]) -> dict[str, Any]:
     import pandas as pd
 
-    groups = pd.Series(rows[name].to_numpy(np.float64, na_value=np.nan)).groupby(group)
+    hit = contacts(rows, name)
+    groups = pd.Series(without_contacts(rows, name)).groupby(group)
+    hits, size = pd.Series(hit).groupby(group).sum(), groups.size()
     count, mean, least, greatest = groups.count(), groups.mean(), groups.min(), groups.max()
     reach = np.array([student(int(number) - 1) for number in count]) if len(count) else np.zeros(0)
     quantiles = groups.quantile(np.array(list(QUANTILES.values()))).unstack()
     worse = METRICS[name].worse if name in METRICS else None
     worst = {"lower": least, "higher": greatest, None: pd.Series(np.nan, index=mean.index)}[worse]
+    worst = worst.where(hits == 0, at_contact(name)) if hit.any() else worst
     half = (groups.sem() * reach).where(sure)
     said = (mean, half, worst, least, *(quantiles[q] for q in QUANTILES.values()), greatest)
     columns = {f"{which}_{name}": each for which, each in zip(SPREAD, said, strict=True)}
-    if name in BELOW_ZERO_AFTER_COLLISION and "collision" in rows:
-        # The order alone decides a median: what is known to lie below need not be known itself.
-        middle = pd.Series(with_collisions(rows, name)).groupby(group).median()
+    if name in BEYOND and "collision" in rows:
+        # The order alone decides a median: what is known to lie beyond need not be known itself.
+        middle = pd.Series(with_contacts(rows, name)).groupby(group).median()
         columns[f"{MEDIAN_OF_ALL}_{name}"] = middle.where(np.isfinite(middle))
-    return {**columns, f"{name}_count": count, f"{name}_share": count / groups.size()}
+    numbers = (count, hits, size - count - hits, count / size)
+    return columns | {f"{name}_{ending}": each for ending, each in zip(NUMBERS_OF, numbers, strict=True)}

@@ -31,16 +31,18 @@ NOTE: Final = "study.json"
 DELAY, NOISE = "ego.car.gnss_hidden_delay_s", "ego.car.noise_factor"
 #: of a row: how far off its path the ego came
 LATERAL: Final = "max_lateral_deviation_m"
-#: a drive that ended so was stopped by its gateway or broke: that it stands far off says nothing of the margin
+#: a drive that ended so was stopped by its gateway or broke: where it stands says nothing of the margin
 CUT_SHORT: Final = frozenset({"fault", "completed", "broken", "interrupted"})
 
 STEPS: Final = {
     "noise_factor": "size of the receiver's noise over what it says of itself",
     "delay_s": "by which a fix is older than its epoch says",
     "runs": "finished runs",
-    "judged": "of them that passed or failed; the others have a fault",
+    "judged": "of them that passed or failed; the others have an error",
     "passed_share": "of the judged runs, those that met every criterion",
-    "margins": "runs that have a margin: they ended by themselves, with a contact, or stopped by the gateway as near",
+    "margins": "runs that have a margin: they ended by themselves or with a contact",
+    "contacts": "of them with a contact, which leaves a margin of zero or less",
+    "stopped_by_gateway": "runs that the gateway stopped, without a contact: they have no margin",
     "mean_margin_m": "mean margin of these",
     "least_margin_m": "least margin of these",
     "closed_form_m": "mean margin at the least delay, minus speed times the delay beyond it",
@@ -161,24 +163,22 @@ def margins(rows: pd.DataFrame) -> Floats:
     """Return what each run had left [m]: the gap at rest, or the least where it did not end at rest.
 
     A contact leaves zero or less, as deep as the boxes came to overlap. A car that the gateway stopped for another
-    reason has what it left if it came as near as any that stopped by itself; to stand farther off is no merit. NaN for
-    that, where nothing was ahead, and where the run has a fault.
+    reason shows no margin: to stand far off is no merit, and nobody knows what it would have left. NaN for that, where
+    nothing was ahead, and where the run has an error. The margin of a run depends on that run alone.
     """
     stop, least = (rows[name].to_numpy(np.float64, na_value=np.nan) for name in ("stop_gap_m", "min_gap_m"))
     touched = rows["collision"].eq(True).fillna(False).to_numpy(bool)
     cut = rows["outcome"].isin(CUT_SHORT).to_numpy(bool) | rows["outcome"].isna().to_numpy(bool)
     free = np.where(np.isfinite(stop), stop, least)
     left: Floats = np.where(touched, np.fmin(np.fmin(stop, least), 0.0), np.where(cut, np.nan, free))
-    stopped = rows["outcome"].eq("fault").fillna(False).to_numpy(bool) & ~touched
-    as_near = stopped & (stop <= np.max(left, initial=-math.inf, where=np.isfinite(left)))
-    return np.where(as_near, stop, left)
+    return left
 
 
 def steps_of(rows: pd.DataFrame, speed: float) -> pd.DataFrame:
     """Return the table of STEPS over rows of a study at a speed [m/s]."""
     frame = rows.assign(margin_m=margins(rows)).sort_values([NOISE, DELAY], kind="stable")
     steps = grouped(frame, [NOISE, DELAY], ["margin_m", LATERAL]).rename(
-        columns={NOISE: "noise_factor", DELAY: "delay_s", "margin_m_count": "margins"}
+        columns={NOISE: "noise_factor", DELAY: "delay_s", "margin_m_count": "margins", "collisions": "contacts"}
     )
     steps["lateral_deviation_m"] = steps[f"greatest_{LATERAL}"]
     first = steps.groupby("noise_factor")[["delay_s", "mean_margin_m"]].transform("first")

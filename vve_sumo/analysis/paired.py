@@ -5,6 +5,7 @@ Knows rows as tables; it must not know which of the two is the better one, nor d
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
@@ -13,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vve_sumo.analysis.dataset import Sweep
+from vve_sumo.analysis.resampling import bootstrap_median, sign_test
+from vve_sumo.analysis.survivors import with_contacts, without_contacts
 from vve_sumo.analysis.units import described
 from vve_sumo.errors import ConfigError, hint
 from vve_sumo.metrics.table import METRICS, NUMBERS, label_of, meaning_of
@@ -25,17 +28,20 @@ if TYPE_CHECKING:
 SEED: Final = "seed"
 
 FIGURES: Final = {
-    "pairs": "pairs of which both runs have the figure",
-    "only_one": "pairs of which the run of the one alone has it",
-    "only_other": "pairs of which the run of the other alone has it",
+    "pairs": "pairs of which both runs have the figure, of a gap, a time to collision or a DRAC without a contact",
+    "only_one": "pairs of which the run of the one alone has it so",
+    "only_other": "pairs of which the run of the other alone has it so",
     "median_one": "median of the one over those pairs",
     "median_other": "median of the other over those pairs",
     "median_difference": "median of the differences, other minus one; another number than the medians' difference",
+    "low_difference": "lower end of the bootstrap's 95 % interval of that median; none for fewer than two pairs",
+    "high_difference": "its upper end",
     "least_difference": "least difference",
     "greatest_difference": "greatest difference",
-    "lower": "pairs in which the other has less",
-    "same": "pairs in which both have the same",
+    "lower": "pairs in which the other has less; a contact is less than every gap and time, more than every DRAC",
+    "same": "pairs in which both have the same, or a contact",
     "higher": "pairs in which the other has more",
+    "sign_test_p": "two-sided probability of so many more on one side by chance (sign test, exact)",
     "worse": "which way the figure is worse: lower, higher, or neither",
 }
 VERDICTS: Final = {
@@ -43,7 +49,10 @@ VERDICTS: Final = {
     "only_one": "pairs of which it is true of the run of the one alone",
     "only_other": "pairs of which it is true of the run of the other alone",
     "neither": "pairs of which it is true of neither run",
+    "mcnemar_p": "two-sided probability of only_one and only_other lying so far apart by chance (McNemar, exact)",
 }
+#: values of a parameter that are compared each with each other, at most
+MAX_VALUES: Final = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,11 +72,13 @@ class PairedComparison:
         return self.values(figure, "other") - self.values(figure, "one")
 
     def values(self, figure: str, side: str) -> Floats:
-        """Return a figure of every pair (n) on a side, "one" or "other"; NaN where the run lacks it."""
-        column = f"{side}_{figure}"
-        if column not in self.pairs:
+        """Return a figure of every pair (n) on a side, "one" or "other"; NaN where the run lacks it.
+
+        A run with a contact lacks every gap, time to collision and DRAC.
+        """
+        if f"{side}_{figure}" not in self.pairs:
             raise ConfigError(f"the pairs have no figure {figure!r}; there are {', '.join(self.figures.index)}")
-        return self.pairs[column].to_numpy(np.float64, na_value=np.nan)
+        return without_contacts(_side(self.pairs, side), figure)
 
 
 def compare_sweeps(one: Sweep, other: Sweep, figures: Sequence[str] | None = None) -> PairedComparison:
@@ -89,8 +100,8 @@ def compare_within(
 ) -> PairedComparison:
     """Return two values of a parameter of one sweep, such as its controllers, compared run by run.
 
-    `values` are the two values, the only two that there are if not said. Raises ConfigError where there are others, and
-    as `compare_sweeps` does.
+    `values` are the two values, the only two that there are if not said; `compare_each` takes more. Raises ConfigError
+    where there are others, and as `compare_sweeps` does.
     """
     rows = sweep.rows()
     if column not in sweep.parameters:
@@ -108,6 +119,20 @@ def compare_within(
     ]
     first, second = parts
     return compare_rows(first, second, by, str(both[0]), str(both[1]), figures)
+
+
+def compare_each(sweep: Sweep, column: str, figures: Sequence[str] | None = None) -> list[PairedComparison]:
+    """Return every two values of a parameter of one sweep, such as its controllers, compared as `compare_within` does.
+
+    Each comparison is by itself: of many, some differ by chance alone. Raises ConfigError where the parameter has one
+    value, or more than MAX_VALUES, and as `compare_within` does.
+    """
+    if column not in sweep.parameters:
+        raise ConfigError(f"{sweep.folder}: {column!r} was not varied; there are {', '.join(sweep.parameters)}")
+    there = sweep.rows([column])[column].unique().tolist()
+    if not 2 <= len(there) <= MAX_VALUES:
+        raise ConfigError(f"{column}: expected 2 to {MAX_VALUES} values to compare each with each, it has {len(there)}")
+    return [compare_within(sweep, column, both, figures) for both in itertools.combinations(there, 2)]
 
 
 def _any_common(parts: Sequence[pd.DataFrame], name: str) -> bool:
@@ -131,7 +156,7 @@ def compare_rows(
         _once(rows, keys, name)
     wanted = [name for name in (NUMBERS if figures is None else figures) if name in one and name in other]
     judged = [name for name in one.columns if _is_verdict(name) and name in other]
-    kept = list(dict.fromkeys([*wanted, *judged]))
+    kept = list(dict.fromkeys([*wanted, *judged]))  # `collision` among them, where the runs tell
     sides = [
         rows[[*keys, *kept]].rename(columns={name: f"{side}_{name}" for name in kept})
         for side, rows in (("one", one), ("other", other))
@@ -174,21 +199,37 @@ def _is_verdict(name: str) -> bool:
     return name in ("passed", "collision") or name.startswith("meets_")
 
 
+def _side(pairs: pd.DataFrame, side: str) -> pd.DataFrame:
+    """Return the columns of one side of the pairs, under their own names."""
+    begin = f"{side}_"
+    names = [name for name in map(str, pairs) if name.startswith(begin)]
+    return pairs[names].rename(columns={name: name.removeprefix(begin) for name in names})
+
+
 def _figure(pairs: pd.DataFrame, name: str) -> dict[str, Any]:
-    one, other = (pairs[f"{side}_{name}"].to_numpy(np.float64, na_value=np.nan) for side in ("one", "other"))
+    sides = [_side(pairs, side) for side in ("one", "other")]
+    one, other = (without_contacts(rows, name) for rows in sides)
+    first, second = (with_contacts(rows, name) for rows in sides)
     has, has_other = np.isfinite(one), np.isfinite(other)
     both = has & has_other
     difference = (other - one)[both]
     spread = (np.median, np.min, np.max)
     medians = [float(np.median(values)) if both.any() else np.nan for values in (one[both], other[both])]
-    found = [float(of(difference)) if both.any() else np.nan for of in spread]
-    signs = [int((difference < 0.0).sum()), int((difference == 0.0).sum()), int((difference > 0.0).sum())]
+    middle, least, greatest = (float(of(difference)) if both.any() else np.nan for of in spread)
+    found = (middle, *bootstrap_median(difference), least, greatest)
+    signs = [int((second < first).sum()), int((second == first).sum()), int((second > first).sum())]
     alone = [int((has & ~has_other).sum()), int((has_other & ~has).sum())]
     worse = (METRICS[name].worse if name in METRICS else None) or "neither"
-    return dict(zip(FIGURES, (int(both.sum()), *alone, *medians, *found, *signs, worse), strict=True))
+    return dict(
+        zip(
+            FIGURES,
+            (int(both.sum()), *alone, *medians, *found, *signs, sign_test(signs[0], signs[2]), worse),
+            strict=True,
+        )
+    )
 
 
-def _verdict(pairs: pd.DataFrame, name: str) -> dict[str, int]:
+def _verdict(pairs: pd.DataFrame, name: str) -> dict[str, float]:
     """Return the two-by-two table of a truth value, of the pairs of which both runs were judged."""
     one, other = (pairs[f"{side}_{name}"].to_numpy(np.float64, na_value=np.nan) for side in ("one", "other"))
 
@@ -196,4 +237,5 @@ def _verdict(pairs: pd.DataFrame, name: str) -> dict[str, int]:
         which: NDArray[np.bool_] = (one == first) & (other == second)
         return int(which.sum())
 
-    return dict(zip(VERDICTS, (count(1, 1), count(1, 0), count(0, 1), count(0, 0)), strict=True))
+    counts = (count(1, 1), count(1, 0), count(0, 1), count(0, 0))
+    return dict(zip(VERDICTS, (*counts, sign_test(counts[1], counts[2])), strict=True))

@@ -5,28 +5,57 @@ Knows rows as a table; it must not know what is made of them.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from vve_sumo.metrics.contacts import BEYOND
+from vve_sumo.metrics.table import METRICS
 from vve_sumo.values import Floats
 
 if TYPE_CHECKING:
     import pandas as pd
 
-#: figures that a collision leaves at zero or below, whatever was measured afterwards: the car that drives through an
-#: obstacle has no gap to it at rest, and the gap to what stands behind it is another one
-BELOW_ZERO_AFTER_COLLISION: Final = ("stop_gap_m",)
+
+def contacts(rows: pd.DataFrame, figure: str) -> NDArray[np.bool_]:
+    """Return which runs (n) lie beyond every value of a figure, because they touched something.
+
+    None do of a figure that a contact leaves as it is, and of rows that do not tell.
+    """
+    if figure not in BEYOND or "collision" not in rows:
+        return np.zeros(len(rows), bool)
+    return rows["collision"].eq(True).fillna(False).to_numpy(bool)
 
 
-def with_collisions(rows: pd.DataFrame, figure: str) -> Floats:
-    """Return a figure of every run (n), in which a run with a collision counts as far below every other.
+def without_contacts(rows: pd.DataFrame, figure: str) -> Floats:
+    """Return a figure of every run (n); NaN where nothing is known, and where a contact lies beyond it.
 
-    That is minus infinity for a figure of BELOW_ZERO_AFTER_COLLISION that is not itself 0 or less; the figure is
-    left-censored there. Other figures are as they are. NaN where nothing is known.
+    A depth of overlap is no gap, and is in no mean of gaps.
     """
     values: Floats = rows[figure].to_numpy(np.float64, na_value=np.nan)
-    if figure not in BELOW_ZERO_AFTER_COLLISION or "collision" not in rows:
-        return values
-    hit = rows["collision"].eq(True).fillna(False).to_numpy(bool)
-    return np.where(hit & ~(values <= 0.0), -np.inf, values)
+    return np.where(contacts(rows, figure), np.nan, values)
+
+
+def with_contacts(rows: pd.DataFrame, figure: str) -> Floats:
+    """Return a figure of every run (n), in which a contact counts as beyond every value; NaN where nothing is known.
+
+    Minus infinity of a gap and a time to collision, plus infinity of a DRAC: such a value is known to one side only
+    (censored), which is all that an order of the runs takes.
+    """
+    return np.where(contacts(rows, figure), BEYOND.get(figure, np.nan), without_contacts(rows, figure))
+
+
+def ranked(rows: pd.DataFrame, figure: str) -> Floats:
+    """Return the rank of every run (n) by a figure, from 1, the mean of the ranks of those that tie; NaN for none.
+
+    A contact counts as `with_contacts` has it. Of a drive without a conflict a figure such as the least time to
+    collision is missing because it is endless: such a run counts as that. A run with an error has no rank.
+    """
+    import pandas as pd
+
+    values = with_contacts(rows, figure)
+    if figure in METRICS:
+        driven = rows["error"].fillna("").eq("").to_numpy(bool) if "error" in rows else np.ones(len(rows), bool)
+        values = np.where(np.isnan(values) & driven, METRICS[figure].absent, values)
+    return np.asarray(pd.Series(values).rank(), np.float64)

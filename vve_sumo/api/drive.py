@@ -75,7 +75,7 @@ def drive(
         left = growing(job, folder)  # of a drive that was interrupted: a record up to there
         if left.is_dir():
             left.replace(folder)
-    if result.fault:
+    if result.error:
         raise _error(asked.name, folder, result)
     if (note := read_resolved(folder).get("braking_note")) is not None:
         warnings.warn(note, stacklevel=2)
@@ -84,10 +84,10 @@ def drive(
 
 def _error(name: str, folder: Path, result: Result) -> ConfigError | SimulationError:
     """Return the error that says why a drive came to no end; its notes hold the last that the process printed."""
-    if result.fault.startswith(CONFIG):
-        return ConfigError(result.fault.removeprefix(CONFIG))
+    if result.error.startswith(CONFIG):
+        return ConfigError(result.error.removeprefix(CONFIG))
     record = f"; the record up to there: {folder}" if folder.is_dir() else ""
-    error = SimulationError(f"{name}: the drive came to no end: {result.fault}{record}")
+    error = SimulationError(f"{name}: the drive came to no end: {result.error}{record}")
     if result.said:
         error.add_note(result.said)
     return error

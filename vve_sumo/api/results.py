@@ -124,7 +124,8 @@ class Sweep(dataset.Sweep):
         from vve_sumo.plotting import distribution, heat_map, response
 
         asked = [name for name in (x, y, by, facet) if name is not None]
-        rows = self.rows(list(dict.fromkeys([*self.parameters, "seed", "collision", "outcome", figure, *asked])))
+        known = ("seed", "error", "collision", "outcome", figure)
+        rows = self.rows(list(dict.fromkeys([*self.parameters, *known, *asked])))
         chosen = chosen_axes(rows, figure, [name for name in self.parameters if name not in asked])
         first, second = (name for name in [*(one for one in chosen[:2] if one), None, None][:2])
         y = y or (first if x else second)
@@ -157,11 +158,11 @@ class Sweep(dataset.Sweep):
 
     @property
     def _counts(self) -> str:
-        rows = self.rows(["passed", "fault"])
-        passed, faults = int(rows["passed"].eq(True).sum()), int(rows["fault"].ne("").sum())
+        rows = self.rows(["passed", "error"])
+        passed, errors = int(rows["passed"].eq(True).sum()), int(rows["error"].ne("").sum())
         of = "" if self.found is not None or self.finished == self.asked else f" of {self.asked}"
-        failed = self.finished - passed - faults
-        return f"{self.finished}{of} runs: {passed} passed, {failed} failed, {faults} with a fault"
+        failed = self.finished - passed - errors
+        return f"{self.finished}{of} runs: {passed} passed, {failed} failed, {errors} with an error"
 
     def _shown_figures(self) -> Sequence[str]:
         """Return the figures that the scenario's criteria ask for, as far as they are numbers, or the usual ones."""

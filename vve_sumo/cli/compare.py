@@ -33,7 +33,7 @@ examples:
   vve-sumo compare runs/lot runs/lockstep               a live drive and its twin in lockstep
   vve-sumo compare runs/a runs/b --out difference.png   two of anything, and a picture
   vve-sumo compare old_sweep new_sweep                  two sweeps, paired by seed and parameters
-  vve-sumo compare sweep --by controller.name           the two controllers of one sweep
+  vve-sumo compare sweep --by controller.name           the controllers of one sweep, every two of them
 """
 
 
@@ -43,9 +43,9 @@ def arguments(parser: Parser) -> None:
     parser.add_argument(
         "other", type=Path, nargs="?", metavar="OTHER", help="folder of another; differences are other minus one"
     )
-    parser.add_argument("--by", metavar="PARAMETER", help="of one sweep: compare the two values of this parameter")
+    parser.add_argument("--by", metavar="PARAMETER", help="of one sweep: compare this parameter's values two by two")
     parser.add_argument("--figure", default="stop_gap_m", metavar="FIGURE", help="of sweeps: what the picture shows")
-    parser.add_argument("--out", type=Path, metavar="PNG", help="picture to write")
+    parser.add_argument("--out", type=Path, metavar="PNG", help="picture to write; of several pairs NAME_1.png …")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -21,41 +21,46 @@ COLUMNS = {
     "one, median": "median_one",
     "other, median": "median_other",
     "difference, median": "median_difference",
+    "95 %, from": "low_difference",
+    "to": "high_difference",
     "least": "least_difference",
     "greatest": "greatest_difference",
     "less": "lower",
     "same": "same",
     "more": "higher",
+    "sign test p": "sign_test_p",
     "worse is": "worse",
 }
 
 
 def run(one: Sweep, other: Path | None, by: str | None, figure: str, out: Path | None) -> int:
-    """Compare two sweeps, or two values of a parameter of one; print what differs, draw it; return the exit code, 0."""
-    compared = _compared(one, other, by)
-    _show(compared)
-    if out is not None:
-        from vve_sumo.plotting import paired, save
+    """Compare two sweeps, or the values of a parameter of one; print what differs, draw it; return the exit code, 0."""
+    every = _compared(one, other, by)
+    for number, compared in enumerate(every, 1):
+        _show(compared)
+        if out is not None:
+            from vve_sumo.plotting import paired, save
 
-        save(paired(compared, figure), out)
-        print(f"picture: {out}")
+            file = out if len(every) == 1 else out.with_name(f"{out.stem}_{number}{out.suffix}")
+            save(paired(compared, figure), file)
+            print(f"picture: {file}")
     return 0
 
 
-def _compared(one: Sweep, other: Path | None, by: str | None) -> PairedComparison:
+def _compared(one: Sweep, other: Path | None, by: str | None) -> list[PairedComparison]:
     from vve_sumo.analysis.dataset import Sweep
     from vve_sumo.analysis.load import load
-    from vve_sumo.analysis.paired import compare_sweeps, compare_within
+    from vve_sumo.analysis.paired import compare_each, compare_sweeps
 
     if (other is None) == (by is None):
         raise ConfigError(f"{one.folder}: a sweep; expected either another sweep or --by PARAMETER")
     if by is not None:
-        return compare_within(one, by)
+        return compare_each(one, by)
     assert other is not None
     second = load(other)
     if not isinstance(second, Sweep):
         raise ConfigError(f"{other}: the record of one drive; expected a sweep, as {one.folder} is one")
-    return compare_sweeps(one, second)
+    return [compare_sweeps(one, second)]
 
 
 def _show(compared: PairedComparison) -> None:
@@ -69,8 +74,16 @@ def _show(compared: PairedComparison) -> None:
 
 
 def _print_verdicts(compared: PairedComparison) -> None:
-    rows = [[str(name), *(str(count) for count in row)] for name, row in compared.verdicts.iterrows()]
-    _print("Pairs by what is true of them", ["", "of both", "of one alone", "of other alone", "of neither"], rows)
+    rows = [
+        [str(name), *(str(int(count)) for count in row.iloc[:-1]), _cell(float(row.iloc[-1]))]
+        for name, row in compared.verdicts.iterrows()
+    ]
+    heads = ["", "of both", "of one alone", "of other alone", "of neither", "McNemar p"]
+    _print(f"Pairs of {_named(compared)} by what is true of them", heads, rows)
+
+
+def _named(compared: PairedComparison) -> str:
+    return f"{compared.one} (one) and {compared.other} (other)"
 
 
 def _print_figures(compared: PairedComparison) -> None:
@@ -78,7 +91,8 @@ def _print_figures(compared: PairedComparison) -> None:
     for name, row in compared.figures.iterrows():
         if row["pairs"] + row["only_one"] + row["only_other"]:
             rows.append([str(name), *(_cell(row[column]) for column in COLUMNS.values())])
-    _print("Figures; differences are other minus one, over the pairs that both have it", ["", *COLUMNS], rows)
+    minus = f"{compared.other} minus {compared.one}"
+    _print(f"Figures; differences are {minus}, over the pairs that both have it", ["", *COLUMNS], rows)
 
 
 def _cell(value: object) -> str:

@@ -37,7 +37,8 @@ def show_drive(drive: Drive, picture: Path | None) -> None:
     for name, value in key_figures(summary).items():
         table.add_row(name, value)
     table.add_row("record hash", summary["record_sha256"][:16] + "…")
-    judged = {True: "[green]passed[/green]", False: "[red]failed[/red]", None: "not judged: a playback"}
+    unjudged = "not judged: " + ("nothing was commanded" if summary.get("shadow") else "a playback")
+    judged = {True: "[green]passed[/green]", False: "[red]failed[/red]", None: unjudged}
     table.add_row("criteria", judged[summary["passed"]])
     console = Console(soft_wrap=True)
     console.print(table)

@@ -9,6 +9,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vve_sumo.metrics.contacts import BEYOND
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -27,7 +29,7 @@ def table_of(found: Found, title: str) -> Table | None:
 
 def lines(found: Found, folder: Path) -> Iterator[str]:
     """Return what is to be said besides the table."""
-    yield f"{found['runs']} runs" + (f", {found['faults']} with a fault" if found["faults"] else "")
+    yield f"{found['runs']} runs" + (f", {found['errors']} with an error" if found["errors"] else "")
     if found["search"] == "boundary":
         several = sum(any(len(one["flips"]) > 1 for one in (line, *line["seeds"])) for line in found["boundaries"])
         if several:
@@ -91,8 +93,12 @@ def _case(found: Found, title: str) -> Table:
     table = _empty(f"{title}: {goal} {found[goal]}", ("", "worst case"))
     for name, value in (*case["values"].items(), ("seed", case["seed"])):
         table.add_row(name, _short(value))
-    table.add_row(found[goal], _short(case[found[goal]]))
+    table.add_row(
+        found[goal], "a contact" if found[goal] in BEYOND and case["collision"] else _short(case[found[goal]])
+    )
     table.add_row("outcome", case["outcome"])
+    if case["collision"]:
+        table.add_row("impact_speed_mps", _short(case["impact_speed_mps"]))
     table.add_row("passed", "yes" if case["passed"] else f"no: {case['failed']}")
     return table
 

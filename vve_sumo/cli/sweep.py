@@ -29,8 +29,8 @@ EXIT_CODES = """exit codes:
   130  interrupted from the keyboard; --resume goes on
 """
 
-#: rows of the table that are shown, and lines of faults; all of them stand in files
-MAX_ROWS, MAX_FAULTS = 30, 10
+#: rows of the table that are shown, and lines of errors; all of them stand in files
+MAX_ROWS, MAX_ERRORS = 30, 10
 #: figures that are shown where no criterion asks for others, and how many at most
 USUAL_FIGURES, MAX_FIGURES = ("min_ttc_s", "stop_gap_m"), 4
 
@@ -141,7 +141,7 @@ def _conclude_search(out: Path, query: SweepQuery, search: AdaptiveSearch) -> in
         console.print(table)
     for line in lines(search.found, out):
         console.print(line)
-    return SimulationError.exit_code if search.found["faults"] == search.found["runs"] else 0
+    return SimulationError.exit_code if search.found["errors"] == search.found["runs"] else 0
 
 
 def _show(out: Path, query: SweepQuery, came: Outcome) -> None:
@@ -153,19 +153,19 @@ def _show(out: Path, query: SweepQuery, came: Outcome) -> None:
         console.print(_table(query, came))
         if len(came.groups) > MAX_ROWS:
             console.print(f"… and {len(came.groups) - MAX_ROWS} more in {out / COMBINATIONS}")
-    every, faults = came.all, came.all.runs - came.all.judged
+    every, errors = came.all, came.all.runs - came.all.judged
     share = ""
     if query.spec.design == "random" and query.cells.count == query.cells.points:
         low, high = wilson(every.passed, every.judged)
         share = f" ({_percent(low, high)} of those drawn)" if every.judged else ""
     failed = every.judged - every.passed
     hit = f"; {every.collisions} with a collision" if every.collisions else ""
-    console.print(f"{every.runs} runs: {every.passed} passed{share}, {failed} failed, {faults} with a fault{hit}")
+    console.print(f"{every.runs} runs: {every.passed} passed{share}, {failed} failed, {errors} with an error{hit}")
     for line in came.unmet_lines():
         console.print(f"  {line}")
     for number, line in enumerate(came.lines()):
-        if number == MAX_FAULTS:
-            console.print(f"  … and {len(came.faults) - MAX_FAULTS} other faults")
+        if number == MAX_ERRORS:
+            console.print(f"  … and {len(came.errors) - MAX_ERRORS} other errors")
             break
         console.print(f"  {line}")
     key = first_failed(out)
@@ -206,8 +206,8 @@ def _beside(groups: Sequence[Group]) -> dict[str, Callable[[Group], str]]:
         columns["collisions"] = lambda group: str(group.collisions)
     if any(group.stopped_by_gateway for group in groups):
         columns["stopped by gateway"] = lambda group: str(group.stopped_by_gateway)
-    if any(group.faults for group in groups):
-        columns["faults"] = lambda group: str(group.faults)
+    if any(group.errors for group in groups):
+        columns["errors"] = lambda group: str(group.errors)
     return columns
 
 

@@ -216,12 +216,13 @@ class Lockstep:
             now, contact = tick * PERIOD, bool(self._road.contacts)
             speed, s, status = ticked.truth.speed, ticked.result.s, ticked.output.verdict
             watch(tick, now, speed, s)
-            if self._end_trigger is not None and (why := self._end_reason(self._end_trigger, ticked)):
-                return drive_end(Outcome.COMPLETED, (why, *status.reasons), self._pipeline, self._road)
             ahead = partial(self._rest.ahead, ticked.truth, s, ticked.actors)
             outcome = self._termination.step(now, speed, s, status.state, status.reasons, contact, ahead)
+            if self._end_trigger is not None and (why := self._end_reason(self._end_trigger, ticked)):
+                outcome = self._termination.unless_contact(Outcome.COMPLETED)
+                return drive_end(outcome, (why, *status.reasons), self._pipeline, self._road)
             if outcome is None and tick >= last:
-                outcome = Outcome.TIMEOUT
+                outcome = self._termination.unless_contact(Outcome.TIMEOUT)
             if outcome is not None:
                 return drive_end(outcome, status.reasons, self._pipeline, self._road)
         raise AssertionError("ticks never end by themselves")

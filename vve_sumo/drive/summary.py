@@ -95,6 +95,11 @@ def summary_of(
     return summary | {"passed": passed, "failed": failed} | hashes
 
 
+def unjudged(summary: dict[str, Any]) -> dict[str, Any]:
+    """Return a summary of a drive that is no test of anything: in shadow mode the gateway commands nothing."""
+    return summary | {"passed": None, "failed": []}
+
+
 def unmet_criteria(criteria: Criteria, summary: Mapping[str, Any]) -> list[str]:
     """Return a line for every criterion that a drive's summary does not meet: its name, what came, what was expected.
 
@@ -102,23 +107,39 @@ def unmet_criteria(criteria: Criteria, summary: Mapping[str, Any]) -> list[str]:
     """
     if summary["outcome"] == Outcome.PLAYED:
         return []
-    failed = []
-    for name, wanted in criteria:
-        if wanted is None:
-            continue
-        got = summary[name]
-        if isinstance(wanted, Band):
-            if not _within(wanted, PER_DRIVE[name].absent if math.isnan(got) else got):
-                failed.append(f"{name} is {_found(name, got, summary)}, expected {_band(wanted)}")
-        elif got != wanted:
-            failed.append(f"{name} is {got}{_why(name, summary)}, expected {wanted}")
+    return [*filter(None, judged(criteria, summary).values()), *disturbances(criteria, summary)]
+
+
+def judged(criteria: Criteria, summary: Mapping[str, Any]) -> dict[str, str]:
+    """Return for every stated criterion the line of `unmet_criteria`, empty where the drive meets it.
+
+    Each is judged by itself, on what the drive shows, whatever ended it.
+    """
+    return {name: _unmet(name, wanted, summary) for name, wanted in criteria if wanted is not None}
+
+
+def disturbances(criteria: Criteria, summary: Mapping[str, Any]) -> list[str]:
+    """Return a line for everything that makes a drive no test of its criteria, however many of them it meets.
+
+    The drive was lost, its driver stepped in, or a gateway fault that no criterion speaks of ended it.
+    """
+    found = []
     if summary["outcome"] in (Outcome.BROKEN, Outcome.INTERRUPTED):
-        failed.append(f"the drive was {summary['outcome']}{_why('outcome', summary)}")
+        found.append(f"the drive was {summary['outcome']}{_why('outcome', summary)}")
     if not DRIVER_SIGNS.isdisjoint(summary.get("reasons") or ()):
-        failed.append(f"the driver stepped in{_why('outcome', summary)}")
+        found.append(f"the driver stepped in{_why('outcome', summary)}")
     elif summary["outcome"] == Outcome.FAULT and criteria.outcome is None:
-        failed.append(f"a fault ended the drive{_why('outcome', summary)}")
-    return failed
+        found.append(f"a gateway fault ended the drive{_why('outcome', summary)}")
+    return found
+
+
+def _unmet(name: str, wanted: Any, summary: Mapping[str, Any]) -> str:
+    """Return what a drive shows of a criterion that it does not meet; empty where it meets it."""
+    got = summary[name]
+    if isinstance(wanted, Band):
+        met = _within(wanted, PER_DRIVE[name].absent if math.isnan(got) else got)
+        return "" if met else f"{name} is {_found(name, got, summary)}, expected {_band(wanted)}"
+    return "" if got == wanted else f"{name} is {got}{_why(name, summary)}, expected {wanted}"
 
 
 def _within(band: Band, value: float) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Final
 
 from vve_sumo.drive.rest import Ahead
 from vve_sumo.scenario.schema import EndTrigger
@@ -35,11 +36,11 @@ class Outcome(enum.StrEnum):
 
     STOPPED = "stopped"  #: at rest before the end of the path
     ARRIVED = "arrived"  #: at rest at the end of the path
-    CONTACT = "contact"  #: touched something on the virtual road, then stopped
+    CONTACT = "contact"  #: touched something on the virtual road, whatever ended the drive then
     DRIVER = "driver_has_control"  #: the driver stepped in: took over, or touched a pedal under way
-    FAULT = "fault"  #: the gateway stopped the car for another reason
+    FAULT = "fault"  #: a gateway fault: the gateway stopped the car for another reason
     TIMEOUT = "timeout"  #: the scenario's time ran out
-    COMPLETED = "completed"  #: the scenario's end trigger fired
+    COMPLETED = "completed"  #: the scenario's end trigger fired, and nothing was touched before
     PLAYED = "played"  #: a recorded drive ran to its end
     INTERRUPTED = "interrupted"  #: ended from the keyboard
     BROKEN = "broken"  #: the simulation broke
@@ -57,6 +58,10 @@ class DriveEnd:
     standoffs: tuple[str, ...] = ()  #: vehicles taken off the road because they and the ego waited for each other
     signals: tuple[SignalChange, ...] = ()  #: what the traffic signals showed, change by change
     extra: Mapping[str, float] = field(default_factory=dict)  #: figures of this shell alone, by summary key
+
+
+#: reason codes of end triggers, of which the first of a drive's reasons is one where a trigger ended it
+END_REASONS: Final = frozenset({"end_contact", "end_ego_at", "end_deviation", "end_ttc"})
 
 
 def end_reason(wanted: EndTrigger, contact: bool, bumper: float, deviation: float, ttc: float) -> str:
@@ -117,6 +122,13 @@ class TerminationMonitor:
         lasting = self._lasts(time, ahead()) if outcome is Outcome.STOPPED else time - self._standing_since >= self.rest
         return outcome if lasting else None
 
+    def unless_contact(self, outcome: Outcome) -> Outcome:
+        """Return the outcome of a drive that something else than its motion ends now: a contact so far is never hidden.
+
+        What ended the drive is told by its reasons.
+        """
+        return Outcome.CONTACT if self.collided else outcome
+
     def _lasts(self, time: float, ahead: Ahead) -> bool:
         """Return whether the rest of an engaged car on its way has lasted long enough to be the end."""
         assert self._standing_since is not None
@@ -133,13 +145,13 @@ class TerminationMonitor:
         """Return the outcome of a car that never drove off: a fault, or STOPPED where it may drive but does not."""
         if state is not ArmingState.FAULT and time <= START_TIMEOUT:
             return None
-        return Outcome.STOPPED if state is ArmingState.ENGAGED else Outcome.FAULT
+        return self.unless_contact(Outcome.STOPPED if state is ArmingState.ENGAGED else Outcome.FAULT)
 
     def _name(self, station: float, state: ArmingState, reasons: Sequence[str]) -> Outcome:
-        if state is not ArmingState.ENGAGED and not DRIVER_SIGNS.isdisjoint(reasons):
-            return Outcome.DRIVER
         if self.collided:
             return Outcome.CONTACT
+        if state is not ArmingState.ENGAGED and not DRIVER_SIGNS.isdisjoint(reasons):
+            return Outcome.DRIVER
         if state is not ArmingState.ENGAGED:
             return Outcome.FAULT
         return Outcome.ARRIVED if self.path_length - station < ARRIVAL_DISTANCE else Outcome.STOPPED

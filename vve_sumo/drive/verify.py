@@ -22,8 +22,8 @@ from vve_sumo.drive.latency_monitor import latency_summary
 from vve_sumo.drive.resolved_scenario import read_resolved
 from vve_sumo.drive.rest import RestObserver
 from vve_sumo.drive.snapshots import NO_ACTORS, snapshots
-from vve_sumo.drive.summary import FOREIGN_BRAIN, summary_of
-from vve_sumo.drive.termination import MOVING_SPEED, DriveEnd, Outcome, TerminationMonitor
+from vve_sumo.drive.summary import FOREIGN_BRAIN, summary_of, unjudged
+from vve_sumo.drive.termination import END_REASONS, MOVING_SPEED, DriveEnd, Outcome, TerminationMonitor
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path
 from vve_sumo.record.hashes import hash_file, hash_part, hash_parts, hashed_files, whole
@@ -41,7 +41,7 @@ SUMMARY: Final = "summary.json"
 #: relative and absolute tolerance of a figure: another processor rounds differently
 RELATIVE_TOLERANCE: Final = 1e-9
 #: outcomes of a lockstep drive that did not end by the car's motion or the time limit
-ENDED_OTHERWISE: Final = frozenset({Outcome.COMPLETED, Outcome.INTERRUPTED, Outcome.BROKEN})
+ENDED_OTHERWISE: Final = frozenset({Outcome.INTERRUPTED, Outcome.BROKEN})
 #: columns of the true pose of the rear axle
 TRUE_POSE: Final = ("true_x_m", "true_y_m", "true_heading_rad", "true_speed_mps")
 #: reason codes of a live drive's summary, for a lost process, that no row of the ticks or the gateway has
@@ -215,6 +215,8 @@ def _figures(folder: FilePath, recorded: RecordedDrive, summary: dict[str, Any])
     again |= {"versions": resolved["versions"]}
     if recorded_brain(resolved):
         again |= {"controller": FOREIGN_BRAIN}
+    if resolved.get("gateway", {}).get("shadow"):
+        again = unjudged(again)
     if _is_live(folder, summary):
         again |= {"gateway_steps": read_table(folder, "gateway").num_rows}
         latency = read_table(folder, "latency")
@@ -265,14 +267,14 @@ def _lockstep_ending(
     outcome: Outcome, reasons: list[str], ticks: pa.Table, recorded: RecordedDrive, ended: Outcome | None
 ) -> Iterator[str]:
     """Compare outcome and reasons of a lockstep drive with those of its rows; `ended` is the outcome that they show."""
-    if outcome in ENDED_OTHERWISE:
-        if ended is not None and outcome is not Outcome.COMPLETED:
-            yield f"outcome is {outcome}, the ticks come to {ended}"
-        if outcome is Outcome.COMPLETED and (recorded.scenario.end_trigger == EndTrigger() or not reasons[:1]):
-            yield f"outcome is {outcome}, and the scenario has no [end_trigger] that says so"
-    elif outcome is not ended:
+    triggered = not END_REASONS.isdisjoint(reasons[:1])
+    if triggered:
+        if recorded.scenario.end_trigger == EndTrigger():
+            yield f"reasons begin with {reasons[0]}, and the scenario has no [end_trigger]"
+        ended = Outcome.CONTACT if any(ticks["contacts"].to_pylist()) else Outcome.COMPLETED
+    if outcome is not ended and not (outcome in ENDED_OTHERWISE and ended is None):
         yield f"outcome is {outcome}, the ticks come to {ended or 'no end'}"
-    said = reasons[1:] if outcome is Outcome.COMPLETED else reasons
+    said = reasons[1:] if triggered else reasons
     last = [code for code in (ticks["reasons"][-1].as_py() if ticks.num_rows else "").split("+") if code]
     if outcome not in (Outcome.INTERRUPTED, Outcome.BROKEN) and said != last:
         yield f"reasons are {said}, the last tick's are {last}"
@@ -290,7 +292,7 @@ def _ended(ticks: pa.Table, actors: pa.Table, recorded: RecordedDrive) -> Outcom
         ahead = partial(rest.ahead, pose, station, seen.get(tick, NO_ACTORS))
         outcome = ending.step(time, speed, station, ArmingState(state), reasons.split("+"), bool(contacts), ahead)
         if outcome is None and tick >= last:
-            outcome = Outcome.TIMEOUT
+            outcome = ending.unless_contact(Outcome.TIMEOUT)
         if outcome is not None:
             return outcome
     return None

@@ -341,7 +341,7 @@ class LiveDrive:
         if outcome is None and driven > self._resolved.scenario.duration_s:
             outcome = Outcome.TIMEOUT
         if outcome in (Outcome.STOPPED, Outcome.ARRIVED, Outcome.TIMEOUT):
-            self._close(outcome, status.reasons)
+            self._close(self._termination.unless_contact(outcome), status.reasons)
 
     def _close(self, outcome: Outcome, reasons: tuple[str, ...]) -> None:
         self._outcome = outcome
@@ -351,13 +351,13 @@ class LiveDrive:
         """Set the outcome of a drive that the gateway has ended."""
         if self._state in COMMANDING:
             # The gateway ended without a message while it commanded the car.
-            self._close(Outcome.FAULT, (*self._stop_reasons, "gateway_gone"))
+            self._close(self._termination.unless_contact(Outcome.FAULT), (*self._stop_reasons, "gateway_gone"))
         elif self._went_at is None:
             self._close(Outcome.INTERRUPTED, self._stop_reasons)
-        elif not DRIVER_SIGNS.isdisjoint(self._stop_reasons):
-            self._close(Outcome.DRIVER, self._stop_reasons)
         elif self._termination.collided:
             self._close(Outcome.CONTACT, self._stop_reasons)
+        elif not DRIVER_SIGNS.isdisjoint(self._stop_reasons):
+            self._close(Outcome.DRIVER, self._stop_reasons)
         elif set(self._stop_reasons[:1]) <= {"stop_asked", "stop_asked_by_page", "operator_gone"}:
             # The first reason counts: the drive was over before any fault found on the fallback path.
             self._close(Outcome.INTERRUPTED, self._stop_reasons)

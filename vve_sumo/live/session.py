@@ -21,7 +21,7 @@ from vve_sumo.drive import plugged_in, provenance
 from vve_sumo.drive.assembly import LotAlignment, sensors_of
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.run import new_run_folder, resolve_by_name
-from vve_sumo.drive.summary import FOREIGN_BRAIN
+from vve_sumo.drive.summary import FOREIGN_BRAIN, unjudged
 from vve_sumo.drive.summary import summarise as summarise_drive
 from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.drive.virtual_road import pose_at_rest
@@ -413,7 +413,7 @@ def _drove(folder: FilePath) -> bool:
 def _summary(plan: Plan, why: tuple[str, ...], notify: Notify) -> dict[str, Any]:
     """Complete the recorder's summary by the scenario's verdict; `why` is the gateway's last reasons at the console."""
     try:
-        summary = json.loads((plan.folder / "summary.json").read_text(encoding="utf-8"))
+        summary: dict[str, Any] = json.loads((plan.folder / "summary.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
         # The recorder died, or the disk is full: summarise what the record holds.
         summary = summarise(plan.folder, {"outcome": Outcome.FAULT.value, "reasons": [*why, "record_lost"]})
@@ -434,6 +434,8 @@ def _summary(plan: Plan, why: tuple[str, ...], notify: Notify) -> dict[str, Any]
     summary = full | extra | {"rig": plan.rig_file.stem, "shadow": plan.shadow, "brain": plan.rig.brain.kind}
     if plan.rig.brain.kind != "own":
         summary["controller"] = FOREIGN_BRAIN
+    if plan.shadow:
+        summary = unjudged(summary)
     try:
         write_summary(plan.folder, summary)
     except OSError as error:

@@ -24,10 +24,17 @@ def key_figures(summary: Mapping[str, Any]) -> dict[str, str]:
         **{label_of(name): _number(summary, name) for name in SHOWN},
         label_of("braked_for"): str(summary.get("braked_for") or "nobody"),
         **({label_of("hardest_braking_for"): hardest} if (hardest := braked_hardest_for(summary)) else {}),
-        label_of("emergency_used"): "braked" if summary["emergency_used"] else "not needed",
+        label_of("emergency_used"): emergency_layer(summary),
         label_of("duration_s"): f"{summary['duration_s']:.1f} s, {summary['ticks']} ticks",
         **{label_of(name): _number(summary, name) for name in PLAYBACK if name in summary},
     }
+
+
+def emergency_layer(summary: Mapping[str, Any]) -> str:
+    """Return in words what the emergency layer did; beside a contact nobody can say that it was not needed."""
+    if summary["emergency_used"]:
+        return "braked"
+    return "did not brake" if summary.get("collision") else "not needed"
 
 
 def braked_hardest_for(summary: Mapping[str, Any]) -> str:

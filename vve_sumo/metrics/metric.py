@@ -23,6 +23,9 @@ UNITS: dict[str, str] = {
     "_mps3": "m/s³",
     "_m_s": "m/s",  # of controllers' tuning keys
     "_m_s2": "m/s²",
+    "_per_s": "1/s",
+    "_per_s2": "1/s²",
+    "_rad_per_m": "rad/m",
     "_rad": "rad",
     "_radps": "rad/s",
     "_deg": "°",

@@ -52,9 +52,9 @@ def holds(rows: pd.DataFrame, column: str, value: Any = True) -> NDArray[np.bool
     return rows[column].eq(value).fillna(False).to_numpy(bool)
 
 
-def faults(rows: pd.DataFrame) -> NDArray[np.bool_]:
-    """Return which runs came to a fault (n)."""
-    return rows["fault"].fillna("").ne("").to_numpy(bool)
+def errors(rows: pd.DataFrame) -> NDArray[np.bool_]:
+    """Return which runs came to an error (n)."""
+    return rows["error"].fillna("").ne("").to_numpy(bool)
 
 
 def cautions(rows: pd.DataFrame, figure: str) -> list[str]:

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from vve_sumo.analysis.survivors import with_collisions
+from vve_sumo.analysis.survivors import contacts, with_contacts
 from vve_sumo.metrics.table import axis_of, label_of
 from vve_sumo.plotting.columns import cautions, is_truth, need, numbers
 from vve_sumo.plotting.page import INK, PAPER, QUIET
@@ -112,10 +112,12 @@ def heat_map(
     """Draw the mean of a figure over two parameters; of a truth value (`passed`) the share of runs.
 
     Cells have their number in them while they are few, and beneath how many runs it is of; a cell of which some runs
-    lack the figure is hatched finely, one in which none has it widely. `zero` says what the figure's zero means, and
+    lack the figure is hatched finely, one in which none has it widely. A run with a contact is in no mean of gaps,
+    times to collision and DRAC. `zero` says what the figure's zero means, and
     lets the colours part there. `by` and `facet` are columns that each have a panel for every value.
     """
-    values = numbers(rows, figure)
+    values, hit = numbers(rows, figure), contacts(rows, figure)
+    values = np.where(hit, np.nan, values)
     cells, parts = cells_of(rows, x, y), _crossed(rows, by, facet)
     grids = [grid(cells, values, part.which) for part in parts]
     across = min(ACROSS, len(parts)) if by is None or facet is None else len(parts_of(rows, by, MAX_PANELS))
@@ -125,6 +127,7 @@ def heat_map(
         kind = "Share" if is_truth(rows, figure) else "Mean"
         known = sum(int(one.having.sum()) for one in grids)
         one_each = ", 1 in each cell" if look.single else ""
+        one_each += f", {hit.sum():,} with a contact left out" if hit.any() else ""
         name(
             drawn,
             f"{kind} of {label_of(figure)} over {known:,} of {len(rows):,} runs{one_each}",
@@ -250,15 +253,17 @@ def distribution(
 ) -> Figure:
     """Draw what share of all runs has a figure no greater than each value; of every value of a parameter on its own.
 
-    A curve ends at the share of the runs that have the figure. A collision counts as 0 where it leaves the figure at 0
-    or below, as it does a gap at rest, so that such a curve begins with the share of collisions. `band` is the least
-    and the greatest value that passes; `facet` is a column that has a panel for every value.
+    A curve ends at the share of the runs that have the figure. A collision is below every gap and time to collision, at
+    whatever depth its overlap was measured, so that such a curve begins at 0 with the share of collisions; it is above
+    every DRAC, so that such a curve ends below it. `band` is the least and the greatest value that passes; `facet` is a
+    column that has a panel for every value.
     """
     values = numbers(rows, figure)
-    values = values if is_truth(rows, figure) else with_collisions(rows, figure)
+    values = values if is_truth(rows, figure) else with_contacts(rows, figure)
     with page(height=tall(rows, facet, 4.2, 3.4)) as drawn:
         drawn_panels = panels(drawn, rows, facet)
         title = f"Distribution of {label_of(figure)}: {np.isfinite(values).sum():,} of {len(rows):,} runs have it"
+        title += f", {hits:,} collided" if (hits := int(np.isinf(values).sum())) else ""
         name(drawn, title, *cautions(rows, figure))
         for axes, panel in drawn_panels:
             plain(axes)
@@ -277,22 +282,22 @@ def distribution(
 
 
 def _curve(axes: Axes, values: Floats, part: Part) -> None:
-    """Draw the share of values up to each of them; of very many some. Minus infinity is below, NaN nowhere."""
+    """Draw the share of values up to each of them; of very many some. An infinity is beyond all, NaN nowhere."""
     known = np.sort(values[~np.isnan(values)])
     ordered = known[np.isfinite(known)]
     if not len(values):
         return
-    below = len(known) - len(ordered)
+    below, hits = int(np.isneginf(known).sum()), int(np.isinf(known).sum())
     some = np.unique(np.linspace(0, len(ordered) - 1, min(STEPS, len(ordered))).round().astype(int))
     share = 100.0 * (below + some + 1) / len(values)
-    first = min(0.0, *ordered[:1]) if below else ordered[:1]
+    first = 0.0 if below else ordered[:1]
     begin, level = np.repeat(first, 1 + (below > 0)), [0.0, 100.0 * below / len(values)]
     x, y = np.append(begin, ordered[some]), np.append(level[: len(begin)], share)
     lacking = f"{len(ordered):,} of {len(values):,} runs" if len(ordered) < len(values) else f"{len(values):,} runs"
-    lacking += f", {below:,} collided without" if below else ""
+    lacking += f", {hits:,} collided" if hits else ""
     style: dict[str, Any] = {"color": part.look.colour, "linestyle": part.look.stroke}
     axes.step(x, y, where="post", label=f"{part.word or 'all'} ({lacking})", **style)
-    if 0 < len(known) < len(values):
+    if 0 < len(ordered) + below < len(values):
         axes.plot(x[-1], y[-1], "o", markerfacecolor=PAPER, markersize=5.0, color=part.look.colour)
 
 

@@ -43,6 +43,8 @@ STYLE: dict[Any, Any] = {
     "lines.linewidth": 1.6,
     "lines.solid_capstyle": "butt",
     "text.parse_math": False,  # a name that holds dollars is no formula
+    "pdf.fonttype": 42,  # letters as outlines of TrueType: publishers refuse Type 3, matplotlib's default
+    "ps.fonttype": 42,
 }
 
 # Where things stand on the page [inch], from its left and lower edge.

@@ -34,7 +34,8 @@ def paired(compared: PairedComparison, figure: str = "stop_gap_m", *, by: str | 
     parts = parts_of(compared.pairs, by)
     with page(WIDTH, 4.1 + 0.3 * len(parts)) as drawn:  # the legend takes lines of its own
         left, right = drawn.subplots(1, 2)
-        name(drawn, f"{label_of(figure).capitalize()} of {both.sum():,} pairs", _counted(compared, figure))
+        pair = f"{compared.other} minus {compared.one}"
+        name(drawn, f"{label_of(figure).capitalize()}, {pair}: {both.sum():,} pairs", _counted(compared, figure))
         for axes in (left, right):
             plain(axes)
         if not both.any():
@@ -49,7 +50,7 @@ def paired(compared: PairedComparison, figure: str = "stop_gap_m", *, by: str | 
         _diagonal(left, compared, one, other)
         right.axvline(0.0, **LIMIT)
         left.set(xlabel=f"{compared.one} [{unit or '1'}]", ylabel=f"{compared.other} [{unit or '1'}]")
-        right.set(xlabel=f"other minus one [{unit or '1'}]", ylabel="pairs up to there [%]", ylim=(0.0, 102.0))
+        right.set(xlabel=f"{pair} [{unit or '1'}]", ylabel="pairs up to there [%]", ylim=(0.0, 102.0))
         for axes in (left, right):
             explain(axes, 1)
         return drawn
@@ -57,7 +58,11 @@ def paired(compared: PairedComparison, figure: str = "stop_gap_m", *, by: str | 
 
 def _counted(compared: PairedComparison, figure: str) -> str:
     row = compared.figures.loc[figure]
-    return f"{compared.other} less in {row['lower']}, same in {row['same']}, more in {row['higher']}"
+    counted = f"{compared.other} less in {row['lower']}, same in {row['same']}, more in {row['higher']}"
+    if not np.isfinite(row["low_difference"]):
+        return counted
+    low, high = (f"{row[f'{end}_difference']:.3g}" for end in ("low", "high"))
+    return f"{counted}; median difference {row['median_difference']:.3g}, 95 % interval {low} to {high}"
 
 
 def _differences(axes: Axes, difference: Floats, part: Part) -> None:

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from vve_sumo.analysis.effects import LEVELS, controller_of, is_number
-from vve_sumo.analysis.survivors import with_collisions
+from vve_sumo.analysis.survivors import with_contacts
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.table import label_of
 from vve_sumo.plotting.columns import cautions, is_truth, need, numbers
@@ -33,10 +33,10 @@ BESIDE = 0.12
 def response(rows: pd.DataFrame, x: str, figure: str, *, by: str | None = None, facet: str | None = None) -> Figure:
     """Draw a figure over a parameter: a point a run and a line through the medians; of a truth value the share of runs.
 
-    A median is over all runs of a value that have the figure or collided, where a collision leaves the figure at 0 or
-    below: there is none where half of them did. Runs without the figure are marked along the lower edge. `by` is a
-    column whose values have lines of their own, the controller if not said and there are several; `facet` is one whose
-    values have a panel each. Raises ConfigError for an `x` that is no number.
+    A median is over all runs of a value that have the figure or collided, where a collision is beyond every gap, time
+    to collision and DRAC: there is none where half of them did. Runs that collided, and runs without the figure, are
+    marked along the lower edge. `by` is a column whose values have lines of their own, the controller if not said and
+    there are several; `facet` is one whose values have a panel each. Raises ConfigError for an `x` that is no number.
     """
     need(rows, x, figure)
     if not is_number(rows[x]):
@@ -44,12 +44,13 @@ def response(rows: pd.DataFrame, x: str, figure: str, *, by: str | None = None, 
     parts, at = parts_of(rows, by or controller_of(rows, facet)), numbers(rows, x)
     share = is_truth(rows, figure)
     values = numbers(rows, figure)
-    values = values if share else with_collisions(rows, figure)
+    values = values if share else with_contacts(rows, figure)
     levels, level = portions(at, LEVELS)
     with page(height=tall(rows, facet, 4.2, 3.4)) as drawn:
         drawn_panels = panels(drawn, rows, facet)
         kind, known = "Share of" if share else "Median", np.isfinite(values)
         title = f"{kind} {label_of(figure)} over {label_of(x)}: {known.sum():,} of {len(rows):,} runs"
+        title += f", {hits:,} collided" if (hits := int(np.isinf(values).sum())) else ""
         name(drawn, title, *cautions(rows, figure))
         for axes, panel in drawn_panels:
             plain(axes)
@@ -91,7 +92,7 @@ def _lacking(axes: Axes, at: Floats, values: Floats, part: Part, place: int) -> 
     """Mark the runs of a part that lack the figure along the lower edge, in the line number `place` from it."""
     low: dict[str, Any] = {"transform": axes.get_xaxis_transform(), "linestyle": "", "markersize": 6.0, "zorder": 4}
     low |= {"color": part.look.colour, "markerfacecolor": PAPER, "clip_on": False}
-    for which, mark, why in ((np.isneginf(values), "x", "collided"), (np.isnan(values), "s", "without")):
+    for which, mark, why in ((np.isinf(values), "x", "collided"), (np.isnan(values), "s", "without")):
         if which.any():
             there = thinned(at[which])
             height = np.full(len(there), 0.025 + 0.045 * place)
@@ -99,7 +100,7 @@ def _lacking(axes: Axes, at: Floats, values: Floats, part: Part, place: int) -> 
 
 
 def _middle(values: Floats, *, share: bool) -> float:
-    """Return the median of the known values, the mean of shares; NaN where the middle one is only known to be below."""
+    """Return the median of the known values, the mean of shares; NaN where the middle one is a contact's."""
     known = values[~np.isnan(values)]
     if not len(known):
         return float("nan")

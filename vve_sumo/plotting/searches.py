@@ -13,8 +13,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from vve_sumo.analysis.survivors import contacts, with_contacts, without_contacts
 from vve_sumo.metrics.table import axis_of, label_of
-from vve_sumo.plotting.columns import faults, holds, numbers, runs
+from vve_sumo.plotting.columns import errors, holds, numbers, runs
 from vve_sumo.plotting.page import INK, OBSTACLE, PAPER, QUIET
 from vve_sumo.plotting.style import BAD, FIRST, IN_A_LINE, WIDTH, blank, explain, finite, name, page, plain, widened
 from vve_sumo.values import Floats
@@ -111,12 +112,12 @@ def _runs(
     place = np.array([of_line[values] for values in _combinations(rows, others)] if others else 0.0)
     beside = {seed: 0.5 * (n - (len(seeds) - 1) / 2.0) / max(len(seeds), 2) for n, seed in enumerate(seeds)}
     y = place + rows["seed"].map(beside).to_numpy(float)
-    x, fault = numbers(rows, along), faults(rows)
-    good = met(rows, criterion) & ~fault
+    x, error = numbers(rows, along), errors(rows)
+    good = met(rows, criterion) & ~error
     bad: dict[str, Any] = BAD | {"markersize": 6.0, "marker": "x", "markeredgecolor": OBSTACLE, "markeredgewidth": 1.6}
     size = {"markersize": 5.0, "linestyle": ""}
-    kinds = ((good, {"marker": "o", "color": FIRST.colour, **size}, "met"), (~good & ~fault, bad, "not met"))
-    for chosen, style, word in (*kinds, (fault, {"marker": "s", "color": QUIET, "fillstyle": "none", **size}, "fault")):
+    kinds = ((good, {"marker": "o", "color": FIRST.colour, **size}, "met"), (~good & ~error, bad, "not met"))
+    for chosen, style, word in (*kinds, (error, {"marker": "s", "color": QUIET, "fillstyle": "none", **size}, "error")):
         if chosen.any():
             axes.plot(x[chosen], y[chosen], label=f"{word} ({runs(chosen)})", zorder=3, **style)
     axes.set_xlim(*widened(float(x.min()), float(x.max())))
@@ -168,23 +169,28 @@ def _worst(sweep: Sweep, rows: pd.DataFrame, found: Found) -> Figure:
     with page(WIDTH, 3.8) as figure:
         name(figure, f"The {goal} {label_of(figure_name)} · {sweep.title}")
         panels = figure.subplots(1, 2 if len(numeric) > 1 else 1, squeeze=False)[0]
-        values = numbers(rows, figure_name)
-        if not np.isfinite(values).any():
+        values, hit = without_contacts(rows, figure_name), contacts(rows, figure_name)
+        if not (np.isfinite(values).any() or hit.any()):
             for axes in panels:
                 blank(axes, f"no run has a {label_of(figure_name)}")
             return figure
-        worst = int(np.nanargmax(sign * values))
-        _course(panels[0], rows["number"].to_numpy(float), values, sign, figure_name)
+        _course(panels[0], rows["number"].to_numpy(float), values, hit, sign, figure_name)
         if len(numeric) > 1:
-            _places(figure, panels[1], rows, numeric[:2], figure_name, worst)
+            worst = int(np.nanargmax(sign * with_contacts(rows, figure_name)))
+            if case := found.get("worst"):  # of several contacts the hardest
+                worst = int(np.flatnonzero(rows["key"] == case["key"])[0])
+            _places(figure, panels[1], rows, numeric[:2], values, hit, figure_name, worst)
         return figure
 
 
-def _course(axes: Axes, number: Floats, values: Floats, sign: float, figure_name: str) -> None:
-    """Draw every run's figure in the order in which the search asked, and the worst so far."""
+def _course(axes: Axes, number: Floats, values: Floats, hit: NDArray[np.bool_], sign: float, figure_name: str) -> None:
+    """Draw every run's figure in the order in which the search asked, and the worst so far; contacts at the edge."""
     plain(axes)
     so_far = sign * np.fmax.accumulate(sign * values)
-    without = ~np.isfinite(values)
+    without = ~(np.isfinite(values) | hit)
+    if hit.any():
+        low: dict[str, Any] = BAD | {"transform": axes.get_xaxis_transform(), "clip_on": False}
+        axes.plot(number[hit], np.full(hit.sum(), 0.02), label=f"collided ({runs(hit)})", zorder=4, **low)
     axes.plot(number, values, FIRST.mark, color=FIRST.colour, markersize=4.0, alpha=0.7, label="a run")
     axes.step(number, so_far, where="post", color=INK, linewidth=1.4, label="worst so far")
     if without.any():
@@ -195,12 +201,23 @@ def _course(axes: Axes, number: Floats, values: Floats, sign: float, figure_name
     explain(axes, IN_A_LINE - 1)
 
 
-def _places(figure: Figure, axes: Axes, rows: pd.DataFrame, both: list[str], figure_name: str, worst: int) -> None:
+def _places(
+    figure: Figure,
+    axes: Axes,
+    rows: pd.DataFrame,
+    both: list[str],
+    values: Floats,
+    hit: NDArray[np.bool_],
+    figure_name: str,
+    worst: int,
+) -> None:
     """Draw where in two parameters the search looked, coloured by the figure, and where it is worst."""
     plain(axes)
-    x, y, values = (numbers(rows, column) for column in (*both, figure_name))
+    x, y = (numbers(rows, column) for column in both)
     known, units = finite(values), rows.attrs["units"]
-    axes.plot(x[~known], y[~known], "|", color=QUIET, markersize=6.0)
+    axes.plot(x[~known & ~hit], y[~known & ~hit], "|", color=QUIET, markersize=6.0)
+    if hit.any():
+        axes.plot(x[hit], y[hit], label=f"collided ({runs(hit)})", **BAD | {"markersize": 6.0})
     shown = axes.scatter(x[known], y[known], c=values[known], cmap="cividis", s=26, edgecolor=INK, linewidth=0.4)
     ring: dict[str, Any] = {"markersize": 13.0, "markerfacecolor": "none", "markeredgecolor": OBSTACLE}
     axes.plot(x[worst], y[worst], "o", markeredgewidth=2.0, label="worst", **ring)

@@ -17,7 +17,7 @@ from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.stopping_bound import stopping_bound_checks
 from vve_sumo.laws import stopping_distance as closed_form
 from vve_sumo.metrics.table import axis_of
-from vve_sumo.plotting.columns import cautions, faults, holds, numbers, runs
+from vve_sumo.plotting.columns import cautions, errors, holds, numbers, runs
 from vve_sumo.plotting.crowd import MAX_POINTS, bands, crowd, thinned
 from vve_sumo.plotting.page import INK, PAPER, QUIET, contact
 from vve_sumo.plotting.parts import Part, outer, panels, parts_of, tall
@@ -148,24 +148,25 @@ def _gaps_at_rest(rows: pd.DataFrame, by: str | None, facet: str | None) -> Figu
 
 
 def _without(axes: Axes, rows: pd.DataFrame, speed: Floats, gap: Floats, part: Part, place: int) -> None:
-    """Mark runs with a collision, and along the edge those that have no gap: with a collision, a fault or no rest.
+    """Mark runs with a collision, and along the edge those that have no gap: with a collision, an error or no rest.
 
     The marks of each part of the rows stand in a line of their own, the number `place` from the edge.
     """
-    hit, fault = holds(rows, "collision"), faults(rows)
-    gone, moving = hit & ~np.isfinite(gap), ~hit & ~fault & ~np.isfinite(gap)
+    hit, error = holds(rows, "collision"), errors(rows)
+    gone, moving = hit & ~np.isfinite(gap), ~hit & ~error & ~np.isfinite(gap)
     deep = hit & ~gone
     if deep.any():
         at, depth = speed[deep], gap[deep]
         if len(at) > MAX_POINTS:
-            at, depth = bands(at[np.isfinite(at)], depth[np.isfinite(at)]).middle()
+            at, (deepest, _low, middle, _high, _most) = bands(at[np.isfinite(at)], depth[np.isfinite(at)])
+            at, depth = np.tile(at, 2), np.concatenate([middle, deepest])
         own = {"color": part.look.colour} if part.word else {}
         word = part.says(f"collision ({runs(deep)})")
         axes.plot(at, depth, label=word, zorder=4, clip_on=False, **BAD | own)
     across = axes.get_xaxis_transform()
     edge = (
         (gone, "x", "collision, no gap at rest"),
-        (fault, "s", "fault"),
+        (error, "s", "error"),
         (moving, "|", "no rest, or nothing ahead at rest"),
     )
     axes.margins(y=0.12)  # that no cross at the bottom hides them

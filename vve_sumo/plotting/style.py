@@ -73,6 +73,11 @@ class Picture(Figure):
         with mpl.rc_context(STYLE):
             super().draw(renderer)
 
+    def savefig(self, fname: Any, **kwargs: Any) -> None:
+        """Write it; a PDF takes its fonts from the style once everything is drawn."""
+        with mpl.rc_context(STYLE):
+            super().savefig(fname, **kwargs)
+
     def _repr_png_(self) -> bytes:
         buffer = io.BytesIO()
         self.savefig(buffer, format="png")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from itertools import pairwise, zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self, get_args
@@ -26,7 +26,7 @@ from vve_sumo.scenario.descriptions import meaning_of_key
 if TYPE_CHECKING:
     from pyarrow.dataset import Dataset
 
-VERSION = 3  #: of this layout; rows of earlier versions had fewer figures
+VERSION = 4  #: of this layout; rows of earlier versions had fewer figures, and a column `fault` in place of `error`
 
 _ARROW: dict[str, pa.DataType] = {"bool": pa.bool_(), "int": pa.int64(), "float": pa.float64(), "str": pa.string()}
 
@@ -35,16 +35,23 @@ RUN = rows(
     Metric("number", "number", "of the run, in the design's order", kind="int"),
     Metric("key", "key", "of the run; the same run has the same key in every sweep", kind="str"),
     Metric("seed", "seed", "of the run", kind="int"),
-    Metric("fault", "fault", "why there are no figures; empty where there are", kind="str"),
+    Metric("error", "error", "why there are no figures; empty where there are", kind="str"),
+    Metric(
+        "undisturbed",
+        "undisturbed",
+        "whether the drive is a test of its criteria: false where the driver stepped in, or a gateway fault ended it "
+        "that no criterion asks for; meets_… hold what each criterion comes to by itself",
+        kind="bool",
+    ),
 )
-#: machine resources that a run took, and the last lines that a run with a fault printed
+#: machine resources that a run took, and the last lines that a run with an error printed
 MACHINE = rows(
     RUN["number"],
     RUN["key"],
     Metric("wall_s", "wall time", "wall time that the run took"),
     Metric("cpu_s", "processor time", "processor time that it took"),
     Metric("peak_mb", "peak memory", "greatest memory of its process, 10^6 bytes"),
-    Metric("said", "last words", "the last that a run with a fault printed", kind="str"),
+    Metric("said", "last words", "the last that a run with an error printed", kind="str"),
 )
 #: every column that is not a parameter; no parameter may have one of these names
 COLUMNS: dict[str, Metric] = {**RUN, **FIGURES, **MACHINE}
@@ -69,12 +76,15 @@ class Plan:
     files_sha256: dict[str, list[str]]  #: hashes of the files that the first runs read, by role
     versions: dict[str, str]
     rig: str = ""  #: file of the rig whose car drives; empty: the scenario's vehicle
+    #: hashes of each controller's code by its name and the file's role; none of a shipped one
+    controllers_sha256: dict[str, dict[str, list[str]]] = field(default_factory=dict)
 
     def columns(self) -> dict[str, Kind]:
         """Return name and kind of a row's columns, in their order."""
         met: dict[str, Kind] = {f"meets_{name}": "bool" for name in self.criteria}
         figures: dict[str, Kind] = {name: metric.kind for name, metric in FIGURES.items()}
-        return {"number": "int", "key": "str", **self.parameters, "seed": "int", "fault": "str", **figures, **met}
+        run: dict[str, Kind] = {"seed": "int", "error": "str", "undisturbed": "bool"}
+        return {"number": "int", "key": "str", **self.parameters, **run, **figures, **met}
 
     def units(self) -> dict[str, str]:
         """Return the units of the parameters that the scenario declares: those of the keys that they set."""
@@ -106,7 +116,7 @@ class Plan:
         try:
             data = json.loads(file.read_text(encoding="utf-8"))
             version = data["version"]
-            data = {"rig": "", **data}  # which sweeps had not at first
+            data = {"rig": "", "controllers_sha256": {}, **data}  # which sweeps had not at first
         except OSError:
             raise ConfigError(f"{folder}: no sweep.json: not a sweep's folder") from None
         except (ValueError, KeyError, TypeError) as error:
@@ -117,7 +127,7 @@ class Plan:
         wrong = _wrong({name: value for name, value in data.items() if name != "version"}, cls)
         if wrong:
             raise ConfigError(f"{file}: not what a sweep writes: {wrong}")
-        return cls(**{field.name: data[field.name] for field in fields(cls)})
+        return cls(**{one.name: data[one.name] for one in fields(cls)})
 
 
 def _meaning_of_parameter(name: str, declared: Mapping[str, Any]) -> str:
@@ -137,10 +147,10 @@ _PLAIN = {"str": str, "int": int, "dict": dict, "list": list}
 
 def _wrong(data: Mapping[str, Any], plan: type[Plan]) -> str:
     """Return what is wrong with the content of `sweep.json`, empty where nothing is."""
-    for field in fields(plan):
-        if type(data.get(field.name)) is not _PLAIN[str(field.type).partition("[")[0]]:
-            return f"expected a {str(field.type).partition('[')[0]} as its {field.name}"
-    unknown = [name for name in data if name not in {field.name for field in fields(plan)}]
+    for one in fields(plan):
+        if type(data.get(one.name)) is not _PLAIN[str(one.type).partition("[")[0]]:
+            return f"expected a {str(one.type).partition('[')[0]} as its {one.name}"
+    unknown = [name for name in data if name not in {one.name for one in fields(plan)}]
     kinds = [f"{name}: {kind}" for name, kind in data["parameters"].items() if kind not in get_args(Kind)]
     return "".join(f"got {name}" for name in (unknown + kinds)[:1])
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from vve_sumo.analysis.latency import MEANINGS as LEGS
@@ -16,10 +17,11 @@ from vve_sumo.analysis.over_time import exposure, over_time
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.sensing import radar_statistics
 from vve_sumo.drive.verify import altered_parts
+from vve_sumo.metrics.key_figures import emergency_layer
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.per_drive import OF_STOP, PER_DRIVE
 from vve_sumo.metrics.table import PLAYBACK
-from vve_sumo.report import formatting, key_figures, pictures, settings, stops
+from vve_sumo.report import again, formatting, key_figures, pictures, settings, stops
 from vve_sumo.report.curves import curves
 from vve_sumo.report.formatting import NONE, integer, number, share, short
 from vve_sumo.report.page import Report, hashes, versions
@@ -122,7 +124,7 @@ def _figures(figures: Figures) -> Table:
 def _figure(key: str, figures: Figures) -> str:
     value = figures[key]
     if key == "emergency_used":
-        return "braked" if value else "not needed"
+        return emergency_layer(figures)
     if value is None or (key == "impact_speed_mps" and not figures.get("collision")):
         return NONE
     return formatting.figure(key, value)
@@ -156,6 +158,7 @@ def _provenance(run: Run, figures: Figures) -> dict[str, object]:
         if _is_playback(run) or run.brain == "setpoints"
         else f"vve-sumo replay {shlex.quote(name)}",
         "drive_command": _drive_command(run),
+        "lockstep": not (run.live or run.brain or _is_playback(run)),
         "foreign_brain": bool(run.brain),
         "report_command": f"vve-sumo report {shlex.quote(name)}",
         "versions": versions(run.resolved.get("versions") or {}),
@@ -165,12 +168,11 @@ def _provenance(run: Run, figures: Figures) -> dict[str, object]:
 
 
 def _drive_command(run: Run) -> str | None:
-    """Return the command that drives a scenario again; None for a live drive, a playback, and a foreign brain."""
-    if run.live or run.brain or _is_playback(run):
-        return None
-    scenario = run.resolved["settings"]
-    line = ["vve-sumo", "drive", run.name, "--seed", str(scenario["seed"])]
-    return shlex.join([*line, "--controller", str(scenario["controller"]["name"]), "--out", "again"])
+    """Return the command that drives a scenario again; None for a live drive, a playback, and a foreign brain.
+
+    None also where `again` knows none.
+    """
+    return None if run.live or run.brain or _is_playback(run) else again.command(run, Path.cwd())
 
 
 def _origin(run: Run, figures: Figures, name: str) -> Table:

@@ -53,7 +53,7 @@ TERMS: tuple[Term, ...] = (
     ),
     Term(
         "censored value",
-        "a value of which only one side is known: the gap at rest of a car that collided is 0 or less",
+        "a value of which only one side is known: a collision is beyond every gap, time to collision and DRAC",
     ),
     Term("controller", "the system under test: gets an observation each tick, returns a control command"),
     Term("control command", "what a controller asks for: steering (road-wheel angle) and acceleration"),
@@ -79,8 +79,17 @@ TERMS: tuple[Term, ...] = (
         "the path that the car follows to rest when the gateway stops it by itself; it comes with every setpoint",
         ("fallback path",),
     ),
+    Term(
+        "error (of a run)",
+        "why a run of a sweep has no figures: it could not begin, broke, crashed or took too long; no fault, but ours",
+    ),
     Term("fix", "one message of the GNSS receiver, with its own time and the time at which it arrived"),
     _metric("gap", "gap_m"),
+    Term(
+        "gateway fault",
+        "a state of the gateway that stops the car; a drive that ends so has the outcome `fault`",
+        ("gateway fault",),
+    ),
     Term("gateway", "the last process before the car: checks and limits setpoints, and alone writes to the car's bus"),
     Term(
         "geofence",
@@ -98,6 +107,9 @@ TERMS: tuple[Term, ...] = (
         "braking, gaining speed and braking again on the way to rest: the acceleration changes its sign four times or "
         "more",
         ("hunting", "hunted"),
+    ),
+    Term(
+        "injected fault", "what a rig does to the simulated car, its sensors or its bus on purpose", ("injected fault",)
     ),
     _metric("jerk", "jerk_mps3"),
     Term(
@@ -147,7 +159,7 @@ TERMS: tuple[Term, ...] = (
     ),
     Term(
         "survivors",
-        "the runs that have a figure, such as the gap at rest of those that did not drive through; means are theirs",
+        "the runs that have a figure, such as the gap at rest of those that did not collide; means are theirs",
     ),
     Term("tick", "one pass of the loop, every 20 ms"),
     Term("trust gate", "decides for each fix whether it may be used, given those before it", ("trust gate",)),
@@ -161,7 +173,7 @@ TERMS: tuple[Term, ...] = (
     Term("virtual road (street)", "the road in SUMO on which the twin drives"),
     Term(
         "variance explained (eta squared)",
-        "share of a figure's variance over the runs that lies between the values of one parameter",
+        "share of the variance of the runs' ranks by a figure that lies between the values of one parameter",
     ),
     Term(
         "Wilson interval",

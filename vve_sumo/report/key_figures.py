@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from vve_sumo.analysis.survivors import contacts, without_contacts
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.metrics.table import label_of, meaning_of
@@ -82,13 +83,14 @@ def _hardest(rows: pd.DataFrame) -> str:
 
 
 def _worst(rows: pd.DataFrame, name: str) -> KeyFigure | None:
-    values = rows[name].to_numpy(np.float64, na_value=np.nan)
+    values, hits = without_contacts(rows, name), int(contacts(rows, name).sum())
     known = int(np.isfinite(values).sum())
     if not known:
         return None
     lower = PER_DRIVE[name].worse == "lower"
     row = int(np.nanargmin(values) if lower else np.nanargmax(values))
     note = f"run {rows['key'].iloc[row]}; {integer(known)} of {integer(len(rows))} runs have one"
+    note += f", {integer(hits)} had a contact instead" if hits else ""
     label = f"{label_of(name)}, {'least' if lower else 'greatest'} of all runs"
     return KeyFigure(label, number(float(values[row]), unit_of(name)), meaning_of(name), note)
 

@@ -59,8 +59,8 @@ BOUNDARY = "Every run of the search where it was driven, whether it met the crit
 WORST = "The figure of every run in the order of the search with the worst so far, and the parameters of every run."
 #: of a map
 LACKING = (
-    "Runs without that figure, such as the gap of a run that drove through the obstacle, are in no mean: a cell says "
-    "how many of its runs have the figure, and is dotted where some lack it and hatched where all do."
+    "Runs without that figure are in no mean, nor are runs that collided in one of gaps, times to collision or DRAC: a "
+    "cell says how many of its runs have the figure, and is dotted where some lack it and hatched where all do."
 )
 
 
@@ -153,7 +153,7 @@ def _distribution(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> I
     caption = (
         f"The share of all runs that have at most the {label_of(figure)} to the right{apart}. A curve ends at the "
     )
-    caption += "share of the runs that have it; runs that collided have no positive gap at rest and count as 0 of it."
+    caption += "share of the runs that have it; runs that collided are beyond every gap, time to collision and DRAC."
     caption += " The shaded part does not pass." if band else ""
     yield picture_of(plotting.distribution(rows, figure, by, band), f"distribution_{figure}", what, caption)
 

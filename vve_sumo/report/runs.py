@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vve_sumo.analysis.dataset import Sweep
+from vve_sumo.analysis.survivors import contacts, without_contacts
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.report.formatting import integer, number, share, short
@@ -29,7 +30,7 @@ MAIN = ("stop_gap_m", "min_gap_m", "min_ttc_s", "max_deceleration_mps2")
 #: metrics in the order in which they decide which run is worse
 WORST_BY = ("impact_speed_mps", "min_gap_m", "min_ttc_s", "stop_gap_m")
 #: columns of the rows that the page needs beside parameters and criteria
-NEEDED = ("number", "key", "seed", "fault", "outcome", "passed", "failed", "collision", "hunting", "impact_speed_mps")
+NEEDED = ("number", "key", "seed", "error", "outcome", "passed", "failed", "collision", "hunting", "impact_speed_mps")
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +41,7 @@ class Counts:
     finished: int
     passed: int
     failed: int
-    faults: int
+    errors: int
 
     @property
     def judged(self) -> int:
@@ -64,8 +65,8 @@ def read(sweep: Sweep) -> pd.DataFrame:
 def counts(sweep: Sweep, rows: pd.DataFrame) -> Counts:
     """Return how many runs there are."""
     passed = rows["passed"].to_numpy(np.float64, na_value=np.nan)
-    faults = int((rows["fault"].fillna("") != "").sum())
-    return Counts(sweep.asked, len(rows), int((passed == 1.0).sum()), int((passed == 0.0).sum()), faults)
+    errors = int((rows["error"].fillna("") != "").sum())
+    return Counts(sweep.asked, len(rows), int((passed == 1.0).sum()), int((passed == 0.0).sum()), errors)
 
 
 def overview(sweep: Sweep, of: Counts, search: bool) -> Table:
@@ -79,24 +80,29 @@ def overview(sweep: Sweep, of: Counts, search: bool) -> Table:
         ("finished", integer(of.finished), ""),
         ("passed", integer(of.passed), passed + interval),
         ("failed", integer(of.failed), ""),
-        ("with a fault", integer(of.faults), "no figures, neither passed nor failed" if of.faults else ""),
+        ("with an error", integer(of.errors), "no figures, neither passed nor failed" if of.errors else ""),
     ]
     return Table("runs", ("runs", Column("number", True), "share"), rows)
 
 
 def spread(rows: pd.DataFrame, figures: Sequence[str]) -> Table:
-    """Return the distributions of the figures over all runs."""
+    """Return the distributions of the figures over the runs that have them, and how many have not.
+
+    A contact is beyond every gap, time to collision and DRAC: runs with one are counted beside these.
+    """
     lines: list[Row] = []
     for name in figures:
-        values = rows[name].to_numpy(np.float64, na_value=np.nan)
+        values, hits = without_contacts(rows, name), int(contacts(rows, name).sum())
         values = values[np.isfinite(values)]
         if len(values):
             places = (values.min(), *np.quantile(values, (0.05, 0.5, 0.95)), values.max())
+            counted = (len(values), hits, len(rows) - len(values) - hits)
             lines.append(
-                (named(name), *(number(float(value)) for value in places), unit_of(name), integer(len(values)))
+                (named(name), *(number(float(value)) for value in places), unit_of(name), *map(integer, counted))
             )
     numbers = [Column(head, True) for head in ("minimum", "5 %", "median", "95 %", "maximum")]
-    return Table("figures over all runs", ("figure", *numbers, "unit", Column("runs", True)), lines)
+    counted_heads = [Column(head, True) for head in ("runs", "contacts", "without value")]
+    return Table("figures over all runs", ("figure", *numbers, "unit", *counted_heads), lines)
 
 
 def combinations(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> Table:
@@ -121,7 +127,7 @@ def _combination(row: Mapping[Hashable, Any], parameters: Sequence[str], figures
 
 
 def _mean(row: Mapping[Hashable, Any], figure: str) -> str:
-    """Return a figure's mean with its interval, how many runs have it where some lack it, and the worst of them."""
+    """Return a figure's mean with its interval, of how many runs it is where some lack it, and the worst."""
     mean, half, worst = (row[f"{which}_{figure}"] for which in ("mean", "half_width", "worst"))
     said = number(mean) if half != half or mean != mean else f"{number(mean)} ± {number(half)}"
     said += f" ({row[f'{figure}_count']} of {row['runs']})" if row[f"{figure}_count"] < row["runs"] else ""
@@ -154,12 +160,12 @@ def failed_runs(rows: pd.DataFrame, parameters: Sequence[str], figures: Sequence
     return Table("runs that failed", columns, lines, len(failed))
 
 
-def faults(rows: pd.DataFrame) -> Table:
+def errors(rows: pd.DataFrame) -> Table:
     """Return why runs have no figures, how often, and a key of each."""
-    faulty = rows[rows["fault"].fillna("") != ""]
-    each = faulty.groupby("fault", sort=False)["key"].agg(["size", "first"])
+    faulty = rows[rows["error"].fillna("") != ""]
+    each = faulty.groupby("error", sort=False)["key"].agg(["size", "first"])
     each = each.sort_values("size", ascending=False, kind="stable")
     lines = [
-        (str(fault), str(row["size"]), Cell(row["first"], kind="code")) for fault, row in each.head(MAX_ROWS).iterrows()
+        (str(error), str(row["size"]), Cell(row["first"], kind="code")) for error, row in each.head(MAX_ROWS).iterrows()
     ]
-    return Table("faults", ("fault", Column("runs", True), "one of them"), lines, len(each))
+    return Table("errors", ("error", Column("runs", True), "one of them"), lines, len(each))

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from vve_sumo.metrics.contacts import BEYOND
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.table import label_of
 from vve_sumo.report.formatting import NONE, SPACE, count, figure, short
@@ -76,7 +77,17 @@ def _worst_sentence(result: SearchResult, units: Units) -> str:
     if not case:
         return f"No run has the figure that was sought, {label_of(sought)}."
     where = ", ".join(f"{name} = {short(value)}{_unit(name, units)}" for name, value in case["values"].items())
+    if _is_contact(sought, case):
+        return f"The worst case found for the {goal} {label_of(sought)} is {_contact(case)}, at {where}."
     return f"The {goal} {label_of(sought)} found is {figure(sought, case[sought])}, at {where}."
+
+
+def _is_contact(sought: str, case: SearchResult) -> bool:
+    return sought in BEYOND and case.get("collision") is True
+
+
+def _contact(case: SearchResult) -> str:
+    return f"a contact at {figure('impact_speed_mps', case.get('impact_speed_mps'))}"
 
 
 def table_of(result: SearchResult, units: Units) -> Table:
@@ -111,7 +122,8 @@ def _worst_case(result: SearchResult, units: Units) -> Table:
     rows: list[Row] = []
     if case:
         rows += [(head_of(name, units), short(value)) for name, value in case["values"].items()]
-        rows += [("seed", short(case["seed"])), (head_of(goal), short(case[goal])), ("outcome", str(case["outcome"]))]
+        value = _contact(case) if _is_contact(goal, case) else short(case[goal])
+        rows += [("seed", short(case["seed"])), (head_of(goal), value), ("outcome", str(case["outcome"]))]
         rows += [
             ("passed", "yes" if case["passed"] else f"no: {case['failed']}"),
             ("key", Cell(case["key"], kind="code")),

@@ -14,13 +14,14 @@ import numpy as np
 
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.latency_margin import LatencyMargin
+from vve_sumo.drive.plugged_in import CONTROLLER
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.report import formatting, key_figures, pictures, runs, search_results, settings, stops, study
 from vve_sumo.report.formatting import count, integer, number, share, short
 from vve_sumo.report.page import Report, hashes, versions
 from vve_sumo.report.points import points
 from vve_sumo.report.sources import open_street_map
-from vve_sumo.report.tables import Cell, Column, Table, meanings, named, of_frame
+from vve_sumo.report.tables import Cell, Column, Row, Table, meanings, named, of_frame
 from vve_sumo.report.verdict import Verdict, Word
 
 if TYPE_CHECKING:
@@ -79,24 +80,24 @@ def verdict(sweep: Sweep, rows: pd.DataFrame, counted: runs.Counts, margin: Late
 def _word(counted: runs.Counts, repeated: bool) -> Word:
     if counted.failed:
         return "FAILED" if repeated else "explored"
-    return "not judged" if counted.faults or not counted.judged else "passed"
+    return "not judged" if counted.errors or not counted.judged else "passed"
 
 
 def _driven(counted: runs.Counts) -> str:
     """Return how many runs there were; the share that passed would depend on the points that the search chose."""
-    faults = f", {integer(counted.faults)} of them ended with a fault" if counted.faults else ""
-    return f"{count(counted.finished, 'run was', 'runs were')} driven{faults}."
+    errors = f", {integer(counted.errors)} of them ended with an error" if counted.errors else ""
+    return f"{count(counted.finished, 'run was', 'runs were')} driven{errors}."
 
 
 def _judged(counted: runs.Counts) -> str:
     if not counted.judged:
-        return f"Of {count(counted.finished, 'run')} none was judged; {counted.faults} ended with a fault."
-    faults = f"; {integer(counted.faults)} more ended with a fault" if counted.faults else ""
+        return f"Of {count(counted.finished, 'run')} none was judged; {counted.errors} ended with an error."
+    errors = f"; {integer(counted.errors)} more ended with an error" if counted.errors else ""
     if counted.failed == 0:
         every = "The one judged run" if counted.judged == 1 else f"All {integer(counted.judged)} judged runs"
-        return f"{every} passed{faults}."
+        return f"{every} passed{errors}."
     part = f"{integer(counted.passed)} of {integer(counted.judged)} judged runs met the criteria"
-    return f"{part} ({share(counted.passed / counted.judged)}), {integer(counted.failed)} did not{faults}."
+    return f"{part} ({share(counted.passed / counted.judged)}), {integer(counted.failed)} did not{errors}."
 
 
 def _extremes(rows: pd.DataFrame) -> tuple[str, ...]:
@@ -228,16 +229,22 @@ def _results(sweep: Sweep, rows: pd.DataFrame, counted: runs.Counts) -> dict[str
         "combinations": runs.combinations(sweep, rows, figures),
         "failed": runs.failed_runs(rows, sweep.parameters, figures),
         **stops.bound_checks(rows),
-        "faults": runs.faults(rows),
+        "errors": runs.errors(rows),
     }
+
+
+def _controller(name: str, code: Mapping[str, Sequence[str]]) -> Cell:
+    """Return a controller of a sweep, with the hash of each file of its code; none of a shipped one."""
+    hashed = ", ".join(f"{role.removeprefix(CONTROLLER)} {' or '.join(digests)}" for role, digests in code.items())
+    return Cell(f"{name}: {hashed}" if hashed else name)
 
 
 def _provenance(sweep: Sweep) -> dict[str, object]:
     folder = sweep.folder.resolve().name
-    rows = [
+    rows: list[Row] = [
         ("dataset", folder),
         ("scenario", sweep.scenario),
-        ("controller", str((sweep.plan["table"].get("controller") or {}).get("name", "follow_and_stop"))),
+        *(("controller", _controller(name, code)) for name, code in sweep.plan["controllers_sha256"].items()),
         ("rows", f"{integer(sweep.finished)}, in rows/part-*.parquet"),
     ]
     files = [(role, digest) for role, digests in sweep.plan["files_sha256"].items() for digest in digests]

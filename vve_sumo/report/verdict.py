@@ -12,10 +12,12 @@ from typing import Any, Literal
 
 from vve_sumo.analysis.run import Run
 from vve_sumo.drive.reasons import in_words
+from vve_sumo.drive.termination import END_REASONS
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.metrics.table import label_of
 from vve_sumo.report.formatting import SPACE, number
+from vve_sumo.vehicle.arming import DRIVER_SIGNS
 
 #: the verdict itself
 Word = Literal["passed", "FAILED", "explored", "not judged", "broken off", "altered", "INCOMPLETE"]
@@ -118,7 +120,7 @@ def _ending(run: Run, outcome: str, figures: Mapping[str, Any]) -> str:
     sentences = {
         "stopped": _rest(run, figures),
         "arrived": f"The car drove to the end of its path{_gap_at_rest(run, figures)}.",
-        "contact": f"The car hit {hit} and then stopped.",
+        "contact": f"The car hit {hit}{_after_contact(figures, at)}.",
         "driver_has_control": "The driver took over.",
         "fault": f"The gateway stopped the car: {why}.",
         "timeout": f"The scenario's time ran out after {at}.",
@@ -129,6 +131,14 @@ def _ending(run: Run, outcome: str, figures: Mapping[str, Any]) -> str:
     }
     also = f" It hit {hit}." if figures.get("collision") and outcome != "contact" else ""
     return sentences.get(outcome, f"The drive ended: {outcome}.") + also
+
+
+def _after_contact(figures: Mapping[str, Any], at: str) -> str:
+    """Return what ended a drive after its contact: the scenario's end trigger, the driver, or that the car stopped."""
+    codes: Sequence[str] = figures.get("reasons") or ()
+    if not END_REASONS.isdisjoint(codes[:1]):
+        return f"; the scenario ended the drive after {at}: {in_words(codes[0])}"
+    return "; then the driver took over" if not DRIVER_SIGNS.isdisjoint(codes) else " and then stopped"
 
 
 def _place_of_the_stop(figures: Mapping[str, Any]) -> str:

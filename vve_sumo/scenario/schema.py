@@ -257,7 +257,10 @@ else:
 
 
 class EndTrigger(Table):
-    """What ends the drive before its time, with the outcome `completed`; the criteria judge the drive as any other."""
+    """What ends the drive before its time, with the outcome `completed`; the criteria judge the drive as any other.
+
+    A drive that touched something has the outcome `contact` all the same.
+    """
 
     contact: bool = Field(default=False, description="at the first contact, instead of when the car is at rest")
     ego_at_m: NotNegative | None = Field(default=None, description="the ego's front bumper has come so far on its path")

@@ -23,15 +23,18 @@ PLAIN = ("why", "cut_in_ttc_s", "impact_mps", "least_gap_m", "deceleration_mps2"
 class Journal:
     """A journal that is open for what finishes next."""
 
-    def __init__(self, folder: Path, rows: Sequence[Row], *, resume: bool, car: VehicleModel | None = None) -> None:
+    def __init__(
+        self, folder: Path, rows: Sequence[Row], *, resume: bool, car: VehicleModel | None = None, code: str = ""
+    ) -> None:
         """Begin a journal in `folder`, or go on with the one there; raises ConfigError where that is not of `rows`.
 
-        A `car` whose numbers are a rig's makes another test of a row.
+        A `car` whose numbers are a rig's makes another test of a row. `code` is the hash of what drives: a journal of
+        another controller's code, or of another vve-sumo, is refused.
         """
         file = folder / NAME
-        self._digests = {row.id: digest(row, car) for row in rows}
+        self._digests, self._code = {row.id: digest(row, car) for row in rows}, code
         #: drives that were finished before
-        self.known = _read(file, {row.id: row for row in rows}, self._digests) if resume else []
+        self.known = _read(file, {row.id: row for row in rows}, self._digests, code) if resume else []
         folder.mkdir(parents=True, exist_ok=True)
         fresh = file.with_suffix(".new")
         with fresh.open("w", encoding="utf-8") as new:
@@ -56,6 +59,7 @@ class Journal:
         fields: dict[str, Any] = {
             "row": outcome.row.id,
             "digest": self._digests[outcome.row.id],
+            "code": self._code,
             "seed": outcome.seed,
             "verdict": outcome.verdict.value,
             "approach_mps": outcome.approach_mps,
@@ -73,7 +77,7 @@ def digest(row: Row, car: VehicleModel | None = None) -> str:
     return hashlib.sha256(whole.encode()).hexdigest()
 
 
-def _read(file: Path, rows: dict[str, Row], digests: dict[str, str]) -> list[Outcome]:
+def _read(file: Path, rows: dict[str, Row], digests: dict[str, str], code: str) -> list[Outcome]:
     """Return the drives of a journal up to its last whole line; none where there is no journal."""
     try:
         lines = file.read_bytes().split(b"\n")[:-1]  # what follows the last end of a line was torn
@@ -84,11 +88,14 @@ def _read(file: Path, rows: dict[str, Row], digests: dict[str, str]) -> list[Out
         try:
             fields = json.loads(line)
             id, of = fields["row"], fields["digest"]
-            if digests.get(id) == of:
+            if digests.get(id) == of and fields.get("code") == code:
                 outcomes.append(_outcome(rows[id], fields))
                 continue
         except (ValueError, KeyError, TypeError):
             raise ConfigError(f"{file}: line {number} is no finished drive: the file was damaged") from None
+        if digests.get(id) == of:
+            other = f"row {id!r} was driven by other code of its controller, or by another vve-sumo"
+            raise ConfigError(f"{file}: line {number}: {other}; drive the suite into another --out")
         raise ConfigError(f"{file}: line {number}: row {id!r} was another test then, expected the suite that was begun")
     return outcomes
 

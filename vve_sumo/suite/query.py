@@ -5,14 +5,17 @@ Refuses before anything is driven; prints nothing.
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from vve_sumo import workspace
-from vve_sumo.drive.resolved_scenario import braking_as_it_can, load_vehicle_model, resolve_scenario
+from vve_sumo.drive.plugged_in import PREFIXES
+from vve_sumo.drive.resolved_scenario import braking_as_it_can, load_vehicle_model, resolve_scenario, versions
 from vve_sumo.errors import ConfigError
 from vve_sumo.scenario.schema import DEFAULT_VEHICLE
 from vve_sumo.suite import catalogue
@@ -123,10 +126,24 @@ def drive(
     if query.out is None:
         return run(name, rows, engine, working, done=_counted(total, [], progress), seeds=query.seeds, rig=car.rig)
     records = query.out / "records" if query.keep else None
-    with Journal(query.out, rows, resume=query.resume, car=car.model) as journal:
+    with Journal(query.out, rows, resume=query.resume, car=car.model, code=code_of(rows, working)) as journal:
         known = [outcome for outcome in journal.known if outcome.seed <= query.seeds]
         done = _counted(total, known, progress, journal.add)
         return run(name, rows, engine, working, records, done, seeds=query.seeds, known=known, rig=car.rig)
+
+
+def code_of(rows: Sequence[Row], working: Path) -> str:
+    """Return the hash of what drives rows: their controllers' and sensors' code, and the versions that decide a drive.
+
+    Raises ConfigError for a controller that cannot be made.
+    """
+    found: dict[str, Any] = {"versions": versions()}
+    for scenario in {row.scenario.controller.name: row.scenario for row in rows if row.scenario is not None}.values():
+        resolved = resolve_scenario("suite", scenario, Path("suite"), working)
+        resolved.controller(working)
+        files = resolved.to_dict(working)["files_sha256"]
+        found[scenario.controller.name] = {role: files[role] for role in files if role.startswith(PREFIXES)}
+    return hashlib.sha256(json.dumps(found, sort_keys=True).encode()).hexdigest()
 
 
 def _counted(
@@ -134,7 +151,7 @@ def _counted(
 ) -> Done:
     """Return what is to be called with every outcome: counts it and hands the tally on."""
     failed = sum(outcome.verdict in BAD for outcome in known)
-    tally = Tally(total, finished=len(known), failed=failed, faults=0)
+    tally = Tally(total, finished=len(known), failed=failed, errors=0)
     progress(tally)
 
     def done(outcome: Outcome) -> None:

@@ -101,8 +101,8 @@ def job_of(name: str, row: Row, seed: int, working: Path, folder: Path, rig: Pat
 
 def judge(row: Row, seed: int, result: Result, record: Path) -> Outcome:
     """Return what came of a row's drive."""
-    if result.fault:
-        return Outcome(row, seed, Verdict.FAILED, result.fault, cpu_s=result.cpu_s)
+    if result.error:
+        return Outcome(row, seed, Verdict.FAILED, result.error, cpu_s=result.cpu_s)
     found = measure(row, record)
     outcome = Outcome(
         row=row,

@@ -37,7 +37,7 @@ JOIN = 60.0  #: for a first worker [s]
 QUERY_TIMEOUT = 10.0  #: for all workers to say something; one that is stuck keeps nobody longer [s]
 POLL_INTERVAL = 5.0  #: between two looks how many workers there are [s]
 PREFETCHED_JOBS = 2  #: jobs that a thread of a worker holds, so that it never waits for its next
-DIED = "killed: worker died"  #: fault of a run under which as many workers died as the scheduler allows
+DIED = "killed: worker died"  #: error of a run under which as many workers died as the scheduler allows
 
 
 class Cluster:
@@ -209,7 +209,7 @@ class _Shift:
         try:
             came = future.result()
         except KilledWorker:
-            return Result(job.key, fault=DIED)
+            return Result(job.key, error=DIED)
         except VveError:
             raise
         except (OSError, CancelledError):
@@ -227,7 +227,7 @@ def _place(keep: Path, aside: Path, result: Result) -> None:
     if aside.is_dir():
         shutil.rmtree(keep, ignore_errors=True)
         aside.replace(keep)
-    elif not result.fault:
+    elif not result.error:
         raise SimulationError(f"{aside}: a worker wrote this record, but it is not here: records want a shared folder")
     for left in keep.parent.glob(f"{keep.name}.*"):
         shutil.rmtree(left, ignore_errors=True)

@@ -20,7 +20,7 @@ COMBINATIONS, FOUND = "combinations.csv", "search.json"
 def conclude(folder: Path, query: SweepQuery) -> Outcome:
     """Return what a finished sweep came to; write `combinations.csv` beside its rows, unless it has very many."""
     parameters = list(query.plan.parameters) if query.cells.points < MAX_RUNS else []
-    columns = [*parameters, "passed", "failed", "fault", "collision", "outcome", *NUMBERS]
+    columns = [*parameters, "passed", "failed", "error", "collision", "outcome", *NUMBERS]
     rows = (row for table in read_tables(folder) for row in table.select(columns).to_pylist())
     came = outcome(rows, parameters, NUMBERS)
     if parameters:
@@ -32,7 +32,7 @@ def _write(file: Path, parameters: Sequence[str], came: Outcome) -> None:
     with file.open("w", encoding="utf-8", newline="") as out:
         lines = csv.writer(out, lineterminator="\n")
         heads = [f"{name}{which}" for name in NUMBERS for which in ("", "_half_width", "_worst", "_count")]
-        counts = ["runs", "judged", "passed", "share_low", "share_high", "faults", "collisions", "stopped_by_gateway"]
+        counts = ["runs", "judged", "passed", "share_low", "share_high", "errors", "collisions", "stopped_by_gateway"]
         lines.writerow([*parameters, *counts, *heads])
         for values, group in came.groups.items():
             lines.writerow([*values, *map(_cell, [*_counts(group), *_figures(group)])])
@@ -40,7 +40,7 @@ def _write(file: Path, parameters: Sequence[str], came: Outcome) -> None:
 
 def _counts(group: Group) -> list[float]:
     share = group.interval or (math.nan, math.nan)
-    return [group.runs, group.judged, group.passed, *share, group.faults, group.collisions, group.stopped_by_gateway]
+    return [group.runs, group.judged, group.passed, *share, group.errors, group.collisions, group.stopped_by_gateway]
 
 
 def _figures(group: Group) -> Iterator[float]:

@@ -204,7 +204,7 @@ class Dataset:
 def row_of(plan: Plan, cell: RunSpec, result: Result) -> Row:
     """Return the row of a finished run; a figure that it has not is None."""
     machine = {"wall_s": result.wall_s, "cpu_s": result.cpu_s, "peak_mb": result.peak_mb, "said": result.said}
-    said = {"number": cell.number, "key": cell.key, "seed": cell.seed, "fault": result.fault, **cell.values, **machine}
+    said = {"number": cell.number, "key": cell.key, "seed": cell.seed, "error": result.error, **cell.values, **machine}
     return dict.fromkeys(plan.columns()) | {k: v for k, v in result.figures.items() if k in plan.columns()} | said
 
 

@@ -103,6 +103,6 @@ def _spoken(driven: Iterable[Worker]) -> list[Worker]:
 
 def check_room(result: Result) -> None:
     """Raise ConfigError for a result that says that there is no room left, as every further one would."""
-    if result.fault.startswith(DISK_FULL):
-        folder = result.fault.removeprefix(f"{DISK_FULL}: ")
+    if result.error.startswith(DISK_FULL):
+        folder = result.error.removeprefix(f"{DISK_FULL}: ")
         raise ConfigError(f"no space left on the disk of {folder}: make room, then resume")

@@ -106,7 +106,7 @@ def _drive(
 
     def done(job: Job, result: Result) -> None:
         run = under_way.pop(job.key)
-        if result.fault == "interrupted":
+        if result.error == "interrupted":
             return  # not finished: it is driven when the sweep goes on
         if keep == "failed" and job.keep is not None and result.figures.get("passed"):
             shutil.rmtree(job.keep, ignore_errors=True)
@@ -114,7 +114,7 @@ def _drive(
         if search is not None:
             search.take(row)
             tally.search = search.said
-        tally.count(result.figures.get("passed") if not result.fault else None, result.fault)  # type: ignore[arg-type]
+        tally.count(result.figures.get("passed") if not result.error else None, result.error)  # type: ignore[arg-type]
         progress(tally)
 
     progress(tally)
@@ -127,9 +127,9 @@ def _record(folder: Path, key: str, keep: Keep) -> Path | None:
 
 
 def _tally(dataset: Dataset) -> Tally:
-    failed = faults = 0
+    failed = errors = 0
     for table in read_tables(dataset.folder):
         failed += table["passed"].to_pylist().count(False)
-        faults += sum(map(bool, table["fault"].to_pylist()))
+        errors += sum(map(bool, table["error"].to_pylist()))
     total = None if "search" in dataset.plan.spec else dataset.plan.cells
-    return Tally(total, dataset.finished, failed, faults)
+    return Tally(total, dataset.finished, failed, errors)

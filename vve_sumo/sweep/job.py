@@ -15,15 +15,15 @@ from typing import Any, Self
 from vve_sumo.drive.progress import DriveProgress
 from vve_sumo.errors import ConfigError
 
-VERSION = 3  #: of the lines that jobs and results travel as
+VERSION = 4  #: of the lines that jobs and results travel as
 
 AT = "at "  #: how a line begins that says how far a run has come: then time, speed, s and the path's length
 READY = "ready"  #: the line by which a server says that it may be given jobs
 CHUNK = 65536  #: what is read from a pipe at once [bytes]
 
-#: how the fault of a run begins that cannot be driven; what is wrong follows
+#: how the error of a run begins that cannot be driven; what is wrong follows
 CONFIG = "config: "
-#: how a fault begins that every further run would meet as well
+#: how an error begins that every further run would meet as well
 DISK_FULL = "disk_full"
 DISK_FULL_ERRNOS = (errno.ENOSPC, errno.EDQUOT)  #: what a full disk and a full quota say
 
@@ -71,11 +71,11 @@ class Result:
 
     key: str  #: the job's
     figures: dict[str, Figure] = field(default_factory=dict)  #: what is the same whenever and wherever it is driven
-    fault: str = ""  #: why there are no figures
+    error: str = ""  #: why there are no figures
     wall_s: float = 0.0  #: that the run took
     cpu_s: float = 0.0  #: of its process and those that it waited for
     peak_mb: float = 0.0  #: its process' greatest resident memory, 10^6 bytes, shared pages included
-    said: str = ""  #: the last that a run with a fault printed
+    said: str = ""  #: the last that a run with an error printed
 
     def to_json(self) -> str:
         """Return the result as one line of JSON; not-a-number and infinity become null."""
@@ -94,7 +94,7 @@ _JOB: dict[str, tuple[type, ...]] = {
     "memory_limit_mb": _NUMBER,
 }  # fmt: skip
 _RESULT: dict[str, tuple[type, ...]] = {
-    "key": (str,), "figures": (dict,), "fault": (str,), "wall_s": _NUMBER, "cpu_s": _NUMBER, "peak_mb": _NUMBER,
+    "key": (str,), "figures": (dict,), "error": (str,), "wall_s": _NUMBER, "cpu_s": _NUMBER, "peak_mb": _NUMBER,
     "said": (str,),
 }  # fmt: skip
 
@@ -114,7 +114,7 @@ def refused(job: Job, error: ConfigError) -> Result:
     said = str(error)
     for folder in (job.file.parent, job.working):
         said = said.replace(f"{folder}/", "")
-    return Result(job.key, fault=f"{CONFIG}{said}")
+    return Result(job.key, error=f"{CONFIG}{said}")
 
 
 def _line(fields: dict[str, Any]) -> str:

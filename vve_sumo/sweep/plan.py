@@ -13,6 +13,7 @@ from typing import Any
 
 from vve_sumo import workspace
 from vve_sumo.config_file import read, read_as
+from vve_sumo.drive.plugged_in import CONTROLLER
 from vve_sumo.drive.resolved_scenario import versions
 from vve_sumo.errors import ConfigError, did_you_mean
 from vve_sumo.metrics.table import NUMBERS
@@ -206,15 +207,23 @@ def _looked_at(plan: Plan, spec: Spec, cells: RunSpecs, file: Path) -> tuple[Pla
         return look([job_of(plan, spec, RunSpec(0, "trial", dict(values), cells.seeds[0]), None) for values in runs])
 
     trials, files, notes = list(_trials(spec, cells)), dict[str, set[str]](), dict[str, None]()
+    codes: dict[str, dict[str, set[str]]] = {}
     for judge in (read_only, made):
         for values, seen in zip(trials, judge(trials), strict=False):
             if seen.complaint:
                 raise ConfigError(_blame(judge, values, seen.complaint, plan, spec, file))
             notes |= {seen.note: None} if seen.note else {}
+            code = codes.setdefault(parse(_table(plan, values), Path(plan.file)).controller.name, {})
             for role, digest in seen.files_sha256.items():
                 files.setdefault(role, set()).add(digest)
-    hashes = {role: sorted(digests) for role, digests in sorted(files.items())}
-    return replace(plan, files_sha256=hashes), tuple(notes)
+                if role.startswith(CONTROLLER):
+                    code.setdefault(role, set()).add(digest)
+    by_controller = {name: _sorted(code) for name, code in codes.items()}
+    return replace(plan, files_sha256=_sorted(files), controllers_sha256=by_controller), tuple(notes)
+
+
+def _sorted(files: Mapping[str, set[str]]) -> dict[str, list[str]]:
+    return {role: sorted(digests) for role, digests in sorted(files.items())}
 
 
 def _read(plan: Plan, values: Values) -> Look:

@@ -16,7 +16,7 @@ class Tally:
     total: int | None  #: None for a search, which does not know
     finished: int
     failed: int  #: of the finished ones, those that ended and did not pass
-    faults: int  #: of the finished ones, those that came to no end
+    errors: int  #: of the finished ones, those that came to no end
     search: str = ""  #: how far it has come
     before: int = field(init=False)  #: were finished when this session began
     begun: float = field(init=False)  #: when that was [s]
@@ -24,11 +24,11 @@ class Tally:
     def __post_init__(self) -> None:
         self.before, self.begun = self.finished, time.monotonic()
 
-    def count(self, passed: bool | None, fault: str) -> None:
+    def count(self, passed: bool | None, error: str) -> None:
         """Take in a finished run."""
         self.finished += 1
         self.failed += passed is False
-        self.faults += bool(fault)
+        self.errors += bool(error)
 
     def say(self) -> str:
         """Return how far it has come, at what rate, and how long it will take, on one line."""
@@ -38,7 +38,7 @@ class Tally:
         if self.total is not None:
             of = f" of {self.total}"
             speed += f", {_span((self.total - self.finished) / rate)} left" if here else ""
-        counts = f"{self.failed} failed, {self.faults} with a fault"
+        counts = f"{self.failed} failed, {self.errors} with an error"
         return ", ".join(filter(None, (f"{self.finished}{of} runs", speed, self.search, counts)))
 
 

@@ -68,9 +68,9 @@ def drive(line: str, site: Site) -> Came:
     except OSError as error:
         if error.errno not in DISK_FULL_ERRNOS:
             raise SimulationError(f"worker {me.address}: {error}") from None
-        result = Result(job.key, fault=f"{DISK_FULL}: {tempfile.gettempdir()}")
-    if result.fault.startswith(DISK_FULL):
-        result = replace(result, fault=f"{result.fault}, seen from worker {me.address}")
+        result = Result(job.key, error=f"{DISK_FULL}: {tempfile.gettempdir()}")
+    if result.error.startswith(DISK_FULL):
+        result = replace(result, error=f"{result.error}, seen from worker {me.address}")
     return Came(result.to_json(), aside.name if aside else "")
 
 

@@ -38,17 +38,17 @@ class Rerun:
     @property
     def same(self) -> bool:
         """Whether the run came to the same as in the sweep."""
-        return bool(self.result.fault == self.row["fault"] and self._digest == self.row["record_sha256"])
+        return bool(self.result.error == self.row["error"] and self._digest == self.row["record_sha256"])
 
     @property
     def then(self) -> str:
         """What the run came to in the sweep."""
-        return str(self.row["fault"]) or f"record {self.row['record_sha256']}"
+        return str(self.row["error"]) or f"record {self.row['record_sha256']}"
 
     @property
     def now(self) -> str:
         """What the run came to now."""
-        return self.result.fault or f"record {self._digest}"
+        return self.result.error or f"record {self._digest}"
 
     @property
     def _digest(self) -> object:
@@ -88,12 +88,17 @@ def rerun(folder: Path, key: str, out: Path | None, warn: Callable[[str], None])
     )
     job = job_of(plan, parse_spec(plan.spec, folder / "sweep.json"), run, record)
     parts = plugged_in.of_scenario(parse(job.table, job.file), job.working)
-    if changed := [line for part in parts for line in part.changed(plan.files_sha256)]:
+    if changed := [line for part in parts for line in part.changed(_recorded(plan, part))]:
         advice = "a sweep into another folder drives it as it is now"
         raise ConfigError(f"{folder}: {changed[0]}: not run; {advice}")
     for role in _changed_files(plan, job):
         warn(f"the file of {role} has changed since the sweep began")
     return Rerun(job, row, run_one(job), record)
+
+
+def _recorded(plan: Plan, part: plugged_in.PluggedIn) -> Mapping[str, list[str]]:
+    """Return the hashes of a plug-in's code: of a controller its own alone, as others drove other runs."""
+    return plan.controllers_sha256.get(part.name, {}) if part.role == plugged_in.CONTROLLER else plan.files_sha256
 
 
 def _row(folder: Path, key: str) -> Row:

@@ -1,4 +1,4 @@
-"""A job driven: its figures, or the fault that kept it from any, and where its record lies meanwhile.
+"""A job driven: its figures, or the error that kept it from any, and where its record lies meanwhile.
 
 A run is a drive like any other; knows nothing of processes and their limits, or of the sweep that it belongs to.
 """
@@ -14,7 +14,7 @@ from typing import Any
 
 from vve_sumo.drive import run as drives
 from vve_sumo.drive.progress import DriveProgress, progress_watch
-from vve_sumo.drive.summary import unmet_criteria
+from vve_sumo.drive.summary import disturbances, judged
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.writer import claim as claim_folder
@@ -39,7 +39,7 @@ def run_job(
     report: Callable[[DriveProgress], None] = lambda progress: None,
     loaded: LoadedRoad | None = None,
 ) -> Result:
-    """Drive a job in this process, which SUMO allows once, and return its figures, or the fault that kept it from any.
+    """Drive a job in this process, which SUMO allows once, and return its figures, or the error that kept it from any.
 
     `scratch` is a folder of nobody else's for temporary files; `tidy` is to be called with it afterwards in any case.
     `report` is called now and then with how far the drive has come. `loaded` is the job's road, where the process of
@@ -60,14 +60,14 @@ def run_job(
     if summary["outcome"] == Outcome.BROKEN:
         return _broken(job, scratch, text)
     if summary["outcome"] == Outcome.INTERRUPTED:
-        return Result(job.key, fault="interrupted")
+        return Result(job.key, error="interrupted")
     return Result(job.key, figures_of(resolved.scenario, summary | {"text": text}))
 
 
 def _broken(job: Job, scratch: FilePath, text: str) -> Result:
     if any(f"[Errno {number}]" in text for number in DISK_FULL_ERRNOS):
-        return Result(job.key, fault=f"{DISK_FULL}: {scratch.parent if job.keep is None else job.keep.parent}")
-    return Result(job.key, fault=f"broken: {_told(text, scratch)}")
+        return Result(job.key, error=f"{DISK_FULL}: {scratch.parent if job.keep is None else job.keep.parent}")
+    return Result(job.key, error=f"broken: {_told(text, scratch)}")
 
 
 def figures_of(scenario: Scenario, summary: dict[str, Any]) -> dict[str, Figure]:
@@ -81,17 +81,21 @@ def figures_of(scenario: Scenario, summary: dict[str, Any]) -> dict[str, Figure]
             figures[name] = "; ".join(value)
         elif name not in NOT_FIGURES:
             figures[name] = len(value) if isinstance(value, (list, tuple, dict)) else finite(value)
-    return figures | {f"meets_{name}": met for name, met in meets(scenario.criteria, summary).items()}
+    return figures | verdicts(scenario.criteria, summary)
 
 
-def meets(criteria: Criteria, summary: dict[str, Any]) -> dict[str, bool]:
-    """Return for every criterion that is stated whether the drive met it."""
-    none = dict.fromkeys(Criteria.model_fields)
-    stated = {name: wanted for name, wanted in criteria if wanted is not None}
-    return {
-        name: not unmet_criteria(Criteria.model_construct(**none | {name: wanted}), summary)
-        for name, wanted in stated.items()
-    }
+def verdicts(criteria: Criteria, summary: dict[str, Any]) -> dict[str, bool | None]:
+    """Return whether the drive met each criterion that is stated, and whether it was a test of them at all.
+
+    Nothing of a playback is judged.
+    """
+    lines = judged(criteria, summary)
+    if summary["passed"] is None:
+        return dict.fromkeys(["undisturbed", *(f"meets_{name}" for name in lines)])
+    # A gateway fault where another outcome is asked for is no plan either: it misses the criterion and disturbs.
+    planned = summary["outcome"] != Outcome.FAULT or criteria.outcome == "fault"
+    met: dict[str, bool | None] = {f"meets_{name}": not line for name, line in lines.items()}
+    return {"undisturbed": planned and not disturbances(criteria, summary)} | met
 
 
 def _told(text: str, scratch: FilePath) -> str:

@@ -12,6 +12,7 @@ from collections.abc import Generator, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from vve_sumo.errors import ConfigError
+from vve_sumo.metrics.contacts import BEYOND, at_contact
 from vve_sumo.scenario.overrides import Value
 from vve_sumo.sweep import boundary, worst
 from vve_sumo.sweep.axes import Axis, Between, Steps
@@ -137,7 +138,7 @@ def _brackets(axis: Steps, known: Sequence[boundary.Known]) -> str:
 
 
 def met(row: Row, criterion: str) -> bool:
-    """Return whether a run is known to have met a criterion; one with a fault is not."""
+    """Return whether a run is known to have met a criterion; one with an error is not."""
     if criterion == "passed":
         return row["passed"] is True
     stated: bool | None = row.get(f"meets_{criterion}")
@@ -164,9 +165,9 @@ def _boundaries(
         flips = [_ends(axis, flip) for flip in boundary.pooled(together)]
         first = 2 * sum(one[0] for one in together) > repeats
         lines.append({"values": values, "meets_first": first, "flips": flips, "seeds": alone})
-    faults = sum(bool(row["fault"]) for row in rows.values())
+    errors = sum(bool(row["error"]) for row in rows.values())
     what = {"along": search.along, "criterion": search.criterion, "step": float(axis.step)}
-    return {"search": "boundary", **what, "runs": len(rows), "faults": faults, "boundaries": lines}
+    return {"search": "boundary", **what, "runs": len(rows), "errors": errors, "boundaries": lines}
 
 
 def _ends(axis: Steps, flip: boundary.Flip) -> Found:
@@ -177,7 +178,7 @@ def _ends(axis: Steps, flip: boundary.Flip) -> Found:
 def _flip(axis: Steps, flip: boundary.Flip, row: int, rows: Mapping[boundary.Ask, Row]) -> Found:
     good, bad = (flip.below, flip.above) if flip.good_below else (flip.above, flip.below)
     there, beyond = rows[boundary.Ask(row, good)], rows[boundary.Ask(row, bad)]
-    why = beyond["fault"] or beyond["failed"]
+    why = beyond["error"] or beyond["failed"]
     return _ends(axis, flip) | {"key_meets": there["key"], "key_fails": beyond["key"], "why": why}
 
 
@@ -223,26 +224,33 @@ def _worst(cells: RunSpecs, search: Worst) -> Course:
 
 
 def _cost(row: Row, figure: str, sign: float) -> float:
-    """Return what is to be made small; a run that has not the figure is as good as none."""
+    """Return what is to be made small; a run that has neither the figure nor a contact is as good as none.
+
+    A contact is beyond every gap, time to collision and DRAC: of runs with one the harder impact is the worse.
+    """
     value = row[figure]
+    if figure in BEYOND and row.get("collision"):
+        impact = math.copysign(float(row.get("impact_speed_mps") or 0.0), BEYOND[figure])
+        return sign * (at_contact(figure) + impact)
     return math.inf if value is None else sign * float(value)
 
 
 def _case(cells: RunSpecs, search: Worst, sign: float, rows: list[Row]) -> Found:
     """Return what a finished search for the worst case found."""
     least = min(rows, key=lambda row: _cost(row, search.figure, sign))
-    with_it = [row for row in rows if row[search.figure] is not None]
+    with_it = [row for row in rows if _cost(row, search.figure, sign) < math.inf]
     case = None
     if with_it:
         values = {name: least[name] for name in cells.spec.parameters}
-        why = {"outcome": least["outcome"], "passed": least["passed"], "failed": least["failed"]}
+        told = ("outcome", "collision", "impact_speed_mps", "passed", "failed")
+        why = {name: least.get(name) for name in told}
         case = {
             "values": values,
             "seed": least["seed"],
-            search.figure: least[search.figure],
             **why,
+            search.figure: least[search.figure],
             "key": least["key"],
         }
     goal = "highest" if search.highest else "lowest"
-    counts = {"runs": len(rows), "without": len(rows) - len(with_it), "faults": sum(bool(row["fault"]) for row in rows)}
+    counts = {"runs": len(rows), "without": len(rows) - len(with_it), "errors": sum(bool(row["error"]) for row in rows)}
     return {"search": "worst", goal: search.figure, **counts, "worst": case}

@@ -4,7 +4,7 @@
 and before it, of a job that asks for it, lines that say how far the run has come.
 It ends with its stdin or its parent, and whatever it started ends with it. It has one thread, or no fork were safe.
 
-The first run on a road's files loads the road itself: what is wrong with them is its fault alone. After a run that
+The first run on a road's files loads the road itself: what is wrong with them is its error alone. After a run that
 came through, the server steps back for a fork of itself that loads the road and serves in its place, on the same
 pipes, as long as jobs for this road come: their runs, forked from there, have SUMO started already. A job for another
 road is handed back. Both processes are one to whoever looks from outside: where one dies, the other dies like it.
@@ -46,7 +46,7 @@ POLL_INTERVAL = 0.05  #: between two looks at a run's time and memory [s], in wh
 PROCESS_POLL_INTERVAL = 1.0  #: between two looks at what a run has started, which costs a millisecond or more [s]
 IDLE_POLL_INTERVAL = 1.0  #: between two looks whether the parent is still there, while there is nothing to do [s]
 MAX_OUTPUT_BYTES = 8192  #: bytes of what a run prints last that are kept while it runs
-MAX_OUTPUT_CHARACTERS = 2000  #: characters of them that are told of a run with a fault
+MAX_OUTPUT_CHARACTERS = 2000  #: characters of them that are told of a run with an error
 
 #: modules that every run imports on its way: what figures are computed with, and the shipped wires
 IMPORTED_AHEAD = ("pandas", "pyarrow.pandas_compat", "scipy.ndimage", "scipy.spatial", *interface.PORT.shipped.values())
@@ -56,7 +56,7 @@ NOT_LOADED = 3
 MAX_LOAD_TIME = 3600.0  #: that loading a road may take, whatever a run may [s]
 
 #: signals by which a process says that it broke; by any other it was ended from outside
-OWN_FAULT = frozenset({"SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL", "SIGABRT", "SIGSYS", "SIGTRAP"})
+OWN_ERROR = frozenset({"SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL", "SIGABRT", "SIGSYS", "SIGTRAP"})
 
 
 class OrphanedError(Exception):
@@ -162,7 +162,7 @@ class Server:
         wall = time.monotonic() - child.begun
         result = _result(job, child, status, limit)
         tidy(job, self._scratch, keep=True)
-        if not result.fault:
+        if not result.error:
             self._warm(job)
             self._roads.setdefault(RoadFiles.of(job), True)
         peak = usage.ru_maxrss * 1024 / 1e6
@@ -251,7 +251,7 @@ class Server:
         return code
 
     def _watch(self, child: Child, job: Job) -> str:
-        """Wait for a child's end; return the fault if it went beyond a limit, else nothing."""
+        """Wait for a child's end; return the error if it went beyond a limit, else nothing."""
         poll = select.poll()
         for descriptor in (child.handle, child.voice, child.answer, self._jobs):
             poll.register(descriptor, select.POLLIN)
@@ -323,16 +323,16 @@ def _held(child: Child) -> float:
 def _result(job: Job, child: Child, status: int, limit: str) -> Result:
     """Return what a child that has ended came to."""
     if limit:
-        fault = limit
+        error = limit
     elif os.WIFSIGNALED(status):
         name = _signal_name(os.WTERMSIG(status))
-        fault = f"{'crashed' if name in OWN_FAULT else 'killed'}: {name}"
+        error = f"{'crashed' if name in OWN_ERROR else 'killed'}: {name}"
     else:
         with contextlib.suppress(ConfigError, UnicodeDecodeError):
             result = Result.from_json(child.received.decode())
-            return result if not result.fault else replace(result, said=_text(child.said))
-        fault = f"exited: {os.WEXITSTATUS(status)}"
-    return Result(job.key, fault=fault, said=_text(child.said))
+            return result if not result.error else replace(result, said=_text(child.said))
+        error = f"exited: {os.WEXITSTATUS(status)}"
+    return Result(job.key, error=error, said=_text(child.said))
 
 
 def _signal_name(number: int) -> str:

@@ -185,4 +185,4 @@ class Worker:
             self._job = job
             self._tell(job.to_json())
             return None
-        return Result(job.key, fault=f"killed: {signal.Signals(-code).name}" if code < 0 else f"server: {word}")
+        return Result(job.key, error=f"killed: {signal.Signals(-code).name}" if code < 0 else f"server: {word}")

@@ -109,12 +109,12 @@
     };
     const y = choose("upwards:", data.y);
     const x = choose("to the right:", data.x);
-    add(box, "p", "A filled dot met every criterion, a ring did not, a small ring was not judged.");
+    add(box, "p", "A filled dot met every criterion, a ring did not, a small ring was not judged. A run without the value upwards stands at the lower edge.");
     const out = add(box, "output", "no run is chosen");
     const area = add(box, "div", "", "panel");
     area.setAttribute("role", "group");
     area.setAttribute("aria-label", "runs; the arrow keys go from run to run, Escape shows all");
-    let order = [], at = null, ring = null;
+    let order = [], at = null, ring = null, height = () => null;
     const say = (plot) => {
       const run = order[at];
       const values = [...data.x, ...data.y].map((column) => {
@@ -124,23 +124,28 @@
       out.textContent = `run ${data.key[run]}, seed ${data.seed[run]}: ${data.text[run]}. ${values.join(", ")}`;
       ring = ring && ring.isConnected ? ring : add(plot.over, "div", "", "ring");
       ring.style.left = `${plot.valToPos(x().values[run], "x")}px`;
-      ring.style.top = `${plot.valToPos(y().values[run], "y")}px`;
+      ring.style.top = `${plot.valToPos(height(run), "y")}px`;
     };
     const nearest = (plot) => {
       const { left, top } = plot.cursor;
       if (left === undefined || left < 0) return;
       let best = Infinity, found = null;
       order.forEach((run, n) => {
-        const far = Math.hypot(plot.valToPos(x().values[run], "x") - left, plot.valToPos(y().values[run], "y") - top);
+        const far = Math.hypot(plot.valToPos(x().values[run], "x") - left, plot.valToPos(height(run), "y") - top);
         if (far < best) { best = far; found = n; }
       });
       if (found !== null) { at = found; say(plot); }
     };
     const make = () => {
       const across = x().values, up = y().values;
-      order = data.key.map((_, n) => n).filter((n) => across[n] !== null && up[n] !== null).sort((a, b) => across[a] - across[b]);
+      const known = up.filter((value) => value !== null);
+      const least = known.reduce((a, b) => Math.min(a, b), Infinity), greatest = known.reduce((a, b) => Math.max(a, b), -Infinity);
+      // A run that drove through an obstacle has no gap, and is the one to be seen.
+      const edge = known.length ? least - 0.08 * (greatest - least || 1) : 0;
+      height = (n) => (up[n] === null ? edge : up[n]);
+      order = data.key.map((_, n) => n).filter((n) => across[n] !== null).sort((a, b) => across[a] - across[b]);
       at = null;
-      const where = (judged) => order.map((n) => (data.passed[n] === judged ? up[n] : null));
+      const where = (judged) => order.map((n) => (data.passed[n] === judged ? height(n) : null));
       const dots = (size, line, fill) => ({
         paths: () => null, stroke: line, points: { show: true, size, stroke: line, fill, width: 2 },
       });
@@ -165,7 +170,7 @@
     };
     keys(area, moves);
     whole(box, moves);
-    if (data.key.length < data.runs) add(box, "p", `${data.key.length} of ${data.runs} runs are drawn, evenly chosen.`);
+    if (data.key.length < data.runs) add(box, "p", `${data.key.length} of ${data.runs} runs are drawn: all that failed, collided or had an error, the extremes, and others at random.`);
   }
 
   function chart() {
