@@ -11,6 +11,7 @@ import pytest
 from tests.metrics.tables import CAR, PERIOD, actors_of, straight, ticks_of
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.lanes import Lanes
+from vve_sumo.metrics.predicted_ways import Line, Ways
 
 #: centre lines; the ego's path is y = 0, and the lane side_0 forks into left_0, straight on, and right_0, to the path
 LINES = {
@@ -71,11 +72,13 @@ def test_at_a_fork_the_branch_counts_that_was_taken_later_else_the_straightest(t
 
 
 def test_an_actor_is_in_the_nearest_lane_that_goes_its_way() -> None:
-    lanes = Lanes.from_table(ROADS)
-    x, y, heading = np.array([50.0, 50.0, 50.0, 50.0, 80.0]), np.array([0.3, 2.0, 0.0, 6.0, 0.0]), np.zeros(5)
-    heading[2:] = math.pi, 0.0, -math.pi / 2
-    names = [*LINES]
-    assert [names[lane] if lane >= 0 else "" for lane in lanes.at(x, y, heading)] == ["own_0", "next_0", "", "", "on_0"]
+    lanes, names = Lanes.from_table(ROADS), [*LINES]
+    places = [(50.0, 0.3, 0.0), (50.0, 2.0, 0.0), (50.0, 0.0, math.pi), (50.0, 6.0, 0.0), (80.0, 0.0, -math.pi / 2)]
+    ways = Ways.from_lines(
+        [Line(x + math.cos(to) * np.arange(3.0), y + math.sin(to) * np.arange(3.0)) for x, y, to in places]
+    )
+    found = [names[lane] if lane >= 0 else "" for lane in lanes.along(ways)[ways.first]]
+    assert found == ["own_0", "next_0", "", "", "on_0"]
 
 
 def test_where_an_actor_is_on_its_lane_its_box_is_where_it_was() -> None:

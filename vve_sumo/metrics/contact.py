@@ -89,11 +89,13 @@ class Prediction:
     def _narrowed(self, pairs: Pairs, before: Floats, after: Floats) -> Floats:
         """Return when the bodies touch, between two times: false position in the Illinois form."""
         low, high = self._apart(pairs, before)[0], self._apart(pairs, after)[0]
+        was_out, was_in = (np.zeros(len(before), np.bool_) for _ in range(2))
         for _ in range(ROUNDS):
             between = before + (after - before) * low / (low - high)
             apart, _ = self._apart(pairs, between)
             out = apart > 0.0
-            # The end that stays counts half, else it would hold the other back.
-            low, high = np.where(out, apart, 0.5 * low), np.where(out, 0.5 * high, apart)
-            before, after = np.where(out, between, before), np.where(out, after, between)
+            # An end that stays for the second time counts half, else it would hold the other back.
+            low = np.where(out, apart, np.where(was_in, 0.5 * low, low))
+            high = np.where(out, np.where(was_out, 0.5 * high, high), apart)
+            before, after, was_out, was_in = np.where(out, between, before), np.where(out, after, between), out, ~out
         return after

@@ -33,7 +33,7 @@ from vve_sumo.metrics.lead_vehicle import (
 from vve_sumo.metrics.predicted_ways import recorded_ways
 from vve_sumo.metrics.slope import slope
 from vve_sumo.metrics.stopping import MOVING, Episode, Stop, braking_episodes, commanded_deceleration, last_stop
-from vve_sumo.metrics.string_stability import Amplification, speed_amplification
+from vve_sumo.metrics.string_stability import Amplification, settled_from, speed_amplification
 from vve_sumo.metrics.tracking import WINDOW, Tracking, track
 from vve_sumo.path import Path
 from vve_sumo.values import Floats, Vehicle
@@ -252,17 +252,22 @@ class DriveData:
 
     @cached_property
     def following(self) -> Indices:
-        """The ticks of the longest time behind one leader; none where that is shorter than MIN_FOLLOWED."""
+        """The ticks of the longest time behind one leader, from when the ego has settled behind it.
+
+        None where it never settles, or where what is left is shorter than MIN_FOLLOWED.
+        """
         names = np.where(self.behind_leader, self.lead.actor, "")
         starts = np.flatnonzero(np.append(True, names[1:] != names[:-1])[: len(names)])
         stretches = [rows for rows in np.split(np.arange(len(names)), starts[1:]) if len(rows) and names[rows[0]]]
         longest = max(stretches, key=len, default=np.zeros(0, np.int64))
-        time = self.motion.time[longest]
+        gap, speed, time = self.lead.gap[longest], self.motion.speed[longest], self.motion.time[longest]
+        settled = settled_from(time, gap, self.lead_motion.speed[longest], speed)
+        longest, time = longest[settled:], time[settled:]
         return longest if len(time) and time[-1] - time[0] >= MIN_FOLLOWED else longest[:0]
 
     @cached_property
     def speed_amplification(self) -> Amplification:
-        """How much larger the ego's disturbance is than its leader's, in the longest time behind one."""
+        """How much larger the ego's disturbance is than its leader's, in the ticks of `following`."""
         rows = self.following
         return speed_amplification(self.lead_motion.speed[rows], self.motion.speed[rows])
 

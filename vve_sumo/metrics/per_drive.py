@@ -23,6 +23,7 @@ from vve_sumo.metrics.following import MAX_DECELERATION
 from vve_sumo.metrics.metric import MetricTable
 from vve_sumo.metrics.stopping import AT_REST, MIN_RELEASE_TIME, REGAINED, REVERSED, Stop, commanded_deceleration
 from vve_sumo.metrics.stopping_tolerance import tolerance
+from vve_sumo.metrics.string_stability import SETTLED_FOR, SETTLED_SPEED
 from vve_sumo.values import ArmingState, Floats, Vehicle
 
 PER_DRIVE: MetricTable[DriveData] = MetricTable()
@@ -148,8 +149,9 @@ for name, label, norm, size in (
         name,
         label,
         f"string stability: {size} of the ego's speed over that of its leader, both counted from the leader's median "
-        "speed, in the longest time behind one moving leader; above 1 the ego amplifies; none below "
-        f"{MIN_FOLLOWED:g} s or behind a leader of steady speed",
+        "speed, in the longest time behind one moving leader from when the ego is settled behind it, which is for "
+        f"{SETTLED_FOR:g} s within {SETTLED_SPEED:g} m/s of its speed; above 1 the ego amplifies; none where it never "
+        f"settles, below {MIN_FOLLOWED:g} s, or behind a leader of steady speed",
         partial(_speed_amplification, norm),
         worse="higher",
         source="Ploeg, van de Wouw and Nijmeijer 2014",
