@@ -148,7 +148,7 @@ def expected_deceleration(scene: Scenes, met: Floats) -> Floats:
     spell = (2.0 * reach / np.maximum(across, 1e-3)).clip(max=25.0 / scene.other)
     low, high = np.maximum(met - spell, 0.0), met + spell
     most, grid = np.zeros(len(met)), 200
-    for _ in range(6):
+    for _ in range(10):
         times = low + (high - low) * np.linspace(0.0, 1.0, grid)[:, None]
         needed = np.array([asked(scene, time) for time in times])
         worst = np.argmax(needed, axis=0)

@@ -48,8 +48,8 @@ def _stop_gap(drive: DriveData) -> float:
 metric(
     "stop_gap_m",
     "gap at rest",
-    "at the last tick, if the car stands: front bumper to the nearest box in the strip of the ego's width around the "
-    "path, along the path; negative is overlap, none where nothing is within 150 m",
+    "at the last tick, if the car stands: front bumper to the nearest part of a box in the strip of the ego's width "
+    "around its course, along that; 0 at contact, negative is overlap, none where nothing is within 150 m",
     _stop_gap,
     worse="lower",
     missing="the car did not end at rest with an object ahead",
@@ -58,7 +58,7 @@ metric(
 metric(
     "min_ttc_s",
     "minimum TTC",
-    "time to collision: until the ego's body meets an actor's if both keep their speed, the ego along its path and the "
+    "time to collision: until the ego's body meets an actor's if both keep their speed, the ego along its course and the "
     "actor along its lane or way; the least at any tick, 0 at contact; none where no contact was ever less than "
     f"{HORIZON:g} s away",
     lambda drive: least(drive.conflict.time),
@@ -97,9 +97,9 @@ metric(
 metric(
     "min_gap_m",
     "minimum gap",
-    "least gap at any tick, along the path, to what was in the ego's strip before the path's end and stood, went the "
-    "ego's way, or was or had been in conflict with the ego as min_ttc_s sees one; negative is overlap, none where "
-    "nothing ever was",
+    "least gap at any tick, along the ego's course, to what was in the ego's strip before the path's end and stood, went "
+    "the ego's way, or was or had been in conflict with the ego as min_ttc_s sees one; 0 at contact, negative is "
+    "overlap, none where nothing ever was",
     lambda drive: least(drive.lead.gap),
     worse="lower",
     absent=math.inf,
@@ -108,7 +108,7 @@ metric(
 metric(
     "strip_min_ttc_s",
     "minimum TTC in the strip",
-    "gap over closing speed to the nearest box in the strip of the ego's width around the path, wherever that goes; "
+    "gap over closing speed to the nearest box in the strip of the ego's width around its course, wherever that goes; "
     "the least at any tick, none where nothing was ever closed in on",
     lambda drive: least(drive.strip_lead.time_to_collision),
     worse="lower",
@@ -129,8 +129,8 @@ metric(
 metric(
     "strip_min_gap_m",
     "minimum gap in the strip",
-    "least gap at any tick to the nearest box in the strip of the ego's width around the path, also beyond the path's "
-    "end; negative is overlap, none where nothing ever was",
+    "least gap at any tick to the nearest part of a box in the strip of the ego's width around its course, also beyond "
+    "the path's end; 0 at contact, negative is overlap, none where nothing ever was",
     lambda drive: least(drive.strip_lead.gap),
     worse="lower",
     absent=math.inf,
