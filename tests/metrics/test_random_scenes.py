@@ -142,7 +142,7 @@ def asked(scene: Scenes, time: Floats) -> Floats:
 
 
 def expected_deceleration(scene: Scenes, met: Floats) -> Floats:
-    """The most that is asked at any time while the body is in the band, by a grid that is made finer around the worst."""
+    """The most that is asked at any time while the body is in the band, by a grid that is refined around the worst."""
     reach = 0.5 * np.hypot(scene.length, scene.width) + HALF
     across = np.abs(scene.other * np.sin(scene.heading))
     spell = (2.0 * reach / np.maximum(across, 1e-3)).clip(max=25.0 / scene.other)

@@ -101,7 +101,7 @@ HEADWAY, SWAY, SWAY_RATE = 2.0, 1.0, 0.5  #: [s], [m/s], [rad/s]
 def behind_a_swaying_leader(
     approach: float, ticks: int = 8000
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return time, gap and speeds of leader and follower: `STABLE`, which begins `approach` [m/s] faster than its leader.
+    """Return time, gap and speeds of leader and follower: `STABLE`, which begins `approach` [m/s] faster.
 
     The leader keeps 12 m/s for 60 s and sways then. The follower is integrated in small steps.
     """

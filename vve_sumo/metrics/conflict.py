@@ -202,7 +202,7 @@ class _Search:
         return needed
 
     def _in_the_way(self, pairs: Pairs, time: Floats) -> tuple[Floats, Floats]:
-        """Return when actors that the ego would touch at these times come into the band that it sweeps, and leave it."""
+        """Return when actors that the ego would touch at these times come into the band that it sweeps, and leave."""
         since = np.linspace(-ZONE, ZONE, ZONE_SAMPLES) / pairs.other_speed[:, None]
         moments = np.maximum(time[:, None] + since, 0.0)
         clearance = self._clearance(pairs, moments)

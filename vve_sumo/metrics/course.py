@@ -51,8 +51,8 @@ def starts(
     """Return where predictions of the ego start.
 
     It has left its path where its rear axle is more than MAX_DEVIATION from it, or its heading differs by more than
-    MAX_HEADING_ERROR from the path's. path_heading [rad] and deviation [m], of the rear axle from the path, are those at
-    `station`.
+    MAX_HEADING_ERROR from the path's. path_heading [rad] is the path's at `station`, deviation [m] the rear axle's
+    from it.
     """
     error = np.arctan2(np.sin(heading - path_heading), np.cos(heading - path_heading))
     curvature = np.where(np.isfinite(yaw_rate), yaw_rate, 0.0) / np.maximum(np.abs(speed), MIN_SPEED)

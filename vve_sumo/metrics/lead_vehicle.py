@@ -206,7 +206,7 @@ def index_of_tick(ticks: pa.Table, rows: pa.Table) -> Indices:
 
 
 def _rows_near(ticks: pa.Table, actors: pa.Table, course: Course) -> tuple[Indices, Indices]:
-    """Return the rows of `actors` that can matter (close to the course, at a tick with an ego) and their tick's index."""
+    """Return the rows of `actors` that can matter (near the course, at a tick with an ego) and their tick's index."""
     from scipy.spatial import KDTree
 
     if actors.num_rows == 0:

@@ -58,8 +58,8 @@ metric(
 metric(
     "min_ttc_s",
     "minimum TTC",
-    "time to collision: until the ego's body meets an actor's if both keep their speed, the ego along its course and the "
-    "actor along its lane or way; the least at any tick, 0 at contact; none where no contact was ever less than "
+    "time to collision: until the ego's body meets an actor's if both keep their speed, the ego along its course and "
+    "the actor along its lane or way; the least at any tick, 0 at contact; none where no contact was ever less than "
     f"{HORIZON:g} s away",
     lambda drive: least(drive.conflict.time),
     worse="lower",
@@ -97,8 +97,8 @@ metric(
 metric(
     "min_gap_m",
     "minimum gap",
-    "least gap at any tick, along the ego's course, to what was in the ego's strip before the path's end and stood, went "
-    "the ego's way, or was or had been in conflict with the ego as min_ttc_s sees one; 0 at contact, negative is "
+    "least gap at any tick, along the ego's course, to what was in the ego's strip before the path's end and stood, "
+    "went the ego's way, or was or had been in conflict with the ego as min_ttc_s sees one; 0 at contact, negative is "
     "overlap, none where nothing ever was",
     lambda drive: least(drive.lead.gap),
     worse="lower",

@@ -36,8 +36,8 @@ metric(
 metric(
     "gap_m",
     "gap",
-    "front bumper to the nearest point in the ego's strip, along its course, of what is there before the path's end and "
-    "stands, goes the ego's way, or is or was in conflict with the ego; 0 at contact, negative is overlap",
+    "front bumper to the nearest point in the ego's strip, along its course, of what is there before the path's end "
+    "and stands, goes the ego's way, or is or was in conflict with the ego; 0 at contact, negative is overlap",
     lambda drive: drive.lead.gap,
     worse="lower",
 )
