@@ -1,8 +1,8 @@
 """Which lanes vehicles went along, each way as a whole: the most likely sequence of lanes that lead into each other.
 
 Lanes lie upon each other in a junction, and the nearest one at a place says little. So the sequence is found whose
-lanes are near all along and follow on each other (P. Newson and J. Krumm, "Hidden Markov map matching", ACM SIGSPATIAL 2009),
-with the algorithm of Viterbi. Knows numbers of lanes and costs; neither geometry nor roads.
+lanes are near all along and follow on each other (P. Newson and J. Krumm, "Hidden Markov map matching", ACM SIGSPATIAL
+2009), with the algorithm of Viterbi. Knows numbers of lanes and costs; neither geometry nor roads.
 """
 
 from __future__ import annotations
