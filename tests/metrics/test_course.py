@@ -105,7 +105,7 @@ def evasion(clearance: float, beside_the_truck: float = 0.0) -> tuple[DriveData,
     The ego goes over by 30 m to the left, passes the truck, and comes back. It brakes gently beside the truck.
     """
     time = np.arange(0.0, 16.0, PERIOD)
-    brakes = (time > 6.4) & (time < 7.2)
+    brakes = (time > 7.4) & (time < 8.2)
     speed = SPEED - np.cumsum(np.where(brakes, beside_the_truck, 0.0)) * PERIOD
     x = np.concatenate(([0.0], np.cumsum(speed[:-1] * PERIOD)))
     over = TRUCK[2] / 2.0 + CAR.width / 2.0 + clearance
