@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from tests.metrics.tables import CAR, PERIOD, actors_of, drive_of, straight, ticks_of
 from vve_sumo.metrics.braked_for import hardest_braking_for
-from vve_sumo.metrics.conflict import HORIZON
 from vve_sumo.metrics.course import MAX_ARC, MAX_DEVIATION, MAX_HEADING_ERROR, Course, Starts, starts
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.path import Path
@@ -151,31 +150,3 @@ def test_who_steers_around_a_truck_had_no_gap_below_the_clearance() -> None:
     assert hardest_braking_for(drive) == ""
     assert drive.course.starts.leaves.any()
     assert not drive.course.starts.leaves[[0, -1]].any()
-
-
-def test_off_its_path_a_car_meets_what_constant_speed_and_curvature_lead_to() -> None:
-    """Small steps along the arc that the car is on, against both bodies; without a truck's width of clearance."""
-    drive, x, y, heading = evasion(0.3)
-    truck = shapely.box(TRUCK[0] - TRUCK[1] / 2.0, -TRUCK[2] / 2.0, TRUCK[0] + TRUCK[1] / 2.0, TRUCK[2] / 2.0)
-    off = np.flatnonzero(drive.course.starts.leaves)
-    rate = np.gradient(heading, PERIOD)
-    met = 0
-    for tick in off[:: len(off) // 25].tolist():
-        steps = np.arange(0.0, HORIZON, 0.01)
-        turned = heading[tick] + rate[tick] * steps
-        ways = (
-            np.concatenate(([0.0], np.cumsum(SPEED * 0.01 * f(turned[:-1] + rate[tick] * 0.005))))
-            for f in (np.cos, np.sin)
-        )
-        dx, dy = ways
-        hits = [
-            t for t, a, b, h in zip(steps, x[tick] + dx, y[tick] + dy, turned, strict=True)
-            if abs(h - heading[tick]) < MAX_ARC and a < straight().length and shapely.intersects(body(a, b, h), truck)
-        ]  # fmt: skip
-        found = drive.conflict.time[tick]
-        if hits:
-            met += 1
-            assert found == pytest.approx(hits[0], abs=0.03)
-        else:
-            assert math.isnan(found)
-    assert 0 < met < 25
