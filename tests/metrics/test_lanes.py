@@ -11,6 +11,7 @@ import pytest
 from tests.metrics.tables import CAR, PERIOD, actors_of, straight, ticks_of
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.lanes import Lanes
+from vve_sumo.metrics.predicted_ways import Line, Ways
 
 #: centre lines; the ego's path is y = 0, and the lane side_0 forks into left_0, straight on, and right_0, to the path
 LINES = {
@@ -70,12 +71,58 @@ def test_at_a_fork_the_branch_counts_that_was_taken_later_else_the_straightest(t
     assert np.isfinite(drive.conflict.time[0]) == meets
 
 
+#: a side road whose lane leads into three connections that lie upon each other at first: straight on, right, left
+FAN = {
+    "in_0": ([80.0, 80.0], [70.0, 30.0], [":j_0_0", ":j_1_0", ":j_2_0"]),
+    "out_0": ([80.0, 80.0], [-10.0, -90.0], []),
+}
+FAN |= {":j_0_0": ([80.0, 80.0], [30.0, -10.0], ["out_0"])}
+for number, side in ((1, -1.0), (2, 1.0)):
+    turn = np.linspace(0.0, math.pi / 2.0, 12)
+    bend = (80.0 + side * 22.0 * (1.0 - np.cos(turn))).tolist(), (30.0 - 22.0 * np.sin(turn)).tolist()
+    FAN |= {f":j_{number}_0": (*bend, [f"away{number}_0"])}
+    FAN |= {f"away{number}_0": ([bend[0][-1], bend[0][-1] + side * 60.0], [bend[1][-1]] * 2, [])}
+
+
+@pytest.mark.parametrize(("beside", "sway"), [(-0.6, 0.0), (0.6, 0.0), (0.6, 0.05)])
+def test_at_constant_motion_the_time_to_collision_falls_steadily_also_where_lanes_fan_out(
+    beside: float, sway: float
+) -> None:
+    """It goes straight on, a little beside the middle of its lane, nearer to one of the branches for a while."""
+    count, speed, other = 400, 5.0, 7.0
+    rows = [
+        {"time_s": PERIOD * i, "true_x_m": 40.0 + speed * PERIOD * i, "s_m": 40.0 + speed * PERIOD * i}
+        | {"true_speed_mps": speed}
+        for i in range(count)
+    ]
+    actors = [
+        {"tick": i, "actor": "other", "x_m": 80.0 + beside + sway * math.sin(0.1 * i), "y_m": 52.0 - other * PERIOD * i}
+        | {"heading_rad": -math.pi / 2, "speed_mps": other}
+        for i in range(count)
+    ]
+    roads = pa.Table.from_pylist(
+        [
+            {"lane": lane, "kind": "junction" if lane[0] == ":" else "lane", "width_m": 3.2, "x_m": x, "y_m": y}
+            | {"successors": after}
+            for lane, (x, y, after) in FAN.items()
+        ]
+    )
+    drive = DriveData(ticks_of(rows), actors_of(actors), straight(), CAR, PERIOD, roads)
+    found = drive.conflict.time
+    meets = np.flatnonzero(found > 0.0)
+    assert len(meets) > 300
+    assert (np.diff(meets) == 1).all()
+    np.testing.assert_allclose(np.diff(found[meets]), -PERIOD, atol=0.02 * sway / 0.05 + 1e-3)
+
+
 def test_an_actor_is_in_the_nearest_lane_that_goes_its_way() -> None:
-    lanes = Lanes.from_table(ROADS)
-    x, y, heading = np.array([50.0, 50.0, 50.0, 50.0, 80.0]), np.array([0.3, 2.0, 0.0, 6.0, 0.0]), np.zeros(5)
-    heading[2:] = math.pi, 0.0, -math.pi / 2
-    names = [*LINES]
-    assert [names[lane] if lane >= 0 else "" for lane in lanes.at(x, y, heading)] == ["own_0", "next_0", "", "", "on_0"]
+    lanes, names = Lanes.from_table(ROADS), [*LINES]
+    places = [(50.0, 0.3, 0.0), (50.0, 2.0, 0.0), (50.0, 0.0, math.pi), (50.0, 6.0, 0.0), (80.0, 0.0, -math.pi / 2)]
+    ways = Ways.from_lines(
+        [Line(x + math.cos(to) * np.arange(3.0), y + math.sin(to) * np.arange(3.0)) for x, y, to in places]
+    )
+    found = [names[lane] if lane >= 0 else "" for lane in lanes.along(ways)[ways.first]]
+    assert found == ["own_0", "next_0", "", "", "on_0"]
 
 
 def test_where_an_actor_is_on_its_lane_its_box_is_where_it_was() -> None:

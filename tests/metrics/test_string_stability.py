@@ -11,7 +11,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vve_sumo.metrics.string_stability import amplification, speed_amplification, time_gap_error, time_shares
+from tests.metrics.tables import CAR, actors_of, drive_of, ticks_of
+from vve_sumo.metrics.drive_data import DriveData
+from vve_sumo.metrics.string_stability import (
+    amplification,
+    settled_from,
+    speed_amplification,
+    time_gap_error,
+    time_shares,
+)
+from vve_sumo.path import Path
 
 
 def follower(gap_gain: float, speed_gain: float, headway: float) -> control.TransferFunction:
@@ -84,6 +93,78 @@ def test_a_dip_counts_from_the_undisturbed_speed() -> None:
     leader, behind = np.full(1000, 20.0), np.full(1000, 20.0)
     leader[100:200], behind[120:220] = 15.0, 12.5
     assert speed_amplification(leader, behind) == pytest.approx((1.5, 1.5))
+
+
+HEADWAY, SWAY, SWAY_RATE = 2.0, 1.0, 0.5  #: [s], [m/s], [rad/s]
+
+
+def behind_a_swaying_leader(
+    approach: float, ticks: int = 8000
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return time, gap and speeds of leader and follower: `STABLE`, which begins `approach` [m/s] faster.
+
+    The leader keeps 12 m/s for 60 s and sways then. The follower is integrated in small steps.
+    """
+    time = 0.02 * np.arange(ticks)
+    leader = 12.0 + np.where(time > 60.0, SWAY * np.sin(SWAY_RATE * (time - 60.0)), 0.0)
+    speed, gap = np.empty(ticks), np.empty(ticks)
+    v, g = 12.0 + approach, HEADWAY * 12.0 + 4.0 * approach
+    for tick, w in enumerate(leader.tolist()):
+        speed[tick], gap[tick] = v, g
+        for _ in range(10):
+            v, g = v + 0.002 * (0.2 * (g - HEADWAY * v) + 0.6 * (w - v)), g + 0.002 * (w - v)
+    return time, gap, leader, speed
+
+
+def driven(time: np.ndarray, gap: np.ndarray, leader: np.ndarray, speed: np.ndarray) -> DriveData:
+    place = 5.0 + np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(time))))
+    rows = [
+        {"time_s": t, "true_x_m": x, "s_m": x, "true_speed_mps": v}
+        for t, x, v in zip(time.tolist(), place.tolist(), speed.tolist(), strict=True)
+    ]
+    front = (place + CAR.rear_axle_to_bumper + gap + 2.0).tolist()
+    actors = [
+        {"tick": tick, "actor": "leader", "x_m": x, "speed_mps": w}
+        for tick, (x, w) in enumerate(zip(front, leader.tolist(), strict=True))
+    ]
+    way = np.arange(0.0, place[-1] + 200.0, 20.0)
+    return drive_of(ticks_of(rows), actors_of(actors), Path.from_points(way, np.zeros_like(way)))
+
+
+@pytest.mark.parametrize("approach", [0.0, 6.0])
+def test_the_approach_is_no_answer_to_a_disturbance(approach: float) -> None:
+    """The frequency response says by how much a swaying leader is followed, whether the ego came from far or not."""
+    time, gap, leader, speed = behind_a_swaying_leader(approach)
+    drive = driven(time, gap, leader, speed)
+    gain = float(control.frequency_response(STABLE, [SWAY_RATE]).magnitude[0])
+    assert gain < 1.0
+    assert drive.speed_amplification.l2 == pytest.approx(gain, rel=0.03)
+    # The first sway has a transient.
+    sways = time > 60.0
+    assert drive.speed_amplification.linf == pytest.approx(np.ptp(speed[sways]) / np.ptp(leader[sways]), rel=0.05)
+
+
+def test_a_follower_that_never_settles_has_no_amplification() -> None:
+    time, gap, leader, speed = behind_a_swaying_leader(6.0, ticks=700)
+    assert settled_from(time, gap, leader, speed) == len(time)
+    leader[::30] += 1.0
+    drive = driven(time, gap, leader, speed)
+    assert math.isnan(drive.speed_amplification.l2)
+    assert not len(drive.following)
+
+
+@settings(deadline=None, max_examples=30)
+@given(settles=st.integers(0, 400))
+def test_a_follower_is_settled_from_when_it_has_the_leaders_speed_and_keeps_it(settles: int) -> None:
+    time = 0.02 * np.arange(1000)
+    leader = np.full(1000, 12.0)
+    speed = np.where(np.arange(1000) < settles, 13.0, 12.05)
+    gap = 30.0 - np.concatenate(([0.0], np.cumsum((speed - leader)[:-1] * 0.02)))
+    assert settled_from(time, gap, leader, speed) == settles
+    # A gap that creeps on at 0.3 m/s is no equilibrium, and neither is the end of the record.
+    assert settled_from(time, gap - 0.3 * time, leader, speed) == len(time)
+    cut = slice(settles + 100)
+    assert settled_from(time[cut], gap[cut], leader[cut], speed[cut]) == settles + 100
 
 
 def test_time_shares_add_up_whatever_the_ticks() -> None:

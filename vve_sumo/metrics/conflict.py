@@ -1,6 +1,6 @@
 """Conflicts by predicted paths: when the ego's body and an actor's would meet, and what braking avoids that.
 
-The ego goes along its path, an actor along its way, both at their present speed. Knows ways, boxes and the path;
+The ego goes along its course, an actor along its way, both at their present speed. Knows ways, boxes and the course;
 neither records nor where ways come from.
 """
 
@@ -14,19 +14,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vve_sumo.geometry import Boxes, separation
+from vve_sumo.metrics.clipping import nearest_in_band
 from vve_sumo.metrics.contact import Pairs, Prediction
+from vve_sumo.metrics.course import Course, Starts
 from vve_sumo.metrics.following import MAX_DECELERATION
 from vve_sumo.metrics.lead_vehicle import AT_REST, SAME_WAY
 from vve_sumo.metrics.predicted_ways import SPACING, Indices, Places, Ways
-from vve_sumo.path import Path, swept_half_widths
-from vve_sumo.values import Floats, Vehicle
+from vve_sumo.path import swept_half_widths
+from vve_sumo.values import Floats
 
 #: so far ahead ego and actors are predicted [s]
 HORIZON = 10.0
 #: an actor whose box keeps farther from all that the ego sweeps never meets the ego [m]
 MARGIN = 0.5
-#: before and after a contact, the part of an actor's way in which it may cross the ego's path [m], and its samples
+#: before and after a contact, the part of an actor's way in which it may cross the ego's course [m], and its samples
 ZONE, ZONE_SAMPLES = 25.0, 101
+#: the time in which it crosses is sampled, and then again and again around the moment that asks for most braking
+CROSSING_SAMPLES, ZOOM_SAMPLES, ZOOMS = 33, 9, 9
+#: of each side of a box that is clipped to the band
+PIECES = 2
+#: an actor that touches the band by no more than this is in it [m]
+TOUCH = 1e-9
+#: pairs whose crossings are looked at together: bounds the memory
+CHUNK = 500
 #: distances [m], speeds [m/s] and times [s] are not divided by less
 MIN_ROOM = 1e-9
 
@@ -34,7 +44,7 @@ MIN_ROOM = 1e-9
 class Ego(NamedTuple):
     """The ego: one entry a tick, NaN where it is not known."""
 
-    station: Floats  #: of the rear axle on its path [m]
+    course: Course  #: where it goes on from there
     speed: Floats  #: [m/s]
     boxes: Boxes  #: its body
 
@@ -46,19 +56,30 @@ class Contacts(NamedTuple):
     deceleration: Floats  #: least constant one of the ego, begun now, that avoids that [m/s2], MAX_DECELERATION at most
 
 
-def contacts(ego: Ego, at: Indices, boxes: Boxes, ways: Ways, places: Places, path: Path, vehicle: Vehicle) -> Contacts:
+def contacts(ego: Ego, at: Indices, boxes: Boxes, ways: Ways, places: Places) -> Contacts:
     """Return what is predicted of actors and the ego: `at` is the tick of each row of `boxes` and `places`."""
     time, deceleration = np.full(len(at), np.nan), np.full(len(at), np.nan)
-    search = _Search(Prediction(path, vehicle, ways), boxes, places)
+    search = _Search(Prediction(ego.course, ways), boxes, places)
     rows, pairs = search.pairs(ego, at)
     met = search.prediction.first_contact(pairs)
-    # Who overlaps the ego's predicted body now, but not the ego itself, is beside a car that is off its path.
+    # Who overlaps the ego's predicted body now, but not the ego itself, is beside a car that is a little off its path.
     found = np.flatnonzero(np.isfinite(met) & (met > 0.0) & ~search.from_behind(pairs, met))
     time[rows[found]] = met[found]
     deceleration[rows[found]] = search.deceleration(pairs.select(found), met[found])
     touching = separation(ego.boxes.select(at), boxes) <= 0.0
     time[touching], deceleration[touching] = 0.0, MAX_DECELERATION
     return Contacts(time, deceleration)
+
+
+class _Crossers(NamedTuple):
+    """Actors at moments of their ways, one after the other."""
+
+    start: Starts  #: where the ego is now
+    corners: tuple[Floats, Floats]  #: of the actor's box, x and y, (4, n) [m]
+    ahead: Floats  #: of the corners along the ego's course, (4, n) [m]
+    beside: Floats  #: likewise beside it
+    band: tuple[Floats, Floats]  #: how far the ego's body reaches to the right and to the left there [m]
+    known: NDArray[np.bool_]  #: False where the actor is far from the ego's course
 
 
 class _Search:
@@ -72,7 +93,7 @@ class _Search:
         """How far the ego's body reaches to the left and right of its path, at every sample of the path [m]."""
         from scipy.ndimage import maximum_filter1d
 
-        path, vehicle = self.prediction.path, self.prediction.vehicle
+        path, vehicle = self.prediction.course.path, self.prediction.course.vehicle
         left, right = swept_half_widths(path.samples.curvature, vehicle.rear_axle_to_bumper, vehicle.width)
         size = 2 * math.ceil(vehicle.length) + 1
         return maximum_filter1d(left, size), maximum_filter1d(right, size)
@@ -82,10 +103,11 @@ class _Search:
         """The sample of the path that is nearest to each sample of a way; -1 where none is so near as to matter."""
         from scipy.spatial import KDTree
 
-        table, ways, vehicle = self.prediction.path.samples, self.prediction.ways, self.prediction.vehicle
+        path, ways, vehicle = self.prediction.course.path, self.prediction.ways, self.prediction.course.vehicle
+        table = path.samples
         body = np.max(np.hypot(self._boxes.length, self._boxes.width), initial=0.0)
         reach = float(vehicle.length + body + np.max(np.abs(self._places.beside), initial=0.0))
-        counted = np.flatnonzero((table.s > -reach) & (table.s < self.prediction.path.length + reach))
+        counted = np.flatnonzero((table.s > -reach) & (table.s < path.length + reach))
         tree = KDTree(np.column_stack((table.x[counted], table.y[counted])))
         row = np.asarray(tree.query(np.column_stack((ways.x, ways.y)), distance_upper_bound=reach)[1], np.int64)
         nearest = np.full(len(ways.x), -1, np.int64)
@@ -97,7 +119,7 @@ class _Search:
     @cached_property
     def _reach(self) -> tuple[Floats, Floats]:
         """First and last arc length of each way at which its actor may touch what the ego sweeps [m]."""
-        ways, table, places = self.prediction.ways, self.prediction.path.samples, self._places
+        ways, table, places = self.prediction.ways, self.prediction.course.path.samples, self._places
         widest = np.zeros((4, len(ways.first)))
         for greatest, column in zip(
             widest,
@@ -122,18 +144,21 @@ class _Search:
 
     def pairs(self, ego: Ego, at: Indices) -> tuple[Indices, Pairs]:
         """Return the rows of actors that may meet the ego, and the time in which they may."""
-        own, speed = ego.station[at], np.where(np.abs(ego.speed[at]) < AT_REST, 0.0, np.maximum(ego.speed[at], 0.0))
+        start, speed = ego.course.starts.select(at), np.maximum(ego.speed[at], 0.0)
+        speed = np.where(speed < AT_REST, 0.0, speed)
         other = np.where(np.abs(self._boxes.speed) < MIN_ROOM, 0.0, np.abs(self._boxes.speed))
         first, last = (edge[self._places.way] - self._places.along for edge in self._reach)
+        # Of an ego that has left its path nothing is known beforehand.
+        first, last = np.where(start.leaves, -np.inf, first), np.where(start.leaves, np.inf, last)
+        left = ego.course.end(start)
         with np.errstate(divide="ignore", invalid="ignore"):
             begin = np.where(other > 0.0, first / other, np.where(first <= 0.0, 0.0, np.inf))
             end = np.where(other > 0.0, last / other, np.where(last >= 0.0, np.inf, -np.inf))
-            left = self.prediction.path.length - own
             ends = np.where(speed > 0.0, left / speed, np.where(left >= 0.0, np.inf, -np.inf))
         begin, end = np.maximum(begin, 0.0), np.minimum(np.minimum(end, ends), HORIZON)
-        rows = np.flatnonzero((begin <= end) & (speed + other > AT_REST) & np.isfinite(own))
+        rows = np.flatnonzero((begin <= end) & (speed + other > AT_REST) & np.isfinite(start.station))
         boxes = self._boxes
-        pairs = Pairs(own, speed, self._places, other, boxes.length, boxes.width, begin, end)
+        pairs = Pairs(start, speed, self._places, other, boxes.length, boxes.width, begin, end)
         return rows, pairs.select(rows)
 
     def from_behind(self, pairs: Pairs, time: Floats) -> NDArray[np.bool_]:
@@ -157,48 +182,86 @@ class _Search:
 
     def _crossing(self, pairs: Pairs, time: Floats) -> Floats:
         """Return the least deceleration that keeps the bumper short of actors while they are in the ego's way."""
-        since = np.linspace(-ZONE, ZONE, ZONE_SAMPLES) / pairs.other_speed[:, None]
-        moments = np.maximum(time[:, None] + since, 0.0)
-        start, clearance = self._occupied(pairs, moments)
-        number, contact = np.arange(ZONE_SAMPLES), ZONE_SAMPLES // 2
-        clear = clearance >= 0.0
-        enters = np.max(np.where(clear & (number < contact), number, -1), axis=1) + 1
-        leaves = np.min(np.where(clear & (number > contact), number, ZONE_SAMPLES), axis=1) - 1
-        _reach_out(moments, start, clearance, enters, np.maximum(enters - 1, 0))
-        _reach_out(moments, start, clearance, leaves, np.minimum(leaves + 1, ZONE_SAMPLES - 1))
-        there = (number >= enters[:, None]) & (number <= leaves[:, None])
-        # Of two samples next to each other the nearer holds until the later: nothing in between asks for more.
-        start[:, 1:] = np.where(there[:, :-1] & there[:, 1:], np.minimum(start[:, :-1], start[:, 1:]), start[:, 1:])
-        room = start - (pairs.station + self.prediction.vehicle.rear_axle_to_bumper)[:, None]
-        needed: Floats = np.max(yielding(pairs.speed[:, None], room, moments), axis=1, where=there, initial=0.0)
+        needed = [
+            self._crossing_of(pairs.select(rows), time[rows])
+            for rows in np.split(np.arange(len(time)), np.arange(CHUNK, len(time), CHUNK))
+        ]
+        return np.concatenate(needed)
+
+    def _crossing_of(self, pairs: Pairs, time: Floats) -> Floats:
+        enters, leaves = self._in_the_way(pairs, time)
+        share = np.linspace(0.0, 1.0, CROSSING_SAMPLES)
+        needed, rows = np.zeros(len(time)), np.arange(len(time))
+        for _ in range(1 + ZOOMS):
+            moments = enters[:, None] + (leaves - enters)[:, None] * share
+            asked = self._yielding_at(pairs, moments)
+            needed, worst = np.maximum(needed, asked.max(axis=1)), np.argmax(asked, axis=1)
+            enters = moments[rows, np.maximum(worst - 1, 0)]
+            leaves = moments[rows, np.minimum(worst + 1, len(share) - 1)]
+            share = np.linspace(0.0, 1.0, ZOOM_SAMPLES)
         return needed
 
-    def _occupied(self, pairs: Pairs, moments: Floats) -> tuple[Floats, Floats]:
-        """Return where along the path actors begin, and how far beside what the ego sweeps they are [m].
+    def _in_the_way(self, pairs: Pairs, time: Floats) -> tuple[Floats, Floats]:
+        """Return when actors that the ego would touch at these times come into the band that it sweeps, and leave."""
+        since = np.linspace(-ZONE, ZONE, ZONE_SAMPLES) / pairs.other_speed[:, None]
+        moments = np.maximum(time[:, None] + since, 0.0)
+        clearance = self._clearance(pairs, moments)
+        number, contact = np.arange(ZONE_SAMPLES), ZONE_SAMPLES // 2
+        clear = clearance >= 0.0
+        before = np.max(np.where(clear & (number < contact), number, -1), axis=1)
+        after = np.min(np.where(clear & (number > contact), number, ZONE_SAMPLES), axis=1)
+        enters = _touch(moments, clearance, before + 1, np.maximum(before, 0))
+        return enters, _touch(moments, clearance, after - 1, np.minimum(after, ZONE_SAMPLES - 1))
 
-        moments: from now [s], a row a pair. Negative is inside; inf, both, where an actor is far from the path.
+    def _yielding_at(self, pairs: Pairs, moments: Floats) -> Floats:
+        """Return the deceleration that keeps the bumper short of actors at moments from now [s], a row a pair."""
+        crossers, course = self._crossers(pairs, moments), self.prediction.course
+
+        def project(number: Indices, x: Floats, y: Floats, near: Floats) -> tuple[Floats, Floats]:
+            return course.project(crossers.start.select(number), x, y, near)
+
+        right, left = (edge + TOUCH for edge in crossers.band)
+        begins = nearest_in_band(crossers.corners, crossers.ahead, project, -right, left, PIECES)
+        room = np.where(crossers.known, begins, np.inf) - course.vehicle.rear_axle_to_bumper
+        return yielding(pairs.speed[:, None], room.reshape(moments.shape), moments)
+
+    def _clearance(self, pairs: Pairs, moments: Floats) -> Floats:
+        """Return how far beside what the ego sweeps actors are at moments from now [m], a row a pair.
+
+        Negative is inside; inf where an actor is far from the ego's course.
         """
-        prediction, ways, place = self.prediction, self.prediction.ways, pairs.place
-        spread = pairs.select((slice(None), None))
-        boxes = prediction.other(spread, moments)
-        row = np.rint((spread.place.along + spread.other_speed * moments) / SPACING).astype(np.int64)
-        row = ways.first[place.way][:, None] + np.clip(row, 0, ways.count[place.way][:, None] - 1)
-        sample = self._nearest[row]
-        s, d, _ = prediction.path.samples.project(*boxes.corners(), np.broadcast_to(sample, (4, *sample.shape)))
-        left, right = (side[sample] for side in self._sweep)
-        clearance = np.maximum(d.min(axis=0) - left, -right - d.max(axis=0))
-        return np.where(sample < 0, np.inf, s.min(axis=0)), np.where(sample < 0, np.inf, clearance)
+        crossers = self._crossers(pairs, moments)
+        right, left = crossers.band
+        clearance = np.maximum(crossers.beside.min(axis=0) - left, -right - crossers.beside.max(axis=0))
+        return np.where(crossers.known, clearance, np.inf).reshape(moments.shape)
+
+    def _crossers(self, pairs: Pairs, moments: Floats) -> _Crossers:
+        course, ways = self.prediction.course, self.prediction.ways
+        each, time = pairs.select(np.repeat(np.arange(len(moments)), moments.shape[1])), moments.ravel()
+        corners = self.prediction.other(each, time).corners()
+        row = np.rint((each.place.along + each.other_speed * time) / SPACING).astype(np.int64)
+        way, start = each.place.way, each.start
+        sample = self._nearest[ways.first[way] + np.clip(row, 0, ways.count[way] - 1)]
+        ahead, beside = course.project(start, *corners, course.path.samples.s[sample] - start.station)
+        vehicle = course.vehicle
+        arcs = swept_half_widths(start.curvature, vehicle.rear_axle_to_bumper, vehicle.width)
+        left, right = (
+            np.where(start.leaves, of_arc, side[sample]) for of_arc, side in zip(arcs, self._sweep, strict=True)
+        )
+        return _Crossers(start, corners, ahead, beside, (right, left), start.leaves | (sample >= 0))
 
 
-def _reach_out(moments: Floats, start: Floats, clearance: Floats, inside: Indices, outside: Indices) -> None:
-    """Move a sample of each row outwards, to where the clearance towards its neighbour is 0; a row a pair."""
+def _touch(moments: Floats, clearance: Floats, inside: Indices, outside: Indices) -> Floats:
+    """Return when the clearance is 0 between the samples `inside` and `outside` of each row.
+
+    It is the moment of the sample `inside` where the clearance is not known to pass through 0 between the two.
+    """
     rows = np.arange(len(inside))
     inner, outer = clearance[rows, inside], clearance[rows, outside]
     crosses = (inner < 0.0) & (outer >= 0.0) & np.isfinite(outer)
     share = np.divide(inner, inner - outer, out=np.zeros(len(rows)), where=crosses)
-    for column in (moments, start):
-        here, there = column[rows, inside], np.where(crosses, column[rows, outside], 0.0)
-        column[rows, inside] = here + share * (there - here)
+    here = moments[rows, inside]
+    return np.where(crosses, here + share * (moments[rows, outside] - here), here)
 
 
 def yielding(speed: Floats, distance: Floats, time: Floats) -> Floats:

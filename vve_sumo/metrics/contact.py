@@ -1,6 +1,6 @@
-"""When two bodies that go on along their lines meet: the ego along its path, an actor along its way.
+"""When two bodies that go on along their lines meet: the ego along its course, an actor along its way.
 
-Knows the path, ways and boxes; neither records, nor where ways come from, nor what a contact means.
+Knows the course, ways and boxes; neither records, nor where ways come from, nor what a contact means.
 """
 
 from __future__ import annotations
@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vve_sumo.geometry import Boxes, separation, vehicle_boxes
+from vve_sumo.geometry import Boxes, separation
+from vve_sumo.metrics.course import Course, Starts
 from vve_sumo.metrics.predicted_ways import Places, Ways
-from vve_sumo.path import Path
-from vve_sumo.values import Floats, Vehicle
+from vve_sumo.values import Floats
 
 #: least step of the search for a contact: a touch that is over sooner may be missed [s]
 MIN_STEP = 0.05
@@ -25,8 +25,8 @@ ROUNDS = 8
 class Pairs(NamedTuple):
     """The ego and an actor at one tick, and the time that is looked at: an entry each."""
 
-    station: Floats  #: of the ego's rear axle on its path [m]
-    speed: Floats  #: of the ego along its path, not negative [m/s]
+    start: Starts  #: where the ego is
+    speed: Floats  #: of the ego along its course, not negative [m/s]
     place: Places  #: of the actor
     other_speed: Floats  #: of the actor along its way, not negative [m/s]
     length: Floats  #: of the actor's box [m]
@@ -36,29 +36,20 @@ class Pairs(NamedTuple):
 
     def select(self, rows: Any) -> Pairs:
         """Return these pairs, or these as an array of another shape."""
-        station, speed, place, *rest = self
+        start, speed, place, *rest = self
         other_speed, length, width, begin, end = (column[rows] for column in rest)
-        return Pairs(station[rows], speed[rows], place.select(rows), other_speed, length, width, begin, end)
+        return Pairs(start.select(rows), speed[rows], place.select(rows), other_speed, length, width, begin, end)
 
 
 class Prediction:
-    """The ego's path and the actors' ways, along which both go on."""
+    """The ego's course and the actors' ways, along which both go on."""
 
-    def __init__(self, path: Path, vehicle: Vehicle, ways: Ways) -> None:
-        self.path, self.vehicle, self.ways = path, vehicle, ways
-        table = path.samples
-        self._heading = np.unwrap(np.arctan2(table.tangent_y, table.tangent_x))
+    def __init__(self, course: Course, ways: Ways) -> None:
+        self.course, self.ways = course, ways
 
     def ego(self, pairs: Pairs, time: Floats) -> Boxes:
         """Return the ego's boxes at times from now [s]."""
-        table = self.path.samples
-        station = pairs.station + pairs.speed * time
-        row = np.rint((station - table.s[0]) / (table.s[1] - table.s[0])).astype(np.int64)
-        row = np.clip(row, 0, len(table.s) - 1)
-        arc, bend, tx, ty = station - table.s[row], table.curvature[row], table.tangent_x[row], table.tangent_y[row]
-        sagitta = 0.5 * bend * arc * arc
-        x, y = table.x[row] + arc * tx - sagitta * ty, table.y[row] + arc * ty + sagitta * tx
-        return vehicle_boxes(x, y, self._heading[row] + bend * arc, pairs.speed, self.vehicle)
+        return self.course.body(pairs.start, pairs.speed * time, pairs.speed)
 
     def other(self, pairs: Pairs, time: Floats) -> Boxes:
         """Return the actors' boxes at times from now [s]."""
@@ -98,11 +89,13 @@ class Prediction:
     def _narrowed(self, pairs: Pairs, before: Floats, after: Floats) -> Floats:
         """Return when the bodies touch, between two times: false position in the Illinois form."""
         low, high = self._apart(pairs, before)[0], self._apart(pairs, after)[0]
+        was_out, was_in = (np.zeros(len(before), np.bool_) for _ in range(2))
         for _ in range(ROUNDS):
             between = before + (after - before) * low / (low - high)
             apart, _ = self._apart(pairs, between)
             out = apart > 0.0
-            # The end that stays counts half, else it would hold the other back.
-            low, high = np.where(out, apart, 0.5 * low), np.where(out, 0.5 * high, apart)
-            before, after = np.where(out, between, before), np.where(out, after, between)
+            # An end that stays for the second time counts half, else it would hold the other back.
+            low = np.where(out, apart, np.where(was_in, 0.5 * low, low))
+            high = np.where(out, np.where(was_out, 0.5 * high, high), apart)
+            before, after, was_out, was_in = np.where(out, between, before), np.where(out, after, between), out, ~out
         return after

@@ -17,6 +17,7 @@ from vve_sumo.metrics.approach import Approach, approach_of, brakings
 from vve_sumo.metrics.braked_for import last_stop_for
 from vve_sumo.metrics.conflict import HORIZON as PREDICTED
 from vve_sumo.metrics.conflict import Contacts, Ego, contacts
+from vve_sumo.metrics.course import Course, starts
 from vve_sumo.metrics.lanes import Lanes, along_lanes
 from vve_sumo.metrics.lead_vehicle import (
     BOX_COLUMNS,
@@ -32,7 +33,7 @@ from vve_sumo.metrics.lead_vehicle import (
 from vve_sumo.metrics.predicted_ways import recorded_ways
 from vve_sumo.metrics.slope import slope
 from vve_sumo.metrics.stopping import MOVING, Episode, Stop, braking_episodes, commanded_deceleration, last_stop
-from vve_sumo.metrics.string_stability import Amplification, speed_amplification
+from vve_sumo.metrics.string_stability import Amplification, settled_from, speed_amplification
 from vve_sumo.metrics.tracking import WINDOW, Tracking, track
 from vve_sumo.path import Path
 from vve_sumo.values import Floats, Vehicle
@@ -128,8 +129,21 @@ class DriveData:
         return own_stations(self.path, self.motion.x, self.motion.y, self.column("s_m"))
 
     @cached_property
+    def course(self) -> Course:
+        """Where the ego would go on from every tick."""
+        motion, track, rate = self.motion, self.tracking, self.column("yaw_rate_radps")
+        if motion.true:
+            heading, known = motion.heading.copy(), np.isfinite(motion.heading)
+            heading[known] = np.unwrap(heading[known])
+            turned = slope(motion.time, heading, self.period)
+            rate = np.where(np.isfinite(turned), turned, rate)
+        place = motion.x, motion.y, motion.heading
+        start = starts(self.station, *place, motion.speed, rate, track.path_heading, track.lateral_deviation)
+        return Course(self.path, self.vehicle, start)
+
+    @cached_property
     def _in_strip(self) -> InStrip:
-        return in_strip(self.ticks, self.actors, self.path, self.vehicle, self.station)
+        return in_strip(self.ticks, self.actors, self.course, self.ego_boxes)
 
     @cached_property
     def strip_lead(self) -> LeadVehicle:
@@ -158,8 +172,8 @@ class DriveData:
         ways, places = recorded_ways(self.motion.time[actors.at], actors.code, actors.boxes, PREDICTED)
         if self.roads is not None:
             ways, places = along_lanes(Lanes.from_table(self.roads), ways, places, actors.boxes, PREDICTED)
-        ego = Ego(self.station, self.motion.speed, self.ego_boxes)
-        return contacts(ego, actors.at, actors.boxes, ways, places, self.path, self.vehicle)
+        ego = Ego(self.course, self.motion.speed, self.ego_boxes)
+        return contacts(ego, actors.at, actors.boxes, ways, places)
 
     @cached_property
     def conflict(self) -> Conflict:
@@ -222,7 +236,7 @@ class DriveData:
             own = np.flatnonzero(actors.code == code)
             acceleration[own] = slope(time[actors.at[own]], actors.boxes.speed[own], self.period)
         at, boxes = actors.at[rows], actors.boxes.select(rows)
-        along = np.cos(boxes.heading - self._path_heading(at, boxes))
+        along = np.cos(boxes.heading - self._course_heading(at, boxes))
         motion = LeadMotion(*(np.full(len(time), np.nan) for _ in LeadMotion._fields))
         motion.length[at] = boxes.length
         motion.speed[at] = boxes.speed * along
@@ -238,25 +252,29 @@ class DriveData:
 
     @cached_property
     def following(self) -> Indices:
-        """The ticks of the longest time behind one leader; none where that is shorter than MIN_FOLLOWED."""
+        """The ticks of the longest time behind one leader, from when the ego has settled behind it.
+
+        None where it never settles, or where what is left is shorter than MIN_FOLLOWED.
+        """
         names = np.where(self.behind_leader, self.lead.actor, "")
         starts = np.flatnonzero(np.append(True, names[1:] != names[:-1])[: len(names)])
         stretches = [rows for rows in np.split(np.arange(len(names)), starts[1:]) if len(rows) and names[rows[0]]]
         longest = max(stretches, key=len, default=np.zeros(0, np.int64))
-        time = self.motion.time[longest]
+        gap, speed, time = self.lead.gap[longest], self.motion.speed[longest], self.motion.time[longest]
+        settled = settled_from(time, gap, self.lead_motion.speed[longest], speed)
+        longest, time = longest[settled:], time[settled:]
         return longest if len(time) and time[-1] - time[0] >= MIN_FOLLOWED else longest[:0]
 
     @cached_property
     def speed_amplification(self) -> Amplification:
-        """How much larger the ego's disturbance is than its leader's, in the longest time behind one."""
+        """How much larger the ego's disturbance is than its leader's, in the ticks of `following`."""
         rows = self.following
         return speed_amplification(self.lead_motion.speed[rows], self.motion.speed[rows])
 
-    def _path_heading(self, at: Indices, boxes: Boxes) -> Floats:
-        """Return the path's heading [rad] at boxes that are ahead of the ego at these ticks."""
-        own = self.column("s_m")[at]
-        _, _, heading = self.path.project_many(boxes.x, boxes.y, own + 0.5 * HORIZON, 0.5 * HORIZON + 3.0 * WINDOW)
-        return heading
+    def _course_heading(self, at: Indices, boxes: Boxes) -> Floats:
+        """Return the heading [rad] that the ego's course has at boxes that are ahead of the ego at these ticks."""
+        near = np.full(len(at), 0.5 * HORIZON)
+        return self.course.find(self.course.starts.select(at), boxes.x, boxes.y, near, 0.5 * HORIZON + 3.0 * WINDOW)[2]
 
     @cached_property
     def first_touch(self) -> tuple[Floats, list[str]]:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from vve_sumo.geometry import Boxes
+from vve_sumo.metrics.lane_matching import Candidates, links, most_likely
 from vve_sumo.metrics.predicted_ways import SPACING, Indices, Line, Places, Ways
 from vve_sumo.metrics.tracking import wrapped
 from vve_sumo.values import Floats
@@ -27,8 +28,9 @@ MAX_BESIDE: Final = 1.8
 MAX_TURN: Final = math.pi / 4.0
 #: a shorter actor is a pedestrian, who keeps to no lane [m]
 LEAST_VEHICLE: Final = 1.2
-#: lanes near a place that are looked at: of several upon each other the nearest one with the actor's heading counts
-NEAREST: Final = 8
+#: samples of lanes near a place that are looked at, and as many lanes as may lie there upon each other
+NEAREST: Final = 48
+MAX_LANES: Final = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +53,13 @@ class Lanes:
         successors = [[number[name] for name in row["successors"] if name in number] for row in rows]
         return cls(lines, [row["lane"].rpartition("_")[0] for row in rows], successors)
 
-    def at(self, x: Floats, y: Floats, heading: Floats) -> Indices:
-        """Return the lane of each place that goes its heading [rad]; -1 for none."""
+    def along(self, ways: Ways) -> Indices:
+        """Return the lane that a vehicle goes along at every sample of its way; -1 for none."""
+        near = self._near(ways.x, ways.y, ways.heading)
+        return most_likely(near, ways.first, ways.count, links(self.edges, self.successors))
+
+    def _near(self, x: Floats, y: Floats, heading: Floats) -> Candidates:
+        """Return the lanes near places that go their heading [rad], the nearest first."""
         from scipy.spatial import KDTree
 
         samples = Ways.from_lines(self.lines)
@@ -63,9 +70,17 @@ class Lanes:
         dx, dy = x[:, None] - samples.x[row], y[:, None] - samples.y[row]
         beside = np.abs(dy * np.cos(samples.heading[row]) - dx * np.sin(samples.heading[row]))
         fits = np.isfinite(distance) & (turn < MAX_TURN) & (beside < MAX_BESIDE)
-        best = np.argmin(np.where(fits, beside, np.inf), axis=1)
-        lane = np.searchsorted(samples.first, row[np.arange(len(x)), best], "right") - 1
-        return np.where(fits.any(axis=1), lane, -1)
+        lane = np.searchsorted(samples.first, row, "right") - 1
+        fit = (beside / MAX_BESIDE) ** 2 + (turn / MAX_TURN) ** 2
+        places = np.arange(len(x))
+        candidates = Candidates(np.full((len(x), MAX_LANES), -1), np.full((len(x), MAX_LANES), np.inf))
+        for number in range(MAX_LANES):
+            nearest = np.argmax(fits, axis=1)
+            there = fits[places, nearest]
+            candidates.lane[there, number] = lane[there, nearest[there]]
+            candidates.cost[there, number] = fit[there, nearest[there]]
+            fits &= lane != lane[places, nearest][:, None]
+        return candidates
 
     def onward(self, lane: int, later: list[str], distance: float) -> Line:
         """Return the line that a vehicle in a lane goes along for a distance [m], from the lane's begin.
@@ -107,7 +122,7 @@ def along_lanes(lanes: Lanes, driven: Ways, places: Places, boxes: Boxes, beyond
     """
     if not lanes.lines or not len(places.way):
         return driven, places
-    lane_of = lanes.at(driven.x, driven.y, driven.heading)
+    lane_of = lanes.along(driven)
     lines: list[Line] = []
     way, along = places.way.copy(), places.along.copy()
     for number in np.unique(places.way[boxes.length >= LEAST_VEHICLE]).tolist():

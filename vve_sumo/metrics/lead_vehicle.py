@@ -1,4 +1,6 @@
-"""The lead vehicle: which actor is ahead in the strip that the ego covers along its path, and how far.
+"""The lead vehicle: which actor is ahead in the strip that the ego covers along its course, and how far.
+
+The course is the path while the ego keeps to it, else the arc that it moves on.
 
 Of a whole drive, either every actor in the strip counts, or those alone that the ego may come to: before the path's
 end, and on the ego's way or in conflict with the ego.
@@ -15,8 +17,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vve_sumo.geometry import Boxes
+from vve_sumo.geometry import Boxes, distance, separation, vehicle_boxes
 from vve_sumo.metrics import following
+from vve_sumo.metrics.clipping import nearest_in_band
+from vve_sumo.metrics.course import Course, starts
 from vve_sumo.path import Path
 from vve_sumo.values import Actors, Floats, Pose, Vehicle
 
@@ -33,10 +37,12 @@ CLOSE_TO_PATH = 16.0
 BOX_COLUMNS = ("x_m", "y_m", "heading_rad", "length_m", "width_m", "speed_mps")
 #: how far along the path the ego may be from where the drive itself placed it [m]
 WINDOW = 10.0
-#: how far along the path a box's corner may be from its centre [m]
+#: how far along the course a box's corner may be from its centre [m]
 CORNER_WINDOW = 15.0
-#: a box's corner may be so much farther beside a bent path than its size says [m]
+#: a box's corner may be so much farther beside a bent course than its size says [m]
 CORNER_MARGIN = 1.0
+#: of each side of a box that is clipped to the strip
+PIECES = 8
 #: below this closing speed a time to collision is not counted: at rest, noise would divide by nothing [m/s]
 CLOSING_FLOOR = 0.05
 #: a slower actor stands [m/s]
@@ -47,10 +53,10 @@ SAME_WAY = math.pi / 4.0
 
 @dataclass(frozen=True, slots=True)
 class LeadVehicle:
-    """What is ahead in the strip that the ego covers along its path: one entry a tick, NaN where there is nothing."""
+    """What is ahead in the strip that the ego covers along its course: an entry a tick, NaN where there is nothing."""
 
-    gap: Floats  #: front bumper to the nearest box along the path [m]; negative is overlap
-    closing_speed: Floats  #: ego's speed minus that box's speed along the path [m/s]
+    gap: Floats  #: front bumper to the nearest box along the course [m]; 0 at contact, negative where bodies overlap
+    closing_speed: Floats  #: ego's speed minus that box's speed along the course [m/s]
     actor: list[str]  #: its name, empty where there is nothing
 
     @property
@@ -80,13 +86,13 @@ def own_stations(path: Path, x: Floats, y: Floats, near: Floats) -> Floats:
 
 
 class InStrip(NamedTuple):
-    """Actors that are ahead in the strip of the ego's width around its path: an entry an actor and tick."""
+    """Actors that are ahead in the strip of the ego's width around its course: an entry an actor and tick."""
 
     row: Indices  #: number of the actor's row among those that were looked at
     at: Indices  #: index of the tick
-    gap: Floats  #: from the ego's front bumper to the nearest corner of the box, along the path [m]
-    begins: Floats  #: station of that corner [m]
-    along: Floats  #: cosine of the box's heading against the path's
+    gap: Floats  #: from the ego's front bumper to the nearest point of the box in the strip, along the course [m]
+    begins: Floats  #: station of that point [m]
+    along: Floats  #: cosine of the box's heading against the course's
     speed: Floats  #: of the box along its heading [m/s]
 
     def select(self, chosen: NDArray[np.bool_]) -> InStrip:
@@ -96,14 +102,11 @@ class InStrip(NamedTuple):
         return InStrip(row[chosen], at[chosen], gap, begins, along, speed)
 
 
-def in_strip(ticks: pa.Table, actors: pa.Table, path: Path, vehicle: Vehicle, own: Floats) -> InStrip:
-    """Return the rows of the table of actors that are ahead in the strip; own: station of the rear axle, tick by tick.
-
-    The strip follows the path, and so does the gap.
-    """
-    rows, at = _rows_near(ticks, actors, own, path)
+def in_strip(ticks: pa.Table, actors: pa.Table, course: Course, ego: Boxes) -> InStrip:
+    """Return the rows of the table of actors that are ahead in the strip; course and ego's box: an entry a tick."""
+    rows, at = _rows_near(ticks, actors, course)
     boxes = Boxes(*(actors[name].to_numpy()[rows] for name in BOX_COLUMNS))
-    found = _boxes_in_strip(at, boxes, own, path, vehicle)
+    found = _boxes_in_strip(at, boxes, course, ego)
     return found._replace(row=rows[found.row])
 
 
@@ -134,28 +137,47 @@ def lead_vehicle_now(ego: Pose, station: float, actors: Actors, path: Path, vehi
     """
     if not math.isfinite(station):
         return LeadVehicle(np.full(1, np.nan), np.full(1, np.nan), [""])
-    own, _, _ = path.project_many(np.array([ego.x]), np.array([ego.y]), np.array([station]), WINDOW)
+    x, y, heading, speed, rate = (np.array([value]) for value in (ego.x, ego.y, ego.heading, ego.speed, ego.yaw_rate))
+    own, deviation, path_heading = path.project_many(x, y, np.array([station]), WINDOW)
+    course = Course(path, vehicle, starts(own, x, y, heading, speed, rate, path_heading, deviation))
     boxes = Boxes(actors.x, actors.y, actors.heading, actors.length, actors.width, actors.speed)
-    strip = _boxes_in_strip(np.zeros(len(actors.ids), np.int64), boxes, own, path, vehicle)
+    at, body = np.zeros(len(actors.ids), np.int64), vehicle_boxes(x, y, heading, speed, vehicle)
+    strip = _boxes_in_strip(at, boxes, course, body)
     gap, closing, nearest = _nearest(strip, np.array([ego.speed]))
     return LeadVehicle(gap, closing, [actors.ids[strip.row[nearest[0]]] if nearest[0] >= 0 else ""])
 
 
-def _boxes_in_strip(at: Indices, boxes: Boxes, own: Floats, path: Path, vehicle: Vehicle) -> InStrip:
+def _boxes_in_strip(at: Indices, boxes: Boxes, course: Course, ego: Boxes) -> InStrip:
+    bumper = course.vehicle.rear_axle_to_bumper
     # What lies beside or behind the middle of the ego is not ahead of it.
-    middle = vehicle.rear_axle_to_bumper - vehicle.length / 2.0
-    half = vehicle.width / 2.0
-    near = own[at] + vehicle.rear_axle_to_bumper + HORIZON / 2.0
-    centre, beside, path_heading = path.project_many(boxes.x, boxes.y, near, HORIZON / 2.0 + 30.0)
+    middle, half = bumper - course.vehicle.length / 2.0, course.vehicle.width / 2.0
+    start, near = course.starts.select(at), np.full(len(at), bumper + HORIZON / 2.0)
+    centre, beside, heading = course.find(start, boxes.x, boxes.y, near, HORIZON / 2.0 + 30.0)
     reach = half + 0.5 * np.hypot(boxes.length, boxes.width) + CORNER_MARGIN
-    rows = np.flatnonzero((np.abs(beside) < reach) & (centre > own[at] + middle))
-    at, boxes, centre, path_heading = at[rows], boxes.select(rows), centre[rows], path_heading[rows]
-    corners = [path.project_many(x, y, centre, CORNER_WINDOW)[:2] for x, y in zip(*boxes.corners(), strict=True)]
-    s, d = np.array(corners).swapaxes(0, 1)
-    begins = s.min(axis=0)
-    gap = begins - (own[at] + vehicle.rear_axle_to_bumper)
-    found = InStrip(rows, at, gap, begins, np.cos(boxes.heading - path_heading), boxes.speed)
-    return found.select((d.min(axis=0) < half) & (d.max(axis=0) > -half) & (gap < HORIZON))
+    rows = np.flatnonzero((np.abs(beside) < reach) & (centre > middle))
+    at, boxes, start, centre, heading = at[rows], boxes.select(rows), start.select(rows), centre[rows], heading[rows]
+    corners = boxes.corners()
+    ahead = np.array([course.find(start, x, y, centre, CORNER_WINDOW)[0] for x, y in zip(*corners, strict=True)])
+
+    def project(box: Indices, x: Floats, y: Floats, near: Floats) -> tuple[Floats, Floats]:
+        return course.project(start.select(box), x, y, near)
+
+    edge = np.full(len(at), half)
+    begins = nearest_in_band(corners, ahead, project, -edge, edge, PIECES)
+    gap = _body_gap(begins - bumper, ego.select(at), boxes)
+    along = np.cos(boxes.heading - heading)
+    return InStrip(rows, at, gap, start.station + bumper + gap, along, boxes.speed).select(gap < HORIZON)
+
+
+def _body_gap(gap: Floats, ego: Boxes, boxes: Boxes) -> Floats:
+    """Return gaps [m] that agree with the bodies where these do not lie along the course.
+
+    On a bend, or a little off the path, the ego's body is not where its strip begins. Bodies that are apart have a gap,
+    of no less than their distance. Bodies that touch have none: 0, or as much below it as the other's part in the strip
+    reaches behind the front bumper, the ego's length at most.
+    """
+    touching = separation(ego, boxes) <= 0.0
+    return np.where(touching, np.clip(gap, -ego.length, 0.0), np.maximum(gap, distance(ego, boxes)))
 
 
 def _nearest(strip: InStrip, speed: Floats) -> tuple[Floats, Floats, Indices]:
@@ -183,18 +205,21 @@ def index_of_tick(ticks: pa.Table, rows: pa.Table) -> Indices:
     return np.where(numbers[at] == wanted, at, -1)
 
 
-def _rows_near(ticks: pa.Table, actors: pa.Table, own: Floats, path: Path) -> tuple[Indices, Indices]:
-    """Return the rows of `actors` that can matter (close to the path, at a tick with an ego) and their tick's index."""
+def _rows_near(ticks: pa.Table, actors: pa.Table, course: Course) -> tuple[Indices, Indices]:
+    """Return the rows of `actors` that can matter (near the course, at a tick with an ego) and their tick's index."""
     from scipy.spatial import KDTree
 
     if actors.num_rows == 0:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    at = index_of_tick(ticks, actors)
+    at, start, samples = index_of_tick(ticks, actors), course.starts, course.path.samples
     known = at >= 0
-    known[known] = np.isfinite(own[at[known]])
+    known[known] = np.isfinite(start.station[at[known]])
     centres = np.column_stack((actors["x_m"].to_numpy(), actors["y_m"].to_numpy()))
-    tree = KDTree(np.column_stack((path.samples.x, path.samples.y)))
-    distance = np.full(len(centres), np.inf)
-    distance[known], _ = tree.query(centres[known], distance_upper_bound=CLOSE_TO_PATH)
-    rows = np.flatnonzero(np.isfinite(distance))
+    tree = KDTree(np.column_stack((samples.x, samples.y)))
+    far = np.full(len(centres), np.inf)
+    far[known], _ = tree.query(centres[known], distance_upper_bound=CLOSE_TO_PATH)
+    off = known & start.leaves[at]
+    apart = np.hypot(centres[off, 0] - start.x[at[off]], centres[off, 1] - start.y[at[off]])
+    far[off] = np.where(apart < HORIZON + 2.0 * CLOSE_TO_PATH, apart, np.inf)
+    rows = np.flatnonzero(np.isfinite(far))
     return rows, at[rows]

@@ -23,6 +23,7 @@ from vve_sumo.metrics.following import MAX_DECELERATION
 from vve_sumo.metrics.metric import MetricTable
 from vve_sumo.metrics.stopping import AT_REST, MIN_RELEASE_TIME, REGAINED, REVERSED, Stop, commanded_deceleration
 from vve_sumo.metrics.stopping_tolerance import tolerance
+from vve_sumo.metrics.string_stability import SETTLED_FOR, SETTLED_SPEED
 from vve_sumo.values import ArmingState, Floats, Vehicle
 
 PER_DRIVE: MetricTable[DriveData] = MetricTable()
@@ -47,8 +48,8 @@ def _stop_gap(drive: DriveData) -> float:
 metric(
     "stop_gap_m",
     "gap at rest",
-    "at the last tick, if the car stands: front bumper to the nearest box in the strip of the ego's width around the "
-    "path, along the path; negative is overlap, none where nothing is within 150 m",
+    "at the last tick, if the car stands: front bumper to the nearest part of a box in the strip of the ego's width "
+    "around its course, along that; 0 at contact, negative is overlap, none where nothing is within 150 m",
     _stop_gap,
     worse="lower",
     missing="the car did not end at rest with an object ahead",
@@ -57,8 +58,8 @@ metric(
 metric(
     "min_ttc_s",
     "minimum TTC",
-    "time to collision: until the ego's body meets an actor's if both keep their speed, the ego along its path and the "
-    "actor along its lane or way; the least at any tick, 0 at contact; none where no contact was ever less than "
+    "time to collision: until the ego's body meets an actor's if both keep their speed, the ego along its course and "
+    "the actor along its lane or way; the least at any tick, 0 at contact; none where no contact was ever less than "
     f"{HORIZON:g} s away",
     lambda drive: least(drive.conflict.time),
     worse="lower",
@@ -96,9 +97,9 @@ metric(
 metric(
     "min_gap_m",
     "minimum gap",
-    "least gap at any tick, along the path, to what was in the ego's strip before the path's end and stood, went the "
-    "ego's way, or was or had been in conflict with the ego as min_ttc_s sees one; negative is overlap, none where "
-    "nothing ever was",
+    "least gap at any tick, along the ego's course, to what was in the ego's strip before the path's end and stood, "
+    "went the ego's way, or was or had been in conflict with the ego as min_ttc_s sees one; 0 at contact, negative is "
+    "overlap, none where nothing ever was",
     lambda drive: least(drive.lead.gap),
     worse="lower",
     absent=math.inf,
@@ -107,7 +108,7 @@ metric(
 metric(
     "strip_min_ttc_s",
     "minimum TTC in the strip",
-    "gap over closing speed to the nearest box in the strip of the ego's width around the path, wherever that goes; "
+    "gap over closing speed to the nearest box in the strip of the ego's width around its course, wherever that goes; "
     "the least at any tick, none where nothing was ever closed in on",
     lambda drive: least(drive.strip_lead.time_to_collision),
     worse="lower",
@@ -128,8 +129,8 @@ metric(
 metric(
     "strip_min_gap_m",
     "minimum gap in the strip",
-    "least gap at any tick to the nearest box in the strip of the ego's width around the path, also beyond the path's "
-    "end; negative is overlap, none where nothing ever was",
+    "least gap at any tick to the nearest part of a box in the strip of the ego's width around its course, also beyond "
+    "the path's end; 0 at contact, negative is overlap, none where nothing ever was",
     lambda drive: least(drive.strip_lead.gap),
     worse="lower",
     absent=math.inf,
@@ -148,8 +149,9 @@ for name, label, norm, size in (
         name,
         label,
         f"string stability: {size} of the ego's speed over that of its leader, both counted from the leader's median "
-        "speed, in the longest time behind one moving leader; above 1 the ego amplifies; none below "
-        f"{MIN_FOLLOWED:g} s or behind a leader of steady speed",
+        "speed, in the longest time behind one moving leader from when the ego is settled behind it, which is for "
+        f"{SETTLED_FOR:g} s within {SETTLED_SPEED:g} m/s of its speed; above 1 the ego amplifies; none where it never "
+        f"settles, below {MIN_FOLLOWED:g} s, or behind a leader of steady speed",
         partial(_speed_amplification, norm),
         worse="higher",
         source="Ploeg, van de Wouw and Nijmeijer 2014",

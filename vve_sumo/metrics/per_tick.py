@@ -36,22 +36,23 @@ metric(
 metric(
     "gap_m",
     "gap",
-    "front bumper to the nearest box, along the path, of what is in the ego's strip before the path's end and stands, "
-    "goes the ego's way, or is or was in conflict with the ego; negative is overlap",
+    "front bumper to the nearest point in the ego's strip, along its course, of what is there before the path's end "
+    "and stands, goes the ego's way, or is or was in conflict with the ego; 0 at contact, negative is overlap",
     lambda drive: drive.lead.gap,
     worse="lower",
 )
 metric(
     "strip_gap_m",
     "gap in the strip",
-    "front bumper to the nearest box in the ego's strip, wherever that goes, along the path; negative is overlap",
+    "front bumper to the nearest part of a box in the ego's strip, wherever that goes, along the ego's course; 0 at "
+    "contact, negative is overlap",
     lambda drive: drive.strip_lead.gap,
     worse="lower",
 )
 metric(
     "closing_speed_mps",
     "closing speed",
-    "ego's speed minus the leader's along the path, closing positive",
+    "ego's speed minus the leader's along the ego's course, closing positive",
     lambda drive: drive.lead.closing_speed,
     worse="higher",
 )
@@ -83,7 +84,7 @@ metric(
 metric(
     "ttc_s",
     "TTC",
-    "time to collision: until the ego's body meets an actor's, the ego on its path and the actor on its lane or way, "
+    "time to collision: until the ego's body meets an actor's, the ego on its course and the actor on its lane or way, "
     "both at their present speed; behind a leader gap over closing speed",
     lambda drive: drive.conflict.time,
     worse="lower",

@@ -15,6 +15,9 @@ from vve_sumo.values import Floats
 
 #: a leader whose speed varies less about the undisturbed one disturbs nobody: root mean square [m/s]
 LEAST_DISTURBANCE = 0.1
+#: a follower is settled that for so long [s] keeps to its leader's speed within so much [m/s], while the gap changes by
+#: no more than this on average [m/s]: what comes before is its approach, and no answer to a disturbance
+SETTLED_FOR, SETTLED_SPEED, SETTLED_GAP_RATE = 3.0, 0.5, 0.2
 
 
 class Amplification(NamedTuple):
@@ -51,6 +54,24 @@ def speed_amplification(leader: Floats, follower: Floats, undisturbed: float | N
     if math.sqrt(float(np.mean((leader - steady) ** 2))) < LEAST_DISTURBANCE:
         return Amplification(math.nan, math.nan)
     return amplification(leader - steady, follower - steady)
+
+
+def settled_from(time: Floats, gap: Floats, leader: Floats, follower: Floats) -> int:
+    """Return the first tick from which on the follower is settled behind its leader; the number of ticks for never.
+
+    At that tick it has the leader's speed within LEAST_DISTURBANCE. String stability is about what a string does that
+    leaves its equilibrium (Ploeg et al. 2014), and tests of it let the vehicles settle first (Gunter et al. 2020).
+    time: [s], gap: [m], speeds: [m/s], an entry a tick, none NaN.
+    """
+    number, apart = np.arange(len(time)), np.abs(leader - follower)
+    differs = np.where(apart > SETTLED_SPEED, number, len(time))
+    next_differs = np.minimum.accumulate(differs[::-1])[::-1]
+    until = np.searchsorted(time, time + SETTLED_FOR)
+    end = np.minimum(until, len(time) - 1)
+    drifts = np.abs(gap[end] - gap) > SETTLED_GAP_RATE * SETTLED_FOR
+    begins = (apart <= LEAST_DISTURBANCE) & (until < len(time)) & (next_differs > end) & ~drifts
+    settled = np.flatnonzero(begins)
+    return int(settled[0]) if len(settled) else len(time)
 
 
 def time_shares(time: Floats, values: Floats, edges: ArrayLike) -> Floats:

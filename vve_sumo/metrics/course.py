@@ -1,0 +1,130 @@
+"""Where the ego goes on from a tick: along its path while it keeps to it, else along the arc that it moves on.
+
+Lengths count from the rear axle's place at that tick. Knows poses and the path; neither records nor actors.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vve_sumo.geometry import Boxes, vehicle_boxes
+from vve_sumo.path import Path
+from vve_sumo.values import Floats, Vehicle
+
+Indices = NDArray[np.int64]
+
+#: an ego whose rear axle is farther from its path has left it [m]: more than any shipped controller's deviation, and
+#: less than it takes to pass an obstacle in the lane
+MAX_DEVIATION = 0.5
+#: an ego whose heading differs by more from the path's has left it [rad]
+MAX_HEADING_ERROR = math.radians(10.0)
+#: a curvature is a yaw rate over a speed, and a speed below this counts as this [m/s]: at rest the arc is straight
+MIN_SPEED = 0.5
+#: an arc is followed no farther than it turns by this [rad]
+MAX_ARC = math.pi
+
+
+class Starts(NamedTuple):
+    """Where the ego is when its motion is predicted: an entry a prediction, NaN where it is not known."""
+
+    station: Floats  #: of the rear axle on its path [m]
+    x: Floats  #: of the rear axle, map [m]
+    y: Floats  #: as x
+    heading: Floats  #: [rad]
+    curvature: Floats  #: of the arc that it moves on [1/m], left positive
+    leaves: NDArray[np.bool_]  #: whether it goes along that arc, because it has left its path
+
+    def select(self, rows: Any) -> Starts:
+        """Return the starts of these rows."""
+        station, x, y, heading, curvature = (column[rows] for column in self[:5])
+        return Starts(station, x, y, heading, curvature, self.leaves[rows])
+
+
+def starts(
+    station: Floats, x: Floats, y: Floats, heading: Floats, speed: Floats, yaw_rate: Floats, path_heading: Floats,
+    deviation: Floats,
+) -> Starts:  # fmt: skip
+    """Return where predictions of the ego start.
+
+    It has left its path where its rear axle is more than MAX_DEVIATION from it, or its heading differs by more than
+    MAX_HEADING_ERROR from the path's. path_heading [rad] is the path's at `station`, deviation [m] the rear axle's
+    from it.
+    """
+    error = np.arctan2(np.sin(heading - path_heading), np.cos(heading - path_heading))
+    curvature = np.where(np.isfinite(yaw_rate), yaw_rate, 0.0) / np.maximum(np.abs(speed), MIN_SPEED)
+    leaves = (np.abs(deviation) > MAX_DEVIATION) | (np.abs(error) > MAX_HEADING_ERROR)
+    return Starts(station, x, y, heading, curvature, leaves)
+
+
+class Course:
+    """The ego's predicted courses, one from every start."""
+
+    def __init__(self, path: Path, vehicle: Vehicle, starts: Starts) -> None:
+        self.path, self.vehicle, self.starts = path, vehicle, starts
+        table = path.samples
+        self._heading = np.unwrap(np.arctan2(table.tangent_y, table.tangent_x))
+
+    def end(self, start: Starts) -> Floats:
+        """Return how far courses go [m]: to the path's end, and by MAX_ARC at most along an arc."""
+        left = self.path.length - start.station
+        with np.errstate(divide="ignore"):
+            return np.where(start.leaves, np.minimum(left, MAX_ARC / np.abs(start.curvature)), left)
+
+    def body(self, start: Starts, gone: Floats, speed: Floats) -> Boxes:
+        """Return the ego's boxes when its rear axle has gone so far [m]."""
+        x, y, heading = self._on_path(start.station + gone)
+        half = 0.5 * start.curvature * gone
+        chord = gone * np.sinc(half / np.pi)
+        x = np.where(start.leaves, start.x + chord * np.cos(start.heading + half), x)
+        y = np.where(start.leaves, start.y + chord * np.sin(start.heading + half), y)
+        heading = np.where(start.leaves, start.heading + 2.0 * half, heading)
+        return vehicle_boxes(x, y, heading, np.broadcast_to(speed, x.shape), self.vehicle)
+
+    def _on_path(self, station: Floats) -> tuple[Floats, Floats, Floats]:
+        table, row = self.path.samples, self._row(station)
+        arc, bend, tx, ty = station - table.s[row], table.curvature[row], table.tangent_x[row], table.tangent_y[row]
+        sagitta = 0.5 * bend * arc * arc
+        x, y = table.x[row] + arc * tx - sagitta * ty, table.y[row] + arc * ty + sagitta * tx
+        return x, y, self._heading[row] + bend * arc
+
+    def _row(self, station: Floats) -> Indices:
+        table = self.path.samples
+        row = np.rint((station - table.s[0]) / (table.s[1] - table.s[0]))
+        return np.clip(np.where(np.isfinite(row), row, 0.0), 0, len(table.s) - 1).astype(np.int64)
+
+    def find(self, start: Starts, x: Floats, y: Floats, near: Floats, window: float) -> tuple[Floats, Floats, Floats]:
+        """Return how far ahead and beside (left positive) [m] points are, shape (n,), and the course's heading there.
+
+        On the path they are looked for within `window` [m] of `near` [m ahead].
+        """
+        ahead, beside, heading = self.path.project_many(x, y, start.station + near, window)
+        off = np.flatnonzero(start.leaves)
+        ahead -= start.station
+        arc = start.select(off)
+        ahead[off], beside[off] = _on_arc(arc, x[off], y[off])
+        heading[off] = arc.heading + arc.curvature * ahead[off]
+        return ahead, beside, heading
+
+    def project(self, start: Starts, x: Floats, y: Floats, near: Floats) -> tuple[Floats, Floats]:
+        """Return how far ahead and beside (left positive) [m] points are that are metres from `near` [m ahead]."""
+        for _ in range(2):
+            station, beside, _ = self.path.samples.project(x, y, self._row(start.station + near))
+            near = station - start.station
+        if not start.leaves.any():
+            return near, beside
+        along, across = _on_arc(start, x, y)
+        return np.where(start.leaves, along, near), np.where(start.leaves, across, beside)
+
+
+def _on_arc(start: Starts, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Return how far along and beside (left positive) the arcs of starts points are [m]; within half a turn."""
+    cos, sin, bend = np.cos(start.heading), np.sin(start.heading), start.curvature
+    u, v = (x - start.x) * cos + (y - start.y) * sin, (y - start.y) * cos - (x - start.x) * sin
+    straight = bend == 0.0
+    along = np.arctan2(bend * u, 1.0 - bend * v) / np.where(straight, 1.0, bend)
+    beside = (2.0 * v - bend * (u * u + v * v)) / (1.0 + np.hypot(bend * u, 1.0 - bend * v))
+    return np.where(straight, u, along), beside
