@@ -72,6 +72,15 @@ def test_standing_for_three_tenths_of_a_second_is_rest():
     assert weighed.step(0.1, 0.0) == (False, False, True), "and it ends at once"
 
 
+def test_a_car_that_is_told_to_drive_off_has_not_settled():
+    weighed = Weighed()
+    weighed.until("settled", 0.0, 0.0)
+    weighed.step(0.0, 0.0, -0.5)
+    assert weighed.subject.certain
+    assert not weighed.subject.settled
+    assert weighed.until("settled", 0.0, 0.0) >= 0.3
+
+
 def test_the_receiver_alone_is_believed_after_three_seconds_and_for_rest_only():
     weighed = moving(5.0)
     assert weighed.until("at_rest", None, 0.03) == pytest.approx(3.0 + FORGOTTEN, abs=3.0 * STEP)

@@ -14,7 +14,7 @@ from vve_sumo.vehicle.setpoint_validation import Debounce
 
 # Torque beyond what was commanded that is somebody's foot [N m], and the share of the commanded torque that a brake
 # controller which is 10 % off may report beside it.
-UNASKED_TORQUE: Final = 200.0
+UNASKED_TORQUE: Final = 150.0
 UNASKED_SHARE: Final = 0.15
 UNASKED_TIME: Final = 0.03  # for which it lasts: two reports of 50 Hz [s]
 # Fastest fall of a brake torque that is released [N m/s]: the simulated one takes 0.1 s from full, a real one longer.

@@ -36,6 +36,8 @@ UNCERTAIN_TIME: Final = 3.0
 PARK_TIME: Final = 1.0  # [s]
 # A car that a driver has taken over, and that moves this long with no foot on a pedal, calls for the driver [s].
 UNATTENDED_TIME: Final = 1.0
+# Time for which a foot on a pedal is reported before it counts as one: a single old report among fresh ones is none [s].
+ATTENDED_TIME: Final = 0.1
 # Wheel speeds that are less than the receiver's by more than this are not trusted to limit the steering [m/s].
 WHEELS_TOO_SLOW: Final = 0.5
 
@@ -149,7 +151,7 @@ class Gateway(Monitor):
         self._told = Pedals(0.0, 0.0)  # at the last step
         self._fastest = math.nan  # largest speed by wheels or receiver, of a commanded car [m/s]; NaN where not known
         self._driver: list[str] = []  # pedals that the driver touches
-        self._unattended_long = Debounce(UNATTENDED_TIME)
+        self._unattended_long, self._attended_long = Debounce(UNATTENDED_TIME), Debounce(ATTENDED_TIME)
         self._clear = False
         self._stop_deceleration = 0.0
         self._stop_jerk = 0.0
@@ -269,7 +271,8 @@ class Gateway(Monitor):
             self._happen(now, Event.FAULT, latching)
         if self._state is ArmingState.FAULT:
             taken = "driver_override" in self._causes
-            alone = taken and self._standstill.moves and not self._reports.attended(now)
+            attended = self._attended_long.step(now, self._reports.attended(now))
+            alone = taken and self._standstill.moves and not attended
             if self._unattended_long.step(now, alone and self._has_been_engaged):
                 self._notes.append("driver_needed")
             return

@@ -37,7 +37,7 @@ class Standstill:
         self._long = Debounce(REST_TIME)
         self._satellite_long = Debounce(SATELLITE_REST_TIME)
         self.certain = False  #: the wheels say so, for long enough to be true, and nothing contradicts them
-        self.settled = False  #: certain for `REST_TIME`
+        self.settled = False  #: certain for `REST_TIME`, and not told to drive off
         self.at_rest = False  #: settled, or the receiver alone has said so for long
         self.contradicted = False  #: the receiver has long said rest, but the wheels do not confirm it
         self.moves = False  #: something says that the car moves
@@ -65,7 +65,8 @@ class Standstill:
         satellite_moves = creeps or (satellite is not None and not satellite_stands)
         self.moves = satellite_moves or (wheels is not None and not wheels_stand)
         self.certain = wheels_stand and not satellite_moves and self._possible < WHEEL_REST
-        self.settled = self._long.step(now, self.certain)
+        # Reports that stop as the car moves off are those of a car that stood.
+        self.settled = self._long.step(now, self.certain and not (braking is not None and braking < 0.0))
         self.at_rest = self._satellite_long.step(now, satellite_stands and not creeps) or self.settled
         self.contradicted = self.at_rest and not self.certain
 
