@@ -36,7 +36,7 @@ UNCERTAIN_TIME: Final = 3.0
 PARK_TIME: Final = 1.0  # [s]
 # A car that a driver has taken over, and that moves this long with no foot on a pedal, calls for the driver [s].
 UNATTENDED_TIME: Final = 1.0
-# Time for which a foot on a pedal is reported before it counts as one: a single old report among fresh ones is none [s].
+# A foot on a pedal that is reported for this long counts as one: a single old report among fresh ones is none [s].
 ATTENDED_TIME: Final = 0.1
 # Wheel speeds that are less than the receiver's by more than this are not trusted to limit the steering [m/s].
 WHEELS_TOO_SLOW: Final = 0.5
