@@ -284,7 +284,7 @@ def test_a_sweep_in_code_is_one_of_a_file_and_goes_on_where_it_was(working: Path
     with pytest.raises(vve.ConfigError, match="code"):
         vve.sweep(scenario, vary={"ego.speed_mps": [6.0]}, out="code")
     shown = sweep._repr_html_()
-    assert "4 runs: 4 passed, 0 failed, 0 with a fault" in shown
+    assert "4 runs: 4 passed, 0 failed, 0 with an error" in shown
     assert "mean gap at rest [m]" in shown or "mean minimum TTC [s]" in shown
     assert 'src="data:image/png;base64,' in shown
     assert len(sweep.plot("stop_gap_m").axes) == 2  # the map and its scale

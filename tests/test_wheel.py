@@ -106,7 +106,7 @@ def test_the_pages_links_lead_to_files(installed: Path) -> None:
 def test_a_workspace_has_examples_and_suites_that_run(installed: Path, tmp_path: Path) -> None:
     run(installed, tmp_path, "-m", "vve_sumo.cli", "init", "mine")
     brains = tmp_path / "mine" / "examples" / "brains"
-    assert {file.name for file in brains.iterdir()} == {file.name for file in _brains()}
+    assert _names(brains) == _names(REPOSITORY / "examples" / "brains")
     for file in brains.glob("*.py"):
         compile(file.read_text(encoding="utf-8"), str(file), "exec")
     (tmp_path / "mine" / "test_mine.py").write_text(MINE, encoding="utf-8")
@@ -116,5 +116,5 @@ def test_a_workspace_has_examples_and_suites_that_run(installed: Path, tmp_path:
         run(installed, tmp_path / "mine", "-c", f"import tests.ports.{suite} as t; assert 'mine' in t.__file__")
 
 
-def _brains() -> list[Path]:
-    return [file for file in (REPOSITORY / "examples" / "brains").iterdir() if file.is_file()]
+def _names(folder: Path) -> set[str]:
+    return {str(file.relative_to(folder)) for file in folder.glob("**/*") if "__pycache__" not in file.parts}

@@ -10,6 +10,7 @@ datagram that it answers.
 from __future__ import annotations
 
 import math
+from functools import cache
 
 from driving import Answers, Brain, Scan, answer, arguments, waypoints
 from esr_radar import EsrRadar, open_bus
@@ -23,13 +24,18 @@ def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--esr", default="slcan:esr.pty", help="the radar's bus, slcan:esr.pty where nothing is said")
     given = parser.parse_args()
-    brain, radar = Brain(waypoints(given.waypoints), given.speed), EsrRadar(open_bus(given.esr))
+    brain = Brain(waypoints(given.waypoints), given.speed)
+
+    @cache
+    def radar() -> EsrRadar:
+        """Open the radar's bus; a serial port that the drive makes is there by the first datagram."""
+        return EsrRadar(open_bus(given.esr))
 
     def look(fix: Fix, _beat: RadarDatagram) -> Scan | None:
         speed = math.hypot(fix.velocity_north, fix.velocity_east)
-        radar.listen(fix.time)
-        radar.tell(speed, 0.0)
-        return radar.scan(fix.time, fix.time, speed)
+        radar().listen(fix.time)
+        radar().tell(speed, 0.0)
+        return radar().scan(fix.time, fix.time, speed)
 
     answer(Answers(brain, look, given.key), given.gnss, given.radar, given.setpoints)
 

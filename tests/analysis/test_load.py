@@ -162,11 +162,11 @@ def wider(folder: Path) -> None:
 SWEEPS: list[tuple[Callable[[Path], None], str]] = [
     (truncated("sweep.json"), r"sweep\.json: not what a sweep writes"),
     (holding("sweep.json", "[]"), r"sweep\.json: not what a sweep writes"),
-    (holding("sweep.json", '{"version": 3}'), r"sweep\.json: not what a sweep writes: expected a dict as its spec"),
+    (holding("sweep.json", '{"version": 4}'), r"sweep\.json: not what a sweep writes: expected a dict as its spec"),
     (changed("sweep.json", parameters={"speed": "complex"}), r"sweep\.json: not what a sweep writes: got speed: compl"),
     (
         changed("sweep.json", version=1),
-        r"layout 1 of a dataset, expected 3: another vve-sumo wrote it, version 1; a",
+        r"layout 1 of a dataset, expected 4: another vve-sumo wrote it, version 1; a",
     ),
     (truncated("rows/part-00001.parquet"), r"part-00001\.parquet: cannot be read"),
     (foreign("rows/part-00001.parquet"), r"part-00001\.parquet: its columns .* from number on"),

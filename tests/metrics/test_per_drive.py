@@ -41,6 +41,8 @@ def test_the_figures_of_a_drive_with_a_leader_are_the_closed_form() -> None:
     """Two ticks: closing in on a car that crosses at 60 degrees, then at rest behind it."""
     gap = 60.0 - 10.0 - CAR.rear_axle_to_bumper
     half = 2.0 * math.cos(math.pi / 3) + 1.0 * math.sin(math.pi / 3)  # of the turned box, along the path
+    # Its nearest corner lies beside the strip; the flank from there on does not.
+    half -= (2.0 * math.sin(math.pi / 3) - 1.0 * math.cos(math.pi / 3) - 0.5 * CAR.width) / math.tan(math.pi / 3)
     rows = [
         {"true_x_m": 10.0, "true_speed_mps": 8.0, "s_m": 10.0},
         {"true_x_m": 40.0, "true_speed_mps": 0.0, "s_m": 40.0},

@@ -121,7 +121,7 @@ def test_names_that_are_code_are_text(folders: Folders, browser: Any) -> None:
         (
             "sweep",
             "explored",
-            r"30 of 35 judged runs met the criteria \(85\.7 %\), 5 did not; 1 more ended with a fault\.",
+            r"30 of 35 judged runs met the criteria \(85\.7 %\), 5 did not; 1 more ended with an error\.",
         ),
         (
             "hostile",

@@ -178,7 +178,7 @@ FAULT = Result("", {}, "timed_out")
     [
         ([ran(True)], None, "passed: The one judged run passed. Over all runs: smallest gap at rest 2.00 m, no coll"),
         ([ran(True), ran(False)], None, "explored: 1 of 2 judged runs met the criteria (50 %), 1 did not. Over all"),
-        ([ran(True), FAULT], None, "not judged: The one judged run passed; 1 more ended with a fault. Over all runs:"),
+        ([ran(True), FAULT], None, "not judged: The one judged run passed; 1 more ended with an error. Over all runs:"),
         ([ran(False), FAULT], None, "explored: 0 of 1 judged runs met the criteria (0 %), 1 did not; 1 more ended"),
         ([ran(True)], 3, "broken off: 1 of 3 runs are finished: the sweep was stopped or still runs. The one"),
         ([ran(False, collision=True, stop_gap_m=-0.1)], None,
@@ -208,7 +208,7 @@ def test_of_runs_that_all_came_to_a_fault_nothing_is_known(tmp_path: Path) -> No
     of = swept(tmp_path / "s", FAULT, FAULT)
     rows = runs.read(of)
     told = sweep.verdict(of, rows, runs.counts(of, rows), None)
-    assert told.line == "not judged: Of 2 runs none was judged; 2 ended with a fault."
+    assert told.line == "not judged: Of 2 runs none was judged; 2 ended with an error."
 
 
 def test_what_a_search_drove_is_counted_and_not_shared_out(tmp_path: Path) -> None:
@@ -218,7 +218,7 @@ def test_what_a_search_drove_is_counted_and_not_shared_out(tmp_path: Path) -> No
         dataset.add(RunSpec(number, f"{number:016x}", {"speed": float(number)}, 1), result)
     dataset.close()
     told = sweep.report(Sweep(tmp_path / "s"))
-    said = "The search was stopped or still runs. 3 runs were driven, 1 of them ended with a fault. Over all runs:"
+    said = "The search was stopped or still runs. 3 runs were driven, 1 of them ended with an error. Over all runs:"
     assert told.verdict.line.startswith(f"broken off: {said}")
     assert [picture.name for picture in told.pictures if "distribution" in picture.name] == []
 

@@ -193,7 +193,7 @@ def test_what_goes_wrong_is_told_apart(tmp_path):
 def test_verdicts(figures, avoidable, verdict, tmp_path):
     row = Row("row", "a row", "no contact", None, need=Need(10.0, 11.0 if avoidable else 9.0))
     assert judge(row, 1, Result("row", figures), tmp_path).verdict is verdict
-    assert judge(row, 1, Result("row", figures, fault="crashed: SIGSEGV"), tmp_path).verdict is Verdict.FAILED
+    assert judge(row, 1, Result("row", figures, error="crashed: SIGSEGV"), tmp_path).verdict is Verdict.FAILED
     # Nothing was asked of the brakes: no lack of way excuses that.
     demanding = judge(replace(row, demand=5.0), 1, Result("row", figures), tmp_path)
     assert demanding.verdict is Verdict.FAILED

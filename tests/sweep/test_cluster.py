@@ -121,7 +121,7 @@ def test_rows_are_the_same_when_a_worker_is_killed_and_one_stalls(machines: Mach
             victim.send_signal(signal.SIGKILL if count == 1 else signal.SIGSTOP)
 
     came = collected(Cluster(machines.address), [*jobs[:4], kept], trouble)
-    assert {key: result.fault for key, result in came.items()} == {one.key: "" for one in jobs}
+    assert {key: result.error for key, result in came.items()} == {one.key: "" for one in jobs}
     for workers in (1, 2):
         here = driven(*jobs, workers=workers)
         assert {key: result.figures for key, result in came.items()} == {key: here[key].figures for key in came}

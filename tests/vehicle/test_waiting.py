@@ -294,4 +294,4 @@ def test_a_drivers_foot_is_the_reason_of_the_stop_whatever_was_asked(wish):
     rig.cruise(4.0)
     rig.car.driver_brake = True
     verdict = rig.run(0.5, wish)[-1]
-    assert (verdict.state, verdict.reasons) == (S.STOPPING, ("driver_on_brake",))
+    assert (verdict.state, verdict.reasons) == (S.STOPPING, ("driver_on_brake", "driver_inferred"))

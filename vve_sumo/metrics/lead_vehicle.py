@@ -218,7 +218,8 @@ def _rows_near(ticks: pa.Table, actors: pa.Table, course: Course) -> tuple[Indic
     tree = KDTree(np.column_stack((samples.x, samples.y)))
     far = np.full(len(centres), np.inf)
     far[known], _ = tree.query(centres[known], distance_upper_bound=CLOSE_TO_PATH)
-    off = known & start.leaves[at]
+    off = known.copy()
+    off[known] = start.leaves[at[known]]
     apart = np.hypot(centres[off, 0] - start.x[at[off]], centres[off, 1] - start.y[at[off]])
     far[off] = np.where(apart < HORIZON + 2.0 * CLOSE_TO_PATH, apart, np.inf)
     rows = np.flatnonzero(np.isfinite(far))
