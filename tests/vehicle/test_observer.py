@@ -104,6 +104,14 @@ def test_a_foot_on_the_brake_ends_a_drive_and_keeps_one_from_beginning():
     watched.car.driver_brake, watched.car.speed = False, 0.0
     assert "driver_on_brake" in watched.run(1.0).reasons, "it says why to the end"
 
+    held = Watched().driving()
+    held.step(Act.END)
+    held.car.speed = 0.0
+    while held.run(0.02).state is not S.STOPPED:
+        pass
+    held.car.driver_brake = True
+    assert "driver_on_brake" not in held.run(0.2).reasons, "who holds a car that has stopped did not stop it"
+
     waiting = Watched()
     waiting.run(0.5)
     waiting.step(Act.ENGAGE)

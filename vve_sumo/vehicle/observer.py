@@ -100,7 +100,7 @@ class Observer(Monitor):
         if overrides - self._old_overrides:
             self._happen(Event.OVERRIDE, ["driver_override", *faults])
             return
-        under_way = self._going or self._state is ArmingState.STOPPING
+        under_way = self._state is ArmingState.STOPPING or (self._state is ArmingState.ENGAGED and self._going)
         if under_way and (signs := self._reports.driver()):
             self._happen(Event.DRIVER, signs)
         if faults:
