@@ -40,6 +40,7 @@ def sample(time: float, **changes: Any) -> TruthSample:
     usual: dict[str, Any] = {
         "pose": pose(),
         "driver": HANDS_OFF,
+        "driver_brake_torque": 0.0,
         "gear": Gear.DRIVE,
         "enabled": (True, True, True),
         "command": command(),
@@ -114,6 +115,38 @@ def test_a_fault_that_is_over_excuses_no_later_foot() -> None:
         return pressed(4.0, 1.5, FOOT)(time) | {"due": {"reports_old": 0.4} if time < 0.9 else {}}
 
     assert names(judged(after_the_fault, 3.0)) == ["foot_closes_throttle"]
+
+
+@pytest.mark.parametrize(
+    ("torque", "lifted", "due", "broken"),
+    [
+        (500.0, 2.0, ("brake_report_frozen",), False),
+        (500.0, 2.0, (), True),
+        (500.0, 2.0, ("brake_torque_frozen",), True),
+        (950.0, 2.0, ("brake_report_frozen",), True),
+        (500.0, 4.0, ("brake_report_frozen",), True),
+    ],
+)
+def test_a_foot_whose_report_is_frozen_counts_from_when_the_gateway_brakes_less_than_it(
+    torque: float, lifted: float, due: tuple[str, ...], broken: bool
+) -> None:
+    def held_for_two_seconds(time: float) -> dict[str, Any]:
+        pressed = 1.0 <= time < lifted
+        told = command(0.3) if time >= 2.7 else command()._replace(brake_torque=900.0 if time < 2.0 else 0.0)
+        return {
+            "driver": FIRM_FOOT if pressed else HANDS_OFF,
+            "driver_brake_torque": torque if pressed else 0.0,
+            "command": told,
+            "due": dict.fromkeys(due, math.nan),
+        }
+
+    assert names(judged(held_for_two_seconds, 3.0)) == ["foot_closes_throttle"] * broken
+
+
+@pytest.mark.parametrize(("pedal", "broken"), [(0.18, False), (0.181, True)])
+def test_a_pedal_that_no_controller_calls_active_has_no_foot_on_it(pedal: float, broken: bool) -> None:
+    foot = DriverInputs(brake_pedal=pedal)
+    assert names(judged(pressed(4.0, 9.0, foot), 3.0)) == ["foot_closes_throttle"] * broken
 
 
 @pytest.mark.parametrize(("scale", "broken"), [(0.5, False), (1.5, True)])

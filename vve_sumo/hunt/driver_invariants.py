@@ -63,7 +63,7 @@ class FootClosesThrottle:
         foot, now = foot_on_brake(sample.driver), sample.time
         self._hiding = self._hiding | hiding(sample) if foot else frozenset()
         allowed = self._allowed(sample.driver.brake_pedal)
-        if not foot or allowed == math.inf:
+        if not foot or allowed == math.inf or _under_the_commands(sample):
             self._since = None
         elif self._since is None:
             self._since = now
@@ -100,6 +100,11 @@ class FootClosesThrottle:
         if self._rolled > self.tolerances.creep:
             return f"drove off, {speed:.2f} m/s, after the driver's foot had brought it to rest, without a new go"
         return None
+
+
+def _under_the_commands(sample: TruthSample) -> bool:
+    """Whether a foot whose report is hidden brakes no harder than the gateway does, so that nothing shows it."""
+    return sample.driver_brake_torque < sample.command.brake_torque and not HIDE_PEDAL.isdisjoint(sample.due)
 
 
 @dataclass(slots=True)

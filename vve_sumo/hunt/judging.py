@@ -17,7 +17,7 @@ from vve_sumo.vehicle.arming import COMMANDING
 from vve_sumo.vehicle.gateway import UNATTENDED_TIME
 from vve_sumo.vehicle.interface import PEDAL_REST, DriverInputs, Gear
 
-#: a pedal this far from rest has a foot on it; the least that a DBW controller calls activity [fraction]
+#: a pedal farther from rest than this has a foot on it; from there on a DBW controller calls it activity [fraction]
 FOOT: Final = 0.03
 #: torque on the steering wheel with which a driver has taken it [N m]
 STEERS: Final = 3.0
@@ -103,12 +103,12 @@ class Judge(Protocol):
 
 def foot_on_brake(driver: DriverInputs) -> bool:
     """Whether the driver's foot is on the brake."""
-    return driver.brake_pedal >= PEDAL_REST + FOOT - 1e-9
+    return driver.brake_pedal > PEDAL_REST + FOOT + 1e-9
 
 
 def foot_on_throttle(driver: DriverInputs) -> bool:
     """Whether the driver's foot is on the throttle."""
-    return driver.throttle_pedal >= PEDAL_REST + FOOT - 1e-9
+    return driver.throttle_pedal > PEDAL_REST + FOOT + 1e-9
 
 
 def acts(driver: DriverInputs) -> bool:

@@ -275,6 +275,7 @@ class Simulation:
             time=now,
             pose=truth,
             driver=car.driver_inputs,
+            driver_brake_torque=interface.driver_brake_torque,
             gear=interface.gear,
             enabled=interface.enabled,
             command=command,

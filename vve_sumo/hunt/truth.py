@@ -56,6 +56,7 @@ class TruthSample(NamedTuple):
     time: float  #: drive time [s]
     pose: Pose  #: of the rear axle in the lot's map
     driver: DriverInputs
+    driver_brake_torque: float  #: that the driver's foot asks for [N m]
     gear: Gear  #: engaged
     enabled: tuple[bool, bool, bool]  #: whether brake, throttle and steering act on commands
     command: ActuationCommand  #: that the gateway sent last
