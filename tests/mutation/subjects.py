@@ -51,7 +51,7 @@ SUBJECTS: Final[dict[str, Subject]] = {
     "engagement": _vehicle("engagement", "engagement.py", "figures.py"),
     "reports": _vehicle("reports", "reports.py", "figures.py"),
     "report_consistency": _vehicle("report_consistency", "report_consistency.py"),
-    "driver_signs": _vehicle("driver_signs", "response.py"),
+    "driver_signs": _vehicle("driver_signs", "driver_signs.py", "response.py"),
     "command_echo": _vehicle("command_echo", "response.py"),
     "slowing_monitor": _vehicle("slowing_monitor", "response.py"),
     "response": _vehicle("response", "response.py", "hold.py", "drivers_foot.py"),
