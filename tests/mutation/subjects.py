@@ -52,7 +52,7 @@ SUBJECTS: Final[dict[str, Subject]] = {
     "reports": _vehicle("reports", "reports.py", "figures.py"),
     "report_consistency": _vehicle("report_consistency", "report_consistency.py"),
     "driver_signs": _vehicle("driver_signs", "driver_signs.py", "response.py"),
-    "command_echo": _vehicle("command_echo", "response.py"),
+    "command_echo": _vehicle("command_echo", "command_echo.py", "response.py"),
     "slowing_monitor": _vehicle("slowing_monitor", "response.py"),
     "response": _vehicle("response", "response.py", "hold.py", "drivers_foot.py"),
     "limits": _vehicle("limits", "limits.py", "envelopes.py", "figures.py", "speed_limit.py"),
