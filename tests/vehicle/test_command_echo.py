@@ -20,8 +20,13 @@ def frozen(change: float, *steps: tuple[float, float, float]) -> list[bool]:
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize(
     ("change", "differs", "found"),
-    [(TORQUE, 249.0, False), (TORQUE, 250.0, False), (TORQUE, 251.0, True)]
-    + [(OPENING, 0.0399, False), (OPENING, 0.0401, True)],
+    [
+        (TORQUE, 249.0, False),
+        (TORQUE, 250.0, False),
+        (TORQUE, 251.0, True),
+        (OPENING, 0.0399, False),
+        (OPENING, 0.0401, True),
+    ],
 )
 def test_a_report_that_does_not_follow_a_command_up_or_down_is_frozen(
     change: float, differs: float, found: bool, sign: float
