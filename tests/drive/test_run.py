@@ -63,11 +63,11 @@ def test_a_mistake_of_ours_under_way_is_an_outcome_with_its_story(tmp_path: Path
     """A shell that raises: the record is finished, says broken, and holds the traceback."""
     record = Record(tmp_path / "r", RESOLVED, 0.0)
 
-    class Shell:
+    class TickHost:
         def run(self, record: Record, watch: object) -> None:
             raise ZeroDivisionError("in the middle")
 
-    done = drives.run_guarded(Shell(), record, print)  # type: ignore[arg-type]
+    done = drives.run_guarded(TickHost(), record, print)  # type: ignore[arg-type]
     assert done.outcome == "broken"
     assert "in the middle" in done.text
     assert "ZeroDivisionError" in (tmp_path / "r" / "traceback.txt").read_text(encoding="utf-8")

@@ -103,12 +103,12 @@ class Explored:
 
     @property
     def going(self) -> bool:
-        return self.gateway._handover.going
+        return self.gateway._engagement.going
 
     @property
     def key(self) -> tuple[object, ...]:
         """What decides what can happen next."""
-        gateway, handover = self.gateway, self.gateway._handover
+        gateway, handover = self.gateway, self.gateway._engagement
         in_command = self.state in COMMANDING
         return (
             self.state,

@@ -15,7 +15,7 @@ from itertools import count
 from pathlib import Path as FilePath
 
 from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline, seed_of
-from vve_sumo.drive.brain import Brain
+from vve_sumo.drive.brain import ExternalController
 from vve_sumo.drive.pipeline import Pipeline, TickResult
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
 from vve_sumo.drive.rest import RestObserver
@@ -23,7 +23,7 @@ from vve_sumo.drive.termination import DriveEnd, Outcome, TerminationMonitor, en
 from vve_sumo.drive.tick import DueTick, Tick
 from vve_sumo.drive.virtual_road import VirtualRoad, open_world, pose_at_rest, scenario_engine
 from vve_sumo.frames import Alignment, MapFrame, Placement, local_frame
-from vve_sumo.frozen import quickly_made
+from vve_sumo.frozen import fast_frozen
 from vve_sumo.lot.fallback import deferred_fallback_path
 from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
 from vve_sumo.plant.car import Car, CarParameters
@@ -101,7 +101,7 @@ class LockstepParts:
     start: Pose  #: of the rear axle in the lot
 
 
-def assemble(resolved: ResolvedScenario, working: FilePath, brain: Brain | None = None) -> LockstepParts:
+def assemble(resolved: ResolvedScenario, working: FilePath, brain: ExternalController | None = None) -> LockstepParts:
     """Build pipeline and gateway of a lockstep drive, the same for a drive with SUMO and for the replay of a record."""
     lot = resolved.scenario.ego.lot
     frame = local_frame(math.radians(lot.latitude_deg), math.radians(lot.longitude_deg))
@@ -141,7 +141,7 @@ class ScriptedOperator:
             self._next = None
 
 
-@quickly_made
+@fast_frozen
 @dataclass(frozen=True, slots=True)
 class LockstepTick:
     """One tick of a lockstep drive."""
@@ -160,7 +160,7 @@ class Lockstep:
         resolved: ResolvedScenario,
         working: FilePath,
         alter: Callable[[Fix], Fix | None] = unaltered,
-        brain: Brain | None = None,
+        brain: ExternalController | None = None,
         loaded: LoadedRoad | None = None,
     ) -> None:
         """Build the drive and start SUMO; raises ConfigError where something in the scenario is not usable.
@@ -247,7 +247,7 @@ class _Bus:
     output: GatewayOutput  #: of the gateway's newest step
 
     def __init__(
-        self, gateway: Gateway, operator: ScriptedOperator, record: MemoryRecorder, brain: Brain | None
+        self, gateway: Gateway, operator: ScriptedOperator, record: MemoryRecorder, brain: ExternalController | None
     ) -> None:
         self._gateway, self._operator, self._record, self._brain = gateway, operator, record, brain
         self._reports: list[Frame] = []

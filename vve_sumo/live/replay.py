@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from vve_sumo import bus
 from vve_sumo.drive.assembly import LotAlignment
-from vve_sumo.drive.brain import Brain, NoController, Publisher, virtual_placement
+from vve_sumo.drive.brain import ExternalController, NoController, Publisher, virtual_placement
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.replay import (
     Difference,
@@ -96,7 +96,7 @@ def rebuilt_pipeline(scenario_content: dict[str, Any], working: FilePath, contro
     brain = None
     if rig.brain.kind == "external" and controller is None:
         placement = virtual_placement(resolved.map_frame, mounting_of(rig), lot.epoch)
-        brain = Brain(Publisher(lambda _sample: None, placement, lot.epoch), NoController())
+        brain = ExternalController(Publisher(lambda _sample: None, placement, lot.epoch), NoController())
     return pipeline_of(resolved, rig, lot, working, brain)
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.frozen import quickly_made
+from vve_sumo.frozen import fast_frozen
 from vve_sumo.physical_constants import EARTH_RADIUS
 from vve_sumo.pose.steadiness import Steadiness
 from vve_sumo.values import Fix, FixQuality
@@ -166,7 +166,7 @@ PLAYBACK: Final = TrustProfile(
 )
 
 
-@quickly_made
+@fast_frozen
 @dataclass(frozen=True, slots=True)
 class Trust:
     """The gate's answer about one fix."""

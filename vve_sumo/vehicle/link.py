@@ -12,7 +12,7 @@ from collections.abc import Callable
 from operator import attrgetter
 from typing import Any, Final, NamedTuple, TypeVar
 
-from vve_sumo.values import ArmingState, FallbackPath, GatewayStatus, Setpoint, computed
+from vve_sumo.values import ArmingState, FallbackPath, GatewayStatus, Setpoint, resolve_fallback_path
 from vve_sumo.vehicle.fallback import MAX_KNOTS
 from vve_sumo.vehicle.gateway import OperatorCommand
 
@@ -60,7 +60,7 @@ class Feedback(NamedTuple):
 
 def encode_setpoint(setpoint: Setpoint) -> bytes:
     """Return the datagram of a setpoint; the note and the faults are cut at 255 bytes each and 64 faults."""
-    s, profile = setpoint, computed(setpoint.profile)
+    s, profile = setpoint, resolve_fallback_path(setpoint.profile)
     body = [
         _SETPOINT.pack(s.steering, s.acceleration, _whole(s.sequence), *_numbers(s)),
         b"\1" if s.emergency else b"\0",

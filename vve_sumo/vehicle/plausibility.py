@@ -12,7 +12,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Final
 
-from vve_sumo.frozen import quickly_made
+from vve_sumo.frozen import fast_frozen
 from vve_sumo.values import Setpoint, Vehicle
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.drift import DELAY, DriftCheck, Sample
@@ -56,7 +56,7 @@ FROZEN_STEERING_CHANGE: Final = 0.03  # of the commanded road-wheel angle meanwh
 
 
 # Dataclasses and not tuples, here and below: each field is read several times, which tuples with names make dear.
-@quickly_made
+@fast_frozen
 @dataclass(frozen=True, slots=True)
 class CarMotion:
     """The car's motion at one step by its own sensors, with the commanded steering."""
@@ -69,7 +69,7 @@ class CarMotion:
     stands: bool  #: by all evidence
 
 
-@quickly_made
+@fast_frozen
 @dataclass(frozen=True, slots=True)
 class _Place:
     """A pose of a setpoint, with the dead-reckoned pose at the same time."""
