@@ -106,7 +106,7 @@ def test_the_playback_profile_can_never_arm() -> None:
         pipeline.see(now, table(now, ()))
         decided = pipeline.decide(tick, now, gateway.measured_steering)
         output = gateway.step(now, decided.setpoint, reports, OperatorCommand.ENGAGE)
-        assert output.verdict.state is not ArmingState.ENGAGED
+        assert output.status.state is not ArmingState.ENGAGED
         assert "profile_may_not_arm" in decided.faults
         commands = [codec.decode(each, codec.Variant.DBW1_2024) for each in output.frames]
         assert not any(getattr(each, "enable", False) for each in commands)

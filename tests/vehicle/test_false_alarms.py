@@ -45,7 +45,7 @@ def test_a_minute_of_stop_and_go_is_without_an_event(car, speed, period, deceler
     loop = ClosedLoop(winding(800.0), speed, parameters=parameters, controller=controller)
     begun, stops, fastest, moved = False, 0, 0.0, False
     for ticked in takewhile(lambda ticked: ticked.now < 60.0, loop.ticks()):
-        state, reasons = ticked.verdict.state, ticked.verdict.reasons
+        state, reasons = ticked.status.state, ticked.status.reasons
         begun |= state is ArmingState.ENGAGED and not reasons
         if begun:
             assert (state, reasons) == (ArmingState.ENGAGED, ()), ticked

@@ -497,5 +497,5 @@ def test_headings_that_are_finite_and_infinitely_far_apart_are_a_mismatch():
     rig = Rig()
     rig.cruise(5.0)
     for tick in range(60):
-        verdict = rig.step(0.0, heading=1.7e308 if tick < 20 else -1.7e308)
-    assert verdict.reasons[0] == "heading_mismatch"
+        status = rig.step(0.0, heading=1.7e308 if tick < 20 else -1.7e308)
+    assert status.reasons[0] == "heading_mismatch"

@@ -128,14 +128,14 @@ class ScriptedOperator:
         """Return the operator command for the next tick, None for none."""
         return self._next
 
-    def observe(self, verdict: GatewayStatus) -> None:
+    def observe(self, status: GatewayStatus) -> None:
         """Choose the next command by the gateway's status at a tick."""
-        self._engaged |= verdict.state is ArmingState.ENGAGED
-        if verdict.state is ArmingState.READY and not self._engaged:
+        self._engaged |= status.state is ArmingState.ENGAGED
+        if status.state is ArmingState.READY and not self._engaged:
             self._next = OperatorCommand.ENGAGE
-        elif verdict.state is ArmingState.ENGAGED and WAITING in verdict.reasons:
+        elif status.state is ArmingState.ENGAGED and WAITING in status.reasons:
             self._next = OperatorCommand.GO
-        elif verdict.state is ArmingState.FAULT and not self._engaged:
+        elif status.state is ArmingState.FAULT and not self._engaged:
             self._next = OperatorCommand.DISARM
         else:
             self._next = None
@@ -214,7 +214,7 @@ class Lockstep:
         last = round(self._resolved.scenario.duration_s / PERIOD) - 1
         for tick, ticked in enumerate(ticks):
             now, contact = tick * PERIOD, bool(self._road.contacts)
-            speed, s, status = ticked.truth.speed, ticked.result.s, ticked.output.verdict
+            speed, s, status = ticked.truth.speed, ticked.result.s, ticked.output.status
             watch(tick, now, speed, s)
             ahead = partial(self._rest.ahead, ticked.truth, s, ticked.actors)
             outcome = self._termination.step(now, speed, s, status.state, status.reasons, contact, ahead)
@@ -275,5 +275,5 @@ class _Bus:
         """Run one gateway step on the setpoint and the car's newest reports."""
         self.output = self._gateway.step(now, setpoint, self._reports, self._operator.next_command())
         self._record.saw_frames(now, CAR_BUS, self.output.frames)
-        self._operator.observe(self.output.verdict)
-        return self.output.verdict
+        self._operator.observe(self.output.status)
+        return self.output.status

@@ -254,23 +254,23 @@ class Console:
             if not isinstance(feedback, link.Feedback):
                 self._read_refusal(data)
                 continue
-            verdict = feedback.verdict
+            status = feedback.status
             self._heard_at = time.monotonic()
-            if TOO_EARLY in verdict.reasons:
+            if TOO_EARLY in status.reasons:
                 self._status["went"] = False
-            self._state = verdict.state
-            self._engaged |= verdict.state in COMMANDING
-            if verdict.state in ENDING:
-                self.why = verdict.reasons
+            self._state = status.state
+            self._engaged |= status.state in COMMANDING
+            if status.state in ENDING:
+                self.why = status.reasons
             self._status |= {
                 "time_s": feedback.time,
-                "state": verdict.state.value,
-                "reasons": list(verdict.reasons),
+                "state": status.state.value,
+                "reasons": list(status.reasons),
                 "wheel_speed_mps": feedback.wheel_speed,
                 "gear": feedback.gear,
             }
             if self._operator is not None and not self._over:
-                self._operator.observe(verdict)
+                self._operator.observe(status)
                 act = self._operator.next_command()
                 if act is not None:
                     self._act(act)

@@ -178,8 +178,8 @@ class LiveDrive:
                     step = feedback.time - self._feedback.time
                     self._gateway_late = max(self._gateway_late, step - PERIOD)
                 self._feedback, self._feedback_at = feedback, self._clock()
-                self._has_engaged |= feedback.verdict.state in COMMANDING
-                self._update_validity(feedback.verdict)
+                self._has_engaged |= feedback.status.state in COMMANDING
+                self._update_validity(feedback.status)
                 self._latency.gateway_answered(feedback.sequence, feedback.sent)
 
     def _update_validity(self, status: GatewayStatus) -> None:
@@ -259,7 +259,7 @@ class LiveDrive:
         sent = setpoint is not None and self._gateway.send(link.encode_setpoint(setpoint))
         self._handed = self._clock() if sent else math.nan
         self._urgent.end()
-        return self._feedback.verdict if self._feedback else _NO_STATUS
+        return self._feedback.status if self._feedback else _NO_STATUS
 
     def _measure(self, begun: ScheduledTick, done: CompletedTick, decoded: float) -> None:
         """Record the tick's latency, leg by leg."""
@@ -316,7 +316,7 @@ class LiveDrive:
 
     @property
     def _state(self) -> ArmingState:
-        return self._feedback.verdict.state if self._feedback else ArmingState.DISARMED
+        return self._feedback.status.state if self._feedback else ArmingState.DISARMED
 
     def _watch_for_the_end(self, now: float, done: CompletedTick) -> None:
         """Find the drive's outcome; its duration counts from the operator's go."""

@@ -158,8 +158,8 @@ class GatewayProcess:
         """Step until the drive is over, the console is gone before it began, or the DBW controller is gone."""
         while True:
             self._wait()
-            verdict = self._step()
-            self._has_engaged |= verdict.state in COMMANDING
+            status = self._step()
+            self._has_engaged |= status.state in COMMANDING
             if self._gateway.done or (self._console.closed and not self._has_engaged):
                 break
             if self._has_engaged and dbw_is_gone(self._last, self._gateway.last_dbw_report):
@@ -244,7 +244,7 @@ class GatewayProcess:
             # A bug in sending or recording must not keep the gateway from stopping the car.
             self._record_failed = True
             _say(f"a step could not be told or kept: {type(error).__name__}: {error}")
-        return output.verdict
+        return output.status
 
     def _find(self, received: list[Frame]) -> list[str]:
         """Return the reason codes of the faults that this process sees now."""
@@ -283,7 +283,7 @@ class GatewayProcess:
                 time=now,
                 sequence=gateway.sequence,
                 sent=sent,
-                verdict=output.verdict,
+                status=output.status,
                 measured_steering=gateway.measured_steering,
                 wheel_speed=gateway.wheel_speed,
                 gear=gateway.gear,
@@ -291,7 +291,7 @@ class GatewayProcess:
             )
         )
         self._drive.send(word)
-        news = (output.verdict.state, output.verdict.reasons)
+        news = (output.status.state, output.status.reasons)
         if news != self._told or now - self._told_at >= STATUS_INTERVAL:
             self._told, self._told_at = news, now
             self._console.send(word)
@@ -300,7 +300,7 @@ class GatewayProcess:
         self, now: float, taken: StepInputs, found: tuple[str, ...], received: int, sent: int, output: GatewayOutput
     ) -> None:  # fmt: skip
         """Hand the step to the recorder."""
-        gateway, verdict = self._gateway, output.verdict
+        gateway, status = self._gateway, output.status
         self._recorder_client.saw_frames(now, CAR_BUS, output.frames[:sent])
         self._recorder_client.stepped(
             GatewayRow(
@@ -312,13 +312,13 @@ class GatewayProcess:
                 frames_received=received,
                 frames_sent=sent,
                 sequence=gateway.sequence,
-                state=verdict.state.value,
-                reasons="+".join(verdict.reasons),
-                limited="+".join(verdict.limited),
-                steering_rad=verdict.steering,
-                granted_acceleration_mps2=verdict.acceleration,
-                brake_torque_nm=verdict.brake_torque,
-                throttle_percent=100.0 * verdict.throttle,
+                state=status.state.value,
+                reasons="+".join(status.reasons),
+                limited="+".join(status.limited),
+                steering_rad=status.steering,
+                granted_acceleration_mps2=status.acceleration,
+                brake_torque_nm=status.brake_torque,
+                throttle_percent=100.0 * status.throttle,
                 measured_steering_rad=gateway.measured_steering,
                 wheel_speed_mps=gateway.wheel_speed,
                 gear=gateway.gear,

@@ -93,7 +93,7 @@ STOPS: Final = frozenset({OperatorCommand.STOP, OperatorCommand.STOP_BY_PAGE})
 class GatewayOutput(NamedTuple):
     """Result of one step of the gateway."""
 
-    verdict: GatewayStatus  #: what was made of the setpoint
+    status: GatewayStatus  #: what was made of the setpoint
     frames: tuple[Frame, ...]  #: to be sent now, in this order
 
 
@@ -459,7 +459,7 @@ class Gateway(Monitor):
         frames = self._interface.encode(
             ActuationCommand(torque, throttle, wheel_angle, self._wheel_rate, self._gear_wish(), enable, clear)
         )
-        verdict = GatewayStatus(
+        status = GatewayStatus(
             state=self._state,
             reasons=tuple(dict.fromkeys([*self._causes, *self._notes])) if self._causes or self._notes else (),
             steering=steering,
@@ -468,7 +468,7 @@ class Gateway(Monitor):
             brake_torque=torque,
             throttle=throttle,
         )
-        return GatewayOutput(verdict, frames)
+        return GatewayOutput(status, frames)
 
     def _command(self, now: float) -> _Command:
         setpoint = self._validator.setpoint
