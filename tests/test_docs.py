@@ -16,6 +16,7 @@ import pyarrow as pa
 import pytest
 from pydantic import BaseModel
 
+from tests import commands_page
 from tests.conftest import REPOSITORY
 from tests.live import matrix
 from tests.record.declared import LIVE_TABLES
@@ -167,7 +168,19 @@ def _known_limits() -> str:
     return "\n".join(lines)
 
 
+def _gallery() -> str:
+    """The pictures of the scenario library."""
+    cards = []
+    for file in sorted((REPOSITORY / "scenarios").glob("*.toml")):
+        title = tomllib.loads(file.read_text(encoding="utf-8"))["title"]
+        picture = f"![{file.stem}: the street from above](scenarios/{file.stem}.png)"
+        cards.append(f"- [{picture}](library.md#{file.stem})\n\n    `{file.stem}`: {title}")
+    return "\n\n".join(cards)
+
+
 GENERATED = {
+    ("commands.md", "commands"): commands_page.markdown,
+    ("gallery.md", "scenarios"): _gallery,
     ("certify.md", "cases"): _cases,
     ("hunt.md", "invariants"): _invariants,
     ("hunt.md", "behaviours"): _behaviours,
