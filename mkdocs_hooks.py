@@ -25,12 +25,20 @@ if TYPE_CHECKING:
     from mkdocs.structure.pages import Page
 
 REPOSITORY = Path(__file__).parent
-#: pages that lie outside docs/, by their places in the repository
-OUTSIDE = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "networks/README.md", "routes/README.md")
+#: pages that lie outside docs/: from their places in the repository to those on the site
+SITE_PATHS = {
+    "README.md": "index.md",
+    "CONTRIBUTING.md": "contributing.md",
+    "CHANGELOG.md": "changelog.md",
+    "networks/README.md": "networks.md",
+    "routes/README.md": "routes.md",
+}
 #: set to anything, the notebooks are run, which takes minutes, and shown with what they put out
 RUN = "VVE_RUN_NOTEBOOKS"
 #: of a page, the target of a link or a picture and its anchor
 LINK = re.compile(r"(?<=\]\()(?![a-z]+:|#)([^)#\s]+)(?=[)#])")
+#: of a page as HTML, the names in a table
+NAME = re.compile(r"(?<=<td><code>)[^<\n]{12,}(?=</code>)")
 #: stands under the title of a notebook
 OF_A_NOTEBOOK = """
 !!! note "A notebook"
@@ -43,8 +51,8 @@ NOT_RUN = ". What its cells put out is not shown here: run it."
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages that lie outside docs/, and the files that a page links to."""
-    for place in OUTSIDE:
-        files.append(File.generated(config, _site_path(place), abs_src_path=str(REPOSITORY / place)))
+    for place, there in SITE_PATHS.items():
+        files.append(File.generated(config, there, abs_src_path=str(REPOSITORY / place)))
     for notebook in sorted((REPOSITORY / "notebooks").glob("*.ipynb")):
         for name, content in _converted(notebook).items():
             files.append(File.generated(config, f"notebooks/{name}", content=content))
@@ -74,24 +82,22 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 
 def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Load pictures when they are scrolled to."""
-    return html.replace("<img ", '<img loading="lazy" ')
+    """Load pictures when they are scrolled to, and let long names break after a dot, slash or underscore alone."""
+    html = html.replace("<img ", '<img loading="lazy" ')
+    return NAME.sub(lambda code: re.sub(r"([./_])(?=\w)", r"\1<wbr>", code[0]), html)
 
 
 def _site_path(place: str) -> str:
     """Return where a file of the repository lies on the site."""
-    if place == "README.md":
-        return "index.md"
-    return re.sub(r"^(notebooks/.*)\.ipynb$", r"\1.md", place.removeprefix("docs/"))
+    return SITE_PATHS.get(place) or re.sub(r"^(notebooks/.*)\.ipynb$", r"\1.md", place.removeprefix("docs/"))
 
 
 def _place(site_path: str) -> str:
     """Return where a page of the site lies in the repository."""
-    if site_path == "index.md":
-        return "README.md"
-    if site_path.startswith("notebooks/"):
-        return re.sub(r"\.md$", ".ipynb", site_path)
-    return site_path if site_path in OUTSIDE else f"docs/{site_path}"
+    for place, there in SITE_PATHS.items():
+        if site_path == there:
+            return place
+    return re.sub(r"\.md$", ".ipynb", site_path) if site_path.startswith("notebooks/") else f"docs/{site_path}"
 
 
 def _linked(markdown: str, place: str) -> Iterator[str]:
@@ -116,8 +122,21 @@ def _converted(notebook: Path) -> dict[str, str | bytes]:
     return {f"{notebook.stem}.md": f"{title}\n{note}\n{rest}", **pictures}
 
 
-class Examples(griffe.Extension):
-    """Sets the examples of docstrings as code: in Markdown `>>>` would be a quotation."""
+class Docstrings(griffe.Extension):
+    """Makes Markdown of our docstrings.
+
+    Examples are set as code, for `>>>` would be a quotation. The fields of what is data and little else, each with the
+    comment beside it, become a table.
+    """
+
+    def on_class_members(self, *, cls: griffe.Class, **_: Any) -> None:
+        """List the fields of a dataclass, a named tuple or an enumeration."""
+        bases = {str(base).rpartition(".")[2] for base in cls.bases}
+        if cls.docstring is None or not (cls.labels & {"dataclass"} or bases & {"NamedTuple", "StrEnum"}):
+            return
+        said = {name: one.docstring.value for name, one in cls.attributes.items() if one.docstring is not None}
+        fields = "".join(f"\n    {name}: {' '.join(text.split())}" for name, text in said.items())
+        cls.docstring.value += f"\n\nAttributes:{fields}" if fields else ""
 
     def on_object(self, *, obj: griffe.Object, **_: Any) -> None:
         """Put every paragraph of an object's docstring that begins with `>>>` between fences."""
