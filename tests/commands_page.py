@@ -18,9 +18,9 @@ def markdown() -> str:
     return "\n\n".join(itertools.chain.from_iterable(_section(*one, 2) for one in _commands(parser)))
 
 
-def names() -> list[str]:
-    """The commands in the order of the help, each with the group that it belongs to: `path record`."""
-    return [command.prog.removeprefix("vve-sumo ") for command in _all(_parser())]
+def parsers() -> dict[str, argparse.ArgumentParser]:
+    """The parser of every command in the order of the help, by its name, such as `path record`."""
+    return {command.prog.removeprefix("vve-sumo "): command for command in _all(_parser())}
 
 
 def _all(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:

@@ -227,6 +227,34 @@ def test_generated_tables_are_up_to_date(page: str, name: str) -> None:
     assert table.strip() == GENERATED[page, name](), "run python -m tests.test_docs"
 
 
+def test_the_page_of_commands_holds_every_option_that_a_help_names() -> None:
+    page = (DOCS / "commands.md").read_text(encoding="utf-8")
+    sections = dict(re.findall(r"^##+ ([\w -]+)\n(.*?)(?=^##|^<!-- end|\Z)", page, re.DOTALL | re.MULTILINE))
+    parsers = commands_page.parsers()
+    assert list(sections) == list(parsers)
+    for name, parser in parsers.items():
+        arguments = parser.format_help().partition("\noptions:\n")[2].partition("exit codes:")[0]
+        named = {*re.findall(r"(?m)^  (?:-\w, |-\w \S+, )?(--[\w-]+)", arguments)} - {"--help"}
+        assert named <= {*re.findall(r"(?m)^\| `(?:-\w, )?(--[\w-]+)", sections[name])}, name
+
+
+def test_the_list_of_pages_leaves_none_out() -> None:
+    page = (DOCS / "pages.md").read_text(encoding="utf-8")
+    assert {file.name for file in DOCS.glob("*.md")} - {*re.findall(r"\]\((\w+\.md)\)", page)} == {"pages.md"}
+
+
+def test_the_front_page_is_one_page_with_both_commands_and_five_doors() -> None:
+    text = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 60
+    assert re.findall(r"```\n(.*?)\n```", text, re.DOTALL) == [
+        "pip install . && vve-sumo drive",
+        "pip install '.[dev]' && ./check test",
+    ]
+    doors = re.findall(r"(?m)^\| .*\*\*([\w ]+)\*\*.* \| \[", text)
+    assert doors == ["test engineer", "researcher", "analyst", "brain", "contributor"]
+    assert text.count("![") == 1
+
+
 def test_the_page_of_measures_names_what_the_radar_and_latencies_are_told_by() -> None:
     page = (DOCS / "measures.md").read_text(encoding="utf-8")
     assert [name for name in (*STATISTICS, *PERCENTILES) if f"`{name}`" not in page] == []
