@@ -39,6 +39,8 @@ RUN = "VVE_RUN_NOTEBOOKS"
 LINK = re.compile(r"(?<=\]\()(?![a-z]+:|#)([^)#\s]+)(?=[)#])")
 #: of a page as HTML, the names in a table
 NAME = re.compile(r"(?<=<td><code>)[^<\n]{12,}(?=</code>)")
+#: of a table of pandas in a notebook, what keeps it from looking like the site's own
+PANDAS = re.compile(r"<style scoped>.*?</style>\n?|(?<=<table) border=\"1\" class=\"dataframe\"", re.DOTALL)
 #: stands under the title of a notebook
 OF_A_NOTEBOOK = """
 !!! note "A notebook"
@@ -54,7 +56,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for place, there in SITE_PATHS.items():
         files.append(File.generated(config, there, abs_src_path=str(REPOSITORY / place)))
     for notebook in sorted((REPOSITORY / "notebooks").glob("*.ipynb")):
-        for name, content in _converted(notebook).items():
+        for name, content in converted(notebook).items():
             files.append(File.generated(config, f"notebooks/{name}", content=content))
         _add_file(files, config, f"notebooks/{notebook.name}")
     for page in files.documentation_pages():
@@ -106,7 +108,7 @@ def _linked(markdown: str, place: str) -> Iterator[str]:
         yield posixpath.normpath(posixpath.join(posixpath.dirname(place), link))
 
 
-def _converted(notebook: Path) -> dict[str, str | bytes]:
+def converted(notebook: Path) -> dict[str, str | bytes]:
     """Return the page of a notebook and its pictures, by name; run first where `RUN` is set."""
     book = nbformat.read(notebook, as_version=4)
     run = bool(os.environ.get(RUN))
@@ -116,7 +118,7 @@ def _converted(notebook: Path) -> dict[str, str | bytes]:
     markdown, resources = MarkdownExporter().from_notebook_node(
         book, {"unique_key": notebook.stem, "output_files_dir": f"{notebook.stem}_files"}
     )
-    title, _, rest = markdown.lstrip().partition("\n")
+    title, _, rest = PANDAS.sub("", markdown).lstrip().partition("\n")
     note = OF_A_NOTEBOOK.format(name=notebook.stem, said="." if run else NOT_RUN)
     pictures = {name: bytes(content) for name, content in resources["outputs"].items()}
     return {f"{notebook.stem}.md": f"{title}\n{note}\n{rest}", **pictures}

@@ -115,3 +115,25 @@ def test_notebooks_are_shown_whole(site: dict[str, Page]) -> None:
         for cell in nbformat.read(file, as_version=4).cells:
             if cell.cell_type == "code":
                 assert unescape(cell.source) in page.said
+
+
+def test_a_notebook_that_is_run_shows_what_its_cells_put_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("mkdocs", reason="building the site needs the extra `docs`")
+    import mkdocs_hooks
+
+    cells = [
+        nbformat.v4.new_markdown_cell("# A title"),
+        nbformat.v4.new_code_cell("import pandas as pd\npd.DataFrame({'speed_mps': [12.5]})"),
+        nbformat.v4.new_code_cell("from IPython.display import Image\nImage(b'a picture', format='png')"),
+    ]
+    (tmp_path / "mine.ipynb").write_text(nbformat.writes(nbformat.v4.new_notebook(cells=cells)), encoding="utf-8")
+    monkeypatch.setenv("IPYTHONDIR", str(tmp_path))
+    monkeypatch.setenv("JUPYTER_RUNTIME_DIR", str(tmp_path))
+    assert [*mkdocs_hooks.converted(tmp_path / "mine.ipynb")] == ["mine.md"]
+    monkeypatch.setenv(mkdocs_hooks.RUN, "1")
+    page, picture = mkdocs_hooks.converted(tmp_path / "mine.ipynb").items()
+    assert "<th>speed_mps</th>" in page[1]
+    assert "<table>" in page[1]
+    assert "<style" not in page[1]
+    assert picture[1] == b"a picture"
+    assert f"]({picture[0]})" in page[1]
