@@ -27,6 +27,7 @@ IN_PART = (
     "expected one argument",
     "expected at least one argument",
     "expected 2 arguments",
+    "invalid choice: 'SHELL'",
 )
 
 
