@@ -222,7 +222,7 @@ class Drive:
             "yaw_rate": car.yaw_rate,
             "grade": 0.0,
             "faults": (),
-            "profile": None if self.sequence & 1 else FallbackPath(1.0, (0.01, 0.02, 0.0)),
+            "fallback_path": None if self.sequence & 1 else FallbackPath(1.0, (0.01, 0.02, 0.0)),
         }
         if self._hit("setpoint"):
             kind = chance.randrange(8)
@@ -239,7 +239,7 @@ class Drive:
             elif kind == 3:
                 fields["faults"] = (chance.choice(("pose_stale", "outside_geofence", "no_such_code")),)
             elif kind == 4:
-                fields["profile"] = FallbackPath(
+                fields["fallback_path"] = FallbackPath(
                     chance.choice((1.0, 0.0, math.nan, 1e-300)),
                     tuple(chance.choices(ODD, k=chance.choice((0, 1, 64, 65)))),
                 )
