@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tests.vehicle.car import FUSION, PERIOD, Rig
 from tests.vehicle.whole_car import VEHICLE, WholeCar
 from vve_sumo.values import ArmingState, DeferredFallbackPath, FallbackPath
-from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.vehicle.fallback import FallbackTracker, well_formed
 from vve_sumo.vehicle.gateway import OperatorCommand
 
@@ -263,8 +263,8 @@ def test_a_setpoint_with_faults_takes_back_the_path_before_only_if_its_deferred_
 ASTRAY = [
     ("speed_mismatch", {}, {"speed": 3.0}),
     ("yaw_rate_mismatch", {}, {"yaw_rate": 1.0}),
-    ("steering_report_stale", {"silent": {codec.STEERING_REPORT}}, {}),
-    ("wheel_speeds_stale", {"silent": {codec.WHEEL_SPEEDS}}, {}),
+    ("steering_report_stale", {"silent": {layout.STEERING_REPORT}}, {}),
+    ("wheel_speeds_stale", {"silent": {layout.WHEEL_SPEEDS}}, {}),
     ("steering_fault", {"forged": codec.SteeringReport(0.4, 0.4, 6.0, 0.0, enabled=True, fault_bus_1=True)}, {}),
     ("steering_disabled", {"forged": codec.SteeringReport(0.4, 0.4, 6.0, 0.0, enabled=False)}, {}),
     ("steering_timeout", {"forged": codec.SteeringReport(0.4, 0.4, 6.0, 0.0, enabled=False, timeout=True)}, {}),

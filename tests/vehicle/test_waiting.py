@@ -12,8 +12,8 @@ import pytest
 from tests.vehicle.car import FUSION, PERIOD, Car, Rig
 from tests.vehicle.test_evidence import wheels
 from vve_sumo.values import ArmingState, FallbackPath
-from vve_sumo.vehicle.dataspeed.codec import Gear
 from vve_sumo.vehicle.gateway import OperatorCommand
+from vve_sumo.vehicle.interface import Gear
 
 S = ArmingState
 #: Of a moment that is found by stepping: the step itself, and the one that notices [s].
