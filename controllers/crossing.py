@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from .trend import Trend
+from .walk import SPEEDS, Walk
 
 CROSSES = 4.0  #: standard deviations of speed across the path that tell crossing from noise
 IN, LEFT = 2.5, 1.0  #: standard deviations by which one must be foreseen to be in the band, or beyond it
@@ -16,6 +17,9 @@ COMES_OVER = 2.0  #: standard deviations of speed across the path that tell chan
 PREDICTION_HORIZON = 3.0  #: nothing is foretold farther ahead than this [s]
 KNOWN = 0.5  #: its standard deviation must be less than this: one seen for the first time changes no lane yet [m/s]
 ON_FOOT = 3.0  #: who crosses faster than this is not walking [m/s]
+NEGLIGIBLE = 1e-4  #: a speed less likely than this adds nothing
+SPEED_SIGMA = 0.15  #: of a speed that lies between two of the bank's [m/s]
+LATERAL_AGILITY = 0.05  #: spectral density of the acceleration of who crosses [m2/s3]
 WALKER, VEHICLE = 0.5, 4.0  #: way across the path that at least follows the edge that comes first [m]
 
 
@@ -34,6 +38,50 @@ def will_be_in(across: Trend, left: float, right: float, arrival: float) -> bool
     now, then, sigma, enters, leaves = _forecast(across, left, right, arrival)
     follows = 0.0 if now > 0.0 else WALKER if abs(across.rate) < ON_FOOT else VEHICLE
     return enters + IN * sigma <= then <= leaves + follows - IN * sigma
+
+
+def chance_in(walk: Walk, left: float, right: float, arrival: float, passes: float) -> float:
+    """Return how likely it is within `left` and `right` of the path [m] at some time of `passes` [s] from `arrival` on.
+
+    Whoever walks keeps his speed until then.
+    """
+    if not arrival <= PREDICTION_HORIZON:
+        return 0.0
+    return _chance(walk, left, right, arrival, arrival + passes)
+
+
+def chance_of_coming(walk: Walk, left: float, right: float, within: float) -> float:
+    """Return how likely it is within `left` and `right` of the path [m] now or at some time until `within` [s]."""
+    return _chance(walk, left, right, 0.0, min(within, PREDICTION_HORIZON))
+
+
+def _chance(walk: Walk, left: float, right: float, begins: float, ends: float) -> float:
+    chance = 0.0
+    for likely, place, variance, speed in zip(
+        walk.likely.tolist(), walk.place.tolist(), walk.variance.tolist(), SPEEDS.tolist(), strict=True
+    ):
+        if likely < NEGLIGIBLE:
+            continue
+        # Counted in the way it goes; one who stands, as if he went to the middle.
+        onward = speed if speed else -place
+        now, enters, leaves = (place, -right, left) if onward > 0.0 else (-place, -left, right)
+        follows = 0.0 if now > 0.0 else WALKER if abs(speed) < ON_FOOT else VEHICLE
+        pace = abs(speed)
+        soon, late = math.sqrt(variance + _spread(begins)), math.sqrt(variance + _spread(ends))
+        come = _below((now + pace * ends - enters) / late)
+        gone = _below((now + pace * begins - follows - leaves) / soon)
+        chance += likely * max(come - gone, 0.0)
+    return chance
+
+
+def _spread(time: float) -> float:
+    """Return the variance of a place after a time [s] because a speed lies between two of the bank's, and changes."""
+    return time * time * (SPEED_SIGMA * SPEED_SIGMA + LATERAL_AGILITY * time / 3.0)
+
+
+def _below(sigmas: float) -> float:
+    """Return how likely a normal deviate is below so many standard deviations."""
+    return 0.5 * math.erfc(-math.sqrt(0.5) * sigmas)
 
 
 def comes_over(across: Trend, left: float, right: float, within: float, surely: float) -> bool:

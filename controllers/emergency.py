@@ -14,6 +14,8 @@ from .tracks import Target
 
 MARGIN = 2.0  #: rest of the gap that full braking shall leave [m]
 FULL = -9.0  #: asked for while it lasts [m/s2]: all there is, whatever the road; the gateway holds the car's limit
+PARTIAL, EARLIER = -4.0, 0.4  #: for one who is not so sure to come [m/s2], so long before it must be full [s]
+SURE = 0.75  #: chance of being met, for full braking
 JERK = 30.0  #: with which the gateway lets it build up [m/s3]
 REST_SPEED = 0.05  #: [m/s]
 FIRST_ORDER_RAMP = 2.0  #: a first-order lag T loses as much way as a linear ramp over 2 T
@@ -27,17 +29,23 @@ class Emergency:
         self._deceleration = vehicle.deceleration_limit
         self._delay = vehicle.brake_delay + period
         self._build_up = FIRST_ORDER_RAMP * vehicle.brake_lag + vehicle.deceleration_limit / JERK
-        self.braking = False  #: latched until standstill
+        self.braking = False
+        self.demand = 0.0  #: acceleration to ask for while it brakes [m/s2]
+        self._latched = False  #: brakes until standstill
 
     def step(self, targets: Iterable[Target], speed: float) -> bool:
-        """Tell whether to brake fully now at a speed [m/s]."""
-        if self.braking:
-            self.braking = speed > REST_SPEED
-        elif speed > REST_SPEED:
-            self.braking = any(
-                speed > target.speed and self.way(speed, target) + MARGIN >= target.gap for target in targets
-            )
+        """Tell whether to brake now at a speed [m/s]."""
+        seen, moves = list(targets), speed > REST_SPEED
+        urgent = [target for target in seen if target.chance >= SURE and self._is_urgent(target, speed, 0.0)]
+        early = any(self._is_urgent(target, speed, EARLIER) for target in seen if target.foreseen)
+        self._latched = moves and (self._latched or any(not target.foreseen for target in urgent))
+        fully = self._latched or bool(urgent) or (self.demand <= FULL and bool(seen))
+        self.braking = moves and (fully or early or (self.braking and bool(seen)))
+        self.demand = 0.0 if not self.braking else FULL if fully else PARTIAL
         return self.braking
+
+    def _is_urgent(self, target: Target, speed: float, early: float) -> bool:
+        return speed > target.speed and self.way(speed, target) + MARGIN + early * speed >= target.gap
 
     def way(self, speed: float, target: Target) -> float:
         """Gap to a target that full braking from a speed [m/s] uses up [m] until nothing closes any more.

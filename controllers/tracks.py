@@ -15,9 +15,20 @@ import numpy as np
 from vve_sumo.path import Corridor, Path, Station
 from vve_sumo.values import Observation, Pose, Vehicle
 
-from .crossing import COMES_OVER, CROSSES, ON_FOOT, comes_over, crosses, will_be_in, will_have_left
+from .crossing import (
+    COMES_OVER,
+    CROSSES,
+    ON_FOOT,
+    chance_in,
+    chance_of_coming,
+    comes_over,
+    crosses,
+    will_be_in,
+    will_have_left,
+)
 from .parting import goes_past
 from .trend import Trend
+from .walk import FASTEST, SPACING, Walk
 
 RANGE_SIGMA, RATE_SIGMA, AZIMUTH_SIGMA = 0.25, 0.15, math.radians(0.6)  #: of the radar, quantisation included
 AGILITY = 1.0  #: spectral density of a target's acceleration [m2/s3]
@@ -43,6 +54,9 @@ REMEMBERED = 1.0  #: where the car was is remembered for so long [s]: as long as
 COAST, COAST_TENTATIVE, COAST_AT_REST = 0.6, 0.2, 5.0  #: a track lives on unseen for so long [s]
 MARGIN = 0.3  #: kept on both sides of the swept body [m]
 HYSTERESIS = 0.3  #: a target that is in the way must clear the band by this much to be out of it [m]
+LIKELIER, DOUBTFUL = 0.3, 0.3  #: chance that one not yet in the way will be, to brake, and to go on braking
+PASSES = 0.2  #: from the car's arrival on, within which it would meet one with its front [s]
+BESIDE = 0.0  #: for who was foreseen the band is so much wider [m]
 INSIDE = 0.3  #: one who crosses must come this far into the band to count [m]: into the way of the body itself
 
 
@@ -52,6 +66,8 @@ class Target(NamedTuple):
     gap: float  #: along the path from the front bumper to its nearest point [m]
     speed: float  #: along the path [m/s], oncoming negative
     braking: float = 0.0  #: deceleration, where it surely brakes [m/s2]
+    chance: float = 1.0  #: that it will be in the way when the car gets there; 1 of what is in the way now
+    foreseen: bool = False  #: it is not in the way yet
 
 
 class Sighting(NamedTuple):
@@ -111,8 +127,8 @@ class Track:
     """
 
     __slots__ = (
-        "across", "hits", "in_way", "offset", "offset_variance", "p_s", "p_sv", "p_v", "pace", "part_until", "s",
-        "seen", "speed", "time",
+        "across", "chance", "foreseen", "hits", "in_way", "offset", "offset_variance", "p_s", "p_sv", "p_v", "pace",
+        "part_until", "s", "seen", "speed", "time", "walk",
     )  # fmt: skip
 
     def __init__(self, time: float, sighting: Sighting) -> None:
@@ -120,6 +136,8 @@ class Track:
         self.s, self.offset, self.offset_variance = sighting.s, sighting.offset, sighting.offset_variance
         self.speed = 0.0 if math.isnan(sighting.speed) else sighting.speed
         self.across = Trend(sighting.offset, sighting.offset_variance, LATERAL_SPEED**2, LATERAL_AGILITY)
+        self.walk = Walk(sighting.offset, sighting.offset_variance)
+        self.foreseen, self.chance = False, 1.0
         self.p_s, self.p_sv = RANGE_SIGMA**2, 0.0
         self.p_v = 4.0 if math.isnan(sighting.speed) else self._rate_variance(sighting)
         self.pace = Trend(self.speed, self.p_v, CHANGE**2, JERK)
@@ -136,6 +154,7 @@ class Track:
         self.offset_variance += DRIFT * dt
         self.across.density = CHANGE_AGILITY if self.drives else LATERAL_AGILITY
         self.across.predict(dt)
+        self.walk.predict(dt)
         self.pace.predict(dt)
 
     def distance(self, sighting: Sighting) -> float:
@@ -158,6 +177,7 @@ class Track:
         self.offset += gain * (sighting.offset - self.offset)
         self.offset_variance *= 1.0 - gain
         self.across.update(sighting.offset, sighting.offset_variance)
+        self.walk.update(sighting.offset, sighting.offset_variance)
         gain_s, gain_v = self.p_s / (self.p_s + RANGE_SIGMA**2), self.p_sv / (self.p_s + RANGE_SIGMA**2)
         self._correct(sighting.s - self.s, gain_s, gain_v, self.p_s, self.p_sv)
         if not math.isnan(sighting.speed):
@@ -295,7 +315,7 @@ def _danger(track: Track, time: float, bumper: float) -> Target:
     since, speed = time - track.time, track.pace.value
     braking = track.braking(since)
     slower = min(braking * since, max(speed, 0.0))
-    return Target(track.s + (track.speed - 0.5 * slower) * since - bumper, speed - slower, braking)
+    return Target(track.s + (track.speed - 0.5 * slower) * since - bumper, speed - slower, braking, track.chance, track.foreseen)
 
 
 def _is_coming(track: Track, corridor: Corridor, age: float) -> bool:
@@ -313,22 +333,32 @@ def _endangers(track: Track, path: Path, corridor: Corridor, bumper: float, spee
 
     What is foretold of the track counts from when it was measured.
     """
+    track.foreseen, track.chance, was = False, 1.0, track.foreseen
     # What is faster across than along crosses, or is long and turns: then its nearest point runs along its flank.
     across, drives, age = track.across, track.drives and abs(track.across.rate) < track.speed, now - track.time
-    if not crosses(across, COMES_OVER if drives else CROSSES):
-        return _is_inside(track, corridor, track.offset, track.offset_variance)
+    moves = crosses(across, COMES_OVER if drives else CROSSES)
     gap, closing = track.s + track.speed * age - bumper, speed - track.speed
     left, right = corridor.half_widths(track.s)
     arrival = age + max(gap, 0.0) / closing if closing > 0.0 else math.inf
-    if _is_inside(track, corridor, across.value, across.variance):
+    if not moves and _is_inside(track, corridor, track.offset, track.offset_variance):
+        return True
+    if moves and _is_inside(track, corridor, across.value, across.variance):
         leaves = will_have_left(across, left, right, arrival)
         return not (leaves or goes_past(path, corridor, track.s, across, track.speed, bumper - speed * age, speed))
     if track.time < track.part_until and abs(across.rate) > ON_FOOT:
         return False
     if drives:
         past = (max(gap, 0.0) + LENGTH) / closing if closing > 0.0 else math.inf
-        return gap > 0.0 and _comes_over(track, corridor, age + min(past, SOON), EVEN)
-    return gap > 0.0 and track.speed > ONCOMING and will_be_in(across, left - INSIDE, right - INSIDE, arrival)
+        return moves and gap > 0.0 and _comes_over(track, corridor, age + min(past, SOON), EVEN)
+    if not (gap > 0.0 and track.speed > ONCOMING):
+        return False
+    if moves and abs(across.rate) > FASTEST - SPACING:
+        return will_be_in(across, left - INSIDE, right - INSIDE, arrival)
+    track.chance = chance_in(track.walk, left - INSIDE, right - INSIDE, arrival, PASSES)
+    track.foreseen = track.chance >= LIKELIER or (
+        was and chance_of_coming(track.walk, left + BESIDE, right + BESIDE, arrival + PASSES) >= DOUBTFUL
+    )
+    return track.foreseen
 
 
 def _is_inside(track: Track, corridor: Corridor, offset: float, variance: float) -> bool:
