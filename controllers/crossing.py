@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from .trend import Trend
-from .walk import SPEEDS, Walk
+from .walk import Walk
 
 CROSSES = 4.0  #: standard deviations of speed across the path that tell crossing from noise
 IN, LEFT = 2.5, 1.0  #: standard deviations by which one must be foreseen to be in the band, or beyond it
@@ -20,6 +20,7 @@ ON_FOOT = 3.0  #: who crosses faster than this is not walking [m/s]
 NEGLIGIBLE = 1e-4  #: a speed less likely than this adds nothing
 SPEED_SIGMA = 0.15  #: of a speed that lies between two of the bank's [m/s]
 LATERAL_AGILITY = 0.05  #: spectral density of the acceleration of who crosses [m2/s3]
+FRONT = 4.0  #: from the rear of a car that comes over to its front [m]
 WALKER, VEHICLE = 0.5, 4.0  #: way across the path that at least follows the edge that comes first [m]
 
 
@@ -58,7 +59,7 @@ def chance_of_coming(walk: Walk, left: float, right: float, within: float) -> fl
 def _chance(walk: Walk, left: float, right: float, begins: float, ends: float) -> float:
     chance = 0.0
     for likely, place, variance, speed in zip(
-        walk.likely.tolist(), walk.place.tolist(), walk.variance.tolist(), SPEEDS.tolist(), strict=True
+        walk.likely.tolist(), walk.place.tolist(), walk.variance.tolist(), walk.speeds.tolist(), strict=True
     ):
         if likely < NEGLIGIBLE:
             continue
@@ -71,6 +72,26 @@ def _chance(walk: Walk, left: float, right: float, begins: float, ends: float) -
         come = _below((now + pace * ends - enters) / late)
         gone = _below((now + pace * begins - follows - leaves) / soon)
         chance += likely * max(come - gone, 0.0)
+    return chance
+
+
+def chance_of_cutting_in(walk: Walk, left: float, right: float, within: float, along: float) -> float:
+    """Return how likely a car that goes `along` the path [m/s] comes into the band within a time [s].
+
+    What is seen of it is its rear corner; a car that comes over is turned, and its front corner is first in the band.
+    """
+    chance = 0.0
+    for likely, place, variance, speed in zip(
+        walk.likely.tolist(), walk.place.tolist(), walk.variance.tolist(), walk.speeds.tolist(), strict=True
+    ):
+        if likely < NEGLIGIBLE or speed == 0.0:
+            continue
+        now, enters, leaves = (place, -right, left) if speed > 0.0 else (-place, -left, right)
+        if now > leaves:
+            continue
+        pace = abs(speed)
+        sigma = math.sqrt(variance + _spread(within))
+        chance += likely * _below((now + pace * (within + FRONT / along) - enters) / sigma)
     return chance
 
 

@@ -14,8 +14,8 @@ from .tracks import Target
 
 MARGIN = 2.0  #: rest of the gap that full braking shall leave [m]
 FULL = -9.0  #: asked for while it lasts [m/s2]: all there is, whatever the road; the gateway holds the car's limit
-PARTIAL, EARLIER = -4.0, 0.4  #: for one who is not so sure to come [m/s2], so long before it must be full [s]
-SURE = 0.75  #: chance of being met, for full braking
+PARTIAL, EARLIER = -4.0, 0.3  #: for one who is not so sure to come [m/s2], so long before it must be full [s]
+SURE = 0.7  #: chance of being met, for full braking
 JERK = 30.0  #: with which the gateway lets it build up [m/s3]
 REST_SPEED = 0.05  #: [m/s]
 FIRST_ORDER_RAMP = 2.0  #: a first-order lag T loses as much way as a linear ramp over 2 T

@@ -20,6 +20,7 @@ from .crossing import (
     CROSSES,
     ON_FOOT,
     chance_in,
+    chance_of_cutting_in,
     chance_of_coming,
     comes_over,
     crosses,
@@ -28,9 +29,10 @@ from .crossing import (
 )
 from .parting import goes_past
 from .trend import Trend
-from .walk import FASTEST, SPACING, Walk
+from . import walk as walks
+from .walk import Walk
 
-RANGE_SIGMA, RATE_SIGMA, AZIMUTH_SIGMA = 0.25, 0.15, math.radians(0.6)  #: of the radar, quantisation included
+RANGE_SIGMA, RATE_SIGMA, AZIMUTH_SIGMA = 0.25, 0.15, math.radians(0.53)  #: of the radar, quantisation included
 AGILITY = 1.0  #: spectral density of a target's acceleration [m2/s3]
 DRIFT = 0.02  #: of a target that keeps its place across the path [m2/s]
 LATERAL_SPEED, LATERAL_AGILITY = 4.0, 0.05  #: of one that crosses: to begin with [m/s], its spectral density [m2/s3]
@@ -54,7 +56,10 @@ REMEMBERED = 1.0  #: where the car was is remembered for so long [s]: as long as
 COAST, COAST_TENTATIVE, COAST_AT_REST = 0.6, 0.2, 5.0  #: a track lives on unseen for so long [s]
 MARGIN = 0.3  #: kept on both sides of the swept body [m]
 HYSTERESIS = 0.3  #: a target that is in the way must clear the band by this much to be out of it [m]
-LIKELIER, DOUBTFUL = 0.3, 0.3  #: chance that one not yet in the way will be, to brake, and to go on braking
+COMES_IN = 0.4
+CUTS_IN = 1.3
+LIKELIER, DOUBTFUL = 0.5, 0.3  #: chance that one not yet in the way will be, to brake, and to go on braking
+FASTEST = 4.5  #: who crosses faster than this is no matter of the bank of walkers [m/s]
 PASSES = 0.2  #: from the car's arrival on, within which it would meet one with its front [s]
 BESIDE = 0.0  #: for who was foreseen the band is so much wider [m]
 INSIDE = 0.3  #: one who crosses must come this far into the band to count [m]: into the way of the body itself
@@ -128,7 +133,7 @@ class Track:
 
     __slots__ = (
         "across", "chance", "foreseen", "hits", "in_way", "offset", "offset_variance", "p_s", "p_sv", "p_v", "pace",
-        "part_until", "s", "seen", "speed", "time", "walk",
+        "part_until", "s", "seen", "speed", "swerve", "time", "walk",
     )  # fmt: skip
 
     def __init__(self, time: float, sighting: Sighting) -> None:
@@ -136,7 +141,8 @@ class Track:
         self.s, self.offset, self.offset_variance = sighting.s, sighting.offset, sighting.offset_variance
         self.speed = 0.0 if math.isnan(sighting.speed) else sighting.speed
         self.across = Trend(sighting.offset, sighting.offset_variance, LATERAL_SPEED**2, LATERAL_AGILITY)
-        self.walk = Walk(sighting.offset, sighting.offset_variance)
+        self.walk = Walk(sighting.offset, sighting.offset_variance, walks.ON_FOOT)
+        self.swerve = Walk(sighting.offset, sighting.offset_variance, walks.IN_LANES)
         self.foreseen, self.chance = False, 1.0
         self.p_s, self.p_sv = RANGE_SIGMA**2, 0.0
         self.p_v = 4.0 if math.isnan(sighting.speed) else self._rate_variance(sighting)
@@ -155,6 +161,7 @@ class Track:
         self.across.density = CHANGE_AGILITY if self.drives else LATERAL_AGILITY
         self.across.predict(dt)
         self.walk.predict(dt)
+        self.swerve.predict(dt)
         self.pace.predict(dt)
 
     def distance(self, sighting: Sighting) -> float:
@@ -178,6 +185,7 @@ class Track:
         self.offset_variance *= 1.0 - gain
         self.across.update(sighting.offset, sighting.offset_variance)
         self.walk.update(sighting.offset, sighting.offset_variance)
+        self.swerve.update(sighting.offset, sighting.offset_variance)
         gain_s, gain_v = self.p_s / (self.p_s + RANGE_SIGMA**2), self.p_sv / (self.p_s + RANGE_SIGMA**2)
         self._correct(sighting.s - self.s, gain_s, gain_v, self.p_s, self.p_sv)
         if not math.isnan(sighting.speed):
@@ -349,10 +357,15 @@ def _endangers(track: Track, path: Path, corridor: Corridor, bumper: float, spee
         return False
     if drives:
         past = (max(gap, 0.0) + LENGTH) / closing if closing > 0.0 else math.inf
-        return moves and gap > 0.0 and _comes_over(track, corridor, age + min(past, SOON), EVEN)
+        if gap <= 0.0 or track.time - track.seen >= FRESH:
+            return False
+        within = age + min(past, CUTS_IN)
+        track.chance = chance_of_cutting_in(track.swerve, left, right, within, track.speed)
+        track.foreseen = track.chance >= (DOUBTFUL if was else COMES_IN)
+        return track.foreseen
     if not (gap > 0.0 and track.speed > ONCOMING):
         return False
-    if moves and abs(across.rate) > FASTEST - SPACING:
+    if moves and abs(across.rate) > FASTEST:
         return will_be_in(across, left - INSIDE, right - INSIDE, arrival)
     track.chance = chance_in(track.walk, left - INSIDE, right - INSIDE, arrival, PASSES)
     track.foreseen = track.chance >= LIKELIER or (

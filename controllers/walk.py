@@ -1,92 +1,104 @@
 """A place across the path and the speed of it, as a bank of Kalman filters: one for each speed that it may have.
 
-An interacting multiple model (Blom and Bar-Shalom, 1988). One Gaussian cannot say "it stands, or else it walks": a
-pedestrian at the kerb is mostly one of the two, and who sets out is told from who stands by where it stood. It must not
-know the path's band, nor what is done about who walks.
+An interacting multiple model (Blom and Bar-Shalom, 1988). One Gaussian cannot say "it stays, or else it comes": a
+pedestrian at the kerb and a car in the next lane mostly do one of the two, and who sets out is told from who stays by
+where it was. It must not know the path's band, nor what is done about who comes.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from vve_sumo.values import Floats
 
-SPACING, FASTEST = 0.5, 5.0  #: of the speeds [m/s]
-WALKING, SPREAD = 1.4, 0.6  #: speed of who walks, its standard deviation over people [m/s]
-RUNNERS = 0.08  #: how likely a speed far from walking is, against walking
-STANDS = 0.6  #: how likely one stands that is seen for the first time
-SETS_OUT, STOPS = 0.3, 1.0  #: rates with which one who stands sets out, and one who walks stops [1/s]
-CHANGES = 1.5  #: rate with which one who walks becomes faster or slower by SPACING [1/s]
-DRIFT = 0.02  #: of the place, at each of the speeds [m2/s]
 LONGEST_STEP = 0.2  #: farther than that the rates of change are not counted on [s]
-
-_COUNT = round(FASTEST / SPACING)
-SPEEDS: Floats = np.linspace(-FASTEST, FASTEST, 2 * _COUNT + 1)  #: across the path, left positive [m/s]
+LEAST = 1e-12  #: no speed becomes less likely than this: each can come back
 
 
-def _usual() -> Floats:
-    """Return how likely each speed is of one seen for the first time."""
-    moving = np.exp(-0.5 * ((np.abs(SPEEDS) - WALKING) / SPREAD) ** 2) + RUNNERS
-    moving[_COUNT] = 0.0
-    usual: Floats = (1.0 - STANDS) * moving / moving.sum()
-    usual[_COUNT] = STANDS
-    return usual
+class Habits(NamedTuple):
+    """How a kind of road user moves across the path."""
+
+    spacing: float  #: of the speeds [m/s]
+    fastest: float  #: [m/s]
+    usual: float  #: speed of who moves [m/s]
+    spread: float  #: its standard deviation [m/s]
+    others: float  #: how likely a speed far from the usual one is, against that one
+    stays: float  #: how likely one stays that is seen for the first time
+    sets_out: float  #: rate with which one who stays sets out [1/s]
+    stops: float  #: rate with which one who moves at the usual speed stops [1/s]
+    changes: float  #: rate with which one who moves becomes faster or slower by `spacing` [1/s]
+    drift: float  #: of the place of who moves [m2/s]
+    sways: float  #: of the place of who stays [m2/s]
 
 
-def _changes(usual: Floats) -> Floats:
-    """Return the rates of change between the speeds [1/s], from row to column; every row adds up to 0."""
-    rates = np.zeros((SPEEDS.size, SPEEDS.size))
-    for of, to in [(i, i + 1) for i in range(SPEEDS.size - 1)] + [(i + 1, i) for i in range(SPEEDS.size - 1)]:
-        if _COUNT not in (of, to):
-            rates[of, to] = CHANGES * math.sqrt(usual[to] / usual[of])
-    sets_out = usual * np.exp(-np.abs(SPEEDS))
-    sets_out[_COUNT] = 0.0
-    rates[_COUNT] = SETS_OUT * sets_out / sets_out.sum()
-    rates[:, _COUNT] = STOPS * np.exp(1.0 - np.abs(SPEEDS) / WALKING)
-    np.fill_diagonal(rates, 0.0)
-    np.fill_diagonal(rates, -rates.sum(axis=1))
-    return rates
+ON_FOOT = Habits(0.5, 5.0, 1.4, 0.6, 0.08, 0.8, 0.2, 1.0, 1.5, 0.02, 0.02)
+IN_LANES = Habits(0.4, 2.8, 1.2, 0.5, 0.02, 0.8, 0.3, 0.5, 2.0, 0.02, 0.01)
 
 
-USUAL = _usual()
-_FROM = _changes(USUAL).T.copy()
+class _Bank:
+    """What the habits say: the speeds [m/s], how likely each is at first, rates of change, and drifts."""
+
+    def __init__(self, habits: Habits) -> None:
+        count = round(habits.fastest / habits.spacing)
+        self.speeds: Floats = np.linspace(-habits.fastest, habits.fastest, 2 * count + 1)
+        pace = np.abs(self.speeds)
+        moving = np.exp(-0.5 * ((pace - habits.usual) / habits.spread) ** 2) + habits.others
+        moving[count] = 0.0
+        self.first: Floats = (1.0 - habits.stays) * moving / moving.sum()
+        self.first[count] = habits.stays
+        rates = np.zeros((pace.size, pace.size))
+        for low in range(pace.size - 1):
+            if count not in (low, low + 1):
+                more = math.sqrt(self.first[low + 1] / self.first[low])
+                rates[low, low + 1], rates[low + 1, low] = habits.changes * more, habits.changes / more
+        sets_out = moving * np.exp(-pace)
+        rates[count] = habits.sets_out * sets_out / sets_out.sum()
+        rates[:, count] = habits.stops * np.exp(1.0 - pace / habits.usual)
+        np.fill_diagonal(rates, 0.0)
+        np.fill_diagonal(rates, -rates.sum(axis=1))
+        self.changes: Floats = rates.T.copy()
+        self.drifts: Floats = np.full(pace.size, habits.drift)
+        self.drifts[count] = habits.sways
+
+
+_BANKS = {habits: _Bank(habits) for habits in (ON_FOOT, IN_LANES)}
 
 
 class Walk:
-    """How likely each of SPEEDS is, and where it is then."""
+    """How likely each of the speeds is, and where it is then."""
 
-    __slots__ = ("likely", "place", "variance")
+    __slots__ = ("_bank", "likely", "place", "variance")
 
-    def __init__(self, place: float, variance: float) -> None:
+    def __init__(self, place: float, variance: float, habits: Habits) -> None:
         """Begin at a place [m] with a variance [m2]."""
-        self.likely = USUAL.copy()
-        self.place: Floats = np.full(SPEEDS.size, place)
-        self.variance: Floats = np.full(SPEEDS.size, variance)
+        self._bank = bank = _BANKS[habits]
+        self.likely = bank.first.copy()
+        self.place: Floats = np.full(bank.speeds.size, place)
+        self.variance: Floats = np.full(bank.speeds.size, variance)
+
+    @property
+    def speeds(self) -> Floats:
+        """Across the path, left positive [m/s]."""
+        return self._bank.speeds
 
     def predict(self, dt: float) -> None:
         """Move on by a time [s]."""
-        place, step = self.place, min(dt, LONGEST_STEP)
-        columns = np.empty((SPEEDS.size, 3))
-        columns[:, 0] = self.likely
-        columns[:, 1] = self.likely * place
-        columns[:, 2] = self.likely * (self.variance + place * place)
-        columns += step * (_FROM @ columns)
-        self.likely = columns[:, 0]
-        mean = columns[:, 1] / self.likely
-        self.place = mean + dt * SPEEDS
-        self.variance = columns[:, 2] / self.likely - mean * mean + DRIFT * dt
+        place, bank, likely = self.place, self._bank, self.likely
+        columns = np.stack((likely, likely * place, likely * (self.variance + place * place)), axis=1)
+        columns += min(dt, LONGEST_STEP) * (bank.changes @ columns)
+        self.likely = likely = columns[:, 0]
+        mean = columns[:, 1] / likely
+        self.variance = columns[:, 2] / likely - mean * mean + bank.drifts * dt
+        self.place = mean + dt * bank.speeds
 
     def update(self, place: float, variance: float) -> None:
         """Take a measurement of the place in."""
         total, error = self.variance + variance, place - self.place
-        likely = self.likely * np.exp(-0.5 * error * error / total) / np.sqrt(total) + 1e-12
+        likely = self.likely * np.exp(-0.5 * error * error / total) / np.sqrt(total) + LEAST
         self.likely = likely / likely.sum()
         gain = self.variance / total
         self.place = self.place + gain * error
         self.variance = self.variance * (1.0 - gain)
-
-    def speed(self) -> float:
-        """Return the speed to be expected [m/s]."""
-        return float(self.likely @ SPEEDS)
