@@ -24,6 +24,7 @@ from .crossing import (
     chance_of_coming,
     comes_over,
     crosses,
+    turns_across,
     will_be_in,
     will_have_left,
 )
@@ -37,6 +38,7 @@ AGILITY = 1.0  #: spectral density of a target's acceleration [m2/s3]
 DRIFT = 0.02  #: of a target that keeps its place across the path [m2/s]
 LATERAL_SPEED, LATERAL_AGILITY = 4.0, 0.05  #: of one that crosses: to begin with [m/s], its spectral density [m2/s3]
 DRIVES = 3.0  #: what is faster than this along the path is a car that keeps its lane or changes it [m/s]
+TURN_AGILITY = 4.0  #: of one that comes towards the car: it may turn off across its way [m2/s3]
 CHANGE_AGILITY = 0.2  #: spectral density of its acceleration across the path [m2/s3]
 BUS, TURNING = 12.5, 1.5  #: of a long body [m]; for so long [s] its nearest point may run along its flank
 LENGTH = 9.0  #: of a car that goes along and of the own, more than which it takes to get past it [m]
@@ -158,7 +160,7 @@ class Track:
         self.p_sv += dt * self.p_v + AGILITY * dt * dt / 2.0
         self.p_v += AGILITY * dt
         self.offset_variance += DRIFT * dt
-        self.across.density = CHANGE_AGILITY if self.drives else LATERAL_AGILITY
+        self.across.density = CHANGE_AGILITY if self.drives else TURN_AGILITY if self.meets else LATERAL_AGILITY
         self.across.predict(dt)
         self.walk.predict(dt)
         self.swerve.predict(dt)
@@ -205,6 +207,11 @@ class Track:
     def drives(self) -> bool:
         """Whether it surely goes along with the car, faster than who is on foot."""
         return self.speed > DRIVES and (self.speed - DRIVES) ** 2 > 4.0 * self.p_v
+
+    @property
+    def meets(self) -> bool:
+        """Whether it surely comes towards the car along the path, faster than who is on foot."""
+        return self.speed < -DRIVES and (self.speed + DRIVES) ** 2 > 4.0 * self.p_v
 
     def may_reach_to(self, sighting: Sighting) -> bool:
         """Whether it is a vehicle that comes nearer or crosses, or a part of one, as long as to reach to a sighting."""
@@ -362,6 +369,9 @@ def _endangers(track: Track, path: Path, corridor: Corridor, bumper: float, spee
         within = age + min(past, CUTS_IN)
         track.chance = chance_of_cutting_in(track.swerve, left, right, within, track.speed)
         track.foreseen = track.chance >= (DOUBTFUL if was else COMES_IN)
+        return track.foreseen
+    if gap > 0.0 and track.meets:
+        track.foreseen = turns_across(across, left, right, age, gap, track.speed, speed)
         return track.foreseen
     if not (gap > 0.0 and track.speed > ONCOMING):
         return False
