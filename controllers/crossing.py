@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 
+from .bank import Bank
 from .trend import Trend
-from .walk import Walk
 
 CROSSES = 4.0  #: standard deviations of speed across the path that tell crossing from noise
 IN, LEFT = 2.5, 1.0  #: standard deviations by which one must be foreseen to be in the band, or beyond it
@@ -45,25 +45,25 @@ def will_be_in(across: Trend, left: float, right: float, arrival: float) -> bool
     return enters + IN * sigma <= then <= leaves + follows - IN * sigma
 
 
-def chance_in(walk: Walk, left: float, right: float, arrival: float, passes: float) -> float:
+def chance_in(bank: Bank, left: float, right: float, arrival: float, passes: float) -> float:
     """Return how likely it is within `left` and `right` of the path [m] at some time of `passes` [s] from `arrival` on.
 
     Whoever walks keeps his speed until then.
     """
     if not arrival <= PREDICTION_HORIZON:
         return 0.0
-    return _chance(walk, left, right, arrival, arrival + passes)
+    return _chance(bank, left, right, arrival, arrival + passes)
 
 
-def chance_of_coming(walk: Walk, left: float, right: float, within: float) -> float:
+def chance_of_coming(bank: Bank, left: float, right: float, within: float) -> float:
     """Return how likely it is within `left` and `right` of the path [m] now or at some time until `within` [s]."""
-    return _chance(walk, left, right, 0.0, min(within, PREDICTION_HORIZON))
+    return _chance(bank, left, right, 0.0, min(within, PREDICTION_HORIZON))
 
 
-def _chance(walk: Walk, left: float, right: float, begins: float, ends: float) -> float:
+def _chance(bank: Bank, left: float, right: float, begins: float, ends: float) -> float:
     chance = 0.0
     for likely, place, variance, speed in zip(
-        walk.likely.tolist(), walk.place.tolist(), walk.variance.tolist(), walk.speeds.tolist(), strict=True
+        bank.likely.tolist(), bank.place.tolist(), bank.variance.tolist(), bank.speeds.tolist(), strict=True
     ):
         if likely < NEGLIGIBLE:
             continue
@@ -79,14 +79,14 @@ def _chance(walk: Walk, left: float, right: float, begins: float, ends: float) -
     return chance
 
 
-def chance_of_cutting_in(walk: Walk, left: float, right: float, within: float, along: float) -> float:
+def chance_of_cutting_in(bank: Bank, left: float, right: float, within: float, along: float) -> float:
     """Return how likely a car that goes `along` the path [m/s] comes into the band within a time [s].
 
     What is seen of it is its rear corner; a car that comes over is turned, and its front corner is first in the band.
     """
     chance = 0.0
     for likely, place, variance, speed in zip(
-        walk.likely.tolist(), walk.place.tolist(), walk.variance.tolist(), walk.speeds.tolist(), strict=True
+        bank.likely.tolist(), bank.place.tolist(), bank.variance.tolist(), bank.speeds.tolist(), strict=True
     ):
         if likely < NEGLIGIBLE or speed == 0.0:
             continue
@@ -120,9 +120,7 @@ def comes_over(across: Trend, left: float, right: float, within: float, surely: 
     return now <= leaves and then - surely * sigma >= enters
 
 
-def turns_across(
-    across: Trend, left: float, right: float, age: float, gap: float, along: float, speed: float
-) -> bool:
+def turns_across(across: Trend, left: float, right: float, age: float, gap: float, along: float, speed: float) -> bool:
     """Tell whether one that comes towards a car of a `speed` [m/s] turns off across its way, and is there as it comes.
 
     It is `gap` ahead now [m], goes `along` the path [m/s, negative], and is measured `age` ago [s]. Turning, it comes

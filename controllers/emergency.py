@@ -1,6 +1,8 @@
 """Brakes with all there is when nothing less avoids contact: a layer under the comfortable stop.
 
-It knows the brakes as declared, and no comfort. Once begun it goes on until the car stands.
+It knows the brakes as declared, and no comfort. For what is in the way it goes on until the car stands. For one who is
+not yet in the way it brakes partly where that one is likely to come, fully where that is sure enough, and lets go when
+the danger goes, as two-stage systems do (Keller and Gavrila, 2014: whether a pedestrian stops is known only late).
 """
 
 from __future__ import annotations

@@ -119,7 +119,9 @@ class FollowAndStop:
         dangers = self._tracker.dangers(observation.time, station.s)
         if self._emergency is not None and self._emergency.step(dangers, pose.speed):
             self._acceleration, self._stopped = COMFORT_LIMIT, pose.speed < STOPS
-            return ControlCommand(self._steer(deviation, observation), self._emergency.demand, emergency=True, note="emergency")
+            return ControlCommand(
+                self._steer(deviation, observation), self._emergency.demand, emergency=True, note="emergency"
+            )
         if self._comfort:
             acceleration, note = self._accelerate(observation, station.s, target)
         elif self._stopped:

@@ -15,6 +15,7 @@ import numpy as np
 from vve_sumo.path import Corridor, Path, Station
 from vve_sumo.values import Observation, Pose, Vehicle
 
+from .bank import LANE_CHANGERS, WALKERS, Bank
 from .crossing import (
     COMES_OVER,
     CROSSES,
@@ -30,8 +31,6 @@ from .crossing import (
 )
 from .parting import goes_past
 from .trend import Trend
-from . import walk as walks
-from .walk import Walk
 
 RANGE_SIGMA, RATE_SIGMA, AZIMUTH_SIGMA = 0.25, 0.15, math.radians(0.53)  #: of the radar, quantisation included
 AGILITY = 1.0  #: spectral density of a target's acceleration [m2/s3]
@@ -45,7 +44,6 @@ LENGTH = 9.0  #: of a car that goes along and of the own, more than which it tak
 FRESH = 0.13  #: who was seen longer ago than this may have gone straight on since [s]
 SOON = 2.0  #: it counts from so long before it is in the way [s]
 LIKELY, DOUBTED = 0.4, -0.2  #: standard deviations by which it must be foreseen there to be followed, and on followed
-EVEN = 0.0  #: the same for full braking, where it is too near for waiting
 CHANGE, JERK = 3.0, 1.5  #: of a target's acceleration: to begin with [m/s2], its spectral density [m2/s5]
 BRAKES = 3.0  #: standard deviations of acceleration that tell braking from noise
 HARDER = 2.0  #: standard deviations by which one who brakes may do so harder than it seems
@@ -58,12 +56,11 @@ REMEMBERED = 1.0  #: where the car was is remembered for so long [s]: as long as
 COAST, COAST_TENTATIVE, COAST_AT_REST = 0.6, 0.2, 5.0  #: a track lives on unseen for so long [s]
 MARGIN = 0.3  #: kept on both sides of the swept body [m]
 HYSTERESIS = 0.3  #: a target that is in the way must clear the band by this much to be out of it [m]
-COMES_IN = 0.4
-CUTS_IN = 1.3
-LIKELIER, DOUBTFUL = 0.5, 0.3  #: chance that one not yet in the way will be, to brake, and to go on braking
-FASTEST = 4.5  #: who crosses faster than this is no matter of the bank of walkers [m/s]
-PASSES = 0.2  #: from the car's arrival on, within which it would meet one with its front [s]
-BESIDE = 0.0  #: for who was foreseen the band is so much wider [m]
+LIKELY_IN, COMES_IN = 0.5, 0.4  #: chance of one who crosses, and of a car that cuts in, to be in the way, to brake for
+DOUBTFUL = 0.3  #: less than which it is braked for no longer
+CUTS_IN = 1.3  #: a car that cuts in counts from so long before it is in the band [s]
+BANKED = 4.5  #: who crosses faster than this is no matter of the bank of speeds [m/s]
+PASSES = 0.2  #: from the car's arrival on, within which its front would meet one who crosses [s]
 INSIDE = 0.3  #: one who crosses must come this far into the band to count [m]: into the way of the body itself
 
 
@@ -134,8 +131,8 @@ class Track:
     """
 
     __slots__ = (
-        "across", "chance", "foreseen", "hits", "in_way", "offset", "offset_variance", "p_s", "p_sv", "p_v", "pace",
-        "part_until", "s", "seen", "speed", "swerve", "time", "walk",
+        "across", "bank", "chance", "foreseen", "hits", "in_way", "offset", "offset_variance", "p_s", "p_sv", "p_v",
+        "pace", "part_until", "s", "seen", "speed", "time",
     )  # fmt: skip
 
     def __init__(self, time: float, sighting: Sighting) -> None:
@@ -143,9 +140,8 @@ class Track:
         self.s, self.offset, self.offset_variance = sighting.s, sighting.offset, sighting.offset_variance
         self.speed = 0.0 if math.isnan(sighting.speed) else sighting.speed
         self.across = Trend(sighting.offset, sighting.offset_variance, LATERAL_SPEED**2, LATERAL_AGILITY)
-        self.walk = Walk(sighting.offset, sighting.offset_variance, walks.ON_FOOT)
-        self.swerve = Walk(sighting.offset, sighting.offset_variance, walks.IN_LANES)
-        self.foreseen, self.chance = False, 1.0
+        self.bank = Bank(sighting.offset, sighting.offset_variance, WALKERS)
+        self.foreseen, self.chance = False, 1.0  # as `Target` has them
         self.p_s, self.p_sv = RANGE_SIGMA**2, 0.0
         self.p_v = 4.0 if math.isnan(sighting.speed) else self._rate_variance(sighting)
         self.pace = Trend(self.speed, self.p_v, CHANGE**2, JERK)
@@ -162,8 +158,10 @@ class Track:
         self.offset_variance += DRIFT * dt
         self.across.density = CHANGE_AGILITY if self.drives else TURN_AGILITY if self.meets else LATERAL_AGILITY
         self.across.predict(dt)
-        self.walk.predict(dt)
-        self.swerve.predict(dt)
+        habits = LANE_CHANGERS if self.drives else WALKERS
+        if self.bank.habits is not habits:
+            self.bank = Bank(self.across.value, self.across.variance, habits)
+        self.bank.predict(dt)
         self.pace.predict(dt)
 
     def distance(self, sighting: Sighting) -> float:
@@ -186,8 +184,7 @@ class Track:
         self.offset += gain * (sighting.offset - self.offset)
         self.offset_variance *= 1.0 - gain
         self.across.update(sighting.offset, sighting.offset_variance)
-        self.walk.update(sighting.offset, sighting.offset_variance)
-        self.swerve.update(sighting.offset, sighting.offset_variance)
+        self.bank.update(sighting.offset, sighting.offset_variance)
         gain_s, gain_v = self.p_s / (self.p_s + RANGE_SIGMA**2), self.p_sv / (self.p_s + RANGE_SIGMA**2)
         self._correct(sighting.s - self.s, gain_s, gain_v, self.p_s, self.p_sv)
         if not math.isnan(sighting.speed):
@@ -330,7 +327,9 @@ def _danger(track: Track, time: float, bumper: float) -> Target:
     since, speed = time - track.time, track.pace.value
     braking = track.braking(since)
     slower = min(braking * since, max(speed, 0.0))
-    return Target(track.s + (track.speed - 0.5 * slower) * since - bumper, speed - slower, braking, track.chance, track.foreseen)
+    return Target(
+        track.s + (track.speed - 0.5 * slower) * since - bumper, speed - slower, braking, track.chance, track.foreseen
+    )
 
 
 def _is_coming(track: Track, corridor: Corridor, age: float) -> bool:
@@ -348,40 +347,54 @@ def _endangers(track: Track, path: Path, corridor: Corridor, bumper: float, spee
 
     What is foretold of the track counts from when it was measured.
     """
-    track.foreseen, track.chance, was = False, 1.0, track.foreseen
+    was, track.foreseen, track.chance = track.foreseen, False, 1.0
     # What is faster across than along crosses, or is long and turns: then its nearest point runs along its flank.
     across, drives, age = track.across, track.drives and abs(track.across.rate) < track.speed, now - track.time
     moves = crosses(across, COMES_OVER if drives else CROSSES)
-    gap, closing = track.s + track.speed * age - bumper, speed - track.speed
-    left, right = corridor.half_widths(track.s)
-    arrival = age + max(gap, 0.0) / closing if closing > 0.0 else math.inf
     if not moves and _is_inside(track, corridor, track.offset, track.offset_variance):
         return True
+    gap, closing = track.s + track.speed * age - bumper, speed - track.speed
+    arrival = age + max(gap, 0.0) / closing if closing > 0.0 else math.inf
     if moves and _is_inside(track, corridor, across.value, across.variance):
-        leaves = will_have_left(across, left, right, arrival)
+        leaves = will_have_left(across, *corridor.half_widths(track.s), arrival)
         return not (leaves or goes_past(path, corridor, track.s, across, track.speed, bumper - speed * age, speed))
-    if track.time < track.part_until and abs(across.rate) > ON_FOOT:
+    if gap <= 0.0 or (track.time < track.part_until and abs(across.rate) > ON_FOOT):
         return False
     if drives:
-        past = (max(gap, 0.0) + LENGTH) / closing if closing > 0.0 else math.inf
-        if gap <= 0.0 or track.time - track.seen >= FRESH:
-            return False
-        within = age + min(past, CUTS_IN)
-        track.chance = chance_of_cutting_in(track.swerve, left, right, within, track.speed)
-        track.foreseen = track.chance >= (DOUBTFUL if was else COMES_IN)
+        within = age + min((gap + LENGTH) / closing, CUTS_IN) if closing > 0.0 else age + CUTS_IN
+        track.foreseen = _cuts_in(track, corridor, within, was)
         return track.foreseen
-    if gap > 0.0 and track.meets:
-        track.foreseen = turns_across(across, left, right, age, gap, track.speed, speed)
+    if track.meets:
+        track.foreseen = turns_across(across, *corridor.half_widths(track.s), age, gap, track.speed, speed)
         return track.foreseen
-    if not (gap > 0.0 and track.speed > ONCOMING):
+    if track.speed <= ONCOMING:
         return False
-    if moves and abs(across.rate) > FASTEST:
+    if moves and abs(across.rate) > BANKED:
+        left, right = corridor.half_widths(track.s)
         return will_be_in(across, left - INSIDE, right - INSIDE, arrival)
-    track.chance = chance_in(track.walk, left - INSIDE, right - INSIDE, arrival, PASSES)
-    track.foreseen = track.chance >= LIKELIER or (
-        was and chance_of_coming(track.walk, left + BESIDE, right + BESIDE, arrival + PASSES) >= DOUBTFUL
-    )
+    track.foreseen = _walks_in(track, corridor, arrival, was)
     return track.foreseen
+
+
+def _cuts_in(track: Track, corridor: Corridor, within: float, was: bool) -> bool:
+    """Tell whether a car that goes along is likely to come into the band within a time [s]; `was` it so before?"""
+    if track.time - track.seen >= FRESH:
+        return False
+    track.chance = chance_of_cutting_in(track.bank, *corridor.half_widths(track.s), within, track.speed)
+    return track.chance >= (DOUBTFUL if was else COMES_IN)
+
+
+def _walks_in(track: Track, corridor: Corridor, arrival: float, was: bool) -> bool:
+    """Tell whether one who crosses is likely to be before the car after a time [s].
+
+    Who `was` likely to be is so until it is unlikely that he comes into the band at all: the car that brakes comes
+    later, and he may be past by then, but only if it goes on braking.
+    """
+    left, right = corridor.half_widths(track.s)
+    track.chance = chance_in(track.bank, left - INSIDE, right - INSIDE, arrival, PASSES)
+    return track.chance >= LIKELY_IN or (
+        was and chance_of_coming(track.bank, left, right, arrival + PASSES) >= DOUBTFUL
+    )
 
 
 def _is_inside(track: Track, corridor: Corridor, offset: float, variance: float) -> bool:

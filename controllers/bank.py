@@ -34,11 +34,11 @@ class Habits(NamedTuple):
     sways: float  #: of the place of who stays [m2/s]
 
 
-ON_FOOT = Habits(0.5, 5.0, 1.4, 0.6, 0.08, 0.8, 0.2, 1.0, 1.5, 0.02, 0.02)
-IN_LANES = Habits(0.4, 2.8, 1.2, 0.5, 0.02, 0.8, 0.3, 0.5, 2.0, 0.02, 0.01)
+WALKERS = Habits(0.5, 5.0, 1.4, 0.6, 0.08, 0.8, 0.2, 1.0, 1.5, 0.02, 0.02)  #: who is on foot or on a bicycle
+LANE_CHANGERS = Habits(0.4, 2.8, 1.2, 0.5, 0.02, 0.8, 0.3, 0.5, 2.0, 0.02, 0.01)  #: cars that go along
 
 
-class _Bank:
+class _Table:
     """What the habits say: the speeds [m/s], how likely each is at first, rates of change, and drifts."""
 
     def __init__(self, habits: Habits) -> None:
@@ -64,35 +64,35 @@ class _Bank:
         self.drifts[count] = habits.sways
 
 
-_BANKS = {habits: _Bank(habits) for habits in (ON_FOOT, IN_LANES)}
+_TABLES = {habits: _Table(habits) for habits in (WALKERS, LANE_CHANGERS)}
 
 
-class Walk:
+class Bank:
     """How likely each of the speeds is, and where it is then."""
 
-    __slots__ = ("_bank", "likely", "place", "variance")
+    __slots__ = ("_table", "habits", "likely", "place", "variance")
 
     def __init__(self, place: float, variance: float, habits: Habits) -> None:
         """Begin at a place [m] with a variance [m2]."""
-        self._bank = bank = _BANKS[habits]
-        self.likely = bank.first.copy()
-        self.place: Floats = np.full(bank.speeds.size, place)
-        self.variance: Floats = np.full(bank.speeds.size, variance)
+        self.habits, self._table = habits, _TABLES[habits]
+        self.likely: Floats = self._table.first.copy()
+        self.place: Floats = np.full(self.likely.size, place)
+        self.variance: Floats = np.full(self.likely.size, variance)
 
     @property
     def speeds(self) -> Floats:
         """Across the path, left positive [m/s]."""
-        return self._bank.speeds
+        return self._table.speeds
 
     def predict(self, dt: float) -> None:
         """Move on by a time [s]."""
-        place, bank, likely = self.place, self._bank, self.likely
+        place, table, likely = self.place, self._table, self.likely
         columns = np.stack((likely, likely * place, likely * (self.variance + place * place)), axis=1)
-        columns += min(dt, LONGEST_STEP) * (bank.changes @ columns)
+        columns += min(dt, LONGEST_STEP) * (table.changes @ columns)
         self.likely = likely = columns[:, 0]
         mean = columns[:, 1] / likely
-        self.variance = columns[:, 2] / likely - mean * mean + bank.drifts * dt
-        self.place = mean + dt * bank.speeds
+        self.variance = columns[:, 2] / likely - mean * mean + table.drifts * dt
+        self.place = mean + dt * table.speeds
 
     def update(self, place: float, variance: float) -> None:
         """Take a measurement of the place in."""
