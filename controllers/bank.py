@@ -8,6 +8,7 @@ where it was. It must not know the path's band, nor what is done about who comes
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -64,7 +65,7 @@ class _Table:
         self.drifts[count] = habits.sways
 
 
-_TABLES = {habits: _Table(habits) for habits in (WALKERS, LANE_CHANGERS)}
+_table = cache(_Table)
 
 
 class Bank:
@@ -74,7 +75,7 @@ class Bank:
 
     def __init__(self, place: float, variance: float, habits: Habits) -> None:
         """Begin at a place [m] with a variance [m2]."""
-        self.habits, self._table = habits, _TABLES[habits]
+        self.habits, self._table = habits, _table(habits)
         self.likely: Floats = self._table.first.copy()
         self.place: Floats = np.full(self.likely.size, place)
         self.variance: Floats = np.full(self.likely.size, variance)

@@ -20,10 +20,6 @@ ON_FOOT = 3.0  #: who crosses faster than this is not walking [m/s]
 NEGLIGIBLE = 1e-4  #: a speed less likely than this adds nothing
 SPEED_SIGMA = 0.15  #: of a speed that lies between two of the bank's [m/s]
 LATERAL_AGILITY = 0.05  #: spectral density of the acceleration of who crosses [m2/s3]
-TURNS = 3.0  #: standard deviations of speed across the path that tell one who turns off across the way
-TURNING = 0.3  #: at least so much of its speed along the path [rad]
-BODY = 5.0  #: of one that turns off across the way [m]
-LATE = 0.3  #: as it turns it comes nearer ever more slowly: the car meets it so much later [s]
 FRONT = 4.0  #: from the rear of a car that comes over to its front [m]
 WALKER, VEHICLE = 0.5, 4.0  #: way across the path that at least follows the edge that comes first [m]
 
@@ -118,21 +114,6 @@ def comes_over(across: Trend, left: float, right: float, within: float, surely: 
         return False
     now, then, sigma, enters, leaves = _forecast(across, left, right, within)
     return now <= leaves and then - surely * sigma >= enters
-
-
-def turns_across(across: Trend, left: float, right: float, age: float, gap: float, along: float, speed: float) -> bool:
-    """Tell whether one that comes towards a car of a `speed` [m/s] turns off across its way, and is there as it comes.
-
-    It is `gap` ahead now [m], goes `along` the path [m/s, negative], and is measured `age` ago [s]. Turning, it comes
-    ever faster across: it enters no later than at its present speed across, and then goes on as fast as it is.
-    """
-    if not crosses(across, TURNS) or abs(across.rate) < TURNING * abs(along):
-        return False
-    now, enters, leaves = (across.value, -right, left) if across.rate > 0.0 else (-across.value, -left, right)
-    comes = max((enters - now) / abs(across.rate) - age, 0.0)
-    gone = comes + (leaves - enters + BODY) / math.hypot(along, across.rate)
-    arrives = gap / (speed - along)
-    return now < leaves and comes < PREDICTION_HORIZON and comes < arrives + LATE and arrives < gone
 
 
 def will_have_left(across: Trend, left: float, right: float, arrival: float) -> bool:

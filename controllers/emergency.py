@@ -17,6 +17,7 @@ from .tracks import Target
 MARGIN = 2.0  #: rest of the gap that full braking shall leave [m]
 FULL = -9.0  #: asked for while it lasts [m/s2]: all there is, whatever the road; the gateway holds the car's limit
 PARTIAL, EARLIER = -4.0, 0.3  #: for one who is not so sure to come [m/s2], so long before it must be full [s]
+LASTS = 1.0  #: what is in the way is braked for on, where braking had to begin within so long [s]
 SURE = 0.7  #: chance of being met, for full braking
 JERK = 30.0  #: with which the gateway lets it build up [m/s3]
 REST_SPEED = 0.05  #: [m/s]
@@ -31,7 +32,7 @@ class Emergency:
         self._deceleration = vehicle.deceleration_limit
         self._delay = vehicle.brake_delay + period
         self._build_up = FIRST_ORDER_RAMP * vehicle.brake_lag + vehicle.deceleration_limit / JERK
-        self.braking = False
+        self.braking = False  #: partly or fully
         self.demand = 0.0  #: acceleration to ask for while it brakes [m/s2]
         self._latched = False  #: brakes until standstill
 
@@ -41,12 +42,15 @@ class Emergency:
         urgent = [target for target in seen if target.chance >= SURE and self._is_urgent(target, speed, 0.0)]
         early = any(self._is_urgent(target, speed, EARLIER) for target in seen if target.foreseen)
         self._latched = moves and (self._latched or any(not target.foreseen for target in urgent))
-        fully = self._latched or bool(urgent) or (self.demand <= FULL and bool(seen))
-        self.braking = moves and (fully or early or (self.braking and bool(seen)))
+        # Who was foreseen comes into the way while the car brakes: it goes on braking for him.
+        lasts = any(target.foreseen or self._is_urgent(target, speed, LASTS) for target in seen)
+        fully = self._latched or bool(urgent) or (self.demand <= FULL and lasts)
+        self.braking = moves and (fully or early or (self.braking and lasts))
         self.demand = 0.0 if not self.braking else FULL if fully else PARTIAL
         return self.braking
 
     def _is_urgent(self, target: Target, speed: float, early: float) -> bool:
+        """Tell whether full braking must begin within `early` [s]."""
         return speed > target.speed and self.way(speed, target) + MARGIN + early * speed >= target.gap
 
     def way(self, speed: float, target: Target) -> float:

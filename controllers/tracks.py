@@ -21,11 +21,10 @@ from .crossing import (
     CROSSES,
     ON_FOOT,
     chance_in,
-    chance_of_cutting_in,
     chance_of_coming,
+    chance_of_cutting_in,
     comes_over,
     crosses,
-    turns_across,
     will_be_in,
     will_have_left,
 )
@@ -37,7 +36,6 @@ AGILITY = 1.0  #: spectral density of a target's acceleration [m2/s3]
 DRIFT = 0.02  #: of a target that keeps its place across the path [m2/s]
 LATERAL_SPEED, LATERAL_AGILITY = 4.0, 0.05  #: of one that crosses: to begin with [m/s], its spectral density [m2/s3]
 DRIVES = 3.0  #: what is faster than this along the path is a car that keeps its lane or changes it [m/s]
-TURN_AGILITY = 4.0  #: of one that comes towards the car: it may turn off across its way [m2/s3]
 CHANGE_AGILITY = 0.2  #: spectral density of its acceleration across the path [m2/s3]
 BUS, TURNING = 12.5, 1.5  #: of a long body [m]; for so long [s] its nearest point may run along its flank
 LENGTH = 9.0  #: of a car that goes along and of the own, more than which it takes to get past it [m]
@@ -156,7 +154,7 @@ class Track:
         self.p_sv += dt * self.p_v + AGILITY * dt * dt / 2.0
         self.p_v += AGILITY * dt
         self.offset_variance += DRIFT * dt
-        self.across.density = CHANGE_AGILITY if self.drives else TURN_AGILITY if self.meets else LATERAL_AGILITY
+        self.across.density = CHANGE_AGILITY if self.drives else LATERAL_AGILITY
         self.across.predict(dt)
         habits = LANE_CHANGERS if self.drives else WALKERS
         if self.bank.habits is not habits:
@@ -204,11 +202,6 @@ class Track:
     def drives(self) -> bool:
         """Whether it surely goes along with the car, faster than who is on foot."""
         return self.speed > DRIVES and (self.speed - DRIVES) ** 2 > 4.0 * self.p_v
-
-    @property
-    def meets(self) -> bool:
-        """Whether it surely comes towards the car along the path, faster than who is on foot."""
-        return self.speed < -DRIVES and (self.speed + DRIVES) ** 2 > 4.0 * self.p_v
 
     def may_reach_to(self, sighting: Sighting) -> bool:
         """Whether it is a vehicle that comes nearer or crosses, or a part of one, as long as to reach to a sighting."""
@@ -363,9 +356,6 @@ def _endangers(track: Track, path: Path, corridor: Corridor, bumper: float, spee
     if drives:
         within = age + min((gap + LENGTH) / closing, CUTS_IN) if closing > 0.0 else age + CUTS_IN
         track.foreseen = _cuts_in(track, corridor, within, was)
-        return track.foreseen
-    if track.meets:
-        track.foreseen = turns_across(across, *corridor.half_widths(track.s), age, gap, track.speed, speed)
         return track.foreseen
     if track.speed <= ONCOMING:
         return False
