@@ -31,7 +31,8 @@ from .crossing import (
 from .parting import goes_past
 from .trend import Trend
 
-RANGE_SIGMA, RATE_SIGMA, AZIMUTH_SIGMA = 0.25, 0.15, math.radians(0.53)  #: of the radar, quantisation included
+RANGE_SIGMA, RATE_SIGMA, AZIMUTH_SIGMA = 0.25, 0.15, math.radians(0.6)  #: of the radar, quantisation included
+CANDID = 0.8  #: of the variances above is what the radar's own noise makes of an offset; the rest is caution
 AGILITY = 1.0  #: spectral density of a target's acceleration [m2/s3]
 DRIFT = 0.02  #: of a target that keeps its place across the path [m2/s]
 LATERAL_SPEED, LATERAL_AGILITY = 4.0, 0.05  #: of one that crosses: to begin with [m/s], its spectral density [m2/s3]
@@ -182,7 +183,7 @@ class Track:
         self.offset += gain * (sighting.offset - self.offset)
         self.offset_variance *= 1.0 - gain
         self.across.update(sighting.offset, sighting.offset_variance)
-        self.bank.update(sighting.offset, sighting.offset_variance)
+        self.bank.update(sighting.offset, CANDID * sighting.offset_variance)
         gain_s, gain_v = self.p_s / (self.p_s + RANGE_SIGMA**2), self.p_sv / (self.p_s + RANGE_SIGMA**2)
         self._correct(sighting.s - self.s, gain_s, gain_v, self.p_s, self.p_sv)
         if not math.isnan(sighting.speed):

@@ -84,7 +84,7 @@ def surely(place: float, speed: float, habits=WALKERS) -> Bank:
 
 @given(st.floats(-6.0, -1.3), st.sampled_from([0.5, 1.0, 1.5, 2.5]), st.floats(0.2, 2.8), st.sampled_from([-1.0, 1.0]))
 def test_the_chance_of_a_walker_is_nearly_geometry(place, pace, arrival, side):
-    """Beyond four standard deviations of how a walker changes his pace, it is sure; the body follows by half a metre."""
+    """Beyond four standard deviations of how a walker changes his pace, it is sure; the body is half a metre."""
     sigma = (arrival + 0.2) * math.sqrt(0.15**2 + 0.05 * (arrival + 0.2) / 3.0)
     bank, ahead = surely(side * place, side * pace), place + pace * arrival
     late = ahead + 0.2 * pace
