@@ -15,7 +15,7 @@ import numpy as np
 
 from vve_sumo.values import Floats
 
-LONGEST_STEP = 0.2  #: farther than that the rates of change are not counted on [s]
+LONGEST_STEP = 0.1  #: farther than that the rates of change are not counted on [s]
 LEAST = 1e-12  #: no speed becomes less likely than this: each can come back
 
 

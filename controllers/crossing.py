@@ -68,7 +68,8 @@ def _chance(bank: Bank, left: float, right: float, begins: float, ends: float) -
         now, enters, leaves = (place, -right, left) if onward > 0.0 else (-place, -left, right)
         follows = 0.0 if now > 0.0 else WALKER if abs(speed) < ON_FOOT else VEHICLE
         pace = abs(speed)
-        soon, late = math.sqrt(variance + _spread(begins)), math.sqrt(variance + _spread(ends))
+        # One who stands keeps his place; only a speed is somewhat doubtful, and changes.
+        soon, late = (math.sqrt(variance + (_spread(time) if speed else 0.0)) for time in (begins, ends))
         come = _below((now + pace * ends - enters) / late)
         gone = _below((now + pace * begins - follows - leaves) / soon)
         chance += likely * max(come - gone, 0.0)

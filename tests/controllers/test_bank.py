@@ -63,15 +63,15 @@ def test_it_stays_a_distribution(habits, scans):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_who_sets_out_is_told_from_who_stands(seed):
-    """At 35 m: 0.3 m of noise. After a second of standing, 0.8 s of walking at 5 km/h are enough, and so back."""
+    """At 35 m: 0.3 m of noise. After a second of standing, one of walking at 5 km/h is enough, and so back."""
     bank = Bank(-3.0, 0.09, WALKERS)
     still = int(np.flatnonzero(bank.speeds == 0.0)[0])
     seen(bank, 0.0, 20, 0.3, seed)
     assert bank.likely[still] > 0.7
-    seen(bank, 1.4, 16, 0.3, seed + 10)
-    assert bank.likely[still] < 0.2
+    seen(bank, 1.4, 20, 0.3, seed + 10)
+    assert bank.likely[still] < 0.3
     assert bank.likely @ bank.speeds == pytest.approx(1.4, abs=0.5)
-    seen(bank, 0.0, 16, 0.3, seed + 20, place=-3.0 + 1.4 * 0.8)
+    seen(bank, 0.0, 20, 0.3, seed + 20, place=-3.0 + 1.4)
     assert bank.likely[still] > 0.5
 
 
@@ -82,16 +82,17 @@ def surely(place: float, speed: float, habits=WALKERS) -> Bank:
     return bank
 
 
-@given(st.floats(-6.0, -1.3), st.sampled_from([0.5, 1.0, 1.5, 2.5]), st.floats(0.2, 2.8), st.sampled_from([-1.0, 1.0]))
+@settings(deadline=None, max_examples=50)
+@given(st.floats(-6.0, -1.3), st.sampled_from([0.5, 1.0, 1.5, 2.5]), st.floats(0.1, 1.5), st.sampled_from([-1.0, 1.0]))
 def test_the_chance_of_a_walker_is_nearly_geometry(place, pace, arrival, side):
-    """Beyond four standard deviations of how a walker changes his pace, it is sure; the body is half a metre."""
+    """Beyond three standard deviations of how a walker changes his pace, it is sure; the body is half a metre."""
     sigma = (arrival + 0.2) * math.sqrt(0.15**2 + 0.05 * (arrival + 0.2) / 3.0)
     bank, ahead = surely(side * place, side * pace), place + pace * arrival
     late = ahead + 0.2 * pace
-    assume(min(abs(late + 0.9), abs(ahead - 0.9 - 0.5)) > 4.0 * sigma)
+    assume(min(abs(late + 0.9), abs(ahead - 0.9 - 0.5)) > 3.0 * sigma)
     wanted = 1.0 if late > -0.9 and ahead - 0.5 < 0.9 else 0.0
-    assert chance_in(bank, 0.9, 0.9, arrival, 0.2) == pytest.approx(wanted, abs=1e-3)
-    assert chance_of_coming(bank, 0.9, 0.9, arrival + 0.2) == pytest.approx(1.0 if late > -0.9 else 0.0, abs=1e-3)
+    assert chance_in(bank, 0.9, 0.9, arrival, 0.2) == pytest.approx(wanted, abs=2e-3)
+    assert chance_of_coming(bank, 0.9, 0.9, arrival + 0.2) == pytest.approx(1.0 if late > -0.9 else 0.0, abs=2e-3)
 
 
 def test_who_stands_beside_the_band_is_not_in_it():
@@ -105,6 +106,6 @@ def test_the_front_corner_of_a_car_that_comes_over_is_first_in_the_band():
     bank = surely(2.4, -1.2, LANE_CHANGERS)
     assert chance_of_cutting_in(bank, 1.2, 1.2, 1.3, 50.0) > 0.8
     assert chance_of_cutting_in(bank, 1.2, 1.2, 0.6, 50.0) < 0.1
-    assert chance_of_cutting_in(bank, 1.2, 1.2, 0.6, 8.0) == pytest.approx(0.5, abs=1e-6)
+    assert chance_of_cutting_in(bank, 1.2, 1.2, 0.6, 10.0) == pytest.approx(0.5, abs=1e-6)
     assert chance_of_cutting_in(surely(2.4, 1.2, LANE_CHANGERS), 1.2, 1.2, 1.3, 10.0) == 0.0  # it goes away
     assert chance_of_cutting_in(surely(2.4, 0.0, LANE_CHANGERS), 1.2, 1.2, 1.3, 10.0) == 0.0
