@@ -10,7 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from controllers.crossing import comes_over, will_be_in, will_have_left
-from controllers.emergency import FULL, JERK, MARGIN, PARTIAL, Emergency
+from controllers.emergency import EARLIER, FULL, JERK, MARGIN, PARTIAL, Emergency
 from controllers.follow_and_stop import FollowAndStop, make
 from controllers.tracks import Target
 from controllers.trend import Trend
@@ -164,7 +164,8 @@ def test_a_child_that_crosses(speed, allowed, seed):
     child = walker(speed * KMH, 4.0, 0.0, WALK, size=(0.3, 0.4))
     done = ride(alone(), speed * KMH, [child], 7.0, seed=seed)
     assert done.impact <= allowed * KMH
-    assert done.began == pytest.approx(4.0 - time_to_brake(speed * KMH), abs=0.1 if speed <= 40 else 0.6)
+    early = 4.0 - time_to_brake(speed * KMH) - done.began  # than full braking: partly it may so long before
+    assert -0.1 < early < EARLIER + 0.1
 
 
 @pytest.mark.parametrize(
