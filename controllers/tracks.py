@@ -15,11 +15,24 @@ import numpy as np
 from vve_sumo.path import Corridor, Path, Station
 from vve_sumo.values import Observation, Pose, Vehicle
 
-from .crossing import COMES_OVER, CROSSES, ON_FOOT, comes_over, crosses, will_be_in, will_have_left
+from .bank import LANE_CHANGERS, WALKERS, Bank
+from .crossing import (
+    COMES_OVER,
+    CROSSES,
+    ON_FOOT,
+    chance_in,
+    chance_of_coming,
+    chance_of_cutting_in,
+    comes_over,
+    crosses,
+    will_be_in,
+    will_have_left,
+)
 from .parting import goes_past
 from .trend import Trend
 
 RANGE_SIGMA, RATE_SIGMA, AZIMUTH_SIGMA = 0.25, 0.15, math.radians(0.6)  #: of the radar, quantisation included
+CANDID = 0.8  #: of the variances above is what the radar's own noise makes of an offset; the rest is caution
 AGILITY = 1.0  #: spectral density of a target's acceleration [m2/s3]
 DRIFT = 0.02  #: of a target that keeps its place across the path [m2/s]
 LATERAL_SPEED, LATERAL_AGILITY = 4.0, 0.05  #: of one that crosses: to begin with [m/s], its spectral density [m2/s3]
@@ -30,7 +43,6 @@ LENGTH = 9.0  #: of a car that goes along and of the own, more than which it tak
 FRESH = 0.13  #: who was seen longer ago than this may have gone straight on since [s]
 SOON = 2.0  #: it counts from so long before it is in the way [s]
 LIKELY, DOUBTED = 0.4, -0.2  #: standard deviations by which it must be foreseen there to be followed, and on followed
-EVEN = 0.0  #: the same for full braking, where it is too near for waiting
 CHANGE, JERK = 3.0, 1.5  #: of a target's acceleration: to begin with [m/s2], its spectral density [m2/s5]
 BRAKES = 3.0  #: standard deviations of acceleration that tell braking from noise
 HARDER = 2.0  #: standard deviations by which one who brakes may do so harder than it seems
@@ -43,6 +55,11 @@ REMEMBERED = 1.0  #: where the car was is remembered for so long [s]: as long as
 COAST, COAST_TENTATIVE, COAST_AT_REST = 0.6, 0.2, 5.0  #: a track lives on unseen for so long [s]
 MARGIN = 0.3  #: kept on both sides of the swept body [m]
 HYSTERESIS = 0.3  #: a target that is in the way must clear the band by this much to be out of it [m]
+LIKELY_IN, COMES_IN = 0.5, 0.6  #: chance of one who crosses, and of a car that cuts in, to be in the way, to brake for
+DOUBTFUL = 0.3  #: less than which it is braked for no longer
+CUTS_IN = 1.3  #: a car that cuts in counts from so long before it is in the band [s]
+BANKED = 4.5  #: who crosses faster than this is no matter of the bank of speeds [m/s]
+PASSES = 0.2  #: from the car's arrival on, within which its front would meet one who crosses [s]
 INSIDE = 0.3  #: one who crosses must come this far into the band to count [m]: into the way of the body itself
 
 
@@ -52,6 +69,8 @@ class Target(NamedTuple):
     gap: float  #: along the path from the front bumper to its nearest point [m]
     speed: float  #: along the path [m/s], oncoming negative
     braking: float = 0.0  #: deceleration, where it surely brakes [m/s2]
+    chance: float = 1.0  #: that it will be in the way when the car gets there; 1 of what is in the way now
+    foreseen: bool = False  #: it is not in the way yet
 
 
 class Sighting(NamedTuple):
@@ -111,8 +130,8 @@ class Track:
     """
 
     __slots__ = (
-        "across", "hits", "in_way", "offset", "offset_variance", "p_s", "p_sv", "p_v", "pace", "part_until", "s",
-        "seen", "speed", "time",
+        "across", "bank", "chance", "foreseen", "hits", "in_way", "offset", "offset_variance", "p_s", "p_sv", "p_v",
+        "pace", "part_until", "s", "seen", "speed", "time",
     )  # fmt: skip
 
     def __init__(self, time: float, sighting: Sighting) -> None:
@@ -120,6 +139,8 @@ class Track:
         self.s, self.offset, self.offset_variance = sighting.s, sighting.offset, sighting.offset_variance
         self.speed = 0.0 if math.isnan(sighting.speed) else sighting.speed
         self.across = Trend(sighting.offset, sighting.offset_variance, LATERAL_SPEED**2, LATERAL_AGILITY)
+        self.bank = Bank(sighting.offset, sighting.offset_variance, WALKERS)
+        self.foreseen, self.chance = False, 1.0  # as `Target` has them
         self.p_s, self.p_sv = RANGE_SIGMA**2, 0.0
         self.p_v = 4.0 if math.isnan(sighting.speed) else self._rate_variance(sighting)
         self.pace = Trend(self.speed, self.p_v, CHANGE**2, JERK)
@@ -136,6 +157,10 @@ class Track:
         self.offset_variance += DRIFT * dt
         self.across.density = CHANGE_AGILITY if self.drives else LATERAL_AGILITY
         self.across.predict(dt)
+        habits = LANE_CHANGERS if self.drives else WALKERS
+        if self.bank.habits is not habits:
+            self.bank = Bank(self.across.value, self.across.variance, habits)
+        self.bank.predict(dt)
         self.pace.predict(dt)
 
     def distance(self, sighting: Sighting) -> float:
@@ -158,6 +183,7 @@ class Track:
         self.offset += gain * (sighting.offset - self.offset)
         self.offset_variance *= 1.0 - gain
         self.across.update(sighting.offset, sighting.offset_variance)
+        self.bank.update(sighting.offset, CANDID * sighting.offset_variance)
         gain_s, gain_v = self.p_s / (self.p_s + RANGE_SIGMA**2), self.p_sv / (self.p_s + RANGE_SIGMA**2)
         self._correct(sighting.s - self.s, gain_s, gain_v, self.p_s, self.p_sv)
         if not math.isnan(sighting.speed):
@@ -295,7 +321,9 @@ def _danger(track: Track, time: float, bumper: float) -> Target:
     since, speed = time - track.time, track.pace.value
     braking = track.braking(since)
     slower = min(braking * since, max(speed, 0.0))
-    return Target(track.s + (track.speed - 0.5 * slower) * since - bumper, speed - slower, braking)
+    return Target(
+        track.s + (track.speed - 0.5 * slower) * since - bumper, speed - slower, braking, track.chance, track.foreseen
+    )
 
 
 def _is_coming(track: Track, corridor: Corridor, age: float) -> bool:
@@ -313,22 +341,51 @@ def _endangers(track: Track, path: Path, corridor: Corridor, bumper: float, spee
 
     What is foretold of the track counts from when it was measured.
     """
+    was, track.foreseen, track.chance = track.foreseen, False, 1.0
     # What is faster across than along crosses, or is long and turns: then its nearest point runs along its flank.
     across, drives, age = track.across, track.drives and abs(track.across.rate) < track.speed, now - track.time
-    if not crosses(across, COMES_OVER if drives else CROSSES):
-        return _is_inside(track, corridor, track.offset, track.offset_variance)
+    moves = crosses(across, COMES_OVER if drives else CROSSES)
+    if not moves and _is_inside(track, corridor, track.offset, track.offset_variance):
+        return True
     gap, closing = track.s + track.speed * age - bumper, speed - track.speed
-    left, right = corridor.half_widths(track.s)
     arrival = age + max(gap, 0.0) / closing if closing > 0.0 else math.inf
-    if _is_inside(track, corridor, across.value, across.variance):
-        leaves = will_have_left(across, left, right, arrival)
+    if moves and _is_inside(track, corridor, across.value, across.variance):
+        leaves = will_have_left(across, *corridor.half_widths(track.s), arrival)
         return not (leaves or goes_past(path, corridor, track.s, across, track.speed, bumper - speed * age, speed))
-    if track.time < track.part_until and abs(across.rate) > ON_FOOT:
+    if gap <= 0.0 or (track.time < track.part_until and abs(across.rate) > ON_FOOT):
         return False
     if drives:
-        past = (max(gap, 0.0) + LENGTH) / closing if closing > 0.0 else math.inf
-        return gap > 0.0 and _comes_over(track, corridor, age + min(past, SOON), EVEN)
-    return gap > 0.0 and track.speed > ONCOMING and will_be_in(across, left - INSIDE, right - INSIDE, arrival)
+        within = age + min((gap + LENGTH) / closing, CUTS_IN) if closing > 0.0 else age + CUTS_IN
+        track.foreseen = _cuts_in(track, corridor, within, was)
+        return track.foreseen
+    if track.speed <= ONCOMING:
+        return False
+    if moves and abs(across.rate) > BANKED:
+        left, right = corridor.half_widths(track.s)
+        return will_be_in(across, left - INSIDE, right - INSIDE, arrival)
+    track.foreseen = _walks_in(track, corridor, arrival, was)
+    return track.foreseen
+
+
+def _cuts_in(track: Track, corridor: Corridor, within: float, was: bool) -> bool:
+    """Tell whether a car that goes along is likely to come into the band within a time [s]; `was` it so before?"""
+    if track.time - track.seen >= FRESH:
+        return False
+    track.chance = chance_of_cutting_in(track.bank, *corridor.half_widths(track.s), within, track.speed)
+    return track.chance >= (DOUBTFUL if was else COMES_IN)
+
+
+def _walks_in(track: Track, corridor: Corridor, arrival: float, was: bool) -> bool:
+    """Tell whether one who crosses is likely to be before the car after a time [s].
+
+    Who `was` likely to be is so until it is unlikely that he comes into the band at all: the car that brakes comes
+    later, and he may be past by then, but only if it goes on braking.
+    """
+    left, right = corridor.half_widths(track.s)
+    track.chance = chance_in(track.bank, left - INSIDE, right - INSIDE, arrival, PASSES)
+    return track.chance >= LIKELY_IN or (
+        was and chance_of_coming(track.bank, left, right, arrival + PASSES) >= DOUBTFUL
+    )
 
 
 def _is_inside(track: Track, corridor: Corridor, offset: float, variance: float) -> bool:
