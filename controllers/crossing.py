@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from .bank import Bank
+from .bank import Bank, Mode
 from .trend import Trend
 
 CROSSES = 4.0  #: standard deviations of speed across the path that tell crossing from noise
@@ -17,7 +17,6 @@ COMES_OVER = 2.0  #: standard deviations of speed across the path that tell chan
 PREDICTION_HORIZON = 3.0  #: nothing is foretold farther ahead than this [s]
 KNOWN = 0.5  #: its standard deviation must be less than this: one seen for the first time changes no lane yet [m/s]
 ON_FOOT = 3.0  #: who crosses faster than this is not walking [m/s]
-NEGLIGIBLE = 1e-4  #: a speed less likely than this adds nothing
 SPEED_SIGMA = 0.15  #: of a speed that lies between two of the bank's [m/s]
 LATERAL_AGILITY = 0.05  #: spectral density of the acceleration of who crosses [m2/s3]
 FRONT = 4.0  #: from the rear of a car that comes over to its front [m]
@@ -41,59 +40,44 @@ def will_be_in(across: Trend, left: float, right: float, arrival: float) -> bool
     return enters + IN * sigma <= then <= leaves + follows - IN * sigma
 
 
-def chance_in(bank: Bank, left: float, right: float, arrival: float, passes: float) -> float:
-    """Return how likely it is within `left` and `right` of the path [m] at some time of `passes` [s] from `arrival` on.
+def probability_in(bank: Bank, left: float, right: float, begins: float, ends: float) -> float:
+    """Return how probable it is that a body is in the band, `left` and `right` of the path [m], at some time.
 
-    Whoever walks keeps his speed until then.
+    That time is between `begins` and `ends` [s]. The target keeps its speed until then, but for what `_spread` says; one
+    that stands keeps its place.
     """
-    if not arrival <= PREDICTION_HORIZON:
-        return 0.0
-    return _chance(bank, left, right, arrival, arrival + passes)
+    probability = 0.0
+    for mode in bank.modes():
+        now, enters, leaves = _onward(mode, left, right)
+        pace = abs(mode.speed)
+        follows = 0.0 if now > 0.0 else WALKER if pace < ON_FOOT else VEHICLE
+        early, late = (math.sqrt(mode.variance + (_spread(time) if pace else 0.0)) for time in (begins, ends))
+        has_come = _normal((now + pace * ends - enters) / late)
+        has_gone = _normal((now + pace * begins - follows - leaves) / early)
+        probability += mode.probability * max(has_come - has_gone, 0.0)
+    return probability
 
 
-def chance_of_coming(bank: Bank, left: float, right: float, within: float) -> float:
-    """Return how likely it is within `left` and `right` of the path [m] now or at some time until `within` [s]."""
-    return _chance(bank, left, right, 0.0, min(within, PREDICTION_HORIZON))
+def probability_of_cutting_in(bank: Bank, left: float, right: float, within: float, along: float) -> float:
+    """Return how probable it is that a car that goes `along` the path [m/s] comes into the band within a time [s].
 
-
-def _chance(bank: Bank, left: float, right: float, begins: float, ends: float) -> float:
-    chance = 0.0
-    for likely, place, variance, speed in zip(
-        bank.likely.tolist(), bank.place.tolist(), bank.variance.tolist(), bank.speeds.tolist(), strict=True
-    ):
-        if likely < NEGLIGIBLE:
-            continue
-        # Counted in the way it goes; one who stands, as if he went to the middle.
-        onward = speed if speed else -place
-        now, enters, leaves = (place, -right, left) if onward > 0.0 else (-place, -left, right)
-        follows = 0.0 if now > 0.0 else WALKER if abs(speed) < ON_FOOT else VEHICLE
-        pace = abs(speed)
-        # One who stands keeps his place; only a speed is somewhat doubtful, and changes.
-        soon, late = (math.sqrt(variance + (_spread(time) if speed else 0.0)) for time in (begins, ends))
-        come = _below((now + pace * ends - enters) / late)
-        gone = _below((now + pace * begins - follows - leaves) / soon)
-        chance += likely * max(come - gone, 0.0)
-    return chance
-
-
-def chance_of_cutting_in(bank: Bank, left: float, right: float, within: float, along: float) -> float:
-    """Return how likely a car that goes `along` the path [m/s] comes into the band within a time [s].
-
-    What is seen of it is its rear corner; a car that comes over is turned, and its front corner is first in the band.
+    The point that is seen of it is its rear corner. A car that comes over is turned, and its front corner comes first.
     """
-    chance = 0.0
-    for likely, place, variance, speed in zip(
-        bank.likely.tolist(), bank.place.tolist(), bank.variance.tolist(), bank.speeds.tolist(), strict=True
-    ):
-        if likely < NEGLIGIBLE or speed == 0.0:
-            continue
-        now, enters, leaves = (place, -right, left) if speed > 0.0 else (-place, -left, right)
-        if now > leaves:
-            continue
-        pace = abs(speed)
-        sigma = math.sqrt(variance + _spread(within))
-        chance += likely * _below((now + pace * (within + FRONT / along) - enters) / sigma)
-    return chance
+    probability = 0.0
+    for mode in bank.modes():
+        now, enters, leaves = _onward(mode, left, right)
+        if mode.speed and now <= leaves:
+            sigma = math.sqrt(mode.variance + _spread(within))
+            comes = now + abs(mode.speed) * (within + FRONT / along)
+            probability += mode.probability * _normal((comes - enters) / sigma)
+    return probability
+
+
+def _onward(mode: Mode, left: float, right: float) -> tuple[float, float, float]:
+    """Place now, where the band begins and ends, counted in the way it goes; one that stands: towards the middle."""
+    if (mode.speed or -mode.place) > 0.0:
+        return mode.place, -right, left
+    return -mode.place, -left, right
 
 
 def _spread(time: float) -> float:
@@ -101,8 +85,8 @@ def _spread(time: float) -> float:
     return time * time * (SPEED_SIGMA * SPEED_SIGMA + LATERAL_AGILITY * time / 3.0)
 
 
-def _below(sigmas: float) -> float:
-    """Return how likely a normal deviate is below so many standard deviations."""
+def _normal(sigmas: float) -> float:
+    """Return the distribution function of the standard normal distribution."""
     return 0.5 * math.erfc(-math.sqrt(0.5) * sigmas)
 
 

@@ -1,8 +1,9 @@
 """Brakes with all there is when nothing less avoids contact: a layer under the comfortable stop.
 
-It knows the brakes as declared, and no comfort. For what is in the way it goes on until the car stands. For one who is
-not yet in the way it brakes partly where that one is likely to come, fully where that is sure enough, and lets go when
-the danger goes, as two-stage systems do (Keller and Gavrila, 2014: whether a pedestrian stops is known only late).
+It knows the brakes as declared, and no comfort. For what is in the way it brakes until the car stands. For one who is
+foreseen, and not in the way yet, it brakes in two stages by how probable it is that he comes, and lets go when the
+danger goes: whether a pedestrian stops at the kerb is known only some tenths of a second before he has stopped (Keller
+and Gavrila, *IEEE Transactions on Intelligent Transportation Systems* 15, 494, 2014).
 """
 
 from __future__ import annotations
@@ -16,9 +17,9 @@ from .tracks import Target
 
 MARGIN = 2.0  #: rest of the gap that full braking shall leave [m]
 FULL = -9.0  #: asked for while it lasts [m/s2]: all there is, whatever the road; the gateway holds the car's limit
-PARTIAL, EARLIER = -4.0, 0.3  #: for one who is not so sure to come [m/s2], so long before it must be full [s]
-LASTS = 1.0  #: what is in the way is braked for on, where braking had to begin within so long [s]
-SURE = 0.7  #: chance of being met, for full braking
+PARTIAL, EARLIER = -4.0, 0.3  #: for one who is foreseen: so hard [m/s2], so long before it must be full [s]
+FULL_FROM = 0.7  #: probability from which one who is foreseen is braked for fully
+LASTS = 1.0  #: braking goes on for what is in the way, if it had to begin within so long anyway [s]
 JERK = 30.0  #: with which the gateway lets it build up [m/s3]
 REST_SPEED = 0.05  #: [m/s]
 FIRST_ORDER_RAMP = 2.0  #: a first-order lag T loses as much way as a linear ramp over 2 T
@@ -34,18 +35,25 @@ class Emergency:
         self._build_up = FIRST_ORDER_RAMP * vehicle.brake_lag + vehicle.deceleration_limit / JERK
         self.braking = False  #: partly or fully
         self.demand = 0.0  #: acceleration to ask for while it brakes [m/s2]
-        self._latched = False  #: brakes until standstill
+        self._latched = False  #: whether it brakes until standstill
 
     def step(self, targets: Iterable[Target], speed: float) -> bool:
         """Tell whether to brake now at a speed [m/s]."""
-        seen, moves = list(targets), speed > REST_SPEED
-        urgent = [target for target in seen if target.chance >= SURE and self._is_urgent(target, speed, 0.0)]
-        early = any(self._is_urgent(target, speed, EARLIER) for target in seen if target.foreseen)
-        self._latched = moves and (self._latched or any(not target.foreseen for target in urgent))
-        # Who was foreseen comes into the way while the car brakes: it goes on braking for him.
-        lasts = any(target.foreseen or self._is_urgent(target, speed, LASTS) for target in seen)
-        fully = self._latched or bool(urgent) or (self.demand <= FULL and lasts)
-        self.braking = moves and (fully or early or (self.braking and lasts))
+        if not speed > REST_SPEED:
+            self.braking, self.demand, self._latched = False, 0.0, False
+            return False
+        dangers = list(targets)
+        urgent = [target for target in dangers if self._is_urgent(target, speed, 0.0)]
+        self._latched = self._latched or any(not target.foreseen for target in urgent)
+        # One who was foreseen comes into the way while the car brakes: braking goes on for him.
+        lasts = any(target.foreseen or self._is_urgent(target, speed, LASTS) for target in dangers)
+        fully = (
+            self._latched
+            or any(target.probability >= FULL_FROM for target in urgent)
+            or (self.demand == FULL and lasts)
+        )
+        early = any(target.foreseen and self._is_urgent(target, speed, EARLIER) for target in dangers)
+        self.braking = fully or early or (self.braking and lasts)
         self.demand = 0.0 if not self.braking else FULL if fully else PARTIAL
         return self.braking
 

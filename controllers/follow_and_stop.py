@@ -28,7 +28,7 @@ from .trim import SteeringTrim
 
 PERIOD = 0.02  #: of the tick [s]
 COMFORT_LIMIT = -3.3  #: of comfort, inside the gateway's comfort envelope [m/s2]
-STOPS = 1.0  #: an emergency braking that came down to this has stopped the car [m/s]
+STOPPED = 1.0  #: an emergency braking that lasts down to this speed has stopped the car [m/s]
 JERK_DOWN, JERK_UP = 4.0, 2.5  #: of comfort [m/s3]
 
 TUNING: dict[str, float | str | bool] = {
@@ -118,7 +118,7 @@ class FollowAndStop:
         target = self._tracker.step(observation, station)
         dangers = self._tracker.dangers(observation.time, station.s)
         if self._emergency is not None and self._emergency.step(dangers, pose.speed):
-            self._acceleration, self._stopped = COMFORT_LIMIT, pose.speed < STOPS
+            self._acceleration, self._stopped = COMFORT_LIMIT, pose.speed < STOPPED
             return ControlCommand(
                 self._steer(deviation, observation), self._emergency.demand, emergency=True, note="emergency"
             )

@@ -10,7 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from controllers.bank import LANE_CHANGERS, WALKERS, Bank
-from controllers.crossing import chance_in, chance_of_coming, chance_of_cutting_in
+from controllers.crossing import probability_in, probability_of_cutting_in
 
 #: who never changes his speed and goes exactly straight: then Bayes' rule has a closed form
 FIXED = WALKERS._replace(sets_out=0.0, stops=0.0, changes=0.0, drift=0.0, sways=0.0)
@@ -29,7 +29,7 @@ def seen(bank: Bank, speed: float, times: int, sigma: float, seed: int = 1, plac
 def test_without_changes_it_is_bayes_rule():
     """Evidence of every speed: the measurements are jointly normal, for they share the doubt of the first place."""
     bank, sigma, first, n = Bank(-3.0, 0.2, FIXED), 0.3, 0.2, 25
-    before = bank.likely.copy()
+    before = bank.probability.copy()
     measured = seen(bank, 1.2, n, sigma)
     covariance = first * np.ones((n, n)) + sigma**2 * np.eye(n)
     times = 0.05 * np.arange(1, n + 1)
@@ -37,7 +37,7 @@ def test_without_changes_it_is_bayes_rule():
     log = -0.5 * np.einsum("ik,ij,jk->k", errors, np.linalg.inv(covariance), errors)
     after = before * np.exp(log - log.max())
     after /= after.sum()
-    assert bank.likely == pytest.approx(after, abs=1e-6)
+    assert bank.probability == pytest.approx(after, abs=1e-6)
     best = int(after.argmax())
     weight = 1.0 / (1.0 / first + n / sigma**2)  # least squares of the place at the end, at that speed
     start = -3.0 + weight * (errors[:, best] / sigma**2).sum()
@@ -54,10 +54,10 @@ def test_it_stays_a_distribution(habits, scans):
     bank = Bank(0.0, 0.3, habits)
     for dt, value in scans:
         bank.predict(dt)
-        assert bank.likely.sum() == pytest.approx(1.0, abs=1e-9)
+        assert bank.probability.sum() == pytest.approx(1.0, abs=1e-9)
         bank.update(value, 0.1)
-        assert bank.likely.sum() == pytest.approx(1.0)
-        assert (bank.likely > 0.0).all()
+        assert bank.probability.sum() == pytest.approx(1.0)
+        assert (bank.probability > 0.0).all()
         assert (bank.variance > 0.0).all()
 
 
@@ -67,45 +67,45 @@ def test_who_sets_out_is_told_from_who_stands(seed):
     bank = Bank(-3.0, 0.09, WALKERS)
     still = int(np.flatnonzero(bank.speeds == 0.0)[0])
     seen(bank, 0.0, 20, 0.3, seed)
-    assert bank.likely[still] > 0.7
+    assert bank.probability[still] > 0.7
     seen(bank, 1.4, 20, 0.3, seed + 10)
-    assert bank.likely[still] < 0.3
-    assert bank.likely @ bank.speeds == pytest.approx(1.4, abs=0.5)
+    assert bank.probability[still] < 0.3
+    assert bank.probability @ bank.speeds == pytest.approx(1.4, abs=0.5)
     seen(bank, 0.0, 20, 0.3, seed + 20, place=-3.0 + 1.4)
-    assert bank.likely[still] > 0.5
+    assert bank.probability[still] > 0.5
 
 
 def surely(place: float, speed: float, habits=WALKERS) -> Bank:
     """A bank that doubts neither a place nor the speed nearest to the one given."""
     bank = Bank(place, 1e-12, habits)
-    bank.likely = np.where(np.arange(bank.speeds.size) == np.abs(bank.speeds - speed).argmin(), 1.0, 0.0)
+    bank.probability = np.where(np.arange(bank.speeds.size) == np.abs(bank.speeds - speed).argmin(), 1.0, 0.0)
     return bank
 
 
 @settings(deadline=None, max_examples=50)
 @given(st.floats(-6.0, -1.3), st.sampled_from([0.5, 1.0, 1.5, 2.5]), st.floats(0.1, 1.5), st.sampled_from([-1.0, 1.0]))
-def test_the_chance_of_a_walker_is_nearly_geometry(place, pace, arrival, side):
+def test_the_probability_of_a_walker_is_nearly_geometry(place, pace, arrival, side):
     """Beyond three standard deviations of how a walker changes his pace, it is sure; the body is half a metre."""
     sigma = (arrival + 0.2) * math.sqrt(0.15**2 + 0.05 * (arrival + 0.2) / 3.0)
     bank, ahead = surely(side * place, side * pace), place + pace * arrival
     late = ahead + 0.2 * pace
     assume(min(abs(late + 0.9), abs(ahead - 0.9 - 0.5)) > 3.0 * sigma)
     wanted = 1.0 if late > -0.9 and ahead - 0.5 < 0.9 else 0.0
-    assert chance_in(bank, 0.9, 0.9, arrival, 0.2) == pytest.approx(wanted, abs=2e-3)
-    assert chance_of_coming(bank, 0.9, 0.9, arrival + 0.2) == pytest.approx(1.0 if late > -0.9 else 0.0, abs=2e-3)
+    assert probability_in(bank, 0.9, 0.9, arrival, arrival + 0.2) == pytest.approx(wanted, abs=2e-3)
+    comes = 1.0 if late > -0.9 else 0.0
+    assert probability_in(bank, 0.9, 0.9, 0.0, arrival + 0.2) == pytest.approx(comes, abs=2e-3)
 
 
 def test_who_stands_beside_the_band_is_not_in_it():
-    assert chance_in(surely(-1.5, 0.0), 0.9, 0.9, 2.0, 0.2) < 0.1
-    assert chance_in(surely(-0.5, 0.0), 0.9, 0.9, 1.0, 0.2) > 0.9
-    assert chance_in(surely(-3.0, 1.5), 0.9, 0.9, 3.1, 0.2) == 0.0  # nothing is foretold so far ahead
+    assert probability_in(surely(-1.5, 0.0), 0.9, 0.9, 2.0, 2.2) < 0.1
+    assert probability_in(surely(-0.5, 0.0), 0.9, 0.9, 1.0, 1.2) > 0.9
 
 
 def test_the_front_corner_of_a_car_that_comes_over_is_first_in_the_band():
     """1.2 m beside the band, 1.2 m/s across: its rear corner takes a second, its front is 4 m of way further."""
     bank = surely(2.4, -1.2, LANE_CHANGERS)
-    assert chance_of_cutting_in(bank, 1.2, 1.2, 1.3, 50.0) > 0.8
-    assert chance_of_cutting_in(bank, 1.2, 1.2, 0.6, 50.0) < 0.1
-    assert chance_of_cutting_in(bank, 1.2, 1.2, 0.6, 10.0) == pytest.approx(0.5, abs=1e-6)
-    assert chance_of_cutting_in(surely(2.4, 1.2, LANE_CHANGERS), 1.2, 1.2, 1.3, 10.0) == 0.0  # it goes away
-    assert chance_of_cutting_in(surely(2.4, 0.0, LANE_CHANGERS), 1.2, 1.2, 1.3, 10.0) == 0.0
+    assert probability_of_cutting_in(bank, 1.2, 1.2, 1.3, 50.0) > 0.8
+    assert probability_of_cutting_in(bank, 1.2, 1.2, 0.6, 50.0) < 0.1
+    assert probability_of_cutting_in(bank, 1.2, 1.2, 0.6, 10.0) == pytest.approx(0.5, abs=1e-6)
+    assert probability_of_cutting_in(surely(2.4, 1.2, LANE_CHANGERS), 1.2, 1.2, 1.3, 10.0) == 0.0  # it goes away
+    assert probability_of_cutting_in(surely(2.4, 0.0, LANE_CHANGERS), 1.2, 1.2, 1.3, 10.0) == 0.0

@@ -206,14 +206,14 @@ def test_who_stands_or_walks_beside_the_way_does_not_brake_it(speed, clear, pace
 def test_for_one_who_is_foreseen_it_brakes_partly_then_fully_and_lets_go():
     emergency, speed = Emergency(CAR, 0.02), 15.0
     way = emergency.way(speed, Target(0.0, 0.0))
-    likely = Target(way + MARGIN + 0.2 * speed, 0.0, chance=0.6, foreseen=True)
+    likely = Target(way + MARGIN + 0.2 * speed, 0.0, probability=0.6, foreseen=True)
     assert not emergency.step([likely._replace(gap=way + MARGIN + 0.4 * speed)], speed)
     assert emergency.step([likely], speed)
     assert emergency.demand == PARTIAL
-    sure = likely._replace(gap=way, chance=0.8)
+    sure = likely._replace(gap=way, probability=0.8)
     assert emergency.step([sure], speed)
     assert emergency.demand == FULL
-    assert emergency.step([sure._replace(chance=0.4)], speed)  # not so sure any more: what is begun goes on
+    assert emergency.step([sure._replace(probability=0.4)], speed)  # not so sure any more: what is begun goes on
     assert emergency.demand == FULL
     assert not emergency.step([Target(90.0, 0.0)], speed)  # what is far ahead is no reason to
     assert emergency.step([sure], speed)

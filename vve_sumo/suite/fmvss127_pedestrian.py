@@ -6,10 +6,9 @@ from collections.abc import Iterator
 from typing import Any
 
 from vve_sumo.scenario.engine import SIZES
-from vve_sumo.sensors.radar import RadarConfig
 from vve_sumo.suite import requirements
 from vve_sumo.suite.fmvss127 import STEP, steady, untouched
-from vve_sumo.suite.physics import DETECTION, Course, Need, foresight, full_braking, gap_used, seen_past
+from vve_sumo.suite.physics import Course, Need, full_braking, gap_used, seen_past
 from vve_sumo.suite.row import Row
 from vve_sumo.suite.track import KMH, WIDTH, gone_by, said, target
 from vve_sumo.values import Vehicle
@@ -58,14 +57,11 @@ def _crossing(car: Vehicle, walk: requirements.Walk, kmh: float) -> Row:
     )
     parked = _parked(car, speed, ahead) if walk.obstructed else []
     # There is something to brake for when he sets out, or comes in sight.
-    there, detection = speed * walking, DETECTION
+    there = speed * walking
     if walk.obstructed:
         corner = 0.5 * car.width + requirements.PARKED_ASIDE
         there = seen_past(corner, requirements.PARKED_GAP, speed, pace, 0.5 * SIZES["child"].length)
-        # A child that stands behind the cars comes in sight as well: only a while tells that this one comes on.
-        detection = max(DETECTION, foresight(there, speed, 0.5 * car.width) + RadarConfig().latency)
-    need = Need(_needed(car, speed, 0.0, detection), there)
-    return _row(walk, kmh, [actor, *parked], need, gone_by(speed, ahead))
+    return _row(walk, kmh, [actor, *parked], Need(_needed(car, speed, 0.0), there), gone_by(speed, ahead))
 
 
 def _on_the_way(car: Vehicle, walk: requirements.Walk, kmh: float) -> Row:
@@ -81,8 +77,8 @@ def aside(walk: requirements.Walk, width: float) -> float:
     return from_side - 0.5 * width if walk.side == "right" else 0.5 * width - from_side
 
 
-def _needed(car: Vehicle, speed: float, pace: float, detection: float = DETECTION) -> float:
-    return gap_used(full_braking(car, speed, detection=detection), Course(pace))
+def _needed(car: Vehicle, speed: float, pace: float) -> float:
+    return gap_used(full_braking(car, speed), Course(pace))
 
 
 def _parked(car: Vehicle, speed: float, ahead: float) -> list[dict[str, Any]]:

@@ -86,19 +86,6 @@ def gap_used(ego: Course, lead: Course, allowed: float = 0.0) -> float:
     return max(0.0, float((own - others)[closing].max(initial=0.0)))
 
 
-def foresight(distance: float, speed: float, within: float) -> float:
-    """Return how long the radar must watch one who comes in sight walking, until it is told where he will be [s].
-
-    It is told to `within` [m], one standard deviation, for the arrival of a car that is `distance` [m] away at `speed`
-    [m/s]. A straight line through n = T / period places, each known to s = azimuth sigma times distance, has a rate
-    known to s sqrt(12 / n) / T; over the time d / v until the arrival that makes
-    T = (sqrt(12 period) s d / (v within))^(2/3). No controller that brakes only for who comes needs less.
-    """
-    radar = RadarConfig()
-    sigma = radar.azimuth_sigma * distance
-    return float((math.sqrt(12.0 * radar.period) * sigma * distance / (speed * within)) ** (2.0 / 3.0))
-
-
 def seen_past(corner: float, before: float, speed: float, pace: float, reach: float) -> float:
     """Return how far ahead one is who crosses behind a corner when he is first seen from the middle of the bumper [m].
 
