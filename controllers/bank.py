@@ -50,29 +50,29 @@ class _Table:
     """
 
     def __init__(self, habits: Habits) -> None:
-        count = round(habits.fastest / habits.spacing)
-        speeds = [habits.spacing * step for step in range(-count, count + 1)]
+        still = round(habits.fastest / habits.spacing)  # index of speed 0
+        speeds = [habits.spacing * step for step in range(-still, still + 1)]
         moving = [
             math.exp(-0.5 * ((abs(speed) - habits.usual) / habits.spread) ** 2) + habits.others if speed else 0.0
             for speed in speeds
         ]
+        sets_out = [share * math.exp(-abs(speed)) for share, speed in zip(moving, speeds, strict=True)]
         self.speeds: Floats = np.array(speeds)
         self.first: Floats = (1.0 - habits.stays) * np.array(moving) / math.fsum(moving)
-        self.first[count] = habits.stays
-        sets_out = [share * math.exp(-abs(speed)) for share, speed in zip(moving, speeds, strict=True)]
-        rates = np.zeros((len(speeds), len(speeds)))  # from a row's speed to a column's
+        self.first[still] = habits.stays
+        changes = np.zeros((len(speeds), len(speeds)))  # to the speed of a row, from that of a column
         for low in range(len(speeds) - 1):
-            if count not in (low, low + 1):
+            if still not in (low, low + 1):
                 # In balance with what is probable at first.
                 more = math.sqrt(self.first[low + 1] / self.first[low])
-                rates[low, low + 1], rates[low + 1, low] = habits.changes * more, habits.changes / more
-        rates[count] = habits.sets_out * np.array(sets_out) / math.fsum(sets_out)
-        rates[:, count] = [habits.stops * math.exp(1.0 - abs(speed) / habits.usual) for speed in speeds]
-        np.fill_diagonal(rates, 0.0)
-        np.fill_diagonal(rates, -rates.sum(axis=1))
-        self.changes: Floats = rates[:, :, None].copy()
+                changes[low + 1, low], changes[low, low + 1] = habits.changes * more, habits.changes / more
+        changes[:, still] = habits.sets_out * np.array(sets_out) / math.fsum(sets_out)
+        changes[still] = [habits.stops * math.exp(1.0 - abs(speed) / habits.usual) for speed in speeds]
+        np.fill_diagonal(changes, 0.0)
+        np.fill_diagonal(changes, -changes.sum(axis=0))
+        self.changes: Floats = changes
         self.drifts: Floats = np.full(len(speeds), habits.drift)
-        self.drifts[count] = habits.sways
+        self.drifts[still] = habits.sways
 
 
 _table = cache(_Table)
@@ -112,13 +112,16 @@ class Bank:
 
     def predict(self, dt: float, drift: float = 0.0) -> None:
         """Move on by a time [s]; `drift` of the place on top of what the habits have [m2/s]."""
-        place, table, before = self.place, self._table, self.probability
-        moments = np.stack((before, before * place, before * (self.variance + place * place)), axis=1)
-        # A sum of products, and no `@`: the order in which BLAS adds depends on the processor.
-        moments += min(dt, LONGEST_STEP) * (table.changes * moments[:, None, :]).sum(axis=0)
-        self.probability = probability = moments[:, 0]
-        mean = moments[:, 1] / probability
-        self.variance = moments[:, 2] / probability - mean * mean + (table.drifts + drift) * dt
+        place, table = self.place, self._table
+        moments = np.empty((3, place.size))
+        moments[0] = self.probability
+        moments[1] = self.probability * place
+        moments[2] = self.probability * (self.variance + place * place)
+        # Products summed, and no `@`: the order in which BLAS adds depends on the processor.
+        moments += min(dt, LONGEST_STEP) * (table.changes * moments[:, None, :]).sum(axis=2)
+        self.probability = moments[0]
+        mean = moments[1] / self.probability
+        self.variance = moments[2] / self.probability - mean * mean + (table.drifts + drift) * dt
         self.place = mean + dt * table.speeds
 
     def update(self, place: float, variance: float) -> None:

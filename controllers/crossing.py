@@ -43,8 +43,8 @@ def will_be_in(across: Trend, left: float, right: float, arrival: float) -> bool
 def probability_in(bank: Bank, left: float, right: float, begins: float, ends: float) -> float:
     """Return how probable it is that a body is in the band, `left` and `right` of the path [m], at some time.
 
-    That time is between `begins` and `ends` [s]. The target keeps its speed until then, but for what `_spread` says; one
-    that stands keeps its place.
+    That time is between `begins` and `ends` [s]. The target keeps its speed until then, but for what `_spread` says;
+    one that stands keeps its place.
     """
     probability = 0.0
     for mode in bank.modes():
