@@ -124,6 +124,12 @@ class Bank:
         self.variance = moments[2] / self.probability - mean * mean + (table.drifts + drift) * dt
         self.place = mean + dt * table.speeds
 
+    def spread(self) -> tuple[float, float]:
+        """Return mean [m] and variance [m2] of the place, whatever the speed."""
+        mean = float((self.probability * self.place).sum())
+        away = self.place - mean
+        return mean, float((self.probability * (self.variance + away * away)).sum())
+
     def update(self, place: float, variance: float) -> None:
         """Take a measurement of the place [m] with its variance [m2] in."""
         total, error = self.variance + variance, place - self.place

@@ -178,6 +178,10 @@ class Track:
             return off_s
         across = self.across
         off_side = abs(sighting.offset - across.value) / math.sqrt(across.variance + sighting.offset_variance)
+        if off_side >= GATE:
+            # One who sets out or stops is where the bank has it before it is where the one filter has it.
+            place, variance = self.bank.spread()
+            off_side = abs(sighting.offset - place) / math.sqrt(variance + sighting.offset_variance)
         if math.isnan(sighting.speed):
             return max(off_s, off_side)
         off_speed = abs(sighting.speed - sighting.skew * across.rate - self.speed)

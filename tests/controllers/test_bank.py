@@ -75,6 +75,15 @@ def test_who_sets_out_is_told_from_who_stands(seed):
     assert bank.probability[still] > 0.5
 
 
+def test_the_spread_is_that_of_the_mixture():
+    bank = Bank(-3.0, 0.2, WALKERS)
+    seen(bank, 1.0, 8, 0.3)
+    random = np.random.default_rng(0)
+    which = random.choice(bank.speeds.size, 200_000, p=bank.probability)
+    drawn = random.normal(bank.place[which], np.sqrt(bank.variance[which]))
+    assert bank.spread() == (pytest.approx(drawn.mean(), abs=0.01), pytest.approx(drawn.var(), rel=0.02))
+
+
 def surely(place: float, speed: float, habits=WALKERS) -> Bank:
     """A bank that doubts neither a place nor the speed nearest to the one given."""
     bank = Bank(place, 1e-12, habits)
