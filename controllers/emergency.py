@@ -45,13 +45,11 @@ class Emergency:
         dangers = list(targets)
         urgent = [target for target in dangers if self._is_urgent(target, speed, 0.0)]
         self._latched = self._latched or any(not target.foreseen for target in urgent)
-        # One who was foreseen comes into the way while the car brakes: braking goes on for him.
-        lasts = any(target.foreseen or self._is_urgent(target, speed, LASTS) for target in dangers)
-        fully = (
-            self._latched
-            or any(target.probability >= FULL_FROM for target in urgent)
-            or (self.demand == FULL and lasts)
-        )
+        # One who was foreseen comes into the way while the car brakes: UN R152 wants 5 m/s2 demanded, or more, for him.
+        come = self.braking and any(not target.foreseen and self._is_urgent(target, speed, LASTS) for target in dangers)
+        lasts = come or any(target.foreseen for target in dangers)
+        sure = any(target.probability >= FULL_FROM for target in urgent)
+        fully = self._latched or sure or come or (self.demand == FULL and lasts)
         early = any(target.foreseen and self._is_urgent(target, speed, EARLIER) for target in dangers)
         self.braking = fully or early or (self.braking and lasts)
         self.demand = 0.0 if not self.braking else FULL if fully else PARTIAL

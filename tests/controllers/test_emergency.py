@@ -223,6 +223,10 @@ def test_for_one_who_is_foreseen_it_brakes_partly_then_fully_and_lets_go():
     assert emergency.step([sure._replace(probability=0.4)], speed)  # not so sure any more: what is begun goes on
     assert emergency.demand == FULL
     assert not emergency.step([Target(90.0, 0.0)], speed)  # what is far ahead is no reason to
+    assert emergency.step([likely], speed)
+    assert emergency.step([Target(likely.gap, 0.0)], speed)  # he has come into the way: UN R152 wants 5 m/s2 or more
+    assert emergency.demand == FULL
+    assert not emergency.step([], speed)
     assert emergency.step([sure], speed)
     assert emergency.step([Target(way + MARGIN + 0.5 * speed, 0.0)], speed)  # he has come into the way
     assert not emergency.step([], speed)  # and has left it again: no standstill
