@@ -20,10 +20,10 @@ import shapely
 from tests import vehicles
 from tests.exhaustive import with_slow
 from tests.live.matrix import (
-    ALIKE,
     EACH,
     GATEWAY,
     MATRIX,
+    SLOW,
     SPEED,
     STEP,
     TOLERANCE,
@@ -72,7 +72,7 @@ def tried(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 
 @pytest.mark.live
-@pytest.mark.parametrize("row", with_slow(MATRIX, lambda row: row.name not in ALIKE), ids=lambda row: row.name)
+@pytest.mark.parametrize("row", with_slow(MATRIX, lambda row: row.name not in SLOW), ids=lambda row: row.name)
 def test_a_fault_has_its_right_outcome(row: Row, tried: dict[str, Future[str]]) -> None:
     print(tried[row.name].result())
 
