@@ -16,7 +16,7 @@ import pytest
 
 from controllers import follow_and_stop
 from tests import vehicles
-from tests.live.matrix import AT, GATEWAY, INJECTED, Fault, Right, Row, bound
+from tests.live.matrix import AT, GATEWAY, INJECTED, Fault, Right, Row, bound, pace
 from tests.live.spoilt import BRAKES, SPEED, WEAVE, WEAVES_IN
 from tests.vehicle.closed_loop import ClosedLoop, Ticked, winding
 from vve_sumo.controller import Controller
@@ -144,7 +144,7 @@ def assert_at_rest(row: Row, came: Driven) -> None:
     if row.stops is GATEWAY and CRITICAL.isdisjoint(code for ticked in stopped for code in ticked.verdict.reasons):
         speeds = [ticked.truth.speed for ticked in came.ticks]
         hardest = max(a - b for a, b in zip(speeds, speeds[TENTH:], strict=False)) / (TENTH * PERIOD)
-        assert hardest < GATEWAY.deceleration + 0.5, "the gateway keeps its own pace"
+        assert hardest < pace(row), "the gateway keeps its own pace"
 
 
 def assert_driver_has_control(came: Driven) -> None:

@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 
 from tests import vehicles
 from tests.conftest import REPOSITORY
+from vve_sumo.plant.injected_faults import VALUES
 from vve_sumo.timing import MAX_REPORT_AGE, NOTICED, PERIOD, SETPOINT_LIFETIME
 from vve_sumo.vehicle.limits import Limits
 
@@ -389,6 +390,15 @@ def bound(row: Row, speed: float, acceleration: float) -> float:
     assert v > a * rise / 2.0
     closed = v * delay + v * rise - a * rise * rise / 6.0 + (v - a * rise / 2.0) ** 2 / (2.0 * a)
     return closed + speed * TOLERANCE
+
+
+def pace(row: Row) -> float:
+    """Hardest that the gateway brakes in a stop of its own pace [m/s2].
+
+    It brakes by the wheels' speed, so a car whose wheel speeds are reported too small is braked as much harder.
+    """
+    scaled = [fault.value or VALUES[fault.kind][0] for fault in row.faults if fault.kind == "wheel_speeds_scaled"]
+    return GATEWAY.deceleration / min(scaled, default=1.0) + 0.5
 
 
 def table() -> str:

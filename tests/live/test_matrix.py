@@ -33,6 +33,7 @@ from tests.live.matrix import (
     Row,
     bound,
     in_turn,
+    pace,
 )
 from tests.live.stage import Evidence, Stage
 from vve_sumo.bus import read_log
@@ -145,7 +146,7 @@ def assert_at_rest(row: Row, evidence: Evidence) -> None:
     assert all(speed_at(evidence, when)[0] < STANDING for when in stood), "a car that moves is not held to stand"
     assert after[len(after) - len(stopped) :] == stopped, "engaged again"
     if row.stops is GATEWAY and CRITICAL.isdisjoint(evidence.summary["reasons"]):
-        assert hardest(evidence) < GATEWAY.deceleration + 0.5, "the gateway keeps its own pace"
+        assert hardest(evidence) < pace(row), "the gateway keeps its own pace"
     if row.stops is WATCHDOG:
         assert truth["watchdog_braking"].any()
     begun = [step["reasons"].split("+") for step in stopped[:1]] or [evidence.summary["reasons"]]

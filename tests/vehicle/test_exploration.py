@@ -22,6 +22,8 @@ from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.codec import Gear
 from vve_sumo.vehicle.gateway import Gateway, GatewayOutput, OperatorCommand
 
+pytestmark = pytest.mark.patient
+
 S = ArmingState
 PERIOD = 0.1
 LONG = 46  # steps: longer than anything that the gateway waits for
