@@ -28,6 +28,7 @@ def test_of_processes_that_want_it_one_makes_it(
     tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
 ) -> None:
     name = request.node.name
+    tmp_path_factory.getbasetemp()  # each worker of a session has made its own before it wants anything
     context = get_context("fork")
     several = [context.Process(target=wants, args=(tmp_path_factory, name)) for _ in range(3)]
     for process in several:
