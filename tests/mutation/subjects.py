@@ -53,7 +53,7 @@ SUBJECTS: Final[dict[str, Subject]] = {
     "report_consistency": _vehicle("report_consistency", "report_consistency.py"),
     "driver_signs": _vehicle("driver_signs", "driver_signs.py", "response.py"),
     "command_echo": _vehicle("command_echo", "command_echo.py", "response.py"),
-    "slowing_monitor": _vehicle("slowing_monitor", "response.py"),
+    "slowing_monitor": _vehicle("slowing_monitor", "slowing_monitor.py"),
     "response": _vehicle("response", "response.py", "hold.py", "drivers_foot.py"),
     "limits": _vehicle("limits", "limits.py", "envelopes.py", "figures.py", "speed_limit.py"),
     "effective_deceleration": _vehicle("effective_deceleration", "effective_deceleration.py"),
