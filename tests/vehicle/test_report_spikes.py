@@ -33,7 +33,9 @@ def resting(values: Iterable[float]) -> list[float]:
 @pytest.mark.parametrize(("measurement", "bound"), BOUNDS)
 def test_a_spike_is_more_than_a_car_can_do(measurement: str, bound: float, sign: float) -> None:
     """Off both its neighbours, four times; what is off by just the bound is none."""
+    assert after([0.9 * bound, 0.0] * 20, measurement) == []
     assert after([sign * bound, 0.0] * 20, measurement) == []
+    assert after([sign * bound, -sign, -sign, 0.0, 0.0] * 20, measurement) == [], "nor where it goes back by more"
     assert after([0.0, *[sign * 1.001 * bound, 0.0, 0.0] * 4], measurement) == CODE
 
 
@@ -68,6 +70,10 @@ def test_the_four_lie_within_half_a_second() -> None:
     assert after([*spikes, *last]) == CODE
     assert after([*spikes, *last, 0.0]) == []
     assert after([*spikes, 0.0, *last]) == []
+
+
+def test_the_newest_four_count() -> None:
+    assert after([*FAR, *[0.0] * 60, *[*FAR, 0.0] * 4]) == CODE, "though a fifth was a second ago"
 
 
 def test_spikes_of_several_measurements_do_not_add_up() -> None:

@@ -7,27 +7,12 @@ from dataclasses import replace
 
 import pytest
 
-from tests import vehicles
+from tests.vehicle.bare import BARE, CAR
 from vve_sumo.vehicle.actuation import Pedals
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.slowing_monitor import SlowingMonitor
 
-#: 500 N m brake with 1 m/s2, a tenth of the throttle pushes with 1 m/s2, and nothing else acts unless a test says so.
-BARE = Calibration(
-    mass=1000.0,
-    brake_gain=500.0,
-    brake_torque_limit=3000.0,
-    drive_force_limit=10_000.0,
-    drive_power_limit=1e9,
-    drive_lag=0.2,
-    creep_force=0.0,
-    creep_speed=4.0,
-    rolling_resistance=0.0,
-    drag_area=0.0,
-    wheel_speed_tolerance=0.02,
-)
-#: Brakes that let go with 0.15 + 0.1 + 0.05 = 0.3 s; the engine of `BARE` pushes with 1.5 * 0.2 + 0.1 = 0.4 s.
-CAR = replace(vehicles.FUSION.vehicle, brake_delay=0.1, brake_lag=0.05)
+#: The brakes of `CAR` let go with 0.15 + 0.1 + 0.05 = 0.3 s, and its engine pushes with 1.5 * 0.2 + 0.1 = 0.4 s.
 COAST = Pedals(0.0, 0.0)
 GENTLE = Pedals(500.0, 0.0)
 HARD = Pedals(2000.0, 0.0)
