@@ -59,6 +59,8 @@ SUBJECTS: Final[dict[str, Subject]] = {
         "limits",
         "limits.py",
         "figures.py",
+        "speed_limit.py::test_the_limit_is_approached_within_eight_tenths_of_a_second_each",
+        "speed_limit.py::test_a_car_that_is_one_metre_per_second_faster_than_its_limit_is_too_fast",
         "speed_limit.py::test_what_is_granted_is_the_least_of_the_request_and_the_approach_to_the_limit",
         "speed_limit.py::test_where_limit_or_speed_is_not_known_nothing_is_limited",
         "speed_limit.py::test_too_fast_is_beyond_the_margin",
