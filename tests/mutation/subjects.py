@@ -49,7 +49,7 @@ SUBJECTS: Final[dict[str, Subject]] = {
     ),
     "setpoint_validation": _vehicle("setpoint_validation", "setpoint_validation.py", "figures.py"),
     "engagement": _vehicle("engagement", "engagement.py", "figures.py"),
-    "reports": _vehicle("reports", "reports.py", "figures.py"),
+    "reports": _vehicle("reports", "reports.py", "driver_reports.py", "figures.py"),
     "report_consistency": _vehicle("report_consistency", "report_spikes.py"),
     "driver_signs": _vehicle("driver_signs", "driver_signs.py"),
     "command_echo": _vehicle("command_echo", "command_echo.py"),
@@ -73,7 +73,7 @@ SUBJECTS: Final[dict[str, Subject]] = {
     "drift": _vehicle("drift", "drift_check.py"),
     "plausibility": _vehicle("plausibility", "plausibility.py", "figures.py"),
     "gateway": _vehicle("gateway", *_GATEWAY),
-    "monitor": _vehicle("monitor", *_GATEWAY, "observer.py"),
+    "monitor": _vehicle("monitor", "monitor.py", "observer.py"),
     "trust": Subject("vve_sumo.pose.trust", ("tests/pose/test_trust.py", "tests/pose/test_trust_figures.py")),
     "steadiness": Subject("vve_sumo.pose.steadiness", ("tests/pose/test_steadiness.py",)),
 }

@@ -1,4 +1,4 @@
-"""A car of round numbers on which nothing acts but its pedals, for sums that are done by hand."""
+"""A car of round numbers on which nothing acts but its pedals, and a wire that says what a test wants."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ from dataclasses import replace
 from typing import Final
 
 from tests import vehicles
-from vve_sumo.values import Vehicle
+from vve_sumo.values import Frame, Vehicle
 from vve_sumo.vehicle.calibration import Calibration
+from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
+from vve_sumo.vehicle.interface import Report
 
 #: 500 N m brake with 1 m/s2, a tenth of the throttle pushes with 1 m/s2.
 BARE: Final = Calibration(
@@ -24,3 +26,12 @@ BARE: Final = Calibration(
     wheel_speed_tolerance=0.02,
 )
 CAR: Final[Vehicle] = replace(vehicles.FUSION.vehicle, brake_delay=0.1, brake_lag=0.05)
+
+
+class Saying(DataspeedDbw1):
+    """An interface of which every frame says what a test wants."""
+
+    said: tuple[Report, ...] = ()
+
+    def decode(self, frame: Frame) -> tuple[Report, ...]:
+        return self.said

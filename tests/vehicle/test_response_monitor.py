@@ -6,10 +6,9 @@ import math
 
 import pytest
 
-from tests.vehicle.bare import BARE, CAR
+from tests.vehicle.bare import BARE, CAR, Saying
 from vve_sumo.values import Frame
 from vve_sumo.vehicle.actuation import Pedals
-from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
 from vve_sumo.vehicle.dataspeed.layout import BRAKE_REPORT
 from vve_sumo.vehicle.interface import BrakeState, BrakeTorque, Report, ThrottleState, WheelSpeeds
 from vve_sumo.vehicle.reports import CarReports
@@ -20,15 +19,6 @@ HOLDING = 1000.0  # [N m]
 COAST, HELD, BRAKE = Pedals(0.0, 0.0), Pedals(HOLDING, 0.0), Pedals(2000.0, 0.0)
 OTHERS = BrakeState(enabled=True, watchdog_braking=True)
 NOT_FOLLOWING = ["brake_not_following"]
-
-
-class Saying(DataspeedDbw1):
-    """An interface of which every frame says what a test wants."""
-
-    said: tuple[Report, ...] = ()
-
-    def decode(self, frame: Frame) -> tuple[Report, ...]:
-        return self.said
 
 
 class Watched:
