@@ -521,7 +521,7 @@ def test_a_jump_that_every_comparison_sees_is_said_once():
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_heading_that_creeps_is_found_by_the_longest_window(sign):
-    """4.5 mrad/s at a crawl: 0.03 rad and 1 mrad/s are allowed in ten seconds, which it is beyond after 0.04 / 0.0045 s."""
+    """4.5 mrad/s at a crawl: in ten seconds 0.03 rad and 1 mrad/s are allowed, so it is found after 0.04 / 0.0045 s."""
     drive = Drive(speed=0.5)
     begun, codes = drive.now, []
     while not codes:
