@@ -149,7 +149,7 @@ def test_a_drive_that_was_over_before_the_fault_began_passes_nothing(name: str) 
     found = judge(case, window, died, course())
     assert (found.verdict, "fallen silent before" in found.why) == (Verdict.FAILED, True)
     stood = judge(case, window, replace(course(onset=3.0), stop_gap=math.nan), course())
-    assert (stood.verdict, "to rest before" in stood.why) == (Verdict.FAILED, True)
+    assert (stood.verdict, "come to rest" in stood.why) == (Verdict.FAILED, True)
 
 
 def test_who_says_the_same_twice_a_tick_brakes_no_longer_for_that() -> None:

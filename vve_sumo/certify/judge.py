@@ -174,7 +174,7 @@ def _over_before(window: Window, course: Course) -> str:
     if window.begins - last > MAX_SILENCE + _SLACK:
         return "it had fallen silent before the fault began, which tested nothing"
     if rest_time(course) <= window.begins + _SLACK:
-        return "the car had come to rest before the fault began, which tested nothing"
+        return "the car had come to rest, or the drive was over, before the fault began, which tested nothing"
     return ""
 
 

@@ -138,7 +138,7 @@ class _Search:
         skew = ways.heading[rows] - np.arctan2(table.tangent_y[sample], table.tangent_x[sample])
         reach = 0.5 * np.hypot(length, width) + beside
         left, right, curvature = self._greatest_near(float(reach.max(initial=0.0)))
-        # Beside a bend a body may reach into the path's way with its ends alone, far from what is nearest to its middle.
+        # At a bend a body may reach into the ego's way with its ends alone, far from what is nearest to its middle.
         straight = 0.5 * (length * (np.abs(np.sin(skew)) + turn) + width) + beside
         half = np.where(curvature[sample] * reach > BENT, reach, straight) + MARGIN
         close = (d < left[sample] + half) & (d > -right[sample] - half)

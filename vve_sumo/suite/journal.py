@@ -28,8 +28,8 @@ class Journal:
     ) -> None:
         """Begin a journal in `folder`, or go on with the one there; raises ConfigError where that is not of `rows`.
 
-        Another `car` makes another test of a row, also where its file has the same name. `code` is the hash of what drives: a journal of
-        another controller's code, or of another vve-sumo, is refused.
+        Another `car` makes another test of a row, also where its file has the same name. `code` is the hash of what
+        drives: a journal of another controller's code, or of another vve-sumo, is refused.
         """
         file = folder / NAME
         self._digests, self._code = {row.id: digest(row, car) for row in rows}, code

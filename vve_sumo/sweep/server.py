@@ -32,8 +32,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from vve_sumo.drive.progress import DriveProgress
-from vve_sumo.drive.provenance import software
-from vve_sumo.drive.provenance import deciding
+from vve_sumo.drive.provenance import deciding, software
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.sweep import process_tree
 from vve_sumo.sweep.input_cache import InputCache, resolve_job
