@@ -109,8 +109,8 @@ import os, sys, time
 from pathlib import Path
 from vve_sumo.certify.pool import Pool
 def drive(job):
-    Path(sys.argv[1], "begun").touch()
     try:
+        Path(sys.argv[1], "begun").touch()
         time.sleep(60.0)
     finally:
         time.sleep(0.3)  # a second signal must not cut the end short
