@@ -153,19 +153,19 @@ def leg(seed: int, number: int, noise: float) -> Tally:
     )  # fmt: skip
     engaged = False
     for ticked in loop.ticks():
-        state, speed = ticked.verdict.state, ticked.truth.speed
+        state, speed = ticked.status.state, ticked.truth.speed
         engaged |= state is ArmingState.ENGAGED
         tally.seconds, tally.driven = ticked.now, tally.driven + PERIOD * abs(speed)
         tally.moving += PERIOD * (speed != 0.0)
         if engaged and state is not ArmingState.ENGAGED:
-            codes = "+".join(ticked.verdict.reasons)
+            codes = "+".join(ticked.status.reasons)
             tally.stops[codes] += 1
             tally.legs.append(
                 f"leg {number}, {ticked.now:.2f} s, {speed:.2f} m/s, {driver.phases}: {codes} {parameters}"
             )
         if ticked.now >= LEG or (engaged and state is not ArmingState.ENGAGED):
             break
-    assert engaged, f"leg {number} never began: {ticked.verdict}"
+    assert engaged, f"leg {number} never began: {ticked.status}"
     tally.phases += driver.phases
     return tally
 

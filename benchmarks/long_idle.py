@@ -60,14 +60,14 @@ def main() -> None:
     loop = ClosedLoop(path, 3.0, controller=Dawdling(), pipeline=NoWayToRest, deviation_limit=4.0)
     engaged, told, farthest, driven = False, 0.0, 0.0, 0.0
     for ticked in loop.ticks():
-        state = ticked.verdict.state
+        state = ticked.status.state
         engaged |= state is ArmingState.ENGAGED
         farthest, driven = max(farthest, abs(ticked.deviation)), driven + 0.02 * ticked.truth.speed
         over = ticked.now >= 3600.0 * hours or (engaged and state is not ArmingState.ENGAGED)
         if ticked.now >= told or over:
             told += EVERY
             words = f"{ticked.now / 3600.0:.2f} h: {memory():.1f} MB, {driven:.0f} m, {farthest:.3f} m off at most"
-            print(f"{words}; {state} {'+'.join(ticked.verdict.reasons)}", flush=True)
+            print(f"{words}; {state} {'+'.join(ticked.status.reasons)}", flush=True)
         if over:
             break
 

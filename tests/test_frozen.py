@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vve_sumo.frozen import quickly_made
+from vve_sumo.frozen import fast_frozen
 
 
 def declared(name: str) -> Any:
@@ -23,7 +23,7 @@ def declared(name: str) -> Any:
 
 
 Plain = declared("Plain")
-Quick = quickly_made(declared("Quick"))
+Quick = fast_frozen(declared("Quick"))
 
 
 values = st.tuples(st.floats(allow_nan=False), st.text(), st.tuples(st.integers()))
@@ -71,7 +71,7 @@ def test_it_stays_frozen_and_slotted() -> None:
 def refused(name: str, message: str, a: Any = dataclasses.MISSING, **options: Any) -> None:
     columns: list[Any] = [("a", int) if a is dataclasses.MISSING else ("a", int, a)]
     with pytest.raises(TypeError, match=message):
-        quickly_made(dataclasses.make_dataclass(name, columns, **options))
+        fast_frozen(dataclasses.make_dataclass(name, columns, **options))
 
 
 def test_what_it_would_change_is_refused() -> None:
@@ -84,4 +84,4 @@ def test_what_it_would_change_is_refused() -> None:
     refused("Named", r"Named\.a: a field", a=dataclasses.field(kw_only=True), **both)
     refused("Fixed", r"Fixed\.a: a field", a=dataclasses.field(default=1, init=False), **both)
     with pytest.raises(TypeError, match="int: a frozen dataclass"):
-        quickly_made(int)
+        fast_frozen(int)

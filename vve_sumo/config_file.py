@@ -183,10 +183,10 @@ def _expected(complaint: ErrorDetails) -> str:
 def _came(complaint: ErrorDetails) -> str:
     """What came, unless it is a table: that would repeat half the file."""
     came = complaint["input"]
-    return "" if isinstance(came, dict) and complaint["type"] == "value_error" else f", got {spelt(came)}"
+    return "" if isinstance(came, dict) and complaint["type"] == "value_error" else f", got {short_repr(came)}"
 
 
-def spelt(value: object) -> str:
+def short_repr(value: object) -> str:
     """A value in few characters that a line can hold."""
     if isinstance(value, dict):
         return "a table"
@@ -245,7 +245,7 @@ def alternatives(annotations: Iterable[Any]) -> Iterator[Any]:
 def _key(part: int | str) -> str:
     """A key as it stands in a place, quoted where it is none that one would write bare."""
     text = str(part)
-    return text if text.isprintable() and len(text) <= MAX_VALUE_LENGTH else spelt(text)
+    return text if text.isprintable() and len(text) <= MAX_VALUE_LENGTH else short_repr(text)
 
 
 def meant_unit(key: str) -> str:

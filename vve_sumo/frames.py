@@ -19,9 +19,9 @@ from pyproj.enums import TransformDirection
 from pyproj.exceptions import ProjError
 
 from vve_sumo.errors import ConfigError
+from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.values import Fix, Point, Pose
 
-GRAVITY: Final = 9.80665  #: standard [m/s2]
 PROJECTIONS: Final = frozenset({"tmerc", "etmerc", "utm"})
 SEMI_MAJOR: Final = 6_378_137.0  #: of WGS84 [m]; GRS80 shares it
 SECOND_ECCENTRICITY: Final = 0.00673949674228  #: of WGS84, squared

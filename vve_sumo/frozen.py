@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 T = TypeVar("T")
 
 
-def quickly_made(made: type[T]) -> type[T]:
+def fast_frozen(made: type[T]) -> type[T]:
     """Return a frozen dataclass with slots, changed so that its instances are created by plain assignments.
 
     An instance is filled as one of a class with the same slots that is not frozen, then becomes one of `made`. It is

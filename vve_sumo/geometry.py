@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vve_sumo.frozen import quickly_made
+from vve_sumo.frozen import fast_frozen
 from vve_sumo.values import Floats, Vehicle
 
 Corners = list[tuple[float, float]]
@@ -23,7 +23,7 @@ Corners = list[tuple[float, float]]
 SIGNS = ((1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0))
 
 
-@quickly_made
+@fast_frozen
 @dataclass(frozen=True, slots=True)
 class Box:
     """One oriented rectangle."""

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vve_sumo.frozen import quickly_made
+from vve_sumo.frozen import fast_frozen
 from vve_sumo.path import Path
 
 Floats = NDArray[np.float64]
@@ -49,7 +49,7 @@ class Frame(NamedTuple):
     data: bytes  #: payload, 0 to 8 bytes; its length is the DLC
 
 
-@quickly_made
+@fast_frozen
 @dataclass(frozen=True, slots=True)
 class Fix:
     """One message of the receiver about its output point; NaN is "not reported" or "reported as invalid".
@@ -78,7 +78,7 @@ class Fix:
     differential_age: float = math.nan  #: age of the RTK corrections [s]
 
 
-@quickly_made
+@fast_frozen
 @dataclass(frozen=True, slots=True)
 class Pose:
     """Where a named point of the car is in the map at a stated time, and how it moves."""
@@ -95,7 +95,7 @@ class Pose:
     grade: float  #: slope of the ground along the heading [rad], uphill positive
 
 
-@quickly_made
+@fast_frozen
 @dataclass(frozen=True, slots=True)
 class Actors:
     """All actors near the ego at one time: a column per quantity, one row per actor."""
@@ -133,7 +133,7 @@ class SignalChange(NamedTuple):
     state: str  #: a letter of SUMO's for each of its links, in their order: r, y, g, G, …
 
 
-@quickly_made
+@fast_frozen
 @dataclass(frozen=True, slots=True)
 class Detections:
     """One radar scan as a controller sees it: a column per quantity, one row per detection."""
@@ -213,7 +213,7 @@ def newest_scan(sensors: Mapping[str, SensorOutput]) -> Detections:
     return scan
 
 
-@quickly_made
+@fast_frozen
 @dataclass(frozen=True, slots=True)
 class Observation:
     """All that a controller may know at one tick."""
@@ -260,12 +260,12 @@ class DeferredFallbackPath:
         return self._path
 
 
-def computed(profile: FallbackPath | DeferredFallbackPath | None) -> FallbackPath | None:
+def resolve_fallback_path(profile: FallbackPath | DeferredFallbackPath | None) -> FallbackPath | None:
     """Return a fallback path, now computed where it was deferred; None where there is none."""
     return profile.path() if isinstance(profile, DeferredFallbackPath) else profile
 
 
-@quickly_made
+@fast_frozen
 @dataclass(frozen=True, slots=True)
 class ControlCommand:
     """A controller's request for the car; the tick stamps it into a Setpoint."""
@@ -276,7 +276,7 @@ class ControlCommand:
     note: str = ""  #: the controller's reason, for the record
 
 
-@quickly_made
+@fast_frozen
 @dataclass(frozen=True, slots=True)
 class Setpoint:
     """A control command, stamped by the tick for the gateway.
@@ -313,7 +313,7 @@ class ArmingState(enum.StrEnum):
     FAULT = "fault"
 
 
-@quickly_made
+@fast_frozen
 @dataclass(frozen=True, slots=True)
 class GatewayStatus:
     """The gateway's state and output after a step."""
@@ -331,7 +331,7 @@ def _column(meaning: str) -> Any:
     return field(metadata={"meaning": meaning})
 
 
-@quickly_made
+@fast_frozen
 @dataclass(frozen=True, slots=True)
 class TickRow:
     """A tick's row in the record; names carry units because they are the record's columns.

@@ -28,8 +28,8 @@ def package(folder: Path) -> Path:
 
 
 def test_the_hash_is_that_of_names_and_bytes(tmp_path: Path) -> None:
-    spelt = b"11:__init__.py0:" + b"9:room/a.py6:x = 1\n" + b"12:room/car.dbc8:VERSION\n"
-    assert code_sha256(package(tmp_path)) == hashlib.sha256(spelt).hexdigest()
+    short_repr = b"11:__init__.py0:" + b"9:room/a.py6:x = 1\n" + b"12:room/car.dbc8:VERSION\n"
+    assert code_sha256(package(tmp_path)) == hashlib.sha256(short_repr).hexdigest()
 
 
 def test_what_decides_changes_the_hash_and_nothing_else_does(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from vve_sumo.analysis import load, radar_statistics
 from vve_sumo.analysis.run import Run
 from vve_sumo.drive.replay import read_car_frames, read_pipeline_inputs, recorded_scenario, replay
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
-from vve_sumo.sensors.radar import NOBODY
+from vve_sumo.sensors.radar import NO_ACTOR
 
 RATE, LATENCY = 0.1, 0.09
 
@@ -45,8 +45,8 @@ def test_false_alarms_are_recorded_as_nobody(run: Run) -> None:
     scans = run.arrow("readings").num_rows
     names = run.detections["actor"].tolist()
     assert scans > 1000
-    assert names.count(NOBODY) == pytest.approx(RATE * scans, abs=5.0 * (RATE * scans) ** 0.5)
-    assert radar_statistics(run).loc[NOBODY, "ghosts"] == names.count(NOBODY)
+    assert names.count(NO_ACTOR) == pytest.approx(RATE * scans, abs=5.0 * (RATE * scans) ** 0.5)
+    assert radar_statistics(run).loc[NO_ACTOR, "ghosts"] == names.count(NO_ACTOR)
 
 
 def test_every_scan_came_out_at_the_first_tick_after_its_latency(run: Run) -> None:

@@ -63,11 +63,11 @@ def test_a_mistake_of_ours_under_way_is_an_outcome_with_its_story(tmp_path: Path
     """A shell that raises: the record is finished, says broken, and holds the traceback."""
     record = Record(tmp_path / "r", RESOLVED, 0.0)
 
-    class Shell:
+    class TickHost:
         def run(self, record: Record, watch: object) -> None:
             raise ZeroDivisionError("in the middle")
 
-    done = drives.run_guarded(Shell(), record, print)  # type: ignore[arg-type]
+    done = drives.run_guarded(TickHost(), record, print)  # type: ignore[arg-type]
     assert done.outcome == "broken"
     assert "in the middle" in done.text
     assert "ZeroDivisionError" in (tmp_path / "r" / "traceback.txt").read_text(encoding="utf-8")
@@ -106,7 +106,7 @@ def test_the_playback_profile_can_never_arm() -> None:
         pipeline.see(now, table(now, ()))
         decided = pipeline.decide(tick, now, gateway.measured_steering)
         output = gateway.step(now, decided.setpoint, reports, OperatorCommand.ENGAGE)
-        assert output.verdict.state is not ArmingState.ENGAGED
+        assert output.status.state is not ArmingState.ENGAGED
         assert "profile_may_not_arm" in decided.faults
         commands = [codec.decode(each, codec.Variant.DBW1_2024) for each in output.frames]
         assert not any(getattr(each, "enable", False) for each in commands)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.drive.street import REPOSITORY, altered
-from vve_sumo.drive.resolved_scenario import LaidPath, read_path
+from vve_sumo.drive.resolved_scenario import LoadedPath, read_path
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path as ReferencePath
 from vve_sumo.path_feasibility import find_reversal, refuse_tight_bend
@@ -54,7 +54,7 @@ def corner(spacing: float) -> list[tuple[float, float]]:
     return [tuple(map(math.degrees, frame.to_geodetic(x, y))) for x, y in [*straight[:-45], *fine, *aside]]
 
 
-def lay(file: Path) -> LaidPath:
+def lay(file: Path) -> LoadedPath:
     return read_path(file, LINDEN.frame(), LINDEN)
 
 

@@ -103,7 +103,7 @@ class Wrong(Gateway):
             steering = Frame(steering.id, steering.data[:7] + b"\0")
         elif self.flaw == "shifts under way" and throttle.data[:2] != b"\0\0":
             gear = Frame(gear.id, b"\x04")
-        verdict = output.verdict
+        verdict = output.status
         if self.flaw == "jumps" and going:
             verdict = replace(verdict, steering=0.1 * (brake.data[7] & 1))
         return GatewayOutput(verdict, (brake, throttle, steering, gear))

@@ -126,12 +126,12 @@ class Bench:
     @property
     def state(self) -> ArmingState | None:
         """What the gateway last told the console."""
-        return self.feedbacks[-1].verdict.state if self.feedbacks else None
+        return self.feedbacks[-1].status.state if self.feedbacks else None
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """What the gateway last told the console."""
-        return self.feedbacks[-1].verdict.reasons if self.feedbacks else ()
+        return self.feedbacks[-1].status.reasons if self.feedbacks else ()
 
     def act(self, act: OperatorCommand) -> None:
         """Do what an operator does."""
@@ -170,7 +170,7 @@ class Bench:
 
     @property
     def _stalled(self) -> bool:
-        told = {reason for feedback in self.feedbacks for reason in feedback.verdict.reasons}
+        told = {reason for feedback in self.feedbacks for reason in feedback.status.reasons}
         state = self.state in (ArmingState.STOPPING, ArmingState.STOPPED, ArmingState.FAULT)
         return "timer_gap" in told or state or self.gateway.poll() is not None
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vve_sumo.live.calm import LATE, PATIENCE, SECOND, CalmSecond
+from vve_sumo.live.calm import LATE, PATIENCE, SECOND, JitterWait
 
 UNIT = 2.0**-10  #: of time [s]; a power of two, so that sums and differences are exact
 #: time since the wake-up before [UNIT], and how late it was [ms]
@@ -16,7 +16,7 @@ WAKE_UPS = st.lists(st.tuples(st.integers(0, 700), st.integers(0, 10)), min_size
 def test_the_wait_is_over_after_a_second_without_a_late_wake_up_or_its_patience(
     wake_ups: list[tuple[int, int]],
 ) -> None:
-    calm, seen, now = CalmSecond(), [], 0
+    calm, seen, now = JitterWait(), [], 0
     waits, given_up = True, False
     for elapsed, late in wake_ups:
         now += elapsed
@@ -32,7 +32,7 @@ def test_the_wait_is_over_after_a_second_without_a_late_wake_up_or_its_patience(
 
 
 def test_nothing_is_known_before_the_first_wake_up() -> None:
-    calm = CalmSecond()
+    calm = JitterWait()
     assert calm.waits
     assert calm.worst == 0.0
     assert calm.news() == ""
@@ -40,7 +40,7 @@ def test_nothing_is_known_before_the_first_wake_up() -> None:
 
 def lines(late: float, seconds: float) -> list[str]:
     """Return what the operator is told while every wake-up is `late` [s] for so long."""
-    calm, told = CalmSecond(), []
+    calm, told = JitterWait(), []
     for tick in range(round(seconds / 0.02)):
         calm.observe(0.02 * tick, late)
         told += filter(None, [calm.news()])

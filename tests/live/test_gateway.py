@@ -191,11 +191,11 @@ def test_a_drive_from_ready_to_park(bench: Open) -> None:
     b = bench(3.0)
     b.act(OperatorCommand.END)
     b.rest()
-    told = {code for feedback in b.feedbacks for code in feedback.verdict.reasons}
+    told = {code for feedback in b.feedbacks for code in feedback.status.reasons}
     assert "drive_over" in told
     assert "stop_asked" not in told, "nobody asked for it"
     assert b.car.gear is Gear.PARK
-    assert b.feedbacks[-1].verdict.state is ArmingState.DISARMED
+    assert b.feedbacks[-1].status.state is ArmingState.DISARMED
     gaps = [after.time - before.time for before, after in pairwise(b.heard)]
     assert sorted(gaps)[len(gaps) // 2] == pytest.approx(PERIOD, abs=0.003)
     assert set(counters(b.heard)) == set(range(1, len(b.heard))), "every step counts by one"
@@ -221,7 +221,7 @@ def test_the_record_holds_all_that_went_in_and_came_out(bench: Open) -> None:
             row["time_s"], said, heard, act, [code for code in row["process_faults"].split("+") if code]
         )
         assert list(output.frames) == sent, row["step"]
-        assert "+".join(output.verdict.reasons) == row["reasons"]
+        assert "+".join(output.status.reasons) == row["reasons"]
     assert at == len(log)
     assert [row["step"] for row in rows] == list(range(len(rows)))
     assert {row["operator_command"] for row in rows} == {"", "engage", "go", "stop"}
@@ -441,7 +441,7 @@ def finish(b: Bench) -> None:
 
 def reasons_of(b: Bench, recorded: bool = True) -> set[str]:
     """All reasons of a drive that is over, as told and, where there is one, as recorded."""
-    told = {reason for feedback in b.feedbacks for reason in feedback.verdict.reasons}
+    told = {reason for feedback in b.feedbacks for reason in feedback.status.reasons}
     if not recorded:
         return told
     finish(b)

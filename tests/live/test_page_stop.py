@@ -30,18 +30,18 @@ class At:
         """Let the gateway report a state."""
         status = GatewayStatus(state, (), 0.0, 0.0, (), 0.0, 0.0)
         self.gateway.send(link.encode_feedback(link.Feedback(1.0, 1, 1.0, status, 0.0, 5.0, "drive", 1)))
-        self.console._hear_gateway()
+        self.console._read_gateway()
         return self
 
     def asks(self) -> At:
         """Let the page ask for a stop."""
         self.view.send(b"stop")
-        self.console._hear_view()
+        self.console._read_view()
         return self
 
     def sent(self) -> list[Any]:
         """What the console sends the gateway in one pass of its loop, without its signs of life."""
-        self.console._speak()
+        self.console._give_commands()
         return [link.decode_operator_command(data) for data in self.gateway.receive() if data != ALIVE]
 
 
@@ -57,7 +57,7 @@ def test_the_page_stops_the_car_and_is_not_taken_for_the_operator() -> None:
 
 def test_the_operators_stop_counts_before_that_of_the_page() -> None:
     at = At().hears(ArmingState.ENGAGED).asks()
-    at.console._obey(KeyCommand.STOP)
+    at.console._apply_key(KeyCommand.STOP)
     assert at.asks().sent() == [OperatorCommand.STOP]
 
 

@@ -63,7 +63,7 @@ class Running:
     config: CarConfig
     ready: dict[str, Any] = field(default_factory=dict)
     packets: list[tuple[float, bytes]] = field(default_factory=list)  # drive time of taking them, bytes
-    verdicts: list[GatewayStatus] = field(default_factory=list)
+    statuses: list[GatewayStatus] = field(default_factory=list)
     tick: int = 0
 
     @property
@@ -91,7 +91,7 @@ class Running:
     def drive(self, bus: Bus, gateway: Gateway, seconds: float, wish: Callable[[float, GatewayStatus], Any]) -> None:
         """Step the gateway at 50 Hz; its clock is that of the ticks, so that a busy machine is no fault of its own.
 
-        `wish` gives acceleration and act for the car's speed and the last verdict.
+        `wish` gives acceleration and act for the car's speed and the last status.
         """
         decoder, speed, place, begun = Decoder(), 0.0, (0.0, 0.0, 0.0), time.monotonic() - self.tick * PERIOD
         for tick in range(self.tick + 1, self.tick + 1 + round(seconds / PERIOD)):
@@ -101,7 +101,7 @@ class Running:
             for at, data in self.packets[heard:]:
                 for fix in decoder.feed(data, at):
                     speed, place = math.hypot(fix.velocity_north, fix.velocity_east), place_of(fix)
-            now, last = tick * PERIOD, self.verdicts[-1] if self.verdicts else None
+            now, last = tick * PERIOD, self.statuses[-1] if self.statuses else None
             acceleration, act = wish(speed, last) if last else (0.0, None)
             setpoint = complete(
                 0.0, acceleration, sequence=tick, time=now, expires=now + 0.1, x=place[0], y=place[1],
@@ -112,7 +112,7 @@ class Running:
             output = gateway.step(now, setpoint, bus.drain(), act)
             for frame in output.frames:
                 bus.send(frame)
-            self.verdicts.append(output.verdict)
+            self.statuses.append(output.status)
             self.tick = tick
 
 
@@ -219,10 +219,10 @@ def test_a_gateway_on_the_pty_drives_it_and_brakes_it_to_rest(launch):
     with Bus(car.ready["interface"], car.ready["channel"]) as bus:
         gateway = gateway_of(car)
         car.drive(bus, gateway, 4.5, engaging(2.0))
-        assert car.verdicts[-1].state is ArmingState.ENGAGED, car.verdicts[-1].reasons
+        assert car.statuses[-1].state is ArmingState.ENGAGED, car.statuses[-1].reasons
         car.drive(bus, gateway, 3.5, lambda *_: (-3.0, None))
         car.drive(bus, gateway, 1.5, lambda speed, last: (0.0, OperatorCommand.STOP))
-        stopped = [verdict for verdict in car.verdicts if verdict.state is ArmingState.STOPPED]
+        stopped = [status for status in car.statuses if status.state is ArmingState.STOPPED]
         assert stopped
         assert stopped[0].reasons[0] == "stop_asked"
     car.console.close()

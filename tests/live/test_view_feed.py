@@ -6,7 +6,7 @@ from typing import Any, cast
 
 from vve_sumo.drive.tick import CompletedTick
 from vve_sumo.live.channel import pair
-from vve_sumo.live.view_feed import Beside, ViewFeed
+from vve_sumo.live.view_feed import SampleContext, ViewFeed
 
 
 def test_a_sample_that_cannot_be_made_ends_the_feed_and_nothing_else() -> None:
@@ -14,7 +14,7 @@ def test_a_sample_that_cannot_be_made_ends_the_feed_and_nothing_else() -> None:
     feed = ViewFeed(ours)
     asked = []
 
-    def beside() -> Beside:
+    def beside() -> SampleContext:
         asked.append(True)
         raise ZeroDivisionError
 

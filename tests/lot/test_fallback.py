@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tests import vehicles
 from vve_sumo.lot.fallback import LATERAL_ACCELERATION, deferred_fallback_path, fallback_path
 from vve_sumo.path import Path
-from vve_sumo.values import DeferredFallbackPath, FallbackPath, Point, Pose, computed
+from vve_sumo.values import DeferredFallbackPath, FallbackPath, Point, Pose, resolve_fallback_path
 from vve_sumo.vehicle.fallback import well_formed
 
 VEHICLE = vehicles.FUSION.vehicle
@@ -140,7 +140,7 @@ def test_a_deferred_path_is_the_one_that_is_computed_at_once_and_always_well_for
     x, y, heading, speed = numbers
     pose = Pose(0.0, Point.REAR_AXLE, x, y, heading, speed, 0.0, 0.0, 0.0, 0.0)
     at_once = fallback_path(pose, steering, CIRCLE, station, VEHICLE)
-    assert computed(deferred_fallback_path(pose, steering, CIRCLE, station, VEHICLE)) == at_once
+    assert resolve_fallback_path(deferred_fallback_path(pose, steering, CIRCLE, station, VEHICLE)) == at_once
     assert at_once is None or well_formed(at_once)
 
 

@@ -12,11 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests import vehicles
-from vve_sumo.frames import GRAVITY, Alignment
+from vve_sumo.frames import Alignment
 from vve_sumo.lot.geofence import GEOFENCE_BREACH, JERK, Geofence, Stop
 from vve_sumo.lot.polygon import Lot
 from vve_sumo.lot.turning import Turning
 from vve_sumo.path import Path
+from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.values import FallbackPath, Point, Pose
 
 VEHICLE = vehicles.FUSION.vehicle

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from tests.metrics.tables import CAR
 from tests.metrics.test_stopping import PERIOD, braked, found, joined, steady
 from vve_sumo.metrics.stopping import Stop
-from vve_sumo.metrics.stopping_tolerance import GRADE, GRAVITY, LOOP_GAIN, STRENGTH, Tolerance, tolerance
+from vve_sumo.metrics.stopping_tolerance import GRADE, LOOP_GAIN, STRENGTH, Tolerance, tolerance
+from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.vehicle.actuation import INTEGRAL_GAIN
 
 STEP = 1e-3

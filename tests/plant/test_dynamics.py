@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from tests import vehicles
 from tests.vehicles import parameters
+from vve_sumo.physical_constants import AIR_DENSITY, GRAVITY
 from vve_sumo.plant.car import STEP, chassis
 from vve_sumo.plant.dynamics import DYNAMIC_SPEED, KINEMATIC_SPEED, Dynamics, blend
-from vve_sumo.vehicle.calibration import AIR_DENSITY, GRAVITY
 
 FUSION = chassis(parameters())
 FRICTIONLESS = replace(FUSION, rolling_resistance=0.0, drag_area=0.0)

@@ -10,9 +10,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tests.vehicles import parameters
+from vve_sumo.physical_constants import AIR_DENSITY, GRAVITY
 from vve_sumo.plant.car import STEP, chassis
 from vve_sumo.plant.dynamics import Dynamics
-from vve_sumo.vehicle.calibration import AIR_DENSITY, GRAVITY
 
 BODY = chassis(parameters())
 #: what `Dynamics` states: place [m], heading [rad], speed [m/s]

@@ -168,8 +168,8 @@ class ReceiverConformance:
     def test_words_in_place_of_numbers_are_survived(self, word: bytes) -> None:
         """In frames, which hold no words, these are damage like any other."""
         chance = random.Random(1)
-        spelt = [(received, _with_word(chance, data, word)) for received, data in self.portions()]
-        whole = [(received, data[: len(data) - len(data) % self.grain]) for received, data in spelt]
+        short_repr = [(received, _with_word(chance, data, word)) for received, data in self.portions()]
+        whole = [(received, data[: len(data) - len(data) % self.grain]) for received, data in short_repr]
         _trusted(self.receiver(), self.fixes(whole))
 
     @pytest.mark.parametrize("seed", SEEDS)

@@ -562,7 +562,7 @@ class _Drive:
             grade=0.0, faults=(), profile=None,
         )  # fmt: skip
         output = self.gateway.step(now, setpoint, self.heard, act)
-        self.state, self.reasons = output.verdict.state, output.verdict.reasons
+        self.state, self.reasons = output.status.state, output.status.reasons
         said = self.car.step((self._tick + 1) * PERIOD, output.frames, driver)
         self.heard = [frame for _time, frame in said.reports]
 

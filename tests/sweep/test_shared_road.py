@@ -45,7 +45,7 @@ def result_of(worker: Worker, one: Job) -> Result:
     return eventually(worker.result)
 
 
-def stand_ins(worker: Worker) -> list[int]:
+def proxies(worker: Worker) -> list[int]:
     """The processes that stand in for a server while nothing is driven."""
     return process_tree.descendants(worker.pid)
 
@@ -57,7 +57,7 @@ def test_runs_on_a_shared_road_are_those_of_processes_of_their_own(tmp_path: Pat
     runs.append(in_town("light again", 1, demand=["linden_light"]))
     runs.append(dataclasses.replace(in_town("kept", 2), keep=tmp_path / "kept"))
     results = {one.key: result_of(worker, one) for one in runs}
-    assert len(stand_ins(worker)) == 1
+    assert len(proxies(worker)) == 1
     for one in (runs[0], runs[2], runs[5]):
         summary = isolated(in_process, one, tmp_path / one.key)
         assert results[one.key].figures["record_sha256"] == summary["record_sha256"]
@@ -89,7 +89,7 @@ def test_where_sumo_writes_every_run_starts_its_own(tmp_path: Path, worker: Work
         out.unlink(missing_ok=True)
         assert result_of(worker, one).error == ""
         assert out.read_text().rstrip().endswith("</meandata>")
-    assert stand_ins(worker) == []
+    assert proxies(worker) == []
 
 
 def test_a_crash_on_a_shared_road_costs_its_own_run() -> None:
@@ -108,7 +108,7 @@ def test_what_a_run_on_a_shared_road_leaves_behind_ends(tmp_path: Path, worker: 
         assert result_of(worker, job(key)).error == ""
     assert result_of(worker, job("begets", "begets", note)).error == ""
     assert not alive(int(note.read_text()))
-    [stand_in] = stand_ins(worker)
+    [stand_in] = proxies(worker)
     # A process that forks must have one thread, whatever SUMO would like.
     assert len(list(Path(f"/proc/{stand_in}/task").iterdir())) == 1
 
@@ -119,7 +119,7 @@ def test_a_killed_stand_in_takes_the_server_with_it_and_the_run_is_driven_again(
         assert result_of(worker, job(key)).error == ""
     worker.submit(job("hangs", "hang", note))
     run, server = written(note), worker.pid
-    [stand_in] = [one for one in stand_ins(worker) if one != run]
+    [stand_in] = [one for one in proxies(worker) if one != run]
     note.unlink()
     os.kill(stand_in, signal.SIGKILL)
     eventually(lambda: not any(map(alive, (run, stand_in, server))))

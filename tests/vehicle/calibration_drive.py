@@ -89,10 +89,10 @@ class CalibrationDrive:
             self._lines.append(candump_lines(EPOCH + time, "can0", [frame]))
         reports = [frame for _time, frame in heard.reports]
         output = self._gateway.step(now, self._setpoint(tick, now), reports, self._act)
-        verdict = output.verdict
-        waiting = verdict.state is ArmingState.ENGAGED and "waiting_for_go" in verdict.reasons
+        status = output.status
+        waiting = status.state is ArmingState.ENGAGED and "waiting_for_go" in status.reasons
         self._act = (
-            OperatorCommand.ENGAGE if verdict.state is ArmingState.READY else OperatorCommand.GO if waiting else None
+            OperatorCommand.ENGAGE if status.state is ArmingState.READY else OperatorCommand.GO if waiting else None
         )
         self._lines.append(candump_lines(EPOCH + now, "can0", output.frames))
         return output.frames

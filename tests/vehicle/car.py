@@ -193,7 +193,7 @@ class Rig:
         self.frames = output.frames
         self.car.hear(output.frames)
         self.car.advance()
-        return output.verdict
+        return output.status
 
     def run(self, duration: float, acceleration: float | None = 0.0, **arguments: object) -> list[GatewayStatus]:
         """Ticks for `duration` seconds."""

@@ -53,7 +53,7 @@ class Ticked(NamedTuple):
     """One tick, seen from outside."""
 
     now: float  #: [s]
-    verdict: GatewayStatus
+    status: GatewayStatus
     truth: Pose  #: at `now`
     deviation: float  #: true one, from the path, left positive [m]
     found: tuple[str, ...]  #: faults of the drive
@@ -106,7 +106,7 @@ class ClosedLoop:
         for tick in count():
             now = tick * PERIOD
             ticked, frames = self._tick(tick, now, heard, self._operator.next_command())
-            self._operator.observe(ticked.verdict)
+            self._operator.observe(ticked.status)
             heard = self.car.step((tick + 1) * PERIOD, frames)
             yield ticked
 
@@ -125,7 +125,7 @@ class ClosedLoop:
         truth = self.car.truth()
         beside = self._path.project(truth.x, truth.y, self._station)
         self._station = beside.s
-        return Ticked(now, output.verdict, truth, beside.offset, decided.faults), output.frames
+        return Ticked(now, output.status, truth, beside.offset, decided.faults), output.frames
 
 
 class Slowing:
@@ -164,12 +164,12 @@ def came_of(loop: ClosedLoop, at: float, seconds: float) -> Came:
     noticed: Ticked | None = None
     way = farthest = let_go = speed = 0.0
     for ticked in loop.ticks():
-        now, state = ticked.now, ticked.verdict.state
+        now, state = ticked.now, ticked.status.state
         if begun == math.inf and abs(ticked.truth.speed) > START_SPEED:
             begun = now + at
         if now < begun - PERIOD / 2:
-            assert state is not ArmingState.STOPPING, f"stopped before its fault: {ticked.verdict.reasons}"
-            assert now < 60.0, f"never moved: {ticked.verdict}"
+            assert state is not ArmingState.STOPPING, f"stopped before its fault: {ticked.status.reasons}"
+            assert now < 60.0, f"never moved: {ticked.status}"
             continue
         if first is None:
             first, speed = ticked, ticked.truth.speed
@@ -184,8 +184,8 @@ def came_of(loop: ClosedLoop, at: float, seconds: float) -> Came:
             return Came(
                 noticed=math.inf if noticed is None else noticed.now - begun,
                 deviation=math.inf if noticed is None else abs(noticed.deviation - first.deviation),
-                reasons=() if noticed is None else noticed.verdict.reasons,
-                all_reasons=ticked.verdict.reasons,
+                reasons=() if noticed is None else noticed.status.reasons,
+                all_reasons=ticked.status.reasons,
                 speed=speed,
                 way=way if rest else math.inf,
                 farthest=farthest,

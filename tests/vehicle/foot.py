@@ -42,7 +42,7 @@ def foot_unseen(frame: Frame) -> Frame:
 class Course:
     """What came of a drive in which a foot came at a time zero; times in s."""
 
-    verdicts: list[tuple[float, GatewayStatus]]
+    statuses: list[tuple[float, GatewayStatus]]
     requested: list[tuple[float, float]]  #: time and throttle that the DBW controller asks of the engine, by the truth
     speeds: list[tuple[float, float]]  #: time and true speed [m/s]
 
@@ -57,24 +57,24 @@ class Course:
     @property
     def noticed(self) -> tuple[float, tuple[str, ...]]:
         """Time at which the drive ended, and the reasons at that step."""
-        for time, verdict in self.verdicts:
-            if verdict.state is not ArmingState.ENGAGED:
-                return time, verdict.reasons
+        for time, status in self.statuses:
+            if status.state is not ArmingState.ENGAGED:
+                return time, status.reasons
         return math.inf, ()
 
     @property
     def reasons(self) -> set[str]:
         """All reasons of the whole course."""
-        return {code for _time, verdict in self.verdicts for code in verdict.reasons}
+        return {code for _time, status in self.statuses for code in status.reasons}
 
 
 def under_way(whole: WholeCar, speed: float = 5.0, seconds: float = 8.0) -> None:
     """Engage and drive to a `speed` [m/s], which is then kept."""
     whole.engage()
     for _ in range(round(seconds / PERIOD)):
-        verdict = whole.step(wish(whole, speed))
-        assert verdict.state is ArmingState.ENGAGED, verdict
-    assert verdict.throttle > 0.0
+        status = whole.step(wish(whole, speed))
+        assert status.state is ArmingState.ENGAGED, status
+    assert status.throttle > 0.0
 
 
 def wish(whole: WholeCar, speed: float) -> float:
@@ -97,11 +97,11 @@ def foot_comes(
         time = number * PERIOD - frozen_before
         driver = foot if -1e-9 <= time < lasts - 1e-9 else HANDS_OFF
         whole.heard = [alter(frame) for frame in whole.heard]
-        verdict = whole.step(wish(whole, speed), driver=driver)
+        status = whole.step(wish(whole, speed), driver=driver)
         if time < -1e-9:
-            assert verdict.state is ArmingState.ENGAGED, verdict
+            assert status.state is ArmingState.ENGAGED, status
             continue
-        course.verdicts.append((time, verdict))
+        course.statuses.append((time, status))
         course.requested.append((time, whole.car.interface.controller.request.throttle))
         course.speeds.append((time, whole.car.truth().speed))
     return course

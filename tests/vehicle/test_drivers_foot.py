@@ -61,15 +61,15 @@ FEET = [
 def test_a_foot_closes_the_throttle_at_once_and_the_car_does_not_drive_off_when_it_lifts(reports, pedal, lasts):
     whole, course = comes(reports, pedal, lasts)
     assert course.throttle_closed <= WITHIN[reports]
-    assert all(verdict.throttle == 0.0 for time, verdict in course.verdicts if time >= WITHIN[reports])
+    assert all(status.throttle == 0.0 for time, status in course.statuses if time >= WITHIN[reports])
     assert course.noticed[0] <= WITHIN[reports]
     assert course.reasons & {"driver_on_brake", "driver_inferred"}
-    taken_over = course.verdicts[-1][1].state is S.FAULT
+    taken_over = course.statuses[-1][1].state is S.FAULT
     # Whoever has taken over a car in drive must hold it: it creeps, and the gateway calls for him.
     fastest = max(speed for time, speed in course.speeds if time > lasts)
     assert fastest < 1.5 if taken_over else fastest == 0.0
     assert not taken_over or {"driver_override", "driver_needed"} <= course.reasons
-    assert course.verdicts[-1][1].state in {S.DISARMED, S.READY, S.FAULT}
+    assert course.statuses[-1][1].state in {S.DISARMED, S.READY, S.FAULT}
     for _ in range(50):
         assert whole.step(2.0, act=OperatorCommand.GO).throttle == 0.0
 
@@ -81,10 +81,10 @@ def test_a_foot_that_takes_the_brakes_and_lifts_again_is_said_and_the_driver_is_
     whole, course = comes(reports, FULL, lasts, seconds=4.0)
     assert whole.car.interface.controller.brake.override
     assert course.throttle_closed <= 0.2
-    rolling = [verdict for time, verdict in course.verdicts if time > lasts + 1.6]
+    rolling = [status for time, status in course.statuses if time > lasts + 1.6]
     assert course.speeds[-1][1] > 0.5
-    assert all("driver_needed" in verdict.reasons for verdict in rolling)
-    assert all(verdict.state is S.FAULT or "brakes_latched" in verdict.reasons for verdict in rolling)
+    assert all("driver_needed" in status.reasons for status in rolling)
+    assert all(status.state is S.FAULT or "brakes_latched" in status.reasons for status in rolling)
 
 
 @pytest.mark.parametrize("reports", ["sound", "brake report frozen"])
@@ -111,7 +111,7 @@ def test_a_foot_on_the_throttle_ends_the_drive_with_bits_at_zero_too(pedal):
     under_way(whole)
     course = foot_comes(whole, DriverInputs(throttle_pedal=pedal), 0.5, unseen, seconds=8.0)
     assert course.noticed == (pytest.approx(PERIOD), ("driver_on_throttle",))
-    assert all(verdict.throttle == 0.0 for time, verdict in course.verdicts if time > 0.5 * PERIOD)
+    assert all(status.throttle == 0.0 for time, status in course.statuses if time > 0.5 * PERIOD)
     assert course.speeds[-1][1] < 1.5
 
 
@@ -158,23 +158,23 @@ def test_a_false_override_of_50_ms_keeps_braking_and_raises_the_alarm(identifier
     # 5 m/s at the gateway's 2.4 m/s2, whose jerk and whose brakes take half a second to get there.
     assert whole.distance - begun < 5.0**2 / (2.0 * 2.4) + 0.5 * 5.0
     assert whole.car.truth().speed == 0.0
-    assert {verdict.state for _time, verdict in course.verdicts} <= {
+    assert {status.state for _time, status in course.statuses} <= {
         S.ENGAGED,
         S.STOPPING,
         S.STOPPED,
         S.DISARMED,
         S.READY,
     }
-    moving = [verdict for (time, verdict), (_, speed) in zip(course.verdicts, course.speeds, strict=True)
+    moving = [status for (time, status), (_, speed) in zip(course.statuses, course.speeds, strict=True)
               if time >= noticed and speed > 0.1]  # fmt: skip
-    assert all("driver_needed" in verdict.reasons for verdict in moving)
-    assert max(verdict.brake_torque for verdict in moving) > 0.9 * 2.4 * PARAMETERS.calibration.brake_gain
+    assert all("driver_needed" in status.reasons for status in moving)
+    assert max(status.brake_torque for status in moving) > 0.9 * 2.4 * PARAMETERS.calibration.brake_gain
 
 
 def test_a_real_override_still_gets_the_car_within_a_step_of_its_report():
     whole = WholeCar()
     under_way(whole)
     course = foot_comes(whole, DriverInputs(brake_pedal=FULL), 4.0, seconds=4.0)
-    given = next(time for time, verdict in course.verdicts if verdict.state is S.FAULT)
+    given = next(time for time, status in course.statuses if status.state is S.FAULT)
     assert given <= 0.1 + 2 * PERIOD
     assert "override_unconfirmed" not in course.reasons

@@ -27,10 +27,10 @@ def stopping_distance(rig: Rig, patience: float = 15.0, **arguments: object) -> 
     """Drive on until the car stands [m]; asserts that nobody believes that it stands, or asks for park, before."""
     begun = rig.car.x
     for _ in range(round(patience / PERIOD)):
-        verdict = rig.step(**arguments)
+        status = rig.step(**arguments)
         if rig.car.speed == 0.0:
             return rig.car.x - begun
-        assert verdict.state is not S.STOPPED
+        assert status.state is not S.STOPPED
         assert rig.commands()[3].gear is Gear.NONE
     raise AssertionError(f"still {rig.car.speed} m/s")
 
@@ -84,14 +84,14 @@ def test_one_wheel_that_turns_is_a_car_that_moves():
 def test_a_receiver_that_says_that_the_car_moves_keeps_it_out_of_park():
     rig = Rig()
     rig.cruise(10.0)
-    verdicts = rig.run(20.0, speed=4.0)
-    assert (verdicts[-1].state, verdicts[-1].reasons[0]) == (S.STOPPING, "speed_mismatch")
-    assert {"standstill_uncertain", "driver_needed"} <= set(verdicts[-1].reasons)
+    statuses = rig.run(20.0, speed=4.0)
+    assert (statuses[-1].state, statuses[-1].reasons[0]) == (S.STOPPING, "speed_mismatch")
+    assert {"standstill_uncertain", "driver_needed"} <= set(statuses[-1].reasons)
     assert rig.car.speed == 0.0
     assert rig.commands()[3].gear is Gear.NONE
-    assert verdicts[-1].brake_torque > 1000.0
-    verdicts = rig.run(5.0)
-    assert S.STOPPED in {verdict.state for verdict in verdicts}, "once both agree"
+    assert statuses[-1].brake_torque > 1000.0
+    statuses = rig.run(5.0)
+    assert S.STOPPED in {status.state for status in statuses}, "once both agree"
 
 
 def test_wheels_frozen_above_zero_leave_a_way_out_that_needs_no_kill():
@@ -109,8 +109,8 @@ def test_wheels_frozen_above_zero_leave_a_way_out_that_needs_no_kill():
     rig.car.override = rig.car.driver_brake = True
     begun = rig.now
     while not rig.gateway.done:
-        verdict = rig.step(-1.0)
-        assert (verdict.state, rig.now - begun < 12.0) == (S.FAULT, True)
+        status = rig.step(-1.0)
+        assert (status.state, rig.now - begun < 12.0) == (S.FAULT, True)
     assert rig.now - begun > 9.0
 
 
@@ -133,9 +133,9 @@ def test_dead_brakes_are_noticed_in_six_tenths_of_a_second(speed):
     rig.cruise(speed)
     rig.car.brake_gain = 0.0
     begun = rig.now
-    verdict = rig.step(act=OperatorCommand.STOP)
-    while "brake_not_following" not in verdict.reasons:
-        verdict = rig.step(0.0)
+    status = rig.step(act=OperatorCommand.STOP)
+    while "brake_not_following" not in status.reasons:
+        status = rig.step(0.0)
         assert rig.now - begun <= 0.6
     brake, throttle, _steering, _gear = rig.commands()
     assert brake.value == pytest.approx(FUSION.brake_torque_limit, abs=1.0)
@@ -147,11 +147,11 @@ def test_dead_brakes_are_noticed_while_the_controller_brakes(wish):
     rig = Rig()
     rig.cruise(8.0)
     rig.car.brake_gain = 0.0
-    verdicts = rig.run(1.0, wish)
-    noticed = next(n for n, verdict in enumerate(verdicts) if "brake_not_following" in verdict.reasons)
+    statuses = rig.run(1.0, wish)
+    noticed = next(n for n, status in enumerate(statuses) if "brake_not_following" in status.reasons)
     # Asked for 1 m/s2 the car is 0.25 m/s too fast after half a second and the jerk's 0.1 s at the earliest.
     assert noticed * PERIOD <= (0.9 if wish == -1.0 else 0.6)
-    assert verdicts[-1].state is S.STOPPING
+    assert statuses[-1].state is S.STOPPING
 
 
 @pytest.mark.parametrize("speed", [4.9, 8.5])
@@ -172,8 +172,8 @@ def test_brakes_within_what_is_declared_are_no_fault(mass, gain, grade, wish):
     rig = Rig(Car(mass=1690.0 * mass, brake_gain=gain, grade=grade))
     rig.cruise(8.0)
     emergency = wish < -3.5
-    verdicts = rig.run(3.0, wish, emergency=emergency)
-    assert {verdict.reasons for verdict in verdicts} == {()}
+    statuses = rig.run(3.0, wish, emergency=emergency)
+    assert {status.reasons for status in statuses} == {()}
 
 
 def test_a_stuck_throttle_is_noticed():
@@ -203,12 +203,12 @@ def lying(
     """Drive with poses that are off by rates [m/s, rad/s]; the time until the gateway stops, and its first reason."""
     for tick in range(round(duration / PERIOD)):
         t = tick * PERIOD
-        verdict = rig.step(
+        status = rig.step(
             0.0, x=rig.car.x + x * t, y=rig.car.y + y * t, heading=rig.car.heading + heading * t,
             yaw_rate=rig.car.yaw_rate + yaw, speed=rig.car.speed + x,
         )  # fmt: skip
-        if verdict.state is not S.ENGAGED:
-            return t, verdict.reasons[0]
+        if status.state is not S.ENGAGED:
+            return t, status.reasons[0]
     return math.inf, ""
 
 
@@ -236,10 +236,10 @@ def test_steps_of_a_fifth_of_a_metre_are_found_before_six_tenths(speed):
     rig.cruise(speed)
     for tick in range(round(8.0 / PERIOD)):
         off = 0.2 * (1 + tick // 50)
-        verdict = rig.step(0.0, y=rig.car.y + off)
-        if verdict.state is not S.ENGAGED:
+        status = rig.step(0.0, y=rig.car.y + off)
+        if status.state is not S.ENGAGED:
             break
-    assert verdict.reasons[0] == "position_mismatch"
+    assert status.reasons[0] == "position_mismatch"
     assert off < 0.6
 
 
@@ -275,12 +275,12 @@ def test_wheels_that_tell_a_quarter_too_little_or_too_much_are_found(speed, fact
     rig = Rig()
     rig.cruise(speed)
     begun = rig.now
-    verdict = rig.step(0.0)
-    while verdict.state is S.ENGAGED:
+    status = rig.step(0.0)
+    while status.state is S.ENGAGED:
         rig.car.forged = wheels(factor * rig.car.speed)
-        verdict = rig.step(0.0)
+        status = rig.step(0.0)
         assert rig.now - begun < 1.5
-    assert verdict.reasons[0] in ("position_mismatch", "speed_mismatch")
+    assert status.reasons[0] in ("position_mismatch", "speed_mismatch")
 
 
 def test_frozen_wheel_speeds_do_not_make_the_car_faster():
@@ -288,11 +288,11 @@ def test_frozen_wheel_speeds_do_not_make_the_car_faster():
     rig.cruise(4.5)
     rig.car.forged = wheels(rig.car.speed)
     begun, speed = rig.now, rig.car.speed
-    verdict = rig.step(0.5)
-    while verdict.state is S.ENGAGED:
-        verdict = rig.step(0.5)
+    status = rig.step(0.5)
+    while status.state is S.ENGAGED:
+        status = rig.step(0.5)
         assert rig.now - begun < 2.5
-    assert verdict.reasons[0] in ("position_mismatch", "speed_mismatch", "wheel_speeds_frozen")
+    assert status.reasons[0] in ("position_mismatch", "speed_mismatch", "wheel_speeds_frozen")
     assert rig.car.speed < speed + 0.8
 
 
@@ -302,11 +302,11 @@ def test_a_frozen_steering_report_is_found_in_the_next_bend():
     rig.car.forged = {f.id: f for f in rig.car.reports() if f.id == codec.STEERING_REPORT}
     rig.run(1.0)
     begun = rig.now
-    verdict = rig.step(0.0, steering=0.06)
-    while verdict.state is S.ENGAGED:
-        verdict = rig.step(0.0, steering=0.06)
+    status = rig.step(0.0, steering=0.06)
+    while status.state is S.ENGAGED:
+        status = rig.step(0.0, steering=0.06)
         assert rig.now - begun < 1.5
-    assert verdict.reasons[0] in ("steering_mismatch", "steering_report_frozen")
+    assert status.reasons[0] in ("steering_mismatch", "steering_report_frozen")
 
 
 def test_a_frozen_gyroscope_is_found_in_the_next_bend():
@@ -315,11 +315,11 @@ def test_a_frozen_gyroscope_is_found_in_the_next_bend():
     frame = codec.encode(codec.YawRate(0.0, 0.0))
     rig.car.forged = {frame.id: frame}
     begun = rig.now
-    verdict = rig.step(0.0, steering=0.05)
-    while verdict.state is S.ENGAGED:
-        verdict = rig.step(0.0, steering=0.05)
+    status = rig.step(0.0, steering=0.05)
+    while status.state is S.ENGAGED:
+        status = rig.step(0.0, steering=0.05)
         assert rig.now - begun < 1.5
-    assert verdict.reasons[0] in ("heading_mismatch", "steering_mismatch", "yaw_rate_frozen")
+    assert status.reasons[0] in ("heading_mismatch", "steering_mismatch", "yaw_rate_frozen")
 
 
 # Time.
@@ -330,20 +330,20 @@ def test_setpoints_twice_as_often_change_the_car_no_faster():
     rig = Rig()
     rig.cruise(8.0)
     gateway, car, now = rig.gateway, rig.car, rig.now
-    before = gateway.step(now + 0.01, rig.setpoint(0.0), car.reports()).verdict
+    before = gateway.step(now + 0.01, rig.setpoint(0.0), car.reports()).status
     for step in range(2, 12):
         when = now + 0.01 * step
         setpoint = rig.setpoint(2.0, 0.5, time=when, expires=when + 0.1, x=car.x + 0.01 * step * car.speed)
-        after = gateway.step(when, setpoint, car.reports()).verdict
+        after = gateway.step(when, setpoint, car.reports()).status
     assert after.acceleration - before.acceleration <= 5.0 * 0.10 + 1e-9
     rate = min(FUSION.steering_rate_limit, 5.0 * FUSION.wheelbase / car.speed**2)
     assert after.steering - before.steering == pytest.approx(rate * 0.10, rel=0.01)
 
 
 def test_a_receiver_that_says_that_the_car_rolls_backwards_keeps_it_from_being_engaged():
-    verdict = Rig().step(act=OperatorCommand.ENGAGE, speed=-1.0)
-    assert verdict.state is S.DISARMED
-    assert "not_standing" in verdict.reasons
+    status = Rig().step(act=OperatorCommand.ENGAGE, speed=-1.0)
+    assert status.state is S.DISARMED
+    assert "not_standing" in status.reasons
 
 
 def test_a_steering_report_that_stays_the_same_while_the_command_moves_is_frozen():
@@ -353,11 +353,11 @@ def test_a_steering_report_that_stays_the_same_while_the_command_moves_is_frozen
     rig.run(1.0, steering=0.02)
     rig.car.forged = {frame.id: frame for frame in rig.car.reports() if frame.id == codec.STEERING_REPORT}
     begun = rig.now
-    verdict = rig.step(steering=0.08)
-    while verdict.state is S.ENGAGED:
-        verdict = rig.step(steering=0.08)
+    status = rig.step(steering=0.08)
+    while status.state is S.ENGAGED:
+        status = rig.step(steering=0.08)
         assert rig.now - begun < 1.0
-    assert verdict.reasons == ("steering_report_frozen",)
+    assert status.reasons == ("steering_report_frozen",)
 
 
 class Deaf(Car):
@@ -373,27 +373,27 @@ def test_brakes_of_a_kit_that_never_confirmed_are_not_blamed():
     rig = Rig(Deaf(gear=Gear.DRIVE, driver_brake=True, grade=-0.03))
     rig.step(act=OperatorCommand.ENGAGE)
     rig.car.driver_brake = False
-    verdicts = rig.run(3.0)
+    statuses = rig.run(3.0)
     assert rig.car.speed > 1.0
-    assert (verdicts[-1].state, verdicts[-1].reasons) == (S.STOPPING, ("handshake_timeout",))
+    assert (statuses[-1].state, statuses[-1].reasons) == (S.STOPPING, ("handshake_timeout",))
 
 
 def test_a_steering_that_a_driver_turns_before_the_kit_confirms_is_not_frozen():
     rig = Rig(Deaf())
     rig.step(act=OperatorCommand.ENGAGE)
     rig.car.wheel_angle = rig.car._angle_wish = 0.1 * FUSION.steering_ratio
-    verdicts = rig.run(1.3)
-    assert verdicts[-1].state is S.STOPPED
-    assert verdicts[-1].reasons == ("handshake_timeout",)
+    statuses = rig.run(1.3)
+    assert statuses[-1].state is S.STOPPED
+    assert statuses[-1].reasons == ("handshake_timeout",)
 
 
 def test_wheels_that_stay_the_same_while_the_receiver_slows_down_are_no_brakes_that_fail():
     rig = Rig()
     rig.cruise(8.0)
     rig.car.forged = wheels(rig.car.speed)
-    verdicts = rig.run(1.5, -2.0)
-    assert verdicts[-1].state is S.STOPPING
-    assert not any("brake_not_following" in verdict.reasons for verdict in verdicts)
+    statuses = rig.run(1.5, -2.0)
+    assert statuses[-1].state is S.STOPPING
+    assert not any("brake_not_following" in status.reasons for status in statuses)
 
 
 def time_to_notice(rig: Rig) -> float:
@@ -425,7 +425,7 @@ def test_a_slope_that_is_known_of_is_no_failing_brake():
     """Eight percent downhill: 0.78 m/s2 that the brakes take beside the half that is asked for."""
     rig = Rig(Car(grade=-0.08))
     rig.cruise(6.0)
-    assert {verdict.reasons for verdict in rig.run(3.0, -0.5)} == {()}
+    assert {status.reasons for status in rig.run(3.0, -0.5)} == {()}
 
 
 def test_a_kit_that_has_not_confirmed_is_asked_for_no_gear():

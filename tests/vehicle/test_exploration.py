@@ -103,12 +103,12 @@ class Explored:
 
     @property
     def going(self) -> bool:
-        return self.gateway._handover.going
+        return self.gateway._engagement.going
 
     @property
     def key(self) -> tuple[object, ...]:
         """What decides what can happen next."""
-        gateway, handover = self.gateway, self.gateway._handover
+        gateway, handover = self.gateway, self.gateway._engagement
         in_command = self.state in COMMANDING
         return (
             self.state,
@@ -122,9 +122,9 @@ class Explored:
 def watched(before: Explored, world: World, act: OperatorCommand | None) -> None:
     """One step, and all that must hold of any step whatever."""
     was, going = before.state, before.going
-    verdict, frames = before.step(world, act)
+    status, frames = before.step(world, act)
     brake, throttle, steering, gear = map(codec.decode, frames)
-    state = verdict.state
+    state = status.state
     assert brake.enable == throttle.enable == steering.enable == (state in COMMANDING)
     if state is S.ENGAGED and was is not S.ENGAGED:
         assert act is OperatorCommand.ENGAGE
@@ -151,7 +151,7 @@ def watched(before: Explored, world: World, act: OperatorCommand | None) -> None
             let_go.add(S.DISARMED)
         assert state in {S.STOPPING, S.STOPPED} | let_go | ({S.ENGAGED} if was is S.ENGAGED else set())
     if state in COMMANDING and not before.going:
-        assert brake.value > 0.0 or verdict.acceleration < 0.0 or world.speed > 0.0
+        assert brake.value > 0.0 or status.acceleration < 0.0 or world.speed > 0.0
     assert gear.gear is Gear.NONE or world.speed == 0.0
     assert gear.gear is not Gear.PARK or state is S.STOPPED
     assert gear.gear is not Gear.DRIVE or state is S.ENGAGED

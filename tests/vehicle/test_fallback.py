@@ -58,8 +58,8 @@ def test_what_is_no_way_is_refused_and_stops_the_car(profile):
     assert not well_formed(profile)
     rig = Rig()
     rig.cruise(5.0)
-    verdict = rig.step(1.0, profile=profile)
-    assert (verdict.state, verdict.reasons[0]) == (S.STOPPING, "profile_invalid")
+    status = rig.step(1.0, profile=profile)
+    assert (status.state, status.reasons[0]) == (S.STOPPING, "profile_invalid")
 
 
 @pytest.mark.parametrize(
@@ -172,9 +172,9 @@ def test_a_stop_follows_the_way_although_nobody_speaks_any_more():
     rig.cruise(6.0)
     rig.step(0.0, profile=bend())
     rig.car.shift_time = math.inf
-    verdicts = rig.run(6.0, acceleration=None)
-    steering = [verdict.steering for verdict in verdicts]
-    assert verdicts[-1].state is S.STOPPED
+    statuses = rig.run(6.0, acceleration=None)
+    steering = [status.steering for status in statuses]
+    assert statuses[-1].state is S.STOPPED
     assert max(steering) == pytest.approx(math.atan(0.05 * FUSION.wheelbase), rel=0.05)
     assert steering[10] == 0.0
     change = FUSION.steering_rate_limit * PERIOD + 1e-12
@@ -188,15 +188,15 @@ def test_without_a_way_or_with_one_taken_back_the_measured_angle_is_held():
         if last:
             rig.step(0.0, profile=bend())
         rig.step(0.0, **last)
-        assert {verdict.steering for verdict in rig.run(6.0, acceleration=None)} == {0.0}
+        assert {status.steering for status in rig.run(6.0, acceleration=None)} == {0.0}
 
 
 def test_a_drive_in_trouble_that_knows_no_way_does_not_take_back_the_one_before():
     rig = Rig()
     rig.cruise(6.0)
     rig.step(0.0, profile=bend())
-    verdicts = rig.run(6.0, faults=("pose_stale",))
-    assert max(verdict.steering for verdict in verdicts) > 0.1
+    statuses = rig.run(6.0, faults=("pose_stale",))
+    assert max(status.steering for status in statuses) > 0.1
 
 
 def test_a_drive_in_trouble_that_knows_a_way_is_believed():
@@ -204,7 +204,7 @@ def test_a_drive_in_trouble_that_knows_a_way_is_believed():
     rig.cruise(6.0)
     rig.step(0.0, profile=FallbackPath(1.0, (0.0,)))
     rig.step(0.0, profile=bend(), faults=("off_path",))
-    assert max(verdict.steering for verdict in rig.run(3.0, None)) > 0.1
+    assert max(status.steering for status in rig.run(3.0, None)) > 0.1
 
 
 def test_a_way_that_comes_too_late_to_be_acted_on_is_not_taken():
@@ -212,14 +212,14 @@ def test_a_way_that_comes_too_late_to_be_acted_on_is_not_taken():
     rig.cruise(6.0)
     rig.run(0.2, acceleration=None)
     rig.step(0.0, time=rig.now - 0.15, expires=rig.now - 0.05, profile=bend())
-    assert {verdict.steering for verdict in rig.run(4.0, acceleration=None)} == {0.0}
+    assert {status.steering for status in rig.run(4.0, acceleration=None)} == {0.0}
 
 
 def test_a_newer_way_counts_on_the_way_to_rest_too():
     rig = Rig()
     rig.cruise(8.0)
     rig.step(0.0, act=OperatorCommand.STOP, profile=FallbackPath(1.0, (0.0,)))
-    assert {verdict.steering for verdict in rig.run(1.0, profile=FallbackPath(1.0, (0.0,)))} == {0.0}
+    assert {status.steering for status in rig.run(1.0, profile=FallbackPath(1.0, (0.0,)))} == {0.0}
     assert rig.run(1.0, profile=FallbackPath(1.0, (-0.05,)))[-1].steering < -0.1
 
 
@@ -236,7 +236,7 @@ def test_a_deferred_path_is_computed_by_the_stop_that_follows_it_and_gives_the_s
         rig.cruise(6.0)
         rig.step(0.0, profile=profile)
         assert computed == []
-        stops.append([verdict.steering for verdict in rig.run(6.0, acceleration=None)])
+        stops.append([status.steering for status in rig.run(6.0, acceleration=None)])
         assert max(stops[-1]) > 0.1
     assert computed == ["now"]
     assert stops[0] == stops[1]
@@ -247,7 +247,7 @@ def test_a_deferred_path_that_is_none_or_not_well_formed_is_no_path(path):
     rig = Rig()
     rig.cruise(6.0)
     rig.step(0.0, profile=DeferredFallbackPath(lambda: path))
-    assert {verdict.steering for verdict in rig.run(6.0, acceleration=None)} == {0.0}
+    assert {status.steering for status in rig.run(6.0, acceleration=None)} == {0.0}
 
 
 @pytest.mark.parametrize(("path", "followed"), [(None, True), (FallbackPath(1.0, (0.0,)), False)])
@@ -256,7 +256,7 @@ def test_a_setpoint_with_faults_takes_back_the_path_before_only_if_its_deferred_
     rig.cruise(6.0)
     rig.step(0.0, profile=bend())
     rig.step(0.0, profile=DeferredFallbackPath(lambda: path), faults=("pose_stale",))
-    assert (max(verdict.steering for verdict in rig.run(6.0, acceleration=None)) > 0.1) is followed
+    assert (max(status.steering for status in rig.run(6.0, acceleration=None)) > 0.1) is followed
 
 
 ASTRAY = [
@@ -285,8 +285,8 @@ def test_where_the_car_is_not_where_it_is_believed_to_be_the_measured_angle_is_h
         pass
     measured = rig.gateway.measured_steering
     rig.run(0.1, profile=FallbackPath(1.0, (-0.05,)), **arguments)  # the limits hold on the way there
-    verdicts = rig.run(2.0, profile=FallbackPath(1.0, (-0.05,)), **arguments)
-    assert [verdict.steering for verdict in verdicts] == pytest.approx([measured] * len(verdicts), abs=1e-3)
+    statuses = rig.run(2.0, profile=FallbackPath(1.0, (-0.05,)), **arguments)
+    assert [status.steering for status in statuses] == pytest.approx([measured] * len(statuses), abs=1e-3)
     assert measured > 0.02
 
 
@@ -296,17 +296,17 @@ def test_at_rest_the_wheels_stay_where_they_are():
     rig.step(0.0, profile=FallbackPath(1.0, (0.05,)))
     while rig.step(None).state is not S.STOPPED:
         pass
-    verdicts = rig.run(0.8, profile=FallbackPath(1.0, (-0.05,)))
-    assert [verdict.steering for verdict in verdicts] == pytest.approx([rig.gateway.measured_steering] * 40, abs=1e-3)
+    statuses = rig.run(0.8, profile=FallbackPath(1.0, (-0.05,)))
+    assert [status.steering for status in statuses] == pytest.approx([rig.gateway.measured_steering] * 40, abs=1e-3)
 
 
 def test_the_limits_have_the_last_word():
     rig = Rig()
     rig.cruise(10.0)
     rig.step(0.0, profile=FallbackPath(1.0, (0.5,)))
-    verdicts = rig.run(0.6, acceleration=None)
-    assert "lateral_acceleration" in verdicts[-1].limited
-    lateral = rig.car.speed**2 * math.tan(verdicts[-1].steering) / FUSION.wheelbase
+    statuses = rig.run(0.6, acceleration=None)
+    assert "lateral_acceleration" in statuses[-1].limited
+    lateral = rig.car.speed**2 * math.tan(statuses[-1].steering) / FUSION.wheelbase
     assert lateral < 3.3
 
 
@@ -329,8 +329,8 @@ def blind_stop(name: str, with_profile: bool) -> float:
         steering = math.atan(VEHICLE.wheelbase * ahead) + VEHICLE.understeer_gradient * ahead * speed**2
         way = FallbackPath(1.0, tuple(map(float, road(whole.distance + np.arange(40.0)))))
         begin = whole.distance
-        verdict = whole.step(min(8.0 - speed, 2.0), steering, profile=way if with_profile else None)
-        assert verdict.state is S.ENGAGED
+        status = whole.step(min(8.0 - speed, 2.0), steering, profile=way if with_profile else None)
+        assert status.state is S.ENGAGED
     while whole.step(None).state is not S.STOPPED:
         pass
     assert whole.car.interface.controller.fault is False

@@ -10,9 +10,11 @@ import pytest
 
 from controllers import follow_and_stop
 from tests import vehicles
-from tests.vehicle.closed_loop import ClosedLoop, winding
+from tests.vehicle.closed_loop import ClosedLoop, Slowing, straight, winding
 from vve_sumo.controller import Controller
+from vve_sumo.timing import PERIOD
 from vve_sumo.values import ArmingState, ControlCommand, Observation
+from vve_sumo.vehicle.model import IDEAL, Imperfections
 
 
 class StopAndGo:
@@ -45,7 +47,7 @@ def test_a_minute_of_stop_and_go_is_without_an_event(car, speed, period, deceler
     loop = ClosedLoop(winding(800.0), speed, parameters=parameters, controller=controller)
     begun, stops, fastest, moved = False, 0, 0.0, False
     for ticked in takewhile(lambda ticked: ticked.now < 60.0, loop.ticks()):
-        state, reasons = ticked.verdict.state, ticked.verdict.reasons
+        state, reasons = ticked.status.state, ticked.status.reasons
         begun |= state is ArmingState.ENGAGED and not reasons
         if begun:
             assert (state, reasons) == (ArmingState.ENGAGED, ()), ticked
@@ -53,3 +55,18 @@ def test_a_minute_of_stop_and_go_is_without_an_event(car, speed, period, deceler
         moved, fastest = ticked.truth.speed > 0.0, max(fastest, ticked.truth.speed)
     assert stops >= 3
     assert fastest > 0.8 * speed
+
+
+@pytest.mark.parametrize("imperfections", [IDEAL, vehicles.FUSION.measured], ids=["ideal", "measured"])
+def test_a_car_that_stops_before_its_late_fixes_do_has_no_frozen_wheels(imperfections: Imperfections) -> None:
+    """Fixes are 0.25 s older than they say: as the wheels come to rest from 3 m/s2 the receiver still says 0.75 m/s."""
+    parameters = vehicles.parameters(hidden_delay=0.25, imperfections=imperfections)
+    controller = Slowing(follow_and_stop.make(parameters.vehicle, {}), 7.0, 3.0)
+    loop = ClosedLoop(straight(), 5.0, parameters=parameters, controller=controller)
+    fastest, stood = 0.0, 0.0
+    for ticked in takewhile(lambda ticked: ticked.now < 12.0, loop.ticks()):
+        fastest = max(fastest, ticked.truth.speed)
+        if fastest > 4.5 and ticked.truth.speed == 0.0:
+            stood += PERIOD
+        assert ticked.verdict.state is not ArmingState.STOPPING, ticked.verdict.reasons
+    assert stood > 1.0

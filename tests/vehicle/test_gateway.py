@@ -52,8 +52,8 @@ def enabled(rig: Rig) -> set[bool]:
 
 def test_nothing_is_commanded_before_the_operator_acts():
     rig = Rig()
-    for verdict in rig.run(1.0, acceleration=2.0, steering=0.3):
-        assert (verdict.state, verdict.brake_torque, verdict.throttle) == (S.READY, 0.0, 0.0)
+    for status in rig.run(1.0, acceleration=2.0, steering=0.3):
+        assert (status.state, status.brake_torque, status.throttle) == (S.READY, 0.0, 0.0)
         brake, throttle, steering, gear = rig.commands()
         assert enabled(rig) == {False}
         assert not any(command.clear for command in rig.commands())
@@ -64,21 +64,21 @@ def test_nothing_is_commanded_before_the_operator_acts():
 @pytest.mark.parametrize("gear", [Gear.PARK, Gear.DRIVE])
 def test_two_acts_one_to_hold_the_car_and_one_to_let_it_go(gear, variant):
     rig = Rig(Car(gear=gear, variant=variant, driver_brake=gear is Gear.DRIVE))
-    verdict = rig.step(1.0, 0.2, act=OperatorCommand.ENGAGE)
-    assert (verdict.state, verdict.reasons) == (S.ENGAGED, ("engaging",))
+    status = rig.step(1.0, 0.2, act=OperatorCommand.ENGAGE)
+    assert (status.state, status.reasons) == (S.ENGAGED, ("engaging",))
     assert all(command.clear for command in rig.commands())
     seen = []
-    while verdict.reasons != ("waiting_for_go",):
-        verdict = rig.step(1.0, 0.2)
-        seen += verdict.reasons
-        assert verdict.throttle == verdict.steering == 0.0 < verdict.brake_torque
-        assert rig.commands()[3].gear is (Gear.DRIVE if verdict.reasons == ("shifting",) else Gear.NONE)
+    while status.reasons != ("waiting_for_go",):
+        status = rig.step(1.0, 0.2)
+        seen += status.reasons
+        assert status.throttle == status.steering == 0.0 < status.brake_torque
+        assert rig.commands()[3].gear is (Gear.DRIVE if status.reasons == ("shifting",) else Gear.NONE)
         assert not any(command.clear for command in rig.commands())
         rig.car.driver_brake &= len(seen) < 20
     assert list(dict.fromkeys(seen)) == ["shifting" if gear is Gear.PARK else "driver_on_brake", "waiting_for_go"]
-    for verdict in rig.run(2.0, acceleration=2.0, steering=0.2):
-        assert (verdict.reasons, verdict.throttle, verdict.steering) == (("waiting_for_go",), 0.0, 0.0)
-        assert verdict.acceleration == rig.car.speed == 0.0
+    for status in rig.run(2.0, acceleration=2.0, steering=0.2):
+        assert (status.reasons, status.throttle, status.steering) == (("waiting_for_go",), 0.0, 0.0)
+        assert status.acceleration == rig.car.speed == 0.0
     assert rig.step(1.0, act=OperatorCommand.GO).reasons == ()
     rig.run(1.0, acceleration=1.0)
     assert rig.car.speed > 0.4
@@ -98,7 +98,7 @@ def test_go_counts_only_when_it_is_waited_for():
     rig.car.forged = forged(ENABLED_THROTTLE._replace(driver=True))
     assert rig.step(1.0, act=OperatorCommand.GO).reasons == ("go_too_early", "driver_on_throttle")
     rig.car.forged = {}
-    assert {verdict.throttle for verdict in rig.run(1.0, acceleration=1.0)} == {0.0}
+    assert {status.throttle for status in rig.run(1.0, acceleration=1.0)} == {0.0}
     assert rig.step(1.0, act=OperatorCommand.GO).reasons == ()
     assert rig.step(1.0, act=OperatorCommand.GO).reasons == ()
     rig.step(act=OperatorCommand.STOP)
@@ -140,17 +140,17 @@ def test_a_go_of_the_drive_before_does_not_count_for_the_next():
 )
 def test_what_is_missing_is_named_and_the_act_is_refused(reason, car, step):
     rig = Rig(Car(**car))
-    verdict = rig.step(act=OperatorCommand.ENGAGE, **({"acceleration": 0.0} | step))
-    assert verdict.state is S.DISARMED
-    assert reason in verdict.reasons
+    status = rig.step(act=OperatorCommand.ENGAGE, **({"acceleration": 0.0} | step))
+    assert status.state is S.DISARMED
+    assert reason in status.reasons
     assert enabled(rig) == {False}
 
 
 def test_a_foot_on_the_throttle_is_not_ready():
     rig = Rig()
     report = codec.ThrottleReport(0.2, 0.15, 0.15, enabled=False, driver=True)
-    verdict = rig.step(act=OperatorCommand.ENGAGE, extra=(codec.encode(report),))
-    assert (verdict.state, verdict.reasons) == (S.DISARMED, ("driver_on_throttle",))
+    status = rig.step(act=OperatorCommand.ENGAGE, extra=(codec.encode(report),))
+    assert (status.state, status.reasons) == (S.DISARMED, ("driver_on_throttle",))
 
 
 def test_an_override_latched_from_before_is_cleared_by_the_act_and_by_nothing_else():
@@ -166,23 +166,23 @@ def test_a_kit_that_does_not_confirm_in_time_is_given_up_at_rest():
     rig = Rig()
     rig.car.forged[codec.STEERING_REPORT] = codec.encode(codec.SteeringReport(0.0, 0.0, 0.0, 0.0, enabled=False))
     rig.step(act=OperatorCommand.ENGAGE)
-    verdicts = rig.run(0.4)
-    assert verdicts[-1].state is S.ENGAGED
-    verdict = rig.step()
-    assert (verdict.state, verdict.reasons) == (S.STOPPED, ("handshake_timeout",))
+    statuses = rig.run(0.4)
+    assert statuses[-1].state is S.ENGAGED
+    status = rig.step()
+    assert (status.state, status.reasons) == (S.STOPPED, ("handshake_timeout",))
     assert rig.car.speed == 0.0
-    verdict = rig.run(1.1)[-1]
-    assert (verdict.state, verdict.reasons) == (S.READY, ("handshake_timeout",))
+    status = rig.run(1.1)[-1]
+    assert (status.state, status.reasons) == (S.READY, ("handshake_timeout",))
     assert rig.gateway.done
 
 
 def test_a_gear_that_does_not_come_is_given_up_at_rest():
     rig = Rig(Car(shift_time=math.inf))
     rig.step(act=OperatorCommand.ENGAGE)
-    verdicts = rig.run(3.2, acceleration=2.0, act=OperatorCommand.GO)
-    assert verdicts[-1].state is S.STOPPED
-    assert verdicts[-1].reasons == ("gear_not_confirmed", "go_too_early")
-    assert {verdict.throttle for verdict in verdicts} == {0.0}
+    statuses = rig.run(3.2, acceleration=2.0, act=OperatorCommand.GO)
+    assert statuses[-1].state is S.STOPPED
+    assert statuses[-1].reasons == ("gear_not_confirmed", "go_too_early")
+    assert {status.throttle for status in statuses} == {0.0}
 
 
 def test_a_shift_that_comes_too_late_does_not_find_the_car_let_go():
@@ -216,8 +216,8 @@ def test_ten_meters_per_second_then_the_brakes_then_a_minute_of_standing(mass, g
 def test_steering_goes_out_as_steering_wheel_angle_left_positive():
     rig = Rig()
     rig.cruise(5.0)
-    verdicts = rig.run(2.0, steering=0.1)
-    assert verdicts[-1].steering == pytest.approx(0.1)
+    statuses = rig.run(2.0, steering=0.1)
+    assert statuses[-1].steering == pytest.approx(0.1)
     assert rig.commands()[2].wheel_angle == pytest.approx(0.1 * FUSION.steering_ratio, abs=math.radians(0.05))
     assert rig.car.yaw_rate > 0.0
 
@@ -334,11 +334,11 @@ def test_whatever_goes_wrong_brings_the_car_to_rest_and_keeps_it_there(reason, c
     first = rig.step(**arguments)
     arguments.pop("act", None)
 
-    verdicts = [first, *rig.run(0.7, **arguments)]
-    at = next(i for i, verdict in enumerate(verdicts) if verdict.state is not S.ENGAGED)
-    assert verdicts[at].state is S.STOPPING
-    assert verdicts[at].reasons[0] == reason
-    assert all(verdict.throttle == 0.0 for verdict in verdicts[at:])
+    statuses = [first, *rig.run(0.7, **arguments)]
+    at = next(i for i, status in enumerate(statuses) if status.state is not S.ENGAGED)
+    assert statuses[at].state is S.STOPPING
+    assert statuses[at].reasons[0] == reason
+    assert all(status.throttle == 0.0 for status in statuses[at:])
 
     rig.car.enabled = True  # whatever a forged report says, this kit obeys
     before = rig.car.speed
@@ -350,15 +350,15 @@ def test_whatever_goes_wrong_brings_the_car_to_rest_and_keeps_it_there(reason, c
     assert (after - rig.car.speed) / 0.4 == pytest.approx(expected, abs=0.15)
     assert enabled(rig) == {True}
 
-    verdicts = rig.run(8.0, **arguments)
-    assert verdicts[-1].state is S.STOPPED
-    assert {verdict.throttle for verdict in verdicts} == {0.0}
-    assert verdicts[-1].reasons[0] == reason
+    statuses = rig.run(8.0, **arguments)
+    assert statuses[-1].state is S.STOPPED
+    assert {status.throttle for status in statuses} == {0.0}
+    assert statuses[-1].reasons[0] == reason
     assert enabled(rig) == {True}
     rig.car.forged, rig.car.silent = {}, set()
     for tick in range(round(20.0 / PERIOD)):
-        verdict = rig.step(2.0, act=(OperatorCommand.ENGAGE, OperatorCommand.GO, OperatorCommand.DISARM)[tick % 3])
-        assert verdict.state is S.STOPPED, "no way from stopped to engaged, and none to a car that creeps"
+        status = rig.step(2.0, act=(OperatorCommand.ENGAGE, OperatorCommand.GO, OperatorCommand.DISARM)[tick % 3])
+        assert status.state is S.STOPPED, "no way from stopped to engaged, and none to a car that creeps"
         assert rig.car.speed == 0.0
     assert not rig.gateway.done
 
@@ -367,11 +367,11 @@ def test_without_wheel_speeds_the_car_is_stopped_blindly_and_held():
     rig = Rig()
     rig.cruise(10.0)
     rig.car.silent = {codec.WHEEL_SPEEDS}
-    verdicts = rig.run(10.0, acceleration=1.0, speed=0.0, faults=("pose_stale",))
-    assert verdicts[-1].state is S.STOPPING, "nobody can tell that it stands, and a guessed pose says nothing"
-    assert "wheel_speeds_stale" in verdicts[-1].reasons
+    statuses = rig.run(10.0, acceleration=1.0, speed=0.0, faults=("pose_stale",))
+    assert statuses[-1].state is S.STOPPING, "nobody can tell that it stands, and a guessed pose says nothing"
+    assert "wheel_speeds_stale" in statuses[-1].reasons
     assert rig.car.speed == 0.0
-    assert verdicts[-1].brake_torque > 2000.0
+    assert statuses[-1].brake_torque > 2000.0
 
 
 def test_without_wheel_speeds_the_receiver_tells_after_a_while_that_the_car_stands():
@@ -383,11 +383,11 @@ def test_without_wheel_speeds_the_receiver_tells_after_a_while_that_the_car_stan
     while rig.step(1.0).state is not S.STOPPED:
         stood = rig.now if rig.car.speed > 0.3 else stood
     assert rig.now - stood == pytest.approx(3.25, abs=0.1)
-    verdicts = rig.run(5.0)
-    assert {verdict.state for verdict in verdicts} == {S.STOPPED}
-    assert all({"standstill_uncertain", "driver_needed"} <= set(verdict.reasons) for verdict in verdicts)
+    statuses = rig.run(5.0)
+    assert {status.state for status in statuses} == {S.STOPPED}
+    assert all({"standstill_uncertain", "driver_needed"} <= set(status.reasons) for status in statuses)
     assert rig.commands()[3].gear is Gear.NONE
-    assert min(verdict.brake_torque for verdict in verdicts) > 2000.0
+    assert min(status.brake_torque for status in statuses) > 2000.0
     assert not rig.gateway.done
 
 
@@ -398,9 +398,9 @@ def test_an_invalid_wheel_counts_as_no_speed(wheel):
     speeds = [30.0] * 4
     speeds[wheel] = math.nan
     rig.car.forged = forged(codec.WheelSpeeds(*speeds))
-    verdicts = rig.run(6.0, acceleration=1.0)
-    assert verdicts[0].state is S.STOPPING
-    assert "report_invalid" in verdicts[0].reasons
+    statuses = rig.run(6.0, acceleration=1.0)
+    assert statuses[0].state is S.STOPPING
+    assert "report_invalid" in statuses[0].reasons
     assert rig.car.speed == 0.0
 
 
@@ -408,8 +408,8 @@ def test_a_steering_that_does_not_follow_stops_the_car():
     rig = Rig()
     rig.cruise(5.0)
     rig.car.steering_stuck = True
-    verdicts = rig.run(4.0, steering=0.4)
-    assert (verdicts[-1].state, verdicts[-1].reasons[0]) == (S.STOPPED, "steering_not_following")
+    statuses = rig.run(4.0, steering=0.4)
+    assert (statuses[-1].state, statuses[-1].reasons[0]) == (S.STOPPED, "steering_not_following")
 
 
 @pytest.mark.parametrize("gap", [0.041, 0.5, 0.0, -0.02, math.nan, math.inf])
@@ -418,8 +418,8 @@ def test_a_gateway_that_was_not_run_in_time_stops_the_car(gap):
     rig.cruise(10.0)
     late = rig.now + gap
     output = rig.gateway.step(late, rig.setpoint(1.0), rig.car.reports())
-    assert (output.verdict.state, output.verdict.reasons[0]) == (S.STOPPING, "timer_gap")
-    assert output.verdict.throttle == 0.0
+    assert (output.status.state, output.status.reasons[0]) == (S.STOPPING, "timer_gap")
+    assert output.status.throttle == 0.0
 
 
 def test_a_missed_period_is_forgiven():
@@ -435,10 +435,10 @@ def test_its_own_troubles_latch_before_engaging_too(trouble):
     rig.run(0.1)
     if trouble == "timer_gap":
         rig.tick += 10
-        verdict = rig.step()
+        status = rig.step()
     else:
-        verdict = rig.step(extra=(Frame(codec.GEAR_COMMAND, b"\x04"),))
-    assert (verdict.state, verdict.reasons) == (S.FAULT, (trouble,))
+        status = rig.step(extra=(Frame(codec.GEAR_COMMAND, b"\x04"),))
+    assert (status.state, status.reasons) == (S.FAULT, (trouble,))
     assert rig.step(act=OperatorCommand.ENGAGE).state is S.FAULT
     assert rig.step(act=OperatorCommand.DISARM).state is S.DISARMED
     assert rig.step().state is S.READY
@@ -447,17 +447,17 @@ def test_its_own_troubles_latch_before_engaging_too(trouble):
 def test_a_lone_reordered_or_doubled_setpoint_is_passed_over_and_named():
     rig = Rig()
     rig.cruise(10.0)
-    verdict = rig.step(2.0, sequence=rig.sequence)
-    assert (verdict.state, verdict.reasons) == (S.ENGAGED, ("setpoint_out_of_order",))
-    assert verdict.acceleration < 0.2
+    status = rig.step(2.0, sequence=rig.sequence)
+    assert (status.state, status.reasons) == (S.ENGAGED, ("setpoint_out_of_order",))
+    assert status.acceleration < 0.2
     assert rig.step(0.0).reasons == ()
 
 
 def test_a_setpoint_is_used_until_it_expires_and_not_a_tick_longer():
     rig = Rig()
     rig.cruise(10.0)
-    verdicts = rig.run(0.14, acceleration=None)
-    assert [verdict.state for verdict in verdicts] == [S.ENGAGED] * 5 + [S.STOPPING] * 2
+    statuses = rig.run(0.14, acceleration=None)
+    assert [status.state for status in statuses] == [S.ENGAGED] * 5 + [S.STOPPING] * 2
 
 
 @pytest.mark.parametrize(("speed", "yaw_rate"), [(-0.6, 0.0), (0.6, 0.0), (0.0, 0.09), (0.0, -0.09)])
@@ -467,8 +467,8 @@ def test_small_differences_between_satellite_and_car_are_forgiven(speed, yaw_rat
     for tick in range(100):
         # A gyroscope is never still to the last bit.
         rig.car.forged = forged(codec.YawRate(0.0, 0.001 * (tick % 2)))
-        verdict = rig.step(0.0, speed=rig.car.speed + speed, yaw_rate=yaw_rate)
-    assert verdict.state is S.ENGAGED
+        status = rig.step(0.0, speed=rig.car.speed + speed, yaw_rate=yaw_rate)
+    assert status.state is S.ENGAGED
 
 
 @pytest.mark.parametrize(("difference", "ticks"), [(-1.5, 24), (1.5, 24), (-10.0, 4)])
@@ -476,8 +476,8 @@ def test_a_short_difference_is_forgiven(difference, ticks):
     rig = Rig()
     rig.cruise(10.0)
     for tick in range(200):
-        verdict = rig.step(0.0, speed=rig.car.speed + (difference if tick % (ticks + 1) else 0.0))
-    assert verdict.state is S.ENGAGED
+        status = rig.step(0.0, speed=rig.car.speed + (difference if tick % (ticks + 1) else 0.0))
+    assert status.state is S.ENGAGED
 
 
 # How it stops.
@@ -487,12 +487,12 @@ def test_stopping_holds_the_angle_that_the_wheels_have():
     rig = Rig()
     rig.cruise(6.0)
     rig.run(1.0, steering=0.15)
-    verdict = rig.step(1.0, steering=-0.3)  # a last wish that is never reached
+    status = rig.step(1.0, steering=-0.3)  # a last wish that is never reached
     measured = rig.car.wheel_angle / FUSION.steering_ratio
     rig.step(acceleration=1.0, steering=-0.3, act=OperatorCommand.STOP)
-    verdict = rig.step(acceleration=1.0, steering=-0.3)
-    assert verdict.steering == pytest.approx(measured, abs=math.radians(0.1) / FUSION.steering_ratio)
-    assert {v.steering for v in rig.run(6.0, steering=-0.3)} == {verdict.steering}
+    status = rig.step(acceleration=1.0, steering=-0.3)
+    assert status.steering == pytest.approx(measured, abs=math.radians(0.1) / FUSION.steering_ratio)
+    assert {v.steering for v in rig.run(6.0, steering=-0.3)} == {status.steering}
 
 
 def test_a_steering_report_that_jumps_does_not_turn_the_wheels_at_once():
@@ -501,20 +501,20 @@ def test_a_steering_report_that_jumps_does_not_turn_the_wheels_at_once():
     rig.cruise(10.0)
     before = rig.step().steering
     rig.car.forged = forged(codec.SteeringReport(8.0, 0.0, 10.0, 0.0, enabled=True))
-    verdicts = [rig.step(act=OperatorCommand.STOP), *rig.run(0.1)]
+    statuses = [rig.step(act=OperatorCommand.STOP), *rig.run(0.1)]
     largest = 10.0 * FUSION.wheelbase / rig.car.speed**2 * PERIOD
-    for verdict in verdicts:
-        assert abs(verdict.steering - before) <= 1.1 * largest
-        before = verdict.steering
+    for status in statuses:
+        assert abs(status.steering - before) <= 1.1 * largest
+        before = status.steering
 
 
 def test_stopping_never_releases_brakes_that_are_on():
     rig = Rig()
     rig.cruise(12.0)
     rig.run(0.5, acceleration=-5.5, emergency=True)
-    verdicts = rig.run(0.8, acceleration=None)
-    assert verdicts[-1].state is S.STOPPING
-    assert {verdict.acceleration for verdict in verdicts} == {-5.5}
+    statuses = rig.run(0.8, acceleration=None)
+    assert statuses[-1].state is S.STOPPING
+    assert {status.acceleration for status in statuses} == {-5.5}
 
 
 @pytest.mark.parametrize("ticks", [1, 3, 10, 30])
@@ -528,10 +528,10 @@ def test_a_fault_on_top_of_an_emergency_does_not_call_it_off(ticks):
     way, way_alone = 0.0, 0.0
     for _ in range(250):
         alone.step(-9.0, emergency=True)
-        verdict = both.step(-9.0, emergency=True, faults=("virtual_contact",))
+        status = both.step(-9.0, emergency=True, faults=("virtual_contact",))
         way, way_alone = way + both.car.speed * PERIOD, way_alone + alone.car.speed * PERIOD
-    assert verdict.state is S.STOPPED
-    assert "virtual_contact" in verdict.reasons
+    assert status.state is S.STOPPED
+    assert "virtual_contact" in status.reasons
     assert way <= way_alone + 0.3
 
 
@@ -541,9 +541,9 @@ def test_a_controller_that_dies_in_an_emergency_does_not_call_it_off(ticks):
     rig = Rig()
     rig.cruise(12.0)
     rig.run(ticks * PERIOD, acceleration=-9.0, emergency=True)
-    verdicts = rig.run(0.6, acceleration=0.0, faults=("controller_raised",))
-    assert verdicts[-1].state is S.STOPPING
-    assert verdicts[-1].acceleration == pytest.approx(-9.0)
+    statuses = rig.run(0.6, acceleration=0.0, faults=("controller_raised",))
+    assert statuses[-1].state is S.STOPPING
+    assert statuses[-1].acceleration == pytest.approx(-9.0)
 
 
 def test_an_emergency_asked_for_during_a_stop_is_heeded():
@@ -557,17 +557,17 @@ def test_an_emergency_asked_for_during_a_stop_is_heeded():
 def test_what_a_refused_setpoint_says_is_wrong_counts_all_the_same():
     rig = Rig()
     rig.cruise(8.0)
-    verdict = rig.step(1.0, sequence=0, faults=("pose_stale",))
-    assert verdict.state is S.STOPPING
-    assert "pose_stale" in verdict.reasons
+    status = rig.step(1.0, sequence=0, faults=("pose_stale",))
+    assert status.state is S.STOPPING
+    assert "pose_stale" in status.reasons
 
 
 def test_a_fault_beside_an_override_keeps_its_name():
     rig = Rig()
     rig.cruise(8.0)
     rig.car.override = True
-    verdict = [rig.step(0.0, faults=("pose_stale",)) for _ in range(5)][-1]
-    assert {"driver_override", "pose_stale"} <= set(verdict.reasons)
+    status = [rig.step(0.0, faults=("pose_stale",)) for _ in range(5)][-1]
+    assert {"driver_override", "pose_stale"} <= set(status.reasons)
 
 
 def test_stopping_sets_in_with_bounded_jerk_after_the_throttle_is_gone():
@@ -586,15 +586,15 @@ def test_a_worse_fault_on_the_way_makes_it_brake_harder():
     rig.step(act=OperatorCommand.STOP)
     assert rig.run(1.0)[-1].acceleration == -2.4
     rig.step(extra=(Frame(codec.BRAKE_COMMAND, bytes(8)),))
-    verdict = rig.run(0.3)[-1]
-    assert (verdict.acceleration, verdict.reasons) == (-4.0, ("stop_asked", "another_writer"))
+    status = rig.run(0.3)[-1]
+    assert (status.acceleration, status.reasons) == (-4.0, ("stop_asked", "another_writer"))
 
 
 def test_stopped_uphill_it_never_touches_the_throttle():
     rig = Rig(Car(grade=0.03))
     rig.cruise(3.0)
-    verdicts = [rig.step(2.0, act=OperatorCommand.STOP), *rig.run(6.0)]
-    assert {verdict.throttle for verdict in verdicts} == {0.0}
+    statuses = [rig.step(2.0, act=OperatorCommand.STOP), *rig.run(6.0)]
+    assert {status.throttle for status in statuses} == {0.0}
 
 
 #: From 0.30 m/s the receiver's mean, with a lag of 0.1 s, falls below 0.05 m/s at rest: 0.1 ln(30 / 5) [s].
@@ -604,10 +604,10 @@ AVERAGED = 0.18
 def test_rest_is_standing_for_a_while():
     rig = Rig()
     rig.cruise(5.0)
-    verdicts = [rig.step(act=OperatorCommand.STOP)]
+    statuses = [rig.step(act=OperatorCommand.STOP)]
     standing = 0
-    while verdicts[-1].state is not S.STOPPED:
-        verdicts.append(rig.step())
+    while statuses[-1].state is not S.STOPPED:
+        statuses.append(rig.step())
         standing += rig.car.speed == 0.0
     assert standing * PERIOD == pytest.approx(0.3 + AVERAGED, abs=0.06)
 
@@ -619,8 +619,8 @@ def test_at_rest_it_asks_for_park_and_lets_go_only_there():
     while rig.step().state is not S.STOPPED:
         assert rig.commands()[3].gear is Gear.NONE
     assert rig.commands()[3].gear is Gear.PARK
-    verdict = rig.step(act=OperatorCommand.DISARM)
-    assert (verdict.state, verdict.reasons) == (S.STOPPED, ("stop_asked", "not_in_park"))
+    status = rig.step(act=OperatorCommand.DISARM)
+    assert (status.state, status.reasons) == (S.STOPPED, ("stop_asked", "not_in_park"))
     while rig.car.gear is not Gear.PARK:
         assert rig.step().state is S.STOPPED
         assert rig.commands()[3].gear is Gear.PARK
@@ -632,8 +632,8 @@ def test_at_rest_it_asks_for_park_and_lets_go_only_there():
         assert enabled(rig) == {True}
     assert ticks * PERIOD == pytest.approx(1.0, abs=0.05)
     assert rig.gateway.done
-    verdict = rig.step()
-    assert (verdict.state, verdict.reasons) == (S.READY, ("stop_asked", "pose_lost")), "it still says how it ended"
+    status = rig.step()
+    assert (status.state, status.reasons) == (S.READY, ("stop_asked", "pose_lost")), "it still says how it ended"
     assert enabled(rig) == {False}
     assert {(v.state, v.brake_torque) for v in rig.run(5.0, acceleration=2.0)} == {(S.READY, 0.0)}
 
@@ -690,9 +690,9 @@ def test_a_brake_module_that_drops_out_calls_the_driver_while_the_car_moves():
     rig = Rig()
     rig.cruise(5.0)
     rig.car.forged = forged(ENABLED_BRAKE._replace(enabled=False))
-    verdicts = rig.run(0.1)
-    assert "brake_disabled" in verdicts[-1].reasons
-    assert "driver_needed" in verdicts[-1].reasons
+    statuses = rig.run(0.1)
+    assert "brake_disabled" in statuses[-1].reasons
+    assert "driver_needed" in statuses[-1].reasons
 
 
 def test_after_parking_another_controller_may_count_from_zero():
@@ -734,15 +734,15 @@ def test_the_driver_has_the_car_within_the_same_step_and_for_good(report, before
         rig.step(act=OperatorCommand.STOP)
         rig.run(1.0 if before == "stopping" else 7.0)
     counter = rig.commands()[0].counter
-    verdict = rig.step(1.0, extra=(codec.encode(report),))
-    assert (verdict.state, verdict.brake_torque, verdict.throttle) == (S.FAULT, 0.0, 0.0)
-    assert "driver_override" in verdict.reasons
+    status = rig.step(1.0, extra=(codec.encode(report),))
+    assert (status.state, status.brake_torque, status.throttle) == (S.FAULT, 0.0, 0.0)
+    assert "driver_override" in status.reasons
     assert enabled(rig) == {False}
     assert {command.counter for command in rig.commands()[:3]} == {(counter + 1) % 256}
-    taken_over = set(verdict.reasons)
-    for verdict in rig.run(1.0, acceleration=2.0, act=OperatorCommand.ENGAGE):
-        assert verdict.state is S.FAULT
-        assert set(verdict.reasons) <= taken_over
+    taken_over = set(status.reasons)
+    for status in rig.run(1.0, acceleration=2.0, act=OperatorCommand.ENGAGE):
+        assert status.state is S.FAULT
+        assert set(status.reasons) <= taken_over
         assert enabled(rig) == {False}
         assert not any(command.clear for command in rig.commands())
 
@@ -760,14 +760,14 @@ def test_an_override_that_nothing_else_shows_brings_the_car_to_rest_and_calls_fo
     """One report, wrong for one step; the brakes answer all the while."""
     rig = Rig()
     rig.cruise(10.0)
-    verdict = rig.step(1.0, extra=(codec.encode(report),))
-    assert (verdict.state, verdict.throttle) == (S.STOPPING, 0.0)
-    assert {"override_unconfirmed", "driver_needed"} <= set(verdict.reasons)
-    assert "driver_override" not in verdict.reasons
-    while (verdict := rig.step(1.0)).state is S.STOPPING:
+    status = rig.step(1.0, extra=(codec.encode(report),))
+    assert (status.state, status.throttle) == (S.STOPPING, 0.0)
+    assert {"override_unconfirmed", "driver_needed"} <= set(status.reasons)
+    assert "driver_override" not in status.reasons
+    while (status := rig.step(1.0)).state is S.STOPPING:
         assert enabled(rig) == {True}
-        assert "driver_needed" in verdict.reasons or rig.car.speed < 0.1
-    assert verdict.state is S.STOPPED
+        assert "driver_needed" in status.reasons or rig.car.speed < 0.1
+    assert status.state is S.STOPPED
     assert rig.car.speed == 0.0
 
 
@@ -785,12 +785,12 @@ def test_a_driver_at_the_pedals_ends_the_drive_at_once_and_for_good(report, name
     rig = Rig()
     rig.cruise(8.0)
     assert rig.run(1.0, acceleration=1.0)[-1].throttle > 0.0
-    verdict = rig.step(1.0, extra=(codec.encode(report),))
-    assert (verdict.state, verdict.throttle, verdict.reasons) == (S.STOPPING, 0.0, (name,))
+    status = rig.step(1.0, extra=(codec.encode(report),))
+    assert (status.state, status.throttle, status.reasons) == (S.STOPPING, 0.0, (name,))
     assert enabled(rig) == {True}
     seen = [rig.step(2.0, act=OperatorCommand.GO) for _ in range(round(8.0 / PERIOD))]
-    assert {verdict.throttle for verdict in seen} == {0.0}
-    assert max(verdict.brake_torque for verdict in seen) > 500.0, "the brakes work on"
+    assert {status.throttle for status in seen} == {0.0}
+    assert max(status.brake_torque for status in seen) > 500.0, "the brakes work on"
     assert (seen[-1].state, rig.car.speed) in {(S.STOPPED, 0.0), (S.DISARMED, 0.0), (S.READY, 0.0)}
     assert name in seen[-1].reasons or seen[-1].state in (S.DISARMED, S.READY)
 
@@ -815,8 +815,8 @@ def test_a_driver_who_takes_over_again_after_the_act_cleared_the_old_override_ha
     rig.engage()
     rig.run(2.0, acceleration=1.0)
     rig.car.override = True
-    verdict = rig.step(1.0)
-    assert (verdict.state, verdict.reasons) == (S.FAULT, ("driver_override",))
+    status = rig.step(1.0)
+    assert (status.state, status.reasons) == (S.FAULT, ("driver_override",))
     assert enabled(rig) == {False}
 
 
@@ -824,8 +824,8 @@ def test_an_act_of_the_same_moment_does_not_wipe_away_that_the_driver_took_over(
     rig = Rig()
     rig.cruise(5.0)
     rig.car.override = True
-    verdict = rig.step(1.0, act=OperatorCommand.DISARM)
-    assert (verdict.state, verdict.reasons) == (S.FAULT, ("driver_override",))
+    status = rig.step(1.0, act=OperatorCommand.DISARM)
+    assert (status.state, status.reasons) == (S.FAULT, ("driver_override",))
     assert rig.step(1.0, act=OperatorCommand.DISARM).state is S.DISARMED
 
 
@@ -834,8 +834,8 @@ def test_an_override_that_the_act_does_not_clear_is_not_fought():
     latched = codec.encode(ENABLED_BRAKE._replace(override=True, enabled=False))
     rig.car.forged = forged(latched)
     rig.step(act=OperatorCommand.ENGAGE)
-    verdicts = rig.run(1.0)
-    assert verdicts[-1].reasons == ("handshake_timeout",)
+    statuses = rig.run(1.0)
+    assert statuses[-1].reasons == ("handshake_timeout",)
 
 
 # For every run of whatever happens.
@@ -877,7 +877,7 @@ def test_whatever_comes_it_never_breaks_and_never_says_what_it_must_not(engaged,
     for odd, frames, act in steps:
         rig.tick += 1
         setpoint = rig.setpoint(odd[0], odd[1], emergency=odd[2]) if isinstance(odd, tuple) else odd
-        verdict, out = rig.gateway.step(rig.now, setpoint, [*rig.car.reports(), *frames], act)
+        status, out = rig.gateway.step(rig.now, setpoint, [*rig.car.reports(), *frames], act)
         rig.car.hear(out)
         rig.car.advance()
         for frame in out:
@@ -885,17 +885,17 @@ def test_whatever_comes_it_never_breaks_and_never_says_what_it_must_not(engaged,
                 assert not frame.data[IGNORE_PLACES[frame.id]] & 4
         brake, throttle, steering, gear = (codec.decode(frame) for frame in out)
         assert brake.value == 0.0 or throttle.value == 0.0
-        assert brake.enable == throttle.enable == steering.enable == (verdict.state in COMMANDING)
-        assert brake.clear == gear.clear == (state is not S.ENGAGED and verdict.state is S.ENGAGED)
-        going = verdict.state is S.ENGAGED and (
-            going or (act is OperatorCommand.GO and "go_too_early" not in verdict.reasons)
+        assert brake.enable == throttle.enable == steering.enable == (status.state in COMMANDING)
+        assert brake.clear == gear.clear == (state is not S.ENGAGED and status.state is S.ENGAGED)
+        going = status.state is S.ENGAGED and (
+            going or (act is OperatorCommand.GO and "go_too_early" not in status.reasons)
         )
         assert going or throttle.value == 0.0
         assert not brake.clear or act is OperatorCommand.ENGAGE
-        state = verdict.state
-        assert all(map(math.isfinite, (verdict.steering, verdict.acceleration, verdict.brake_torque, verdict.throttle)))
-        assert verdict.state is S.ENGAGED or throttle.value == 0.0
-        assert abs(verdict.steering) <= FUSION.steering_limit + 1e-12
+        state = status.state
+        assert all(map(math.isfinite, (status.steering, status.acceleration, status.brake_torque, status.throttle)))
+        assert status.state is S.ENGAGED or throttle.value == 0.0
+        assert abs(status.steering) <= FUSION.steering_limit + 1e-12
 
 
 def test_the_same_inputs_give_the_same_bytes():
@@ -943,7 +943,7 @@ def test_every_reason_it_can_give_has_plain_words():
 
 
 def test_its_defaults_are_the_fusions():
-    assert Gateway(FUSION, CALIBRATION).step(0.0, None, []).verdict.state is S.DISARMED
+    assert Gateway(FUSION, CALIBRATION).step(0.0, None, []).status.state is S.DISARMED
 
 
 def test_a_calibrated_wheel_bias_is_taken_off_the_report_and_put_onto_the_command() -> None:

@@ -108,8 +108,8 @@ def test_a_step_at_a_wrong_time_brakes_for_two_periods_at_most(late: float, elap
     rig.cruise(6.0)
     rig.run(1.0)
     output = rig.gateway.step(rig.now + late, None, rig.car.reports())
-    assert "timer_gap" in output.verdict.reasons
-    assert output.verdict.acceleration == pytest.approx(-Limits().critical_jerk * elapsed, abs=1e-6)
+    assert "timer_gap" in output.status.reasons
+    assert output.status.acceleration == pytest.approx(-Limits().critical_jerk * elapsed, abs=1e-6)
 
 
 def test_in_shadow_a_driver_who_drives_is_no_objection() -> None:

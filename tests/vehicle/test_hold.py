@@ -51,10 +51,10 @@ def alarmed(whole: WholeCar) -> tuple[float, float]:
     """Time from the first motion to the alarm [s], and the way driven until then [m]."""
     begun, moved = whole.distance, math.inf
     for number in range(400):
-        verdict = whole.step(0.0)
+        status = whole.step(0.0)
         if moved == math.inf and whole.car.truth().speed > 0.01:
             moved = number * PERIOD
-        if ALARM & set(verdict.reasons):
+        if ALARM & set(status.reasons):
             return number * PERIOD - moved, whole.distance - begun
     return math.inf, whole.distance - begun
 
@@ -86,9 +86,9 @@ def test_a_car_that_rolls_after_it_came_to_rest_raises_the_alarm():
     whole.engage()
     for _ in range(150):
         whole.step(1.0)
-    verdict = whole.step(act=OperatorCommand.STOP)
-    while verdict.state is not S.STOPPED:
-        verdict = whole.step()
+    status = whole.step(act=OperatorCommand.STOP)
+    while status.state is not S.STOPPED:
+        status = whole.step()
     assert whole.car.truth().speed == 0.0
     whole.car.actuator_faults = ActuatorFaults(brake_share=0.0)
     time, way = alarmed(whole)
@@ -111,11 +111,11 @@ def test_a_dead_bus_is_no_fault_of_brakes_while_the_watchdog_brakes(lasts):
     seen = set()
     for number in range(400):
         whole.car.cut = number * PERIOD < lasts
-        verdict = whole.step(0.0)
-        seen |= set(verdict.reasons)
+        status = whole.step(0.0)
+        seen |= set(status.reasons)
     assert whole.car.interface.controller.fault, "the watchdog did brake"
     assert whole.car.truth().speed == 0.0
-    assert verdict.state is not S.ENGAGED
+    assert status.state is not S.ENGAGED
     assert "brake_not_following" not in seen
     assert "drive_not_following" not in seen
     assert "driver_inferred" not in seen, "the watchdog's braking is nobody's foot"

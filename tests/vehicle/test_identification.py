@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests import vehicles
+from vve_sumo.physical_constants import AIR_DENSITY, GRAVITY
 from vve_sumo.vehicle import identification
-from vve_sumo.vehicle.calibration import AIR_DENSITY, GRAVITY
 from vve_sumo.vehicle.identification import FirstOrderResponse, Log, Series
 
 FUSION, DECLARED = vehicles.FUSION.vehicle, vehicles.FUSION.calibration

@@ -79,7 +79,7 @@ def room(
         truth = ticked.truth
         places = truth.x + 1j * truth.y + np.exp(1j * truth.heading) * CORNERS
         least = min(least, lot.clearance(np.stack((places.real, places.imag), axis=-1)[None]))
-        if ticked.verdict.state is ArmingState.STOPPING:
+        if ticked.status.state is ArmingState.STOPPING:
             stopped = min(stopped, ticked.now)
         if (stopped < math.inf and truth.speed == 0.0) or ticked.now > 60.0:
             return least, stopped

@@ -76,7 +76,7 @@ def test_a_feedback_comes_back_bit_for_bit(feedback):
     back = link.decode_feedback(link.encode_feedback(feedback))
     assert isinstance(back, link.Feedback)
     assert bits(back) == bits(feedback)
-    assert isinstance(back.verdict.state, ArmingState)
+    assert isinstance(back.status.state, ArmingState)
 
 
 @pytest.mark.parametrize("act", OperatorCommand)
@@ -151,8 +151,8 @@ def test_what_is_too_long_goes_out_cut_short_and_a_way_that_is_too_long_stays_so
     assert back.note == "ä" * 127
     assert back.faults == ("x" * 255,) * 64
     assert not well_formed(back.profile)
-    verdict = GatewayStatus(ArmingState.FAULT, ("y",) * 1000, 0.0, 0.0, (), 0.0, 0.0)
+    status = GatewayStatus(ArmingState.FAULT, ("y",) * 1000, 0.0, 0.0, (), 0.0, 0.0)
     feedback = link.decode_feedback(
-        link.encode_feedback(link.Feedback(0.0, 1 << 80, math.nan, verdict, 0.0, 0.0, "", 1))
+        link.encode_feedback(link.Feedback(0.0, 1 << 80, math.nan, status, 0.0, 0.0, "", 1))
     )
-    assert (len(feedback.verdict.reasons), feedback.sequence) == (64, (1 << 63) - 1)
+    assert (len(feedback.status.reasons), feedback.sequence) == (64, (1 << 63) - 1)

@@ -46,9 +46,9 @@ def test_in_a_rehearsal_the_driver_does_other_things_than_the_setpoints_say():
     rig.car.wheel_angle = rig.car._angle_wish = 0.01
     rig.run(0.1)
     rig.car.foot = 2.0
-    verdicts = rig.run(2.0, -1.0, steering=0.1)
+    statuses = rig.run(2.0, -1.0, steering=0.1)
     assert rig.car.speed == pytest.approx(4.0, rel=0.01)
-    assert {(verdict.state, verdict.reasons) for verdict in verdicts} == {(S.ENGAGED, ("shadow",))}
+    assert {(status.state, status.reasons) for status in statuses} == {(S.ENGAGED, ("shadow",))}
 
 
 def test_after_a_drive_the_driver_drives_off_without_being_told_that_the_car_does_not_follow():
@@ -59,7 +59,7 @@ def test_after_a_drive_the_driver_drives_off_without_being_told_that_the_car_doe
     rig.car.override = False
     assert rig.step(act=OperatorCommand.DISARM).state is S.DISARMED
     rig.car.foot = 2.0
-    reasons = {reason for verdict in rig.run(1.0) for reason in verdict.reasons}
+    reasons = {reason for status in rig.run(1.0) for reason in status.reasons}
     assert reasons == {"not_standing", "driver_not_on_brake"}
 
 
@@ -113,8 +113,8 @@ def test_a_rehearsal_enables_nothing_clears_nothing_and_asks_for_no_gear():
 def test_in_a_rehearsal_a_driver_who_takes_over_changes_nothing():
     rig = rehearsing()
     rig.car.override = True
-    verdicts = rig.run(0.5)
-    assert {(verdict.state, verdict.reasons) for verdict in verdicts} == {(S.ENGAGED, ("shadow",))}
+    statuses = rig.run(0.5)
+    assert {(status.state, status.reasons) for status in statuses} == {(S.ENGAGED, ("shadow",))}
 
 
 def test_a_rehearsal_that_calls_for_the_driver_still_says_that_it_is_one():
@@ -142,7 +142,7 @@ def test_a_driver_at_the_pedals_is_granted_no_acceleration_from_the_first_step_o
     rig.cruise(3.0)
     rig.run(0.5, 1.5)
     rig.car.driver_brake = True
-    assert all(verdict.acceleration <= 0.0 for verdict in rig.run(0.3, 1.5))
+    assert all(status.acceleration <= 0.0 for status in rig.run(0.3, 1.5))
 
 
 def test_a_driver_who_takes_over_while_the_kit_is_being_enabled_has_the_car():
@@ -150,8 +150,8 @@ def test_a_driver_who_takes_over_while_the_kit_is_being_enabled_has_the_car():
     rig.run(0.1)
     rig.step(act=OperatorCommand.ENGAGE)
     rig.car.override = True
-    verdict = rig.step()
-    assert (verdict.state, verdict.reasons) == (S.FAULT, ("driver_override",))
+    status = rig.step()
+    assert (status.state, status.reasons) == (S.FAULT, ("driver_override",))
 
 
 def test_an_override_of_old_that_a_confirmed_kit_still_reports_ends_the_drive():

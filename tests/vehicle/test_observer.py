@@ -44,7 +44,7 @@ class Watched:
         )  # fmt: skip
         output = self.observer.step(now, said, [*COMMANDS, *car.reports()], act, found)
         assert output.frames == ()
-        return output.verdict
+        return output.status
 
     def run(self, seconds: float) -> GatewayStatus:
         """Let time pass."""

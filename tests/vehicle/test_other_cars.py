@@ -29,10 +29,10 @@ def turned(rig: Rig) -> tuple[float, float]:
     rig.engage()
     granted = wire = 0.0
     for tick in range(500):
-        verdict = rig.step(0.8 if tick < 20 else 0.0, steering=2.0)
-        if verdict.state is not S.ENGAGED:
+        status = rig.step(0.8 if tick < 20 else 0.0, steering=2.0)
+        if status.state is not S.ENGAGED:
             break
-        granted, wire = max(granted, verdict.steering), max(wire, rig.commands()[2].wheel_angle)
+        granted, wire = max(granted, status.steering), max(wire, rig.commands()[2].wheel_angle)
     return granted, wire
 
 
@@ -85,8 +85,8 @@ def test_brakes_that_do_not_answer_are_pressed_as_hard_as_car_calibration_and_wi
     rig = Rig(gateway=Gateway(vehicle, calibration, period=PERIOD, interface=interface(Variant.DBW1_2024)))
     rig.cruise(4.0)
     rig.car.brake_gain = 0.0
-    verdicts = [rig.step(act=OperatorCommand.STOP), *rig.run(1.0)]
-    assert "brake_not_following" in verdicts[-1].reasons
+    statuses = [rig.step(act=OperatorCommand.STOP), *rig.run(1.0)]
+    assert "brake_not_following" in statuses[-1].reasons
     assert rig.commands()[0].value == pytest.approx(900.0, abs=0.5)
 
 
@@ -96,9 +96,9 @@ def test_a_car_that_is_declared_slow_to_steer_may_lag_behind_by_as_much():
     rig = Rig(gateway=Gateway(vehicle, CALIBRATION, period=PERIOD, interface=DataspeedDbw1(Variant.DBW1_2024)))
     rig.cruise(1.0)
     rig.car.steering_stuck = True
-    verdicts = rig.run(1.5, steering=0.3)
-    assert max(verdict.steering for verdict in verdicts) == pytest.approx(0.3)
-    assert not any("steering_not_following" in verdict.reasons for verdict in verdicts)
+    statuses = rig.run(1.5, steering=0.3)
+    assert max(status.steering for status in statuses) == pytest.approx(0.3)
+    assert not any("steering_not_following" in status.reasons for status in statuses)
 
 
 @pytest.mark.parametrize("period", [0.1001, 1.0, math.nan])
@@ -123,8 +123,8 @@ def test_a_rig_with_a_gentler_stop_is_stopped_gently():
     rig = rig_of(limits=Limits(stop_deceleration=1.0))
     rig.cruise(6.0)
     rig.step(act=OperatorCommand.STOP)
-    moving = [verdict for verdict in rig.run(3.0, None) if rig.car.speed > 0.5]
-    assert min(verdict.acceleration for verdict in moving) == pytest.approx(-1.0, abs=1e-9)
+    moving = [status for status in rig.run(3.0, None) if rig.car.speed > 0.5]
+    assert min(status.acceleration for status in moving) == pytest.approx(-1.0, abs=1e-9)
 
 
 def test_the_default_step_is_twenty_milliseconds():
@@ -133,7 +133,7 @@ def test_the_default_step_is_twenty_milliseconds():
         rig = Rig(gateway=Gateway(FUSION, CALIBRATION))
         rig.run(1.0)
         output = rig.gateway.step(rig.now + late, None, rig.car.reports())
-        assert ("timer_gap" in output.verdict.reasons) is faulty
+        assert ("timer_gap" in output.status.reasons) is faulty
 
 
 def test_what_an_operator_does_has_the_words_that_a_record_keeps():
@@ -145,6 +145,6 @@ def test_a_steering_wheel_that_is_mounted_askew_points_straight_where_it_was_cal
     rig = rig_of(wheel_bias=2.0)
     rig.car.wheel_angle = rig.car._angle_wish = 2.0
     rig.engage()
-    verdicts = rig.run(1.0)
-    assert {(verdict.state, verdict.reasons) for verdict in verdicts} == {(S.ENGAGED, ())}
-    assert verdicts[-1].steering == pytest.approx(0.0, abs=1e-3)
+    statuses = rig.run(1.0)
+    assert {(status.state, status.reasons) for status in statuses} == {(S.ENGAGED, ())}
+    assert statuses[-1].steering == pytest.approx(0.0, abs=1e-3)

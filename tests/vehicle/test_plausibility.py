@@ -214,6 +214,52 @@ def test_a_steering_report_that_does_not_change_while_it_is_told_to(change, foun
     assert seen.index(True) == 25 if found else not any(seen)
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("left", "found"), [(0.199, False), (0.201, True)])
+def test_wheels_whose_speed_the_receiver_comes_to_are_not_frozen(left, found, sign):
+    """Fixes that are late: a speed that was 0.3 m/s off when the wheels last changed is `left` off for good."""
+    for side in (1.0, -1.0):  # on which side of the wheels' it ends
+        drive = Drive()
+        drive.run(0.2, receiver={"speed": sign * 0.3})
+        drive.run(0.02, car={"wheels": (5.0,)}, receiver={"speed": sign * 0.3})
+        after, reasons = drive.until(car={"wheels": (5.0,)}, receiver={"speed": side * left})
+        changed = abs(side * left - sign * 0.3) > 0.2
+        expected = (pytest.approx(0.5), ["wheel_speeds_frozen"]) if found and changed else (math.inf, [])
+        assert (after, reasons) == expected, side
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("left", "found"), [(0.039, False), (0.041, True)])
+def test_a_gyroscope_whose_yaw_rate_the_receiver_comes_to_is_not_frozen(left, found, sign):
+    drive = Drive()
+    drive.run(0.2, receiver={"yaw_rate": sign * 0.09})
+    drive.run(0.2, receiver={"yaw_rate": sign * 0.09}, still=True)
+    after, reasons = drive.until(receiver={"yaw_rate": sign * left}, still=True)
+    assert (after, reasons) == ((pytest.approx(0.5), ["yaw_rate_frozen"]) if found else (math.inf, []))
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("change", "found"), [(0.039, False), (0.041, True)])
+def test_the_bias_of_a_frozen_gyroscope_neither_hides_it_nor_betrays_it(change, found, sign):
+    drive = Drive(learnt=False, settling=0.0)
+    drive.stand(2.0, yaw_rate=0.02)
+    drive.run(1.0, car={"yaw_rate": 0.02})
+    drive.run(0.2, car={"yaw_rate": 0.02}, still=True)
+    _, reasons = drive.until(car={"yaw_rate": 0.02}, receiver={"yaw_rate": sign * change}, still=True)
+    assert reasons == (["yaw_rate_frozen"] if found else [])
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("left", "found"), [(0.029, False), (0.031, True)])
+def test_a_steering_report_to_which_the_command_comes_back_is_not_frozen(left, found, sign):
+    """The report, 0, last changed as the command was 0.08 rad off."""
+    drive = Drive()
+    told(drive, sign * 0.08, 0.001)
+    assert not any(told(drive, sign * 0.08) for _ in range(10))
+    seen = [told(drive, sign * left) for _ in range(60)]
+    assert seen.index(True) == 25 if found else not any(seen)
+
+
 def test_what_was_told_before_a_silence_is_not_compared_with_what_is_told_after_it():
     drive = Drive()
     told(drive, 0.0, 0.001)
@@ -497,5 +543,5 @@ def test_headings_that_are_finite_and_infinitely_far_apart_are_a_mismatch():
     rig = Rig()
     rig.cruise(5.0)
     for tick in range(60):
-        verdict = rig.step(0.0, heading=1.7e308 if tick < 20 else -1.7e308)
-    assert verdict.reasons[0] == "heading_mismatch"
+        status = rig.step(0.0, heading=1.7e308 if tick < 20 else -1.7e308)
+    assert status.reasons[0] == "heading_mismatch"

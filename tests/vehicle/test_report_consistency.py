@@ -183,8 +183,8 @@ def test_old_reports_among_fresh_ones_stop_the_car(number: int) -> None:
     for tick in range(50):
         assert rig.step(1.0, 0.05 * math.sin(tick / 12.0), extra=rig.old()).state is ArmingState.ENGAGED
     rig.on = True
-    verdicts = [rig.step(1.5, 0.1 * math.sin(tick / 6.0), extra=rig.old()) for tick in range(60)]
-    stopping = next(one for one in verdicts if one.state is not ArmingState.ENGAGED)
+    statuses = [rig.step(1.5, 0.1 * math.sin(tick / 6.0), extra=rig.old()) for tick in range(60)]
+    stopping = next(one for one in statuses if one.state is not ArmingState.ENGAGED)
     assert stopping.state is ArmingState.STOPPING
     assert stopping.reasons[0] in ("reports_inconsistent", "steering_mismatch", "yaw_rate_mismatch")
-    assert "reports_inconsistent" in verdicts[-1].reasons
+    assert "reports_inconsistent" in statuses[-1].reasons

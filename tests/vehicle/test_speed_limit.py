@@ -45,21 +45,21 @@ def test_a_brain_that_asks_for_more_for_ever_stays_at_the_limit(limit, grade, ma
     engaged(whole, grade)
     fastest = 0.0
     for _ in range(1000):
-        verdict = whole.step(2.0, grade=grade)
+        status = whole.step(2.0, grade=grade)
         fastest = max(fastest, whole.car.truth().speed)
-    assert (verdict.state, verdict.reasons) == (S.ENGAGED, ())
+    assert (status.state, status.reasons) == (S.ENGAGED, ())
     assert fastest < limit + 0.1
     assert whole.car.truth().speed == pytest.approx(limit, abs=0.05)
-    assert verdict.limited[-1] == "speed"
+    assert status.limited[-1] == "speed"
 
 
 def test_without_a_limit_the_same_brain_is_faster():
     whole = WholeCar()
     whole.engage()
     for _ in range(500):
-        verdict = whole.step(2.0)
+        status = whole.step(2.0)
     assert whole.car.truth().speed > 13.0
-    assert "speed" not in verdict.limited
+    assert "speed" not in status.limited
 
 
 def rolling(limit: float) -> Rig:
@@ -73,11 +73,11 @@ def test_a_car_beyond_the_margin_is_stopped_by_either_speed(wheels):
     rig = rolling(6.0)
     if wheels:
         rig.car.speed = 7.1
-        verdict = rig.step(1.0)
+        status = rig.step(1.0)
     else:
-        verdict = rig.step(1.0, speed=7.1)
-    assert (verdict.state, verdict.throttle) == (S.STOPPING, 0.0)
-    assert "speed_above_limit" in verdict.reasons
+        status = rig.step(1.0, speed=7.1)
+    assert (status.state, status.throttle) == (S.STOPPING, 0.0)
+    assert "speed_above_limit" in status.reasons
     rig.run(8.0)
     assert rig.car.speed == 0.0
 
@@ -85,9 +85,9 @@ def test_a_car_beyond_the_margin_is_stopped_by_either_speed(wheels):
 def test_a_car_within_the_margin_is_slowed_gently_and_goes_on():
     rig = rolling(6.0)
     rig.car.speed = 6.8
-    verdicts = rig.run(0.3, 2.0)
-    assert {verdict.state for verdict in verdicts} == {S.ENGAGED}
-    assert min(verdict.acceleration for verdict in verdicts) >= -1.0
+    statuses = rig.run(0.3, 2.0)
+    assert {status.state for status in statuses} == {S.ENGAGED}
+    assert min(status.acceleration for status in statuses) >= -1.0
     rig.run(5.0, 2.0)
     assert rig.car.speed == pytest.approx(6.0, abs=0.1)
 
@@ -102,9 +102,9 @@ def test_a_runaway_is_stopped_before_it_is_much_beyond_the_margin(opening):
     whole.car.actuator_faults = ActuatorFaults(stuck_throttle=opening)
     fastest = 0.0
     for _ in range(500):
-        verdict = whole.step(2.0)
+        status = whole.step(2.0)
         fastest = max(fastest, whole.car.truth().speed)
-    assert verdict.state is not S.ENGAGED
+    assert status.state is not S.ENGAGED
     assert fastest < 6.0 + SPEED_LIMIT_MARGIN + 0.5
     assert whole.car.truth().speed == 0.0
 

@@ -28,9 +28,9 @@ def cruising(speed: float = 8.0, **limits: float | EmergencyBraking) -> Rig:
 def test_an_ordinary_stop_is_not_softer_than_the_braking_before_it():
     rig = cruising(12.0)
     assert rig.run(1.5, -3.5)[-1].acceleration == -3.5
-    verdicts = rig.run(0.6, None)
-    assert verdicts[-1].state is S.STOPPING
-    assert {verdict.acceleration for verdict in verdicts} == {-3.5}
+    statuses = rig.run(0.6, None)
+    assert statuses[-1].state is S.STOPPING
+    assert {status.acceleration for status in statuses} == {-3.5}
 
 
 def test_a_stop_of_a_car_that_brakes_gently_brakes_harder():
@@ -45,9 +45,9 @@ def test_an_emergency_makes_a_stop_no_softer_and_no_harder_than_the_emergency_li
     rig = cruising(12.0)
     rig.step(act=OperatorCommand.STOP)
     rig.run(0.6)
-    verdict = rig.run(0.5, asked, emergency=True)[-1]
-    assert verdict.state is S.STOPPING
-    assert verdict.acceleration == (-2.4 if asked == -1.0 else -9.0)
+    status = rig.run(0.5, asked, emergency=True)[-1]
+    assert status.state is S.STOPPING
+    assert status.acceleration == (-2.4 if asked == -1.0 else -9.0)
 
 
 def test_braking_that_is_no_emergency_makes_a_stop_no_harder():
@@ -67,8 +67,8 @@ def test_a_rig_whose_ordinary_stop_is_the_harder_one_keeps_it_in_trouble():
     """Neither an emergency that asks for little nor a critical fault makes the stop softer or slower."""
     for step in ({"extra": ANOTHER_WRITER}, {"acceleration": -1.0, "emergency": True}):
         rig = cruising(8.0, stop_deceleration=5.0, stop_jerk=40.0)
-        verdict = rig.step(act=OperatorCommand.STOP, **step)
-        assert verdict.acceleration == pytest.approx(-40.0 * PERIOD)
+        status = rig.step(act=OperatorCommand.STOP, **step)
+        assert status.acceleration == pytest.approx(-40.0 * PERIOD)
         assert rig.run(0.4, **step)[-1].acceleration == -5.0
 
 
@@ -76,9 +76,9 @@ def test_brakes_that_do_not_follow_are_asked_for_all_that_an_emergency_may():
     rig = cruising()
     rig.car.brake_gain = 0.0
     rig.step(act=OperatorCommand.STOP)
-    while "brake_not_following" not in (verdict := rig.step()).reasons:
-        before = verdict.acceleration
-    assert verdict.acceleration == pytest.approx(before - 30.0 * PERIOD)
+    while "brake_not_following" not in (status := rig.step()).reasons:
+        before = status.acceleration
+    assert status.acceleration == pytest.approx(before - 30.0 * PERIOD)
     assert rig.run(0.5)[-1].acceleration == -9.0
 
 
@@ -93,9 +93,9 @@ def test_a_car_at_rest_is_held_as_it_was_held_before_it_started(gain):
         rig.step(1.5)
     rig.car.brake_gain, rig.car.shift_time = gain, 10.0
     rig.step(act=OperatorCommand.STOP)
-    while (verdict := rig.step()).state is not S.STOPPED:
+    while (status := rig.step()).state is not S.STOPPED:
         pass
-    assert ("brake_not_following" in verdict.reasons) is (gain < 1.0)
+    assert ("brake_not_following" in status.reasons) is (gain < 1.0)
     assert rig.run(1.0)[-1].brake_torque == pytest.approx(held)
 
 
@@ -109,7 +109,7 @@ def test_a_car_in_park_whose_wheels_do_not_say_that_it_stands_is_not_let_go(how)
         rig.car.silent = set(wheels(0.0))
     else:
         rig.car.forged = wheels(0.5)
-    assert {verdict.state for verdict in rig.run(2.0)} == {S.STOPPED}
+    assert {status.state for status in rig.run(2.0)} == {S.STOPPED}
 
 
 # What it says.
@@ -120,22 +120,22 @@ def test_a_car_in_park_whose_wheels_do_not_say_that_it_stands_is_not_let_go(how)
 )
 def test_the_end_of_a_drive_is_a_stop_that_says_so(act, reason):
     rig = cruising(3.0)
-    verdict = rig.step(act=act)
-    assert (verdict.state, verdict.reasons) == (S.STOPPING, (reason,))
+    status = rig.step(act=act)
+    assert (status.state, status.reasons) == (S.STOPPING, (reason,))
 
 
 def test_a_stop_needs_no_setpoints_and_blames_nobody_for_their_absence():
     rig = cruising(3.0)
     rig.step(act=OperatorCommand.STOP)
-    assert {verdict.reasons for verdict in rig.run(1.0, None)} == {("stop_asked",)}
+    assert {status.reasons for status in rig.run(1.0, None)} == {("stop_asked",)}
 
 
 def test_a_driver_who_takes_over_a_car_that_stops_hides_not_why_it_did():
     rig = cruising(5.0)
     rig.step(act=OperatorCommand.STOP)
     rig.car.override = True
-    verdict = rig.step()
-    assert (verdict.state, verdict.reasons) == (S.FAULT, ("stop_asked", "driver_override"))
+    status = rig.step()
+    assert (status.state, status.reasons) == (S.FAULT, ("stop_asked", "driver_override"))
 
 
 def test_a_second_fault_before_a_drive_does_not_hide_the_first():
@@ -188,8 +188,8 @@ def test_a_report_beyond_the_lock_is_the_lock(angle):
 
 def test_before_the_first_report_the_wheels_are_taken_to_be_straight():
     rig = Rig()
-    verdict = rig.gateway.step(0.0, None, []).verdict
-    assert (verdict.steering, verdict.acceleration) == (0.0, 0.0)
+    status = rig.gateway.step(0.0, None, []).status
+    assert (status.steering, status.acceleration) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])

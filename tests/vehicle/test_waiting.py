@@ -57,9 +57,9 @@ def unknown_speed(rig: Rig, acceleration: float) -> float:
 def test_a_speed_that_is_known_counts_drag():
     rig = Rig()
     rig.cruise(8.0)
-    verdict = rig.run(1.0, act=OperatorCommand.STOP)[-1]
-    assert not math.isclose(verdict.brake_torque, unknown_speed(rig, verdict.acceleration), rel_tol=1e-3)
-    assert verdict.brake_torque <= FUSION.brake_torque_limit
+    status = rig.run(1.0, act=OperatorCommand.STOP)[-1]
+    assert not math.isclose(status.brake_torque, unknown_speed(rig, status.acceleration), rel_tol=1e-3)
+    assert status.brake_torque <= FUSION.brake_torque_limit
 
 
 def test_frozen_wheels_tell_no_speed_and_no_way_along_the_path():
@@ -71,20 +71,20 @@ def test_frozen_wheels_tell_no_speed_and_no_way_along_the_path():
     while rig.step(0.0, speed=rig.car.speed, profile=profile).state is S.ENGAGED:
         pass
     held = rig.gateway.measured_steering
-    verdicts = rig.run(1.0, profile=profile)
-    assert verdicts[-1].reasons[0] == "wheel_speeds_frozen"
-    assert verdicts[-1].brake_torque >= unknown_speed(rig, verdicts[-1].acceleration) * (1.0 - 1e-9)
-    assert [verdict.steering for verdict in verdicts[10:]] == pytest.approx([held] * 40, abs=1e-3)
+    statuses = rig.run(1.0, profile=profile)
+    assert statuses[-1].reasons[0] == "wheel_speeds_frozen"
+    assert statuses[-1].brake_torque >= unknown_speed(rig, statuses[-1].acceleration) * (1.0 - 1e-9)
+    assert [status.steering for status in statuses[10:]] == pytest.approx([held] * 40, abs=1e-3)
 
 
 def test_wheels_that_the_receiver_contradicts_tell_no_speed():
     rig = Rig()
     rig.cruise(8.0)
-    while (verdict := rig.step(0.0, speed=rig.car.speed + 4.0)).state is S.ENGAGED:
+    while (status := rig.step(0.0, speed=rig.car.speed + 4.0)).state is S.ENGAGED:
         pass
-    assert verdict.reasons[0] == "speed_mismatch"
-    verdict = rig.run(1.0)[-1]
-    assert verdict.brake_torque == pytest.approx(unknown_speed(rig, verdict.acceleration), rel=1e-9)
+    assert status.reasons[0] == "speed_mismatch"
+    status = rig.run(1.0)[-1]
+    assert status.brake_torque == pytest.approx(unknown_speed(rig, status.acceleration), rel=1e-9)
 
 
 @pytest.mark.parametrize("how", ["zero", "silent"])
@@ -96,8 +96,8 @@ def test_wheels_that_say_nothing_of_a_moving_car_tell_no_speed(how):
         rig.car.forged = wheels(0.0)
     else:
         rig.car.silent = set(wheels(0.0))
-    verdict = rig.run(1.0, None)[-1]
-    assert verdict.brake_torque == pytest.approx(unknown_speed(rig, verdict.acceleration), rel=1e-9)
+    status = rig.run(1.0, None)[-1]
+    assert status.brake_torque == pytest.approx(unknown_speed(rig, status.acceleration), rel=1e-9)
 
 
 def test_wheels_that_say_zero_of_a_moving_car_tell_no_way_along_the_path():
@@ -106,18 +106,18 @@ def test_wheels_that_say_zero_of_a_moving_car_tell_no_way_along_the_path():
     profile = FallbackPath(1.0, tuple(0.002 * n for n in range(30)))
     rig.run(0.2, profile=profile)
     rig.car.forged = wheels(0.0)
-    verdicts = rig.run(1.0, None)
-    stopping = [verdict for verdict in verdicts if verdict.state is S.STOPPING]
+    statuses = rig.run(1.0, None)
+    stopping = [status for status in statuses if status.state is S.STOPPING]
     assert stopping[0].reasons[0] == "setpoint_expired"
-    assert [verdict.steering for verdict in stopping[5:]] == pytest.approx([stopping[5].steering] * len(stopping[5:]))
+    assert [status.steering for status in stopping[5:]] == pytest.approx([stopping[5].steering] * len(stopping[5:]))
 
 
 def test_a_car_that_rolls_to_rest_for_long_needs_no_driver():
     rig = Rig()
     rig.cruise(10.0)
-    verdicts = [rig.step(act=OperatorCommand.STOP)] + [rig.step() for _ in range(400)]
-    assert sum(verdict.state is S.STOPPING for verdict in verdicts) * PERIOD > 3.5
-    assert not any("driver_needed" in verdict.reasons for verdict in verdicts)
+    statuses = [rig.step(act=OperatorCommand.STOP)] + [rig.step() for _ in range(400)]
+    assert sum(status.state is S.STOPPING for status in statuses) * PERIOD > 3.5
+    assert not any("driver_needed" in status.reasons for status in statuses)
 
 
 # Steering on the fallback path: the wheels stay straight, so that holding them is told from following a bend.
@@ -145,15 +145,15 @@ def test_wheels_that_say_zero_of_a_moving_car_do_not_tell_where_on_its_path_it_i
     rig.run(0.2, profile=BEND)
     rig.car.steering_stuck, rig.car.wheel_angle = True, 0.0
     rig.car.forged = wheels(0.0)
-    verdicts = rig.run(1.0, None)
-    assert (verdicts[-1].state, {verdict.steering for verdict in verdicts}) == (S.STOPPING, {0.0})
+    statuses = rig.run(1.0, None)
+    assert (statuses[-1].state, {status.steering for status in statuses}) == (S.STOPPING, {0.0})
 
 
 def test_a_car_that_stands_turns_no_wheel():
     rig = stopping_in_a_bend()
     assert rig.step(None).state is S.STOPPING
-    verdict = rig.run(1.0, None)[-1]
-    assert (verdict.state, verdict.steering) == (S.STOPPED, 0.0)
+    status = rig.run(1.0, None)[-1]
+    assert (status.state, status.steering) == (S.STOPPED, 0.0)
 
 
 def test_a_car_that_seems_to_stand_leaves_its_wheels():
@@ -169,18 +169,18 @@ def test_a_car_that_rolls_away_after_it_was_stopped_follows_no_path():
         pass
     rig.run(1.0, None)
     rig.car.forged = wheels(1.0)
-    verdicts = rig.run(1.0, None)
-    assert {verdict.state for verdict in verdicts} == {S.STOPPED}
-    assert verdicts[-1].steering == 0.0
+    statuses = rig.run(1.0, None)
+    assert {status.state for status in statuses} == {S.STOPPED}
+    assert statuses[-1].steering == 0.0
 
 
 def test_a_car_that_rolls_on_after_it_seemed_to_stand_follows_the_path():
     rig = stopping_in_a_bend()
     rig.run(0.04, None)
     rig.car.forged = wheels(1.0)
-    verdicts = rig.run(0.5, None)
-    assert {verdict.state for verdict in verdicts} == {S.STOPPING}
-    assert verdicts[-1].steering == pytest.approx(IN_THE_BEND, abs=0.01)
+    statuses = rig.run(0.5, None)
+    assert {status.state for status in statuses} == {S.STOPPING}
+    assert statuses[-1].steering == pytest.approx(IN_THE_BEND, abs=0.01)
 
 
 # What is forgotten.
@@ -219,10 +219,10 @@ def test_after_parking_the_next_controller_may_count_from_zero():
 def test_a_fault_before_the_next_drive_says_nothing_of_the_last_one():
     rig = driven_and_parked()
     rig.tick += 10
-    verdict = rig.step()
-    assert verdict.state is S.FAULT
-    assert verdict.reasons[0] == "timer_gap"
-    assert "stop_asked" not in verdict.reasons
+    status = rig.step()
+    assert status.state is S.FAULT
+    assert status.reasons[0] == "timer_gap"
+    assert "stop_asked" not in status.reasons
 
 
 def test_a_fault_that_is_acknowledged_is_forgotten():
@@ -293,5 +293,5 @@ def test_a_drivers_foot_is_the_reason_of_the_stop_whatever_was_asked(wish):
     rig = Rig()
     rig.cruise(4.0)
     rig.car.driver_brake = True
-    verdict = rig.run(0.5, wish)[-1]
-    assert (verdict.state, verdict.reasons) == (S.STOPPING, ("driver_on_brake", "driver_inferred"))
+    status = rig.run(0.5, wish)[-1]
+    assert (status.state, status.reasons) == (S.STOPPING, ("driver_on_brake", "driver_inferred"))

@@ -42,15 +42,15 @@ def test_in_drive_the_driver_hands_over_with_the_foot_on_the_brake():
     whole.car.interface.controller.gear = Gear.DRIVE
     foot = DriverInputs(brake_pedal=0.20)
     for _ in range(10):
-        verdict = whole.step(driver=foot)
-    assert verdict.state is S.READY
+        status = whole.step(driver=foot)
+    assert status.state is S.READY
     whole.step(act=OperatorCommand.ENGAGE, driver=foot)
     for _ in range(50):
         assert whole.step(1.0, driver=foot).state is S.ENGAGED
     assert whole.step(1.0, act=OperatorCommand.GO, driver=foot).reasons == ("go_too_early", "driver_on_brake")
     for _ in range(50):
-        verdict = whole.step(1.0)
-    assert verdict.reasons == ("waiting_for_go",)
+        status = whole.step(1.0)
+    assert status.reasons == ("waiting_for_go",)
     assert whole.car.truth().speed == 0.0
     whole.step(1.0, act=OperatorCommand.GO)
     for _ in range(100):
@@ -77,15 +77,15 @@ def test_a_driver_who_takes_over_has_the_car_and_the_watchdog_keeps_still(limb, 
         for _ in range(round(after / PERIOD)):
             whole.step()
     ticks, throttle = 0, []
-    while (verdict := whole.step(1.5, driver=TAKING_OVER[limb])).state is not S.FAULT:
+    while (status := whole.step(1.5, driver=TAKING_OVER[limb])).state is not S.FAULT:
         ticks += 1
-        throttle.append(verdict.throttle)
+        throttle.append(status.throttle)
     assert ticks * PERIOD <= 0.15  # the kit takes 0.1 s to call it taking over
     assert limb == "wheel" or throttle[-1] == 0.0, "cut before that"
-    assert "driver_override" in verdict.reasons
+    assert "driver_override" in status.reasons
     for _ in range(100):
         counters = {codec.decode(frame).counter for frame in whole.frames[:3]}
-        verdict = whole.step(1.5, driver=TAKING_OVER[limb] if limb == "brake" else HANDS_OFF)
+        status = whole.step(1.5, driver=TAKING_OVER[limb] if limb == "brake" else HANDS_OFF)
         commands = [codec.decode(frame) for frame in whole.frames[:3]]
         assert not any(command.enable or command.clear for command in commands)
         assert {command.counter for command in commands} == {(counter + 1) % 256 for counter in counters}
@@ -99,11 +99,11 @@ def test_in_shadow_all_is_worked_out_and_nothing_is_commanded():
     """The driver drives, shifts and brakes; the kit is never enabled, and nothing of it counts as taking over."""
     whole = WholeCar(gateway=Gateway(VEHICLE, calibration=PARAMETERS.calibration, shadow=True))
     for _ in range(10):
-        verdict = whole.step()
-    assert (verdict.state, verdict.reasons) == (S.READY, ("shadow",))
-    verdict = whole.step(act=OperatorCommand.ENGAGE)
-    assert (verdict.state, verdict.reasons) == (S.ENGAGED, ("shadow", "waiting_for_go"))
-    verdict = whole.step(1.0, act=OperatorCommand.GO)
+        status = whole.step()
+    assert (status.state, status.reasons) == (S.READY, ("shadow",))
+    status = whole.step(act=OperatorCommand.ENGAGE)
+    assert (status.state, status.reasons) == (S.ENGAGED, ("shadow", "waiting_for_go"))
+    status = whole.step(1.0, act=OperatorCommand.GO)
     whole.car.interface.controller.gear = Gear.DRIVE
     seen = []
     for tick in range(400):
@@ -114,14 +114,14 @@ def test_in_shadow_all_is_worked_out_and_nothing_is_commanded():
         for command in map(codec.decode, whole.frames[:3]):
             assert (command.enable, command.clear) == (False, False)
         assert codec.decode(whole.frames[3]) == codec.GearCommand(Gear.NONE)
-    assert {(verdict.state, verdict.reasons) for verdict in seen} == {(S.ENGAGED, ("shadow",))}
-    assert max(verdict.throttle for verdict in seen) > 0.1
-    assert max(verdict.brake_torque for verdict in seen) > 800.0
+    assert {(status.state, status.reasons) for status in seen} == {(S.ENGAGED, ("shadow",))}
+    assert max(status.throttle for status in seen) > 0.1
+    assert max(status.brake_torque for status in seen) > 800.0
     assert seen[150].steering == pytest.approx(0.05)
     whole.step(act=OperatorCommand.STOP, driver=DriverInputs(brake_pedal=0.24))
     for _ in range(50):
-        verdict = whole.step(driver=DriverInputs(brake_pedal=0.24))
-    assert (verdict.state, verdict.reasons) == (S.STOPPED, ("stop_asked", "shadow"))
+        status = whole.step(driver=DriverInputs(brake_pedal=0.24))
+    assert (status.state, status.reasons) == (S.STOPPED, ("stop_asked", "shadow"))
     whole.car.interface.controller.gear = Gear.PARK
     while not whole.gateway.done:
         whole.step()
@@ -152,22 +152,20 @@ def test_whatever_happens_the_kits_watchdog_has_nothing_to_do(driven, phases):
     def tick(**arguments) -> None:
         nonlocal was, going, drivers
         truth = whole.car.truth()
-        verdict = whole.step(**({"acceleration": 1.5} | arguments))
+        status = whole.step(**({"acceleration": 1.5} | arguments))
         brake, throttle, steering, gear = map(codec.decode, whole.frames)
         taken_over = any(module.override for module in whole.car.interface.controller.modules)
-        if arguments.get("act") is OperatorCommand.GO and was is S.ENGAGED and "go_too_early" not in verdict.reasons:
+        if arguments.get("act") is OperatorCommand.GO and was is S.ENGAGED and "go_too_early" not in status.reasons:
             going = True
-        going = going and verdict.state is S.ENGAGED
+        going = going and status.state is S.ENGAGED
         assert throttle.value == 0.0 or going
-        if was in COMMANDING and verdict.state not in COMMANDING:
-            assert "driver_override" in verdict.reasons or (
-                whole.car.interface.gear is Gear.PARK and truth.speed == 0.0
-            )
-        assert brake.enable == throttle.enable == steering.enable == (verdict.state in COMMANDING)
+        if was in COMMANDING and status.state not in COMMANDING:
+            assert "driver_override" in status.reasons or (whole.car.interface.gear is Gear.PARK and truth.speed == 0.0)
+        assert brake.enable == throttle.enable == steering.enable == (status.state in COMMANDING)
         assert gear.gear is Gear.NONE or abs(truth.speed) < 0.1
         assert not whole.car.interface.controller.fault or taken_over
-        drivers = drivers or "driver_override" in verdict.reasons
-        was = verdict.state
+        drivers = drivers or "driver_override" in status.reasons
+        was = status.state
 
     for index in range(80 + driven):
         tick(act={10: OperatorCommand.ENGAGE, 60: OperatorCommand.GO}.get(index))

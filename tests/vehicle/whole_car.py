@@ -72,7 +72,7 @@ class WholeCar:
         self.heard = [frame for _time, frame in self.car.step((self.tick + 1) * PERIOD, output.frames, driver).reports]
         after = self.car.truth()
         self.distance += math.hypot(after.x - before.x, after.y - before.y)
-        return output.verdict
+        return output.status
 
     def engage(self) -> None:
         """Bring the car to "engaged, in drive, free to go"."""

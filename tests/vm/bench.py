@@ -155,9 +155,9 @@ class Bench:
         for data in self.console.receive():
             feedback = link.decode_feedback(data)
             assert isinstance(feedback, link.Feedback)
-            if not self.states or feedback.verdict.state is not self.states[-1]:
-                self.states.append(feedback.verdict.state)
-            self.reasons, self.speed = feedback.verdict.reasons, feedback.wheel_speed
+            if not self.states or feedback.status.state is not self.states[-1]:
+                self.states.append(feedback.status.state)
+            self.reasons, self.speed = feedback.status.reasons, feedback.wheel_speed
         for data in self._recorder.receive():
             for verb, said in pickle.loads(data):
                 if verb == "stepped":

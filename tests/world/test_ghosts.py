@@ -126,11 +126,11 @@ def _weave(folder: str) -> tuple[list[int], list[int]]:
             y = -1.6 - 1.6 * math.sin(k / 1000 * math.pi)
             world.place(pose(k * PERIOD, 100.0 + 0.2 * k, y, 0.0, 10.0))
             assert world.step().faults == ()
-            weaving.append(len(world.ghost_lanes))
+            weaving.append(len(world.proxy_lanes))
         for k in range(100):
             world.place(pose(20.0 + k * PERIOD, 300.0, -30.0, 0.0, 0.0))
             assert world.step().faults == ()
-            away.append(len(world.ghost_lanes))
+            away.append(len(world.proxy_lanes))
     return weaving, away
 
 
@@ -191,7 +191,7 @@ def _town(folder: str) -> tuple[int, int]:
             x, y, heading = lap[k % len(lap)]
             world.place(pose(k * PERIOD, x, y, heading, 6.0))
             assert world.step().faults == ()
-            haunted += bool(world.ghost_lanes)
+            haunted += bool(world.proxy_lanes)
             arrived += len(libsumo.simulation.getArrivedIDList())
     return haunted, arrived
 

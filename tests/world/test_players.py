@@ -58,7 +58,7 @@ def _run(world: World, track: Track, seconds: float) -> Seen:
     for k in range(round(seconds / PERIOD)):
         players = track(k * PERIOD)
         world.place(pose(k * PERIOD, 100.0, 500.0, 0.0, 0.0))
-        world.play(players)
+        world.set_actors(players)
         assert world.step().faults == ()
         actors, boxes = world.actors(), _boxes(world.actors())
         seen.ids |= set(actors.ids)
@@ -222,12 +222,12 @@ def _spoilt(folder: str) -> tuple[list[tuple[str, ...]], list[str]]:
     with World(street(root), seed=1, period=PERIOD, vehicle=FUSION, range_of_interest=1000.0) as world:
         for k, playing in enumerate(players):
             world.place(pose(k * PERIOD, 100.0, -1.6, 0.0, 0.0))
-            world.play(playing)
+            world.set_actors(playing)
             assert world.step().faults == ()
             ids.append(world.actors().ids)
             for name in libsumo.vehicle.getIDList():
                 assert all(map(math.isfinite, (*libsumo.vehicle.getPosition(name), libsumo.vehicle.getSpeed(name))))
-        world.play(())
+        world.set_actors(())
         world.place(pose(1.0, 100.0, -1.6, 0.0, 0.0))
         world.step()
         left += libsumo.vehicle.getIDList()
@@ -247,7 +247,7 @@ def _touching(folder: str) -> list[tuple[str, ...]]:
         for y in (-2.6, -2.5):
             # The ego's left side is at -1.6 - 0.926; the player's, turned across, reaches from its centre 2.25 m.
             world.place(pose(0.0, 100.0, -1.6, 0.0, 0.0))
-            world.play((car(98.0, y - 2.25, 0.0, 0.5 * math.pi),))
+            world.set_actors((car(98.0, y - 2.25, 0.0, 0.5 * math.pi),))
             world.step()
             contacts.append(world.contacts())
     return contacts

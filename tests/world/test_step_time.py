@@ -133,7 +133,7 @@ def _crowded(folder: str, each: float, steps: int) -> dict[str, object]:
             # Across a lane line, so that there are ghosts.
             world.place(pose(k * PERIOD, 20.0, -3.2, 0.0, 0.0))
             assert world.step().faults == ()
-            lanes = max(lanes, len(world.ghost_lanes))
+            lanes = max(lanes, len(world.proxy_lanes))
             here = {name: libsumo.vehicle.getPosition(name) for name in libsumo.vehicle.getIDList()}
             # SUMO lists those taken off among the arrived; who arrives was on the last edge of its route.
             gone += [math.dist(places[name], (20.0, -3.2)) for name in places.keys() - here.keys() - arriving]

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from vve_sumo.analysis.run import Run
 from vve_sumo.metrics.stopping import Stop
+from vve_sumo.physical_constants import AIR_DENSITY
 from vve_sumo.values import DRIVE_LAG, Floats
-from vve_sumo.vehicle.calibration import AIR_DENSITY
 from vve_sumo.vehicle.identification import MIN_SAMPLES, RESIDUAL_CORRELATION_TIME, FirstOrderResponse, Series, sigmas
 
 #: what is assumed of drag, creep and throttle, whatever was calibrated; the fit finds mass, brake gain and grade itself

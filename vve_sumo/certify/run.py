@@ -31,7 +31,7 @@ from vve_sumo.certify.places import Place
 from vve_sumo.certify.pool import Pool
 from vve_sumo.certify.results import BrainUnderTest, CaseResult, Certificate, Course, Verdict
 from vve_sumo.drive import provenance
-from vve_sumo.drive.brain import Brain, Publisher, SetpointController, virtual_placement
+from vve_sumo.drive.brain import ExternalController, Publisher, SetpointController, virtual_placement
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
 from vve_sumo.drive.run import resolve_by_name
 from vve_sumo.drive.run import run as run_drive
@@ -212,10 +212,10 @@ NOMINAL: Final = CASES[0].name
 CASE: Final[Mapping[str, Case]] = {case.name: case for case in CASES}
 
 
-def _driven(resolved: ResolvedScenario, link: FaultLink, inbox: SetpointInbox) -> Brain:
+def _driven(resolved: ResolvedScenario, link: FaultLink, inbox: SetpointInbox) -> ExternalController:
     placement = virtual_placement(resolved.map_frame, resolved.model.mounting, DEFAULT_EPOCH)
     publisher = Publisher(link.send, placement, DEFAULT_EPOCH)
-    return Brain(publisher, SetpointController(publisher, link.receive, inbox, waits=True))
+    return ExternalController(publisher, SetpointController(publisher, link.receive, inbox, waits=True))
 
 
 def _unseen() -> bool:

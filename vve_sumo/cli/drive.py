@@ -15,7 +15,7 @@ from vve_sumo.cli.parser import Parser, setting, values_of
 from vve_sumo.errors import ConfigError, SimulationError
 
 if TYPE_CHECKING:
-    from vve_sumo.drive.brain import Brain
+    from vve_sumo.drive.brain import ExternalController
     from vve_sumo.drive.resolved_scenario import ResolvedScenario
     from vve_sumo.drive.run import Drive
 
@@ -135,7 +135,7 @@ def _lockstep(arguments: argparse.Namespace) -> int:
 
 def _brain(
     arguments: argparse.Namespace, resolved: ResolvedScenario, working: Path
-) -> AbstractContextManager[Brain | None]:
+) -> AbstractContextManager[ExternalController | None]:
     """Return what opens the wires to the rig's brain; a recorded drive is played without wires."""
     from vve_sumo import workspace
     from vve_sumo.live.brain_link import refuse_controller

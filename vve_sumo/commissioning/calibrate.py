@@ -21,13 +21,13 @@ from vve_sumo.config_file import read_json
 from vve_sumo.drive.resolved_scenario import recorded_model
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Mounting
+from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.record.reader import read_pose_chunks
 from vve_sumo.rig import edit
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig.resolve import model_of, receiver_of
 from vve_sumo.values import Fix, Floats
-from vve_sumo.vehicle.calibration import GRAVITY
 from vve_sumo.vehicle.identification import Estimate, Identified, Log, Series, identify
 from vve_sumo.vehicle.interface import (
     BrakeState,

@@ -221,7 +221,7 @@ def street(resolved: ResolvedScenario) -> Iterator[Check]:
         for step in range(STEPS):
             before = time.perf_counter()
             world.place(replace(ego, time=step * PERIOD))
-            world.play(cast.step(step * PERIOD, ego))
+            world.set_actors(cast.step(step * PERIOD, ego))
             faults = world.step().faults
             took.append(time.perf_counter() - before)
             if faults:

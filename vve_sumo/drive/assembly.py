@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from vve_sumo.controller import Controller, Guarded
-from vve_sumo.drive.brain import Brain
+from vve_sumo.drive.brain import ExternalController
 from vve_sumo.drive.pipeline import FallbackRule, Pipeline
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.frames import Alignment, MapFrame, Placement
@@ -95,7 +95,7 @@ def build_pipeline(
     resolved: ResolvedScenario,
     pose: PoseInput,
     working: FilePath,
-    brain: Brain | None = None,
+    brain: ExternalController | None = None,
     fallback: FallbackRule = fallback_path,
     around: Callable[[Controller], Controller] | None = None,
 ) -> Pipeline:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from vve_sumo.controller import Controller
-from vve_sumo.drive.pipeline import Seen
+from vve_sumo.drive.pipeline import SensorFrame
 from vve_sumo.errors import RigError
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
 from vve_sumo.values import ControlCommand, Observation, newest_scan
@@ -51,7 +51,7 @@ class Publisher:
         self.over = False  #: set when the drive ends: from then on every sample is invalid
         self.held = held  #: whether every sample is invalid because the drive has not begun
 
-    def publish(self, now: float, seen: Seen | None, faults: tuple[str, ...]) -> None:
+    def publish(self, now: float, seen: SensorFrame | None, faults: tuple[str, ...]) -> None:
         """Send the sample of a tick; any fault but the brain's own silence makes it invalid, and so does no pose."""
         # A live tick keeps to the receiver's clock, so two may lie within one period of ours.
         self.sequence = max(self.sequence + 1, sequence_of(now))
@@ -61,7 +61,7 @@ class Publisher:
         self.radar_valid = sample.radar_valid
         self._send(sample)
 
-    def _measured(self, now: float, seen: Seen) -> Measured:
+    def _measured(self, now: float, seen: SensorFrame) -> Measured:
         scan = newest_scan(seen.sensors)
         age = now - scan.time if math.isfinite(scan.time) else math.inf
         return Measured(virtual_fix(seen.pose, self._placement, seen.fix), seen.pose, scan, age, seen.actors)
@@ -129,7 +129,7 @@ def _held(observation: Observation) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Brain:
+class ExternalController:
     """What a drive has of foreign brains: the wires out, and what stands in the place of its controller."""
 
     publisher: Publisher

@@ -15,7 +15,7 @@ from itertools import count
 from pathlib import Path as FilePath
 
 from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline, seed_of
-from vve_sumo.drive.brain import Brain
+from vve_sumo.drive.brain import ExternalController
 from vve_sumo.drive.pipeline import Pipeline, TickResult
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
 from vve_sumo.drive.rest import RestObserver
@@ -23,7 +23,7 @@ from vve_sumo.drive.termination import DriveEnd, Outcome, TerminationMonitor, en
 from vve_sumo.drive.tick import DueTick, Tick
 from vve_sumo.drive.virtual_road import VirtualRoad, open_world, pose_at_rest, scenario_engine
 from vve_sumo.frames import Alignment, MapFrame, Placement, local_frame
-from vve_sumo.frozen import quickly_made
+from vve_sumo.frozen import fast_frozen
 from vve_sumo.lot.fallback import deferred_fallback_path
 from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
 from vve_sumo.plant.car import Car, CarParameters
@@ -101,7 +101,7 @@ class LockstepParts:
     start: Pose  #: of the rear axle in the lot
 
 
-def assemble(resolved: ResolvedScenario, working: FilePath, brain: Brain | None = None) -> LockstepParts:
+def assemble(resolved: ResolvedScenario, working: FilePath, brain: ExternalController | None = None) -> LockstepParts:
     """Build pipeline and gateway of a lockstep drive, the same for a drive with SUMO and for the replay of a record."""
     lot = resolved.scenario.ego.lot
     frame = local_frame(math.radians(lot.latitude_deg), math.radians(lot.longitude_deg))
@@ -128,20 +128,20 @@ class ScriptedOperator:
         """Return the operator command for the next tick, None for none."""
         return self._next
 
-    def observe(self, verdict: GatewayStatus) -> None:
+    def observe(self, status: GatewayStatus) -> None:
         """Choose the next command by the gateway's status at a tick."""
-        self._engaged |= verdict.state is ArmingState.ENGAGED
-        if verdict.state is ArmingState.READY and not self._engaged:
+        self._engaged |= status.state is ArmingState.ENGAGED
+        if status.state is ArmingState.READY and not self._engaged:
             self._next = OperatorCommand.ENGAGE
-        elif verdict.state is ArmingState.ENGAGED and WAITING in verdict.reasons:
+        elif status.state is ArmingState.ENGAGED and WAITING in status.reasons:
             self._next = OperatorCommand.GO
-        elif verdict.state is ArmingState.FAULT and not self._engaged:
+        elif status.state is ArmingState.FAULT and not self._engaged:
             self._next = OperatorCommand.DISARM
         else:
             self._next = None
 
 
-@quickly_made
+@fast_frozen
 @dataclass(frozen=True, slots=True)
 class LockstepTick:
     """One tick of a lockstep drive."""
@@ -160,7 +160,7 @@ class Lockstep:
         resolved: ResolvedScenario,
         working: FilePath,
         alter: Callable[[Fix], Fix | None] = unaltered,
-        brain: Brain | None = None,
+        brain: ExternalController | None = None,
         loaded: LoadedRoad | None = None,
     ) -> None:
         """Build the drive and start SUMO; raises ConfigError where something in the scenario is not usable.
@@ -214,7 +214,7 @@ class Lockstep:
         last = round(self._resolved.scenario.duration_s / PERIOD) - 1
         for tick, ticked in enumerate(ticks):
             now, contact = tick * PERIOD, bool(self._road.contacts)
-            speed, s, status = ticked.truth.speed, ticked.result.s, ticked.output.verdict
+            speed, s, status = ticked.truth.speed, ticked.result.s, ticked.output.status
             watch(tick, now, speed, s)
             ahead = partial(self._rest.ahead, ticked.truth, s, ticked.actors)
             outcome = self._termination.step(now, speed, s, status.state, status.reasons, contact, ahead)
@@ -247,7 +247,7 @@ class _Bus:
     output: GatewayOutput  #: of the gateway's newest step
 
     def __init__(
-        self, gateway: Gateway, operator: ScriptedOperator, record: MemoryRecorder, brain: Brain | None
+        self, gateway: Gateway, operator: ScriptedOperator, record: MemoryRecorder, brain: ExternalController | None
     ) -> None:
         self._gateway, self._operator, self._record, self._brain = gateway, operator, record, brain
         self._reports: list[Frame] = []
@@ -275,5 +275,5 @@ class _Bus:
         """Run one gateway step on the setpoint and the car's newest reports."""
         self.output = self._gateway.step(now, setpoint, self._reports, self._operator.next_command())
         self._record.saw_frames(now, CAR_BUS, self.output.frames)
-        self._operator.observe(self.output.verdict)
-        return self.output.verdict
+        self._operator.observe(self.output.status)
+        return self.output.status

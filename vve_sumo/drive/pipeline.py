@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 from vve_sumo.controller import Guarded
 from vve_sumo.frames import Placement, move_point
-from vve_sumo.frozen import quickly_made
+from vve_sumo.frozen import fast_frozen
 from vve_sumo.lot.fallback import fallback_path
 from vve_sumo.lot.geofence import Geofence
 from vve_sumo.path import Path
@@ -38,7 +38,7 @@ from vve_sumo.values import (
     SensorOutput,
     Setpoint,
     Vehicle,
-    computed,
+    resolve_fallback_path,
 )
 
 #: greatest difference of a tick's time from the time for which its fallback path was prepared [s]; else prepared anew
@@ -55,7 +55,7 @@ FallbackRule = Callable[[Pose, float, Path, float, Vehicle], FallbackPath | Defe
 _NO_READINGS: Readings = MappingProxyType({})
 
 
-@quickly_made
+@fast_frozen
 @dataclass(frozen=True, slots=True)
 class TickResult:
     """What the pipeline computed at one tick."""
@@ -72,7 +72,7 @@ class TickResult:
     faults: tuple[str, ...]  #: all faults of this tick
 
 
-@quickly_made
+@fast_frozen
 @dataclass(frozen=True, slots=True)
 class _Sensed:
     """What a tick knows before its controller is called."""
@@ -82,10 +82,10 @@ class _Sensed:
     faults: tuple[str, ...]
 
 
-class Wires(Protocol):
+class OutputPublisher(Protocol):
     """What carries the virtual sensors to a control computer of somebody else's."""
 
-    def publish(self, now: float, seen: Seen | None, faults: tuple[str, ...]) -> None:
+    def publish(self, now: float, seen: SensorFrame | None, faults: tuple[str, ...]) -> None:
         """Send out what the sensors saw at drive time `now` [s]; None before the first trusted fix.
 
         Any reason code in `faults` makes what is sent invalid. Must not raise.
@@ -93,9 +93,9 @@ class Wires(Protocol):
         ...
 
 
-@quickly_made
+@fast_frozen
 @dataclass(frozen=True, slots=True)
-class Seen:
+class SensorFrame:
     """What a tick's virtual sensors say, for the outgoing wires."""
 
     pose: Pose  #: of the rear axle on the street, predicted to the tick
@@ -127,7 +127,7 @@ class Pipeline:
         dater: FixDater | None = None,
         epoch: float = 0.0,
         geofence: Geofence | None = None,
-        wires: Wires | None = None,
+        wires: OutputPublisher | None = None,
         fallback: FallbackRule = fallback_path,
     ) -> None:
         """Put the pipeline together.
@@ -239,11 +239,11 @@ class Pipeline:
             faults=faults,
         )
 
-    def _seen(self) -> Seen | None:
+    def _seen(self) -> SensorFrame | None:
         pose, fix, actors = self._sensed.pose, self._newest_fix, self._actors
         if pose is None or fix is None or actors is None:
             return None
-        return Seen(pose, fix, actors, self._outputs)
+        return SensorFrame(pose, fix, actors, self._outputs)
 
     def prepare(self, time: float, steering: float) -> None:
         """Prepare the fallback path from the pose predicted to drive time `time` [s], and check it with the geofence.
@@ -259,7 +259,9 @@ class Pipeline:
             requested = (min(self._requested), max(self._requested)) if self._requested else None
             # The gateway compares the receiver with the car from the first setpoint on, however the car drives.
             driven = max(self._s, self._way)
-            self._geofence_breach = self._geofence.check(pose, steering, computed(self._fallback), driven, requested)
+            self._geofence_breach = self._geofence.check(
+                pose, steering, resolve_fallback_path(self._fallback), driven, requested
+            )
 
     def front_bumper_at(self, time: float) -> Pose | None:
         """Return the front bumper's pose to request of SUMO for drive time `time` [s]; None before a trusted fix."""

@@ -131,4 +131,4 @@ class _Unheard:
         """Run one gateway step without reports of a car."""
         output = self._gateway.step(now, setpoint, ())
         self._record.saw_frames(now, CAR_BUS, output.frames)
-        return output.verdict
+        return output.status

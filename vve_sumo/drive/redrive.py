@@ -81,8 +81,10 @@ def _row(row: dict[str, Any], result: TickResult) -> dict[str, Any]:
     recorded = (row["steering_setpoint_rad"], row["acceleration_setpoint_mps2"], row["emergency"], row["note"])
     other = (command.steering, command.acceleration, command.emergency, command.note)
     answers = (_answer(recorded, reason_codes(row["faults"])), _answer(other, result.faults))
-    spelt = {f"{whose}_{name}": answer[name] for whose, answer in zip(_WHOSE, answers, strict=True) for name in _ANSWER}
-    return {"tick": row["tick"], "time_s": row["time_s"]} | spelt
+    short_repr = {
+        f"{whose}_{name}": answer[name] for whose, answer in zip(_WHOSE, answers, strict=True) for name in _ANSWER
+    }
+    return {"tick": row["tick"], "time_s": row["time_s"]} | short_repr
 
 
 def _answer(answer: tuple[float, float, bool, str], faults: Iterable[str]) -> dict[str, Any]:

@@ -230,10 +230,10 @@ def replay(
         tick = int(row["tick"])
         reports, commands = frames.reports.get(tick, []), frames.commands.get(tick, [])
         output = parts.gateway.step(row["time_s"], result.setpoint, reports, operator.next_command())
-        operator.observe(output.verdict)
+        operator.observe(output.status)
         difference = (
             compare_result(inputs, row, result)
-            or compare(tick, row, status_columns(output.verdict))
+            or compare(tick, row, status_columns(output.status))
             or compare_frames(tick, commands, output.frames)
         )
         if difference is not None:

@@ -68,7 +68,7 @@ NEAR_BLOCK = 64
 EDGES_COMMENT = "# edges:"
 
 
-class LaidPath(NamedTuple):
+class LoadedPath(NamedTuple):
     """A path's file, laid in a network's map."""
 
     path: Path  #: on the network's map
@@ -77,7 +77,7 @@ class LaidPath(NamedTuple):
 
 
 ReadNetwork = Callable[[FilePath], Network]
-ReadPath = Callable[[FilePath, MapFrame, Network], LaidPath]
+ReadPath = Callable[[FilePath, MapFrame, Network], LoadedPath]
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,7 +291,7 @@ def resolve_scenario(
     )
 
 
-def read_path(file: FilePath, map_frame: MapFrame, network: Network) -> LaidPath:
+def read_path(file: FilePath, map_frame: MapFrame, network: Network) -> LoadedPath:
     """Return the path in a CSV file, laid in the network's map, with its edges and the lanes around it.
 
     Raises ConfigError naming file and line for an invalid coordinate, for a point outside the network or more than
@@ -320,7 +320,7 @@ def read_path(file: FilePath, map_frame: MapFrame, network: Network) -> LaidPath
         raise ConfigError(f"{table.name}: {error}") from None
     _forward(places, points)
     _without_gaps(places, points, path, lines, network)
-    return LaidPath(path, edges, _lanes_along(path, lanes, lines))
+    return LoadedPath(path, edges, _lanes_along(path, lanes, lines))
 
 
 def _lanes_around(points: Floats, network: Network) -> list[Lane]:

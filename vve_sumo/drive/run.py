@@ -17,7 +17,7 @@ from vve_sumo import workspace
 from vve_sumo.config_file import read_as
 from vve_sumo.drive import provenance
 from vve_sumo.drive.assembly import LotAlignment
-from vve_sumo.drive.brain import Brain
+from vve_sumo.drive.brain import ExternalController
 from vve_sumo.drive.lockstep import Lockstep, Watch
 from vve_sumo.drive.playback import Playback
 from vve_sumo.drive.resolved_scenario import ResolvedScenario, resolve_scenario
@@ -35,7 +35,7 @@ from vve_sumo.scenario.schema import Scenario
 from vve_sumo.world.loaded_road import LoadedRoad
 
 
-class Shell(Protocol):
+class TickHost(Protocol):
     """What lockstep and playback have in common."""
 
     lot: LotAlignment  #: how the lot lies on the virtual road, and which GNSS time is drive time 0
@@ -99,7 +99,7 @@ def run(
     working: FilePath,
     *,
     pose: FilePath | None = None,
-    brain: Brain | None = None,
+    brain: ExternalController | None = None,
     kept: bool = True,
     watch: Watch = lambda tick, now, speed, station: None,
     loaded: LoadedRoad | None = None,
@@ -121,7 +121,7 @@ def run(
         )
     if kept:
         claim(folder)
-    shell: Shell
+    shell: TickHost
     if pose is None:
         shell = Lockstep(resolved, working, brain=brain, loaded=loaded)
     else:
@@ -156,7 +156,7 @@ def run(
     return Drive(folder, summary)
 
 
-def run_guarded(shell: Shell, record: MemoryRecorder, watch: Watch) -> DriveEnd:
+def run_guarded(shell: TickHost, record: MemoryRecorder, watch: Watch) -> DriveEnd:
     """Drive to the end; a failure on the way becomes the drive's outcome, except ConfigError and RigError."""
     broken = DriveEnd(Outcome.BROKEN, ())
     try:

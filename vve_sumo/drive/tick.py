@@ -39,7 +39,7 @@ class CompletedTick(NamedTuple):
     decided: float  #: when the controller was done, on the same clock [s]
 
 
-class Shell(Protocol):
+class TickHost(Protocol):
     """What a tick asks of the shell that runs it."""
 
     def faults(self) -> tuple[str, ...]:
@@ -83,7 +83,7 @@ class Tick:
         pipeline: Pipeline,
         road: VirtualRoad,
         path: Path,
-        shell: Shell,
+        shell: TickHost,
         record: TickRecorder,
         clock: Callable[[], float] = _no_clock,
     ) -> None:

@@ -145,7 +145,7 @@ class VirtualRoad:
         if self._began is None and (not self._waits or asked.speed > MOVING_SPEED):
             self._began = asked.time
         if self._began is not None:
-            self._world.play(self._engine.step(asked.time - self._began, asked))
+            self._world.set_actors(self._engine.step(asked.time - self._began, asked))
         report = self._world.step()
         self.actors = self._world.actors()
         self.contacts = self._world.contacts()

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from typing import Final
 
 from vve_sumo.drive.termination import Outcome
-from vve_sumo.frames import GRAVITY
 from vve_sumo.hunt.car_invariants import (
     HeldStands,
     InsideLot,
@@ -32,6 +31,7 @@ from vve_sumo.hunt.truth import TruthSample
 from vve_sumo.lot.geofence import Stop
 from vve_sumo.lot.polygon import Lot
 from vve_sumo.lot.swept_area import Body
+from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.plant.car import CarParameters
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig

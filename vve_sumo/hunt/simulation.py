@@ -227,10 +227,10 @@ class Simulation:
         self._said = self.operator.command(now, self._status, self._car.truth().speed)
         sent = self._brain.sent(now, setpoint)
         output = self.gateway.step(now, sent, self._reports, self._said)
-        self.operator.observe(self._said, output.verdict)
-        self._status, self._frames = output.verdict, output.frames
+        self.operator.observe(self._said, output.status)
+        self._status, self._frames = output.status, output.frames
         self.asked = math.nan if setpoint is None else setpoint.acceleration
-        return output.verdict
+        return output.status
 
     def step(self) -> TruthSample:
         """Run a tick and return what is true at it."""

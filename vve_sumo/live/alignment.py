@@ -19,10 +19,11 @@ from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.drive.virtual_road import pose_at_rest
 from vve_sumo.errors import RigError
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
+from vve_sumo.physical_constants import EARTH_RADIUS
 from vve_sumo.pose.dating import FixDater, Undated
 from vve_sumo.pose.receivers.port import FixDecoder
 from vve_sumo.pose.sources import Source
-from vve_sumo.pose.trust import EARTH_RADIUS, TrustGate, TrustProfile
+from vve_sumo.pose.trust import TrustGate, TrustProfile
 from vve_sumo.values import Fix, Pose
 
 #: time over which trusted fixes at standstill are averaged [s]; divides RTK noise by three at 10 Hz, by ten at 100 Hz

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from vve_sumo.bus import Bus
 from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline
-from vve_sumo.drive.brain import Brain
+from vve_sumo.drive.brain import ExternalController
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.resolved_scenario import ResolvedScenario, resolve_scenario
 from vve_sumo.errors import ConfigError, RigError
@@ -79,7 +79,7 @@ def gateway_config(rig: Rig, *, shadow: bool) -> dict[str, Any]:
 
 
 def pipeline_of(
-    resolved: ResolvedScenario, rig: Rig, lot: LotAlignment, working: FilePath, brain: Brain | None = None
+    resolved: ResolvedScenario, rig: Rig, lot: LotAlignment, working: FilePath, brain: ExternalController | None = None
 ) -> Pipeline:
     """Return the pipeline of a live drive; raises ConfigError as `build_pipeline` does, or for another projection."""
     frame, receiver = meaning.frame_of(rig), meaning.receiver_of(rig)

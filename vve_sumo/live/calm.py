@@ -16,7 +16,7 @@ LATE: Final = 0.005
 PATIENCE: Final = 30.0  #: time without a calm second after which nobody waits for one any more [s]
 
 
-class CalmSecond:
+class JitterWait:
     """The wait for a second without a late wake-up; once over, it is over for good."""
 
     def __init__(self) -> None:

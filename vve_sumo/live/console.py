@@ -137,20 +137,20 @@ class Console:
             watched = [*self._keys.filenos(), *(number for channel in channels for number in self._alive(channel))]
             select.select(watched, [], [], POLL_INTERVAL)
             for command in self._keys.commands():
-                self._obey(command)
-            self._hear_view()
-            self._hear_drive()
+                self._apply_key(command)
+            self._read_view()
+            self._read_drive()
             # Taken before reading: if the console itself was not scheduled, the waiting messages reset the silence.
             begun = time.monotonic()
-            self._hear_gateway()
+            self._read_gateway()
             self._judge()
-            self._speak()
+            self._give_commands()
             self._show(Guard.SILENT if begun - self._heard_at > SILENT else Guard.HEARD)
-        self._hear_gateway()
+        self._read_gateway()
         if not self._engaged and not self._over:
             self._refuse("the gateway's process ended before anything moved; see gateway.log in the record", 3)
         if self._state in COMMANDING:
-            self._cry_out()
+            self._show_gateway_lost()
         else:
             self._show(Guard.ENDED)
 
@@ -161,7 +161,7 @@ class Console:
         self._status |= {"gateway": guard.value, "engaged": self._engaged}
         self._screen.show(self._status)
 
-    def _cry_out(self) -> None:
+    def _show_gateway_lost(self) -> None:
         """Show for ALARM_TIME that a car that was commanded is commanded no more."""
         until = time.monotonic() + ALARM_TIME
         while not self._left and time.monotonic() < until:
@@ -173,7 +173,7 @@ class Console:
     def _alive(channel: Channel | None) -> list[int]:
         return [] if channel is None or channel.closed else [channel.fileno()]
 
-    def _obey(self, command: KeyCommand) -> None:
+    def _apply_key(self, command: KeyCommand) -> None:
         if command is KeyCommand.GONE:
             # The gateway reports operator_gone and brings the car to rest.
             self._leave()
@@ -213,7 +213,7 @@ class Console:
         if act is OperatorCommand.GO:
             self._status["went"] = True
 
-    def _speak(self) -> None:
+    def _give_commands(self) -> None:
         """Send the gateway a sign of life, and repeat a stop or an end until the gateway acts on it."""
         if self.processes.to_gateway.closed:
             return
@@ -226,7 +226,7 @@ class Console:
         self._over = self._left = True
         self.processes.to_gateway.close()
 
-    def _hear_view(self) -> None:
+    def _read_view(self) -> None:
         """Take the page's requests to stop: whatever it says is a stop of nobody known, and nothing else."""
         view = self.processes.to_view
         if view is not None and not view.closed and view.receive():
@@ -234,7 +234,7 @@ class Console:
                 self._screen.say(f"  {in_words('stop_asked_by_page')}: the drive is over before it began")
             self._ask_to_stop(OperatorCommand.STOP_BY_PAGE)
 
-    def _hear_drive(self) -> None:
+    def _read_drive(self) -> None:
         if self.processes.to_drive.closed:
             return
         for data in self.processes.to_drive.receive():
@@ -246,36 +246,36 @@ class Console:
             else:
                 self._status |= message
 
-    def _hear_gateway(self) -> None:
+    def _read_gateway(self) -> None:
         if self.processes.to_gateway.closed:
             return
         for data in self.processes.to_gateway.receive():
             feedback = link.decode_feedback(data)
             if not isinstance(feedback, link.Feedback):
-                self._hear_refusal(data)
+                self._read_refusal(data)
                 continue
-            verdict = feedback.verdict
+            status = feedback.status
             self._heard_at = time.monotonic()
-            if TOO_EARLY in verdict.reasons:
+            if TOO_EARLY in status.reasons:
                 self._status["went"] = False
-            self._state = verdict.state
-            self._engaged |= verdict.state in COMMANDING
-            if verdict.state in ENDING:
-                self.why = verdict.reasons
+            self._state = status.state
+            self._engaged |= status.state in COMMANDING
+            if status.state in ENDING:
+                self.why = status.reasons
             self._status |= {
                 "time_s": feedback.time,
-                "state": verdict.state.value,
-                "reasons": list(verdict.reasons),
+                "state": status.state.value,
+                "reasons": list(status.reasons),
                 "wheel_speed_mps": feedback.wheel_speed,
                 "gear": feedback.gear,
             }
             if self._operator is not None and not self._over:
-                self._operator.observe(verdict)
+                self._operator.observe(status)
                 act = self._operator.next_command()
                 if act is not None:
                     self._act(act)
 
-    def _hear_refusal(self, data: bytes) -> None:
+    def _read_refusal(self, data: bytes) -> None:
         """Take the refusal of a gateway that cannot open its bus."""
         with contextlib.suppress(ValueError):
             message = json.loads(data)
@@ -296,6 +296,6 @@ class Console:
             self._refuse(f"not ready after {READY_LIMIT:.0f} s: {missing}", 3)
 
     def _refuse(self, why: str, exit_code: int) -> None:
-        self._hear_drive()
+        self._read_drive()
         self.refused = self.refused or (why, exit_code)
         self._leave()

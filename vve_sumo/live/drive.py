@@ -20,7 +20,7 @@ from pathlib import Path as FilePath
 from typing import Any, Final
 
 from vve_sumo.drive.assembly import LotAlignment
-from vve_sumo.drive.brain import Brain, NoController, Publisher, SetpointController, virtual_placement
+from vve_sumo.drive.brain import ExternalController, NoController, Publisher, SetpointController, virtual_placement
 from vve_sumo.drive.latency_monitor import LatencyMonitor
 from vve_sumo.drive.pipeline import TickResult
 from vve_sumo.drive.rest import RestObserver
@@ -32,12 +32,12 @@ from vve_sumo.errors import VveError
 from vve_sumo.live import signals, spawn, start_pose
 from vve_sumo.live.assembly import from_dict, pipeline_of, source_of
 from vve_sumo.live.brain_link import ChannelLink, key_of, open_setpoints
-from vve_sumo.live.calm import CalmSecond
+from vve_sumo.live.calm import JitterWait
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.priority import DRIVE_NICE, DRIVE_PRIORITY, KILLED_SECOND, UrgentPart, raise_priority, set_oom_score
 from vve_sumo.live.recorder_client import RecorderClient
 from vve_sumo.live.road import LiveRoad
-from vve_sumo.live.view_feed import Beside, ViewFeed
+from vve_sumo.live.view_feed import SampleContext, ViewFeed
 from vve_sumo.rig.resolve import mounting_of
 from vve_sumo.rig.schema import Rig
 from vve_sumo.timing import PERIOD
@@ -92,9 +92,9 @@ class LiveDrive:
         self._received = self._woken = self._handed = math.nan
         self._has_engaged = False
         # Never for a real car, whose operator is answered at once.
-        self._calm = CalmSecond() if rig.car == "simulated" else None
+        self._calm = JitterWait() if rig.car == "simulated" else None
         self._gateway_late = 0.0  # of its steps since the last tick, the worst [s]
-        self._went_at: float | None = None
+        self._go_time: float | None = None
         self._outcome: Outcome | None = None
         self._let_go = False  # the gateway has parked the car, or disarmed
         self._stop_reasons: tuple[str, ...] = ()  # the gateway's, which it no longer reports once it has let go
@@ -104,7 +104,7 @@ class LiveDrive:
 
     def _foreign(
         self, rig: Rig, lot: LotAlignment, outputs: Channel | None, working: FilePath
-    ) -> tuple[ChannelLink | None, Brain | None]:
+    ) -> tuple[ChannelLink | None, ExternalController | None]:
         """Return the way to a foreign brain, and the brain; neither where the rig has no outputs."""
         if outputs is None:
             return None, None
@@ -121,7 +121,7 @@ class LiveDrive:
             controller = SetpointController(publisher, link_.receive, inbox, waits=False)
         elif said.kind == "external":
             controller = NoController()
-        return link_, Brain(publisher, controller)
+        return link_, ExternalController(publisher, controller)
 
     def run(self) -> None:
         """Tick until the gateway is gone: a moving car needs fallback paths even if the console is gone."""
@@ -163,14 +163,14 @@ class LiveDrive:
             self._tick.receive(received, data)
             self._received = received
             self._scheduler.fix_arrived(received, self._pipeline.newest_epoch)
-        self._hear_gateway()
+        self._read_gateway()
         self._console.receive()
         for end, gone in ((self._source, self._source.lost), (self._console, self._console.closed)):
             if gone and end in self._inputs:
                 # select always finds a closed connection ready, which would make the wait a busy loop.
                 self._inputs.remove(end)
 
-    def _hear_gateway(self) -> None:
+    def _read_gateway(self) -> None:
         for data in self._gateway.receive():
             feedback = link.decode_feedback(data)
             if isinstance(feedback, link.Feedback):
@@ -178,11 +178,11 @@ class LiveDrive:
                     step = feedback.time - self._feedback.time
                     self._gateway_late = max(self._gateway_late, step - PERIOD)
                 self._feedback, self._feedback_at = feedback, self._clock()
-                self._has_engaged |= feedback.verdict.state in COMMANDING
-                self._let_sensors_speak(feedback.verdict)
+                self._has_engaged |= feedback.status.state in COMMANDING
+                self._update_validity(feedback.status)
                 self._latency.gateway_answered(feedback.sequence, feedback.sent)
 
-    def _let_sensors_speak(self, status: GatewayStatus) -> None:
+    def _update_validity(self, status: GatewayStatus) -> None:
         """Make a foreign brain's sensors invalid at once when the drive ends, an external one's also until its go."""
         if self._brain is None:
             return
@@ -229,7 +229,7 @@ class LiveDrive:
     def _gateway_is_silent(self) -> bool:
         """Whether the gateway has said nothing for too long; what waits because this process was held up counts."""
         if self._clock() - self._feedback_at > GATEWAY_SILENCE:
-            self._hear_gateway()
+            self._read_gateway()
         return self._clock() - self._feedback_at > GATEWAY_SILENCE
 
     def _before_engaging(self) -> tuple[str, ...]:
@@ -259,7 +259,7 @@ class LiveDrive:
         sent = setpoint is not None and self._gateway.send(link.encode_setpoint(setpoint))
         self._handed = self._clock() if sent else math.nan
         self._urgent.end()
-        return self._feedback.verdict if self._feedback else _NO_STATUS
+        return self._feedback.status if self._feedback else _NO_STATUS
 
     def _measure(self, begun: ScheduledTick, done: CompletedTick, decoded: float) -> None:
         """Record the tick's latency, leg by leg."""
@@ -297,10 +297,10 @@ class LiveDrive:
         }
         return {code: words for code, words in numbers.items() if words and code in result.faults}
 
-    def _beside(self, begun: ScheduledTick, result: TickResult) -> Beside:
+    def _beside(self, begun: ScheduledTick, result: TickResult) -> SampleContext:
         """Return what the page's process is told beside the completed tick."""
         now = self._clock()
-        return Beside(
+        return SampleContext(
             tick=begun.tick,
             due=begun.due,
             wall=time.time() - (now - begun.due),
@@ -316,7 +316,7 @@ class LiveDrive:
 
     @property
     def _state(self) -> ArmingState:
-        return self._feedback.verdict.state if self._feedback else ArmingState.DISARMED
+        return self._feedback.status.state if self._feedback else ArmingState.DISARMED
 
     def _watch_for_the_end(self, now: float, done: CompletedTick) -> None:
         """Find the drive's outcome; its duration counts from the operator's go."""
@@ -329,13 +329,13 @@ class LiveDrive:
             return
         if self._feedback is None or (status.state is ArmingState.ENGAGED and WAITING in status.reasons):
             return
-        if self._went_at is None:
+        if self._go_time is None:
             if status.state is ArmingState.FAULT:
                 return
-            self._went_at = now
+            self._go_time = now
             self._road.operator_says_go()
         pose, contact = result.pose, bool(self._road.contacts)
-        speed, driven = pose.speed if pose else math.nan, now - self._went_at
+        speed, driven = pose.speed if pose else math.nan, now - self._go_time
         ahead = partial(self._rest.ahead, pose, result.s, done.actors)
         outcome = self._termination.step(driven, speed, result.s, status.state, status.reasons, contact, ahead)
         if outcome is None and driven > self._resolved.scenario.duration_s:
@@ -352,7 +352,7 @@ class LiveDrive:
         if self._state in COMMANDING:
             # The gateway ended without a message while it commanded the car.
             self._close(self._termination.unless_contact(Outcome.FAULT), (*self._stop_reasons, "gateway_gone"))
-        elif self._went_at is None:
+        elif self._go_time is None:
             self._close(Outcome.INTERRUPTED, self._stop_reasons)
         elif self._termination.collided:
             self._close(Outcome.CONTACT, self._stop_reasons)

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Protocol
 
-from vve_sumo.drive.brain import Brain, Publisher, SetpointController, virtual_placement
+from vve_sumo.drive.brain import ExternalController, Publisher, SetpointController, virtual_placement
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
 from vve_sumo.errors import ConfigError
 from vve_sumo.live.brain_link import WiredLink, key_of, open_setpoints
@@ -56,7 +56,7 @@ def open_link(rig: Rig, resolved: ResolvedScenario, key: bytes) -> WiredLink:
     return WiredLink(wires, setpoints, said.deadline_s)
 
 
-def brain_over(link: Link, rig: Rig, resolved: ResolvedScenario, working: Path) -> Brain:
+def brain_over(link: Link, rig: Rig, resolved: ResolvedScenario, working: Path) -> ExternalController:
     """Return the brain that is reached over a link, for `drive.run.run`; every tick waits for its answer.
 
     Raises ConfigError for a key file that cannot be read.
@@ -64,13 +64,13 @@ def brain_over(link: Link, rig: Rig, resolved: ResolvedScenario, working: Path) 
     placement = virtual_placement(resolved.map_frame, resolved.model.mounting, DEFAULT_EPOCH)
     publisher = Publisher(link.send, placement, DEFAULT_EPOCH)
     if rig.brain.kind == "own":
-        return Brain(publisher)
+        return ExternalController(publisher)
     inbox = SetpointInbox(DEFAULT_EPOCH, key_of(rig.brain, working))
-    return Brain(publisher, SetpointController(publisher, link.receive, inbox, waits=True))
+    return ExternalController(publisher, SetpointController(publisher, link.receive, inbox, waits=True))
 
 
 @contextmanager
-def brain_of(rig: Rig, resolved: ResolvedScenario, working: Path) -> Iterator[Brain | None]:
+def brain_of(rig: Rig, resolved: ResolvedScenario, working: Path) -> Iterator[ExternalController | None]:
     """Give the brain of a rig for a drive in lockstep; None for a rig without outputs, where nobody is told anything.
 
     Raises ConfigError for an external brain, which commands a car in real time; VveError for what cannot be opened

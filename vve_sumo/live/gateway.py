@@ -144,9 +144,9 @@ class GatewayProcess:
         self._bus_number = bus.fileno()
         self._inbox = Inbox()
         self._received: list[Frame] = []
-        self._shown = math.inf  # time of the console's last sign of life; inf before the first
-        self._unsaid = False  # sending or recording a step failed
-        self._deaf = self._dumb = False  # whether the last receive, the last send on the bus failed
+        self._last_heartbeat = math.inf  # time of the console's last sign of life; inf before the first
+        self._record_failed = False  # sending or recording a step failed
+        self._receive_failed = self._send_failed = False  # whether the last receive, the last send on the bus failed
         self._last = -math.inf
         self._alone = True
         self._steps = 0
@@ -158,8 +158,8 @@ class GatewayProcess:
         """Step until the drive is over, the console is gone before it began, or the DBW controller is gone."""
         while True:
             self._wait()
-            verdict = self._step()
-            self._has_engaged |= verdict.state in COMMANDING
+            status = self._step()
+            self._has_engaged |= status.state in COMMANDING
             if self._gateway.done or (self._console.closed and not self._has_engaged):
                 break
             if self._has_engaged and dbw_is_gone(self._last, self._gateway.last_dbw_report):
@@ -185,39 +185,39 @@ class GatewayProcess:
             ready, _, _ = select.select(
                 self._descriptors(), [], [], left if self._bus_number is not None else min(left, POLL_INTERVAL)
             )
-            for ear in ready:
-                if ear is self._drive:
-                    self._hear_drive()
-                elif ear is self._console:
-                    self._hear_console()
+            for channel in ready:
+                if channel is self._drive:
+                    self._read_drive()
+                elif channel is self._console:
+                    self._read_console()
             if self._bus_number is None or self._bus_number in ready:
-                self._hear_bus()
+                self._read_bus()
 
     def _descriptors(self) -> list[Channel | int]:
         # select always finds a closed channel or a failed bus ready, which would make this a busy loop.
         descriptors: list[Channel | int] = [channel for channel in (self._drive, self._console) if not channel.closed]
-        if self._bus_number is not None and not self._deaf:
+        if self._bus_number is not None and not self._receive_failed:
             descriptors.append(self._bus_number)
         return descriptors
 
-    def _hear_drive(self) -> None:
+    def _read_drive(self) -> None:
         for datagram in self._drive.receive():
             self._inbox.take_from_drive(datagram)
 
-    def _hear_console(self) -> None:
+    def _read_console(self) -> None:
         for datagram in self._console.receive():
             if datagram == ALIVE:
-                self._shown = self._clock()
+                self._last_heartbeat = self._clock()
             else:
                 self._inbox.take_from_console(datagram)
 
-    def _hear_bus(self) -> None:
+    def _read_bus(self) -> None:
         try:
             frames = self._bus.drain()
         except RigError:
-            self._deaf = True
+            self._receive_failed = True
             return
-        self._deaf = False
+        self._receive_failed = False
         if frames:
             self._recorder_client.saw_frames(self._clock(), CAR_BUS, frames)
             self._received += frames
@@ -225,9 +225,9 @@ class GatewayProcess:
     # A step.
 
     def _step(self) -> GatewayStatus:
-        self._hear_bus()
-        self._hear_drive()
-        self._hear_console()
+        self._read_bus()
+        self._read_drive()
+        self._read_console()
         taken = self._inbox.take()
         received, self._received = self._received, []
         found = tuple(dict.fromkeys([*taken.wrong, *self._find(received)]))
@@ -242,22 +242,22 @@ class GatewayProcess:
             self._keep(now, taken, found, len(received), count, output)
         except Exception as error:
             # A bug in sending or recording must not keep the gateway from stopping the car.
-            self._unsaid = True
+            self._record_failed = True
             _say(f"a step could not be told or kept: {type(error).__name__}: {error}")
-        return output.verdict
+        return output.status
 
     def _find(self, received: list[Frame]) -> list[str]:
         """Return the reason codes of the faults that this process sees now."""
         found = []
-        if self._deaf or self._dumb:
+        if self._receive_failed or self._send_failed:
             found.append("bus_down")
         if self._stop_id is not None and any(frame.id == self._stop_id for frame in received):
             found.append("stop_input")
         if self._drive.closed:
             found.append("drive_gone")
-        if self._console.closed or self._clock() - self._shown > SILENCE:
+        if self._console.closed or self._clock() - self._last_heartbeat > SILENCE:
             found.append("operator_gone")
-        if self._recorder_client.failure or self._unsaid:
+        if self._recorder_client.failure or self._record_failed:
             found.append(self._recorder_client.failure or "record_lost")
         return found
 
@@ -266,12 +266,12 @@ class GatewayProcess:
 
         A brake command without its steering is better than none; a later frame in an earlier one's place is not.
         """
-        self._dumb = False
+        self._send_failed = False
         for count, frame in enumerate(frames):
             try:
                 self._bus.send(frame)
             except RigError:
-                self._dumb = True
+                self._send_failed = True
                 return count
         return len(frames)
 
@@ -283,7 +283,7 @@ class GatewayProcess:
                 time=now,
                 sequence=gateway.sequence,
                 sent=sent,
-                verdict=output.verdict,
+                status=output.status,
                 measured_steering=gateway.measured_steering,
                 wheel_speed=gateway.wheel_speed,
                 gear=gateway.gear,
@@ -291,7 +291,7 @@ class GatewayProcess:
             )
         )
         self._drive.send(word)
-        news = (output.verdict.state, output.verdict.reasons)
+        news = (output.status.state, output.status.reasons)
         if news != self._told or now - self._told_at >= STATUS_INTERVAL:
             self._told, self._told_at = news, now
             self._console.send(word)
@@ -300,7 +300,7 @@ class GatewayProcess:
         self, now: float, taken: StepInputs, found: tuple[str, ...], received: int, sent: int, output: GatewayOutput
     ) -> None:  # fmt: skip
         """Hand the step to the recorder."""
-        gateway, verdict = self._gateway, output.verdict
+        gateway, status = self._gateway, output.status
         self._recorder_client.saw_frames(now, CAR_BUS, output.frames[:sent])
         self._recorder_client.stepped(
             GatewayRow(
@@ -312,13 +312,13 @@ class GatewayProcess:
                 frames_received=received,
                 frames_sent=sent,
                 sequence=gateway.sequence,
-                state=verdict.state.value,
-                reasons="+".join(verdict.reasons),
-                limited="+".join(verdict.limited),
-                steering_rad=verdict.steering,
-                granted_acceleration_mps2=verdict.acceleration,
-                brake_torque_nm=verdict.brake_torque,
-                throttle_percent=100.0 * verdict.throttle,
+                state=status.state.value,
+                reasons="+".join(status.reasons),
+                limited="+".join(status.limited),
+                steering_rad=status.steering,
+                granted_acceleration_mps2=status.acceleration,
+                brake_torque_nm=status.brake_torque,
+                throttle_percent=100.0 * status.throttle,
                 measured_steering_rad=gateway.measured_steering,
                 wheel_speed_mps=gateway.wheel_speed,
                 gear=gateway.gear,

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from vve_sumo import bus
 from vve_sumo.drive.assembly import LotAlignment
-from vve_sumo.drive.brain import Brain, NoController, Publisher, virtual_placement
+from vve_sumo.drive.brain import ExternalController, NoController, Publisher, virtual_placement
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.replay import (
     Difference,
@@ -96,7 +96,7 @@ def rebuilt_pipeline(scenario_content: dict[str, Any], working: FilePath, contro
     brain = None
     if rig.brain.kind == "external" and controller is None:
         placement = virtual_placement(resolved.map_frame, mounting_of(rig), lot.epoch)
-        brain = Brain(Publisher(lambda _sample: None, placement, lot.epoch), NoController())
+        brain = ExternalController(Publisher(lambda _sample: None, placement, lot.epoch), NoController())
     return pipeline_of(resolved, rig, lot, working, brain)
 
 
@@ -121,7 +121,7 @@ def _setpoints(steps: list[dict[str, Any]]) -> dict[int, bytes]:
 
 
 def replay_gateway(inputs: LiveInputs) -> Difference | None:
-    """Return the first step at which the gateway's part differs: in its verdict or in the frames that it sent.
+    """Return the first step at which the gateway's part differs: in its status or in the frames that it sent.
 
     Raises ConfigError where this version does not understand the record's gateway configuration.
     """
@@ -136,7 +136,7 @@ def replay_gateway(inputs: LiveInputs) -> Difference | None:
             return Difference(step, "setpoint", row["setpoint"].hex(), f"no setpoint: {setpoint.reason}")
         act = OperatorCommand(row["operator_command"]) if row["operator_command"] else None
         output = gateway.step(row["time_s"], setpoint, received, act, reason_codes(row["process_faults"]))
-        difference = compare(step, row, _gateway_columns(step, gateway, output.verdict)) or compare_frames(
+        difference = compare(step, row, _gateway_columns(step, gateway, output.status)) or compare_frames(
             step, sent, output.frames[: row["frames_sent"]]
         )
         if difference is not None:

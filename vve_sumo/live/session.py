@@ -193,7 +193,7 @@ def _driven(
             scenario = plan.resolved.scenario
             friction = scenario.weather.friction
             car = start_simulated_vehicle.start(plan.rig, plan.t0, scenario.seed, stack, plan.folder, friction)
-        ground = _ground(plan, source, notify)
+        ground = _measure_alignment(plan, source, notify)
         scenario_content = plan.resolved.to_dict(plan.working) | ground.to_dict()
         scenario_content |= assembly.to_dict(plan.resolved, plan.scenario_file, plan.rig_file.stem, plan.rig)
         scenario_content["gateway"]["shadow"] = plan.shadow
@@ -225,7 +225,7 @@ def _end_page(plan: Plan, processes: ProcessGroup) -> None:
 _ERRORS: Final = {2: ConfigError, 3: RigError, 4: SimulationError}
 
 
-def _ground(plan: Plan, source: Source, notify: Notify) -> LotAlignment:
+def _measure_alignment(plan: Plan, source: Source, notify: Notify) -> LotAlignment:
     """Measure the alignment and GNSS time while the car stands; close `source`, for the drive's process to open it."""
     rig, resolved = plan.rig, plan.resolved
     notify("waiting for trusted fixes of the standing car")

@@ -89,8 +89,8 @@ class ViewProcess:
     async def run(self) -> None:
         """Serve until the console is gone."""
         loop = asyncio.get_running_loop()
-        loop.add_reader(self._drive.fileno(), self._hear_drive)
-        loop.add_reader(self._console.fileno(), self._hear_console)
+        loop.add_reader(self._drive.fileno(), self._read_drive)
+        loop.add_reader(self._console.fileno(), self._read_console)
         serving = asyncio.create_task(self.server.serve())
         await self._over.wait()
         self._hub.end(self._verdict)
@@ -98,7 +98,7 @@ class ViewProcess:
         self.server.close()
         await serving
 
-    def _hear_drive(self) -> None:
+    def _read_drive(self) -> None:
         events = []
         for datagram in self._drive.receive():
             events += self._frames.take(decode(datagram))
@@ -106,7 +106,7 @@ class ViewProcess:
             asyncio.get_running_loop().remove_reader(self._drive.fileno())
         self._hub.changed(events)
 
-    def _hear_console(self) -> None:
+    def _read_console(self) -> None:
         for datagram in self._console.receive():
             message = json.loads(datagram)
             self._ended = True

@@ -13,12 +13,12 @@ import numpy as np
 
 from vve_sumo.drive.tick import CompletedTick
 from vve_sumo.live.channel import Channel
-from vve_sumo.values import Fix, FixQuality, computed
+from vve_sumo.values import Fix, FixQuality, resolve_fallback_path
 from vve_sumo.vehicle import link
 from vve_sumo.view.sample import Sample, Scan, encode
 
 
-class Beside(NamedTuple):
+class SampleContext(NamedTuple):
     """What a tick's sample holds beside the completed tick."""
 
     tick: int
@@ -40,7 +40,7 @@ class ViewFeed:
     def __init__(self, channel: Channel) -> None:
         self._channel = channel
 
-    def send(self, done: CompletedTick, beside: Callable[[], Beside]) -> None:
+    def send(self, done: CompletedTick, beside: Callable[[], SampleContext]) -> None:
         """Send a tick's sample. Nothing that goes wrong here may stop a car: then the page gets no more samples.
 
         `beside` gives what the sample holds beside the completed tick.
@@ -57,7 +57,7 @@ class ViewFeed:
         self._channel.close()
 
 
-def _sample(done: CompletedTick, beside: Beside) -> Sample:
+def _sample(done: CompletedTick, beside: SampleContext) -> Sample:
     result, setpoint, fix, feedback = done.result, done.result.setpoint, beside.fix, beside.feedback
     return Sample(
         tick=beside.tick,
@@ -69,7 +69,7 @@ def _sample(done: CompletedTick, beside: Beside) -> Sample:
         wished=setpoint.acceleration if setpoint else math.nan,
         wished_steering=setpoint.steering if setpoint else math.nan,
         note=setpoint.note if setpoint else "",
-        profile=computed(setpoint.profile) if setpoint else None,
+        profile=resolve_fallback_path(setpoint.profile) if setpoint else None,
         faults=result.faults,
         details=beside.details,
         pose_reasons=result.pose_reasons,

@@ -14,12 +14,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from vve_sumo.frames import GRAVITY, Alignment
+from vve_sumo.frames import Alignment
 from vve_sumo.laws import squared_speed_limits
 from vve_sumo.lot.polygon import Lot
 from vve_sumo.lot.swept_area import Body, Complexes, as_pairs, fan, relaxing, trail
 from vve_sumo.lot.turning import Turning
 from vve_sumo.path import EXTENSION, SAMPLE_SPACING, Path
+from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.values import FallbackPath, Floats, Point, Pose, Vehicle
 
 GEOFENCE_BREACH: Final = ("geofence_breach",)

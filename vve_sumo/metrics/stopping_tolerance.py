@@ -9,9 +9,9 @@ import math
 from typing import Final, NamedTuple
 
 from vve_sumo.metrics.stopping import Stop
+from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.values import Vehicle
 
-GRAVITY: Final = 9.81  #: [m/s2]
 #: acceleration for each m/s by which the car is behind its reference [1/s]: that of the gateway's actuation
 LOOP_GAIN: Final = 3.0
 #: share of the demand: a passenger more or less (80 kg of 1700) is 5 % of mass, as is what wear and heat do to brakes

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vve_sumo.frames import MapFrame
-from vve_sumo.frozen import quickly_made
+from vve_sumo.frozen import fast_frozen
 from vve_sumo.plant.acceleration_errors import AccelerationErrors
 from vve_sumo.plant.actuators import Lagged, Steering
 from vve_sumo.plant.dynamics import Chassis, Dynamics
@@ -83,7 +83,7 @@ def as_measured(_time: float, measured: Measured) -> Measured:
     return measured
 
 
-@quickly_made
+@fast_frozen
 @dataclass(frozen=True, slots=True)
 class CarOutput:
     """What the car sent during a step, in order of time."""

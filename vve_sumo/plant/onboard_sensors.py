@@ -9,10 +9,10 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.plant.acceleration_errors import AccelerationErrors
 from vve_sumo.plant.dynamics import Dynamics
 from vve_sumo.plant.wheel_errors import WheelErrors
-from vve_sumo.vehicle.calibration import GRAVITY
 from vve_sumo.vehicle.interface import Accelerations, Measured, WheelSpeeds, YawRate
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
+from vve_sumo.physical_constants import EARTH_RADIUS
 from vve_sumo.plant.arrivals import Bursts, FloatSpells
 from vve_sumo.plant.noise import wander, white
 from vve_sumo.pose.ncom import Encoder
@@ -20,7 +21,6 @@ from vve_sumo.values import Fix, FixQuality, Pose
 from vve_sumo.vehicle.model import FIX_PERIOD, IDEAL, Imperfections
 
 PERIOD = FIX_PERIOD  # between fixes [s]
-EARTH_RADIUS = 6_371_000.0  # mean [m]; only turns centimetres of noise into angles
 ALTITUDE = 220.0  # of the lot at the start, about Columbus's [m]
 _RTK_FIXED = FixQuality.RTK_FIXED
 STREAMS = 8  # independent sources of noise

@@ -9,12 +9,12 @@ import math
 from dataclasses import replace
 from typing import Final
 
+from vve_sumo.physical_constants import EARTH_RADIUS
 from vve_sumo.plant.injected_faults import Due, Share
 from vve_sumo.plant.receiver import PERIOD
 from vve_sumo.pose.ncom import Decoder, Encoder
 from vve_sumo.values import Fix, FixQuality
 
-EARTH_RADIUS: Final = 6_371_000.0  # mean [m]; only turns metres into angles
 STEP_INTERVAL: Final = 1.0  # between steps of the position [s]
 DATE_ERROR: Final = 12.0  # of a fix with a wrong time [s]
 MINUTES_WRONG: Final = 5

@@ -20,7 +20,7 @@ from typing import Any, Final, NamedTuple
 
 import pynmea2
 
-from vve_sumo.frames import GRAVITY
+from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.pose.arrivals import Arrivals, Judged, Repeated
 from vve_sumo.values import Fix, FixQuality
 

@@ -13,7 +13,8 @@ import struct
 from collections.abc import Iterable
 from typing import Final
 
-from vve_sumo.frames import GRAVITY, wrap_angle
+from vve_sumo.frames import wrap_angle
+from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.pose.arrivals import Arrivals, Judged
 from vve_sumo.pose.ncom import WRITERS, StatusChannels, quality_of
 from vve_sumo.values import Fix, Frame

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.frozen import quickly_made
+from vve_sumo.frozen import fast_frozen
+from vve_sumo.physical_constants import EARTH_RADIUS
 from vve_sumo.pose.steadiness import Steadiness
 from vve_sumo.values import Fix, FixQuality
 
-EARTH_RADIUS: Final = 6_371_000.0  #: mean [m]; good to 0.5 % over the metre between two fixes
 FUTURE_LIMIT: Final = 0.02  #: a fix may be this far ahead of now, for clocks that are not quite the same [s]
 LEVER_LIMIT: Final = 4.0  #: no output point lies further from the rear axle [m]: bounds its course in a bend
 YAW_RATE_LIMIT: Final = 2.0  #: no car on its wheels turns faster [rad/s]
@@ -166,7 +166,7 @@ PLAYBACK: Final = TrustProfile(
 )
 
 
-@quickly_made
+@fast_frozen
 @dataclass(frozen=True, slots=True)
 class Trust:
     """The gate's answer about one fix."""

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING
 
 from vve_sumo.config_file import in_si
 from vve_sumo.errors import ConfigError
-from vve_sumo.frames import GRAVITY, Alignment, MapFrame, Mounting, local_frame
+from vve_sumo.frames import Alignment, MapFrame, Mounting, local_frame
 from vve_sumo.lot.geofence import Geofence, Stop
 from vve_sumo.lot.polygon import Lot
 from vve_sumo.lot.turning import Turning
+from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.pose.receivers.port import Receiver
 from vve_sumo.rig.schema import Rig
 from vve_sumo.timing import NOTICED, SETPOINT_LIFETIME

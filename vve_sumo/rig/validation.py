@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.lot.swept_area import Body, as_pairs, fan
+from vve_sumo.physical_constants import EARTH_RADIUS
 from vve_sumo.pose import oxts_can
 from vve_sumo.pose.receivers.ncom_udp import NcomUdp
 from vve_sumo.pose.receivers.udp import UdpReceiver
@@ -38,7 +39,6 @@ OPEN_INTERFACES: Final = ("udp_multicast", "socketcand", "can_remote")
 PTY: Final = "pty"  #: channel that the simulated vehicle's process makes
 VIRTUAL_CAN: Final = "vcan"  #: with what the names of virtual SocketCAN interfaces begin
 MAX_LOT_EXTENT: Final = 20_000.0  #: from the first corner of a lot to any other place in it [m]
-EARTH_RADIUS: Final = 6_371_000.0  # mean [m]; only to tell near from far
 
 #: Identifiers on a CAN bus, by who sends or hears them: OXTS's default map (RT3000 manual: messages and one 0x500 + n
 #: for each status channel n); Delphi ESR (opendbc, ESR.dbc); Continental ARS408 as sensor 0.

@@ -46,7 +46,7 @@ WALKING_ACCELERATION: Final = 1.4
 ON_FOOT: Final[frozenset[Kind]] = frozenset({"pedestrian", "child"})
 
 #: A time that a trigger states has come when no more than this is left of it [s]: ticks add up to it in floats.
-PLAY: Final = 1e-6
+TIME_TOLERANCE: Final = 1e-6
 
 #: Below this speed [m/s] a body that goes over sidewards turns less than the way it goes: whoever stands faces on.
 TURNING_SPEED: Final = 2.0
@@ -263,9 +263,9 @@ def fires(when: When, now: float, since: float, ego: Ego | None, between: Betwee
     `now` is the drive's time, `since` the time that `after_s` counts from [s]; `ego` and `between` are None where
     nobody knows them, and then no condition about them holds. Neither does any on NaN.
     """
-    if when.drive_s is not None and not now >= when.drive_s - PLAY:
+    if when.drive_s is not None and not now >= when.drive_s - TIME_TOLERANCE:
         return False
-    if when.after_s is not None and not now - since >= when.after_s - PLAY:
+    if when.after_s is not None and not now - since >= when.after_s - TIME_TOLERANCE:
         return False
     if when.ego_at_m is not None and not (ego is not None and ego.station >= when.ego_at_m):
         return False

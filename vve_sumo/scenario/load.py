@@ -7,7 +7,7 @@ from typing import Any, get_origin
 
 from pydantic import ValidationError
 
-from vve_sumo.config_file import alternatives, complaint, in_key_units, inside, is_table, numbers_of, read, spelt
+from vve_sumo.config_file import alternatives, complaint, in_key_units, inside, is_table, numbers_of, read, short_repr
 from vve_sumo.errors import ConfigError
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.sensors import port as sensors
@@ -33,7 +33,7 @@ def parse(table: dict[str, Any], file: Path) -> Scenario:
     for name, parameter in scenario.parameters.items():
         for place in parameter.sets:
             if not _takes_a_value(scenario, place):
-                raise ConfigError(f"{file}: parameters.{name}.sets: no key {spelt(place)} that takes a value")
+                raise ConfigError(f"{file}: parameters.{name}.sets: no key {short_repr(place)} that takes a value")
     return scenario
 
 

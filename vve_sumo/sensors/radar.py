@@ -16,10 +16,10 @@ from functools import cache
 import numpy as np
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.sensors.chance import Luck, stream
 from vve_sumo.sensors.echo import Echo, Mount, antenna_at, echoes
 from vve_sumo.sensors.falsealarm import false_alarms
 from vve_sumo.sensors.port import Column, SensorColumn
+from vve_sumo.sensors.random_streams import CorrelatedNoise, stream
 from vve_sumo.sensors.visibility import Sector
 from vve_sumo.values import Actors, Detections, Pose, Vehicle
 
@@ -28,7 +28,7 @@ MICROSECONDS = 1_000_000
 #: Cross-section that `detection_probability` is stated for [m2]: a car seen from behind, 10 dBsm.
 REFERENCE_CROSS_SECTION = 10.0
 #: Actor name of a false alarm; no actor has it.
-NOBODY = ""
+NO_ACTOR = ""
 #: Columns of a scan in the record, one row per detection.
 COLUMNS = (
     SensorColumn("range_m", "float", "from the middle of the front bumper to the seen point"),
@@ -177,8 +177,8 @@ class Radar:
         self._next_due = 0
         self._coming: deque[tuple[int, Scan]] = deque()
         self._seed = generator.bytes(32)
-        self._luck: dict[str, Luck] = {}
-        self._nothing = stream(self._seed, NOBODY)
+        self._luck: dict[str, CorrelatedNoise] = {}
+        self._nothing = stream(self._seed, NO_ACTOR)
         self.output = BEFORE_FIRST_SCAN  #: the newest scan that came out
         self.refused = 0  #: rows of `Actors` that this tick's measuring left out: a value in them is not finite
 
@@ -202,7 +202,7 @@ class Radar:
     def _measure(self, time: float, now: int, pose: Pose, actors: Actors) -> Scan:
         antenna = antenna_at(pose, self._config.mount, self._vehicle)
         seen, self.refused = echoes(antenna, actors, self._sectors)
-        found = [*self._measured(now, seen, actors), *self._imagined()]
+        found = [*self._measured(now, seen, actors), *self._false_alarms()]
         return _scan(time, sorted(found)[: self._config.max_targets])
 
     def _measured(self, now: int, seen: Sequence[Echo], actors: Actors) -> Iterator[_Measurement]:
@@ -219,9 +219,9 @@ class Radar:
                     ids[row],
                 )
 
-    def _imagined(self) -> Iterator[_Measurement]:
+    def _false_alarms(self) -> Iterator[_Measurement]:
         for alarm in false_alarms(self._nothing, self._config.false_alarms, self._sectors):
-            yield self._reported(*alarm, NOBODY)
+            yield self._reported(*alarm, NO_ACTOR)
 
     def _reported(self, range_: float, azimuth: float, range_rate: float, mode: int, name: str) -> _Measurement:
         """Quantise a measurement of the antenna and refer it to the bumper."""
@@ -230,11 +230,11 @@ class Radar:
         side = _quantised(azimuth, config.azimuth_quantum)
         return *from_bumper(reach, side, config.mount), _quantised(range_rate, config.range_rate_quantum), mode, name
 
-    def _luck_of(self, actor: str) -> Luck:
+    def _luck_of(self, actor: str) -> CorrelatedNoise:
         luck = self._luck.get(actor)
         if luck is None:
             source = stream(self._seed, actor)
-            luck = self._luck[actor] = Luck(source, self._config.noise_correlation, self._period)
+            luck = self._luck[actor] = CorrelatedNoise(source, self._config.noise_correlation, self._period)
         return luck
 
 

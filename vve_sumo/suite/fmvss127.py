@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.suite import requirements
 from vve_sumo.suite.physics import Course, Need, full_braking, gap_used
 from vve_sumo.suite.row import Approach, Row
 from vve_sumo.suite.track import (
     AEB,
-    GRAVITY,
     KMH,
     TARGET,
     gate,

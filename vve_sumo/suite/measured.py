@@ -14,9 +14,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from vve_sumo.drive.resolved_scenario import read_resolved, recorded_model
+from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.record.reader import read_table
 from vve_sumo.suite.row import CutIn, Row
-from vve_sumo.suite.track import GRAVITY
 from vve_sumo.values import Floats, Vehicle
 
 BRAKING = 0.15 * GRAVITY  #: the car brakes when it decelerates by more [m/s2]; FMVSS 127, S4 [P]

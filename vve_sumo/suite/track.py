@@ -12,7 +12,6 @@ from vve_sumo.scenario.schema import Scenario
 from vve_sumo.vehicle.model import VehicleModel
 
 KMH = 1.0 / 3.6  #: a km/h [m/s]
-GRAVITY = 9.80665  #: standard [m/s2]
 LANE_WIDTH = 4.0  #: of the test track [m]
 #: what the driver of an emergency-braking test does: nothing
 AEB = {"comfort": False}

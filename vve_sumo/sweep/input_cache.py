@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from vve_sumo.drive.resolved_scenario import LaidPath, ResolvedScenario, read_path, resolve_scenario
+from vve_sumo.drive.resolved_scenario import LoadedPath, ResolvedScenario, read_path, resolve_scenario
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import MapFrame
 from vve_sumo.scenario.load import parse
@@ -38,14 +38,14 @@ class InputCache:
 
     def __init__(self) -> None:
         self._networks: dict[Stamp, Network] = {}
-        self._paths: dict[tuple[Stamp, Stamp], LaidPath] = {}
+        self._paths: dict[tuple[Stamp, Stamp], LoadedPath] = {}
         self._rigs: dict[Stamp, Rig] = {}
 
     def network(self, file: FilePath) -> Network:
         """Return what `read_network` does."""
         return self._kept(self._networks, stamp(file), partial(read_network, file))
 
-    def path(self, file: FilePath, street: MapFrame, network: Network) -> LaidPath:
+    def path(self, file: FilePath, street: MapFrame, network: Network) -> LoadedPath:
         """Return what `read_path` does; `street` is the network's."""
         stamps = stamp(file), stamp(network.path)
         return self._kept(self._paths, stamps, partial(read_path, file, street, network))

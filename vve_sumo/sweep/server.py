@@ -133,7 +133,7 @@ class Server:
             job = Job.from_json(line)
             if self._road is None and self._roads.get(RoadFiles.of(job)):
                 self._put_back(line)
-                self._lend(job)
+                self._delegate_to_fork(job)
             elif self._road is None or self._road.serves(job):
                 self._say(self.run(job).to_json())
             else:
@@ -186,7 +186,7 @@ class Server:
             os.set_blocking(pipe, False)
         return Child(pid, os.pidfd_open(pid), answer, voice, begun, begun)
 
-    def _lend(self, job: Job) -> None:
+    def _delegate_to_fork(self, job: Job) -> None:
         """Let a fork load a job's road and serve in our place, until it hands back a job; where it ends, so do we."""
         if job.keep is not None:
             software()  # for the records of its runs
@@ -196,7 +196,7 @@ class Server:
         if pid == 0:
             os.close(back)
             self._parent = server
-            self._stand_in(job)
+            self._serve_preloaded(job)
         os.close(self._back)
         self._waiting = self._handed_back(back)
         os.close(back)
@@ -219,7 +219,7 @@ class Server:
                 lines += heard
             self._look_up()
 
-    def _stand_in(self, job: Job) -> NoReturn:
+    def _serve_preloaded(self, job: Job) -> NoReturn:
         """Be the fork that serves on a loaded road; hand back the job that is not for it."""
         code = 1
         try:

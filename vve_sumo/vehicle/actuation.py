@@ -11,7 +11,8 @@ from collections import deque
 from typing import Final, NamedTuple
 
 from vve_sumo.laws import clamp
-from vve_sumo.vehicle.calibration import GRAVITY, Calibration
+from vve_sumo.physical_constants import GRAVITY
+from vve_sumo.vehicle.calibration import Calibration
 
 #: Acceleration for each m/s of speed that the car is behind its reference [1/s]. The speed error is the integral of
 #: the acceleration error, so this is an integral gain: the effect of a wrong mass or brake gain fades in about 1/3 s.

@@ -10,9 +10,10 @@ import math
 from collections import deque
 from typing import Final
 
+from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.actuation import Pedals
-from vve_sumo.vehicle.calibration import GRAVITY, Calibration
+from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.setpoint_validation import Debounce
 
 # A car that is 15 % heavier than declared, and whose brakes give 10 % less torque, has a share of 0.78.

@@ -11,9 +11,7 @@ from dataclasses import dataclass, fields
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.laws import clamp
-
-GRAVITY = 9.80665  # standard acceleration of free fall [m/s2], CGPM 1901
-AIR_DENSITY = 1.2  # dry air at 20 C and sea level [kg/m3]
+from vve_sumo.physical_constants import AIR_DENSITY, GRAVITY
 
 
 @dataclass(frozen=True, slots=True)

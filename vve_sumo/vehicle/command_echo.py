@@ -24,13 +24,13 @@ class CommandEcho:
 
     def __init__(self, change: float) -> None:
         self._change = change
-        self._echo = math.nan
-        self._reference = math.nan  # the command when the report last changed
         self._differs_long = Debounce(ECHO_TIME)
+        self.reset()
 
     def reset(self) -> None:
         """Forget the past: nothing is commanded."""
-        self._echo = self._reference = math.nan
+        self._echo = math.nan
+        self._reference = math.nan  # the command when the report last changed
         self._differs_long.reset()
 
     def step(self, now: float, commanded: float, echo: float) -> bool:

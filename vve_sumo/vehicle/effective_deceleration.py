@@ -10,8 +10,9 @@ import math
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
+from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.values import Vehicle
-from vve_sumo.vehicle.calibration import GRAVITY, Calibration
+from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.interface import InterfaceFacts, load
 from vve_sumo.vehicle.limits import Limits
 from vve_sumo.vehicle.model import VehicleModel

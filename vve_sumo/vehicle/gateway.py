@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 from vve_sumo.errors import ConfigError
 from vve_sumo.laws import clamp
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint, Vehicle, computed
+from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint, Vehicle, resolve_fallback_path
 from vve_sumo.vehicle.actuation import Actuation, Pedals
 from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, Event, transition
 from vve_sumo.vehicle.calibration import Calibration
@@ -93,7 +93,7 @@ STOPS: Final = frozenset({OperatorCommand.STOP, OperatorCommand.STOP_BY_PAGE})
 class GatewayOutput(NamedTuple):
     """Result of one step of the gateway."""
 
-    verdict: GatewayStatus  #: what was made of the setpoint
+    status: GatewayStatus  #: what was made of the setpoint
     frames: tuple[Frame, ...]  #: to be sent now, in this order
 
 
@@ -137,18 +137,18 @@ class Gateway(Monitor):
         self._torque_limit = min(
             vehicle.brake_torque_limit, calibration.brake_torque_limit, wire.brake_torque_limit
         )  # fmt: skip
-        self._way = FallbackTracker(vehicle)
+        self._fallback_tracker = FallbackTracker(vehicle)
         self._limiter = Limiter(vehicle, self._limits, steering_limit)
         self._actuation = Actuation(calibration, vehicle.brake_delay, vehicle.brake_lag)
-        self._response = ResponseMonitor(vehicle, calibration, self._actuation.holding_torque)
-        self._handover = Engagement(
+        self._response_monitor = ResponseMonitor(vehicle, calibration, self._actuation.holding_torque)
+        self._engagement = Engagement(
             vehicle.steering_rate_limit * (vehicle.steering_delay + vehicle.steering_lag), shadow=shadow
         )
         self._parked_long = Debounce(PARK_TIME)
         self._uncertain_long = Debounce(UNCERTAIN_TIME)
 
         self._elapsed = 0.0  # since the last step, bounded [s]
-        self._told = Pedals(0.0, 0.0)  # at the last step
+        self._last_pedals = Pedals(0.0, 0.0)  # at the last step
         self._fastest = math.nan  # largest speed by wheels or receiver, of a commanded car [m/s]; NaN where not known
         self._driver: list[str] = []  # pedals that the driver touches
         self._unattended_long, self._attended_long = Debounce(UNATTENDED_TIME), Debounce(ATTENDED_TIME)
@@ -183,8 +183,8 @@ class Gateway(Monitor):
             self._judge_idle(now, faults)
         if act is not None and (self._state is before or self._state is not ArmingState.FAULT):
             # A command given in the state before must not acknowledge a fault that nobody has seen yet.
-            self._obey(now, act)
-        return self._speak(now)
+            self._apply_command(now, act)
+        return self._encode(now)
 
     # Observation: nothing in this section changes the arming state.
 
@@ -200,14 +200,14 @@ class Gateway(Monitor):
         self._last_now = now
         self._elapsed = (gap if gap < longest else longest) if gap > 0.0 else 0.0
         self._driver = [] if self._shadow else reports.driver()
-        taken = self._admission.setpoint
+        taken = self._validator.setpoint
         faults += self._look(now, setpoint)
         commanded = self._state in COMMANDING and not self._shadow
-        limiter, steered = self._limiter, commanded and self._handover.enabled
+        limiter, steered = self._limiter, commanded and self._engagement.enabled
         faults += self._compare(
             now,
             self._elapsed,
-            fresh=self._admission.setpoint is not taken,
+            fresh=self._validator.setpoint is not taken,
             braking=-limiter.acceleration if commanded else None,
             steering=limiter.steering if steered else math.nan,
         )
@@ -215,34 +215,34 @@ class Gateway(Monitor):
         self._let_go = self._let_go_long.step(now, self._state not in COMMANDING and not standstill.moves)
         # Wheel speeds of zero while standstill is not certain give no distance driven.
         believed = standstill.certain or not reports.fastest_wheel < WHEEL_REST
-        self._way.move(gap, self._speed if believed else math.nan)
+        self._fallback_tracker.move(gap, self._speed if believed else math.nan)
         if steered:
-            faults += self._response.step(
+            faults += self._response_monitor.step(
                 now,
                 self._elapsed,
-                self._told,
+                self._last_pedals,
                 self._reports,
                 (self._speed, self._satellite_speed),
                 self._grade(),
                 standstill=standstill,
-                going=self._state is _ENGAGED and self._handover.going,
+                going=self._state is _ENGAGED and self._engagement.going,
             )
         else:
-            self._response.reset()
+            self._response_monitor.reset()
         return faults
 
     def _accept(self, now: float, setpoint: Setpoint) -> None:
         """Follow the fallback path of an accepted setpoint from now on."""
         # Where the path of an expired setpoint begins, seen from the car, is not known. A setpoint with faults may
         # have no path: the path of an earlier setpoint is then better than none.
-        if self._admission.valid(now) and (not setpoint.faults or computed(setpoint.profile) is not None):
-            self._way.take(now - setpoint.time, setpoint.profile)
+        if self._validator.valid(now) and (not setpoint.faults or resolve_fallback_path(setpoint.profile) is not None):
+            self._fallback_tracker.take(now - setpoint.time, setpoint.profile)
 
     def _missing(self, now: float) -> list[str]:
         """Reason codes of unmet conditions for engaging, apart from faults."""
         reports = self._reports
         missing = []
-        if not self._admission.valid(now):
+        if not self._validator.valid(now):
             missing.append("no_setpoint")
         if not self._standstill.certain:
             missing.append("not_standing")
@@ -259,16 +259,16 @@ class Gateway(Monitor):
     def _progress(self, now: float) -> list[str]:
         """Reason codes of the commands that the car does not follow."""
         if self._state is not _ENGAGED:
-            return self._handover.dropped_out(self._reports)
+            return self._engagement.dropped_out(self._reports)
         measured = (self._reports.steering.wheel_angle - self._wheel_bias) / self._ratio
-        return self._handover.follow(now, self._reports, self._limiter.steering - measured)
+        return self._engagement.follow(now, self._reports, self._limiter.steering - measured)
 
     # Consequences: arming events and operator commands.
 
     def _judge_idle(self, now: float, faults: list[str]) -> None:
         latching = [code for code in faults if code in _LATCHING]
         if latching:
-            self._happen(now, Event.FAULT, latching)
+            self._apply_event(now, Event.FAULT, latching)
         if self._state is ArmingState.FAULT:
             taken = "driver_override" in self._causes
             attended = self._attended_long.step(now, self._reports.attended(now))
@@ -277,52 +277,52 @@ class Gateway(Monitor):
                 self._notes.append("driver_needed")
             return
         missing = faults + self._missing(now)
-        self._happen(now, Event.CONDITIONS_LOST if missing else Event.CONDITIONS_MET, [])
+        self._apply_event(now, Event.CONDITIONS_LOST if missing else Event.CONDITIONS_MET, [])
         self._notes += missing
 
     def _judge_commanded(self, now: float, faults: list[str]) -> None:
         overrides: frozenset[str] = frozenset() if self._shadow else self._reports.overrides()
         # An override latched before engaging does not count until the CLEAR sent on engaging has reset it. Once the
         # DBW controller has confirmed and its handshake time is over, every latched override counts.
-        self._old_overrides = frozenset() if self._handover.settled(now) else self._old_overrides & overrides
+        self._old_overrides = frozenset() if self._engagement.settled(now) else self._old_overrides & overrides
         overrides -= self._old_overrides
         if overrides:
-            if self._response.driver_inferred or any(map(self._confirmed, overrides)):
-                self._happen(now, Event.OVERRIDE, ["driver_override", *faults])
+            if self._response_monitor.driver_inferred or any(map(self._confirmed, overrides)):
+                self._apply_event(now, Event.OVERRIDE, ["driver_override", *faults])
                 return
             # The word of one module alone, which may be wrong: a car that nobody brakes must not be let go.
             faults.append("override_unconfirmed")
-        if self._driver or self._response.driver_inferred:
+        if self._driver or self._response_monitor.driver_inferred:
             self._judge_foot(now)
         self._fastest = self._largest_speed()
         if self._limiter.too_fast(self._fastest):
             faults.append("speed_above_limit")
         faults += self._progress(now)
         if faults:
-            self._happen(now, Event.FAULT, faults)
-        if self._state is _ENGAGED and not self._admission.valid(now):
-            self._happen(now, Event.EXPIRED, ["setpoint_expired"])
+            self._apply_event(now, Event.FAULT, faults)
+        if self._state is _ENGAGED and not self._validator.valid(now):
+            self._apply_event(now, Event.EXPIRED, ["setpoint_expired"])
         self._judge_rest(now)
         self._call_the_driver("brake" in overrides, faults)
 
     def _judge_foot(self, now: float) -> None:
         """Stop a car under way on whose pedals the driver's foot is."""
-        under_way = self._state is _STOPPING or (self._state is _ENGAGED and self._handover.going)
-        signs = [*self._driver, "driver_inferred"] if self._response.driver_inferred else self._driver
+        under_way = self._state is _STOPPING or (self._state is _ENGAGED and self._engagement.going)
+        signs = [*self._driver, "driver_inferred"] if self._response_monitor.driver_inferred else self._driver
         if under_way:
-            self._happen(now, Event.DRIVER, signs)
+            self._apply_event(now, Event.DRIVER, signs)
 
     def _judge_rest(self, now: float) -> None:
         """Apply that the car stands, or is parked; call the driver where it is not certain that it stands."""
         standstill = self._standstill
         if standstill.at_rest:
-            self._happen(now, Event.AT_REST, [])
+            self._apply_event(now, Event.AT_REST, [])
         stopped = self._state is _STOPPED
         if self._parked_long.step(now, stopped and standstill.certain and self._reports.in_park(now)):
-            self._happen(now, Event.PARKED, [])
+            self._apply_event(now, Event.PARKED, [])
         doubted = self._reports.fastest_wheel < WHEEL_REST and not standstill.certain
         # A car that pulls away after a long stand contradicts for a moment: the receiver sees slow motion as rest.
-        pulls_away = self._state is _ENGAGED and self._handover.going
+        pulls_away = self._state is _ENGAGED and self._engagement.going
         if self._uncertain_long.step(now, doubted) or (standstill.contradicted and not pulls_away):
             self._notes += ["standstill_uncertain", "driver_needed"]
 
@@ -331,14 +331,14 @@ class Gateway(Monitor):
         if override == "gear":
             # The gateway itself asks for drive before, and for park at rest.
             gear, asked = self._reports.gear.gear, Gear.PARK if self._state is _STOPPED else Gear.DRIVE
-            return self._handover.in_drive and gear not in (Gear.DRIVE, asked)
+            return self._engagement.in_drive and gear not in (Gear.DRIVE, asked)
         return self._reports.confirmed(override)
 
     def _call_the_driver(self, brake_overridden: bool, faults: list[str]) -> None:
         """Note that the gateway has no brakes, or does not hear the car, or that the car rolls though it is held."""
         if self._shadow:
             return
-        latched = self._response.brakes_latched or brake_overridden
+        latched = self._response_monitor.brakes_latched or brake_overridden
         if latched:
             self._notes.append("brakes_latched")
         # A car that is said to stand, and is not known to, may roll.
@@ -357,35 +357,35 @@ class Gateway(Monitor):
         wheels, satellite = abs(self._speed), abs(self._satellite_speed)
         return wheels if wheels >= satellite or satellite != satellite else satellite
 
-    def _obey(self, now: float, act: OperatorCommand) -> None:
+    def _apply_command(self, now: float, act: OperatorCommand) -> None:
         match act:
             case OperatorCommand.ENGAGE:
-                self._happen(now, Event.ENGAGE, [])
-            case OperatorCommand.GO if self._state is ArmingState.ENGAGED and self._handover.going:
+                self._apply_event(now, Event.ENGAGE, [])
+            case OperatorCommand.GO if self._state is ArmingState.ENGAGED and self._engagement.going:
                 pass
             case OperatorCommand.GO if self._may_go():
-                self._happen(now, Event.GO, [])
-                self._handover.going = True
+                self._apply_event(now, Event.GO, [])
+                self._engagement.going = True
             case OperatorCommand.GO:
                 self._notes.append("go_too_early")
             case OperatorCommand.STOP:
-                self._happen(now, Event.STOP, ["stop_asked"])
+                self._apply_event(now, Event.STOP, ["stop_asked"])
             case OperatorCommand.STOP_BY_PAGE:
-                self._happen(now, Event.STOP, ["stop_asked_by_page"])
+                self._apply_event(now, Event.STOP, ["stop_asked_by_page"])
             case OperatorCommand.END:
-                self._happen(now, Event.STOP, ["drive_over"])
+                self._apply_event(now, Event.STOP, ["drive_over"])
             case OperatorCommand.DISARM if self._state is ArmingState.STOPPED:
                 # Without brakes a car in drive creeps away, and the DBW watchdog brakes when EN drops in gear.
                 self._notes.append("not_in_park")
             case OperatorCommand.DISARM:
-                self._happen(now, Event.DISARM, ["disarm_asked"])
+                self._apply_event(now, Event.DISARM, ["disarm_asked"])
 
     def _may_go(self) -> bool:
         """Whether a held car may be allowed to move: never without brakes."""
-        held = self._state is _ENGAGED and not self._response.brakes_latched
-        return held and self._handover.may_go(self._driver)
+        held = self._state is _ENGAGED and not self._response_monitor.brakes_latched
+        return held and self._engagement.may_go(self._driver)
 
-    def _happen(self, now: float, event: Event, causes: list[str]) -> None:
+    def _apply_event(self, now: float, event: Event, causes: list[str]) -> None:
         """Apply `event` to the arming state, and keep the causes of what ends the drive."""
         before, after = self._state, transition(self._state, event)
         self._state = after
@@ -401,19 +401,19 @@ class Gateway(Monitor):
             self._begin_stop()
         elif event is Event.DISARM or event is Event.PARKED:
             # The next drive may have another controller, whose sequence numbers start from zero again.
-            self._admission = SetpointValidator()
-            self._way.take(0.0, None)  # no path outlives the drive that it was worked out for
+            self._validator = SetpointValidator()
+            self._fallback_tracker.take(0.0, None)  # no path outlives the drive that it was worked out for
             if event is Event.DISARM:
                 self._causes.clear()
 
     def _engage(self, now: float) -> None:
         self._causes.clear()
         self._has_been_engaged = True
-        self._handover.begin(now)
+        self._engagement.begin(now)
         self._parked_long.reset()
         self._followed = None
         self._clear = True
-        self._response.engage()
+        self._response_monitor.engage()
         self._unattended_long.reset()
         self._old_overrides = self._reports.overrides()
         self._limiter.reset(0.0, self._measured_steering())
@@ -425,11 +425,11 @@ class Gateway(Monitor):
         self._stop_deceleration = max(-self._limiter.acceleration, limits.stop_deceleration)
         self._stop_jerk = limits.stop_jerk
         # A fault during requested emergency braking must not soften that braking.
-        self._heed(self._followed)
+        self._apply_emergency(self._followed)
         self._limiter.acceleration = min(self._limiter.acceleration, 0.0)
         self._held_steering = None
 
-    def _heed(self, setpoint: Setpoint | None) -> None:
+    def _apply_emergency(self, setpoint: Setpoint | None) -> None:
         """Stop at least as hard as an emergency setpoint asks; never softer than before."""
         if setpoint is not None and setpoint.emergency:
             emergency = self._limits.emergency
@@ -445,13 +445,13 @@ class Gateway(Monitor):
 
     # Commands to the car.
 
-    def _speak(self, now: float) -> GatewayOutput:
+    def _encode(self, now: float) -> GatewayOutput:
         pedals, acceleration, steering, limited = self._command(now)
         torque, throttle = pedals
         if torque > self._torque_limit:
             torque = self._torque_limit
             pedals = Pedals(torque, throttle)
-        self._told = pedals
+        self._last_pedals = pedals
         enable = self._state in COMMANDING and not self._shadow
         wheel_limit = self._wire.wheel_angle_limit
         wheel_angle = clamp(steering * self._ratio + self._wheel_bias, -wheel_limit, wheel_limit)
@@ -459,7 +459,7 @@ class Gateway(Monitor):
         frames = self._interface.encode(
             ActuationCommand(torque, throttle, wheel_angle, self._wheel_rate, self._gear_wish(), enable, clear)
         )
-        verdict = GatewayStatus(
+        status = GatewayStatus(
             state=self._state,
             reasons=tuple(dict.fromkeys([*self._causes, *self._notes])) if self._causes or self._notes else (),
             steering=steering,
@@ -468,14 +468,14 @@ class Gateway(Monitor):
             brake_torque=torque,
             throttle=throttle,
         )
-        return GatewayOutput(verdict, frames)
+        return GatewayOutput(status, frames)
 
     def _command(self, now: float) -> _Command:
-        setpoint = self._admission.setpoint
+        setpoint = self._validator.setpoint
         if self._state is _ENGAGED:
-            if self._handover.going and setpoint is not None:
+            if self._engagement.going and setpoint is not None:
                 return self._follow(setpoint)
-            self._notes += self._handover.waits_for(self._driver)
+            self._notes += self._engagement.waits_for(self._driver)
             return self._wait()
         if self._state in COMMANDING:
             return self._stop(now)
@@ -500,8 +500,8 @@ class Gateway(Monitor):
 
     def _stop(self, now: float) -> _Command:
         limits, limiter = self._limits, self._limiter
-        if self._admission.valid(now):
-            self._heed(self._admission.setpoint)
+        if self._validator.valid(now):
+            self._apply_emergency(self._validator.setpoint)
         weak = "brake_not_following" in self._causes
         critical = not CRITICAL.isdisjoint(self._causes)
         jerk = max(self._stop_jerk, limits.critical_jerk if critical else 0.0)
@@ -541,7 +541,7 @@ class Gateway(Monitor):
         """Steer along the fallback path while there is one; names of the limits that changed it."""
         angle = None
         if self._state is ArmingState.STOPPING and not self._standstill.certain and _ASTRAY.isdisjoint(self._causes):
-            angle = self._way.steering()
+            angle = self._fallback_tracker.steering()
         if angle is not None:
             self._held_steering = None
             return self._limiter.steer(angle, self._steering_speed(), self._elapsed)
@@ -553,7 +553,7 @@ class Gateway(Monitor):
         return self._limiter.steer(self._held_steering, self._steering_speed(), self._elapsed)
 
     def _grade(self) -> float:
-        return 0.0 if self._admission.setpoint is None else self._admission.setpoint.grade
+        return 0.0 if self._validator.setpoint is None else self._validator.setpoint.grade
 
     def _gear_wish(self) -> Gear:
         if self._shadow or not self._standstill.certain:
@@ -561,6 +561,6 @@ class Gateway(Monitor):
         if self._state is _STOPPED:
             # A car that rolled a moment ago may only seem to stand.
             return Gear.PARK if self._standstill.settled else _NO_GEAR
-        if self._state is _ENGAGED and self._handover.enabled and not self._handover.in_drive:
+        if self._state is _ENGAGED and self._engagement.enabled and not self._engagement.in_drive:
             return Gear.DRIVE
         return _NO_GEAR

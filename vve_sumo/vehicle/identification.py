@@ -14,8 +14,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vve_sumo.physical_constants import AIR_DENSITY, GRAVITY
 from vve_sumo.values import Floats, Vehicle
-from vve_sumo.vehicle.calibration import AIR_DENSITY, GRAVITY, Calibration
+from vve_sumo.vehicle.calibration import Calibration
 
 Mask = NDArray[np.bool_]
 Bounds = tuple[float, float]

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from operator import attrgetter
 from typing import Any, Final, NamedTuple, TypeVar
 
-from vve_sumo.values import ArmingState, FallbackPath, GatewayStatus, Setpoint, computed
+from vve_sumo.values import ArmingState, FallbackPath, GatewayStatus, Setpoint, resolve_fallback_path
 from vve_sumo.vehicle.fallback import MAX_KNOTS
 from vve_sumo.vehicle.gateway import OperatorCommand
 
@@ -28,7 +28,7 @@ _SETPOINT: Final = struct.Struct("<ddqdddddddd")
 _numbers: Final = attrgetter("time", "expires", "x", "y", "heading", "speed", "yaw_rate", "grade")
 _PROFILE: Final = struct.Struct("<dB")
 _FEEDBACK: Final = struct.Struct("<dqdddq")
-_VERDICT: Final = struct.Struct("<dddd")
+_STATUS: Final = struct.Struct("<dddd")
 _KIND_SETPOINT, _KIND_ACT, _KIND_FEEDBACK = 1, 2, 3
 # One knot more than a fallback path may have is sent, so that the gateway rejects a path that was too long.
 _KNOTS_SENT: Final = MAX_KNOTS + 1
@@ -51,7 +51,7 @@ class Feedback(NamedTuple):
     time: float  #: drive time of the step [s]
     sequence: int  #: of the newest setpoint accepted; -1 for none
     sent: float  #: drive time at which the send of the last command frame returned [s]; NaN for none
-    verdict: GatewayStatus  #: of the step
+    status: GatewayStatus  #: of the step
     measured_steering: float  #: road-wheel angle that the car reports [rad], left positive; NaN not reported
     wheel_speed: float  #: rear axle's speed from the wheels [m/s], forward positive; NaN not reported
     gear: str  #: that the car reports
@@ -60,7 +60,7 @@ class Feedback(NamedTuple):
 
 def encode_setpoint(setpoint: Setpoint) -> bytes:
     """Return the datagram of a setpoint; the note and the faults are cut at 255 bytes each and 64 faults."""
-    s, profile = setpoint, computed(setpoint.profile)
+    s, profile = setpoint, resolve_fallback_path(setpoint.profile)
     body = [
         _SETPOINT.pack(s.steering, s.acceleration, _whole(s.sequence), *_numbers(s)),
         b"\1" if s.emergency else b"\0",
@@ -109,14 +109,14 @@ def decode_operator_command(data: bytes) -> OperatorCommand | Malformed:
 
 def encode_feedback(feedback: Feedback) -> bytes:
     """Return the datagram of a feedback; lists of codes are cut at 64, each at 255 bytes."""
-    f, verdict = feedback, feedback.verdict
+    f, status = feedback, feedback.status
     body = [
         _FEEDBACK.pack(f.time, _whole(f.sequence), f.sent, f.measured_steering, f.wheel_speed, _whole(f.steps)),
-        _VERDICT.pack(verdict.steering, verdict.acceleration, verdict.brake_torque, verdict.throttle),
-        _text(verdict.state),
+        _STATUS.pack(status.steering, status.acceleration, status.brake_torque, status.throttle),
+        _text(status.state),
         _text(f.gear),
-        _texts(verdict.reasons),
-        _texts(verdict.limited),
+        _texts(status.reasons),
+        _texts(status.limited),
     ]
     return _sealed(_KIND_FEEDBACK, b"".join(body))
 
@@ -128,10 +128,10 @@ def decode_feedback(data: bytes) -> Feedback | Malformed:
 
 def _feedback(reader: _Reader) -> Feedback:
     time, sequence, sent, measured_steering, wheel_speed, steps = reader.take(_FEEDBACK)
-    steering, acceleration, brake_torque, throttle = reader.take(_VERDICT)
+    steering, acceleration, brake_torque, throttle = reader.take(_STATUS)
     state, gear, reasons, limited = ArmingState(reader.text()), reader.text(), reader.texts(), reader.texts()
-    verdict = GatewayStatus(state, reasons, steering, acceleration, limited, brake_torque, throttle)
-    return Feedback(time, sequence, sent, verdict, measured_steering, wheel_speed, gear, steps)
+    status = GatewayStatus(state, reasons, steering, acceleration, limited, brake_torque, throttle)
+    return Feedback(time, sequence, sent, status, measured_steering, wheel_speed, gear, steps)
 
 
 def _sealed(kind: int, body: bytes) -> bytes:

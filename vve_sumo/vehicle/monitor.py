@@ -38,7 +38,7 @@ class Monitor:
     ) -> None:
         self._ratio, self._wheel_bias = vehicle.steering_ratio, wheel_bias
         self._reports = CarReports(vehicle.wheel_radius, interface)
-        self._admission = SetpointValidator()
+        self._validator = SetpointValidator()
         self._standstill = Standstill()
         self._plausibility = Plausibility(vehicle, calibration)
         self._let_go_long = Debounce(DRIVER_TIME)
@@ -72,7 +72,7 @@ class Monitor:
     @property
     def sequence(self) -> int:
         """Sequence number of the drive's newest accepted setpoint; -1 for none."""
-        return -1 if self._admission.setpoint is None else self._admission.setpoint.sequence
+        return -1 if self._validator.setpoint is None else self._validator.setpoint.sequence
 
     @property
     def last_dbw_report(self) -> float:
@@ -94,12 +94,12 @@ class Monitor:
         faults += reports.consistency.faults(now)
         if setpoint is not None:
             faults += self._take(now, setpoint)
-        faults += self._admission.faults(now)
+        faults += self._validator.faults(now)
         return faults
 
     def _take(self, now: float, setpoint: Setpoint) -> list[str]:
         """Accept or reject a setpoint; of a rejected one, its fault codes and a fatal reason."""
-        rejection = self._admission.take(now, setpoint)
+        rejection = self._validator.take(now, setpoint)
         if rejection is None:
             self._accept(now, setpoint)
             return []
@@ -118,8 +118,8 @@ class Monitor:
         `fresh` says that the newest setpoint arrived at this step. The car is told to brake with `braking` [m/s2], None
         where nobody tells it, and to steer with the road-wheel angle `steering` [rad], NaN where nobody does.
         """
-        reports, standstill, setpoint = self._reports, self._standstill, self._admission.setpoint
-        if setpoint is not None and (_GUESSED in setpoint.faults or not self._admission.valid(now)):
+        reports, standstill, setpoint = self._reports, self._standstill, self._validator.setpoint
+        if setpoint is not None and (_GUESSED in setpoint.faults or not self._validator.valid(now)):
             setpoint = None
         known = reports.speed_known(now)
         fastest = reports.fastest_wheel if known and not reports.unchanged(now) > UNCHANGED_TIME else None

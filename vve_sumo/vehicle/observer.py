@@ -56,7 +56,7 @@ class Observer(Monitor):
         else:
             self._judge_idle(now, faults)
         if act is not None and (self._state is before or self._state is not ArmingState.FAULT):
-            self._obey(act)
+            self._apply_command(act)
         if self._state is ArmingState.ENGAGED and not self._going:
             self._notes.append("waiting_for_go")
         angle = self.measured_steering
@@ -75,9 +75,9 @@ class Observer(Monitor):
         faults = self._reports.take(now, [frame for frame in frames if frame.id not in self._commands])
         elapsed = max(now - self._last_now, 0.0) if math.isfinite(self._last_now) else 0.0
         self._last_now = now
-        taken = self._admission.setpoint
+        taken = self._validator.setpoint
         faults += self._look(now, setpoint)
-        fresh = self._admission.setpoint is not taken
+        fresh = self._validator.setpoint is not taken
         faults += self._compare(now, elapsed, fresh, braking=None, steering=math.nan)
         self._let_go = self._let_go_long.step(now, not self._standstill.moves)
         return faults
@@ -86,11 +86,11 @@ class Observer(Monitor):
         if self._state is ArmingState.FAULT:
             return
         missing = list(faults)
-        if not self._admission.valid(now):
+        if not self._validator.valid(now):
             missing.append("no_setpoint")
         if not self._standstill.certain:
             missing.append("not_standing")
-        self._happen(Event.CONDITIONS_LOST if missing else Event.CONDITIONS_MET, [])
+        self._apply_event(Event.CONDITIONS_LOST if missing else Event.CONDITIONS_MET, [])
         self._notes += missing
 
     def _judge_drive(self, now: float, faults: list[str]) -> None:
@@ -98,38 +98,38 @@ class Observer(Monitor):
         overrides = self._reports.overrides()
         self._old_overrides &= overrides
         if overrides - self._old_overrides:
-            self._happen(Event.OVERRIDE, ["driver_override", *faults])
+            self._apply_event(Event.OVERRIDE, ["driver_override", *faults])
             return
         under_way = self._state is ArmingState.STOPPING or (self._state is ArmingState.ENGAGED and self._going)
         if under_way and (signs := self._reports.driver()):
-            self._happen(Event.DRIVER, signs)
+            self._apply_event(Event.DRIVER, signs)
         if faults:
-            self._happen(Event.FAULT, faults)
-        if self._state is ArmingState.ENGAGED and not self._admission.valid(now):
-            self._happen(Event.EXPIRED, ["setpoint_expired"])
+            self._apply_event(Event.FAULT, faults)
+        if self._state is ArmingState.ENGAGED and not self._validator.valid(now):
+            self._apply_event(Event.EXPIRED, ["setpoint_expired"])
         if self._standstill.at_rest:
-            self._happen(Event.AT_REST, [])
+            self._apply_event(Event.AT_REST, [])
         if self._standing_long.step(now, self._state is ArmingState.STOPPED and self._standstill.at_rest):
-            self._happen(Event.PARKED, [])
+            self._apply_event(Event.PARKED, [])
 
-    def _obey(self, act: OperatorCommand) -> None:
+    def _apply_command(self, act: OperatorCommand) -> None:
         match act:
             case OperatorCommand.ENGAGE:
-                self._happen(Event.ENGAGE, [])
+                self._apply_event(Event.ENGAGE, [])
             case OperatorCommand.GO if self._state is ArmingState.ENGAGED and not self._reports.driver():
                 self._going = True
             case OperatorCommand.GO:
                 self._notes += ["go_too_early", *self._reports.driver()]
             case OperatorCommand.STOP:
-                self._happen(Event.STOP, ["stop_asked"])
+                self._apply_event(Event.STOP, ["stop_asked"])
             case OperatorCommand.STOP_BY_PAGE:
-                self._happen(Event.STOP, ["stop_asked_by_page"])
+                self._apply_event(Event.STOP, ["stop_asked_by_page"])
             case OperatorCommand.END:
-                self._happen(Event.STOP, ["drive_over"])
+                self._apply_event(Event.STOP, ["drive_over"])
             case OperatorCommand.DISARM:
-                self._happen(Event.DISARM, ["disarm_asked"])
+                self._apply_event(Event.DISARM, ["disarm_asked"])
 
-    def _happen(self, event: Event, causes: list[str]) -> None:
+    def _apply_event(self, event: Event, causes: list[str]) -> None:
         """Apply `event` to the arming state, and keep the causes of what ends the drive."""
         before, after = self._state, transition(self._state, event)
         self._state = after

@@ -12,7 +12,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Final
 
-from vve_sumo.frozen import quickly_made
+from vve_sumo.frozen import fast_frozen
 from vve_sumo.values import Setpoint, Vehicle
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.drift import DELAY, DriftCheck, Sample
@@ -48,7 +48,9 @@ MAX_BIAS: Final = 0.05  # what turns faster at standstill is no bias [rad/s]
 STEERING_DIFFERENCE: Final = 0.06  # [rad/s]
 STEERING_SHARE: Final = 0.20  # of the yaw rate that the angle should give
 
-# A report is frozen if it is the same to the last bit while its reference has been off by these changes for this long.
+# A report is frozen if it is the same to the last bit while its reference has been off by these changes for this long:
+# off what the reference was then, and off what the report says. The report of a car that has just stopped stays the same
+# too, while a receiver whose fixes are late goes on falling towards it.
 FROZEN_TIME: Final = 0.5  # [s]
 FROZEN_SPEED_CHANGE: Final = 0.20  # of the receiver's speed meanwhile [m/s]
 FROZEN_YAW_RATE_CHANGE: Final = 0.04  # of the receiver's yaw rate meanwhile [rad/s]
@@ -56,7 +58,7 @@ FROZEN_STEERING_CHANGE: Final = 0.03  # of the commanded road-wheel angle meanwh
 
 
 # Dataclasses and not tuples, here and below: each field is read several times, which tuples with names make dear.
-@quickly_made
+@fast_frozen
 @dataclass(frozen=True, slots=True)
 class CarMotion:
     """The car's motion at one step by its own sensors, with the commanded steering."""
@@ -69,7 +71,7 @@ class CarMotion:
     stands: bool  #: by all evidence
 
 
-@quickly_made
+@fast_frozen
 @dataclass(frozen=True, slots=True)
 class _Place:
     """A pose of a setpoint, with the dead-reckoned pose at the same time."""
@@ -96,21 +98,25 @@ class _Place:
 
 
 class _Frozen:
-    """Detects a value that stays the same while its reference changes."""
+    """Detects a report that stays the same while its reference changes away from it."""
 
-    __slots__ = ("_change", "_long", "_reference", "_value")
+    __slots__ = ("_change", "_long", "_reference", "_report")
 
     def __init__(self, change: float) -> None:
         self._change = change
-        self._value: object = None
+        self._report: object = None
         self._long = Debounce(FROZEN_TIME)
         self._reference = math.nan
 
-    def step(self, now: float, value: object, reference: float) -> bool:
-        """Whether `value` has stayed the same although `reference` has been off its value of then for too long."""
-        if value != self._value or not math.isfinite(reference):
-            self._value, self._reference = value, reference
-        return self._long.step(now, abs(reference - self._reference) > self._change)
+    def step(self, now: float, report: object, value: float, reference: float) -> bool:
+        """Whether `report` has stayed the same for too long with `reference` off both its value of then and `value`.
+
+        `value` is what the report says of the quantity that `reference` measures.
+        """
+        if report != self._report or not math.isfinite(reference):
+            self._report, self._reference = report, reference
+        changed = abs(reference - self._reference) > self._change
+        return self._long.step(now, changed and abs(reference - value) > self._change)
 
 
 class Plausibility:
@@ -177,11 +183,11 @@ class Plausibility:
             reasons.append("speed_mismatch")
         if self._yaw_rate_differs.step(now, not abs(setpoint.yaw_rate - car.yaw_rate) <= YAW_RATE_DIFFERENCE):
             reasons.append("yaw_rate_mismatch")
-        if self._wheels.step(now, car.wheels, setpoint.speed):
+        if self._wheels.step(now, car.wheels, car.speed, setpoint.speed):
             reasons.append("wheel_speeds_frozen")
-        if self._gyroscope.step(now, car.yaw_rate, setpoint.yaw_rate):
+        if self._gyroscope.step(now, car.yaw_rate, car.yaw_rate - self._bias, setpoint.yaw_rate):
             reasons.append("yaw_rate_frozen")
-        if self._steering_report.step(now, car.steering, car.commanded_steering):
+        if self._steering_report.step(now, car.steering, car.steering, car.commanded_steering):
             reasons.append("steering_report_frozen")
         return reasons
 

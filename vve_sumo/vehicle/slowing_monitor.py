@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.actuation import Pedals
 from vve_sumo.vehicle.brake_monitor import added
-from vve_sumo.vehicle.calibration import GRAVITY, Calibration
+from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.standstill import MAX_BRAKING
 
 # What any sound car does at least. Brakes that give 10 % more torque than calibrated, on a car 15 % lighter, have a

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vve_sumo.analysis.run import Run
 from vve_sumo.metrics.lead_vehicle import index_of_tick
-from vve_sumo.values import Actors, FallbackPath, Floats, Point, Pose, Setpoint, computed
+from vve_sumo.values import Actors, FallbackPath, Floats, Point, Pose, Setpoint, resolve_fallback_path
 from vve_sumo.vehicle import link
 from vve_sumo.view.frames import Column, Frames, coded, pack, radar_scans
 from vve_sumo.view.lot_view import LotView
@@ -162,5 +162,5 @@ def _profiles(run: Run) -> dict[int, tuple[float, FallbackPath | None]]:
         row = rows[min(np.searchsorted(times[rows], run.time[at]), len(rows) - 1)]
         setpoint = link.decode_setpoint(datagrams[row])
         if isinstance(setpoint, Setpoint) and abs(setpoint.time - run.time[at]) < FOOTPRINT_STEP * run.period:
-            found[at] = (float(steering[at]), computed(setpoint.profile))
+            found[at] = (float(steering[at]), resolve_fallback_path(setpoint.profile))
     return found

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import libsumo
 
-from vve_sumo.frozen import quickly_made
+from vve_sumo.frozen import fast_frozen
 from vve_sumo.values import Point, Pose, Vehicle
 from vve_sumo.world.lanes import Lanes
 from vve_sumo.world.simulation import SUMO_ERRORS
@@ -56,7 +56,7 @@ SPEED_FACTOR = 5.0
 _ERROR_CODES = ("ego_sync_position", "ego_sync_heading", "ego_sync_speed")
 
 
-@quickly_made
+@fast_frozen
 @dataclass(frozen=True, slots=True)
 class EgoSyncReport:
     """Whether SUMO has the ego at the requested pose, after one step."""

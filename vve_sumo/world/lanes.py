@@ -16,7 +16,7 @@ import libsumo
 import numpy as np
 from numpy.typing import NDArray
 
-from vve_sumo.frozen import quickly_made
+from vve_sumo.frozen import fast_frozen
 from vve_sumo.geometry import Box, Corners
 from vve_sumo.values import Floats
 from vve_sumo.world.coverage import Band, covered
@@ -63,7 +63,7 @@ class Lane:
         return band.x + along * band.cos, band.y + along * band.sin, math.atan2(band.sin, band.cos)
 
 
-@quickly_made
+@fast_frozen
 @dataclass(frozen=True, slots=True)
 class Cut:
     """The part of a lane that a box covers."""

@@ -112,7 +112,7 @@ class Obstacles:
             raise ConfigError(f"obstacle {twice}: every obstacle needs a name of its own")
         self._lanes = lanes
         self.declared = tuple((obstacle, body(obstacle, lanes)) for obstacle in obstacles)
-        self.stand_ins: frozenset[str] = frozenset()
+        self.proxies: frozenset[str] = frozenset()
 
     def enter(self) -> None:
         """Put the proxies on the still empty road; they are effective from the coming step on."""
@@ -120,11 +120,11 @@ class Obstacles:
         for cut in self._blocked():
             names.append(f"{OBSTACLE_PROXY_TYPE}.{len(names)}")
             self._stand(names[-1], cut)
-        self.stand_ins = frozenset(names)
+        self.proxies = frozenset(names)
 
     def settle(self) -> None:
         """Declare the proxies' stops, one step after `enter`: SUMO accepts a stop only for a vehicle on its lane."""
-        for name in self.stand_ins:
+        for name in self.proxies:
             lane = libsumo.vehicle.getLaneID(name)
             edge, _, index = lane.rpartition("_")
             libsumo.vehicle.setStop(name, edge, libsumo.vehicle.getLanePosition(name), int(index), FOREVER)

@@ -36,7 +36,7 @@ class ScenarioActors:
     def __init__(self, lanes: Lanes) -> None:
         self._lanes = lanes
         self._on: tuple[ActorState, ...] = ()
-        self._shadows: dict[str, Shadow] = {}
+        self._shadows: dict[str, ActorProxies] = {}
         self.ids: frozenset[str] = frozenset()  #: names of the actors' proxies
 
     def place(self, actors: Sequence[ActorState]) -> tuple[ActorState, ...]:
@@ -50,7 +50,7 @@ class ScenarioActors:
             self._shadows.pop(name).leave()
         entered = tuple(actor for actor in self._on if actor.id not in self._shadows)
         for actor in entered:
-            self._shadows[actor.id] = Shadow(actor, self._lanes)
+            self._shadows[actor.id] = ActorProxies(actor, self._lanes)
         return entered
 
     def show(self) -> None:
@@ -67,7 +67,7 @@ class ScenarioActors:
             yield actor, cross_section(SUMO_CLASSES.get(actor.kind, actor.kind))
 
 
-class Shadow:
+class ActorProxies:
     """The proxies of one actor."""
 
     def __init__(self, actor: ActorState, lanes: Lanes) -> None:

@@ -37,7 +37,7 @@ MOVE_TOLERANCE: Final = 5.0
 
 
 class World:
-    """A SUMO road with one external ego. Per tick: `place`, `play`, `step`, then read.
+    """A SUMO road with one external ego. Per tick: `place`, `set_actors`, `step`, then read.
 
     `step` brings the road to the time of the pose placed last; `actors` are those around the ego at that time.
     """
@@ -121,7 +121,7 @@ class World:
         return self._standoffs
 
     @property
-    def ghost_lanes(self) -> tuple[str, ...]:
+    def proxy_lanes(self) -> tuple[str, ...]:
         """Lanes on which traffic sees a proxy of the ego now."""
         return self._proxies.lanes
 
@@ -149,7 +149,7 @@ class World:
                 raise SimulationError(f"SUMO does not let the ego in: {problem}") from problem
         self._pose = pose
 
-    def play(self, players: Sequence[ActorState]) -> None:
+    def set_actors(self, players: Sequence[ActorState]) -> None:
         """Have exactly these actors of the scenario on the road at the next tick, besides traffic and obstacles.
 
         They may be put anywhere. Where one enters, traffic that overlaps it or could not stop behind it is taken off
@@ -269,7 +269,7 @@ class World:
                 self._standoffs += (name,)
 
     def _hidden(self) -> frozenset[str]:
-        return self._proxies.ids | self._players.ids | self._obstacles.stand_ins | {EGO}
+        return self._proxies.ids | self._players.ids | self._obstacles.proxies | {EGO}
 
     def _time(self) -> float:
         return self._start + (self._steps - 1) * self._period

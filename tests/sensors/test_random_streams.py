@@ -11,9 +11,9 @@ import pytest
 from scipy import stats
 
 from tests.sensors.scenes import FUSION, actors, car, rear_axle
-from vve_sumo.sensors.chance import Luck, stream
 from vve_sumo.sensors.falsealarm import RANGE_RATE_SPAN
-from vve_sumo.sensors.radar import ESR_MODES, NOBODY, Radar, RadarConfig, Scan
+from vve_sumo.sensors.radar import ESR_MODES, NO_ACTOR, Radar, RadarConfig, Scan
+from vve_sumo.sensors.random_streams import CorrelatedNoise, stream
 
 #: the flaws of a radar whose numbers are to be looked at: neither latency nor quanta, every target detected
 PLAIN = replace(
@@ -63,7 +63,7 @@ def test_who_was_not_looked_at_for_a_while_comes_back_with_other_errors(away: in
     """Many actors, each looked at twice: the correlation over the pause is the declared one to its power."""
     pairs = []
     for number in range(4000):
-        luck = Luck(stream(SEED, f"actor{number}"), 0.8, 50_000)
+        luck = CorrelatedNoise(stream(SEED, f"actor{number}"), 0.8, 50_000)
         pairs.append((luck.at(0)[1], luck.at(away * 50_000)[1]))
     first, second = np.array(pairs).T
     assert np.corrcoef(first, second)[0, 1] == pytest.approx(expected, abs=5.0 / math.sqrt(4000))
@@ -71,7 +71,7 @@ def test_who_was_not_looked_at_for_a_while_comes_back_with_other_errors(away: in
 
 
 def test_scans_that_come_40_and_60_ms_apart_correlate_by_their_time() -> None:
-    luck, errors = Luck(stream(SEED, "one"), 0.45, 50_000), []
+    luck, errors = CorrelatedNoise(stream(SEED, "one"), 0.45, 50_000), []
     for index in range(40_000):
         errors.append(luck.at(index // 2 * 100_000 + (60_000 if index % 2 else 0))[3])
     after_60, after_40 = np.array(errors).reshape(-1, 2).T, np.array(errors[1:-1]).reshape(-1, 2).T
@@ -97,7 +97,7 @@ def seen(result: Scan) -> list[tuple[float, float, float, int]]:
     rows = zip(
         found.range.tolist(), found.azimuth.tolist(), found.range_rate.tolist(), found.mode.tolist(), strict=True
     )
-    return [row for row, name in zip(rows, result.actors, strict=True) if name == NOBODY]
+    return [row for row, name in zip(rows, result.actors, strict=True) if name == NO_ACTOR]
 
 
 @pytest.mark.parametrize("rate", [0.1, 2.5])

@@ -38,7 +38,7 @@ def stream(seed: bytes, name: str) -> np.random.Generator:
     return np.random.Generator(np.random.PCG64(_NamedSeed(seed, name)))  # type: ignore[arg-type]
 
 
-class Luck:
+class CorrelatedNoise:
     """Random numbers of one actor: first-order Gauss-Markov errors of variance 1, and a fresh uniform each time.
 
     Errors a period apart are correlated by `correlation`, errors farther apart by the corresponding power of it: after

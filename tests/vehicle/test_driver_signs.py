@@ -1,0 +1,90 @@
+"""A foot shows in brake torque that nobody commanded: how much of it, for how long, and how soon after a command."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from tests import vehicles
+from vve_sumo.vehicle.driver_signs import DriverSigns
+
+#: its torque is explained for 0.15 s, the delay and three lags after a command: 0.395 s
+BRAKES = replace(vehicles.FUSION.vehicle, brake_delay=0.095, brake_lag=0.05)
+
+
+def signs(*steps: tuple[float, float, float, float]) -> list[bool]:
+    """Whether a foot shows at each of several steps: time [s], torque commanded, reported, and the foot's [N m]."""
+    compared, then, shown = DriverSigns(BRAKES), steps[0][0], []
+    for now, commanded, reported, foot in steps:
+        shown.append(compared.step(now, now - then, commanded, reported, foot))
+        then = now
+    return shown
+
+
+def latches(*steps: tuple[float, float, float, float]) -> list[bool]:
+    """Whether the brakes are taken to be latched after each of several steps."""
+    compared, then, latched = DriverSigns(BRAKES), steps[0][0], []
+    for now, commanded, reported, foot in steps:
+        compared.step(now, now - then, commanded, reported, foot)
+        latched.append(compared.brakes_latched)
+        then = now
+    return latched
+
+
+@pytest.mark.parametrize(("torque", "foot"), [(150.0, False), (150.4, True), (290.0, True)])
+def test_a_foot_is_more_than_150_newton_metres(torque: float, foot: bool) -> None:
+    assert signs((0.0, 0.0, torque, 0.0), (0.03, 0.0, torque, 0.0)) == [False, foot]
+
+
+def test_a_foot_lasts_for_two_reports() -> None:
+    assert signs((0.0, 0.0, 200.0, 0.0), (0.028, 0.0, 200.0, 0.0), (0.03, 0.0, 200.0, 0.0)) == [False, False, True]
+
+
+def test_a_car_that_reports_no_torque_shows_none() -> None:
+    assert signs(*((0.02 * step, 0.0, float("nan"), float("nan")) for step in range(50))) == [False] * 50
+
+
+@pytest.mark.parametrize(("excess", "foot"), [(149.5, False), (150.5, True)])
+def test_a_commanded_torque_explains_as_much_and_15_percent_until_it_could_be_released(
+    excess: float, foot: bool
+) -> None:
+    """2000 N m until 0 s, then none: explained for the delay, 0.395 s, and from then on 8000 N m less each second."""
+    steps = []
+    for step in range(-10, 81):
+        since = max(step - 39, 0)  # steps of 10 ms beyond the delay
+        explained = max(2000.0 - 80.0 * since, 0.0)
+        steps.append((0.01 * step, 2000.0 if step <= 0 else 0.0, 1.15 * explained + excess, 0.0))
+    assert signs(*steps) == [False] * 3 + [foot] * (len(steps) - 3)
+
+
+def test_a_smaller_command_does_not_end_what_a_larger_one_explains() -> None:
+    steps = [(0.0, 1000.0, 0.0, 0.0), (0.1, 300.0, 1200.0, 0.0), (0.2, 500.0, 1200.0, 0.0), (0.3, 0.0, 1200.0, 0.0)]
+    assert signs(*steps) == [False] * 4
+
+
+@pytest.mark.parametrize("reported", [True, False])
+@pytest.mark.parametrize(("torque", "latched"), [(450.0, False), (455.0, True), (800.0, True)])
+def test_a_foot_of_450_newton_metres_latches_the_brakes_after_80_milliseconds(
+    torque: float, latched: bool, reported: bool
+) -> None:
+    shown = (0.0, torque, 0.0) if reported else (0.0, 0.0, torque)
+    assert latches((0.0, *shown), (0.079, *shown), (0.08, *shown), (0.09, 0.0, 0.0, 0.0)) == [
+        False, False, latched, latched
+    ]  # fmt: skip
+
+
+def test_nothing_is_explained_before_the_first_command() -> None:
+    assert signs((0.0, 0.0, 150.5, 0.0), (0.03, 0.0, 150.5, 0.0)) == [False, True]
+
+
+def test_what_was_before_a_reset_does_not_count() -> None:
+    compared = DriverSigns(BRAKES)
+    compared.step(0.0, 0.0, 0.0, 800.0, 0.0)
+    compared.reset()
+    assert not compared.step(0.08, 0.08, 0.0, 800.0, 0.0)
+    assert not compared.brakes_latched
+    assert compared.step(0.16, 0.08, 0.0, 800.0, 0.0)
+    assert compared.brakes_latched
+    compared.reset()
+    assert not compared.brakes_latched
