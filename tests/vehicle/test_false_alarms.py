@@ -68,5 +68,5 @@ def test_a_car_that_stops_before_its_late_fixes_do_has_no_frozen_wheels(imperfec
         fastest = max(fastest, ticked.truth.speed)
         if fastest > 4.5 and ticked.truth.speed == 0.0:
             stood += PERIOD
-        assert ticked.verdict.state is not ArmingState.STOPPING, ticked.verdict.reasons
+        assert ticked.status.state is not ArmingState.STOPPING, ticked.status.reasons
     assert stood > 1.0
