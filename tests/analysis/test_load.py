@@ -218,7 +218,7 @@ def test_whatever_else_a_folder_holds_is_said_and_what_to_load_instead(tmp_path:
     record.mkdir(parents=True)
     for ending in ("csv", "json", "md"):
         (tmp_path / "suite" / f"r152.{ending}").write_text("[]", encoding="utf-8")
-    refused(tmp_path / "suite", r"the outcome of the suite r152, whose rows stand in r152\.csv; --keep keeps")
+    refused(tmp_path / "suite", r"the outcome of the suite r152, whose rows stand in r152\.csv; --keep-records keeps")
     (record / "scenario.json").write_text("{}", encoding="utf-8")
     refused(tmp_path / "suite", rf"suite r152, .*; it holds others, such as {record}$")
     refused(record / "scenario.json", rf"a part of a record; load its folder, {record}$")

@@ -118,7 +118,7 @@ sweep far --out x
 sweep parked_car_speeds --out full
 sweep parked_car_speeds --out x --workers 0
 sweep parked_car_speeds --out x --workers many
-sweep parked_car_speeds --out x --keep nobody
+sweep parked_car_speeds --out x --keep-records nobody
 sweep parked_car_speeds --out x --search
 sweep parked_car_speeds --out x --vehicle nothing
 sweep parked_car_speeds --out x --rig nothing
@@ -133,15 +133,15 @@ sweep --rerun nowhere KEY
 sweep parked_car_speeds --rerun full KEY
 sweep --rerun full
 study
-study cliff
-study cliff nowhere --out x
-study cliff parked_car --out full
-study cliff parked_car --out x --rig nothing
-study cliff parked_car --out x --delays-ms 5000
-study cliff parked_car --out x --delays-ms a,b
-study cliff parked_car --out x --noise nan
-study cliff parked_car --out x --seeds 0
-study cliff parked_car --out x --workers -3
+study latency
+study latency nowhere --out x
+study latency parked_car --out full
+study latency parked_car --out x --rig nothing
+study latency parked_car --out x --delays-ms 5000
+study latency parked_car --out x --delays-ms a,b
+study latency parked_car --out x --noise nan
+study latency parked_car --out x --seeds 0
+study latency parked_car --out x --workers -3
 align --rig nowhere
 calibrate nowhere
 calibrate full
@@ -176,8 +176,8 @@ view nowhere --html x.html
 view full full full
 render nowhere --png
 render full --png
-export nowhere --csv
-export full --mcap
+export nowhere csv
+export full mcap
 network build missing.osm --out x.net.xml
 network build torn.osm.xml.gz --out x.net.xml
 network edges bent.net.xml 0 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import shutil
 import subprocess
 import sys
@@ -13,6 +14,7 @@ import pytest
 from tests import isolated
 from tests.conftest import REPOSITORY
 from vve_sumo.cli import main, scenarios
+from vve_sumo.cli.dispatch import COMMANDS
 
 SCENARIO = (REPOSITORY / "scenarios" / "parked_car.toml").read_text(encoding="utf-8")
 
@@ -33,7 +35,7 @@ def vve_sumo(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
 def test_help_names_every_command_and_the_exit_codes(tmp_path: Path) -> None:
     run = vve_sumo("--help", cwd=tmp_path)
     assert run.returncode == 0
-    for word in ("drive", "pose", "path", "network", "design", "init", "exit codes"):
+    for word in ("drive", "pose", "path", "network", "steering-margin", "init", "exit codes"):
         assert word in run.stdout
     assert "examples" in vve_sumo("drive", "--help", cwd=tmp_path).stdout
 
@@ -303,3 +305,66 @@ def test_a_defect_of_ours_is_no_failed_drive(
     assert "ZeroDivisionError: in a command" in capsys.readouterr().err
     monkeypatch.setattr(scenarios, "run", gone)
     assert main(["scenarios"]) == 141
+
+
+@pytest.mark.parametrize(
+    ("arguments", "now"),
+    [
+        (["align", "--rig", "ours", "--store"], "--store is now --write"),
+        (["align", "--rig", "ours", "--fit", "--cut", "a.csv"], "--cut is now --write-shortened-path"),
+        (["calibrate", "--rig", "ours", "--leave=mass"], "--leave is now --keep-values"),
+        (["study", "cliff", "parked_car"], "cliff is now vve-sumo study latency"),
+        (["design"], "design is now vve-sumo steering-margin"),
+        (["export", "runs/mine", "--csv"], "required: FORMAT, such as csv"),
+    ],
+)
+def test_a_former_spelling_gets_one_line_with_the_new_one(
+    arguments: list[str], now: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as wrong:
+        main(arguments)
+    assert wrong.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert now in line
+
+
+def test_every_command_says_its_own_exit_codes(capsys: pytest.CaptureFixture[str]) -> None:
+    drives = {"drive", "study", "suite", "sweep", "certify", "hunt", "calibrate", "replay", "compare"}
+    for command in COMMANDS:
+        name = command.__name__.rpartition(".")[2].replace("_", "-")
+        with pytest.raises(SystemExit):
+            main([name, "--help"])
+        text = capsys.readouterr().out
+        assert "exit codes:" in text
+        assert name in drives or "\n  1  " not in text, f"{name}: exit code 1 is for what was driven and failed"
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh"])
+def test_a_shell_completes_commands_and_options(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["completion", shell]) == 0
+    script = capsys.readouterr().out
+    for word in ("steering-margin", "--override-doctor", "export"):
+        assert word in script
+
+
+def test_bash_takes_the_completion(tmp_path: Path) -> None:
+    script = vve_sumo("completion", "bash", cwd=tmp_path).stdout
+    (tmp_path / "completion.sh").write_text(script, encoding="utf-8")
+    asks = (
+        "source completion.sh; COMP_WORDS=(vve-sumo steer); COMP_CWORD=1; "
+        'complete -p vve-sumo | grep -o -- "-F [^ ]*" | { read -r _ name; $name; echo "${COMPREPLY[@]}"; }'
+    )
+    run = subprocess.run(["bash", "-c", asks], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+    assert run.stdout.split() == ["steering-margin"], run.stderr
+
+
+def test_a_program_reads_what_a_command_prints(tmp_path: Path) -> None:
+    listed = json.loads(vve_sumo("scenarios", "--json", cwd=tmp_path).stdout)
+    assert {"name", "title", "network", "others", "passes_if"} == set(listed[0])
+    examined = vve_sumo("doctor", "--json", cwd=tmp_path)
+    said = json.loads(examined.stdout)
+    assert said["verdict"] == ("GO" if examined.returncode == 0 else "NO-GO")
+    assert {"name", "finding", "found", "advice"} <= set(said["checks"][0])
+    drive = vve_sumo("drive", "seen_late", "--out", "late", "--quiet", "--json", cwd=tmp_path)
+    summary = json.loads(drive.stdout)
+    assert summary == {"record": "late"} | json.loads((tmp_path / "late" / "summary.json").read_text())

@@ -1,4 +1,4 @@
-"""`vve-sumo study cliff` as a user meets it: the table, the dataset and the picture; one line for what is wrong."""
+"""`vve-sumo study latency` as a user meets it: the table, the dataset and the picture; one line for what is wrong."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def studied(folder: Path) -> subprocess.CompletedProcess[str]:
     """The study of the short scenario, in the workspace's folder `cliff`."""
-    done = isolated.command("study", "cliff", "short", "--out", "cliff", *STEPS, "--quiet", cwd=folder)
+    done = isolated.command("study", "latency", "short", "--out", "cliff", *STEPS, "--quiet", cwd=folder)
     assert done.returncode == 0, done.stderr
     return done
 
@@ -72,11 +72,11 @@ def test_a_study_end_to_end(folder: Path, studied: subprocess.CompletedProcess[s
     assert kept - late == pytest.approx(SPEED * 0.1, abs=0.05)
     rows = (folder / "cliff" / "rows" / "part-00000.parquet").read_bytes()
 
-    again = isolated.command("study", "cliff", "short", "--out", "cliff", *STEPS, cwd=folder)
+    again = isolated.command("study", "latency", "short", "--out", "cliff", *STEPS, cwd=folder)
     assert (again.returncode, again.stderr.count("\n")) == (2, 1)
     assert "--resume goes on with it" in again.stderr
     (folder / "cliff" / "latency_margin.png").unlink()
-    resumed = isolated.command("study", "cliff", "short", "--out", "cliff", *STEPS, "--resume", "--quiet", cwd=folder)
+    resumed = isolated.command("study", "latency", "short", "--out", "cliff", *STEPS, "--resume", "--quiet", cwd=folder)
     assert (resumed.returncode, resumed.stdout) == (0, studied.stdout)
     assert (folder / "cliff" / "latency_margin.png").exists()
     assert (folder / "cliff" / "rows" / "part-00000.parquet").read_bytes() == rows
@@ -97,7 +97,7 @@ def test_a_study_end_to_end(folder: Path, studied: subprocess.CompletedProcess[s
 )
 def test_what_is_wrong_is_one_line(folder: Path, arguments: tuple[str, ...], says: str) -> None:
     out = () if "--out" in arguments else ("--out", "new")
-    done = isolated.command("study", "cliff", *arguments, *out, cwd=folder)
+    done = isolated.command("study", "latency", *arguments, *out, cwd=folder)
     assert done.returncode == 2
     assert says in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1

@@ -59,7 +59,7 @@ def stored(rig: Path) -> tuple[complex, complex]:
 @pytest.mark.live
 def test_where_the_car_stands_becomes_the_start_of_the_path(tmp_path: Path) -> None:
     rig = own_rig(tmp_path)
-    run = vve_sumo("align", "seen_late", "--rig", str(rig), "--yes", "--picture", "lot.png", cwd=tmp_path)
+    run = vve_sumo("align", "seen_late", "--rig", str(rig), "--write", "--picture", "lot.png", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     turn, shift = stored(rig)
     path = on_the_street()
@@ -164,7 +164,7 @@ def test_bad_surveys_are_refused_in_one_line(change, words: str, tmp_path: Path)
     rig = own_rig(tmp_path)
     before = rig.read_text(encoding="utf-8")
     file = pairs_file(tmp_path, change(true_places()))
-    run = isolated.command("align", "seen_late", "--rig", str(rig), "--pairs", str(file), "--yes", cwd=tmp_path)
+    run = isolated.command("align", "seen_late", "--rig", str(rig), "--pairs", str(file), "--write", cwd=tmp_path)
     assert run.returncode == 2
     assert len(run.stderr.strip().splitlines()) == 1
     assert words in run.stderr
@@ -191,7 +191,7 @@ def test_files_of_pairs_that_are_none_are_refused(text: str, words: str, tmp_pat
 def test_a_search_in_the_twins_lot_fits_the_path(tmp_path: Path) -> None:
     rig = own_rig(tmp_path)
     run = isolated.command(
-        "align", "seen_late", "--rig", str(rig), "--fit", "--store", "--picture", "lot.png", cwd=tmp_path
+        "align", "seen_late", "--rig", str(rig), "--fit", "--write", "--picture", "lot.png", cwd=tmp_path
     )
     assert run.returncode == 0, run.stderr
     loaded = rigs.load(rig)
@@ -235,7 +235,7 @@ def runway(length: float, width: float = 24.0) -> tuple[str, str]:
 @pytest.mark.slow
 def test_a_path_too_long_is_cut_where_it_still_fits(tmp_path: Path) -> None:
     rig = own_rig(tmp_path, runway(160.0))
-    options = ("--fit", "--picture", "lot.png", "--cut", "short.csv", "--store")
+    options = ("--fit", "--picture", "lot.png", "--write-shortened-path", "short.csv", "--write")
     run = isolated.command("align", "calibration", "--rig", str(rig), *options, cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert shows(tmp_path / "lot.png", ALARM)
@@ -257,7 +257,7 @@ def test_a_path_too_long_is_cut_where_it_still_fits(tmp_path: Path) -> None:
 def test_a_place_where_the_path_does_not_fit_is_not_stored(tmp_path: Path) -> None:
     rig = own_rig(tmp_path, runway(160.0))
     before = rig.read_text(encoding="utf-8")
-    run = vve_sumo("align", "calibration", "--rig", str(rig), "--yes", cwd=tmp_path)
+    run = vve_sumo("align", "calibration", "--rig", str(rig), "--write", cwd=tmp_path)
     assert run.returncode == 3
     assert "--fit" in run.stderr
     assert rig.read_text(encoding="utf-8") == before
@@ -285,6 +285,8 @@ def test_a_scenario_too_fast_for_the_lot_names_both(tmp_path: Path) -> None:
 
 
 def test_a_cut_without_a_search_is_refused(tmp_path: Path) -> None:
-    run = isolated.command("align", "--rig", str(own_rig(tmp_path)), "--cut", "short.csv", cwd=tmp_path)
+    run = isolated.command(
+        "align", "--rig", str(own_rig(tmp_path)), "--write-shortened-path", "short.csv", cwd=tmp_path
+    )
     assert run.returncode == 2
     assert "--fit" in run.stderr

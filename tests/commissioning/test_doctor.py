@@ -60,7 +60,7 @@ def test_the_twin_is_go(tmp_path: Path) -> None:
 @pytest.mark.live
 def test_a_stored_alignment_says_where_the_car_stands_on_it(tmp_path: Path) -> None:
     rig = own_rig(tmp_path)
-    assert vve_sumo("align", "seen_late", "--rig", str(rig), "--yes", cwd=tmp_path).returncode == 0
+    assert vve_sumo("align", "seen_late", "--rig", str(rig), "--write", cwd=tmp_path).returncode == 0
     run = vve_sumo("doctor", "seen_late", "--rig", str(rig), cwd=tmp_path)
     finding, text = told(run, "start")
     assert finding == "go"

@@ -37,7 +37,7 @@ def files(folder: Path) -> set[str]:
 def test_the_working_folder_is_where_an_export_goes(
     working: Path, name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["export", "runs/mine", f"--{name}"]) == 0
+    assert main(["export", "runs/mine", name]) == 0
     written = files(working) - {"runs"}
     first, *rest = capsys.readouterr().out.splitlines()
     assert re.fullmatch(rf"{name}: (\w+_)?mine{re.escape(FORMATS[name].ending)}", first)
@@ -46,8 +46,8 @@ def test_the_working_folder_is_where_an_export_goes(
 
 def test_it_goes_to_a_file_or_into_a_folder_that_is_asked_for(working: Path) -> None:
     (working / "out").mkdir()
-    assert main(["export", "runs/mine", "--fcd", "--out", "out"]) == 0
-    assert main(["export", "runs/mine", "--csv", "--out", "out/crash.csv"]) == 0
+    assert main(["export", "runs/mine", "fcd", "--out", "out"]) == 0
+    assert main(["export", "runs/mine", "csv", "--out", "out/crash.csv"]) == 0
     assert files(working / "out") == {"mine.fcd.xml", "crash.csv", "crash.actors.csv", "crash.columns.csv"}
 
 
@@ -65,12 +65,12 @@ def test_python_has_the_same(working: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["nowhere", "--csv"], "nowhere: not there"),
-        (["runs", "--csv"], "runs: neither a record nor a dataset"),
-        (["runs/speeds", "--fcd"], "runs/speeds: a sweep's folder; fcd is of one drive: a record, such as "),
-        (["runs/mine", "--csv", "--out", "no/mine.csv"], "no: no such folder for mine.csv"),
-        (["runs/mine", "--csv", "--out", "taken.csv"], "taken.columns.csv: there already"),
-        (["runs/mine", "--fcd", "--out", "taken.columns.csv"], "taken.columns.csv: there already"),
+        (["nowhere", "csv"], "nowhere: not there"),
+        (["runs", "csv"], "runs: neither a record nor a dataset"),
+        (["runs/speeds", "fcd"], "runs/speeds: a sweep's folder; fcd is of one drive: a record, such as "),
+        (["runs/mine", "csv", "--out", "no/mine.csv"], "no: no such folder for mine.csv"),
+        (["runs/mine", "csv", "--out", "taken.csv"], "taken.columns.csv: there already"),
+        (["runs/mine", "fcd", "--out", "taken.columns.csv"], "taken.columns.csv: there already"),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line_and_nothing_is_written(
@@ -84,8 +84,19 @@ def test_what_is_wrong_is_said_in_one_line_and_nothing_is_written(
     assert (working / "taken.columns.csv").read_text() == "kept"
 
 
-@pytest.mark.parametrize("arguments", [[], ["--csv", "--fcd"], ["--xlsx"]])
-def test_one_format_is_asked_for(working: Path, arguments: list[str]) -> None:
+def test_several_formats_are_written_all_of_them_or_none(working: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (working / "out").mkdir()
+    assert main(["export", "runs/mine", "fcd", "blf", "fcd", "--out", "out"]) == 0
+    assert files(working / "out") == {"mine.fcd.xml", "mine.blf"}
+    assert main(["export", "runs/mine", "csv", "blf", "--out", "out"]) == 2, "the log is there already"
+    assert files(working / "out") == {"mine.fcd.xml", "mine.blf"}
+    assert main(["export", "runs/mine", "csv", "asc", "--out", "out/mine.csv"]) == 2
+    assert "2 formats make several files" in capsys.readouterr().err
+    assert files(working / "out") == {"mine.fcd.xml", "mine.blf"}
+
+
+@pytest.mark.parametrize("arguments", [[], ["xlsx"], ["--xlsx"]])
+def test_a_format_is_asked_for(working: Path, arguments: list[str]) -> None:
     with pytest.raises(SystemExit) as wrong:
         main(["export", "runs/mine", *arguments])
     assert wrong.value.code == 2
@@ -110,7 +121,7 @@ def test_an_extra_that_is_missing_is_named(
     needs: str,
 ) -> None:
     monkeypatch.setitem(sys.modules, package, None)
-    assert main(["export", "runs/mine", f"--{form}"]) == 2
+    assert main(["export", "runs/mine", form]) == 2
     assert capsys.readouterr().err == f"vve-sumo: {needs}: pip install 'vve-sumo[{form}]'\n"
     assert files(working) == {"runs"}
 
@@ -119,7 +130,7 @@ def test_a_killed_drive_is_exported_up_to_its_last_whole_tick(
     working: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     record(working / "killed", None, ticks=100)
-    assert main(["export", "killed", "--csv"]) == 0
+    assert main(["export", "killed", "csv"]) == 0
     said = capsys.readouterr().out.splitlines()[0]
     assert said == f"the drive came to no end: exported up to its last whole tick, at {TIME[99]:.2f} s"
     assert (
@@ -129,5 +140,5 @@ def test_a_killed_drive_is_exported_up_to_its_last_whole_tick(
 
 def test_where_one_file_cannot_be_written_none_is_left(working: Path) -> None:
     (working / "x.actors.csv").symlink_to("/nowhere/to/write")  # its name is free, and opening it fails
-    assert main(["export", "runs/mine", "--csv", "--out", "x.csv"]) == 2
+    assert main(["export", "runs/mine", "csv", "--out", "x.csv"]) == 2
     assert files(working) == {"runs", "x.actors.csv"}

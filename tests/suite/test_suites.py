@@ -292,7 +292,7 @@ def test_the_command_lists_the_suites_and_refuses_in_one_line(capsys, tmp_path, 
     (full / "mine").touch()
     for name, asked, said in [
         ("r153", SuiteQuery(), "no suite named 'r153'"),
-        ("r152", SuiteQuery(keep=True), "--keep: expected --out"),
+        ("r152", SuiteQuery(keep=True), "--keep-records: expected --out"),
         ("r152", SuiteQuery(resume=True), "--resume: expected --out"),
         ("r152", SuiteQuery(out=full), "is not empty"),
         ("r152", SuiteQuery(out=full, resume=True), "holds no journal.jsonl"),

@@ -86,7 +86,7 @@ def begun(folder: Path) -> Counter[int]:
 
 
 def swept(name: str, out: Path, *, keep: str | None = None, resume: bool = False) -> int:
-    options = [*(("--keep", keep) if keep else ()), *(("--resume",) if resume else ())]
+    options = [*(("--keep-records", keep) if keep else ()), *(("--resume",) if resume else ())]
     return main(["sweep", name, "--out", str(out), "--workers", "1", "--quiet", *options])
 
 

@@ -105,5 +105,5 @@ def test_the_report_is_written(driven: Path) -> None:
 def test_every_format_is_written(driven: Path, tmp_path: Path) -> None:
     for name in FORMATS:
         (tmp_path / name).mkdir()
-        assert main(["export", str(driven), f"--{name}", "--out", str(tmp_path / name)]) == 0
+        assert main(["export", str(driven), name, "--out", str(tmp_path / name)]) == 0
         assert all(file.stat().st_size > 0 for file in (tmp_path / name).iterdir())

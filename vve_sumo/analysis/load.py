@@ -73,6 +73,6 @@ def _instead(folder: Path) -> str:
     )
     if suite is not None:
         return f"the outcome of the suite {suite.stem}, whose rows stand in {suite.name}" + (
-            hint or "; --keep keeps its records"
+            hint or "; --keep-records keeps them"
         )
     return f"neither a record nor a dataset{hint or '; ' + WANTED}"

@@ -15,6 +15,14 @@ from vve_sumo.errors import ConfigError, RigError
 if TYPE_CHECKING:
     from vve_sumo.commissioning.align import AlignmentResult, Site
 
+EXIT_CODES = """exit codes:
+  0  the path fits there; with --write it is in the rig file
+  2  wrong use or configuration; nothing was written
+  3  the path does not fit, or the receiver tells no place; nothing was written
+  70  a defect of vve_sumo; its traceback says where
+  130  interrupted from the keyboard
+"""
+
 SUMMARY = "lay a scenario's path into a rig's lot and store how"
 TEXT = """\
 Find how the lot lies on the virtual street, say whether the path fits, and write it into the rig file.
@@ -23,7 +31,7 @@ examples:
   vve-sumo align --rig ours                     the car stands at the path's start: make that the start
   vve-sumo align --rig ours --pairs places.csv  by places that were surveyed in the lot and on the street
   vve-sumo align --rig ours --fit --picture lot.png   no car needed: where the path has most room
-  vve-sumo align --rig ours --fit --cut short.csv     and where it does not fit, the part of it that does
+  vve-sumo align --rig ours --fit --write-shortened-path short.csv   where it does not fit, the part that does
 """
 
 
@@ -40,23 +48,26 @@ def arguments(parser: Parser) -> None:
         "street_longitude_deg), two rows or more",
     )
     how.add_argument("--fit", action="store_true", help="search the turn and shift that leave most room")
-    parser.add_argument("--cut", type=Path, metavar="CSV", help="with --fit: write what fits of a path too long")
+    parser.add_argument(
+        "--write-shortened-path", type=Path, metavar="CSV", help="with --fit: write what fits of a path too long"
+    )
     parser.add_argument("--picture", type=Path, metavar="FILE", help="draw lot, path and start as a PNG file")
     parser.add_argument(
-        "--store", "--yes", dest="store", action="store_true", help="store without asking; --fit stores only with this"
+        "--write", action="store_true", help="change the rig file without asking; --fit changes it only with this"
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Find how the path lies in the lot, show it, and store it where that was agreed to; return the exit code, 0.
 
-    `--store` agrees beforehand; a search stores with it only. Raises RigError where what was to be stored does not
+    `--write` agrees beforehand; a search stores with it only. Raises RigError where what was to be stored does not
     keep the path inside the lot.
     """
     from vve_sumo.commissioning import align
 
-    if arguments.cut is not None and not arguments.fit:
-        raise ConfigError("--cut: only --fit finds where to cut a path")
+    shortened: Path | None = arguments.write_shortened_path
+    if shortened is not None and not arguments.fit:
+        raise ConfigError("--write-shortened-path: only --fit finds where a path may end")
     site = align.site_of(arguments.scenario, arguments.rig, Path.cwd())
     result = _found(site, arguments)
     for line in (*result.evidence, *align.description(site, result)):
@@ -64,16 +75,20 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.picture is not None:
         _draw(site, result, arguments.picture)
     whole = result.whole
-    if arguments.cut is not None and not whole:
-        length = align.cut(site, result, arguments.cut).length
-        print(f"the first {length:.0f} m of the path written to {arguments.cut}")
+    if shortened is not None and not whole:
+        length = align.cut(site, result, shortened).length
+        print(f"the first {length:.0f} m of the path written to {shortened}")
         for line in align.beyond(site, length):
             print(line)
         whole = True
     if not whole:
-        advice = "--cut writes the part that fits" if arguments.fit else "--fit looks for a place where it does"
+        advice = (
+            "--write-shortened-path writes the part that fits"
+            if arguments.fit
+            else "--fit looks for a place where it does"
+        )
         raise RigError(f"{site.rig_file}: the path does not fit the lot there, nothing is stored; {advice}")
-    if arguments.store or (not arguments.fit and _agreed()):
+    if arguments.write or (not arguments.fit and _agreed()):
         today = datetime.date.today()
         align.store(site, result, today)
         print(f"stored in {site.rig_file}, dated {today}")

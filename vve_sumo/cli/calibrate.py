@@ -15,6 +15,16 @@ from vve_sumo.cli.parser import Parser, names
 if TYPE_CHECKING:
     from vve_sumo.commissioning.calibrate import Calibrated
 
+EXIT_CODES = """exit codes:
+  0  every number that a rig needs was found
+  1  one of them is poor; nothing was written
+  2  wrong use or configuration; nothing was written
+  3  the rig is not ready, or the drive was cut short
+  4  the simulation broke
+  70  a defect of vve_sumo; its traceback says where
+  130  interrupted from the keyboard
+"""
+
 SUMMARY = "find brakes, throttle, steering and delays of a car by a short drive"
 TEXT = """\
 Drive the calibration run on a rig (about 270 m straight ahead, 70 s) and fit brake and throttle maps,
@@ -35,7 +45,11 @@ def arguments(parser: Parser) -> None:
     live_drive.override_argument(parser)
     parser.add_argument("--write", action="store_true", help="change the rig file; comments stay")
     parser.add_argument(
-        "--leave", type=names, default=(), metavar="KEY,KEY", help="poor numbers that the rig file keeps as they are"
+        "--keep-values",
+        type=names,
+        default=(),
+        metavar="KEY,KEY",
+        help="poor numbers that the rig file keeps as they are",
     )
 
 
@@ -53,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
         calibration_drive.refuse_altered(arguments.record)
     folder = arguments.record if arguments.record is not None else _drive(arguments, working)
     today = datetime.date.today().isoformat()
-    return conclude(folder, rig_file if arguments.write else None, today, arguments.leave)
+    return conclude(folder, rig_file if arguments.write else None, today, arguments.keep_values)
 
 
 def _drive(arguments: argparse.Namespace, working: Path) -> Path:
@@ -71,7 +85,7 @@ def _drive(arguments: argparse.Namespace, working: Path) -> Path:
     return plan.folder
 
 
-def conclude(folder: Path, rig_file: Path | None, date: str, leave: Sequence[str] = ()) -> int:
+def conclude(folder: Path, rig_file: Path | None, date: str, keep_values: Sequence[str] = ()) -> int:
     """Fit, draw, show, and write into a rig's file where one is given; return the exit code.
 
     It is 1 where a number that a rig needs is poor and no rig was given; with one, that is a ConfigError.
@@ -82,7 +96,7 @@ def conclude(folder: Path, rig_file: Path | None, date: str, leave: Sequence[str
     _show(calibrated, draw(calibrated))
     if rig_file is None:
         return 1 if calibrated.poor else 0
-    put_into(rig_file, calibrated, date, leave)
+    put_into(rig_file, calibrated, date, keep_values)
     print(f"written into {rig_file}, dated {date}")
     return 0
 

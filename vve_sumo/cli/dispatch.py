@@ -13,7 +13,7 @@ from vve_sumo.cli import (
     calibrate,
     certify,
     compare,
-    design,
+    completion,
     doctor,
     drive,
     export,
@@ -28,6 +28,7 @@ from vve_sumo.cli import (
     replay,
     report,
     scenarios,
+    steering_margin,
     study,
     suite,
     sweep,
@@ -60,14 +61,16 @@ COMMANDS = (
     pose,
     path,
     network,
-    design,
+    steering_margin,
     init,
     notebooks,
+    completion,
 )
 
 
-def _parser() -> Parser:
-    parser = Parser(
+def parser() -> Parser:
+    """Return the parser of the whole command line."""
+    whole = Parser(
         prog="vve-sumo",
         description="Vehicle in Virtual Environment testing on SUMO: a real drive-by-wire car, a virtual road.",
         epilog="Start with `vve-sumo drive`: it drives the simulated vehicle towards a parked car in Linden.\n"
@@ -75,16 +78,16 @@ def _parser() -> Parser:
         + EXIT_CODES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action="version", version=f"vve-sumo {__version__}")
-    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=Parser)
+    whole.add_argument("--version", action="version", version=f"vve-sumo {__version__}")
+    commands = whole.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=Parser)
     for command in COMMANDS:
-        name, codes = command.__name__.rpartition(".")[2], getattr(command, "EXIT_CODES", EXIT_CODES)
+        name, codes = command.__name__.rpartition(".")[2].replace("_", "-"), getattr(command, "EXIT_CODES", EXIT_CODES)
         # A command that is a group of others has a summary alone; each of these says itself what runs it.
         text = getattr(command, "TEXT", f"{command.SUMMARY[0].upper()}{command.SUMMARY[1:]}.")
         added = add_command(commands, name, command.SUMMARY, text, codes)
         added.set_defaults(run=getattr(command, "run", None))
         command.arguments(added)
-    return parser
+    return whole
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -93,7 +96,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
-        parsed = _parser().parse_args(arguments)
+        parsed = parser().parse_args(arguments)
         code: int = parsed.run(parsed)
     except VveError as error:
         complain(str(error))

@@ -11,7 +11,7 @@ from vve_sumo import progress_bar
 from vve_sumo.cli import live_drive
 from vve_sumo.cli.console import INTERRUPTED, complain, note, notify
 from vve_sumo.cli.drive_result import draw_and_show
-from vve_sumo.cli.parser import Parser, setting, values_of
+from vve_sumo.cli.parser import Parser, add_json, setting, values_of
 from vve_sumo.errors import ConfigError, SimulationError
 
 if TYPE_CHECKING:
@@ -80,6 +80,7 @@ def arguments(parser: Parser) -> None:
     parser.add_argument("--driver", metavar="NAME", help="live, for the record: who sits behind the wheel")
     live_drive.override_argument(parser)
     parser.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
+    add_json(parser, "the drive's summary, with the folder of its record,")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -126,7 +127,7 @@ def _lockstep(arguments: argparse.Namespace) -> int:
     with foreign as brain, progress_bar.of_drive(resolved.name, quiet=arguments.quiet) as show:
         watch = progress_watch(resolved.path.length, show)
         done = run(resolved, folder, working, pose=arguments.pose, brain=brain, watch=watch)
-    draw_and_show(resolved, done)
+    draw_and_show(resolved, done, as_json=arguments.json)
     if done.summary["outcome"] == Outcome.BROKEN:
         complain(f"the simulation broke: {done.summary['text']}")
         return SimulationError.exit_code
@@ -187,7 +188,7 @@ def _live(arguments: argparse.Namespace) -> int:
     plan = live_drive.named(plan, arguments.operator, arguments.driver)
     with session.removed_when_empty(plan.folder):
         done = Drive(plan.folder, live_drive.drive(plan, doctor))
-    draw_and_show(plan.resolved, done)
+    draw_and_show(plan.resolved, done, as_json=arguments.json)
     if done.summary["outcome"] == Outcome.BROKEN:
         return SimulationError.exit_code
     return _exit_code(done)

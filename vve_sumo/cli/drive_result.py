@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,14 +14,18 @@ if TYPE_CHECKING:
     from vve_sumo.drive.run import Drive
 
 
-def draw_and_show(resolved: ResolvedScenario, drive: Drive) -> None:
+def draw_and_show(resolved: ResolvedScenario, drive: Drive, *, as_json: bool = False) -> None:
     """Draw `drive.png` into a record, where that can be done, and print how the drive went."""
     from vve_sumo.plotting.drive_record import draw_drive
 
     picture = None
     with contextlib.suppress(VveError, OSError):
         picture = draw_drive(drive) if drive.summary["ticks"] else None
-    show_drive(drive, picture)
+    if as_json:
+        summary = json.loads((drive.folder / "summary.json").read_text(encoding="utf-8"))
+        print(json.dumps({"record": str(drive.folder)} | summary))
+    else:
+        show_drive(drive, picture)
 
 
 def show_drive(drive: Drive, picture: Path | None) -> None:

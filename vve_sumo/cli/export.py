@@ -14,35 +14,40 @@ EXIT_CODES = """exit codes:
      nothing was written
 """
 
+#: the formats, a line each
+LIST = "\n".join(
+    f"  {form.name:<13} {form.summary}" + (f" (pip install 'vve-sumo[{form.needs}]')" if form.needs else "")
+    for form in FORMATS.values()
+)
 SUMMARY = "write a drive or a sweep for pandas, SUMO, CommonRoad, OpenSCENARIO, Foxglove, OSI, CAN tools"
-TEXT = """\
+TEXT = f"""\
 Write a drive's record in the format of another program, or a sweep's rows as CSV. The record stays as it
 is. A drive that was killed is exported up to its last whole tick. docs/exports.md says what each format
 holds.
 
 examples:
-  vve-sumo export runs/mine --csv                    mine.csv, mine.actors.csv, mine.columns.csv here
-  vve-sumo export runs/mine --fcd --out crash.fcd.xml
-  vve-sumo export runs/mine --mcap                   mine.mcap, to be opened in Foxglove or Lichtblick
-  vve-sumo export speeds --csv --out tables          rows of a sweep, into the folder tables
+  vve-sumo export runs/mine csv                      mine.csv, mine.actors.csv, mine.columns.csv here
+  vve-sumo export runs/mine fcd --out crash.fcd.xml
+  vve-sumo export runs/mine mcap blf --out files     two formats, into the folder files
+  vve-sumo export speeds csv --out tables            rows of a sweep, into the folder tables
+
+formats:
+{LIST}
 """
 
 
 def arguments(parser: Parser) -> None:
     """Add what the command takes."""
-    parser.add_argument("folder", type=Path, metavar="DIR", help="folder of the record; for --csv also of a sweep")
-    formats = parser.add_mutually_exclusive_group(required=True)
-    for form in FORMATS.values():
-        needs = f" (pip install 'vve-sumo[{form.needs}]')" if form.needs else ""
-        formats.add_argument(
-            f"--{form.name}", dest="form", action="store_const", const=form.name, help=f"{form.summary}{needs}"
-        )
+    parser.add_argument("folder", type=Path, metavar="DIR", help="folder of the record; for csv also of a sweep")
+    parser.add_argument(
+        "formats", nargs="+", choices=tuple(FORMATS), metavar="FORMAT", help="one or more of those below"
+    )
     parser.add_argument(
         "--out",
         type=Path,
         metavar="FILE",
-        help="file to write, or a folder that is there for it (default: the working folder, named after DIR); no file "
-        "is replaced",
+        help="file to write, for one format, or a folder that is there (default: the working folder, named after "
+        "DIR); no file is replaced",
     )
 
 
@@ -50,12 +55,13 @@ def run(arguments: argparse.Namespace) -> int:
     """Export a record or a sweep and print the files; return the exit code, 0."""
     from vve_sumo.analysis.load import load
     from vve_sumo.analysis.run import Run
-    from vve_sumo.export.write import export
+    from vve_sumo.export.write import export_all
 
     held = load(arguments.folder)
-    files = export(held, arguments.form, arguments.out)
+    written = export_all(held, tuple(dict.fromkeys(arguments.formats)), arguments.out)
     if isinstance(held, Run) and not held.complete:
         print(f"the drive came to no end: exported up to its last whole tick, at {held.time[-1]:.2f} s")
-    for file in files:
-        print(f"{arguments.form}: {file}")
+    for name, files in written.items():
+        for file in files:
+            print(f"{name}: {file}")
     return 0

@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from vve_sumo.cli.parser import Parser
+from vve_sumo.cli.parser import OF_FILES, Parser
+
+EXIT_CODES = OF_FILES
 
 SUMMARY = "lay out a workspace of your own"
 TEXT = """\

@@ -6,8 +6,10 @@ import argparse
 import sys
 from pathlib import Path
 
-from vve_sumo.cli.parser import Commands, Parser, add_command, add_subcommands, names
+from vve_sumo.cli.parser import OF_FILES, Commands, Parser, add_command, add_subcommands, names
 from vve_sumo.errors import ConfigError
+
+EXIT_CODES = OF_FILES
 
 SUMMARY = "build networks and their traffic"
 BUILD_TEXT = """\

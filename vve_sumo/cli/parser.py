@@ -21,10 +21,28 @@ EXIT_CODES = """exit codes:
   130  interrupted from the keyboard
 """
 
+#: exit codes of a command that only reads and writes files
+OF_FILES = """exit codes:
+  0  done
+  2  wrong use or configuration; nothing was written
+  70  a defect of vve_sumo; its traceback says where
+  130  interrupted from the keyboard
+"""
+
+#: what options, commands and their names were called in earlier versions, and what they are called now
+FORMER_OPTIONS = {
+    **dict.fromkeys(("--store", "--yes"), "--write"),
+    "--cut": "--write-shortened-path",
+    "--leave": "--keep-values",
+    "--keep": "--keep-records",
+}
+FORMER_COMMANDS = {"cliff": "study latency", "design": "steering-margin"}
 
 #: argparse's message about a command or a value that is none of those that there are
 _CHOICES = re.compile(r"invalid choice: '(?P<name>.*)' \(choose from (?P<known>.*)\)$")
 _NAME = re.compile(r"[^\s',]+")
+#: argparse's message about options that a command does not have
+_UNRECOGNIZED = re.compile(r"unrecognized arguments: (?P<words>.*)$")
 
 
 class Parser(argparse.ArgumentParser):
@@ -37,9 +55,23 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> None:  # type: ignore[override]
         """Exit with one line and code 2."""
-        choices = _CHOICES.search(message)
-        near = did_you_mean(choices["name"], _NAME.findall(choices["known"])) if choices else ""
-        self.exit(2, f"{self.prog}: {message}{f'; {near}' if near else ''} (see {self.prog} --help)\n")
+        self.exit(2, f"{self.prog}: {_advised(message)} (see {self.prog} --help)\n")
+
+
+def _advised(message: str) -> str:
+    """Return argparse's message with what was probably meant; a former spelling's says only what it is now."""
+    if choices := _CHOICES.search(message):
+        name = choices["name"]
+        if name in FORMER_COMMANDS:
+            return f"{name} is now vve-sumo {FORMER_COMMANDS[name]}"
+        near = did_you_mean(name, _NAME.findall(choices["known"]))
+        return f"{message}; {near}" if near else message
+    if unknown := _UNRECOGNIZED.search(message):
+        for word in unknown["words"].split():
+            option = word.partition("=")[0]
+            if option in FORMER_OPTIONS:
+                return f"{option} is now {FORMER_OPTIONS[option]}"
+    return f"{message}, such as csv" if message.endswith("required: FORMAT") else message
 
 
 #: what a command is added to
@@ -55,7 +87,12 @@ def add_command(commands: Commands, name: str, summary: str, text: str, codes: s
 
 def add_subcommands(command: Parser, *, required: bool = True) -> Commands:
     """Give a command commands of its own."""
-    return command.add_subparsers(dest="what", metavar="WHAT", required=required, parser_class=Parser)
+    return command.add_subparsers(dest="subcommand", metavar="COMMAND", required=required, parser_class=Parser)
+
+
+def add_json(parser: Parser, what: str) -> None:
+    """Add `--json`, with which a command prints one JSON document of `what` and nothing else on standard output."""
+    parser.add_argument("--json", action="store_true", help=f"print {what} as JSON, for programs to read")
 
 
 def setting(text: str) -> tuple[str, Any]:

@@ -6,7 +6,9 @@ import argparse
 import sys
 from pathlib import Path
 
-from vve_sumo.cli.parser import Parser, add_command, add_subcommands, names
+from vve_sumo.cli.parser import OF_FILES, Parser, add_command, add_subcommands, names
+
+EXIT_CODES = OF_FILES
 
 SUMMARY = "record the ego's path"
 

@@ -6,7 +6,9 @@ import argparse
 import csv
 from pathlib import Path
 
-from vve_sumo.cli.parser import Parser, add_command, add_subcommands
+from vve_sumo.cli.parser import OF_FILES, Parser, add_command, add_subcommands
+
+EXIT_CODES = OF_FILES
 
 SUMMARY = "look into pose recordings"
 

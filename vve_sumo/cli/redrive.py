@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vve_sumo.cli.console import notify
-from vve_sumo.cli.parser import Parser
+from vve_sumo.cli.parser import OF_FILES, Parser
 
 if TYPE_CHECKING:
     from vve_sumo.live.review import RedriveResult
+
+EXIT_CODES = OF_FILES
 
 SUMMARY = "ask another controller on a record's inputs, open loop"
 TEXT = """\

@@ -8,6 +8,14 @@ from pathlib import Path
 from vve_sumo.cli.console import notify
 from vve_sumo.cli.parser import Parser
 
+EXIT_CODES = """exit codes:
+  0  every setpoint and every frame is the same
+  1  one differs, or the record was altered
+  2  wrong use, or no record
+  70  a defect of vve_sumo; its traceback says where
+  130  interrupted from the keyboard
+"""
+
 SUMMARY = "run a record through the pipeline again and find the first difference"
 TEXT = """\
 Feed a record's pose bytes, car reports and actors to the same pipeline and the same gateway, without SUMO and

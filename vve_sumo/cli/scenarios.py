@@ -5,16 +5,21 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from vve_sumo.cli.console import notify
-from vve_sumo.cli.parser import Parser, add_command, add_subcommands
+from vve_sumo.cli.parser import OF_FILES, Parser, add_command, add_json, add_subcommands
 from vve_sumo.errors import ConfigError
 
 #: a terminal with fewer characters in a line shows name and title alone
 WIDE_ENOUGH = 150
+#: the same columns as `--json` names them
+KEYS = ("name", "title", "network", "others", "passes_if")
 #: characters in a line of what is no terminal
 UNLIMITED = 400
+
+EXIT_CODES = OF_FILES
 
 SUMMARY = "list the scenarios, draw one as a picture, write their schema"
 TEXT = """\
@@ -29,6 +34,7 @@ examples:
 
 def arguments(parser: Parser) -> None:
     """Add what the command takes."""
+    add_json(parser, "the list")
     inner = add_subcommands(parser, required=False)
     show = add_command(
         inner,
@@ -57,18 +63,26 @@ def run(arguments: argparse.Namespace) -> int:
 
     from vve_sumo.scenario.listing import COLUMNS, listing
 
+    rows, wrong = listing(Path.cwd())
+    if arguments.json:
+        print(json.dumps([dict(zip(KEYS, row, strict=True)) for row in rows], ensure_ascii=False))
+        return _told_wrong(wrong)
     console = Console() if sys.stdout.isatty() else Console(width=UNLIMITED)
     columns = COLUMNS if console.width >= WIDE_ENOUGH else COLUMNS[:2]
     table = Table(*columns, box=None, pad_edge=False)
     for column in table.columns:
         column.no_wrap, column.overflow = True, "ellipsis"
-    rows, wrong = listing(Path.cwd())
     table.columns[0].min_width = max((len(row[0]) for row in rows), default=0)  # a name is there to be copied
     for row in rows:
         table.add_row(*(Text(cell) for cell in row[: len(columns)]))
     console.print(table)
     if len(columns) < len(COLUMNS):
         console.print(f"{WIDE_ENOUGH} columns show also the network, who else is there, and what passes")
+    return _told_wrong(wrong)
+
+
+def _told_wrong(wrong: Sequence[str]) -> int:
+    """Print what is wrong with files that hold no scenario; return the exit code."""
     for line in wrong:
         notify(f"vve-sumo scenarios: {line}")
     return ConfigError.exit_code if wrong else 0

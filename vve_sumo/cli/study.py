@@ -33,7 +33,7 @@ PICTURE = "latency_margin.png"
 WIDTH = 120
 
 SUMMARY = "standard studies of a scenario"
-CLIFF_TEXT = """\
+LATENCY_TEXT = """\
 Drive a scenario again and again while the pose gets later and noisier, step by step, and say where its
 margin goes to zero. The delay is hidden: fixes are older than their epoch says, so that nothing can predict
 it away, as when a clock is wrong. Beside what happened stand the closed form, speed times delay, which is
@@ -44,44 +44,46 @@ The margin is the gap at rest, the least gap of a drive that goes on, zero or le
 that its gateway stopped far off (unstable steering, wheels and pose at odds) has none.
 
 examples:
-  vve-sumo study cliff parked_car --out cliff               0 to 500 ms, noise x 0, 1, 4, three seeds
-  vve-sumo study cliff seen_late --out late --delays-ms 0,100,200,300 --noise 1 --seeds 5
-  vve-sumo study cliff delay_probe --out probe              nothing regulates: speed times delay, exactly
-  vve-sumo study cliff parked_car --out cliff --resume      go on after a kill
+  vve-sumo study latency parked_car --out late               0 to 500 ms, noise x 0, 1, 4, three seeds
+  vve-sumo study latency seen_late --out seen_late --delays-ms 0,100,200,300 --noise 1 --seeds 5
+  vve-sumo study latency delay_probe --out probe              nothing regulates: speed times delay, exactly
+  vve-sumo study latency parked_car --out late --resume      go on after a kill
 """
 
 
 def arguments(parser: Parser) -> None:
     """Add what the command takes."""
-    cliff = add_command(
+    latency = add_command(
         add_subcommands(parser),
-        "cliff",
+        "latency",
         "how much delay and noise a scenario bears before its margin is gone",
-        CLIFF_TEXT,
+        LATENCY_TEXT,
         EXIT_CODES,
     )
-    cliff.add_argument("scenario", help="name or .toml file")
-    cliff.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the dataset, absent or empty")
-    cliff.add_argument(
+    latency.add_argument("scenario", help="name or .toml file")
+    latency.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="folder of the dataset, absent or empty"
+    )
+    latency.add_argument(
         "--delays-ms", type=numbers, metavar="MS,MS", help="hidden delays, 0 to 1000 (default: 0 to 500 by 50)"
     )
-    cliff.add_argument(
+    latency.add_argument(
         "--noise",
         type=numbers,
         metavar="X,X",
         help="factors on the receiver's noise (default: 0,1,4; 0 where the scenario turns it off)",
     )
-    cliff.add_argument(
+    latency.add_argument(
         "--seeds", type=int, metavar="N", help="drives of each step (default: 3; 1 where nothing is left to chance)"
     )
-    cliff.add_argument("--rig", metavar="NAME", help="the simulated vehicle as this rig declares and calibrates it")
-    cliff.add_argument("--workers", type=int, metavar="N", help="runs at a time (default: as many as processors)")
-    cliff.add_argument("--resume", action="store_true", help="go on with the study in DIR; finished runs stay")
-    cliff.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
-    cliff.set_defaults(run=_cliff)
+    latency.add_argument("--rig", metavar="NAME", help="the simulated vehicle as this rig declares and calibrates it")
+    latency.add_argument("--workers", type=int, metavar="N", help="runs at a time (default: as many as processors)")
+    latency.add_argument("--resume", action="store_true", help="go on with the study in DIR; finished runs stay")
+    latency.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
+    latency.set_defaults(run=_latency)
 
 
-def _cliff(arguments: argparse.Namespace) -> int:
+def _latency(arguments: argparse.Namespace) -> int:
     """Drive what is not finished, show the latency margin and draw it; return the exit code."""
     from vve_sumo.sweep.fill import engine_of, fill
     from vve_sumo.sweep.study import cliff_study
@@ -89,7 +91,7 @@ def _cliff(arguments: argparse.Namespace) -> int:
     name, out = arguments.scenario, arguments.out
     delays_ms, factors, seeds = arguments.delays_ms, arguments.noise, arguments.seeds
     steps = _steps(delays_ms, factors, seeds)
-    again = f"vve-sumo study cliff {shlex.quote(name)} --out {shlex.quote(str(out))}{steps}"
+    again = f"vve-sumo study latency {shlex.quote(name)} --out {shlex.quote(str(out))}{steps}"
     again += f" --rig {shlex.quote(arguments.rig)} --resume" if arguments.rig else " --resume"
     query = cliff_study(name, Path.cwd(), delays_ms=delays_ms, factors=factors, seeds=seeds, rig=arguments.rig)
     for line in query.notes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from vve_sumo import progress_bar
 from vve_sumo.cli.console import note
-from vve_sumo.cli.parser import Parser
+from vve_sumo.cli.parser import Parser, add_json
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -38,7 +39,7 @@ examples:
   vve-sumo suite r152 --out r152            the table, also as CSV, JSON and Markdown
   vve-sumo suite r152 --seeds 10 --out r152 ten drives a row; a row is passed where all of them are
   vve-sumo suite r152 --seeds 10 --out r152 --resume   go on after a kill
-  vve-sumo suite fmvss127 --out a --keep    with the full record of every drive
+  vve-sumo suite fmvss127 --out a --keep-records   with the full record of every drive
   vve-sumo suite r152 --controller mine.py:make
   vve-sumo suite r152 --rig ours            the simulated vehicle as the rig declares and calibrates it
 """
@@ -53,8 +54,10 @@ def arguments(parser: Parser) -> None:
     parser.add_argument("--controller", metavar="NAME", help="shipped name, file.py:make or entry point, untuned")
     parser.add_argument("--vehicle", metavar="NAME", help="under vehicles/, or a file (default: ford_fusion)")
     parser.add_argument("--rig", metavar="NAME", help="the simulated vehicle as this rig declares and calibrates it")
-    parser.add_argument("--keep", action="store_true", help="keep every drive's record under DIR/records")
+    parser.add_argument("--keep-records", action="store_true", help="keep every drive's record under DIR/records")
     parser.add_argument("--resume", action="store_true", help="go on with the suite in DIR; finished drives stay")
+    add_json(parser, "the rows of the table")
+    parser.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -73,13 +76,13 @@ def run(arguments: argparse.Namespace) -> int:
         controller=arguments.controller,
         vehicle=arguments.vehicle,
         rig=arguments.rig,
-        keep=arguments.keep,
+        keep=arguments.keep_records,
         resume=arguments.resume,
     )
-    return drive(arguments.name, query)
+    return drive(arguments.name, query, quiet=arguments.quiet, as_json=arguments.json)
 
 
-def drive(name: str, query: SuiteQuery) -> int:
+def drive(name: str, query: SuiteQuery, *, quiet: bool = False, as_json: bool = False) -> int:
     """Drive a suite, show and write its table; return the exit code."""
     from vve_sumo.suite import catalogue, table
     from vve_sumo.suite import query as queries
@@ -89,11 +92,14 @@ def drive(name: str, query: SuiteQuery) -> int:
     rows = queries.rows_of(name, query, car, working)
     if car.note:
         note(car.note)
-    with progress_bar.of_runs(quiet=False) as shown:
+    with progress_bar.of_runs(quiet=quiet) as shown:
         judged = queries.drive(name, rows, query, car, working, shown)
-    _show(catalogue.SUITES[name].title, judged)
-    if query.out is not None:
-        for file in table.write(name, judged, query.out):
+    files = () if query.out is None else table.write(name, judged, query.out)
+    if as_json:
+        print(json.dumps([table.record_of(row) for row in judged]))
+    else:
+        _show(catalogue.SUITES[name].title, judged)
+        for file in files:
             print(f"written: {file}")
     return 1 if any(row.verdict in queries.BAD for row in judged) else 0
 

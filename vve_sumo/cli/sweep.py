@@ -42,7 +42,7 @@ disk lose nothing finished.
 
 examples:
   vve-sumo sweep parked_car_speeds --out speeds            a file under sweeps/
-  vve-sumo sweep mine.toml --out mine --keep failed        with full records of what failed
+  vve-sumo sweep mine.toml --out mine --keep-records failed   with full records of what failed
   vve-sumo sweep mine.toml --out mine --resume             go on after a kill
   vve-sumo sweep seen_late_speed --search --out found      where a criterion flips, or the worst case
   vve-sumo sweep mine.toml --out mine --rig ours           the simulated vehicle as the rig calibrates it
@@ -59,7 +59,7 @@ def arguments(parser: Parser) -> None:
     parser.add_argument("--search", action="store_true", help="insist that the file has a [search], and look for that")
     parser.add_argument("--yes", action="store_true", help="drive 100,000 runs or more")
     parser.add_argument(
-        "--keep", metavar="WHOSE", help="full records: none, failed, all or KEY,KEY (default: the file's)"
+        "--keep-records", metavar="WHOSE", help="full records: none, failed, all or KEY,KEY (default: the file's)"
     )
     parser.add_argument("--vehicle", metavar="NAME", help="instead of the scenario's: under vehicles/, or a .toml file")
     parser.add_argument("--rig", metavar="NAME", help="the simulated vehicle as this rig declares and calibrates it")
@@ -100,7 +100,7 @@ def _drive(arguments: argparse.Namespace) -> int:
     )
     for line in query.notes:
         note(line)
-    keep = query.spec.keep if arguments.keep is None else _keep(arguments.keep)
+    keep = query.spec.keep if arguments.keep_records is None else _keep(arguments.keep_records)
     engine = engine_of(arguments.workers, cluster)
     again = f"vve-sumo sweep {name} --out {out} --resume" + (f" --cluster {cluster}" if cluster else "")
     again += f" --vehicle {arguments.vehicle}" if arguments.vehicle else ""
@@ -116,7 +116,7 @@ def _keep(wanted: str) -> Keep:
     try:
         return kept(wanted if wanted in ("none", "failed", "all") else wanted.split(","))
     except ValueError as error:
-        raise ConfigError(f"--keep: {error}, got {wanted!r}") from None
+        raise ConfigError(f"--keep-records: {error}, got {wanted!r}") from None
 
 
 def _conclude(out: Path, query: SweepQuery) -> int:

@@ -8,8 +8,10 @@ import json
 import os
 from pathlib import Path
 
-from vve_sumo.cli.parser import Parser
+from vve_sumo.cli.parser import OF_FILES, Parser
 from vve_sumo.errors import ConfigError
+
+EXIT_CODES = OF_FILES
 
 SUMMARY = "show a record, two side by side, a sweep, or the running live drive in a browser"
 TEXT = """\

@@ -5,6 +5,7 @@ Must not know what any format holds.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from vve_sumo.analysis.dataset import Sweep
@@ -20,17 +21,33 @@ def export(held: Run | Sweep, name: str, out: Path | str | None = None) -> list[
     named after the record's or the sweep's folder. Raises ConfigError, before anything is written, for a format that is
     unknown, not installed or none for a sweep, and for files that exist.
     """
-    if name not in FORMATS:
-        raise ConfigError(f"no format {name!r} to export to; there are {', '.join(FORMATS)}")
-    form = FORMATS[name]
-    file = _place(held.folder, form, Path("." if out is None else out))
-    parts = [*_parts(held, form)]
-    files = [_named(file, part) for part in parts]
-    taken = next((file for file in files if file.exists()), None)
+    return export_all(held, [name], out)[name]
+
+
+def export_all(held: Run | Sweep, names: Sequence[str], out: Path | str | None = None) -> dict[str, list[Path]]:
+    """Write a drive or a sweep in several formats, all of them or none; return the files of each, as `export` does.
+
+    Raises ConfigError as `export` does, and for several formats where `out` is one file.
+    """
+    unknown = next((name for name in names if name not in FORMATS), None)
+    if unknown is not None:
+        raise ConfigError(f"no format {unknown!r} to export to; there are {', '.join(FORMATS)}")
+    place = Path("." if out is None else out)
+    if len(names) > 1 and not place.is_dir():
+        raise ConfigError(f"--out: {place} is no folder, and {len(names)} formats make several files")
+    written: dict[str, list[Path]] = {}
+    contents: dict[Path, bytes] = {}
+    for name in names:
+        form = FORMATS[name]
+        file = _place(held.folder, form, place)
+        parts = [*_parts(held, form)]
+        written[name] = [_named(file, part) for part in parts]
+        contents |= zip(written[name], (part.content for part in parts), strict=True)
+    taken = next((file for file in contents if file.exists()), None)
     if taken is not None:
         raise ConfigError(f"{taken}: there already; choose another place with --out")
-    _write(files, parts)
-    return files
+    _write(contents)
+    return written
 
 
 def _parts(held: Run | Sweep, form: Format) -> list[Part]:
@@ -55,14 +72,14 @@ def _named(file: Path, part: Part) -> Path:
     return file.with_name(f"{stem}.{part.name}{file.suffix}" if part.name else f"{stem}{file.suffix}")
 
 
-def _write(files: list[Path], parts: list[Part]) -> None:
+def _write(contents: Mapping[Path, bytes]) -> None:
     """Write files, all of them or none."""
     begun: list[Path] = []
     try:
-        for file, part in zip(files, parts, strict=True):
+        for file, content in contents.items():
             with file.open("xb") as sink:
                 begun.append(file)
-                sink.write(part.content)
+                sink.write(content)
     except OSError:
         for file in begun:
             file.unlink(missing_ok=True)

@@ -100,7 +100,10 @@ def _check(query: SuiteQuery) -> None:
         raise ConfigError(f"--seeds: expected 1 or more, got {query.seeds}")
     if query.workers is not None and query.workers < 1:
         raise ConfigError(f"--workers: expected 1 or more, got {query.workers}")
-    for wanted, option, what in ((query.keep, "--keep", "the records"), (query.resume, "--resume", "the journal")):
+    for wanted, option, what in (
+        (query.keep, "--keep-records", "the records"),
+        (query.resume, "--resume", "the journal"),
+    ):
         if wanted and query.out is None:
             raise ConfigError(f"{option}: expected --out DIR beside it, the folder of {what}")
     out = query.out

@@ -26,7 +26,7 @@ SEEDS: Final = 3
 GREATEST_MS, GREATEST_FACTOR = 1000.0, 100.0  #: that a scenario takes
 
 #: stands for a file's name in what is said of the sweep
-CALLED: Final = Path("study cliff")
+CALLED: Final = Path("study latency")
 
 
 def cliff_study(

@@ -49,8 +49,8 @@ STEERING_DIFFERENCE: Final = 0.06  # [rad/s]
 STEERING_SHARE: Final = 0.20  # of the yaw rate that the angle should give
 
 # A report is frozen if it is the same to the last bit while its reference has been off by these changes for this long:
-# off what the reference was then, and off what the report says. The report of a car that has just stopped stays the same
-# too, while a receiver whose fixes are late goes on falling towards it.
+# off what the reference was then, and off what the report says. The report of a car that has just stopped stays the
+# same too, while a receiver whose fixes are late goes on falling towards it.
 FROZEN_TIME: Final = 0.5  # [s]
 FROZEN_SPEED_CHANGE: Final = 0.20  # of the receiver's speed meanwhile [m/s]
 FROZEN_YAW_RATE_CHANGE: Final = 0.04  # of the receiver's yaw rate meanwhile [rad/s]

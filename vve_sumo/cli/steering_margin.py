@@ -1,4 +1,4 @@
-"""`vve-sumo design`: the margins of a scenario's steering loop."""
+"""`vve-sumo steering-margin`: the margins of a scenario's steering loop."""
 
 from __future__ import annotations
 
@@ -7,6 +7,13 @@ from pathlib import Path
 
 from vve_sumo.cli.parser import Parser
 from vve_sumo.errors import ConfigError
+
+EXIT_CODES = """exit codes:
+  0  the steering bears the stated latency at every speed
+  2  it does not, or nothing is known of its margins; wrong use
+  70  a defect of vve_sumo; its traceback says where
+  130  interrupted from the keyboard
+"""
 
 SUMMARY = "margins of the steering loop over speed; refuses what the latency would eat"
 TEXT = """\

@@ -1,0 +1,34 @@
+"""`vve-sumo completion`: what a shell completes by."""
+
+from __future__ import annotations
+
+import argparse
+
+from vve_sumo.cli.parser import OF_FILES, Parser
+
+SHELLS = ("bash", "zsh", "tcsh")
+
+EXIT_CODES = OF_FILES
+SUMMARY = "print the completion of commands and options for a shell"
+TEXT = """\
+Print a script by which a shell completes commands and options after the tabulator key.
+
+examples:
+  vve-sumo completion bash >> ~/.bash_completion
+  vve-sumo completion zsh > ~/.zsh/completions/_vve-sumo     a folder of zsh's fpath
+"""
+
+
+def arguments(parser: Parser) -> None:
+    """Add what the command takes."""
+    parser.add_argument("shell", choices=SHELLS, metavar="SHELL", help=f"one of {', '.join(SHELLS)}")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the script; return the exit code, 0."""
+    import shtab
+
+    from vve_sumo.cli.dispatch import parser
+
+    print(shtab.complete(parser(), arguments.shell))
+    return 0
