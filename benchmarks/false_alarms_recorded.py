@@ -160,7 +160,7 @@ def objections(recorded: Recorded) -> Counter[str]:
             x, y, heading, ground, turning = (float(column[step]) for column in recorded.pose)
             setpoint = Setpoint(
                 angle, 0.0, emergency=False, note="", sequence=step, time=now, expires=now + 0.1, speed=ground,
-                yaw_rate=turning, x=x, y=y, heading=heading, grade=0.0, faults=(), profile=None,
+                yaw_rate=turning, x=x, y=y, heading=heading, grade=0.0, faults=(), fallback_path=None,
             )  # fmt: skip
         # What the wheels were told is not on file; the reported angle stands for it.
         steered = 0.0 if math.isnan(angle) else angle

@@ -59,11 +59,11 @@ def main() -> None:
     to_lot = alignment.inverse()
 
     def near_an_edge(at: Driven) -> bool:
-        shapes = geofence.sweep(to_lot.apply(at.pose), at.steering, at.profile)
+        shapes = geofence.sweep(to_lot.apply(at.pose), at.steering, at.fallback_path)
         return shapes is not None and geofence.lot.holds(shapes)
 
     print(f"{'':28} {'median':>7} {'p95':>7} {'worst':>7}  us")
-    measured("check", [lambda p=p: geofence.check(p.pose, p.steering, p.profile) for p in drive], rounds)
+    measured("check", [lambda p=p: geofence.check(p.pose, p.steering, p.fallback_path) for p in drive], rounds)
     measured("check, near an edge", [lambda p=p: near_an_edge(p) for p in drive], rounds)
     ways = [lambda p=p: fallback_path(p.pose, p.steering, path, p.station, vehicle) for p in drive]
     measured("way to rest", ways, rounds)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 
+from .bank import Bank, Mode
 from .trend import Trend
 
 CROSSES = 4.0  #: standard deviations of speed across the path that tell crossing from noise
@@ -16,6 +17,9 @@ COMES_OVER = 2.0  #: standard deviations of speed across the path that tell chan
 PREDICTION_HORIZON = 3.0  #: nothing is foretold farther ahead than this [s]
 KNOWN = 0.5  #: its standard deviation must be less than this: one seen for the first time changes no lane yet [m/s]
 ON_FOOT = 3.0  #: who crosses faster than this is not walking [m/s]
+SPEED_SIGMA = 0.15  #: of a speed that lies between two of the bank's [m/s]
+LATERAL_AGILITY = 0.05  #: spectral density of the acceleration of who crosses [m2/s3]
+FRONT = 4.0  #: from the rear of a car that comes over to its front [m]
 WALKER, VEHICLE = 0.5, 4.0  #: way across the path that at least follows the edge that comes first [m]
 
 
@@ -34,6 +38,56 @@ def will_be_in(across: Trend, left: float, right: float, arrival: float) -> bool
     now, then, sigma, enters, leaves = _forecast(across, left, right, arrival)
     follows = 0.0 if now > 0.0 else WALKER if abs(across.rate) < ON_FOOT else VEHICLE
     return enters + IN * sigma <= then <= leaves + follows - IN * sigma
+
+
+def probability_in(bank: Bank, left: float, right: float, begins: float, ends: float) -> float:
+    """Return how probable it is that a body is in the band, `left` and `right` of the path [m], at some time.
+
+    That time is between `begins` and `ends` [s]. The target keeps its speed until then, but for what `_spread` says;
+    one that stands keeps its place.
+    """
+    probability = 0.0
+    for mode in bank.modes():
+        now, enters, leaves = _onward(mode, left, right)
+        pace = abs(mode.speed)
+        follows = 0.0 if now > 0.0 else WALKER if pace < ON_FOOT else VEHICLE
+        early, late = (math.sqrt(mode.variance + (_spread(time) if pace else 0.0)) for time in (begins, ends))
+        has_come = _normal((now + pace * ends - enters) / late)
+        has_gone = _normal((now + pace * begins - follows - leaves) / early)
+        probability += mode.probability * max(has_come - has_gone, 0.0)
+    return probability
+
+
+def probability_of_cutting_in(bank: Bank, left: float, right: float, within: float, along: float) -> float:
+    """Return how probable it is that a car that goes `along` the path [m/s] comes into the band within a time [s].
+
+    The point that is seen of it is its rear corner. A car that comes over is turned, and its front corner comes first.
+    """
+    probability = 0.0
+    for mode in bank.modes():
+        now, enters, leaves = _onward(mode, left, right)
+        if mode.speed and now <= leaves:
+            sigma = math.sqrt(mode.variance + _spread(within))
+            comes = now + abs(mode.speed) * (within + FRONT / along)
+            probability += mode.probability * _normal((comes - enters) / sigma)
+    return probability
+
+
+def _onward(mode: Mode, left: float, right: float) -> tuple[float, float, float]:
+    """Place now, where the band begins and ends, counted in the way it goes; one that stands: towards the middle."""
+    if (mode.speed or -mode.place) > 0.0:
+        return mode.place, -right, left
+    return -mode.place, -left, right
+
+
+def _spread(time: float) -> float:
+    """Return the variance of a place after a time [s] because a speed lies between two of the bank's, and changes."""
+    return time * time * (SPEED_SIGMA * SPEED_SIGMA + LATERAL_AGILITY * time / 3.0)
+
+
+def _normal(sigmas: float) -> float:
+    """Return the distribution function of the standard normal distribution."""
+    return 0.5 * math.erfc(-math.sqrt(0.5) * sigmas)
 
 
 def comes_over(across: Trend, left: float, right: float, within: float, surely: float) -> bool:

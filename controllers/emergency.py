@@ -1,6 +1,9 @@
 """Brakes with all there is when nothing less avoids contact: a layer under the comfortable stop.
 
-It knows the brakes as declared, and no comfort. Once begun it goes on until the car stands.
+It knows the brakes as declared, and no comfort. For what is in the way it brakes until the car stands. For one who is
+foreseen, and not in the way yet, it brakes in two stages by how probable it is that he comes, and lets go when the
+danger goes: whether a pedestrian stops at the kerb is known only some tenths of a second before he has stopped (Keller
+and Gavrila, *IEEE Transactions on Intelligent Transportation Systems* 15, 494, 2014).
 """
 
 from __future__ import annotations
@@ -14,6 +17,9 @@ from .tracks import Target
 
 MARGIN = 2.0  #: rest of the gap that full braking shall leave [m]
 FULL = -9.0  #: asked for while it lasts [m/s2]: all there is, whatever the road; the gateway holds the car's limit
+PARTIAL, EARLIER = -4.0, 0.3  #: for one who is foreseen: so hard [m/s2], so long before it must be full [s]
+FULL_FROM = 0.7  #: probability from which one who is foreseen is braked for fully
+LASTS = 1.0  #: braking goes on for what is in the way, if it had to begin within so long anyway [s]
 JERK = 30.0  #: with which the gateway lets it build up [m/s3]
 REST_SPEED = 0.05  #: [m/s]
 FIRST_ORDER_RAMP = 2.0  #: a first-order lag T loses as much way as a linear ramp over 2 T
@@ -27,17 +33,31 @@ class Emergency:
         self._deceleration = vehicle.deceleration_limit
         self._delay = vehicle.brake_delay + period
         self._build_up = FIRST_ORDER_RAMP * vehicle.brake_lag + vehicle.deceleration_limit / JERK
-        self.braking = False  #: latched until standstill
+        self.braking = False  #: partly or fully
+        self.demand = 0.0  #: acceleration to ask for while it brakes [m/s2]
+        self._latched = False  #: whether it brakes until standstill
 
     def step(self, targets: Iterable[Target], speed: float) -> bool:
-        """Tell whether to brake fully now at a speed [m/s]."""
-        if self.braking:
-            self.braking = speed > REST_SPEED
-        elif speed > REST_SPEED:
-            self.braking = any(
-                speed > target.speed and self.way(speed, target) + MARGIN >= target.gap for target in targets
-            )
+        """Tell whether to brake now at a speed [m/s]."""
+        if not speed > REST_SPEED:
+            self.braking, self.demand, self._latched = False, 0.0, False
+            return False
+        dangers = list(targets)
+        urgent = [target for target in dangers if self._is_urgent(target, speed, 0.0)]
+        self._latched = self._latched or any(not target.foreseen for target in urgent)
+        # One who was foreseen comes into the way while the car brakes: UN R152 wants 5 m/s2 demanded, or more, for him.
+        come = self.braking and any(not target.foreseen and self._is_urgent(target, speed, LASTS) for target in dangers)
+        lasts = come or any(target.foreseen for target in dangers)
+        sure = any(target.probability >= FULL_FROM for target in urgent)
+        fully = self._latched or sure or come or (self.demand == FULL and lasts)
+        early = any(target.foreseen and self._is_urgent(target, speed, EARLIER) for target in dangers)
+        self.braking = fully or early or (self.braking and lasts)
+        self.demand = 0.0 if not self.braking else FULL if fully else PARTIAL
         return self.braking
+
+    def _is_urgent(self, target: Target, speed: float, early: float) -> bool:
+        """Tell whether full braking must begin within `early` [s]."""
+        return speed > target.speed and self.way(speed, target) + MARGIN + early * speed >= target.gap
 
     def way(self, speed: float, target: Target) -> float:
         """Gap to a target that full braking from a speed [m/s] uses up [m] until nothing closes any more.

@@ -16,7 +16,7 @@ from vve_sumo.values import ControlCommand, Observation, Vehicle
 
 from .approach import NOWHERE, Approach, Goal, Standstill
 from .deviation import Deviation, DeviationObserver
-from .emergency import FULL, Emergency
+from .emergency import Emergency
 from .lqr import LateralRegulator
 from .preview import PreviewSteering, PreviewTuning
 from .pure_pursuit import PurePursuit
@@ -28,6 +28,7 @@ from .trim import SteeringTrim
 
 PERIOD = 0.02  #: of the tick [s]
 COMFORT_LIMIT = -3.3  #: of comfort, inside the gateway's comfort envelope [m/s2]
+STOPPED = 1.0  #: an emergency braking that lasts down to this speed has stopped the car [m/s]
 JERK_DOWN, JERK_UP = 4.0, 2.5  #: of comfort [m/s3]
 
 TUNING: dict[str, float | str | bool] = {
@@ -117,8 +118,10 @@ class FollowAndStop:
         target = self._tracker.step(observation, station)
         dangers = self._tracker.dangers(observation.time, station.s)
         if self._emergency is not None and self._emergency.step(dangers, pose.speed):
-            self._acceleration, self._stopped = COMFORT_LIMIT, True
-            return ControlCommand(self._steer(deviation, observation), FULL, emergency=True, note="emergency")
+            self._acceleration, self._stopped = COMFORT_LIMIT, pose.speed < STOPPED
+            return ControlCommand(
+                self._steer(deviation, observation), self._emergency.demand, emergency=True, note="emergency"
+            )
         if self._comfort:
             acceleration, note = self._accelerate(observation, station.s, target)
         elif self._stopped:

@@ -15,11 +15,26 @@ import numpy as np
 from vve_sumo.path import Corridor, Path, Station
 from vve_sumo.values import Observation, Pose, Vehicle
 
-from .crossing import COMES_OVER, CROSSES, ON_FOOT, comes_over, crosses, will_be_in, will_have_left
+from .bank import LANE_CHANGERS, WALKERS, Bank
+from .crossing import (
+    COMES_OVER,
+    CROSSES,
+    ON_FOOT,
+    PREDICTION_HORIZON,
+    comes_over,
+    crosses,
+    probability_in,
+    probability_of_cutting_in,
+    will_be_in,
+    will_have_left,
+)
 from .parting import goes_past
 from .trend import Trend
 
 RANGE_SIGMA, RATE_SIGMA, AZIMUTH_SIGMA = 0.25, 0.15, math.radians(0.6)  #: of the radar, quantisation included
+NOISE_SHARE = (
+    0.8  #: of an offset's variance is the radar's own noise, the rest is caution: the bank takes no caution in
+)
 AGILITY = 1.0  #: spectral density of a target's acceleration [m2/s3]
 DRIFT = 0.02  #: of a target that keeps its place across the path [m2/s]
 LATERAL_SPEED, LATERAL_AGILITY = 4.0, 0.05  #: of one that crosses: to begin with [m/s], its spectral density [m2/s3]
@@ -30,7 +45,6 @@ LENGTH = 9.0  #: of a car that goes along and of the own, more than which it tak
 FRESH = 0.13  #: who was seen longer ago than this may have gone straight on since [s]
 SOON = 2.0  #: it counts from so long before it is in the way [s]
 LIKELY, DOUBTED = 0.4, -0.2  #: standard deviations by which it must be foreseen there to be followed, and on followed
-EVEN = 0.0  #: the same for full braking, where it is too near for waiting
 CHANGE, JERK = 3.0, 1.5  #: of a target's acceleration: to begin with [m/s2], its spectral density [m2/s5]
 BRAKES = 3.0  #: standard deviations of acceleration that tell braking from noise
 HARDER = 2.0  #: standard deviations by which one who brakes may do so harder than it seems
@@ -43,6 +57,13 @@ REMEMBERED = 1.0  #: where the car was is remembered for so long [s]: as long as
 COAST, COAST_TENTATIVE, COAST_AT_REST = 0.6, 0.2, 5.0  #: a track lives on unseen for so long [s]
 MARGIN = 0.3  #: kept on both sides of the swept body [m]
 HYSTERESIS = 0.3  #: a target that is in the way must clear the band by this much to be out of it [m]
+#: probability from which one who crosses, and a car that cuts in, is braked for; below which it is no longer
+CROSSING_FROM, CUT_IN_FROM, FORESEEN_UNTIL = 0.5, 0.6, 0.3
+CUTS_IN = 1.3  #: a car that cuts in counts from so long before it is in the band [s]
+BANK_COVERS = 4.5  #: who crosses faster than this is judged by the one filter on place and speed, not by the bank [m/s]
+PASSES = 0.2  #: for so long from the car's arrival on its front would meet one who crosses [s]
+FACE = 1.8  #: width of a body's rear, along which its nearest point slides while the car turns behind it [m]
+BEHIND = 1.0  #: the car is behind a body whose line, along the path there, the bumper is so near to [m]
 INSIDE = 0.3  #: one who crosses must come this far into the band to count [m]: into the way of the body itself
 
 
@@ -52,6 +73,8 @@ class Target(NamedTuple):
     gap: float  #: along the path from the front bumper to its nearest point [m]
     speed: float  #: along the path [m/s], oncoming negative
     braking: float = 0.0  #: deceleration, where it surely brakes [m/s2]
+    probability: float = 1.0  #: of being in the way when the car gets there; 1 for what is in the way now
+    foreseen: bool = False  #: whether it is not in the way yet
 
 
 class Sighting(NamedTuple):
@@ -62,6 +85,7 @@ class Sighting(NamedTuple):
     offset_variance: float  #: [m2]
     speed: float  #: along the path [m/s] of one that does not cross; NaN where the line of sight crosses the path
     skew: float = 0.0  #: by how much a speed across the path adds to `speed`
+    slide: float = 0.0  #: drift of the seen point along the rear of a body, where the path bends [m2/s]
 
 
 class Motion(NamedTuple):
@@ -107,12 +131,14 @@ class Memory:
 class Track:
     """Kalman filters: on station and speed, on the lateral offset of what keeps its place, and of what crosses.
 
-    The last one is on the speed alone: it is what a target's acceleration is told from.
+    What crosses has a second one, a bank over its speeds: one speed and its variance foretell the place of a thing that
+    crosses anyhow, the bank also says how probable it is that one who stands or keeps its lane comes at all. The last
+    filter is on the speed alone: a target's acceleration is told from it.
     """
 
     __slots__ = (
-        "across", "hits", "in_way", "offset", "offset_variance", "p_s", "p_sv", "p_v", "pace", "part_until", "s",
-        "seen", "speed", "time",
+        "across", "bank", "foreseen", "hits", "in_way", "offset", "offset_variance", "p_s", "p_sv", "p_v", "pace",
+        "part_until", "probability", "s", "seen", "slide", "speed", "time",
     )  # fmt: skip
 
     def __init__(self, time: float, sighting: Sighting) -> None:
@@ -120,6 +146,9 @@ class Track:
         self.s, self.offset, self.offset_variance = sighting.s, sighting.offset, sighting.offset_variance
         self.speed = 0.0 if math.isnan(sighting.speed) else sighting.speed
         self.across = Trend(sighting.offset, sighting.offset_variance, LATERAL_SPEED**2, LATERAL_AGILITY)
+        self.bank = Bank(sighting.offset, sighting.offset_variance, WALKERS)
+        self.slide = sighting.slide
+        self.foreseen, self.probability = False, 1.0  # as `Target` has them
         self.p_s, self.p_sv = RANGE_SIGMA**2, 0.0
         self.p_v = 4.0 if math.isnan(sighting.speed) else self._rate_variance(sighting)
         self.pace = Trend(self.speed, self.p_v, CHANGE**2, JERK)
@@ -136,6 +165,10 @@ class Track:
         self.offset_variance += DRIFT * dt
         self.across.density = CHANGE_AGILITY if self.drives else LATERAL_AGILITY
         self.across.predict(dt)
+        habits = LANE_CHANGERS if self.drives else WALKERS
+        if self.bank.habits is not habits:
+            self.bank = Bank(self.across.value, self.across.variance, habits)
+        self.bank.predict(dt, self.slide)
         self.pace.predict(dt)
 
     def distance(self, sighting: Sighting) -> float:
@@ -145,6 +178,10 @@ class Track:
             return off_s
         across = self.across
         off_side = abs(sighting.offset - across.value) / math.sqrt(across.variance + sighting.offset_variance)
+        if off_side >= GATE:
+            # One who sets out or stops is where the bank has it before it is where the one filter has it.
+            place, variance = self.bank.spread()
+            off_side = abs(sighting.offset - place) / math.sqrt(variance + sighting.offset_variance)
         if math.isnan(sighting.speed):
             return max(off_s, off_side)
         off_speed = abs(sighting.speed - sighting.skew * across.rate - self.speed)
@@ -153,11 +190,12 @@ class Track:
     def update(self, sighting: Sighting) -> None:
         """Take a sighting in."""
         self.hits += 1
-        self.seen = self.time
+        self.seen, self.slide = self.time, sighting.slide
         gain = self.offset_variance / (self.offset_variance + sighting.offset_variance)
         self.offset += gain * (sighting.offset - self.offset)
         self.offset_variance *= 1.0 - gain
         self.across.update(sighting.offset, sighting.offset_variance)
+        self.bank.update(sighting.offset, NOISE_SHARE * sighting.offset_variance)
         gain_s, gain_v = self.p_s / (self.p_s + RANGE_SIGMA**2), self.p_sv / (self.p_s + RANGE_SIGMA**2)
         self._correct(sighting.s - self.s, gain_s, gain_v, self.p_s, self.p_sv)
         if not math.isnan(sighting.speed):
@@ -295,7 +333,8 @@ def _danger(track: Track, time: float, bumper: float) -> Target:
     since, speed = time - track.time, track.pace.value
     braking = track.braking(since)
     slower = min(braking * since, max(speed, 0.0))
-    return Target(track.s + (track.speed - 0.5 * slower) * since - bumper, speed - slower, braking)
+    gap = track.s + (track.speed - 0.5 * slower) * since - bumper
+    return Target(gap, speed - slower, braking, track.probability, track.foreseen)
 
 
 def _is_coming(track: Track, corridor: Corridor, age: float) -> bool:
@@ -313,22 +352,51 @@ def _endangers(track: Track, path: Path, corridor: Corridor, bumper: float, spee
 
     What is foretold of the track counts from when it was measured.
     """
+    was_foreseen, track.foreseen, track.probability = track.foreseen, False, 1.0
     # What is faster across than along crosses, or is long and turns: then its nearest point runs along its flank.
     across, drives, age = track.across, track.drives and abs(track.across.rate) < track.speed, now - track.time
-    if not crosses(across, COMES_OVER if drives else CROSSES):
-        return _is_inside(track, corridor, track.offset, track.offset_variance)
+    moves = crosses(across, COMES_OVER if drives else CROSSES)
+    if not moves and _is_inside(track, corridor, track.offset, track.offset_variance):
+        return True
     gap, closing = track.s + track.speed * age - bumper, speed - track.speed
-    left, right = corridor.half_widths(track.s)
     arrival = age + max(gap, 0.0) / closing if closing > 0.0 else math.inf
-    if _is_inside(track, corridor, across.value, across.variance):
+    left, right = corridor.half_widths(track.s)
+    if moves and _is_inside(track, corridor, across.value, across.variance):
         leaves = will_have_left(across, left, right, arrival)
         return not (leaves or goes_past(path, corridor, track.s, across, track.speed, bumper - speed * age, speed))
-    if track.time < track.part_until and abs(across.rate) > ON_FOOT:
+    if gap <= 0.0 or (track.time < track.part_until and abs(across.rate) > ON_FOOT):
         return False
     if drives:
-        past = (max(gap, 0.0) + LENGTH) / closing if closing > 0.0 else math.inf
-        return gap > 0.0 and _comes_over(track, corridor, age + min(past, SOON), EVEN)
-    return gap > 0.0 and track.speed > ONCOMING and will_be_in(across, left - INSIDE, right - INSIDE, arrival)
+        past = (gap + LENGTH) / closing if closing > 0.0 else math.inf
+        track.foreseen = _cuts_in(track, left, right, age + min(past, CUTS_IN), was_foreseen)
+    elif track.speed > ONCOMING and moves and abs(across.rate) > BANK_COVERS:
+        return will_be_in(across, left - INSIDE, right - INSIDE, arrival)
+    elif track.speed > ONCOMING:
+        track.foreseen = _walks_in(track, left, right, arrival, was_foreseen)
+    return track.foreseen
+
+
+def _cuts_in(track: Track, left: float, right: float, within: float, was_foreseen: bool) -> bool:
+    """Tell whether a car that goes along will probably come into the band within a time [s]; sets its probability."""
+    if track.time - track.seen >= FRESH:
+        return False
+    track.probability = probability_of_cutting_in(track.bank, left, right, within, track.speed)
+    return track.probability >= (FORESEEN_UNTIL if was_foreseen else CUT_IN_FROM)
+
+
+def _walks_in(track: Track, left: float, right: float, arrival: float, was_foreseen: bool) -> bool:
+    """Tell whether one who crosses will probably be before the car after a time [s]; sets its probability.
+
+    One who was foreseen stays so until it is improbable that he comes into the band at all: the car that brakes arrives
+    later than `arrival`. He may be past by then, but only if it goes on braking.
+    """
+    track.probability = 0.0
+    if arrival <= PREDICTION_HORIZON:
+        track.probability = probability_in(track.bank, left - INSIDE, right - INSIDE, arrival, arrival + PASSES)
+    if track.probability >= CROSSING_FROM or not was_foreseen:
+        return track.probability >= CROSSING_FROM
+    until = min(arrival + PASSES, PREDICTION_HORIZON)
+    return probability_in(track.bank, left, right, 0.0, until) >= FORESEEN_UNTIL
 
 
 def _is_inside(track: Track, corridor: Corridor, offset: float, variance: float) -> bool:
@@ -349,7 +417,7 @@ def _sightings(observation: Observation, then: Motion, station: Station, front: 
         bumper_x + scan.range * lines[:, 0], bumper_y + scan.range * lines[:, 1], station.s, station.s + HORIZON
     )
     across = then.lateral_speed + then.yaw_rate * front
-    found = []
+    here, found = observation.path.at(station.s).heading, []
     columns = zip(ranges, azimuths, sights, scan.range_rate.tolist(), s.tolist(), offset.tolist(), strict=True)
     for reach, azimuth, (sight_x, sight_y), rate, at_s, at_offset in columns:
         if not abs(at_offset) < LANE:
@@ -358,9 +426,12 @@ def _sightings(observation: Observation, then: Motion, station: Station, front: 
         cos_path, sin_path = math.cos(direction), math.sin(direction)
         along_sight = cos_path * sight_x + sin_path * sight_y
         radial = rate + then.speed * math.cos(azimuth) + across * math.sin(azimuth)
-        speed, skew = math.nan, 0.0
+        speed, skew, slide = math.nan, 0.0, 0.0
         if along_sight > 0.5:
             speed, skew = radial / along_sight, (cos_path * sight_y - sin_path * sight_x) / along_sight
+            if abs(skew) * reach < BEHIND:
+                # As the car comes round the bend, the nearest point of what stands there goes across as the car does.
+                slide = FACE * then.speed * abs(math.sin(direction - here))
         variance = (AZIMUTH_SIGMA * reach) ** 2 + (RANGE_SIGMA * math.sin(azimuth)) ** 2 + 0.1**2
-        found.append(Sighting(at_s, at_offset, variance, speed, skew))
+        found.append(Sighting(at_s, at_offset, variance, speed, skew, slide))
     return found

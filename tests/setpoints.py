@@ -20,7 +20,7 @@ _NEUTRAL: Final[dict[str, Any]] = {
     "yaw_rate": math.nan,
     "grade": 0.0,
     "faults": (),
-    "profile": None,
+    "fallback_path": None,
 }
 
 

@@ -16,6 +16,7 @@ import pyarrow as pa
 import pytest
 from pydantic import BaseModel
 
+from tests import commands_page
 from tests.conftest import REPOSITORY
 from tests.live import matrix
 from tests.record.declared import LIVE_TABLES
@@ -167,7 +168,19 @@ def _known_limits() -> str:
     return "\n".join(lines)
 
 
+def _gallery() -> str:
+    """The pictures of the scenario library."""
+    cards = []
+    for file in sorted((REPOSITORY / "scenarios").glob("*.toml")):
+        title = tomllib.loads(file.read_text(encoding="utf-8"))["title"]
+        picture = f"![{file.stem}: the street from above](scenarios/{file.stem}.png)"
+        cards.append(f"- [{picture}](library.md#{file.stem})\n\n    `{file.stem}`: {title}")
+    return "\n\n".join(cards)
+
+
 GENERATED = {
+    ("commands.md", "commands"): commands_page.markdown,
+    ("gallery.md", "scenarios"): _gallery,
     ("certify.md", "cases"): _cases,
     ("hunt.md", "invariants"): _invariants,
     ("hunt.md", "behaviours"): _behaviours,
@@ -212,6 +225,34 @@ def _parts(file: Path, name: str) -> tuple[str, str, str]:
 def test_generated_tables_are_up_to_date(page: str, name: str) -> None:
     _head, table, _tail = _parts(DOCS / page, name)
     assert table.strip() == GENERATED[page, name](), "run python -m tests.test_docs"
+
+
+def test_the_page_of_commands_holds_every_option_that_a_help_names() -> None:
+    page = (DOCS / "commands.md").read_text(encoding="utf-8")
+    sections = dict(re.findall(r"^##+ ([\w -]+)\n(.*?)(?=^##|^<!-- end|\Z)", page, re.DOTALL | re.MULTILINE))
+    parsers = commands_page.parsers()
+    assert list(sections) == list(parsers)
+    for name, parser in parsers.items():
+        arguments = parser.format_help().partition("\noptions:\n")[2].partition("exit codes:")[0]
+        named = {*re.findall(r"(?m)^  (?:-\w, |-\w \S+, )?(--[\w-]+)", arguments)} - {"--help"}
+        assert named <= {*re.findall(r"(?m)^\| `(?:-\w, )?(--[\w-]+)", sections[name])}, name
+
+
+def test_the_list_of_pages_leaves_none_out() -> None:
+    page = (DOCS / "pages.md").read_text(encoding="utf-8")
+    assert {file.name for file in DOCS.glob("*.md")} - {*re.findall(r"\]\((\w+\.md)\)", page)} == {"pages.md"}
+
+
+def test_the_front_page_is_one_page_with_both_commands_and_five_doors() -> None:
+    text = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 60
+    assert re.findall(r"```\n(.*?)\n```", text, re.DOTALL) == [
+        "pip install . && vve-sumo drive",
+        "pip install '.[dev]' && ./check test",
+    ]
+    doors = re.findall(r"(?m)^\| .*\*\*([\w ]+)\*\*.* \| \[", text)
+    assert doors == ["test engineer", "researcher", "analyst", "brain", "contributor"]
+    assert text.count("![") == 1
 
 
 def test_the_page_of_measures_names_what_the_radar_and_latencies_are_told_by() -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from vve_sumo.cli.dispatch import _parser
+from vve_sumo.cli.dispatch import parser as whole_parser
 
 REPOSITORY = Path(__file__).parent.parent
 PAGES = sorted([*REPOSITORY.glob("*.md"), *REPOSITORY.glob("docs/**/*.md"), *REPOSITORY.glob("n*/*.md")])
@@ -27,6 +27,7 @@ IN_PART = (
     "expected one argument",
     "expected at least one argument",
     "expected 2 arguments",
+    "invalid choice: 'SHELL'",
 )
 
 
@@ -43,7 +44,7 @@ def commands(page: Path) -> Iterator[str]:
 def words(command: str) -> list[str]:
     """Return the words of a command as far as the first that a shell would take for itself."""
     said = shlex.split(command, comments=True)
-    return said[: next((at for at, word in enumerate(said) if word in ("&&", "|", ">", ";", "&")), len(said))]
+    return said[: next((at for at, word in enumerate(said) if word in ("&&", "|", ">", ">>", ";", "&")), len(said))]
 
 
 def is_whole(said: list[str]) -> bool:
@@ -58,7 +59,7 @@ def test_the_pages_show_commands() -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_command_is_taken(page: Path) -> None:
-    parser, wrong = _parser(), []
+    parser, wrong = whole_parser(), []
     for line in commands(page):
         if not line.startswith("vve-sumo ") or not is_whole(said := words(line)):
             continue

@@ -260,9 +260,9 @@ class DeferredFallbackPath:
         return self._path
 
 
-def resolve_fallback_path(profile: FallbackPath | DeferredFallbackPath | None) -> FallbackPath | None:
+def resolve_fallback_path(fallback_path: FallbackPath | DeferredFallbackPath | None) -> FallbackPath | None:
     """Return a fallback path, now computed where it was deferred; None where there is none."""
-    return profile.path() if isinstance(profile, DeferredFallbackPath) else profile
+    return fallback_path.path() if isinstance(fallback_path, DeferredFallbackPath) else fallback_path
 
 
 @fast_frozen
@@ -299,7 +299,7 @@ class Setpoint:
     grade: float  #: slope along the heading [rad], uphill positive, to be fed forward
     faults: tuple[str, ...]  #: reason codes that the drive found; any of them asks for a stop
     #: the fallback path, checked to lie inside the lot; None where there is none
-    profile: FallbackPath | DeferredFallbackPath | None
+    fallback_path: FallbackPath | DeferredFallbackPath | None
 
 
 class ArmingState(enum.StrEnum):

@@ -30,6 +30,7 @@ DRIVES: dict[str, tuple[str, dict[str, float]]] = {
     "gentle": ("leap_hard_stop", {}),
     "gentle, weak brakes": ("leap_hard_stop", {"ego.car.brake_gain_factor": 0.6}),
     "hard": ("pedestrian_750_crossing", {}),
+    "hard, at once": ("occluded_pedestrian", {}),
     "hard, snow": ("pedestrian_750_crossing", {"weather.friction": 0.3}),
 }
 
@@ -83,9 +84,12 @@ def test_the_summary_says_of_the_stop_what_the_analysis_does(driven: tuple[Path,
 
 
 def test_the_declared_brakes_answer_within_a_tick_of_what_was_declared(driven: tuple[Path, pd.DataFrame]) -> None:
-    """Dead time and a lag's first rise: the car's own parameters, which the analysis does not read for it."""
+    """Dead time and a lag's first rise: the car's own parameters, which the analysis does not read for it.
+
+    One who comes out from behind something is braked for fully at once; one who is seen for long, in two stages.
+    """
     folder, _rows = driven
-    stop = stop_in(Run(folder / "hard"))
+    stop = stop_in(Run(folder / "hard, at once"))
     assert stop.reaction.duration == pytest.approx(made.CAR.brake_delay, abs=made.PERIOD)
     assert stop.mfdd == pytest.approx(made.CAR.deceleration_limit, rel=0.05)
 

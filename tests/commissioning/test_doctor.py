@@ -28,6 +28,7 @@ from vve_sumo.pose.ncom import Encoder
 from vve_sumo.rig import load as rigs
 from vve_sumo.values import Fix, FixQuality, Frame
 from vve_sumo.vehicle.dataspeed import codec, layout
+from vve_sumo.vehicle.interface import Gear
 
 DAY = datetime.date(2026, 5, 1)
 
@@ -168,7 +169,7 @@ def test_on_a_real_cars_bus_it_listens_and_says_nothing(tmp_path: Path) -> None:
 
 @pytest.mark.live
 def test_another_writer_on_our_identifiers_is_no_go(tmp_path: Path) -> None:
-    command = codec.encode(codec.GearCommand(codec.Gear.DRIVE), codec.Variant.DBW1_2024)
+    command = codec.encode(codec.GearCommand(Gear.DRIVE), codec.Variant.DBW1_2024)
     with Adapter() as adapter:
         run = listened(
             real_rig(tmp_path, adapter.name, *LASTING), LiveCar(), adapter, (command, Frame(0x061, b"short"))

@@ -51,6 +51,32 @@ def walker(ego_speed: float, arrives: float, at_offset: float, speed: float, fro
                   length=size[0], width=size[1], cross_section=0.5)  # fmt: skip
 
 
+def from_kerb(ego_speed: float, aside: float, at_offset: float, speed: float, within: float,
+              size: tuple[float, float] = (0.6, 0.5), stops: float = math.inf, late: float = 0.0) -> Body:  # fmt: skip
+    """One who waits `aside` [m, left positive], comes to a speed `within` a way, and is met at `at_offset` after 4 s.
+
+    So it is unless he comes `late` [s]; one who `stops` so far from the kerb does so with 2 m/s2.
+    """
+    side, brakes = math.copysign(1.0, aside), speed * speed / 4.0
+    gains = 0.5 * speed * speed / within
+    sets_out = 4.0 + late - (abs(aside - at_offset) + within) / speed
+
+    def gone(time: float) -> tuple[float, float]:
+        walks = max(time - sets_out, 0.0)
+        if walks < speed / gains:
+            return 0.5 * gains * walks * walks, gains * walks
+        way = within + speed * (walks - speed / gains)
+        braked = min(max(way - (stops - brakes), 0.0) / speed, 0.5 * speed)
+        return (way, speed) if not braked else (stops - brakes + speed * braked - braked**2, speed - 2.0 * braked)
+
+    def place(time: float) -> tuple[float, float, float, float]:
+        way, pace = gone(time)
+        return x, aside - side * way, -side * 0.5 * math.pi, pace
+
+    x = CAR.rear_axle_to_bumper + 4.0 * ego_speed + 0.5 * size[1]
+    return Body(place, length=size[0], width=size[1], cross_section=1.0)
+
+
 def changes_lane(x: float, y: float, speed: float, begins: float, lasts: float) -> Body:
     """A car that comes over from `y` to the middle of the road, with the least jerk; x and y of its middle."""
 

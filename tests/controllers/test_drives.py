@@ -140,10 +140,12 @@ def test_it_passes_between_two_parked_cars(make, seed):
     assert done.acceleration[: int(np.argmax(passed))].min() > -0.3
 
 
-def test_cars_parked_along_bends_do_not_stop_it(make):
-    path = bends(11.2)
+@pytest.mark.parametrize(("speed", "seed"), [(8.0, 1), (8.0, 2), (11.2, 0), (11.2, 1), (14.0, 0)])
+def test_cars_parked_along_bends_do_not_stop_it(make, speed, seed):
+    """As the ego comes round a bend, the nearest point of a parked car's rear slides across like one who walks."""
+    path = bends(speed)
     obstacles = [Obstacle(25.0 * i + 30.0, offset=3.0 * (-1.0) ** i) for i in range(int(path.length / 25.0) - 3)]
-    done, free = drive(make(), path, 11.2, obstacles, 120.0), drive(make(), path, 11.2, [], 120.0)
+    done, free = (drive(make(), path, speed, boxes, 120.0, seed=seed) for boxes in (obstacles, []))
     assert {setpoint.note for setpoint in done.setpoints} == {"cruise", "path_end", "hold"}
     assert done.time[-1] == pytest.approx(free.time[-1], abs=0.5)
 

@@ -22,7 +22,7 @@ from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import PLAYBACK, TrustGate
 from vve_sumo.record.writer import Record
 from vve_sumo.values import ArmingState, ControlCommand
-from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed import codec, messages
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 from vve_sumo.world.surroundings import table
 
@@ -96,7 +96,7 @@ def test_the_playback_profile_can_never_arm() -> None:
     gateway = Gateway(resolved.vehicle, resolved.model.calibration)
     placement = Placement(frame, Alignment(), Mounting(0.0, 0.0), 0.0)
     reports = [
-        codec.encode(codec.BrakeReport(codec.BrakeReportKind.TORQUE, 0.0, 0.0, 0.0, enabled=False)),
+        codec.encode(codec.BrakeReport(messages.BrakeReportKind.TORQUE, 0.0, 0.0, 0.0, enabled=False)),
         codec.encode(codec.WheelSpeeds(0.0, 0.0, 0.0, 0.0)),
     ]
     for tick in range(200):

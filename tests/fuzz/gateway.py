@@ -38,7 +38,7 @@ from tests import vehicles
 from tests.fuzz.invariant import Violation, hold
 from vve_sumo.values import ArmingState, FallbackPath, Frame, Setpoint
 from vve_sumo.vehicle.arming import COMMANDING
-from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 
@@ -50,14 +50,14 @@ DISORDER: Final = (0.0, 0.0, 0.0005, 0.002, 0.01, 0.05, 0.3, 1.0)  # how likely 
 ODD: Final = (math.nan, math.inf, -math.inf, 0.0, -0.0, 1.0, -1.0, 1e-300, 1e9, -1e9, 1.7e308, -1.7e308)
 ACTS: Final = tuple(OperatorCommand)
 REPORT_IDS: Final = (
-    codec.BRAKE_REPORT,
-    codec.THROTTLE_REPORT,
-    codec.STEERING_REPORT,
-    codec.GEAR_REPORT,
-    codec.WHEEL_SPEEDS,
-    codec.YAW_RATE,
+    layout.BRAKE_REPORT,
+    layout.THROTTLE_REPORT,
+    layout.STEERING_REPORT,
+    layout.GEAR_REPORT,
+    layout.WHEEL_SPEEDS,
+    layout.YAW_RATE,
 )
-LENGTHS: Final = {codec.GEAR_REPORT: 2, codec.YAW_RATE: 4}
+LENGTHS: Final = {layout.GEAR_REPORT: 2, layout.YAW_RATE: 4}
 NUMBERS: Final = ("steering", "acceleration", "time", "expires", "x", "y", "heading", "speed", "yaw_rate", "grade")
 PEDALS: Final = struct.Struct("<HHHBB")
 STEERING: Final = struct.Struct("<hHhbB")
@@ -126,12 +126,12 @@ class _Car:
         wheel = min(round(self.speed / VEHICLE.wheel_radius * 100.0) + (noise & 1 if self.speed > 0.1 else 0), 32000)
         yaw = min(max(round(self.yaw_rate / 2e-4) + (noise >> 1 & 1), -32000), 32000)
         return [
-            Frame(codec.BRAKE_REPORT, PEDALS.pack(0, 0, 0, 0, pedal | self.faults)),
-            Frame(codec.THROTTLE_REPORT, PEDALS.pack(0, 0, 0, 0, self.enabled)),
-            Frame(codec.STEERING_REPORT, STEERING.pack(self.angle, self.angle & 0x7FFF, 0, 0, self.enabled)),
-            Frame(codec.GEAR_REPORT, bytes((self.gear, 0))),
-            Frame(codec.WHEEL_SPEEDS, FOUR.pack(wheel, wheel, wheel, wheel)),
-            Frame(codec.YAW_RATE, TWO.pack(0, yaw)),
+            Frame(layout.BRAKE_REPORT, PEDALS.pack(0, 0, 0, 0, pedal | self.faults)),
+            Frame(layout.THROTTLE_REPORT, PEDALS.pack(0, 0, 0, 0, self.enabled)),
+            Frame(layout.STEERING_REPORT, STEERING.pack(self.angle, self.angle & 0x7FFF, 0, 0, self.enabled)),
+            Frame(layout.GEAR_REPORT, bytes((self.gear, 0))),
+            Frame(layout.WHEEL_SPEEDS, FOUR.pack(wheel, wheel, wheel, wheel)),
+            Frame(layout.YAW_RATE, TWO.pack(0, yaw)),
         ]
 
 
@@ -148,8 +148,8 @@ class Drive:
         self.gateway = Gateway(
             VEHICLE, vehicles.FUSION.calibration, period=PERIOD, interface=interface, shadow=self.shadow
         )
-        self.angle_limit = min(VEHICLE.steering_limit, codec.WHEEL_ANGLE_LIMIT[self.variant] / VEHICLE.steering_ratio)
-        self.torque_limit = min(3250.0, codec.TORQUE_LIMIT[self.variant])
+        self.angle_limit = min(VEHICLE.steering_limit, layout.WHEEL_ANGLE_LIMIT[self.variant] / VEHICLE.steering_ratio)
+        self.torque_limit = min(3250.0, layout.TORQUE_LIMIT[self.variant])
         self.disorder = {
             what: chance.choice(DISORDER) for what in ("setpoint", "report", "act", "found", "time", "car")
         }
@@ -222,7 +222,7 @@ class Drive:
             "yaw_rate": car.yaw_rate,
             "grade": 0.0,
             "faults": (),
-            "profile": None if self.sequence & 1 else FallbackPath(1.0, (0.01, 0.02, 0.0)),
+            "fallback_path": None if self.sequence & 1 else FallbackPath(1.0, (0.01, 0.02, 0.0)),
         }
         if self._hit("setpoint"):
             kind = chance.randrange(8)
@@ -239,7 +239,7 @@ class Drive:
             elif kind == 3:
                 fields["faults"] = (chance.choice(("pose_stale", "outside_geofence", "no_such_code")),)
             elif kind == 4:
-                fields["profile"] = FallbackPath(
+                fields["fallback_path"] = FallbackPath(
                     chance.choice((1.0, 0.0, math.nan, 1e-300)),
                     tuple(chance.choices(ODD, k=chance.choice((0, 1, 64, 65)))),
                 )
@@ -343,15 +343,15 @@ class Drive:
         self.was_overridden = override = self.overridden
         for frame in reports:
             data = frame.data
-            if frame.id == codec.WHEEL_SPEEDS and len(data) == 8:
+            if frame.id == layout.WHEEL_SPEEDS and len(data) == 8:
                 wheels = FOUR.unpack(data)
                 self.wheels_at = now
                 self.wheels_stand = all(abs(w) * 0.01 * VEHICLE.wheel_radius < 0.05 for w in wheels)
-            elif frame.id == codec.BRAKE_REPORT and len(data) == 8 and (data[6] & 3 != 3 or self.old):
+            elif frame.id == layout.BRAKE_REPORT and len(data) == 8 and (data[6] & 3 != 3 or self.old):
                 # Kind 3 of the newer kit is none: such a report says nothing.
                 override = bool(data[7] & 2)
                 self.on_brake = bool(data[7] & 4)
-            elif frame.id == codec.GEAR_REPORT and len(data) == 2 and data[0] & 7 <= 5 and data[0] >> 4 & 7 <= 5:
+            elif frame.id == layout.GEAR_REPORT and len(data) == 2 and data[0] & 7 <= 5 and data[0] >> 4 & 7 <= 5:
                 self.in_park = data[0] & 7 == PARK
         self.overridden = override
 

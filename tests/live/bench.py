@@ -28,7 +28,7 @@ from vve_sumo.live.slcan import Adapter
 from vve_sumo.live.spawn import start
 from vve_sumo.values import ArmingState, Frame, Setpoint
 from vve_sumo.vehicle import link
-from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.vehicle.gateway import OperatorCommand
 from vve_sumo.vehicle.limits import Limits
 
@@ -39,7 +39,7 @@ WAITING = "waiting_for_go"
 
 
 #: frames of one step, in order
-COMMANDS = [codec.BRAKE_COMMAND, codec.THROTTLE_COMMAND, codec.STEERING_COMMAND, codec.GEAR_COMMAND]
+COMMANDS = [codec.BRAKE_COMMAND, codec.THROTTLE_COMMAND, codec.STEERING_COMMAND, layout.GEAR_COMMAND]
 
 
 class Heard(NamedTuple):

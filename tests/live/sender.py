@@ -47,7 +47,7 @@ def main(descriptor: int, t0: float) -> None:
             yaw_rate=0.0,
             grade=0.0,
             faults=(),
-            profile=None,
+            fallback_path=None,
         )
         channel.send(link.encode_setpoint(setpoint))
         sequence += 1

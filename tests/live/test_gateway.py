@@ -35,10 +35,10 @@ from vve_sumo.record.reader import read_table
 from vve_sumo.timing import MAX_STEP_INTERVAL, MIN_STEP_INTERVAL
 from vve_sumo.values import ArmingState, Frame, Setpoint
 from vve_sumo.vehicle import link
-from vve_sumo.vehicle.dataspeed import codec
-from vve_sumo.vehicle.dataspeed.codec import Gear
+from vve_sumo.vehicle.dataspeed import codec, layout, messages
 from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.interface import Gear
 
 Open = Callable[..., Bench]
 
@@ -159,7 +159,7 @@ def test_a_kit_is_gone_a_minute_after_its_last_word(heard: float, later: float) 
     assert DBW_SILENCE_LIMIT == 60.0
 
 
-IDS = [codec.BRAKE_REPORT, codec.THROTTLE_REPORT, codec.STEERING_REPORT, codec.GEAR_REPORT]
+IDS = [layout.BRAKE_REPORT, layout.THROTTLE_REPORT, layout.STEERING_REPORT, layout.GEAR_REPORT]
 
 
 @given(st.lists(st.builds(Frame, st.integers(0, 0x7FF), st.binary(max_size=8)), max_size=40))
@@ -396,7 +396,7 @@ def test_the_stop_button_on_the_bus_stops_the_car(bench: Open) -> None:
 @pytest.mark.live
 def test_a_second_master_on_the_bus_stops_the_car(bench: Open) -> None:
     b = bench(2.0)
-    b.adapter.send([codec.encode(codec.BrakeCommand(codec.BrakeKind.TORQUE, 0.0, True, 7, False), b.car.variant)])
+    b.adapter.send([codec.encode(codec.BrakeCommand(messages.BrakeKind.TORQUE, 0.0, True, 7, False), b.car.variant)])
     b.rest()
     assert "another_writer" in reasons_of(b)
 

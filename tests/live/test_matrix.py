@@ -43,7 +43,7 @@ from vve_sumo.values import Setpoint
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import CRITICAL
 from vve_sumo.vehicle.dataspeed import codec
-from vve_sumo.vehicle.dataspeed.codec import Variant
+from vve_sumo.vehicle.dataspeed.layout import Variant
 
 ATTEMPTS = 4
 #: drives at a time; each takes half a core while it starts and a fifth of one under way

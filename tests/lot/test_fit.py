@@ -93,7 +93,7 @@ def test_it_is_as_good_as_brute_force() -> None:
     assert found.whole
     places = geofence(lot).driven(path, speed)
     swept = shapely.union_all(
-        np.concatenate([shapely.polygons(geofence(lot).sweep(p.pose, p.steering, p.profile)) for p in places])
+        np.concatenate([shapely.polygons(geofence(lot).sweep(p.pose, p.steering, p.fallback_path)) for p in places])
     )
     middle = swept.centroid.coords[0]
     allowed = shapely.Polygon(corners, [pole]).buffer(-0.5)

@@ -171,7 +171,7 @@ def test_a_car_that_rolls_backwards_may_be_turned_as_one_that_nobody_leads() -> 
 
 
 @pytest.mark.parametrize(
-    ("steering", "profile"),
+    ("steering", "fallback_path"),
     [
         (math.nan, None),
         (0.0, FallbackPath(math.nan, (0.0, 0.0))),
@@ -181,8 +181,8 @@ def test_a_car_that_rolls_backwards_may_be_turned_as_one_that_nobody_leads() -> 
         (0.0, FallbackPath(1.0, (0.0, math.nan))),
     ],
 )
-def test_a_way_that_is_none_is_refused_near_an_edge(steering: float, profile: FallbackPath | None) -> None:
-    assert geofence(Lot(LANE)).check(pose(60.0, 20.0), steering, profile) == GEOFENCE_BREACH
+def test_a_way_that_is_none_is_refused_near_an_edge(steering: float, fallback_path: FallbackPath | None) -> None:
+    assert geofence(Lot(LANE)).check(pose(60.0, 20.0), steering, fallback_path) == GEOFENCE_BREACH
 
 
 def swept(start: Pose, curvature: np.ndarray, distance: float) -> np.ndarray:
@@ -217,7 +217,7 @@ def test_dense_brute_force_finds_no_way_out_that_the_fence_missed(
     bend = float(np.clip(sideways / max(speed, 1.0) ** 2, -0.2, 0.2))
     steering = math.atan(VEHICLE.wheelbase * bend) + VEHICLE.understeer_gradient * bend * speed**2
     knots = np.interp(np.arange(32), np.arange(0, 36, 5), random.uniform(-0.1, 0.1, 8) / (1.0 + speed))
-    profile = FallbackPath(0.7, tuple(knots.tolist()))
+    fallback_path = FallbackPath(0.7, tuple(knots.tolist()))
     gateway, watchdog = GATEWAY.distance(speed), WATCHDOG.distance(speed)
     s = (np.arange(150) + 0.5) / 150
     relaxing = [bend * share * np.ones(150) for share in np.linspace(0.0, 1.0, 7)]
@@ -227,7 +227,7 @@ def test_dense_brute_force_finds_no_way_out_that_the_fence_missed(
     ways.append(swept(start, np.interp(s * gateway / 0.7, np.arange(32), knots), gateway))
     bodies = shapely.polygons(np.concatenate(ways))
     ground = shapely.Polygon(outline, [pole])
-    allowed = geofence(lot).check(start, steering, profile) == ()
+    allowed = geofence(lot).check(start, steering, fallback_path) == ()
     if not shapely.covers(ground.buffer(-0.5), bodies).all():
         assert not allowed
     elif shapely.covers(ground.buffer(-1.3), bodies).all():

@@ -16,8 +16,8 @@ from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
 from vve_sumo.plant.car import Car, CarOutput, CarParameters
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.values import Frame
-from vve_sumo.vehicle.dataspeed import codec, messages
-from vve_sumo.vehicle.interface import InterfaceConfig
+from vve_sumo.vehicle.dataspeed import codec, layout, messages
+from vve_sumo.vehicle.interface import Gear, InterfaceConfig
 from vve_sumo.vehicle.model import IDEAL
 
 LOT = MapFrame("+proj=tmerc +lat_0=40 +lon_0=-82.98 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs")
@@ -34,7 +34,7 @@ def commands(tick: int, command: Command) -> list[Frame]:
         codec.encode(messages.BrakeCommand(messages.BrakeKind.TORQUE, torque, True, count)),
         codec.encode(messages.ThrottleCommand(messages.ThrottleKind.PERCENT, throttle, True, count)),
         codec.encode(messages.SteeringCommand(wheel, 0.0, True, count)),
-        codec.encode(messages.GearCommand(messages.Gear.DRIVE)),
+        codec.encode(messages.GearCommand(Gear.DRIVE)),
     ]
 
 
@@ -52,7 +52,7 @@ def in_drive(parameters: CarParameters | None = None) -> Car:
     car = make(parameters)
     for _ in ride(car, 1.0, lambda _: (1500.0, 0.0, 0.0)):
         pass
-    assert car.interface.gear is messages.Gear.DRIVE
+    assert car.interface.gear is Gear.DRIVE
     return car
 
 
@@ -78,8 +78,8 @@ def test_truth_does_not_depend_on_the_noise() -> None:
 def test_reports_come_at_their_rates() -> None:
     frames = [frame for output in ride(make(), 10.0, town) for _, frame in output.reports]
     assert Counter(frame.id for frame in frames) == {
-        codec.BRAKE_REPORT: 500, codec.THROTTLE_REPORT: 500, codec.STEERING_REPORT: 500, codec.BRAKE_INFO: 500,
-        codec.GEAR_REPORT: 200, codec.WHEEL_SPEEDS: 1000, codec.ACCELERATIONS: 1000, codec.YAW_RATE: 1000,
+        layout.BRAKE_REPORT: 500, layout.THROTTLE_REPORT: 500, layout.STEERING_REPORT: 500, layout.BRAKE_INFO: 500,
+        layout.GEAR_REPORT: 200, layout.WHEEL_SPEEDS: 1000, layout.ACCELERATIONS: 1000, layout.YAW_RATE: 1000,
     }  # fmt: skip
 
 
@@ -224,7 +224,7 @@ def test_gear_reports_follow_the_shift() -> None:
         if isinstance(message := codec.decode(frame), messages.GearReport)
     ]
     assert gears == sorted(gears)
-    assert {gears[0], gears[-1]} == {messages.Gear.PARK, messages.Gear.DRIVE}
+    assert {gears[0], gears[-1]} == {Gear.PARK, Gear.DRIVE}
 
 
 def test_refuses_times_between_its_steps() -> None:
@@ -249,7 +249,7 @@ def test_imperfections_leave_every_other_noise_as_it_is() -> None:
     said: list[tuple[list[Frame], list[bytes]]] = []
     for car in (ideal, other):
         outputs = [*ride(car, 6.0, town)]
-        frames = [frame for output in outputs for _, frame in output.reports if frame.id == codec.YAW_RATE]
+        frames = [frame for output in outputs for _, frame in output.reports if frame.id == layout.YAW_RATE]
         said.append((frames, [packet for output in outputs for _, packet in output.ncom]))
     (rates, packets), (other_rates, other_packets) = said
     assert rates == other_rates

@@ -488,7 +488,7 @@ def test_a_fault_bit_is_set_for_its_time_and_nothing_else_changes(kind, report, 
 def test_malformed_steering_reports_are_a_byte_short():
     ride = Ride(fault("report_malformed"))
     for time, frame in ride.frames:
-        if frame.id == codec.STEERING_REPORT:
+        if frame.id == layout.STEERING_REPORT:
             assert len(frame.data) == (7 if ride.during(time) else 8)
             assert isinstance(codec.decode(frame), codec.Malformed) == ride.during(time)
 
@@ -531,11 +531,11 @@ def test_wheel_speeds_are_three_quarters_of_the_true_ones():
 
 
 FROZEN = {
-    "wheel_speeds_frozen": codec.WHEEL_SPEEDS,
-    "steering_report_frozen": codec.STEERING_REPORT,
-    "yaw_rate_frozen": codec.YAW_RATE,
-    "brake_report_frozen": codec.BRAKE_REPORT,
-    "throttle_report_frozen": codec.THROTTLE_REPORT,
+    "wheel_speeds_frozen": layout.WHEEL_SPEEDS,
+    "steering_report_frozen": layout.STEERING_REPORT,
+    "yaw_rate_frozen": layout.YAW_RATE,
+    "brake_report_frozen": layout.BRAKE_REPORT,
+    "throttle_report_frozen": layout.THROTTLE_REPORT,
 }
 
 

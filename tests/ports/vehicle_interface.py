@@ -559,7 +559,7 @@ class _Drive:
         setpoint = Setpoint(
             steering=steering, acceleration=acceleration, emergency=False, note="", sequence=self._tick, time=now,
             expires=now + 0.1, x=truth.x, y=truth.y, heading=truth.heading, speed=truth.speed, yaw_rate=truth.yaw_rate,
-            grade=0.0, faults=(), profile=None,
+            grade=0.0, faults=(), fallback_path=None,
         )  # fmt: skip
         output = self.gateway.step(now, setpoint, self.heard, act)
         self.state, self.reasons = output.status.state, output.status.reasons

@@ -104,8 +104,10 @@ def test_driving_a_scenario_meets_its_criteria(part: int) -> None:
         assert summary["passed"] is True, (name, summary["failed"], summary["text"])
         assert not summary["removed_at_entry"], name
         if not math.isnan(summary["stop_distance_m"]):
-            # The car as declared keeps the bound that its stop sets itself, and the bound is no generous one.
-            assert 0.93 * summary["stop_bound_m"] < summary["stop_distance_m"], name
+            # The car as declared keeps the bound that its stop sets itself, and the bound is no generous one. It counts
+            # with one constant demand, which fits a stop in two stages less well.
+            share = 0.9 if summary["emergency_used"] else 0.93
+            assert share * summary["stop_bound_m"] < summary["stop_distance_m"], name
             assert summary["stop_distance_m"] <= summary["stop_bound_m"] + summary["stop_tolerance_m"], name
             # Brakes at their limit have nothing to make up for 5 % of strength with.
             assert summary["stop_tolerance_m"] < 0.06 * summary["stop_distance_m"] + 0.06, name

@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 from tests import vehicles
 from tests.setpoints import setpoint as complete
 from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint
-from vve_sumo.vehicle.dataspeed import codec
-from vve_sumo.vehicle.dataspeed.codec import Gear
+from vve_sumo.vehicle.dataspeed import codec, messages
 from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
 from vve_sumo.vehicle.dataspeed.pedals import torque_to_pedal
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.interface import Gear
 
 PERIOD = 0.02
 GRAVITY = 9.80665
@@ -84,9 +84,9 @@ class Car:
     def reports(self) -> list[Frame]:
         """Frames of one period."""
         wheel = self.speed / FUSION.wheel_radius
-        messages = [
+        said = [
             codec.BrakeReport(
-                codec.BrakeReportKind.PEDAL,
+                messages.BrakeReportKind.PEDAL,
                 self.pedal,
                 torque_to_pedal(self._brake_echo),
                 0.15,
@@ -102,7 +102,7 @@ class Car:
             codec.YawRate(0.0, self.yaw_rate),
             codec.BrakeInfo(0.0, max(self._torque, 0.0), self.speed == 0.0),
         ]
-        frames = [codec.encode(message, self.variant) for message in messages]
+        frames = [codec.encode(message, self.variant) for message in said]
         return [self.forged.get(frame.id, frame) for frame in frames if frame.id not in self.silent]
 
     @property

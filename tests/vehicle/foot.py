@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from tests.vehicle.whole_car import PERIOD, WholeCar
 from vve_sumo.values import ArmingState, Frame, GatewayStatus
-from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed import layout
 from vve_sumo.vehicle.interface import HANDS_OFF, DriverInputs
 
 Alter = Callable[[Frame], Frame]
@@ -27,7 +27,7 @@ class Frozen:
 
 def bits_at_zero(frame: Frame) -> Frame:
     """Clear the override and driver bits of the brake report (0x61); all else is true."""
-    if frame.id != codec.BRAKE_REPORT:
+    if frame.id != layout.BRAKE_REPORT:
         return frame
     return Frame(frame.id, frame.data[:-1] + bytes([frame.data[-1] & ~0x06]))
 
@@ -35,7 +35,7 @@ def bits_at_zero(frame: Frame) -> Frame:
 def foot_unseen(frame: Frame) -> Frame:
     """Clear those bits and the pedal's position in the brake report; its command and its enabled bit are true."""
     frame = bits_at_zero(frame)
-    return Frame(frame.id, bytes(2) + frame.data[2:]) if frame.id == codec.BRAKE_REPORT else frame
+    return Frame(frame.id, bytes(2) + frame.data[2:]) if frame.id == layout.BRAKE_REPORT else frame
 
 
 @dataclass

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from tests.vehicle.car import CALIBRATION, FUSION, GRAVITY, PERIOD, Car
 from vve_sumo.vehicle.actuation import Actuation
-from vve_sumo.vehicle.dataspeed.codec import Gear
+from vve_sumo.vehicle.interface import Gear
 
 CARS = list(itertools.product((0.85, 1.0, 1.15), (0.9, 1.0, 1.1), (-0.03, 0.0, 0.03)))
 

@@ -9,7 +9,7 @@ import pytest
 from tests.vehicle.foot import Alter, Course, Frozen, bits_at_zero, foot_comes, foot_unseen, under_way
 from tests.vehicle.whole_car import PARAMETERS, PERIOD, WholeCar
 from vve_sumo.values import ArmingState, Frame
-from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed import layout
 from vve_sumo.vehicle.dataspeed.pedals import pedal_to_torque
 from vve_sumo.vehicle.gateway import OperatorCommand
 from vve_sumo.vehicle.interface import HANDS_OFF, DriverInputs
@@ -26,10 +26,10 @@ def whatever(frame: Frame) -> Frame:
 #: What is wrong with the reports, made anew for each drive; only the car's motion is left in the last one.
 REPORTS = {
     "sound": lambda: whatever,
-    "brake report frozen": lambda: Frozen((codec.BRAKE_REPORT,)),
+    "brake report frozen": lambda: Frozen((layout.BRAKE_REPORT,)),
     "bits at zero": lambda: bits_at_zero,
     "bits and pedal at zero": lambda: foot_unseen,
-    "brake report and brake torque frozen": lambda: Frozen((codec.BRAKE_REPORT, codec.BRAKE_INFO)),
+    "brake report and brake torque frozen": lambda: Frozen((layout.BRAKE_REPORT, layout.BRAKE_INFO)),
 }
 BY_MOTION_ALONE = "brake report and brake torque frozen"
 #: Time within which the throttle is closed [s]. The deceleration alone takes longer to tell from a sound car.
@@ -103,7 +103,7 @@ def test_after_a_foot_only_a_new_engagement_and_a_new_go_move_the_car(reports):
 @pytest.mark.parametrize("pedal", [0.20, 0.35])
 def test_a_foot_on_the_throttle_ends_the_drive_with_bits_at_zero_too(pedal):
     def unseen(frame: Frame) -> Frame:
-        if frame.id != codec.THROTTLE_REPORT:
+        if frame.id != layout.THROTTLE_REPORT:
             return frame
         return Frame(frame.id, frame.data[:-1] + bytes([frame.data[-1] & ~0x06]))
 
@@ -139,10 +139,10 @@ class Claims:
 @pytest.mark.parametrize(
     ("identifier", "byte", "bit", "frames"),
     [
-        (codec.BRAKE_REPORT, 7, 0x02, 3),
-        (codec.THROTTLE_REPORT, 7, 0x02, 3),
-        (codec.STEERING_REPORT, 7, 0x02, 3),
-        (codec.GEAR_REPORT, 0, 0x08, 1),
+        (layout.BRAKE_REPORT, 7, 0x02, 3),
+        (layout.THROTTLE_REPORT, 7, 0x02, 3),
+        (layout.STEERING_REPORT, 7, 0x02, 3),
+        (layout.GEAR_REPORT, 0, 0x08, 1),
     ],
     ids=["brake", "throttle", "steering", "gear"],
 )

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from vve_sumo.vehicle.dataspeed import codec
-from vve_sumo.vehicle.dataspeed.codec import Gear
+from vve_sumo.vehicle.dataspeed import codec, messages
 from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
 from vve_sumo.vehicle.engagement import Engagement
+from vve_sumo.vehicle.interface import Gear
 from vve_sumo.vehicle.reports import CarReports
 
 LAG = 0.05  # [rad]
@@ -18,7 +18,7 @@ def reports(enabled: bool = True, gear: Gear = Gear.DRIVE) -> CarReports:
     """A car that says this; the brake module alone may not be enabled."""
     said = CarReports(0.3, DataspeedDbw1())
     for message in (
-        codec.BrakeReport(codec.BrakeReportKind.PEDAL, 0.15, 0.15, 0.15, enabled=enabled),
+        codec.BrakeReport(messages.BrakeReportKind.PEDAL, 0.15, 0.15, 0.15, enabled=enabled),
         codec.ThrottleReport(0.15, 0.15, 0.15, enabled=True),
         codec.SteeringReport(0.0, 0.0, 0.0, 0.0, enabled=True),
         codec.GearReport(gear),

@@ -11,9 +11,9 @@ import pytest
 
 from tests.vehicle.car import FUSION, PERIOD, Car, Rig
 from vve_sumo.values import ArmingState, Frame
-from vve_sumo.vehicle.dataspeed import codec
-from vve_sumo.vehicle.dataspeed.codec import Gear
+from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.vehicle.gateway import OperatorCommand
+from vve_sumo.vehicle.interface import Gear
 
 S = ArmingState
 
@@ -299,7 +299,7 @@ def test_frozen_wheel_speeds_do_not_make_the_car_faster():
 def test_a_frozen_steering_report_is_found_in_the_next_bend():
     rig = Rig()
     rig.cruise(5.0)
-    rig.car.forged = {f.id: f for f in rig.car.reports() if f.id == codec.STEERING_REPORT}
+    rig.car.forged = {f.id: f for f in rig.car.reports() if f.id == layout.STEERING_REPORT}
     rig.run(1.0)
     begun = rig.now
     status = rig.step(0.0, steering=0.06)
@@ -351,7 +351,7 @@ def test_a_steering_report_that_stays_the_same_while_the_command_moves_is_frozen
     rig = Rig()
     rig.cruise(1.0)
     rig.run(1.0, steering=0.02)
-    rig.car.forged = {frame.id: frame for frame in rig.car.reports() if frame.id == codec.STEERING_REPORT}
+    rig.car.forged = {frame.id: frame for frame in rig.car.reports() if frame.id == layout.STEERING_REPORT}
     begun = rig.now
     status = rig.step(steering=0.08)
     while status.state is S.ENGAGED:

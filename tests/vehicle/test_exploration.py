@@ -19,8 +19,9 @@ from tests.vehicle.car import CALIBRATION, FUSION
 from vve_sumo.values import ArmingState, Frame
 from vve_sumo.vehicle.arming import COMMANDING
 from vve_sumo.vehicle.dataspeed import codec
-from vve_sumo.vehicle.dataspeed.codec import Gear
+from vve_sumo.vehicle.dataspeed.messages import BrakeReportKind
 from vve_sumo.vehicle.gateway import Gateway, GatewayOutput, OperatorCommand
+from vve_sumo.vehicle.interface import Gear
 
 S = ArmingState
 PERIOD = 0.1
@@ -62,7 +63,13 @@ def reports(world: World) -> tuple[Frame, ...]:
     wheel, on = world.speed / FUSION.wheel_radius, world.enabled
     said = [
         codec.BrakeReport(
-            codec.BrakeReportKind.PEDAL, 0.15, 0.15, 0.15, on, override=world.override, driver=world.driver == "brake"
+            BrakeReportKind.PEDAL,
+            0.15,
+            0.15,
+            0.15,
+            on,
+            override=world.override,
+            driver=world.driver == "brake",
         ),
         codec.ThrottleReport(0.15, 0.15, 0.15, on, driver=world.driver == "throttle"),
         codec.SteeringReport(0.0, 0.0, world.speed, 0.0, on),

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tests.vehicle.car import FUSION, PERIOD, Rig
 from tests.vehicle.whole_car import VEHICLE, WholeCar
 from vve_sumo.values import ArmingState, DeferredFallbackPath, FallbackPath
-from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.vehicle.fallback import FallbackTracker, well_formed
 from vve_sumo.vehicle.gateway import OperatorCommand
 
@@ -41,7 +41,7 @@ def test_the_plain_car_is_neutral():
 
 
 @pytest.mark.parametrize(
-    "profile",
+    "fallback_path",
     [
         FallbackPath(0.0, (0.0,)),
         FallbackPath(-1.0, (0.0,)),
@@ -54,22 +54,23 @@ def test_the_plain_car_is_neutral():
         FallbackPath(1.0, (math.inf, -math.inf)),
     ],
 )
-def test_what_is_no_way_is_refused_and_stops_the_car(profile):
-    assert not well_formed(profile)
+def test_what_is_no_way_is_refused_and_stops_the_car(fallback_path):
+    assert not well_formed(fallback_path)
     rig = Rig()
     rig.cruise(5.0)
-    status = rig.step(1.0, profile=profile)
+    status = rig.step(1.0, fallback_path=fallback_path)
     assert (status.state, status.reasons[0]) == (S.STOPPING, "profile_invalid")
 
 
 @pytest.mark.parametrize(
-    "profile", [FallbackPath(1e-300, (0.1, -0.1)), FallbackPath(2.0, (0.0,) * 64), FallbackPath(2.0, (1e308, 1e308))]
+    "fallback_path",
+    [FallbackPath(1e-300, (0.1, -0.1)), FallbackPath(2.0, (0.0,) * 64), FallbackPath(2.0, (1e308, 1e308))],
 )
-def test_what_is_a_way_is_taken(profile):
-    assert well_formed(profile)
+def test_what_is_a_way_is_taken(fallback_path):
+    assert well_formed(fallback_path)
     rig = Rig()
     rig.cruise(5.0)
-    assert rig.step(1.0, profile=profile).state is S.ENGAGED
+    assert rig.step(1.0, fallback_path=fallback_path).state is S.ENGAGED
 
 
 # Odometry.
@@ -170,7 +171,7 @@ def bend() -> FallbackPath:
 def test_a_stop_follows_the_way_although_nobody_speaks_any_more():
     rig = Rig()
     rig.cruise(6.0)
-    rig.step(0.0, profile=bend())
+    rig.step(0.0, fallback_path=bend())
     rig.car.shift_time = math.inf
     statuses = rig.run(6.0, acceleration=None)
     steering = [status.steering for status in statuses]
@@ -182,11 +183,11 @@ def test_a_stop_follows_the_way_although_nobody_speaks_any_more():
 
 
 def test_without_a_way_or_with_one_taken_back_the_measured_angle_is_held():
-    for last in ({}, {"profile": None}):
+    for last in ({}, {"fallback_path": None}):
         rig = Rig()
         rig.cruise(6.0)
         if last:
-            rig.step(0.0, profile=bend())
+            rig.step(0.0, fallback_path=bend())
         rig.step(0.0, **last)
         assert {status.steering for status in rig.run(6.0, acceleration=None)} == {0.0}
 
@@ -194,7 +195,7 @@ def test_without_a_way_or_with_one_taken_back_the_measured_angle_is_held():
 def test_a_drive_in_trouble_that_knows_no_way_does_not_take_back_the_one_before():
     rig = Rig()
     rig.cruise(6.0)
-    rig.step(0.0, profile=bend())
+    rig.step(0.0, fallback_path=bend())
     statuses = rig.run(6.0, faults=("pose_stale",))
     assert max(status.steering for status in statuses) > 0.1
 
@@ -202,8 +203,8 @@ def test_a_drive_in_trouble_that_knows_no_way_does_not_take_back_the_one_before(
 def test_a_drive_in_trouble_that_knows_a_way_is_believed():
     rig = Rig()
     rig.cruise(6.0)
-    rig.step(0.0, profile=FallbackPath(1.0, (0.0,)))
-    rig.step(0.0, profile=bend(), faults=("off_path",))
+    rig.step(0.0, fallback_path=FallbackPath(1.0, (0.0,)))
+    rig.step(0.0, fallback_path=bend(), faults=("off_path",))
     assert max(status.steering for status in rig.run(3.0, None)) > 0.1
 
 
@@ -211,16 +212,16 @@ def test_a_way_that_comes_too_late_to_be_acted_on_is_not_taken():
     rig = Rig()
     rig.cruise(6.0)
     rig.run(0.2, acceleration=None)
-    rig.step(0.0, time=rig.now - 0.15, expires=rig.now - 0.05, profile=bend())
+    rig.step(0.0, time=rig.now - 0.15, expires=rig.now - 0.05, fallback_path=bend())
     assert {status.steering for status in rig.run(4.0, acceleration=None)} == {0.0}
 
 
 def test_a_newer_way_counts_on_the_way_to_rest_too():
     rig = Rig()
     rig.cruise(8.0)
-    rig.step(0.0, act=OperatorCommand.STOP, profile=FallbackPath(1.0, (0.0,)))
-    assert {status.steering for status in rig.run(1.0, profile=FallbackPath(1.0, (0.0,)))} == {0.0}
-    assert rig.run(1.0, profile=FallbackPath(1.0, (-0.05,)))[-1].steering < -0.1
+    rig.step(0.0, act=OperatorCommand.STOP, fallback_path=FallbackPath(1.0, (0.0,)))
+    assert {status.steering for status in rig.run(1.0, fallback_path=FallbackPath(1.0, (0.0,)))} == {0.0}
+    assert rig.run(1.0, fallback_path=FallbackPath(1.0, (-0.05,)))[-1].steering < -0.1
 
 
 def test_a_deferred_path_is_computed_by_the_stop_that_follows_it_and_gives_the_same_stop():
@@ -231,10 +232,10 @@ def test_a_deferred_path_is_computed_by_the_stop_that_follows_it_and_gives_the_s
         return bend()
 
     stops = []
-    for profile in (bend(), DeferredFallbackPath(compute)):
+    for fallback_path in (bend(), DeferredFallbackPath(compute)):
         rig = Rig()
         rig.cruise(6.0)
-        rig.step(0.0, profile=profile)
+        rig.step(0.0, fallback_path=fallback_path)
         assert computed == []
         stops.append([status.steering for status in rig.run(6.0, acceleration=None)])
         assert max(stops[-1]) > 0.1
@@ -246,7 +247,7 @@ def test_a_deferred_path_is_computed_by_the_stop_that_follows_it_and_gives_the_s
 def test_a_deferred_path_that_is_none_or_not_well_formed_is_no_path(path):
     rig = Rig()
     rig.cruise(6.0)
-    rig.step(0.0, profile=DeferredFallbackPath(lambda: path))
+    rig.step(0.0, fallback_path=DeferredFallbackPath(lambda: path))
     assert {status.steering for status in rig.run(6.0, acceleration=None)} == {0.0}
 
 
@@ -254,16 +255,16 @@ def test_a_deferred_path_that_is_none_or_not_well_formed_is_no_path(path):
 def test_a_setpoint_with_faults_takes_back_the_path_before_only_if_its_deferred_path_is_one(path, followed):
     rig = Rig()
     rig.cruise(6.0)
-    rig.step(0.0, profile=bend())
-    rig.step(0.0, profile=DeferredFallbackPath(lambda: path), faults=("pose_stale",))
+    rig.step(0.0, fallback_path=bend())
+    rig.step(0.0, fallback_path=DeferredFallbackPath(lambda: path), faults=("pose_stale",))
     assert (max(status.steering for status in rig.run(6.0, acceleration=None)) > 0.1) is followed
 
 
 ASTRAY = [
     ("speed_mismatch", {}, {"speed": 3.0}),
     ("yaw_rate_mismatch", {}, {"yaw_rate": 1.0}),
-    ("steering_report_stale", {"silent": {codec.STEERING_REPORT}}, {}),
-    ("wheel_speeds_stale", {"silent": {codec.WHEEL_SPEEDS}}, {}),
+    ("steering_report_stale", {"silent": {layout.STEERING_REPORT}}, {}),
+    ("wheel_speeds_stale", {"silent": {layout.WHEEL_SPEEDS}}, {}),
     ("steering_fault", {"forged": codec.SteeringReport(0.4, 0.4, 6.0, 0.0, enabled=True, fault_bus_1=True)}, {}),
     ("steering_disabled", {"forged": codec.SteeringReport(0.4, 0.4, 6.0, 0.0, enabled=False)}, {}),
     ("steering_timeout", {"forged": codec.SteeringReport(0.4, 0.4, 6.0, 0.0, enabled=False, timeout=True)}, {}),
@@ -275,17 +276,17 @@ ASTRAY = [
 def test_where_the_car_is_not_where_it_is_believed_to_be_the_measured_angle_is_held(reason, car, step):
     rig = Rig()
     rig.cruise(8.0)
-    rig.run(1.0, steering=0.05, profile=FallbackPath(1.0, (-0.05,)))
+    rig.run(1.0, steering=0.05, fallback_path=FallbackPath(1.0, (-0.05,)))
     rig.car.silent = car.get("silent", set())
     if "forged" in car:
         frame = codec.encode(car["forged"])
         rig.car.forged = {frame.id: frame}
     arguments = step | ({"found": car["found"]} if "found" in car else {})
-    while reason not in rig.step(0.0, 0.05, profile=FallbackPath(1.0, (-0.05,)), **arguments).reasons:
+    while reason not in rig.step(0.0, 0.05, fallback_path=FallbackPath(1.0, (-0.05,)), **arguments).reasons:
         pass
     measured = rig.gateway.measured_steering
-    rig.run(0.1, profile=FallbackPath(1.0, (-0.05,)), **arguments)  # the limits hold on the way there
-    statuses = rig.run(2.0, profile=FallbackPath(1.0, (-0.05,)), **arguments)
+    rig.run(0.1, fallback_path=FallbackPath(1.0, (-0.05,)), **arguments)  # the limits hold on the way there
+    statuses = rig.run(2.0, fallback_path=FallbackPath(1.0, (-0.05,)), **arguments)
     assert [status.steering for status in statuses] == pytest.approx([measured] * len(statuses), abs=1e-3)
     assert measured > 0.02
 
@@ -293,17 +294,17 @@ def test_where_the_car_is_not_where_it_is_believed_to_be_the_measured_angle_is_h
 def test_at_rest_the_wheels_stay_where_they_are():
     rig = Rig()
     rig.cruise(3.0)
-    rig.step(0.0, profile=FallbackPath(1.0, (0.05,)))
+    rig.step(0.0, fallback_path=FallbackPath(1.0, (0.05,)))
     while rig.step(None).state is not S.STOPPED:
         pass
-    statuses = rig.run(0.8, profile=FallbackPath(1.0, (-0.05,)))
+    statuses = rig.run(0.8, fallback_path=FallbackPath(1.0, (-0.05,)))
     assert [status.steering for status in statuses] == pytest.approx([rig.gateway.measured_steering] * 40, abs=1e-3)
 
 
 def test_the_limits_have_the_last_word():
     rig = Rig()
     rig.cruise(10.0)
-    rig.step(0.0, profile=FallbackPath(1.0, (0.5,)))
+    rig.step(0.0, fallback_path=FallbackPath(1.0, (0.5,)))
     statuses = rig.run(0.6, acceleration=None)
     assert "lateral_acceleration" in statuses[-1].limited
     lateral = rig.car.speed**2 * math.tan(statuses[-1].steering) / FUSION.wheelbase
@@ -319,7 +320,7 @@ BENDS = {
 }
 
 
-def blind_stop(name: str, with_profile: bool) -> float:
+def blind_stop(name: str, with_path: bool) -> float:
     """Distance from the declared way at rest [m], after the drive fell silent at 58 m at 8 m/s."""
     road, whole = BENDS[name], WholeCar()
     whole.engage()
@@ -329,7 +330,7 @@ def blind_stop(name: str, with_profile: bool) -> float:
         steering = math.atan(VEHICLE.wheelbase * ahead) + VEHICLE.understeer_gradient * ahead * speed**2
         way = FallbackPath(1.0, tuple(map(float, road(whole.distance + np.arange(40.0)))))
         begin = whole.distance
-        status = whole.step(min(8.0 - speed, 2.0), steering, profile=way if with_profile else None)
+        status = whole.step(min(8.0 - speed, 2.0), steering, fallback_path=way if with_path else None)
         assert status.state is S.ENGAGED
     while whole.step(None).state is not S.STOPPED:
         pass

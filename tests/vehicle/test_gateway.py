@@ -27,9 +27,9 @@ from vve_sumo.vehicle import (
     setpoint_validation,
 )
 from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, REASONS
-from vve_sumo.vehicle.dataspeed import codec, layout
-from vve_sumo.vehicle.dataspeed.codec import Gear
+from vve_sumo.vehicle.dataspeed import codec, layout, messages
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.interface import Gear
 from vve_sumo.vehicle.standstill import REST_TIME
 
 S = ArmingState
@@ -123,19 +123,19 @@ def test_a_go_of_the_drive_before_does_not_count_for_the_next():
         ("gear_not_park_or_drive", {"gear": Gear.NEUTRAL}, {}),
         ("driver_not_on_brake", {"gear": Gear.DRIVE}, {}),
         ("dbw_already_enabled", {"enabled": True}, {}),
-        ("profile_invalid", {}, {"profile": FallbackPath(0.0, (0.0,))}),
+        ("profile_invalid", {}, {"fallback_path": FallbackPath(0.0, (0.0,))}),
         ("bus_down", {}, {"found": ("bus_down",)}),
         ("a_code_that_nobody_knows", {}, {"found": ("a_code_that_nobody_knows",)}),
         ("no_setpoint", {}, {"acceleration": None}),
         ("setpoint_lifetime", {}, {"expires": 0.2}),
         ("setpoint_not_finite", {}, {"acceleration": math.nan}),
         ("pose_not_trusted", {}, {"faults": ("pose_not_trusted",)}),
-        ("brake_report_stale", {"silent": {codec.BRAKE_REPORT}}, {}),
-        ("throttle_report_stale", {"silent": {codec.THROTTLE_REPORT}}, {}),
-        ("steering_report_stale", {"silent": {codec.STEERING_REPORT}}, {}),
-        ("gear_report_stale", {"silent": {codec.GEAR_REPORT}}, {}),
-        ("wheel_speeds_stale", {"silent": {codec.WHEEL_SPEEDS}}, {}),
-        ("yaw_rate_stale", {"silent": {codec.YAW_RATE}}, {}),
+        ("brake_report_stale", {"silent": {layout.BRAKE_REPORT}}, {}),
+        ("throttle_report_stale", {"silent": {layout.THROTTLE_REPORT}}, {}),
+        ("steering_report_stale", {"silent": {layout.STEERING_REPORT}}, {}),
+        ("gear_report_stale", {"silent": {layout.GEAR_REPORT}}, {}),
+        ("wheel_speeds_stale", {"silent": {layout.WHEEL_SPEEDS}}, {}),
+        ("yaw_rate_stale", {"silent": {layout.YAW_RATE}}, {}),
     ],
 )
 def test_what_is_missing_is_named_and_the_act_is_refused(reason, car, step):
@@ -164,7 +164,7 @@ def test_an_override_latched_from_before_is_cleared_by_the_act_and_by_nothing_el
 
 def test_a_kit_that_does_not_confirm_in_time_is_given_up_at_rest():
     rig = Rig()
-    rig.car.forged[codec.STEERING_REPORT] = codec.encode(codec.SteeringReport(0.0, 0.0, 0.0, 0.0, enabled=False))
+    rig.car.forged[layout.STEERING_REPORT] = codec.encode(codec.SteeringReport(0.0, 0.0, 0.0, 0.0, enabled=False))
     rig.step(act=OperatorCommand.ENGAGE)
     statuses = rig.run(0.4)
     assert statuses[-1].state is S.ENGAGED
@@ -264,14 +264,14 @@ def test_every_tick_sends_the_same_four_frames():
 # Everything that stops the car. Each row: reason, what is done to the rig from then on (a dict of arguments for every
 # step, after an optional change of the car), and whether the stop must be the hard one.
 
-ENABLED_BRAKE = codec.BrakeReport(codec.BrakeReportKind.PEDAL, 0.15, 0.15, 0.15, enabled=True)
+ENABLED_BRAKE = codec.BrakeReport(messages.BrakeReportKind.PEDAL, 0.15, 0.15, 0.15, enabled=True)
 ENABLED_THROTTLE = codec.ThrottleReport(0.15, 0.15, 0.15, enabled=True)
 ENABLED_STEERING = codec.SteeringReport(0.0, 0.0, 10.0, 0.0, enabled=True)
 FAULTS = [
     *[(f"{name}_report_stale", {"silent": {identifier}}, {}) for name, identifier in (
-        ("brake", codec.BRAKE_REPORT), ("throttle", codec.THROTTLE_REPORT), ("steering", codec.STEERING_REPORT),
-        ("gear", codec.GEAR_REPORT))],
-    ("yaw_rate_stale", {"silent": {codec.YAW_RATE}}, {}),
+        ("brake", layout.BRAKE_REPORT), ("throttle", layout.THROTTLE_REPORT), ("steering", layout.STEERING_REPORT),
+        ("gear", layout.GEAR_REPORT))],
+    ("yaw_rate_stale", {"silent": {layout.YAW_RATE}}, {}),
     *[(f"{name}_fault", {"forged": report._replace(**{flag: True})}, {}) for name, report, flags in (
         ("brake", ENABLED_BRAKE, ("fault_channel_1", "fault_channel_2", "fault_power")),
         ("throttle", ENABLED_THROTTLE, ("fault_channel_1", "fault_channel_2", "fault_power")),
@@ -289,7 +289,7 @@ FAULTS = [
         ("report_invalid", codec.YawRate(0.0, math.nan)),
         ("gear_fault", codec.GearReport(Gear.DRIVE, fault_bus=True)),
         ("gear_lost", codec.GearReport(Gear.NEUTRAL)))],
-    ("report_malformed", {"forged": Frame(codec.BRAKE_REPORT, bytes(7))}, {}),
+    ("report_malformed", {"forged": Frame(layout.BRAKE_REPORT, bytes(7))}, {}),
     *[("another_writer", {}, {"extra": (Frame(identifier, bytes(8)),)}) for identifier in sorted(layout.COMMAND_IDS)],
     ("setpoint_expired", {}, {"acceleration": None}),
     ("setpoint_expired", {}, {"sequence": 7}),
@@ -307,7 +307,7 @@ FAULTS = [
     ("setpoint_not_finite", {}, {"speed": math.nan}),
     ("yaw_rate_mismatch", {}, {"yaw_rate": 0.15}),
     ("setpoint_not_finite", {}, {"yaw_rate": math.nan}),
-    ("profile_invalid", {}, {"profile": FallbackPath(1.0, (0.0, math.nan))}),
+    ("profile_invalid", {}, {"fallback_path": FallbackPath(1.0, (0.0, math.nan))}),
     ("bus_down", {}, {"found": ("bus_down",)}),
     ("setpoint_corrupt", {}, {"found": ("setpoint_corrupt",)}),
     ("operator_gone", {}, {"found": ("operator_gone",)}),
@@ -366,7 +366,7 @@ def test_whatever_goes_wrong_brings_the_car_to_rest_and_keeps_it_there(reason, c
 def test_without_wheel_speeds_the_car_is_stopped_blindly_and_held():
     rig = Rig()
     rig.cruise(10.0)
-    rig.car.silent = {codec.WHEEL_SPEEDS}
+    rig.car.silent = {layout.WHEEL_SPEEDS}
     statuses = rig.run(10.0, acceleration=1.0, speed=0.0, faults=("pose_stale",))
     assert statuses[-1].state is S.STOPPING, "nobody can tell that it stands, and a guessed pose says nothing"
     assert "wheel_speeds_stale" in statuses[-1].reasons
@@ -378,7 +378,7 @@ def test_without_wheel_speeds_the_receiver_tells_after_a_while_that_the_car_stan
     """It is held then, and left to its driver: nobody asks for park on the word of one."""
     rig = Rig()
     rig.cruise(10.0)
-    rig.car.silent = {codec.WHEEL_SPEEDS}
+    rig.car.silent = {layout.WHEEL_SPEEDS}
     stood = math.inf
     while rig.step(1.0).state is not S.STOPPED:
         stood = rig.now if rig.car.speed > 0.3 else stood
@@ -437,7 +437,7 @@ def test_its_own_troubles_latch_before_engaging_too(trouble):
         rig.tick += 10
         status = rig.step()
     else:
-        status = rig.step(extra=(Frame(codec.GEAR_COMMAND, b"\x04"),))
+        status = rig.step(extra=(Frame(layout.GEAR_COMMAND, b"\x04"),))
     assert (status.state, status.reasons) == (S.FAULT, (trouble,))
     assert rig.step(act=OperatorCommand.ENGAGE).state is S.FAULT
     assert rig.step(act=OperatorCommand.DISARM).state is S.DISARMED
@@ -641,8 +641,8 @@ def test_at_rest_it_asks_for_park_and_lets_go_only_there():
 @pytest.mark.parametrize(
     "trouble",
     [
-        {"silent": {codec.GEAR_REPORT}},
-        {"silent": {codec.WHEEL_SPEEDS}},
+        {"silent": {layout.GEAR_REPORT}},
+        {"silent": {layout.WHEEL_SPEEDS}},
         {"forged": codec.GearReport(Gear.PARK, fault_bus=True)},
     ],
 )
@@ -655,7 +655,7 @@ def test_a_park_that_nobody_can_be_sure_of_lets_nothing_go(trouble):
     rig.car.silent = trouble.get("silent", set())
     rig.car.forged = forged(trouble["forged"]) if "forged" in trouble else {}
     assert {v.state for v in rig.run(10.0)} == {S.STOPPED}
-    assert rig.car.gear is Gear.PARK or codec.WHEEL_SPEEDS in rig.car.silent
+    assert rig.car.gear is Gear.PARK or layout.WHEEL_SPEEDS in rig.car.silent
     assert enabled(rig) == {True}
     rig.car.silent, rig.car.forged = set(), {}
     rig.run(2.0)

@@ -8,8 +8,8 @@ import pytest
 
 from tests.vehicle.car import CALIBRATION, FUSION, PERIOD, Car, Rig
 from vve_sumo.values import ArmingState
-from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.interface import Gear
 from vve_sumo.vehicle.limits import Limits
 from vve_sumo.vehicle.standstill import REST_TIME, WHEEL_REST
 
@@ -96,7 +96,7 @@ def test_who_does_nothing_is_not_told_that_it_is_too_early():
 
 
 def test_a_car_that_was_never_engaged_has_no_drive_to_be_over():
-    rig = Rig(Car(gear=codec.Gear.DRIVE))
+    rig = Rig(Car(gear=Gear.DRIVE))
     rig.run(5.0)
     assert rig.gateway.done is False
 

@@ -30,7 +30,7 @@ SETPOINTS = st.builds(
     sequence=st.integers(-1, 2**63 - 1),
     **dict.fromkeys(("time", "expires", "speed", "yaw_rate", "grade"), FLOATS),
     faults=CODES,
-    profile=st.none() | PROFILES,
+    fallback_path=st.none() | PROFILES,
 )
 VERDICTS = st.builds(GatewayStatus, st.sampled_from(ArmingState), CODES, FLOATS, FLOATS, CODES, FLOATS, FLOATS)
 FEEDBACKS = st.builds(
@@ -144,13 +144,15 @@ def test_what_is_wrong_is_said():
 
 
 def test_what_is_too_long_goes_out_cut_short_and_a_way_that_is_too_long_stays_so():
-    said = complete(0.0, 0.0, note="ä" * 1000, faults=("x" * 300,) * 100, profile=FallbackPath(1.0, (0.0,) * 10_000))
+    said = complete(
+        0.0, 0.0, note="ä" * 1000, faults=("x" * 300,) * 100, fallback_path=FallbackPath(1.0, (0.0,) * 10_000)
+    )
     data = link.encode_setpoint(said)
     assert len(data) < 20_000
     back = link.decode_setpoint(data)
     assert back.note == "ä" * 127
     assert back.faults == ("x" * 255,) * 64
-    assert not well_formed(back.profile)
+    assert not well_formed(back.fallback_path)
     status = GatewayStatus(ArmingState.FAULT, ("y",) * 1000, 0.0, 0.0, (), 0.0, 0.0)
     feedback = link.decode_feedback(
         link.encode_feedback(link.Feedback(0.0, 1 << 80, math.nan, status, 0.0, 0.0, "", 1))

@@ -10,9 +10,9 @@ import pytest
 from tests.vehicle.car import CALIBRATION, FUSION, PERIOD, Car, Rig
 from tests.vehicle.test_evidence import wheels
 from vve_sumo.values import ArmingState
-from vve_sumo.vehicle.dataspeed import codec
-from vve_sumo.vehicle.dataspeed.codec import Gear
+from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.interface import Gear
 
 S = ArmingState
 
@@ -157,7 +157,7 @@ def test_a_driver_who_takes_over_while_the_kit_is_being_enabled_has_the_car():
 def test_an_override_of_old_that_a_confirmed_kit_still_reports_ends_the_drive():
     """The gear module holds on to it after the act, while the others confirm; nobody moved the lever."""
     rig = Rig()
-    rig.car.forged = {codec.GEAR_REPORT: codec.encode(codec.GearReport(Gear.PARK, override=True))}
+    rig.car.forged = {layout.GEAR_REPORT: codec.encode(codec.GearReport(Gear.PARK, override=True))}
     rig.run(0.1)
     begun = rig.now
     assert rig.step(act=OperatorCommand.ENGAGE).state is S.ENGAGED

@@ -7,14 +7,13 @@ import math
 import pytest
 
 from vve_sumo.values import Frame
-from vve_sumo.vehicle.dataspeed import codec
-from vve_sumo.vehicle.dataspeed.codec import Gear
+from vve_sumo.vehicle.dataspeed import codec, layout, messages
 from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
-from vve_sumo.vehicle.interface import BrakeState
+from vve_sumo.vehicle.interface import BrakeState, Gear
 from vve_sumo.vehicle.reports import CarReports
 
 RADIUS = 0.5  # [m]
-BRAKE = codec.BrakeReport(codec.BrakeReportKind.PEDAL, 0.15, 0.15, 0.15, enabled=True)
+BRAKE = codec.BrakeReport(messages.BrakeReportKind.PEDAL, 0.15, 0.15, 0.15, enabled=True)
 THROTTLE = codec.ThrottleReport(0.15, 0.15, 0.15, enabled=True)
 STEERING = codec.SteeringReport(0.0, 0.0, 0.0, 0.0, enabled=True)
 GEAR = codec.GearReport(Gear.PARK)
@@ -111,7 +110,7 @@ def test_the_same_bytes_again_are_a_report_as_good_as_any():
     frames = [codec.encode(message) for message in ALL]
     assert car.take(0.15, frames) == []
     assert car.stale(0.2) == []
-    assert car.take(0.3, [Frame(codec.WHEEL_SPEEDS, b"")]) == ["report_malformed"]
+    assert car.take(0.3, [Frame(layout.WHEEL_SPEEDS, b"")]) == ["report_malformed"]
     assert "wheel_speeds_stale" in car.stale(0.3)
     assert car.take(0.3, frames) == []
     assert car.stale(0.3) == []
@@ -124,10 +123,10 @@ def test_a_command_on_the_bus_is_another_writers(identifier):
 
 def test_what_nobody_reads_is_passed_over():
     car = heard()
-    assert car.take(0.0, [Frame(0x123, b"x"), Frame(codec.ACCELERATIONS, b"x")]) == []
-    assert car.take(0.0, [Frame(codec.ACCELERATIONS, b"x"), codec.encode(codec.YawRate(0.0, 0.25))]) == []
+    assert car.take(0.0, [Frame(0x123, b"x"), Frame(layout.ACCELERATIONS, b"x")]) == []
+    assert car.take(0.0, [Frame(layout.ACCELERATIONS, b"x"), codec.encode(codec.YawRate(0.0, 0.25))]) == []
     assert car.yaw_rate == pytest.approx(0.25), "nor does it hide those after it"
-    assert car.take(0.0, [Frame(codec.BRAKE_REPORT, bytes(7)), codec.encode(codec.YawRate(0.0, 0.5))]) == [
+    assert car.take(0.0, [Frame(layout.BRAKE_REPORT, bytes(7)), codec.encode(codec.YawRate(0.0, 0.5))]) == [
         "report_malformed"
     ]
     assert car.yaw_rate == pytest.approx(0.5), "one that is damaged does not hide those after it"
@@ -136,7 +135,7 @@ def test_what_nobody_reads_is_passed_over():
 def test_a_decoder_that_raises_is_a_malformed_report_and_no_more():
     class Broken(DataspeedDbw1):
         def decode(self, frame):
-            if frame.id == codec.BRAKE_REPORT:
+            if frame.id == layout.BRAKE_REPORT:
                 raise IndexError
             return super().decode(frame)
 
@@ -151,7 +150,7 @@ def test_reports_in_one_frame_are_all_taken():
             return (codec.WheelSpeeds(1.0, 1.0, 1.0, 1.0), YAW_RATE._replace(yaw=0.5))
 
     car = CarReports(RADIUS, Both())
-    assert car.take(0.0, [Frame(codec.WHEEL_SPEEDS, b"")]) == []
+    assert car.take(0.0, [Frame(layout.WHEEL_SPEEDS, b"")]) == []
     assert (car.speed, car.yaw_rate) == (RADIUS, 0.5)
 
 

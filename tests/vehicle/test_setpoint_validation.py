@@ -47,8 +47,8 @@ def test_a_sequence_begins_with_nought():
 
 
 def test_a_way_that_is_none_is_invalid():
-    assert taken(profile=FallbackPath(1.0, (0.0,))) is None
-    assert taken(profile=FallbackPath(0.0, (0.0,))) == Rejection("profile_invalid", fatal=True)
+    assert taken(fallback_path=FallbackPath(1.0, (0.0,))) is None
+    assert taken(fallback_path=FallbackPath(0.0, (0.0,))) == Rejection("profile_invalid", fatal=True)
 
 
 def test_a_sequence_counts_up_and_a_refused_one_does_not_count():

@@ -8,9 +8,10 @@ from tests.vehicle.car import CALIBRATION, FUSION, PERIOD, Car, Rig
 from tests.vehicle.test_evidence import wheels
 from tests.vehicle.test_waiting import IN_THE_BEND, stopping_in_a_bend
 from vve_sumo.values import ArmingState, Frame
-from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.interface import Gear
 from vve_sumo.vehicle.limits import EmergencyBraking, Limits
 
 S = ArmingState
@@ -103,7 +104,7 @@ def test_a_car_at_rest_is_held_as_it_was_held_before_it_started(gain):
 def test_a_car_in_park_whose_wheels_do_not_say_that_it_stands_is_not_let_go(how):
     rig = cruising(2.0)
     rig.step(act=OperatorCommand.STOP)
-    while rig.car.gear is not codec.Gear.PARK:
+    while rig.car.gear is not Gear.PARK:
         rig.step()
     if how == "silent":
         rig.car.silent = set(wheels(0.0))
@@ -204,4 +205,4 @@ def test_a_biased_steering_wheel_is_not_turned_beyond_its_wires_end(side):
     rig.engage()
     rig.run(1.0, 0.8, steering=side * 0.6)
     largest = max(abs(command.wheel_angle) for command in encoded)
-    assert 9.0 < largest <= codec.WHEEL_ANGLE_LIMIT[codec.Variant.DBW1_2024]
+    assert 9.0 < largest <= layout.WHEEL_ANGLE_LIMIT[codec.Variant.DBW1_2024]

@@ -12,8 +12,8 @@ import pytest
 from tests.vehicle.car import FUSION, PERIOD, Car, Rig
 from tests.vehicle.test_evidence import wheels
 from vve_sumo.values import ArmingState, FallbackPath
-from vve_sumo.vehicle.dataspeed.codec import Gear
 from vve_sumo.vehicle.gateway import OperatorCommand
+from vve_sumo.vehicle.interface import Gear
 
 S = ArmingState
 #: Of a moment that is found by stepping: the step itself, and the one that notices [s].
@@ -65,13 +65,13 @@ def test_a_speed_that_is_known_counts_drag():
 def test_frozen_wheels_tell_no_speed_and_no_way_along_the_path():
     rig = Rig()
     rig.cruise(8.0)
-    profile = FallbackPath(1.0, (0.02,) * 60)
+    fallback_path = FallbackPath(1.0, (0.02,) * 60)
     # A speed that the receiver agrees with, and the same to the last bit.
     rig.car.forged = wheels(rig.car.speed)
-    while rig.step(0.0, speed=rig.car.speed, profile=profile).state is S.ENGAGED:
+    while rig.step(0.0, speed=rig.car.speed, fallback_path=fallback_path).state is S.ENGAGED:
         pass
     held = rig.gateway.measured_steering
-    statuses = rig.run(1.0, profile=profile)
+    statuses = rig.run(1.0, fallback_path=fallback_path)
     assert statuses[-1].reasons[0] == "wheel_speeds_frozen"
     assert statuses[-1].brake_torque >= unknown_speed(rig, statuses[-1].acceleration) * (1.0 - 1e-9)
     assert [status.steering for status in statuses[10:]] == pytest.approx([held] * 40, abs=1e-3)
@@ -103,8 +103,8 @@ def test_wheels_that_say_nothing_of_a_moving_car_tell_no_speed(how):
 def test_wheels_that_say_zero_of_a_moving_car_tell_no_way_along_the_path():
     rig = Rig()
     rig.cruise(8.0)
-    profile = FallbackPath(1.0, tuple(0.002 * n for n in range(30)))
-    rig.run(0.2, profile=profile)
+    fallback_path = FallbackPath(1.0, tuple(0.002 * n for n in range(30)))
+    rig.run(0.2, fallback_path=fallback_path)
     rig.car.forged = wheels(0.0)
     statuses = rig.run(1.0, None)
     stopping = [status for status in statuses if status.state is S.STOPPING]
@@ -129,10 +129,10 @@ IN_THE_BEND = math.atan(FUSION.wheelbase * 0.05)
 def stopping_in_a_bend() -> Rig:
     rig = Rig()
     rig.cruise(3.0)
-    rig.run(0.2, profile=BEND)
+    rig.run(0.2, fallback_path=BEND)
     rig.car.shift_time = math.inf
     rig.car.steering_stuck, rig.car.wheel_angle = True, 0.0
-    rig.step(act=OperatorCommand.STOP, profile=BEND)
+    rig.step(act=OperatorCommand.STOP, fallback_path=BEND)
     assert rig.run(0.5, None)[-1].steering == pytest.approx(IN_THE_BEND, abs=0.02)
     while not rig.gateway._standstill.certain:
         rig.step(None)
@@ -142,7 +142,7 @@ def stopping_in_a_bend() -> Rig:
 def test_wheels_that_say_zero_of_a_moving_car_do_not_tell_where_on_its_path_it_is():
     rig = Rig()
     rig.cruise(8.0)
-    rig.run(0.2, profile=BEND)
+    rig.run(0.2, fallback_path=BEND)
     rig.car.steering_stuck, rig.car.wheel_angle = True, 0.0
     rig.car.forged = wheels(0.0)
     statuses = rig.run(1.0, None)

@@ -12,9 +12,8 @@ from tests.vehicle.whole_car import PARAMETERS, PERIOD, VEHICLE, WholeCar
 from vve_sumo.values import ArmingState, FallbackPath
 from vve_sumo.vehicle.arming import COMMANDING
 from vve_sumo.vehicle.dataspeed import codec
-from vve_sumo.vehicle.dataspeed.codec import Gear
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
-from vve_sumo.vehicle.interface import HANDS_OFF, DriverInputs
+from vve_sumo.vehicle.interface import HANDS_OFF, DriverInputs, Gear
 
 S = ArmingState
 
@@ -132,7 +131,7 @@ TROUBLES = st.one_of(
     st.builds(lambda code: {"found": (code,)}, st.sampled_from(["bus_down", "operator_gone", "what_is_this"])),
     st.builds(lambda code: {"faults": (code,)}, st.sampled_from(["pose_stale", "geofence_breach"])),
     st.builds(lambda act: {"act": act}, st.sampled_from(OperatorCommand)),
-    st.builds(lambda profile: {"profile": profile}, st.builds(
+    st.builds(lambda fallback_path: {"fallback_path": fallback_path}, st.builds(
         FallbackPath, st.floats(-1.0, 5.0), st.lists(st.floats(-0.2, 0.2), max_size=66).map(tuple)
     )),
     st.builds(lambda limb: {"driver": limb}, st.sampled_from([

@@ -22,7 +22,7 @@ from vve_sumo.live.simulated_vehicle import CarConfig
 from vve_sumo.live.spawn import start
 from vve_sumo.values import ArmingState, Frame, GatewayRow
 from vve_sumo.vehicle import link
-from vve_sumo.vehicle.dataspeed import codec, layout
+from vve_sumo.vehicle.dataspeed import layout
 from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
 from vve_sumo.vehicle.gateway import OperatorCommand
 from vve_sumo.vehicle.interface import ActuationCommand, Gear
@@ -79,7 +79,7 @@ class Bench:
     def __init__(self, wire: Wire, car: LiveCar, *, cruise: bool, silent: bool = False) -> None:
         self._silent = silent
         self.car, self.t0 = car, car.t0
-        self.witness = Witness(wire.car, layout.COMMAND_IDS | {codec.GEAR_REPORT})
+        self.witness = Witness(wire.car, layout.COMMAND_IDS | {layout.GEAR_REPORT})
         self.begun = self.now
         self.rows: list[GatewayRow] = []
         self.sent: list[Frame] = []

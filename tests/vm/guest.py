@@ -28,6 +28,7 @@ from vve_sumo.values import ArmingState, Frame
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.vehicle.gateway import OperatorCommand
+from vve_sumo.vehicle.interface import Gear
 
 LINK_DOWN = 0.5  # [s]
 BRAIN_SPEED = 2.0  # from which an external brain is stopped [m/s]
@@ -124,13 +125,13 @@ def check_silence(wire: Wire, car: LiveCar) -> str:
         bench.act(OperatorCommand.ENGAGE)
         bench.until(lambda: "waiting_for_go" in bench.reasons)
         bench.act(OperatorCommand.GO)
-        until(lambda: bool(_gears(bench)) and _gears(bench)[-1][1] is codec.Gear.DRIVE, 1100.0, 0.0, codec.Gear.DRIVE)
-        until(lambda: bench.speed > BRAIN_SPEED, 0.0, 0.4, codec.Gear.NONE)
+        until(lambda: bool(_gears(bench)) and _gears(bench)[-1][1] is Gear.DRIVE, 1100.0, 0.0, Gear.DRIVE)
+        until(lambda: bench.speed > BRAIN_SPEED, 0.0, 0.4, Gear.NONE)
         bench.act(OperatorCommand.STOP)
-        until(lambda: bench.gateway.poll() is not None, 1500.0, 0.0, codec.Gear.NONE)
-        until(lambda: _gears(bench)[-1][1] is codec.Gear.PARK, 1500.0, 0.0, codec.Gear.PARK)
+        until(lambda: bench.gateway.poll() is not None, 1500.0, 0.0, Gear.NONE)
+        until(lambda: _gears(bench)[-1][1] is Gear.PARK, 1500.0, 0.0, Gear.PARK)
         let_go = bench.now + 0.1
-        until(lambda: bench.now > let_go, 0.0, 0.0, codec.Gear.NONE, enable=False)
+        until(lambda: bench.now > let_go, 0.0, 0.0, Gear.NONE, enable=False)
         bench.run(0.1)
     finally:
         bench.close()
@@ -206,18 +207,18 @@ def check_link_down(wire: Wire, car: LiveCar) -> str:
 def _ended_well(bench: Bench) -> None:
     assert bench.gateway.returncode == 0, bench.gateway.returncode
     assert bench.car.truth(bench.begun)[-1][2] == 0.0, "the car moves"
-    assert _gears(bench)[-1][1] is codec.Gear.PARK
+    assert _gears(bench)[-1][1] is Gear.PARK
 
 
-def _gears(bench: Bench) -> list[tuple[float, codec.Gear]]:
-    return [(heard.time, codec.decode(heard.frame).gear) for heard in bench.commands(codec.GEAR_REPORT)]
+def _gears(bench: Bench) -> list[tuple[float, Gear]]:
+    return [(heard.time, codec.decode(heard.frame).gear) for heard in bench.commands(layout.GEAR_REPORT)]
 
 
 def _alive_until_park(bench: Bench) -> None:
     """From engaging to park reported: enabled, counting by one, 50 times a second, no IGNORE bit."""
     gears = _gears(bench)
-    in_drive = [at for at, gear in gears if gear is codec.Gear.DRIVE]
-    parked = next(at for at, gear in gears if at > in_drive[-1] and gear is codec.Gear.PARK)
+    in_drive = [at for at, gear in gears if gear is Gear.DRIVE]
+    parked = next(at for at, gear in gears if at > in_drive[-1] and gear is Gear.PARK)
     for kind, command_type in COUNTED.items():
         heard = bench.commands(kind)
         _counts(heard)

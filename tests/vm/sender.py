@@ -61,7 +61,7 @@ def _send(channel: Channel, t0: float, cruise_time: float) -> None:
         driven, before = driven + speed * (now - before), now
         setpoint = Setpoint(
             0.0, wish, emergency=False, note="", sequence=sequence, time=now, expires=now + LIFETIME,
-            x=driven, y=0.0, heading=0.0, speed=speed, yaw_rate=0.0, grade=0.0, faults=(), profile=None,
+            x=driven, y=0.0, heading=0.0, speed=speed, yaw_rate=0.0, grade=0.0, faults=(), fallback_path=None,
         )  # fmt: skip
         channel.send(link.encode_setpoint(setpoint))
         sequence += 1

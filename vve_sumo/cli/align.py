@@ -29,7 +29,7 @@ Find how the lot lies on the virtual street, say whether the path fits, and writ
 
 examples:
   vve-sumo align --rig ours                     the car stands at the path's start: make that the start
-  vve-sumo align --rig ours --pairs places.csv  by places that were surveyed in the lot and on the street
+  vve-sumo align --rig ours --pairs places.csv   by places that were surveyed in the lot and on the street
   vve-sumo align --rig ours --fit --picture lot.png   no car needed: where the path has most room
   vve-sumo align --rig ours --fit --write-shortened-path short.csv   where it does not fit, the part that does
 """

@@ -74,7 +74,7 @@ def parser() -> Parser:
         prog="vve-sumo",
         description="Vehicle in Virtual Environment testing on SUMO: a real drive-by-wire car, a virtual road.",
         epilog="Start with `vve-sumo drive`: it drives the simulated vehicle towards a parked car in Linden.\n"
-        "docs/ has a page on every subject, such as docs/scenarios.md, docs/rigs.md and docs/brains.md.\n\n"
+        "docs/ has a page on every subject, such as docs/scenarios.md and docs/rigs.md; docs/pages.md lists them.\n\n"
         + EXIT_CODES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

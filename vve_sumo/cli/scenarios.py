@@ -27,7 +27,7 @@ List every scenario with a line: what it is, who is there, what a drive must com
 
 examples:
   vve-sumo scenarios                            the list
-  vve-sumo scenarios show cut_in --out cut.png  a picture: the street, who moves how, what fires when
+  vve-sumo scenarios show cut_in --out cut.png   a picture: the street, who moves how, what fires when
   vve-sumo scenarios schema --out scenario.schema.json   for editors that complete and check
 """
 

@@ -37,7 +37,7 @@ passed, which failed, and whether the brakes could have done it at all. Without 
 examples:
   vve-sumo suite                            the list
   vve-sumo suite r152 --out r152            the table, also as CSV, JSON and Markdown
-  vve-sumo suite r152 --seeds 10 --out r152 ten drives a row; a row is passed where all of them are
+  vve-sumo suite r152 --seeds 10 --out r152   ten drives a row; a row is passed where all of them are
   vve-sumo suite r152 --seeds 10 --out r152 --resume   go on after a kill
   vve-sumo suite fmvss127 --out a --keep-records   with the full record of every drive
   vve-sumo suite r152 --controller mine.py:make

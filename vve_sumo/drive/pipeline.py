@@ -326,7 +326,7 @@ class Pipeline:
             yaw_rate=pose.yaw_rate,
             grade=pose.grade,
             faults=faults,
-            profile=self._fallback,
+            fallback_path=self._fallback,
         )
 
 

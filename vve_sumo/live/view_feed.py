@@ -69,7 +69,7 @@ def _sample(done: CompletedTick, beside: SampleContext) -> Sample:
         wished=setpoint.acceleration if setpoint else math.nan,
         wished_steering=setpoint.steering if setpoint else math.nan,
         note=setpoint.note if setpoint else "",
-        profile=resolve_fallback_path(setpoint.profile) if setpoint else None,
+        fallback_path=resolve_fallback_path(setpoint.fallback_path) if setpoint else None,
         faults=result.faults,
         details=beside.details,
         pose_reasons=result.pose_reasons,

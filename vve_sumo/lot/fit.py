@@ -126,7 +126,7 @@ def _ground(geofence: Geofence, drive: list[Driven]) -> _Ground:
     """Fill the swept area of the drive with points: corners, edge middles and centres of its rectangles."""
     points, stations = [], []
     for place in [*drive[::SWEPT_SPACING], drive[-1]]:
-        shapes = geofence.sweep(place.pose, place.steering, place.profile, place.station)
+        shapes = geofence.sweep(place.pose, place.steering, place.fallback_path, place.station)
         if shapes is None:
             raise ConfigError(
                 "the car does not come to rest: its lowest deceleration is less than the lot's slope takes"
@@ -249,9 +249,9 @@ def _measured(geofence: Geofence, drive: list[Driven], alignment: Alignment) -> 
     aligned, to_lot = geofence.aligned(alignment), alignment.inverse()
     room, last = math.inf, None
     for place in drive:
-        if aligned.check(place.pose, place.steering, place.profile, place.station):
+        if aligned.check(place.pose, place.steering, place.fallback_path, place.station):
             break
-        shapes = geofence.sweep(to_lot.apply(place.pose), place.steering, place.profile, place.station)
+        shapes = geofence.sweep(to_lot.apply(place.pose), place.steering, place.fallback_path, place.station)
         assert shapes is not None
         room, last = min(room, geofence.lot.clearance(shapes)), place.station
     if last is None:

@@ -79,7 +79,7 @@ class Driven(NamedTuple):
     station: float  #: along the path [m]
     pose: Pose  #: of the rear axle, in the street's map
     steering: float  #: road-wheel angle that the path's curvature asks for [rad], left positive
-    profile: FallbackPath  #: the path itself
+    fallback_path: FallbackPath  #: the path itself
 
 
 def no_drift(_driven: float) -> float:
@@ -120,14 +120,14 @@ class Geofence:
         self,
         pose: Pose,
         steering: float,
-        profile: FallbackPath | None,
+        fallback_path: FallbackPath | None,
         driven: float = 0.0,
         requested: tuple[float, float] | None = None,
     ) -> tuple[str, ...]:
         """Return ("geofence_breach",) unless the car comes to rest inside the lot from this pose, whoever stops it.
 
         `pose` is the rear axle's in the street's map, `steering` the road-wheel angle that the car reports [rad, left
-        positive], `profile` the fallback path that the setpoint carries, None for none. `driven` is the way since the
+        positive], `fallback_path` the one that the setpoint carries, None for none. `driven` is the way since the
         receiver was first compared with the car [m], `requested` the least and the greatest road-wheel angle that the
         latest setpoints asked for [rad], by default the reported one. A value that is not finite is a breach.
         """
@@ -137,15 +137,17 @@ class Geofence:
         placed, body = self._to_lot.apply(pose), self._body.grown(self._drift(driven))
         if self.lot.holds_disc(placed.x, placed.y, max(map(abs, distances)) + body.reach):
             return ()
-        shapes = self._shapes(body, pose.speed, distances, steering, profile, requested)
+        shapes = self._shapes(body, pose.speed, distances, steering, fallback_path, requested)
         if shapes is None or not self.lot.holds(as_pairs(shapes, placed.x, placed.y, placed.heading)):
             return GEOFENCE_BREACH
         return ()
 
-    def sweep(self, pose: Pose, steering: float, profile: FallbackPath | None, driven: float = 0.0) -> Floats | None:
+    def sweep(
+        self, pose: Pose, steering: float, fallback_path: FallbackPath | None, driven: float = 0.0
+    ) -> Floats | None:
         """Return the ground that `check` looks at, as rectangles in the map of `pose`, (n, 4, 2); None for no rest."""
         distances, body = self._distances(pose, steering), self._body.grown(self._drift(driven))
-        shapes = None if distances is None else self._shapes(body, pose.speed, distances, steering, profile, None)
+        shapes = None if distances is None else self._shapes(body, pose.speed, distances, steering, fallback_path, None)
         return None if shapes is None else as_pairs(shapes, pose.x, pose.y, pose.heading)
 
     def aligned(self, alignment: Alignment) -> Geofence:
@@ -161,7 +163,7 @@ class Geofence:
         bends as any controller must; beyond the end it rolls on straight.
         """
         for place in self.driven(path, speed):
-            if self.check(place.pose, place.steering, place.profile, place.station):
+            if self.check(place.pose, place.steering, place.fallback_path, place.station):
                 return place.station
         return None
 
@@ -202,14 +204,14 @@ class Geofence:
         speed: float,
         distances: tuple[float, float],
         steering: float,
-        profile: FallbackPath | None,
+        fallback_path: FallbackPath | None,
         requested: tuple[float, float] | None,
     ) -> Complexes | None:
-        """Swept area of all fallback paths, in the rear axle's frame; None where `profile` is invalid."""
+        """Swept area of all fallback paths, in the rear axle's frame; None where `fallback_path` is invalid."""
         by_gateway, by_watchdog = distances
         turning, asked = self._turning, requested or (steering, steering)
         # A fallback path leads forwards: nobody leads a car that rolls backwards.
-        way = profile if by_gateway > 0.0 else None
+        way = fallback_path if by_gateway > 0.0 else None
         held = (steering, steering) if turning is None else turning.at_once(speed, steering, asked)
         low, high = self._bends(speed, *held)
         swept = [relaxing(body, min(low, 0.0), max(high, 0.0), by_watchdog)]
@@ -238,12 +240,12 @@ class Geofence:
         )
 
 
-def _knots(profile: FallbackPath, distance: float) -> Floats | None:
-    """The profile's curvature up to `distance` [m], its last one held beyond its end; None where it is invalid."""
-    if not (profile.spacing > 0.0 and profile.curvature and distance <= MAX_KNOTS * profile.spacing):
+def _knots(fallback_path: FallbackPath, distance: float) -> Floats | None:
+    """The path's curvature up to `distance` [m], its last one held beyond its end; None where it is invalid."""
+    if not (fallback_path.spacing > 0.0 and fallback_path.curvature and distance <= MAX_KNOTS * fallback_path.spacing):
         return None
-    knots = np.array(profile.curvature[: MAX_KNOTS + 2], dtype=np.float64)
-    wanted = math.ceil(distance / profile.spacing) + 1
+    knots = np.array(fallback_path.curvature[: MAX_KNOTS + 2], dtype=np.float64)
+    wanted = math.ceil(distance / fallback_path.spacing) + 1
     held = np.concatenate((knots[:wanted], np.full(max(wanted - len(knots), 0), knots[-1])))
     return held if np.isfinite(held).all() else None
 

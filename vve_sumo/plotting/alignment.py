@@ -104,7 +104,7 @@ def _path(axes: Axes, shown: PathInLot) -> None:
         pose = to_lot.apply(place.pose)
         line.append((pose.x, pose.y))
         if int(place.station) % EVERY == 0:
-            shapes = shown.geofence.sweep(pose, place.steering, place.profile, place.station)
+            shapes = shown.geofence.sweep(pose, place.steering, place.fallback_path, place.station)
             if shapes is not None:
                 (inside if place.station <= end else outside).append(shapes)
     for swept, colour, name in ((inside, EGO_PALE, "swept, stops included"), (outside, ALARM, "no stop inside")):

@@ -18,13 +18,13 @@ MAX_GAP: Final = 0.100  # [s]
 _ROUNDING: Final = 1e-6  # [s]
 
 
-def well_formed(profile: FallbackPath) -> bool:
-    """Whether `profile` is a usable path: 1 to 64 finite knots at a finite, positive spacing."""
+def well_formed(fallback_path: FallbackPath) -> bool:
+    """Whether `fallback_path` is a usable path: 1 to 64 finite knots at a finite, positive spacing."""
     return (
-        0.0 < profile.spacing < math.inf
-        and 1 <= len(profile.curvature) <= MAX_KNOTS
+        0.0 < fallback_path.spacing < math.inf
+        and 1 <= len(fallback_path.curvature) <= MAX_KNOTS
         # A sum that is finite has finite terms; one that is not may have overflowed.
-        and (math.isfinite(sum(profile.curvature)) or all(map(math.isfinite, profile.curvature)))
+        and (math.isfinite(sum(fallback_path.curvature)) or all(map(math.isfinite, fallback_path.curvature)))
     )
 
 
@@ -43,12 +43,12 @@ class FallbackTracker:
         self._distance = math.nan  # along the path [m]; NaN where not known
         self._speed = math.nan
 
-    def take(self, age: float, profile: FallbackPath | DeferredFallbackPath | None) -> None:
-        """Follow `profile` from now on, which begins where the car was `age` seconds ago; None for no path.
+    def take(self, age: float, fallback_path: FallbackPath | DeferredFallbackPath | None) -> None:
+        """Follow `fallback_path` from now on, which begins where the car was `age` seconds ago; None for no path.
 
         A deferred path is computed by the first call of `steering`, and is no path where it is not `well_formed`.
         """
-        self._profile = profile
+        self._profile = fallback_path
         self._distance = self._speed * age
 
     def move(self, duration: float, speed: float) -> None:
@@ -64,23 +64,23 @@ class FallbackTracker:
         ahead = self._distance + self._speed * self._answer_time
         if self._profile is None or not math.isfinite(ahead):
             return None
-        profile = self._followed(self._profile)
-        if profile is None:
+        fallback_path = self._followed(self._profile)
+        if fallback_path is None:
             return None
-        curvature = min(max(_curvature(profile, ahead), -MAX_CURVATURE), MAX_CURVATURE)
+        curvature = min(max(_curvature(fallback_path, ahead), -MAX_CURVATURE), MAX_CURVATURE)
         return math.atan(self._wheelbase * curvature) + self._understeer * curvature * self._speed * self._speed
 
-    def _followed(self, profile: FallbackPath | DeferredFallbackPath) -> FallbackPath | None:
-        if isinstance(profile, FallbackPath):
-            return profile
-        path = profile.path()
+    def _followed(self, fallback_path: FallbackPath | DeferredFallbackPath) -> FallbackPath | None:
+        if isinstance(fallback_path, FallbackPath):
+            return fallback_path
+        path = fallback_path.path()
         self._profile = path if path is not None and well_formed(path) else None
         return self._profile
 
 
-def _curvature(profile: FallbackPath, distance: float) -> float:
+def _curvature(fallback_path: FallbackPath, distance: float) -> float:
     """Curvature [1/m] at a `distance` [m]: linear between knots, constant before the first and beyond the last."""
-    knots, place = profile.curvature, distance / profile.spacing
+    knots, place = fallback_path.curvature, distance / fallback_path.spacing
     if place >= len(knots) - 1:
         return knots[-1]
     if place <= 0.0:

@@ -235,8 +235,10 @@ class Gateway(Monitor):
         """Follow the fallback path of an accepted setpoint from now on."""
         # Where the path of an expired setpoint begins, seen from the car, is not known. A setpoint with faults may
         # have no path: the path of an earlier setpoint is then better than none.
-        if self._validator.valid(now) and (not setpoint.faults or resolve_fallback_path(setpoint.profile) is not None):
-            self._fallback_tracker.take(now - setpoint.time, setpoint.profile)
+        if self._validator.valid(now) and (
+            not setpoint.faults or resolve_fallback_path(setpoint.fallback_path) is not None
+        ):
+            self._fallback_tracker.take(now - setpoint.time, setpoint.fallback_path)
 
     def _missing(self, now: float) -> list[str]:
         """Reason codes of unmet conditions for engaging, apart from faults."""

@@ -60,7 +60,7 @@ class Feedback(NamedTuple):
 
 def encode_setpoint(setpoint: Setpoint) -> bytes:
     """Return the datagram of a setpoint; the note and the faults are cut at 255 bytes each and 64 faults."""
-    s, profile = setpoint, resolve_fallback_path(setpoint.profile)
+    s, profile = setpoint, resolve_fallback_path(setpoint.fallback_path)
     body = [
         _SETPOINT.pack(s.steering, s.acceleration, _whole(s.sequence), *_numbers(s)),
         b"\1" if s.emergency else b"\0",
@@ -93,7 +93,7 @@ def _setpoint(reader: _Reader) -> Setpoint:
         yaw_rate=yaw_rate,
         grade=grade,
         faults=reader.texts(),
-        profile=reader.profile() if reader.flag() else None,
+        fallback_path=reader.profile() if reader.flag() else None,
     )
 
 

@@ -72,7 +72,7 @@ class SetpointValidator:
         if setpoint.sequence < 0 or not math.isfinite(setpoint.time + setpoint.expires):
             return Rejection("setpoint_incomplete", fatal=True)
         # Who follows a deferred path checks it once it is computed.
-        if isinstance(setpoint.profile, FallbackPath) and not well_formed(setpoint.profile):
+        if isinstance(setpoint.fallback_path, FallbackPath) and not well_formed(setpoint.fallback_path):
             return Rejection("profile_invalid", fatal=True)
         if setpoint.sequence <= self._sequence:
             return Rejection("setpoint_out_of_order", fatal=False)

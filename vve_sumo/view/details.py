@@ -125,10 +125,10 @@ def _lot_columns(run: Run) -> dict[str, Column]:
     places = (real[name].astype(np.float64) for name in ("real_x", "real_y", "real_heading"))
     ticks, first, lines = [], [0], [np.zeros((0, 2))]
     moved = (motion.x, motion.y, motion.heading, motion.speed, motion.acceleration)
-    for at, (steering, profile) in _profiles(run).items():
+    for at, (steering, fallback_path) in _profiles(run).items():
         x, y, heading, speed, acceleration = (float(column[at]) for column in moved)
         pose = Pose(float(run.time[at]), Point.REAR_AXLE, x, y, heading, speed, 0.0, 0.0, acceleration, 0.0)
-        line = lot.footprint(lot.place(pose), steering, profile)
+        line = lot.footprint(lot.place(pose), steering, fallback_path)
         if line is not None:
             lines.append(line)
         ticks.append(at)
@@ -162,5 +162,5 @@ def _profiles(run: Run) -> dict[int, tuple[float, FallbackPath | None]]:
         row = rows[min(np.searchsorted(times[rows], run.time[at]), len(rows) - 1)]
         setpoint = link.decode_setpoint(datagrams[row])
         if isinstance(setpoint, Setpoint) and abs(setpoint.time - run.time[at]) < FOOTPRINT_STEP * run.period:
-            found[at] = (float(steering[at]), resolve_fallback_path(setpoint.profile))
+            found[at] = (float(steering[at]), resolve_fallback_path(setpoint.fallback_path))
     return found

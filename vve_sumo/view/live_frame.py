@@ -133,7 +133,7 @@ class LiveFrames:
         real = lot.place(pose)
         edge = lot.to_edges(*(np.array([value]) for value in (real.x, real.y, real.heading)))
         if sample.time - self._footprint[0] >= FOOTPRINT_PERIOD:
-            line = lot.footprint(real, sample.steering, sample.profile)
+            line = lot.footprint(real, sample.steering, sample.fallback_path)
             self._footprint = sample.time, None if line is None else np.round(line, 2).tolist()
         return {
             "real": {"x": round(real.x, 3), "y": round(real.y, 3), "heading": round(real.heading, 5)},

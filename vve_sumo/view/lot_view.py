@@ -43,11 +43,11 @@ class LotView:
         found[known] = self._geofence.lot.clearances(corners)
         return found
 
-    def footprint(self, pose: Pose, steering: float, profile: FallbackPath | None) -> Floats | None:
+    def footprint(self, pose: Pose, steering: float, fallback_path: FallbackPath | None) -> Floats | None:
         """Return the line around the ground that any stop from here would cover, (n, 2) [m]; None for no rest.
 
-        `pose` is the rear axle's in the lot, `steering` the road-wheel angle that the car reports [rad], `profile` the
-        fallback path that the setpoint carries. It is the ground that the geofence checks.
+        `pose` is the rear axle's in the lot, `steering` its road-wheel angle by report [rad], `fallback_path` the
+        one that the setpoint carries. It is the ground that the geofence checks.
         """
-        swept = self._geofence.sweep(pose, steering, profile)
+        swept = self._geofence.sweep(pose, steering, fallback_path)
         return None if swept is None else outline(swept)

@@ -37,7 +37,7 @@ class Sample:
     wished: float  #: acceleration that the controller asks for [m/s2]; NaN for none
     wished_steering: float  #: road-wheel angle likewise [rad]; NaN for none
     note: str  #: the controller's own word for what it does
-    profile: FallbackPath | None  #: the fallback path that the setpoint carries
+    fallback_path: FallbackPath | None  #: the fallback path that the setpoint carries
     faults: tuple[str, ...]  #: all reason codes of the tick
     details: dict[str, str]  #: the numbers behind some of them, in words
     pose_reasons: tuple[str, ...]  #: why the newest fix was not trusted

@@ -1,7 +1,8 @@
 """Codec of the Continental ARS408's object list on CAN: status, general, quality and extended frames of each object.
 
-It knows frames and objects; it must not know which bus they travel on, nor how an object was found. Layout as in public
-drivers of the sensor (Tier IV's ars408_driver, ArduPilot's AP_Proximity_ARS408, LittleProjects' 02_Sensor).
+It knows frames and objects; it must not know which bus they travel on, nor how an object was found. `ars408.dbc` is the
+layout: that of public drivers of the sensor (Tier IV's ars408_driver, ArduPilot's AP_Proximity_ARS408, LittleProjects'
+02_Sensor).
 """
 
 from __future__ import annotations
@@ -10,36 +11,24 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from pathlib import Path
 from typing import Final
 
+from vve_sumo import dbc
 from vve_sumo.values import Frame
-from vve_sumo.wire.signals import Signal, bits_of, data_of
 
-RADAR_STATE, OBJECTS, GENERAL, QUALITY, EXTENDED = 0x201, 0x60A, 0x60B, 0x60C, 0x60D
+_LAYOUTS: Final = dbc.read(Path(__file__).with_name("ars408.dbc"))
+_STATE, _OBJECTS, _GENERAL, _QUALITY, _EXTENDED = (
+    _LAYOUTS[name] for name in ("RadarState", "Objects", "General", "Quality", "Extended")
+)
+RADAR_STATE, OBJECTS = _STATE.id, _OBJECTS.id
+GENERAL, QUALITY, EXTENDED = _GENERAL.id, _QUALITY.id, _EXTENDED.id
 HOST_SPEED, HOST_YAW_RATE = 0x300, 0x301  #: what the host sends
 SENSOR_STEP: Final = 0x10  #: between the identifiers of two sensors
 MAX_OBJECTS: Final = 100
 PERIOD: Final = 0.075  #: of a cycle [s]
 COUNTS: Final = 0x10000  #: after which the measurement counter begins again
 INTERFACE_VERSION: Final = 1
-
-_ID = Signal(7, 8)
-_LONGITUDINAL = Signal(15, 13, 0.2, -500.0)
-_LATERAL = Signal(18, 11, 0.2, -204.6)  #: left positive
-_LONGITUDINAL_SPEED = Signal(39, 10, 0.25, -128.0)
-_LATERAL_SPEED = Signal(45, 9, 0.25, -64.0)
-_MOTION = Signal(50, 3)
-_CROSS_SECTION = Signal(63, 8, 0.5, -64.0)  #: [dBsm]
-
-_EXISTENCE = Signal(55, 3)
-_MEASUREMENT = Signal(52, 3)
-
-_CLASS = Signal(26, 3)
-_ORIENTATION = Signal(39, 10, 0.4, -180.0)
-_LENGTH = Signal(55, 8, 0.2)
-_WIDTH = Signal(63, 8, 0.2)
-_LONGITUDINAL_ACCELERATION = Signal(15, 11, 0.01, -10.0)
-_LATERAL_ACCELERATION = Signal(20, 9, 0.01, -2.5)
 
 #: steps of the probability that an object exists; 0 is invalid
 EXISTENCE: Final = (0.0, 0.25, 0.5, 0.75, 0.9, 0.99, 0.999, 1.0)
@@ -119,69 +108,61 @@ def encode(found: ObjectList, sensor: int = 0, valid: bool = True) -> tuple[Fram
     if len(objects) > MAX_OBJECTS:
         raise ValueError(f"an ARS408 sends at most {MAX_OBJECTS} objects, got {len(objects)}")
     shift = SENSOR_STEP * sensor
-    status = bytes((len(objects),)) + (found.counter % COUNTS).to_bytes(2, "big") + bytes((INTERFACE_VERSION << 4,))
+    status = _OBJECTS.encode(
+        NUMBER_OF_OBJECTS=len(objects),
+        MEASUREMENT_COUNTER=found.counter % COUNTS,
+        INTERFACE_VERSION=INTERFACE_VERSION,
+    )
     frames = [Frame(RADAR_STATE + shift, _state(sensor, valid)), Frame(OBJECTS + shift, status)]
     for base, pack in ((GENERAL, _general), (QUALITY, _quality), (EXTENDED, _extended)):
         frames += [Frame(base + shift, pack(each)) for each in objects]
     return tuple(frames)
 
 
-_PERSISTENT_ERROR = Signal(21, 1)
-_SENSOR_NUMBER = Signal(34, 3)
-_OUTPUT_TYPE = Signal(43, 2)
-_SEND_QUALITY, _SEND_EXTENDED = Signal(44, 1), Signal(45, 1)
-
-
 def _state(sensor: int, valid: bool) -> bytes:
     """State of the sensor: number, kind of output (1: objects), which frames it sends, and whether it has failed."""
-    return data_of(
-        _PERSISTENT_ERROR.put(not valid),
-        _SENSOR_NUMBER.put(sensor),
-        _OUTPUT_TYPE.put(1),
-        _SEND_QUALITY.put(1),
-        _SEND_EXTENDED.put(1),
-    )
+    return _STATE.encode(PERSISTENT_ERROR=not valid, SENSOR_ID=sensor, OUTPUT_TYPE=1, SEND_QUALITY=1, SEND_EXTENDED=1)
 
 
 def with_persistent_error(frame: Frame) -> Frame:
     """Return a frame in which sensor 0 reports a persistent error, all else in it as it was; others as they are."""
     if frame.id != RADAR_STATE:
         return frame
-    return frame._replace(data=data_of(bits_of(frame.data), _PERSISTENT_ERROR.put(1.0)))
+    return frame._replace(data=_STATE.altered(frame.data, PERSISTENT_ERROR=1))
 
 
 def _general(one: Object) -> bytes:
-    return data_of(
-        _number(one),
-        _LONGITUDINAL.put(one.longitudinal),
-        _LATERAL.put(one.lateral),
-        _LONGITUDINAL_SPEED.put(one.longitudinal_speed),
-        _LATERAL_SPEED.put(one.lateral_speed),
-        _MOTION.put(one.motion),
-        _CROSS_SECTION.put(one.cross_section),
+    return _GENERAL.encode(
+        ID=_number(one),
+        LONGITUDINAL=one.longitudinal,
+        LATERAL=one.lateral,
+        LONGITUDINAL_SPEED=one.longitudinal_speed,
+        LATERAL_SPEED=one.lateral_speed,
+        MOTION=one.motion,
+        CROSS_SECTION=one.cross_section,
     )
 
 
 def _number(one: Object) -> int:
     if not 0 <= one.number <= 0xFF:
         raise ValueError(f"an ARS408 numbers its objects 0 to 255, got {one.number}")
-    return _ID.put(one.number)
+    return one.number
 
 
 def _quality(one: Object) -> bytes:
     step = max(n for n, least in enumerate(EXISTENCE) if one.existence >= least)
-    return data_of(_number(one), _EXISTENCE.put(step), _MEASUREMENT.put(one.measurement))[:7]
+    return _QUALITY.encode(ID=_number(one), EXISTENCE=step, MEASUREMENT=one.measurement)
 
 
 def _extended(one: Object) -> bytes:
-    return data_of(
-        _number(one),
-        _LONGITUDINAL_ACCELERATION.put(0.0),
-        _LATERAL_ACCELERATION.put(0.0),
-        _CLASS.put(one.kind),
-        _ORIENTATION.put(math.degrees(one.orientation)),
-        _LENGTH.put(one.length),
-        _WIDTH.put(one.width),
+    return _EXTENDED.encode(
+        ID=_number(one),
+        LONGITUDINAL_ACCELERATION=0.0,
+        LATERAL_ACCELERATION=0.0,
+        CLASS=one.kind,
+        ORIENTATION=math.degrees(one.orientation),
+        LENGTH=one.length,
+        WIDTH=one.width,
     )
 
 
@@ -192,7 +173,7 @@ class Decoder:
         self._shift = SENSOR_STEP * sensor
         self._announced = 0
         self._counter: int | None = None
-        self._parts: dict[int, dict[int, int]] = {}  # by base identifier and number of the object: bits
+        self._parts: dict[int, dict[int, bytes]] = {}  # by base identifier and number of the object: data
         self.failed = False  #: the sensor's state reports a persistent error
 
     def feed(self, frames: Iterable[Frame]) -> list[ObjectList]:
@@ -200,15 +181,16 @@ class Decoder:
         return [found for frame in frames if (found := self._take(frame)) is not None]
 
     def _take(self, frame: Frame) -> ObjectList | None:
-        base, bits = frame.id - self._shift, bits_of(frame.data)
-        if base == RADAR_STATE and len(frame.data) == 8:
-            self.failed = bool(_PERSISTENT_ERROR.get(bits))
+        base, data = frame.id - self._shift, frame.data
+        if base == RADAR_STATE and len(data) == _STATE.size:
+            self.failed = bool(_STATE.value(data, "PERSISTENT_ERROR"))
             return None
-        if base == OBJECTS and len(frame.data) == 4:
-            self._announced, self._counter = frame.data[0], int.from_bytes(frame.data[1:3], "big")
+        if base == OBJECTS and len(data) == _OBJECTS.size:
+            self._announced = int(_OBJECTS.value(data, "NUMBER_OF_OBJECTS"))
+            self._counter = int(_OBJECTS.value(data, "MEASUREMENT_COUNTER"))
             self._parts = {GENERAL: {}, QUALITY: {}, EXTENDED: {}}
-        elif base in self._parts and len(frame.data) == (7 if base == QUALITY else 8):
-            self._parts[base][frame.data[0]] = bits
+        elif base in self._parts and len(data) == (_QUALITY if base == QUALITY else _GENERAL).size:
+            self._parts[base][data[0]] = data
         else:
             return None
         return self._complete()
@@ -222,19 +204,21 @@ class Decoder:
         return found
 
     def _object(self, number: int) -> Object:
-        general, quality, extended = (self._parts[base][number] for base in (GENERAL, QUALITY, EXTENDED))
+        general = _GENERAL.decode(self._parts[GENERAL][number])
+        quality = _QUALITY.decode(self._parts[QUALITY][number])
+        extended = _EXTENDED.decode(self._parts[EXTENDED][number])
         return Object(
             number,
-            _LONGITUDINAL.get(general),
-            _LATERAL.get(general),
-            _LONGITUDINAL_SPEED.get(general),
-            _LATERAL_SPEED.get(general),
-            Motion(int(_MOTION.get(general))),
-            _CROSS_SECTION.get(general),
-            EXISTENCE[int(_EXISTENCE.get(quality))],
-            Measurement(int(_MEASUREMENT.get(quality)) & 3),
-            Kind(min(int(_CLASS.get(extended)), Kind.WIDE)),
-            math.radians(_ORIENTATION.get(extended)),
-            _LENGTH.get(extended),
-            _WIDTH.get(extended),
+            general["LONGITUDINAL"],
+            general["LATERAL"],
+            general["LONGITUDINAL_SPEED"],
+            general["LATERAL_SPEED"],
+            Motion(int(general["MOTION"])),
+            general["CROSS_SECTION"],
+            EXISTENCE[int(quality["EXISTENCE"])],
+            Measurement(int(quality["MEASUREMENT"]) & 3),
+            Kind(min(int(extended["CLASS"]), Kind.WIDE)),
+            math.radians(extended["ORIENTATION"]),
+            extended["LENGTH"],
+            extended["WIDTH"],
         )

@@ -1,8 +1,9 @@
 """Codec of the Delphi ESR's CAN frames: its 64 tracks, its status frames, and the host's motion that it is told.
 
-It knows frames and tracks; it must not know which bus they travel on, nor how a track was found. Layout as in
-comma.ai's opendbc (opendbc/dbc/ESR.dbc); the sign of the angle as in its Ford radar interface, to the right positive.
-A 2018 Ford Fusion's own radar sends the same tracks under the same identifiers, with the angle's sign turned round.
+It knows frames and tracks; it must not know which bus they travel on, nor how a track was found. `esr.dbc` is the
+layout: that of comma.ai's opendbc (opendbc/dbc/ESR.dbc); the sign of the angle as in its Ford radar interface, to the
+right positive. A 2018 Ford Fusion's own radar sends the same tracks under the same identifiers, with the angle's sign
+turned round.
 """
 
 from __future__ import annotations
@@ -11,51 +12,27 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from pathlib import Path
 from typing import Final
 
+from vve_sumo import dbc
 from vve_sumo.values import Frame
-from vve_sumo.wire.signals import Signal, bits_of, data_of
+
+_LAYOUTS: Final = dbc.read(Path(__file__).with_name("esr.dbc"))
+_STATUS_1, _STATUS_2, _TRACK = _LAYOUTS["Status1"], _LAYOUTS["Status2"], _LAYOUTS["Track"]
+_PATH_TARGETS, _TRACK_SENSOR = _LAYOUTS["PathTargets"], _LAYOUTS["TrackSensor"]
+_VEHICLE_DATA, _SENSOR_INPUT = _LAYOUTS["VehicleData"], _LAYOUTS["SensorInput"]
 
 TRACKS: Final = 64  #: of a cycle; each has an identifier of its own
-FIRST_TRACK: Final = 0x500
+FIRST_TRACK: Final = _TRACK.id
 LAST_TRACK: Final = FIRST_TRACK + TRACKS - 1  #: readers take a cycle as complete with this one
-STATUS_1, STATUS_2, VERSIONS, PATH_TARGETS = 0x4E0, 0x4E1, 0x4E2, 0x4E3
-TRACK_SENSOR: Final = 0x540
-VEHICLE_DATA, SENSOR_INPUT = 0x4F0, 0x4F1  #: what the host sends
+STATUS_1, STATUS_2, VERSIONS, PATH_TARGETS = _STATUS_1.id, _STATUS_2.id, _LAYOUTS["Versions"].id, _PATH_TARGETS.id
+TRACK_SENSOR: Final = _TRACK_SENSOR.id
+VEHICLE_DATA, SENSOR_INPUT = _VEHICLE_DATA.id, _SENSOR_INPUT.id  #: what the host sends
 
 PERIOD: Final = 0.05  #: of a cycle [s]
 SCANS: Final = 0x10000  #: after which the scan index begins again
 STAMPS: Final = 128  #: counts after which the time stamp begins again
-
-_RANGE = Signal(18, 11, 0.1)
-_ANGLE = Signal(12, 10, 0.1, signed=True)  #: [deg] right positive
-_RANGE_RATE = Signal(53, 14, 0.01, signed=True)
-_RANGE_ACCELERATION = Signal(33, 10, 0.05, signed=True)
-_LATERAL_RATE = Signal(7, 6, 0.25, signed=True)
-_WIDTH = Signal(37, 4, 0.5)
-_STATUS = Signal(15, 3)
-_MODE = Signal(55, 2)
-_ONCOMING = Signal(0, 1)
-_ROLLING = Signal(38, 1)
-
-_SCAN_INDEX = Signal(31, 16)
-_TIMESTAMP = Signal(5, 7, 2.0)  #: [ms]
-_HOST_SPEED = Signal(50, 11, 0.0625)
-_HOST_YAW_RATE = Signal(47, 12, 0.0625, signed=True)  #: [deg/s]
-_COMMUNICATION_ERROR = Signal(14, 1)
-_ROLLING_1 = Signal(7, 2)
-_ROLLING_2 = Signal(1, 2)
-_MAXIMUM_TRACKS = Signal(7, 6, 1.0, 1.0)
-_TRANSCEIVER = Signal(12, 1)
-_INTERNAL_ERROR = Signal(13, 1)
-_SPEED_FACTOR = Signal(39, 6, 0.00195, 1.0)
-
-_VEHICLE_SPEED = Signal(7, 11, 0.0625)
-_VEHICLE_REVERSE = Signal(12, 1)
-_VEHICLE_YAW_RATE = Signal(11, 12, 0.0625, signed=True)  #: [deg/s]
-_YAW_RATE_VALID = Signal(31, 1)
-_RADIATE = Signal(55, 1)
-_SPEED_VALID = Signal(61, 1)
 
 
 class TrackStatus(IntEnum):
@@ -132,15 +109,12 @@ def encode(cycle: Cycle) -> tuple[Frame, ...]:
     tracks = {track.number: track for track in cycle.tracks} if cycle.sees else {}
     if strange := [number for number in tracks if not 0 <= number < TRACKS]:
         raise ValueError(f"an ESR has tracks 0 to {TRACKS - 1}, got number {strange[0]}")
-    frames = [
-        Frame(STATUS_1, data_of(*_status_1(cycle), _ROLLING_1.put(rolling))),
-        Frame(STATUS_2, data_of(*_status_2(cycle), _ROLLING_2.put(rolling))),
-        Frame(VERSIONS, bytes(8)),
-        Frame(PATH_TARGETS, data_of(_ROLLING_2.put(rolling))),
-        Frame(TRACK_SENSOR, bytes((0x10 * (rolling & 1),))),
-    ]
     return (
-        *frames,
+        Frame(STATUS_1, _status_1(cycle, rolling)),
+        Frame(STATUS_2, _status_2(cycle, rolling)),
+        Frame(VERSIONS, bytes(8)),
+        Frame(PATH_TARGETS, _PATH_TARGETS.encode(ROLLING_COUNT_3=rolling)),
+        Frame(TRACK_SENSOR, _TRACK_SENSOR.encode(TRACK_ROLLING_COUNT_2=rolling & 1)),
         *(
             Frame(FIRST_TRACK + number, _track(tracks[number], rolling & 1) if number in tracks else bytes(8))
             for number in range(TRACKS)
@@ -148,37 +122,40 @@ def encode(cycle: Cycle) -> tuple[Frame, ...]:
     )
 
 
-def _status_1(cycle: Cycle) -> tuple[int, ...]:
-    return (
-        _SCAN_INDEX.put(cycle.scan_index % SCANS),
-        _TIMESTAMP.put(round(1000.0 * cycle.time_stamp / _TIMESTAMP.scale) % STAMPS * _TIMESTAMP.scale),
-        _HOST_SPEED.put(abs(cycle.host.speed)),
-        _HOST_YAW_RATE.put(math.degrees(cycle.host.yaw_rate)),
-        _COMMUNICATION_ERROR.put(not (cycle.valid and cycle.host_known)),
+def _status_1(cycle: Cycle, rolling: int) -> bytes:
+    step = _STATUS_1.signals["DSP_TIMESTAMP"].scale
+    return _STATUS_1.encode(
+        SCAN_INDEX=cycle.scan_index % SCANS,
+        DSP_TIMESTAMP=round(1000.0 * cycle.time_stamp / step) % STAMPS * step,
+        VEHICLE_SPEED_CALC=abs(cycle.host.speed),
+        YAW_RATE_CALC=math.degrees(cycle.host.yaw_rate),
+        COMM_ERROR=not (cycle.valid and cycle.host_known),
+        ROLLING_COUNT_1=rolling,
     )
 
 
-def _status_2(cycle: Cycle) -> tuple[int, ...]:
-    return (
-        _MAXIMUM_TRACKS.put(TRACKS),
-        _TRANSCEIVER.put(cycle.radiating),
-        _INTERNAL_ERROR.put(not cycle.valid),
-        _SPEED_FACTOR.put(1.0),
+def _status_2(cycle: Cycle, rolling: int) -> bytes:
+    return _STATUS_2.encode(
+        MAXIMUM_TRACKS_ACK=TRACKS,
+        XCVR_OPERATIONAL=cycle.radiating,
+        INTERNAL_ERROR=not cycle.valid,
+        VEH_SPD_COMP_FACTOR=1.0,
+        ROLLING_COUNT_2=rolling,
     )
 
 
 def _track(track: Track, rolling: int) -> bytes:
-    return data_of(
-        _RANGE.put(track.range),
-        _ANGLE.put(-math.degrees(track.angle)),
-        _RANGE_RATE.put(track.range_rate),
-        _RANGE_ACCELERATION.put(track.range_acceleration),
-        _LATERAL_RATE.put(track.lateral_rate),
-        _WIDTH.put(track.width),
-        _STATUS.put(track.status),
-        _MODE.put(track.mode),
-        _ONCOMING.put(track.oncoming),
-        _ROLLING.put(rolling),
+    return _TRACK.encode(
+        TRACK_RANGE=track.range,
+        TRACK_ANGLE=-math.degrees(track.angle),
+        TRACK_RANGE_RATE=track.range_rate,
+        TRACK_RANGE_ACCEL=track.range_acceleration,
+        TRACK_LAT_RATE=track.lateral_rate,
+        TRACK_WIDTH=track.width,
+        TRACK_STATUS=track.status,
+        TRACK_MED_RANGE_MODE=track.mode,
+        TRACK_ONCOMING=track.oncoming,
+        TRACK_ROLLING_COUNT=rolling,
     )
 
 
@@ -186,28 +163,30 @@ def with_internal_error(frame: Frame) -> Frame:
     """Return a frame in which the radar reports an internal error, all else in it as it was; others as they are."""
     if frame.id != STATUS_2:
         return frame
-    return frame._replace(data=data_of(bits_of(frame.data), _INTERNAL_ERROR.put(1.0)))
+    return frame._replace(data=_STATUS_2.altered(frame.data, INTERNAL_ERROR=1))
 
 
 def decode_track(frame: Frame) -> Track | None:
     """Return the track of a frame; None for an empty one, which has no status or no range, and for another frame."""
-    number, bits = frame.id - FIRST_TRACK, bits_of(frame.data)
+    number = frame.id - FIRST_TRACK
     if not 0 <= number < TRACKS or len(frame.data) != 8:
         return None
-    status, distance = TrackStatus(int(_STATUS.get(bits))), _RANGE.get(bits)
-    if status is TrackStatus.NONE or distance <= 0.0:
+    if not _TRACK.value(frame.data, "TRACK_STATUS"):
+        return None
+    read = _TRACK.decode(frame.data)
+    if read["TRACK_RANGE"] <= 0.0:
         return None
     return Track(
         number,
-        distance,
-        math.radians(-_ANGLE.get(bits)),
-        _RANGE_RATE.get(bits),
-        _RANGE_ACCELERATION.get(bits),
-        _LATERAL_RATE.get(bits),
-        _WIDTH.get(bits),
-        status,
-        Mode(int(_MODE.get(bits))),
-        bool(_ONCOMING.get(bits)),
+        read["TRACK_RANGE"],
+        math.radians(-read["TRACK_ANGLE"]),
+        read["TRACK_RANGE_RATE"],
+        read["TRACK_RANGE_ACCEL"],
+        read["TRACK_LAT_RATE"],
+        read["TRACK_WIDTH"],
+        TrackStatus(int(read["TRACK_STATUS"])),
+        Mode(int(read["TRACK_MED_RANGE_MODE"])),
+        bool(read["TRACK_ONCOMING"]),
     )
 
 
@@ -218,8 +197,8 @@ class Decoder:
     """
 
     def __init__(self) -> None:
-        self._status: tuple[int, int] | None = None  # bits of the two status frames
-        self._first: int | None = None
+        self._status: tuple[bytes, bytes] | None = None  # data of the two status frames
+        self._first: bytes | None = None
         self._tracks: list[Track] = []
         self._next = -1  # number of the track that is due; negative before the first
 
@@ -229,9 +208,9 @@ class Decoder:
 
     def _take(self, frame: Frame) -> Cycle | None:
         if frame.id == STATUS_1:
-            self._first, self._status, self._tracks, self._next = bits_of(frame.data), None, [], -1
+            self._first, self._status, self._tracks, self._next = frame.data, None, [], -1
         elif frame.id == STATUS_2:
-            self._status = None if self._first is None else (self._first, bits_of(frame.data))
+            self._status = None if self._first is None else (self._first, frame.data)
             self._first, self._next = None, 0
         elif FIRST_TRACK <= frame.id <= LAST_TRACK:
             if frame.id - FIRST_TRACK != self._next or len(frame.data) != 8:
@@ -244,14 +223,15 @@ class Decoder:
                 return self._cycle(*self._status)
         return None
 
-    def _cycle(self, first: int, second: int) -> Cycle:
+    def _cycle(self, first: bytes, second: bytes) -> Cycle:
         self._next = -1
-        host_known, radiating = not _COMMUNICATION_ERROR.get(first), bool(_TRANSCEIVER.get(second))
-        valid = host_known and radiating and not _INTERNAL_ERROR.get(second)
+        one, two = _STATUS_1.decode(first), _STATUS_2.decode(second)
+        host_known, radiating = not one["COMM_ERROR"], bool(two["XCVR_OPERATIONAL"])
+        valid = host_known and radiating and not two["INTERNAL_ERROR"]
         return Cycle(
-            int(_SCAN_INDEX.get(first)),
-            _TIMESTAMP.get(first) / 1000.0,
-            HostMotion(_HOST_SPEED.get(first), math.radians(_HOST_YAW_RATE.get(first))),
+            int(one["SCAN_INDEX"]),
+            one["DSP_TIMESTAMP"] / 1000.0,
+            HostMotion(one["VEHICLE_SPEED_CALC"], math.radians(one["YAW_RATE_CALC"])),
             tuple(self._tracks),
             valid,
             host_known,
@@ -261,28 +241,25 @@ class Decoder:
 
 def encode_host(motion: HostMotion) -> tuple[Frame, Frame]:
     """Return the frames that a host sends: its motion, and the order to radiate."""
-    return (
-        Frame(
-            VEHICLE_DATA,
-            data_of(
-                _VEHICLE_SPEED.put(abs(motion.speed)),
-                _VEHICLE_REVERSE.put(motion.speed < 0.0),
-                _VEHICLE_YAW_RATE.put(math.degrees(motion.yaw_rate)),
-                _YAW_RATE_VALID.put(1.0),
-            ),
-        ),
-        Frame(SENSOR_INPUT, data_of(_RADIATE.put(1.0), _SPEED_VALID.put(1.0))),
+    data = _VEHICLE_DATA.encode(
+        VEHICLE_SPEED=abs(motion.speed),
+        VEHICLE_SPEED_DIRECTION=motion.speed < 0.0,
+        YAW_RATE=math.degrees(motion.yaw_rate),
+        YAW_RATE_VALIDITY=1,
     )
+    order = _SENSOR_INPUT.encode(RADAR_CMD_RADIATE=1, VEHICLE_SPEED_VALIDITY=1)
+    return Frame(VEHICLE_DATA, data), Frame(SENSOR_INPUT, order)
 
 
 def decode_host(frame: Frame) -> HostMotion | None:
     """Return the motion that a host's frame carries; None for another frame, and where its yaw rate is not valid."""
-    bits = bits_of(frame.data)
-    if frame.id != VEHICLE_DATA or len(frame.data) != 8 or not _YAW_RATE_VALID.get(bits):
+    if frame.id != VEHICLE_DATA or len(frame.data) != 8:
         return None
-    speed = _VEHICLE_SPEED.get(bits)
-    yaw_rate = math.radians(_VEHICLE_YAW_RATE.get(bits))
-    return HostMotion(-speed if _VEHICLE_REVERSE.get(bits) else speed, yaw_rate)
+    read = _VEHICLE_DATA.decode(frame.data)
+    if not read["YAW_RATE_VALIDITY"]:
+        return None
+    speed = read["VEHICLE_SPEED"]
+    return HostMotion(-speed if read["VEHICLE_SPEED_DIRECTION"] else speed, math.radians(read["YAW_RATE"]))
 
 
 class Host:
@@ -303,8 +280,8 @@ class Host:
             if (motion := decode_host(frame)) is not None:
                 self._motion, self._motion_at = motion, now
             elif frame.id == SENSOR_INPUT and len(frame.data) == 8:
-                bits = bits_of(frame.data)
-                ordered = _RADIATE.get(bits) and _SPEED_VALID.get(bits)
+                read = _SENSOR_INPUT.decode(frame.data)
+                ordered = read["RADAR_CMD_RADIATE"] and read["VEHICLE_SPEED_VALIDITY"]
                 self._radiate_at = now if ordered else -math.inf
 
     def motion(self, now: float) -> HostMotion | None:

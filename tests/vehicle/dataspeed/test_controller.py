@@ -230,7 +230,8 @@ def test_clear_alone_clears_and_does_not_feed_the_timeout() -> None:
     bench.run(0.2)
     bench.driver = DriverInputs()
     bench.run(0.2, send=False)
-    alone = codec.encode(BrakeCommand(BrakeKind.NONE, 0.0, False, None, True))
+    whole = codec.encode(BrakeCommand(BrakeKind.NONE, 0.0, False, 0, True))
+    alone = whole._replace(data=whole.data[:4])
     assert len(alone.data) == 4
     bench.kit.receive([alone], 0.0, 0.0)
     bench.run(0.005, send=False)

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from vve_sumo.errors import ConfigError
 from vve_sumo.values import Frame
 from vve_sumo.vehicle import interface as port
-from vve_sumo.vehicle.dataspeed import codec
-from vve_sumo.vehicle.dataspeed.codec import Variant
+from vve_sumo.vehicle.dataspeed import codec, layout, messages
 from vve_sumo.vehicle.dataspeed.interface import REPORTS, DataspeedDbw1, make
+from vve_sumo.vehicle.dataspeed.layout import Variant
 
-BRAKE = codec.BrakeReport(codec.BrakeReportKind.PEDAL, 0.15, 0.15, 0.15, enabled=False)
+BRAKE = codec.BrakeReport(messages.BrakeReportKind.PEDAL, 0.15, 0.15, 0.15, enabled=False)
 THROTTLE = codec.ThrottleReport(0.15, 0.15, 0.15, enabled=False)
 STEERING = codec.SteeringReport(0.0, 0.0, 0.0, 0.0, enabled=False)
 GEAR = codec.GearReport(port.Gear.NEUTRAL)
@@ -38,42 +38,20 @@ def test_an_actuation_is_four_frames_with_one_counter(variant, enable, clear):
     for counter in (*range(256), 0, 1):
         frames = interface.encode(COMMAND._replace(enable=enable, clear=clear))
         assert frames == (
-            codec.encode(codec.BrakeCommand(codec.BrakeKind.TORQUE, 512.0, enable, counter, clear), variant),
-            codec.encode(codec.ThrottleCommand(codec.ThrottleKind.PERCENT, 0.25, enable, counter, clear), variant),
+            codec.encode(codec.BrakeCommand(messages.BrakeKind.TORQUE, 512.0, enable, counter, clear), variant),
+            codec.encode(codec.ThrottleCommand(messages.ThrottleKind.PERCENT, 0.25, enable, counter, clear), variant),
             codec.encode(codec.SteeringCommand(0.5, 4.0, enable, counter, clear), variant),
             codec.encode(codec.GearCommand(port.Gear.DRIVE, clear), variant),
         )
 
 
-def around(limit: float):
-    """Numbers within a limit, its neighbours, and what is no command."""
-    edges = [0.0, -0.0, limit, math.nextafter(limit, math.inf), -1e-9, math.nan, math.inf]
-    return st.floats(-0.1 * limit, 1.01 * limit) | st.sampled_from(edges)
-
-
-def said(make):
-    """What is returned, or the text of the ValueError."""
-    try:
-        return make()
-    except ValueError as error:
-        return str(error)
-
-
-@given(
-    st.sampled_from(Variant), around(3412.0), around(1.0), around(9.6), around(17.5),
-    st.booleans(), st.booleans(), st.integers(0, 255),
-)  # fmt: skip
-def test_commands_that_are_encoded_together_are_those_that_are_encoded_alone(
-    variant, torque, throttle, angle, rate, enable, clear, counter
-):
-    """Refusals included, with their words."""
-    messages = (
-        codec.BrakeCommand(codec.BrakeKind.TORQUE, torque, enable, counter, clear),
-        codec.ThrottleCommand(codec.ThrottleKind.PERCENT, throttle, enable, counter, clear),
-        codec.SteeringCommand(angle, rate, enable, counter, clear),
-    )
-    together = said(lambda: codec.encode_commands(torque, throttle, angle, rate, enable, clear, counter, variant))
-    assert together == said(lambda: tuple(codec.encode(message, variant) for message in messages))
+@pytest.mark.parametrize("variant", Variant)
+@pytest.mark.parametrize("wrong", [-1e-9, 4000.0, math.nan, math.inf])
+@pytest.mark.parametrize("field", ["brake_torque", "throttle", "wheel_angle", "wheel_rate"])
+def test_what_is_no_command_is_refused(variant, wrong, field):
+    value = -4000.0 if field == "wheel_angle" and wrong < 0.0 else wrong
+    with pytest.raises(ValueError, match=f"Command.* must be .*, got {value:g}"):
+        DataspeedDbw1(variant).encode(COMMAND._replace(**{field: value}))
 
 
 @pytest.mark.parametrize("gear", port.Gear)
@@ -141,9 +119,9 @@ def test_a_pedal_module_reports_the_drivers_pedal_and_the_command_that_it_unders
     """Torque by dbw_mkz_can's table of pedal positions; the throttle's travel goes from 0.15 to 0.80."""
     brake = state(BRAKE._replace(driver_input=0.246, command=0.283))
     assert (brake.driver_torque, brake.command) == (pytest.approx(816.0, rel=1e-3), pytest.approx(1832.0, rel=1e-3))
-    brake = state(codec.BrakeReport(codec.BrakeReportKind.TORQUE, 600.0, 1234.0, 0.0, enabled=True))
+    brake = state(codec.BrakeReport(messages.BrakeReportKind.TORQUE, 600.0, 1234.0, 0.0, enabled=True))
     assert (brake.driver_torque, brake.command) == (600.0, 1234.0)
-    brake = state(codec.BrakeReport(codec.BrakeReportKind.DECELERATION, 600.0, 2.0, 0.0, enabled=True))
+    brake = state(codec.BrakeReport(messages.BrakeReportKind.DECELERATION, 600.0, 2.0, 0.0, enabled=True))
     assert brake.driver_torque == 600.0
     assert math.isnan(brake.command)
     throttle = state(THROTTLE._replace(driver_input=0.475, command=0.80))
@@ -176,9 +154,9 @@ def of_a_message(message):
             if isinstance(message, codec.ThrottleReport):
                 return port.ThrottleState(*shared, *map(opening, (message.driver_input, message.command)))
             driver, command = message.driver_input, message.command
-            if message.kind is codec.BrakeReportKind.PEDAL:
+            if message.kind is messages.BrakeReportKind.PEDAL:
                 driver, command = torque(driver), torque(command)
-            elif message.kind is codec.BrakeReportKind.DECELERATION:
+            elif message.kind is messages.BrakeReportKind.DECELERATION:
                 command = math.nan
             return port.BrakeState(*shared, message.watchdog_braking, driver, command)
         case codec.SteeringReport():
@@ -243,7 +221,7 @@ def test_sensors_are_passed_on():
 
 
 @pytest.mark.parametrize("variant", Variant)
-@pytest.mark.parametrize("identifier", [codec.BRAKE_REPORT, codec.THROTTLE_REPORT])
+@pytest.mark.parametrize("identifier", [layout.BRAKE_REPORT, layout.THROTTLE_REPORT])
 def test_a_pedal_report_is_read_anew_whenever_its_state_may_differ(variant, identifier):
     """Every pair of status bytes, one after the other in one interface, against one that never heard anything."""
     interface = DataspeedDbw1(variant)
@@ -261,7 +239,7 @@ def test_what_is_damaged_says_nothing_whatever_was_said_before():
         for data in {b"", frame.data[:-1], frame.data[1:], frame.data[6:], frame.data + b"\0"}:
             assert interface.decode(Frame(frame.id, data)) == port.Malformed(frame.id, "length")
         assert interface.decode(frame) == good
-    assert interface.decode(Frame(codec.GEAR_REPORT, b"\7\0")) == port.Malformed(codec.GEAR_REPORT, "value")
+    assert interface.decode(Frame(layout.GEAR_REPORT, b"\7\0")) == port.Malformed(layout.GEAR_REPORT, "value")
 
 
 def test_what_it_does_not_read_reports_nothing():
@@ -277,9 +255,9 @@ def test_what_a_command_said_can_be_read_from_a_record():
     assert throttle == pytest.approx(port.Commanded(math.nan, 0.25, math.nan), nan_ok=True, abs=1e-5)
     assert steering == pytest.approx(port.Commanded(math.nan, math.nan, 0.5), nan_ok=True, abs=1e-3)
     assert gear is None
-    percent = codec.BrakeCommand(codec.BrakeKind.PERCENT, 0.5, True, 1)
+    percent = codec.BrakeCommand(messages.BrakeKind.PERCENT, 0.5, True, 1)
     assert interface.commanded(codec.encode(percent)) is None
-    pedal = codec.ThrottleCommand(codec.ThrottleKind.PEDAL, 0.5, True, 1)
+    pedal = codec.ThrottleCommand(messages.ThrottleKind.PEDAL, 0.5, True, 1)
     assert interface.commanded(codec.encode(pedal)) is None
     assert interface.commanded(codec.encode(BRAKE)) is None
 

@@ -7,9 +7,8 @@ The bit that takes the driver's override away cannot be set.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Final
+from collections.abc import Callable, Mapping
+from typing import Any, Final
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.values import Frame
@@ -63,6 +62,18 @@ WHEN_COMMANDS_STOP: Final = CommandsStop(
 )
 
 
+def _encoders(variant: layout.Variant) -> tuple[Callable[[Any], Frame], ...]:
+    return (
+        codec.encoder(BrakeCommand, variant, BrakeKind.TORQUE.name),
+        codec.encoder(ThrottleCommand, variant, ThrottleKind.PERCENT.name),
+        codec.encoder(SteeringCommand, variant),
+    )
+
+
+#: What encodes brake torque, throttle opening and steering, as tuples of their fields without the kind.
+_ENCODERS: Final = layout.OfVariant(_encoders)
+
+
 class DataspeedDbw1:
     """The interface of one firmware generation."""
 
@@ -78,7 +89,7 @@ class DataspeedDbw1:
             wheel_rate_limit=layout.WHEEL_RATE_LIMIT[variant],
             command_timeout=TIMEOUT,
             when_commands_stop=WHEN_COMMANDS_STOP,
-            dbc=Path(__file__).with_name("dbw1.dbc"),
+            dbc=layout.DBC,
         )
         self._counter = -1
         # A gear command has no counter, so all possible frames are encoded in advance.
@@ -97,8 +108,11 @@ class DataspeedDbw1:
         """Return the brake, throttle, steering and gear frames; the first three have the same counter."""
         torque, throttle, wheel_angle, wheel_rate, gear, enable, clear = command
         counter = self._counter = (self._counter + 1) & 0xFF
+        encode_brake, encode_throttle, encode_steering = _ENCODERS[self._variant]
         return (
-            *codec.encode_commands(torque, throttle, wheel_angle, wheel_rate, enable, clear, counter, self._variant),
+            encode_brake((torque, enable, counter, clear)),
+            encode_throttle((throttle, enable, counter, clear)),
+            encode_steering((wheel_angle, wheel_rate, enable, counter, clear)),
             self._gear_frames[gear, clear],
         )
 

@@ -1,43 +1,25 @@
-"""Layout of a Dataspeed DBW1 controller's frames: identifiers, scales and ranges, and numbers as counts.
+"""Layout of a Dataspeed DBW1 controller's frames: its messages by the DBC files, identifiers, and limits of commands.
 
-It knows neither the messages nor their bytes. `dbw1.dbc` states the same layout.
+`dbw1.dbc` is the one definition of bits, scales, ranges and names; `dbw1_2018.dbc` holds the messages that the older
+firmware has otherwise.
 """
 
 from __future__ import annotations
 
 import enum
-import math
-from typing import Final
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final, TypeVar
 
-# Layout and scales: Dataspeed's BSD-3 sources `dbw_mkz_can` (2018; repository yinzixuan126/dbw_mkz_ros, dispatch.h,
-# DbwNode.cpp) and `dbw_ford_can` 2.1.16 (2024; repository revyos-ros/dbw_ros-release, dispatch.hpp, DbwNode.cpp).
-BRAKE_COMMAND: Final = 0x060
-BRAKE_REPORT: Final = 0x061
-THROTTLE_COMMAND: Final = 0x062
-THROTTLE_REPORT: Final = 0x063
-STEERING_COMMAND: Final = 0x064
-STEERING_REPORT: Final = 0x065
-GEAR_COMMAND: Final = 0x066
-GEAR_REPORT: Final = 0x067
-MISC_COMMAND: Final = 0x068
-WHEEL_SPEEDS: Final = 0x06A
-ACCELERATIONS: Final = 0x06B
-YAW_RATE: Final = 0x06C
-BRAKE_INFO: Final = 0x074
+from vve_sumo import dbc
+from vve_sumo.vehicle.frame_codec import maximum_of
 
-#: Identifiers that only one node may send; hearing one of them from another node is a fault.
-COMMAND_IDS: Final = frozenset({BRAKE_COMMAND, THROTTLE_COMMAND, STEERING_COMMAND, GEAR_COMMAND, MISC_COMMAND})
+T = TypeVar("T")
 
-FULL_TRAVEL = 65535.0  # counts of a pedal's whole travel, and of 100 percent
-TENTH_DEGREE = math.radians(0.1)  # step of steering-wheel angles
-SPEED_STEP = 0.01 / 3.6  # of the vehicle speed in the steering report [m/s]
-DRIVER_TORQUE_STEP = 1.0 / 16.0  # [N m]
-TORQUE_MODE_STEP = 1.0 / 128.0  # steering command in torque mode [N m]
-WHEEL_SPEED_STEP = 0.01  # [rad/s]
-ACCELERATION_STEP = 0.01  # [m/s2]
-GYRO_STEP = 2e-4  # [rad/s]
-BRAKE_TORQUE_STEP = 4.0  # in the brake info [N m]
-OVER_GROUND_STEP = 0.035  # acceleration over ground in the brake info [m/s2]
+#: Layout and scales of the newer firmware after Dataspeed's BSD-3 sources `dbw_ford_can` 2.1.16 (2024; repository
+#: revyos-ros/dbw_ros-release, dispatch.hpp, DbwNode.cpp), and of the older one after `dbw_mkz_can` (2018; repository
+#: yinzixuan126/dbw_mkz_ros, dispatch.h, DbwNode.cpp).
+DBC: Final = Path(__file__).with_name("dbw1.dbc")
 
 
 class Variant(enum.IntEnum):  # whole numbers are hashed quickly, and each command looks up its variant's limits
@@ -48,33 +30,48 @@ class Variant(enum.IntEnum):  # whole numbers are hashed quickly, and each comma
     DBW1_2024 = enum.auto()
 
 
+class OfVariant(dict[Variant, T]):
+    """What belongs to each generation, made when it is first asked for: a car has one of them."""
+
+    def __init__(self, make: Callable[[Variant], T]) -> None:
+        self._make = make
+
+    def __missing__(self, variant: Variant) -> T:
+        made = self[variant] = self._make(variant)
+        return made
+
+
+_NEWER: Final = dbc.read(DBC)
+
+#: Messages of a generation by name.
+MESSAGES: Final = {
+    Variant.DBW1_2018: _NEWER | dbc.read(DBC.with_name("dbw1_2018.dbc")),
+    Variant.DBW1_2024: _NEWER,
+}
+
+
+def _limits(message: str, signal: str) -> dict[Variant, float]:
+    return {variant: maximum_of(messages[message].signals[signal]) for variant, messages in MESSAGES.items()}
+
+
+BRAKE_COMMAND: Final = _NEWER["BrakeCommand"].id
+BRAKE_REPORT: Final = _NEWER["BrakeReport"].id
+THROTTLE_COMMAND: Final = _NEWER["ThrottleCommand"].id
+THROTTLE_REPORT: Final = _NEWER["ThrottleReport"].id
+STEERING_COMMAND: Final = _NEWER["SteeringCommand"].id
+STEERING_REPORT: Final = _NEWER["SteeringReport"].id
+GEAR_COMMAND: Final = _NEWER["GearCommand"].id
+GEAR_REPORT: Final = _NEWER["GearReport"].id
+MISC_COMMAND: Final = _NEWER["MiscCommand"].id
+WHEEL_SPEEDS: Final = _NEWER["WheelSpeeds"].id
+ACCELERATIONS: Final = _NEWER["Accelerations"].id
+YAW_RATE: Final = _NEWER["YawRate"].id
+BRAKE_INFO: Final = _NEWER["BrakeInfo"].id
+
+#: Identifiers that only one node may send; hearing one of them from another node is a fault.
+COMMAND_IDS: Final = frozenset({BRAKE_COMMAND, THROTTLE_COMMAND, STEERING_COMMAND, GEAR_COMMAND, MISC_COMMAND})
+
 # Largest values that the two generations state (BrakeCmd.msg, SteeringCmd.msg): [N m], [rad], [rad/s].
-TORQUE_LIMIT: Final = {Variant.DBW1_2018: 3250.0, Variant.DBW1_2024: 3412.0}
-WHEEL_ANGLE_LIMIT: Final = {Variant.DBW1_2018: 8.2, Variant.DBW1_2024: 9.6}
-WHEEL_RATE_LIMIT: Final = {Variant.DBW1_2018: 8.7, Variant.DBW1_2024: 17.5}
-WHEEL_RATE_STEP: Final = {Variant.DBW1_2018: math.radians(2.0), Variant.DBW1_2024: math.radians(4.0)}
-
-
-def counts(value: float, low: float, high: float, scale: float, what: str) -> int:
-    """Counts of an unsigned field; raises ValueError for NaN and outside the range."""
-    if not low <= value <= high:
-        raise ValueError(f"{what} must be {low:g} to {high:g}, got {value:g}")
-    return round(value * scale)
-
-
-def signed(value: float, step: float, what: str, limit: float = 32767.5) -> int:
-    """Counts of a signed report field whose lowest pattern means "invalid"; raises ValueError for what does not fit.
-
-    The `limit` is half a count more than the largest: it would be rounded to one that the field cannot hold.
-    """
-    count = value / step
-    if -limit < count < limit:
-        return round(count)
-    if value != value:
-        return -round(limit + 0.5)
-    raise ValueError(f"{what} must be within +-{(limit - 0.5) * step:g}, got {value:g}")
-
-
-def value_of(count: int, step: float, invalid: int = -32768) -> float:
-    """Value of a signed report field, NaN for "invalid"."""
-    return math.nan if count == invalid else count * step
+TORQUE_LIMIT: Final = _limits("BrakeCommand", "PCMD_TORQUE")
+WHEEL_ANGLE_LIMIT: Final = _limits("SteeringCommand", "SCMD")
+WHEEL_RATE_LIMIT: Final = _limits("SteeringCommand", "SVEL")
