@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from pathlib import Path
 
@@ -13,9 +14,11 @@ REPOSITORY = Path(__file__).parent.parent
 SHARED_DATA = REPOSITORY.parent / "shared" / "data"
 
 
-# How long an example takes says how busy the computer is.
-settings.register_profile("untimed", deadline=None)
-settings.load_profile("untimed")
+# How long an example takes says how busy the computer is. The release's run (`./check slow`) names the other profile; a
+# test that states how many examples it needs has as many in both.
+settings.register_profile("gate", deadline=None, max_examples=40)
+settings.register_profile("release", deadline=None, max_examples=200)
+settings.load_profile(os.environ.get("VVE_EXAMPLES", "gate"))
 
 
 def pytest_configure() -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
@@ -15,6 +13,7 @@ from hypothesis import strategies as st
 
 import vve_sumo as vve
 from tests.conftest import REPOSITORY
+from tests.isolated import command
 from vve_sumo.config_file import in_key_units
 from vve_sumo.errors import ConfigError
 from vve_sumo.rig.load import parse as parse_rig
@@ -129,13 +128,6 @@ def test_a_sweep_takes_units(said, tmp_path):
         planned(wrong, Path("mine.toml"), tmp_path, yes=False)
 
 
-def run(*arguments, cwd):
-    return subprocess.run(
-        [sys.executable, "-m", "vve_sumo.cli", *arguments], cwd=cwd, capture_output=True, text=True, check=False,
-        env={"PYTHONPATH": str(REPOSITORY), "PATH": "/usr/bin:/bin", "HOME": str(cwd)},
-    )  # fmt: skip
-
-
 @pytest.mark.parametrize(
     ("arguments", "why"),
     [
@@ -157,7 +149,7 @@ def run(*arguments, cwd):
     ],
 )
 def test_the_command_line_says_in_one_line_what_is_wrong(arguments, why, tmp_path):
-    done = run(*arguments, cwd=tmp_path)
+    done = command(*arguments, cwd=tmp_path)
     assert why in done.stderr
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1

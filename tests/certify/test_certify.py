@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from tests.conftest import REPOSITORY
+from tests.exhaustive import with_slow
 from tests.live.patience import until
 from tests.live.stage import free_ports
 
@@ -52,7 +53,7 @@ def certified(brain: str, folder: Path, cases: str) -> tuple[int, dict[str, Any]
     return done.returncode, json.loads((out / "certificate.json").read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize(("brain", "passes", "fails", "defect"), BUGS)
+@pytest.mark.parametrize(("brain", "passes", "fails", "defect"), with_slow(BUGS, lambda bug: bool(bug[1])))
 def test_a_planted_bug_is_caught_and_named(
     brain: str, passes: str, fails: tuple[str, ...], defect: str, tmp_path: Path
 ) -> None:

@@ -20,7 +20,7 @@ SCENARIO = (REPOSITORY / "scenarios" / "parked_car.toml").read_text(encoding="ut
 
 
 def vve_sumo(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    """Run the command in a folder with the checkout's package."""
+    """Run the command in a folder with the checkout's package, in a Python of its own."""
     return subprocess.run(
         [sys.executable, "-m", "vve_sumo.cli", *arguments],
         cwd=cwd,
@@ -106,7 +106,7 @@ def refused(folder: Path, arguments: list[str], words: list[str]) -> None:
 
 def test_a_refusal_is_one_line_exit_2_of_the_process(tmp_path: Path) -> None:
     """Once with a Python of its own; the other refusals are in processes that have everything imported."""
-    run = vve_sumo("drive", "no_such_scenario", cwd=tmp_path)
+    run = isolated.command("drive", "no_such_scenario", cwd=tmp_path)
     assert (run.returncode, run.stdout, len(run.stderr.splitlines())) == (2, "", 1)
     assert "no_such_scenario" in run.stderr
 
@@ -131,7 +131,7 @@ def test_a_car_is_named_once(tmp_path: Path) -> None:
         (["--vehicle", "tank"], "ego.vehicle: no vehicle named 'tank'; known: ford_fusion, lincoln_mkz"),
         (["--rig", "fusion_example", "--lockstep"], "key 'lot.surveyed' is missing"),
     ]:
-        run = vve_sumo("drive", "parked_car", *arguments, cwd=tmp_path)
+        run = isolated.command("drive", "parked_car", *arguments, cwd=tmp_path)
         assert (run.returncode, run.stdout) == (2, "")
         assert words in run.stderr
         assert run.stderr.count("\n") == 1
@@ -178,7 +178,7 @@ def test_a_title_with_brackets_is_only_a_title(tmp_path: Path) -> None:
     )
     text = (tmp_path / "mine.toml").read_text(encoding="utf-8").replace("duration_s = 180.0", "duration_s = 1.0")
     (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
-    run = vve_sumo("drive", "mine.toml", "--out", "record", cwd=tmp_path)
+    run = isolated.command("drive", "mine.toml", "--out", "record", cwd=tmp_path)
     assert run.returncode == 1, run.stderr
     assert "[red]x[/nope]" in run.stdout
 
@@ -247,7 +247,7 @@ def scenario(folder: Path, old: str, new: str) -> None:
 def test_the_genuine_packet_decodes_to_one_row(shared_data: Path, tmp_path: Path) -> None:
     packet = bytes.fromhex((shared_data / "ncom" / "real_packet.hex").read_text(encoding="ascii").strip())
     (tmp_path / "packet.ncom").write_bytes(packet)
-    run = vve_sumo("pose", "decode", "packet.ncom", "--csv", "fixes.csv", cwd=tmp_path)
+    run = isolated.command("pose", "decode", "packet.ncom", "--csv", "fixes.csv", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     with (tmp_path / "fixes.csv").open(encoding="utf-8", newline="") as file:
         (row,) = csv.DictReader(file)
@@ -262,11 +262,11 @@ def test_the_genuine_packet_decodes_to_one_row(shared_data: Path, tmp_path: Path
 
 
 def test_init_lays_out_a_workspace_that_drives_and_never_replaces(tmp_path: Path) -> None:
-    run = vve_sumo("init", "mine", cwd=tmp_path)
+    run = isolated.command("init", "mine", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     for name in ("controllers/follow_and_stop.py", "networks/linden.net.xml", "scenarios/parked_car.toml"):
         assert (tmp_path / "mine" / name).is_file()
-    again = vve_sumo("init", "mine", cwd=tmp_path)
+    again = isolated.command("init", "mine", cwd=tmp_path)
     assert again.returncode == 2
     assert "there already" in again.stderr
 
@@ -284,7 +284,7 @@ def test_a_users_own_controller_drives_and_its_failure_is_a_stop(tmp_path: Path)
         "    return Mine()\n",
         encoding="utf-8",
     )
-    run = vve_sumo("drive", "--controller", "mine.py:make", "--out", "record", "--quiet", cwd=tmp_path)
+    run = isolated.command("drive", "--controller", "mine.py:make", "--out", "record", "--quiet", cwd=tmp_path)
     assert run.returncode == 1, run.stderr
     assert "out of ideas" in run.stdout
     assert "fault" in run.stdout

@@ -17,8 +17,8 @@ import pytest
 
 import vve_sumo as vve
 from tests.conftest import REPOSITORY
-from tests.isolated import command, isolated
-from tests.report.made import drive
+from tests.isolated import command
+from tests.report.made import driven
 from vve_sumo.errors import ConfigError
 from vve_sumo.live.view_token import token_of
 from vve_sumo.rig.schema import View
@@ -27,9 +27,7 @@ from vve_sumo.view.library import Library
 
 @pytest.fixture(scope="module")
 def record(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("shown") / "record"
-    isolated(drive, str(folder))
-    return folder
+    return driven(tmp_path_factory, tmp_path_factory.mktemp("shown") / "record")
 
 
 def content(address: str) -> bytes:

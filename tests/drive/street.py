@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+import shutil
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import pytest
 
 REPOSITORY = Path(__file__).parent.parent.parent
 MPH = 0.44704
@@ -19,6 +25,16 @@ def drive_once(changes: dict[str, Any], folder: str | None = None) -> dict[str, 
         return drives.run(resolved, Path(folder), REPOSITORY).summary
     with tempfile.TemporaryDirectory() as scratch:
         return drives.run(resolved, Path(scratch) / "record", REPOSITORY).summary
+
+
+def recorded(factory: pytest.TempPathFactory, changes: dict[str, Any], folder: Path) -> Path:
+    """Return the folder with a copy of the record of such a drive, which is driven once in a session."""
+    from tests.isolated import isolated
+    from tests.once import once
+
+    name = f"drive_{hashlib.sha256(json.dumps(changes, sort_keys=True).encode()).hexdigest()[:16]}"
+    shutil.copytree(once(factory, name, lambda record: isolated(drive_once, changes, str(record))), folder)
+    return folder
 
 
 def altered(changes: dict[str, Any]) -> Any:

@@ -11,8 +11,7 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 
-from tests.drive.street import REPOSITORY, drive_once
-from tests.isolated import isolated
+from tests.drive.street import REPOSITORY, recorded
 from vve_sumo import cli
 from vve_sumo.drive.lockstep import assemble
 from vve_sumo.drive.redrive import BRAKES, comparison_of, side_by_side
@@ -50,8 +49,7 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "controller.tuning": {"gap_m": 4.0},
         "road.demand": [],
     }
-    isolated(drive_once, changes, str(folder))
-    return folder
+    return recorded(tmp_path_factory, changes, folder)
 
 
 @pytest.fixture

@@ -10,8 +10,7 @@ from typing import Any
 import pytest
 
 from tests.drive.forge import cut_off
-from tests.drive.street import REPOSITORY, drive_once
-from tests.isolated import isolated
+from tests.drive.street import REPOSITORY, recorded
 from vve_sumo import cli
 from vve_sumo.drive.replay import (
     Difference,
@@ -43,9 +42,7 @@ DRIVES: dict[str, dict[str, Any]] = {
 def records(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Records of short drives, each made in a process of its own."""
     folder = tmp_path_factory.mktemp("records")
-    for name, changes in DRIVES.items():
-        isolated(drive_once, changes, str(folder / name))
-    return {name: folder / name for name in DRIVES}
+    return {name: recorded(tmp_path_factory, changes, folder / name) for name, changes in DRIVES.items()}
 
 
 def replayed(folder: Path) -> Difference | None:

@@ -10,8 +10,7 @@ from typing import Any
 import pytest
 
 from tests.drive.forge import change_json, cut_off, seal_again
-from tests.drive.street import REPOSITORY, drive_once
-from tests.isolated import isolated
+from tests.drive.street import REPOSITORY, recorded
 from vve_sumo import cli
 from vve_sumo.drive.verify import alterations, altered_parts
 from vve_sumo.record.hashes import hash_parts
@@ -37,9 +36,10 @@ DRIVES: dict[str, dict[str, Any]] = {
 def records(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Records by the outcome of their drives."""
     folder = tmp_path_factory.mktemp("records")
-    for name, changes in DRIVES.items():
-        assert isolated(drive_once, changes, str(folder / name))["outcome"] == name
-    return {name: folder / name for name in DRIVES}
+    records = {name: recorded(tmp_path_factory, changes, folder / name) for name, changes in DRIVES.items()}
+    for name, record in records.items():
+        assert json.loads((record / "summary.json").read_text(encoding="utf-8"))["outcome"] == name
+    return records
 
 
 @pytest.mark.parametrize("name", DRIVES)

@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 
 from tests import vehicles
 from tests.conftest import REPOSITORY
+from vve_sumo.plant.injected_faults import VALUES
 from vve_sumo.timing import MAX_REPORT_AGE, NOTICED, PERIOD, SETPOINT_LIFETIME
 from vve_sumo.vehicle.limits import Limits
 
@@ -355,12 +356,15 @@ MATRIX: Final = (
     ),
 )  # fmt: skip
 
-#: rows whose stop is noticed and made as that of a row beside them; `./check slow` tries them
-ALIKE: Final = frozenset({
-    "gateway_paused", "ctrl_c_hammered", "controller_nan", "overrun", "pose_frozen", "rtk_lost", "pose_backwards",
-    "pose_steps", "pose_heading_drifts", "throttle_fault", "steering_fault", "steering_drops_out", "throttle_drops_out",
-    "wheel_speeds_scaled", "throttle_override", "steering_override", "brakes_drop_out",
-})  # fmt: skip
+#: rows that the simulated vehicle brings about and that are not ridden through: `tests/drive/test_fault_matrix.py`
+#: drives them in closed loop
+INJECTED: Final = tuple(row for row in MATRIX if row.faults and row.right is not Right.RIDDEN)
+#: of these, one for each wire between the processes; live they stand for the others, which `./check slow` tries live
+WITNESSES: Final = frozenset({"pose_lost", "bus_dead", "another_writer", "wheel_speeds_frozen", "brake_override"})
+#: rows whose stop is noticed and made as that of a row beside them
+ALIKE: Final = frozenset({"gateway_paused", "ctrl_c_hammered", "controller_nan", "overrun"})
+#: rows that `./check slow` alone tries live
+SLOW: Final = ALIKE | {row.name for row in INJECTED} - WITNESSES
 
 
 def in_turn(rows: tuple[Row, ...]) -> Row:
@@ -386,6 +390,15 @@ def bound(row: Row, speed: float, acceleration: float) -> float:
     assert v > a * rise / 2.0
     closed = v * delay + v * rise - a * rise * rise / 6.0 + (v - a * rise / 2.0) ** 2 / (2.0 * a)
     return closed + speed * TOLERANCE
+
+
+def pace(row: Row) -> float:
+    """Hardest that the gateway brakes in a stop of its own pace [m/s2].
+
+    It brakes by the wheels' speed, so a car whose wheel speeds are reported too small is braked as much harder.
+    """
+    scaled = [fault.value or VALUES[fault.kind][0] for fault in row.faults if fault.kind == "wheel_speeds_scaled"]
+    return GATEWAY.deceleration / min(scaled, default=1.0) + 0.5
 
 
 def table() -> str:

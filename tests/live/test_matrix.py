@@ -20,10 +20,10 @@ import shapely
 from tests import vehicles
 from tests.exhaustive import with_slow
 from tests.live.matrix import (
-    ALIKE,
     EACH,
     GATEWAY,
     MATRIX,
+    SLOW,
     SPEED,
     STEP,
     TOLERANCE,
@@ -33,6 +33,7 @@ from tests.live.matrix import (
     Row,
     bound,
     in_turn,
+    pace,
 )
 from tests.live.stage import Evidence, Stage
 from vve_sumo.bus import read_log
@@ -72,7 +73,7 @@ def tried(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 
 @pytest.mark.live
-@pytest.mark.parametrize("row", with_slow(MATRIX, lambda row: row.name not in ALIKE), ids=lambda row: row.name)
+@pytest.mark.parametrize("row", with_slow(MATRIX, lambda row: row.name not in SLOW), ids=lambda row: row.name)
 def test_a_fault_has_its_right_outcome(row: Row, tried: dict[str, Future[str]]) -> None:
     print(tried[row.name].result())
 
@@ -145,7 +146,7 @@ def assert_at_rest(row: Row, evidence: Evidence) -> None:
     assert all(speed_at(evidence, when)[0] < STANDING for when in stood), "a car that moves is not held to stand"
     assert after[len(after) - len(stopped) :] == stopped, "engaged again"
     if row.stops is GATEWAY and CRITICAL.isdisjoint(evidence.summary["reasons"]):
-        assert hardest(evidence) < GATEWAY.deceleration + 0.5, "the gateway keeps its own pace"
+        assert hardest(evidence) < pace(row), "the gateway keeps its own pace"
     if row.stops is WATCHDOG:
         assert truth["watchdog_braking"].any()
     begun = [step["reasons"].split("+") for step in stopped[:1]] or [evidence.summary["reasons"]]

@@ -21,6 +21,7 @@ import pytest
 
 from tests.conftest import REPOSITORY
 from tests.drive.forge import change_json, seal_again
+from tests.exhaustive import with_slow
 from tests.live.records import PATIENCE, Drive, begin
 from tests.live.witness import stalls, witness
 from tests.record.declared import LIVE_TABLES
@@ -90,6 +91,10 @@ FAULTS: dict[str, tuple[tuple[str, ...], Callable[[Path], bool]]] = {
 }
 
 
+#: what is driven each time; the others go through the same tables, and `./check slow` drives them
+USUAL = {"nominal", "pose_lost", "another_writer"}
+
+
 @contextmanager
 def driving(folder: Path, *faults: str) -> Iterator[Drive]:
     """Have a live drive going on, and nothing of it left."""
@@ -100,24 +105,33 @@ def driving(folder: Path, *faults: str) -> Iterator[Drive]:
         drive.clear()
 
 
-@pytest.fixture(scope="session")
-def records(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Path]]:
-    """Records of live drives by what went wrong in them, the last of each showing it."""
-    folder, made = tmp_path_factory.mktemp("live"), {}
-    for name, (faults, shows) in FAULTS.items():
-        made[name] = []
+class Records(dict[str, list[Path]]):
+    """Records of live drives by what went wrong in them, the last of each showing it; each is driven on first use."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self._folder = folder
+
+    def __missing__(self, name: str) -> list[Path]:
+        faults, shows = FAULTS[name]
+        made: list[Path] = []
         for number in range(TRIES):
-            with driving(folder / f"{name}_{number}", *faults) as drive:
+            with driving(self._folder / f"{name}_{number}", *faults) as drive:
                 drive.console.wait(PATIENCE)
             said = (drive.folder.parent / "said.txt").read_text(encoding="utf-8")
             if not (drive.folder / "gateway.parquet").exists():
                 continue  # refused, such as by a machine that is too busy
-            made[name].append(drive.folder)
+            made.append(drive.folder)
             if shows(drive.folder):
-                break
-        else:
-            raise AssertionError(f"{name} never showed: {said}")
-    return made
+                self[name] = made
+                return made
+        raise AssertionError(f"{name} never showed: {said}")
+
+
+@pytest.fixture(scope="session")
+def records(tmp_path_factory: pytest.TempPathFactory) -> Records:
+    """Records of live drives."""
+    return Records(tmp_path_factory.mktemp("live"))
 
 
 def replayed(folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
@@ -127,10 +141,8 @@ def replayed(folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, str
     return code, said.out, said.err
 
 
-@pytest.mark.parametrize("name", FAULTS)
-def test_a_live_record_replays_bit_for_bit(
-    records: dict[str, list[Path]], name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+@pytest.mark.parametrize("name", with_slow(FAULTS, lambda name: name in USUAL))
+def test_a_live_record_replays_bit_for_bit(records: Records, name: str, capsys: pytest.CaptureFixture[str]) -> None:
     for folder in records[name]:
         code, said, notes = replayed(folder, capsys)
         ticks, steps = (read_table(folder, table).num_rows for table in ("ticks", "gateway"))
@@ -140,7 +152,7 @@ def test_a_live_record_replays_bit_for_bit(
         assert code == 0
 
 
-def test_the_gateway_was_handed_what_the_drive_computed(records: dict[str, list[Path]]) -> None:
+def test_the_gateway_was_handed_what_the_drive_computed(records: Records) -> None:
     """Else the replay would compare nothing: setpoints arrive, and carry the ticks' own numbers."""
     folder = records["nominal"][-1]
     asked = {row["acceleration_setpoint_mps2"] for row in read_table(folder, "ticks").to_pylist()}
@@ -154,7 +166,7 @@ def test_the_gateway_was_handed_what_the_drive_computed(records: dict[str, list[
 
 
 @pytest.fixture
-def copy(records: dict[str, list[Path]], tmp_path: Path) -> Path:
+def copy(records: Records, tmp_path: Path) -> Path:
     """A copy of a record to be altered."""
     return Path(shutil.copytree(records["nominal"][-1], tmp_path / "r"))
 
@@ -411,7 +423,7 @@ def killed(folder: Path, names: tuple[str, ...]) -> tuple[Path, float, float]:
     raise AssertionError(f"no drive began: {(folder / '0' / 'said.txt').read_text(encoding='utf-8')}")
 
 
-@pytest.mark.parametrize("who", KILLED)
+@pytest.mark.parametrize("who", with_slow(KILLED, lambda who: who != "all"))
 def test_a_kill_loses_next_to_nothing(who: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, at, stood = killed(tmp_path, KILLED[who])
     gone = lost(folder, at)
@@ -429,7 +441,7 @@ def test_a_kill_loses_next_to_nothing(who: str, tmp_path: Path, capsys: pytest.C
 
 @pytest.mark.parametrize("name", ["nominal", "pose_lost"])
 def test_the_same_controller_redriven_answers_the_same(
-    records: dict[str, list[Path]], name: str, capsys: pytest.CaptureFixture[str]
+    records: Records, name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = records[name][-1]
     assert cli.main(["redrive", str(folder), "--controller", "follow_and_stop"]) == 0

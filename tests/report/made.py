@@ -11,9 +11,11 @@ from typing import Any, NamedTuple
 
 import pyarrow as pa
 import pyarrow.parquet as pq
+import pytest
 
 from tests.drive.street import altered
-from tests.isolated import REPOSITORY
+from tests.isolated import REPOSITORY, isolated
+from tests.once import once
 from tests.sweep.test_dataset import PLAN
 from vve_sumo.sweep.dataset import Dataset
 from vve_sumo.sweep.job import Result
@@ -36,6 +38,12 @@ def drive(folder: str) -> None:
     from vve_sumo.drive import run as drives
 
     drives.run(altered({"obstacles.0.at_m": 60.0, "road.demand": []}), Path(folder), REPOSITORY)
+
+
+def driven(factory: pytest.TempPathFactory, folder: Path) -> Path:
+    """Return the folder with a copy of the record of that drive, which is driven once in a session."""
+    shutil.copytree(once(factory, "near_drive", lambda record: isolated(drive, str(record))), folder)
+    return folder
 
 
 def cut_short(record: Path, folder: Path) -> Path:

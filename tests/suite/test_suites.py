@@ -32,6 +32,8 @@ from vve_sumo.sweep.input_cache import InputCache, resolve_job
 from vve_sumo.sweep.job import Result
 from vve_sumo.timing import PERIOD
 
+pytestmark = pytest.mark.patient
+
 KMH = 1.0 / 3.6
 CAR = vehicles.FUSION.vehicle
 

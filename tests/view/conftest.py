@@ -13,7 +13,8 @@ import pytest
 
 from tests.browser import chromium
 from tests.isolated import isolated
-from tests.report.made import drive, spoiled, swept
+from tests.once import once
+from tests.report.made import driven, spoiled, swept
 from tests.view.made import Made, traffic
 from vve_sumo.view.server import Server, replay_server
 
@@ -26,9 +27,11 @@ def browser() -> Iterator[Any]:
 @pytest.fixture(scope="package")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
     above = tmp_path_factory.mktemp("viewed")
-    isolated(drive, str(above / "drive"))
-    isolated(traffic, str(above / "traffic"))
-    return Made(above / "drive", above / "traffic", swept(above / "sweep"), spoiled(above / "drive", above / "hostile"))
+    shutil.copytree(
+        once(tmp_path_factory, "traffic_drive", lambda record: isolated(traffic, str(record))), above / "traffic"
+    )
+    drive = driven(tmp_path_factory, above / "drive")
+    return Made(drive, above / "traffic", swept(above / "sweep"), spoiled(drive, above / "hostile"))
 
 
 @contextmanager
