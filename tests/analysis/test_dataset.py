@@ -188,6 +188,9 @@ def test_runs_that_collided_are_below_the_median_of_all_and_not_in_the_mean() ->
         (rows_of([1, 1, 1], [1.0, 1.5, 2.0], [False] * 3), False),
         (rows_of([1, 2, 3], [1.0, 1.5, 2.0], [False] * 3, speed=[1.0, 2.0, 3.0]), False),  # the mixture of a grid
         (rows_of([1], [1.0], [False]), False),
+        # A run with an error, which has no gap, is nothing that the seeds changed.
+        (rows_of([1, 2, 3], [1.0, 1.0, math.nan], [False] * 3, error=["", "", "killed"]), False),
+        (rows_of([1, 2, 3], [1.0, 1.5, math.nan], [False] * 3, error=["", "", "killed"]), True),
     ],
 )
 def test_there_are_intervals_of_repetitions_alone(rows: pd.DataFrame, by_chance: bool) -> None:

@@ -59,6 +59,23 @@ def test_what_was_measured_of_a_contact_is_in_no_difference(behind: float) -> No
     np.testing.assert_array_equal(compared.difference("stop_gap_m"), wanted.difference("stop_gap_m"))
 
 
+def test_a_drive_without_a_conflict_is_better_than_any_with_one() -> None:
+    """The other has no conflict in four of six pairs, and a little less time in the two that are left."""
+    rows = {"seed": range(1, 8), "collision": [False] * 7, "error": ["", "", "", "", "", "", "killed"]}
+    one = pd.DataFrame(rows | {"min_ttc_s": [1.0] * 7, "max_drac_mps2": [3.0] * 7, "error": ""})
+    ttc = [math.nan] * 4 + [0.9, 0.9, math.nan]
+    other = pd.DataFrame(rows | {"min_ttc_s": ttc, "max_drac_mps2": [math.nan] * 4 + [3.1, 3.1, math.nan]})
+    figures = compare_rows(one, other, [], figures=["min_ttc_s", "max_drac_mps2"]).figures
+    row = figures.loc["min_ttc_s"]
+    assert (row["lower"], row["same"], row["higher"], row["pairs"], row["only_one"]) == (2, 0, 4, 2, 5)
+    assert row["sign_test_p"] == pytest.approx(stats.binomtest(2, 6).pvalue)
+    row = figures.loc["max_drac_mps2"]
+    assert (row["lower"], row["same"], row["higher"]) == (4, 0, 2)
+    none = compare_rows(other, other, [], figures=["min_ttc_s"])
+    assert none.figures.loc["min_ttc_s", ["lower", "same", "higher"]].tolist() == [0, 6, 0]
+    assert not [name for name in none.pairs if "error" in name]
+
+
 @settings(deadline=None)
 @given(st.integers(0, 60), st.integers(0, 60))
 def test_the_sign_test_and_mcnemars_are_scipys_exact_binomial_test(fewer: int, more: int) -> None:

@@ -11,13 +11,14 @@ import pytest
 
 from tests.conftest import REPOSITORY
 from tests.live.stage import free_ports
+from vve_sumo.certify import kept
 from vve_sumo.certify.brain_process import BrainProcess
 from vve_sumo.certify.cases import CASES, NAMES, chosen
 from vve_sumo.certify.limits import Limits
 from vve_sumo.certify.link import FaultLink
 from vve_sumo.certify.report import again
 from vve_sumo.certify.results import BrainUnderTest, CaseResult, Certificate, Verdict
-from vve_sumo.certify.run import CertifyQuery, certify
+from vve_sumo.certify.run import Bench, CertifyQuery, certify
 from vve_sumo.cli.parser import setting
 from vve_sumo.errors import ConfigError
 from vve_sumo.pose.sources import open_udp
@@ -70,6 +71,34 @@ def test_a_brain_that_cannot_be_started_leaves_nothing_behind(there: bool, tmp_p
         certify(query, tmp_path, lambda _case: None, lambda _results: None)
     assert out.exists() is there
     assert not there or not any(out.iterdir())
+
+
+def test_drives_of_another_car_or_another_road_are_in_no_one_certificate(tmp_path: Path) -> None:
+    """The rig's and the scenario's own files stay as they are; what they name changes."""
+    for folder, name in (("rigs", "foreign.toml"), ("scenarios", "parked_car.toml"), ("vehicles", "ford_fusion.toml")):
+        (tmp_path / folder).mkdir()
+        text = (REPOSITORY / folder / name).read_text(encoding="utf-8")
+        (tmp_path / folder / name).write_text(text, encoding="utf-8")
+    query = CertifyQuery("foreign", "parked_car", None, chosen(["radar_gap"]), (1,), tmp_path / "out", {})
+
+    def identity() -> dict[str, object]:
+        return Bench(query, tmp_path, lambda _case: None).identity()
+
+    before = identity()
+    assert identity() == before
+    car = tmp_path / "vehicles" / "ford_fusion.toml"
+    car.write_text(car.read_text(encoding="utf-8").replace("mass_kg = 1690.0", "mass_kg = 1990.0"), encoding="utf-8")
+    heavier = identity()
+    assert {key for key in before if heavier[key] != before[key]} >= {"vehicle_sha256"}
+    kept.begin(query.out, before, resume=False)
+    with pytest.raises(ConfigError, match=r"query\.json: (files|vehicle)_sha256: was begun with"):
+        kept.begin(query.out, heavier, resume=True)
+    (tmp_path / "routes").mkdir()
+    routes = [file for file in (REPOSITORY / "routes").iterdir() if file.suffix == ".csv"]
+    for file in routes:
+        rows = file.read_text(encoding="utf-8").splitlines(keepends=True)
+        (tmp_path / "routes" / file.name).write_text("".join(rows[:-1]), encoding="utf-8")
+    assert identity()["files_sha256"] != heavier["files_sha256"]
 
 
 def test_a_brain_is_waited_for_as_long_as_the_rig_says_and_then_only_while_it_thinks() -> None:

@@ -141,6 +141,35 @@ def test_a_single_setpoint_is_no_braking_for_a_ghost() -> None:
     assert (found.verdict, found.reaction) == (Verdict.FAILED, math.inf)
 
 
+@pytest.mark.parametrize("name", ["radar_invalid", "gnss_freeze", "both_freeze", "radar_missing", "radar_delay_short"])
+def test_a_drive_that_was_over_before_the_fault_began_passes_nothing(name: str) -> None:
+    """A brain that dies by itself at 3 s is stopped by the gateway; what is injected at 9 s hits nobody any more."""
+    case, window = CASE[name], Window(9.0, 9.0 + CASE[name].lasts)
+    died = replace(course(onset=3.1, silent=3.0), outcome="fault", reasons=("brain_silent",), stop_gap=math.nan)
+    found = judge(case, window, died, course())
+    assert (found.verdict, "fallen silent before" in found.why) == (Verdict.FAILED, True)
+    stood = judge(case, window, replace(course(onset=3.0), stop_gap=math.nan), course())
+    assert (stood.verdict, "come to rest" in stood.why) == (Verdict.FAILED, True)
+
+
+def test_who_says_the_same_twice_a_tick_brakes_no_longer_for_that() -> None:
+    def twice(found: Course) -> Course:
+        return replace(found, answers=[answer for answer in found.answers for _ in range(2)])
+
+    def braking(lasts: float) -> Course:
+        nominal = course()
+        answers = [
+            answer._replace(acceleration=-2.0) if 3.3 - 1e-9 <= answer.time < 3.3 + lasts - 1e-9 else answer
+            for answer in nominal.answers
+        ]
+        return replace(nominal, answers=answers)
+
+    window = Window(3.0, 4.0)
+    for name, lasts in (("radar_ghost", 0.2), ("radar_ghost", 0.4), ("radar_ghost_receding", 0.08)):
+        once, doubled = (judge(CASE[name], window, each, course()) for each in (braking(lasts), twice(braking(lasts))))
+        assert (once.verdict, once.reaction) == (doubled.verdict, doubled.reaction), name
+
+
 def test_a_brain_that_says_nothing_or_moves_nothing_fails_even_where_no_criterion_says_so() -> None:
     silent = judge(CASE["nominal"], None, replace(course(), answers=()), None)
     assert (silent.verdict, silent.why) == (Verdict.FAILED, "it gave no answer")

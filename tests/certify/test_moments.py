@@ -77,6 +77,18 @@ def test_a_brain_that_ignores_a_fault_never_passes(case, begins: int, lasts: int
     assert judge(case, timing.window, nominal, nominal, Rules(Limits(), SPEED)).verdict is Verdict.FAILED
 
 
+@pytest.mark.parametrize("name", ["radar_gap", "radar_missing"])
+def test_a_short_fault_hits_a_car_that_moves_however_hard_the_brain_brakes(name: str) -> None:
+    """At 9 m/s2 a car of 8 m/s stands in less than the second that the moment lies behind the onset."""
+    whole = course(braking=9.0)
+    hard = replace(whole, speed=np.minimum(whole.speed, 8.0 / SPEED * whole.speed))
+    window = timing_of(CASE[name], hard, BUMPER).window
+    assert window is not None
+    assert float(np.interp(window.begins, hard.time, hard.speed)) > FAST
+    slow = replace(whole, speed=0.2 * whole.speed)
+    assert timing_of(CASE[name], slow, BUMPER).void == f"the nominal drive is nowhere faster than {FAST:g} m/s"
+
+
 def test_without_a_moment_a_case_is_void() -> None:
     creeping = replace(course(), speed=np.minimum(course().speed, FAST - 0.1))
     braking = asking(course(), -1.0, 0.0, ONSET)

@@ -152,8 +152,8 @@ class ArsRadar:
         return driving.Scan(now, self._came - 0.03, speed, targets)
 
 
-RIGHT: Mapping[str, Callable[[list[tuple[float, float]], float], driving.ExternalController]] = {
-    "stop_for_parked": driving.ExternalController,
+RIGHT: Mapping[str, Callable[[list[tuple[float, float]], float], driving.Brain]] = {
+    "stop_for_parked": driving.Brain,
     "stanley_idm": StanleyIdm,
     "pursuit_headway": PursuitHeadway,
 }

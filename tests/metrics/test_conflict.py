@@ -19,10 +19,17 @@ from vve_sumo.path import Path
 START = 20.0  #: station of the ego's rear axle at the tick that is judged [m]
 BUMPER = START + CAR.rear_axle_to_bumper
 LENGTH, WIDTH = 4.0, 2.0  #: of the actor [m]
+LORRY = (18.75, 2.55)  #: length and width with a trailer [m]
 STEP = 0.01  #: of the small steps [s]
 
 
-def driven(speed: float, track: list[tuple[float, float, float]], other: float, path: Path | None = None) -> DriveData:
+def driven(
+    speed: float,
+    track: list[tuple[float, float, float]],
+    other: float,
+    path: Path | None = None,
+    size: tuple[float, float] = (LENGTH, WIDTH),
+) -> DriveData:
     """A drive whose first tick is judged: the ego at START, an actor along a track (x, y, heading) from then on."""
     ego = [{"time_s": 0.02 * i, "true_x_m": math.nan, "x_m": math.nan, "s_m": math.nan} for i in range(len(track))]
     place = (straight() if path is None else path).at(START)
@@ -30,6 +37,7 @@ def driven(speed: float, track: list[tuple[float, float, float]], other: float, 
     ego[0] |= {"true_speed_mps": speed}
     actors = [
         {"tick": i, "actor": "other", "x_m": x, "y_m": y, "heading_rad": heading, "speed_mps": other}
+        | dict(zip(("length_m", "width_m"), size, strict=True))
         for i, (x, y, heading) in enumerate(track)
     ]
     return drive_of(ticks_of(ego), actors_of(actors), path)
@@ -48,7 +56,14 @@ def ego_body(path: Path, s: float) -> shapely.Polygon:
 
 
 def steps(
-    path: Path, speed: float, x: float, y: float, heading: float, other: float, braking: float = 0.0
+    path: Path,
+    speed: float,
+    x: float,
+    y: float,
+    heading: float,
+    other: float,
+    braking: float = 0.0,
+    size: tuple[float, float] = (LENGTH, WIDTH),
 ) -> tuple[float, float]:
     """Move both bodies on in small steps: when they meet (inf for never), and the least distance between them."""
     least = math.inf
@@ -57,7 +72,7 @@ def steps(
         gone = speed * rolling - 0.5 * braking * rolling**2
         if START + gone > path.length:
             break
-        they = body(x + other * now * math.cos(heading), y + other * now * math.sin(heading), heading, LENGTH, WIDTH)
+        they = body(x + other * now * math.cos(heading), y + other * now * math.sin(heading), heading, *size)
         apart = shapely.distance(ego_body(path, START + gone), they)
         least = min(least, apart)
         if apart == 0.0:
@@ -65,11 +80,11 @@ def steps(
     return math.inf, least
 
 
-def bend() -> Path:
-    """A quarter turn to the left of 15 m radius after 30 m."""
+def bend(radius: float = 15.0) -> Path:
+    """A quarter turn to the left after 30 m."""
     angle = np.linspace(0.0, math.pi / 2, 13)[1:]
-    x = np.concatenate((np.arange(0.0, 31.0, 2.0), 30.0 + 15.0 * np.sin(angle), np.full(40, 45.0)))
-    y = np.concatenate((np.zeros(16), 15.0 - 15.0 * np.cos(angle), 15.0 + 2.0 * np.arange(1, 41)))
+    x = np.concatenate((np.arange(0.0, 31.0, 2.0), 30.0 + radius * np.sin(angle), np.full(40, 30.0 + radius)))
+    y = np.concatenate((np.zeros(16), radius - radius * np.cos(angle), radius + 2.0 * np.arange(1, 41)))
     return Path.from_points(x, y)
 
 
@@ -115,6 +130,63 @@ def test_the_time_to_collision_is_that_of_two_bodies_in_small_steps(
         assert found == 0.0
     else:
         assert math.isnan(found) or least < 0.1
+
+
+@pytest.mark.parametrize(
+    ("radius", "station", "aside", "turned", "speed"),
+    [
+        # Its middle is 7 m from the path, but its front stands in the bend that the ego comes around.
+        (24.4, 53.1, 7.0, 0.39, 7.1),
+        (15.4, 40.2, 6.9, 0.32, 5.9),
+        # The ego turns in before its front, and has its middle behind itself when they meet.
+        (14.5, 39.7, 7.5, -0.35, 5.7),
+        (12.0, 29.5, 5.0, -0.15, 4.0),
+    ],
+)
+def test_a_lorry_that_stands_at_a_bend_is_met_with_its_ends(
+    radius: float, station: float, aside: float, turned: float, speed: float
+) -> None:
+    path = bend(radius)
+    foot = path.at(station)
+    x, y = foot.x - aside * math.sin(foot.heading), foot.y + aside * math.cos(foot.heading)
+    heading = foot.heading + turned
+    met, _ = steps(path, speed, x, y, heading, 0.0, size=LORRY)
+    assert 0.5 < met < HORIZON
+    found = driven(speed, [(x, y, heading)], 0.0, path, LORRY).conflict
+    assert found.time[0] == pytest.approx(met, abs=STEP + 0.02)
+    assert found.deceleration[0] > 0.0
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    radius=st.floats(8.0, 25.0), station=st.floats(25.0, 60.0), aside=st.floats(-8.0, 8.0), turned=st.floats(-0.8, 0.8),
+    speed=st.floats(3.0, 9.0),
+)  # fmt: skip
+def test_who_stands_never_runs_into_the_ego(
+    radius: float, station: float, aside: float, turned: float, speed: float
+) -> None:
+    path = bend(radius)
+    foot = path.at(station)
+    x, y = foot.x - aside * math.sin(foot.heading), foot.y + aside * math.cos(foot.heading)
+    place = (x, y, foot.heading + turned)
+    met, _ = steps(path, speed, *place, 0.0, size=LORRY)
+    assume(0.0 < met < HORIZON)
+    later = ego_body(path, START + speed * (met + 0.06))
+    assume(shapely.distance(later, body(*place, *LORRY)) == 0.0)
+    found = driven(speed, [place], 0.0, path, LORRY).conflict
+    assert found.time[0] == pytest.approx(met, abs=STEP + 0.02)
+
+
+def test_a_lorry_that_comes_in_with_its_front_is_met_though_its_middle_is_behind() -> None:
+    """It overtakes at twice the ego's speed, 10 degrees into the lane: its front corner meets the ego's front half."""
+    speed, other, heading = 5.0, 10.0, -math.radians(10.0)
+    middle = START + CAR.rear_axle_to_bumper - CAR.length / 2.0
+    x, y = middle - 12.0, 4.8
+    met, _ = steps(straight(), speed, x, y, heading, other, size=LORRY)
+    assert 0.5 < met < HORIZON
+    assert x + other * met * math.cos(heading) - (middle + speed * met) < -CAR.length / 2.0
+    found = driven(speed, [(x, y, heading)], other, size=LORRY).conflict
+    assert found.time[0] == pytest.approx(met, abs=STEP + 0.02)
 
 
 @settings(max_examples=40, deadline=None)

@@ -86,13 +86,14 @@ def box(near: float, far: float) -> Floats:
 
 
 def expected_gap(scene: Scenes) -> Floats:
-    """Bumper to the body as shapely clips it to the strip, for one that has its middle ahead of the ego's."""
+    """Bumper to the body as shapely clips it to the strip, for one whose middle or whole part in it is ahead."""
     bodies = shapely.polygons(corners(scene, np.zeros(SCENES)))
     ego = shapely.Polygon(box(REAR, BUMPER))
     part = shapely.intersection(bodies, shapely.Polygon(box(-1000.0, 1000.0)))
     gap = np.where(shapely.is_empty(part), np.nan, shapely.bounds(part)[:, 0] - BUMPER)
     apart = shapely.distance(bodies, ego)
-    ahead = (scene.x > 0.5 * (REAR + BUMPER)) & (np.nan_to_num(gap, nan=np.inf) < 150.0)
+    middle = 0.5 * (REAR + BUMPER)
+    ahead = ((scene.x > middle) | (gap + BUMPER > middle)) & (np.nan_to_num(gap, nan=np.inf) < 150.0)
     overlap = np.maximum(np.minimum(gap, 0.0), -CAR.length)
     return np.where(ahead, np.where(apart > 0.0, np.maximum(gap, apart), overlap), np.nan)
 

@@ -156,6 +156,17 @@ def test_the_page_calls_metrics_by_their_labels_and_tells_the_jerk_of_the_stop_f
     assert not [text for pair in meanings for text in pair if re.search(r"\b(ttc_s|min_ttc_s|jerk_mps3|gap_m)\b", text)]
 
 
+def test_the_car_rests_before_what_its_gap_is_to(tmp_path: Path) -> None:
+    """What it followed has gone; one who crosses, whom it would not have met, is nearest when it stands."""
+    run = record(tmp_path / "r", MEASURED)
+    walker = BOX | {"actor": "walker", "x_m": CAR.rear_axle_to_bumper + 6.0, "heading_rad": 0.5 * math.pi}
+    boxes = [BOX | {"actor": "gone", "x_m": CAR.rear_axle_to_bumper + 6.0, "tick": tick} for tick in range(TICKS - 1)]
+    put(run.folder, "actors", [*boxes, walker | {"speed_mps": 1.5, "tick": TICKS - 1}])
+    found = Run(run.folder)
+    assert (found.lead.actor[-1], found.data.strip_lead.actor[-1]) == ("", "walker")
+    assert verdict(found).sentences[0].endswith("before walker.")
+
+
 def swept(folder: Path, *results: Result, cells: int | None = None) -> Sweep:
     plan = replace(PLAN, cells=cells or len(results), parameters={"speed": "float"})
     dataset = Dataset(folder, plan, resume=True)
@@ -181,6 +192,9 @@ FAULT = Result("", {}, "timed_out")
         ([ran(True), FAULT], None, "not judged: The one judged run passed; 1 more ended with an error. Over all runs:"),
         ([ran(False), FAULT], None, "explored: 0 of 1 judged runs met the criteria (0 %), 1 did not; 1 more ended"),
         ([ran(True)], 3, "broken off: 1 of 3 runs are finished: the sweep was stopped or still runs. The one"),
+        # It drove through what it hit, and has a gap to what stood behind.
+        ([ran(False, collision=True, stop_gap_m=0.5), ran(True)], None,
+         "explored: 1 of 2 judged runs met the criteria (50 %), 1 did not. Over all runs: 1 run with a collision."),
         ([ran(False, collision=True, stop_gap_m=-0.1)], None,
          "explored: 0 of 1 judged runs met the criteria (0 %), 1 did not. Over all runs: 1 run with a collision."),
     ],

@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 
 from tests.sweep.test_controllers import TOY
 from tests.vehicles import FUSION
+from vve_sumo.drive import provenance
+from vve_sumo.drive.provenance import deciding
 from vve_sumo.errors import ConfigError
 from vve_sumo.suite import catalogue
 from vve_sumo.suite.journal import NAME, Journal
@@ -69,6 +71,29 @@ def test_drives_of_two_versions_of_a_controller_are_in_no_one_journal(tmp_path: 
     assert other != code
     with pytest.raises(ConfigError, match=r"line 1: row .* was driven by other code of its controller"):
         Journal(tmp_path / "out", rows, resume=True, code=other)
+
+
+def test_another_car_under_the_same_name_is_another_test(tmp_path: Path) -> None:
+    outcome = Outcome(row=ROWS[0], seed=1, verdict=Verdict.PASSED)
+    with Journal(tmp_path, ROWS, resume=False, car=FUSION) as journal:
+        journal.add(outcome)
+    with Journal(tmp_path, ROWS, resume=True, car=FUSION) as journal:
+        assert journal.known == [outcome]
+    heavier = replace(FUSION, vehicle=replace(FUSION.vehicle, mass=1.1 * FUSION.vehicle.mass))
+    with pytest.raises(ConfigError, match=f"line 1: row '{ROWS[0].id}' was another test then"):
+        Journal(tmp_path, ROWS, resume=True, car=heavier)
+
+
+def test_other_code_of_this_program_is_in_no_one_journal(tmp_path: Path) -> None:
+    """A checkout keeps its version while its code changes: only the code's own hash tells."""
+    before = code_of(ROWS, tmp_path)
+    deciding.cache_clear()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(provenance, "code_sha256", lambda _package: "0" * 64)
+        other = code_of(ROWS, tmp_path)
+    deciding.cache_clear()
+    assert other != before
+    assert code_of(ROWS, tmp_path) == before
 
 
 @pytest.mark.parametrize(

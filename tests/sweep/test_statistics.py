@@ -88,3 +88,12 @@ def test_there_is_an_interval_where_seeds_made_the_runs_differ(gaps: list[float 
     known = [gap for gap in gaps if gap is not None]
     spread = stats.sem(known) * stats.t.ppf(0.975, len(known) - 1) if by_chance and len(known) > 1 else math.nan
     assert group.half("stop_gap_m") == pytest.approx(spread, nan_ok=True)
+
+
+def test_a_run_with_an_error_does_not_make_the_others_differ_by_chance() -> None:
+    rows = [row(1.0, True, 5.0), row(1.0, None, None, "killed"), row(1.0, True, 5.0)]
+    for order in (rows, rows[::-1], [rows[1], rows[0], rows[2]]):
+        group = outcome(order, ["speed"], ["stop_gap_m"]).groups[(1.0,)]
+        assert (group.runs, group.judged, group.errors) == (3, 2, 1)
+        assert group.interval is None
+        assert math.isnan(group.half("stop_gap_m"))

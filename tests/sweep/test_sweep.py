@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -157,6 +158,15 @@ def test_a_rerun_that_differs_says_so(
     Path("controllers/calm").touch()
     assert rerun(Path("one"), load_rows(Path("one"))["key"][0], tmp_path / "again") == 1
     assert "DIFFERS: the sweep had crashed: SIGSEGV, now record" in capsys.readouterr().out
+    # As if this program's own code had been another when the sweep began, at the same version.
+    plan = json.loads(Path("one/sweep.json").read_text(encoding="utf-8"))
+    other = json.dumps(plan | {"versions": plan["versions"] | {"code": "0" * 64}})
+    shutil.copytree("one", "other")
+    Path("other/sweep.json").write_text(other, encoding="utf-8")
+    assert rerun(Path("other"), load_rows(Path("other"))["key"][0], tmp_path / "other again") == 1
+    assert "the code of vve-sumo has changed since the sweep began" in "".join(capsys.readouterr())
+    assert swept("one", Path("other"), resume=True) == 2
+    assert f"mixed versions: its rows are of code {'0' * 64}" in capsys.readouterr().err
     file.write_text(file.read_text(encoding="utf-8").replace("mark == 3", "mark == 4"), encoding="utf-8")
     before = begun(Path())
     with pytest.raises(ConfigError, match=r"one: controller_marked has changed since: not run"):

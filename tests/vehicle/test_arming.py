@@ -8,7 +8,7 @@ import re
 import pytest
 
 from vve_sumo.values import ArmingState
-from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, REASONS, TRANSITIONS, Event, transition
+from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, DRIVER_SIGNS, REASONS, TRANSITIONS, Event, transition
 
 EVERY = list(itertools.product(ArmingState, Event))
 S = ArmingState
@@ -92,3 +92,8 @@ def test_reasons_are_codes_with_plain_words():
     assert all(re.fullmatch(r"[a-z]+(_[a-z]+)*", code) for code in REASONS)
     assert all(len(words.split()) >= 3 and words[-1] != "." for words in REASONS.values())
     assert set(REASONS) >= CRITICAL
+
+
+def test_what_a_driver_does_is_a_sign_and_what_is_wanted_of_one_is_none():
+    of_drivers = {code for code in REASONS if code.startswith("driver_")}
+    assert of_drivers - {"driver_needed", "driver_not_on_brake"} == DRIVER_SIGNS

@@ -11,7 +11,7 @@ from tests import vehicles
 from tests.vehicle.car import FUSION
 from vve_sumo.vehicle import brake_monitor
 from vve_sumo.vehicle.actuation import Pedals
-from vve_sumo.vehicle.brake_monitor import BrakeMonitor
+from vve_sumo.vehicle.brake_monitor import BrakeMonitor, HoldMonitor
 from vve_sumo.vehicle.calibration import Calibration
 
 STEP = 0.02  # [s]
@@ -204,6 +204,31 @@ def test_wheels_that_are_silent_count_for_nothing():
     assert drive.until(BRAKE, 0.0)[0] == pytest.approx(0.2, abs=2.01 * STEP)
 
 
+@pytest.mark.parametrize("silent", [False, True])
+def test_without_wheels_the_receiver_decides(silent):
+    """A quarter of a metre per second too much after 0.2 s; one that is silent for a step begins anew."""
+    drive = Drive()
+    drive.wheels = math.nan
+    drive.step(BRAKE)
+    drive.run(0.18, BRAKE, 0.0)
+    if silent:
+        drive.response.step(STEP, BRAKE, math.nan, math.nan, 0.0)
+    assert drive.until(BRAKE, 0.0)[0] == pytest.approx(0.2 + STEP if silent else 0.02, abs=1.01 * STEP)
+
+
+# Others brake.
+
+
+@pytest.mark.parametrize(("gain", "found"), [(0.4995, []), (0.5005, ["brake_not_following"])])
+@pytest.mark.parametrize("told", [BRAKE, COAST])
+def test_a_car_that_others_brake_may_only_not_gain_speed(told, gain, found):
+    """In a second by 0.25 m/s2 and a quarter of a metre per second; how hard it is braked is not known."""
+    subject = BrakeMonitor(replace(FUSION, brake_delay=0.0, brake_lag=0.0), BARE)
+    for _ in range(9):
+        assert subject.step(1.0, told, 10.0, 10.0, 0.0, others_brake=True) == []
+    assert subject.step(1.0, told, 10.0 + gain, 10.0 + gain, 0.0, others_brake=True) == found
+
+
 # What is not judged.
 
 
@@ -248,3 +273,60 @@ def test_half_a_newton_metre_is_braking():
 def test_what_is_allowed_without_bound_leaves_no_excess():
     assert brake_monitor.added(0.2, -math.inf) == 0.0
     assert brake_monitor.added(0.2, math.nan) == 0.2
+
+
+# A car that stands, held by its brakes.
+
+
+def rolls(*steps: tuple[float, bool, bool, float, float], monitor: HoldMonitor | None = None) -> list[bool]:
+    """Whether a car rolls off at each of several steps: time [s], held, stands, by a wheel and by receiver [m/s]."""
+    monitor = monitor or HoldMonitor()
+    return [monitor.step(*step) for step in steps]
+
+
+STANDS = (0.0, True, True, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("speed", "found"), [(0.08, False), (0.0801, True), (5.0, True)])
+def test_a_held_car_whose_wheel_turns_for_a_tenth_of_a_second_rolls(speed, found):
+    steps = ((when, True, False, speed, 0.0) for when in (1.0, 1.09, 1.1))
+    assert rolls(STANDS, *steps) == [False, False, False, found]
+
+
+@pytest.mark.parametrize(("speed", "found"), [(0.1, False), (0.1001, True), (5.0, True)])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_held_car_that_the_receiver_sees_move_for_three_tenths_rolls(speed, sign, found):
+    steps = ((when, True, False, 0.0, sign * speed) for when in (1.0, 1.29, 1.3))
+    assert rolls(STANDS, *steps) == [False, False, False, found]
+
+
+def test_speeds_that_are_not_known_are_no_motion():
+    assert rolls(STANDS, *((0.1 * step, True, False, math.nan, math.nan) for step in range(10))) == [False] * 11
+
+
+@pytest.mark.parametrize(
+    "before",
+    [
+        (0.0, True, False, 0.0, 0.0),  # it did not stand
+        (0.0, False, True, 0.0, 0.0),  # it stood without being held
+    ],
+)
+def test_only_a_car_that_stood_while_it_was_held_can_roll_off(before):
+    assert rolls(before, *((when, True, False, 0.5, 0.5) for when in (1.0, 2.0, 3.0))) == [False] * 4
+
+
+def test_a_car_that_is_let_go_may_roll():
+    let_go = (0.5, False, True, 0.0, 0.0)
+    assert rolls(STANDS, let_go, *((when, True, False, 0.5, 0.5) for when in (1.0, 2.0, 3.0))) == [False] * 5
+    assert rolls(STANDS, *((when, False, False, 0.5, 0.5) for when in (1.0, 2.0, 3.0))) == [False] * 4
+
+
+@pytest.mark.parametrize(("wheel", "satellite", "least"), [(0.5, 0.0, 0.1), (0.0, 0.5, 0.3)])
+def test_what_was_before_a_reset_holds_no_car(wheel, satellite, least):
+    monitor = HoldMonitor()
+    rolls(STANDS, (1.0, True, True, wheel, satellite), monitor=monitor)
+    monitor.reset()
+    again = [(1.0 + when, True, True, wheel, satellite) for when in (0.05, least, 0.05 + least)]
+    assert rolls(*again, monitor=monitor) == [False, False, True], "the time counts from then on"
+    monitor.reset()
+    assert rolls(*((when, True, False, 0.5, 0.5) for when in (2.0, 3.0)), monitor=monitor) == [False, False]

@@ -8,7 +8,8 @@ import pytest
 
 from vve_sumo.vehicle.command_echo import OPENING_CHANGE, TORQUE_CHANGE, CommandEcho
 
-TORQUE, OPENING = TORQUE_CHANGE, OPENING_CHANGE
+TORQUE = TORQUE_CHANGE
+CHANGES = {"torque": TORQUE_CHANGE, "opening": OPENING_CHANGE}
 
 
 def frozen(change: float, *steps: tuple[float, float, float]) -> list[bool]:
@@ -19,18 +20,19 @@ def frozen(change: float, *steps: tuple[float, float, float]) -> list[bool]:
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize(
-    ("change", "differs", "found"),
+    ("of", "differs", "found"),
     [
-        (TORQUE, 249.0, False),
-        (TORQUE, 250.0, False),
-        (TORQUE, 251.0, True),
-        (OPENING, 0.0399, False),
-        (OPENING, 0.0401, True),
+        ("torque", 249.0, False),
+        ("torque", 250.0, False),
+        ("torque", 251.0, True),
+        ("opening", 0.0399, False),
+        ("opening", 0.0401, True),
     ],
 )
 def test_a_report_that_does_not_follow_a_command_up_or_down_is_frozen(
-    change: float, differs: float, found: bool, sign: float
+    of: str, differs: float, found: bool, sign: float
 ) -> None:
+    change = CHANGES[of]
     told = 1000.0 * change, 1000.0 * change + sign * differs
     assert frozen(change, (0.0, told[0], told[0]), (0.02, told[1], told[0]), (0.12, told[1], told[0])) == [
         False, False, found

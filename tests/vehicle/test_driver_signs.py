@@ -63,6 +63,13 @@ def test_a_smaller_command_does_not_end_what_a_larger_one_explains() -> None:
     assert signs(*steps) == [False] * 4
 
 
+def test_of_smaller_commands_the_largest_explains_once_the_larger_one_is_too_old() -> None:
+    """500 N m explain 575 and 150; the 1000 are forgotten after 0.395 s, and the 300 count for nothing."""
+    commands = [(0.0, 1000.0, 0.0, 0.0), (0.1, 300.0, 0.0, 0.0), (0.15, 500.0, 0.0, 0.0)]
+    for torque, foot in ((724.0, False), (726.0, True)):
+        assert signs(*commands, (0.4, 0.0, torque, 0.0), (0.44, 0.0, torque, 0.0)) == [False] * 4 + [foot]
+
+
 @pytest.mark.parametrize("reported", [True, False])
 @pytest.mark.parametrize(("torque", "latched"), [(450.0, False), (455.0, True), (800.0, True)])
 def test_a_foot_of_450_newton_metres_latches_the_brakes_after_80_milliseconds(

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.vehicle.car import FUSION, PERIOD
 from vve_sumo.errors import ConfigError
-from vve_sumo.vehicle.limits import COMFORT, Limiter, Limits, move_towards
+from vve_sumo.vehicle.limits import COMFORT, EMERGENCY, Limiter, Limits, move_towards
 
 STEERING_LIMIT = 0.55
 WISHES = st.floats(-1e6, 1e6) | st.sampled_from([0.0, -2.4, -9.0, 2.0, 0.3])
@@ -167,10 +167,64 @@ def test_approach_is_the_limit_of_many_small_steps(value, target, away, towards,
 
 
 @pytest.mark.parametrize("bad", [0.0, -1.0, math.nan, math.inf])
-def test_limits_that_cannot_be_kept_are_refused_by_name(bad):
-    with pytest.raises(ConfigError, match=r"limits: jerk must be a positive number"):
-        replace(COMFORT, jerk=bad)
-    with pytest.raises(ConfigError, match=r"limits: stop_deceleration must be a positive number"):
-        Limits(stop_deceleration=bad)
-    with pytest.raises(ConfigError, match=r"limits: emergency deceleration must not be below"):
-        Limits(critical_deceleration=9.5)
+@pytest.mark.parametrize(
+    "name",
+    [
+        "lateral_acceleration", "stop_deceleration", "stop_jerk", "stop_lateral_jerk", "critical_deceleration",
+        "critical_jerk", "speed",
+    ],
+)  # fmt: skip
+def test_limits_that_cannot_be_kept_are_refused_by_name(name, bad):
+    with pytest.raises(ConfigError, match=rf"^limits: {name} must be a positive number, got {bad!r}$"):
+        Limits(**{name: bad})
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, math.nan, math.inf])
+def test_envelopes_that_cannot_be_kept_are_refused_by_name(bad):
+    for name in ("deceleration", "acceleration", "jerk", "release_jerk", "lateral_jerk"):
+        with pytest.raises(ConfigError, match=rf"^limits: {name} must be a positive number, got {bad!r}$"):
+            replace(COMFORT, **{name: bad})
+    for name in ("deceleration", "jerk"):
+        with pytest.raises(ConfigError, match=rf"^limits: emergency {name} must be a positive number, got {bad!r}$"):
+            replace(EMERGENCY, **{name: bad})
+
+
+def test_emergency_braking_is_the_hardest_or_as_hard():
+    """9 m/s2, unless another is said."""
+    Limits(critical_deceleration=9.0, comfort=replace(COMFORT, deceleration=9.0))
+    for weaker in ({"critical_deceleration": 9.01}, {"comfort": replace(COMFORT, deceleration=9.01)}):
+        with pytest.raises(ConfigError, match=r"^limits: emergency deceleration must not be below .*, got 9$"):
+            Limits(**weaker)
+
+
+@pytest.mark.parametrize(
+    ("acceleration", "steering", "speed", "limited"),
+    [
+        (0.09, 0.0, 0.0, ()),
+        (0.11, 0.0, 0.0, ("jerk",)),
+        (-3.4, 0.0, 0.0, ("jerk",)),
+        (2.01, 0.0, 0.0, ("acceleration", "jerk")),
+        (-3.51, 0.0, 0.0, ("acceleration", "jerk")),
+        (0.0, 0.54, 0.0, ("steering_rate",)),
+        (0.0, -0.56, 0.0, ("steering_angle", "steering_rate")),
+        (0.0, 0.56, 10.0, ("lateral_acceleration", "steering_rate")),
+        (2.01, 0.56, 10.0, ("acceleration", "jerk", "lateral_acceleration", "steering_rate")),
+    ],
+)
+def test_what_limited_a_wish_is_said(acceleration, steering, speed, limited):
+    """From rest, in 20 ms: 0.1 m/s2 by the jerk; the wheel's own rate is 0.59 rad/s on the road."""
+    assert limiter().step(acceleration, steering, speed, False, PERIOD).limited == limited
+
+
+def test_what_limits_a_wish_that_lasts_is_its_size():
+    assert settled(2.01, 0.56, 10.0).limited == ("acceleration", "lateral_acceleration")
+    assert settled(-9.01, -0.56, 1.0, emergency=True).limited == ("acceleration", "steering_angle")
+
+
+def test_what_limits_the_way_to_rest_is_said():
+    assert limiter().steer(0.56, 10.0, PERIOD) == ("lateral_acceleration", "steering_rate")
+    assert limiter().steer(0.001, 10.0, PERIOD) == ()
+
+
+def test_at_a_speed_that_is_not_known_the_wheel_may_go_to_its_end():
+    assert limiter().steering_bound(math.nan) == STEERING_LIMIT

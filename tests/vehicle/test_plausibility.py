@@ -545,3 +545,33 @@ def test_headings_that_are_finite_and_infinitely_far_apart_are_a_mismatch():
     for tick in range(60):
         status = rig.step(0.0, heading=1.7e308 if tick < 20 else -1.7e308)
     assert status.reasons[0] == "heading_mismatch"
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_drift_too_slow_for_every_window_is_found_by_the_whole_way(sign):
+    """0.05 m/s to one side from 100 m on, at 10 m/s: half of what ten seconds may be off."""
+    drive, off, codes = Drive(settling=10.0), 0.0, []
+    while not codes:
+        off += sign * 0.05 * STEP
+        codes = drive.step(receiver={"x": -off * math.sin(drive.heading), "y": off * math.cos(drive.heading)})
+        assert abs(off) < drift.unseen_drift(10.0 * drive.now), "larger than said"
+    assert codes == ["position_mismatch"]
+    assert abs(off) > 0.5
+
+
+def test_a_jump_that_every_comparison_sees_is_said_once():
+    drive = Drive()
+    codes = [drive.step(receiver={"x": 5.0}) for _ in range(10)]
+    assert {code.count("position_mismatch") for code in codes} == {1}
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_heading_that_creeps_is_found_by_the_longest_window(sign):
+    """4.5 mrad/s at a crawl: in ten seconds 0.03 rad and 1 mrad/s are allowed, so it is found after 0.04 / 0.0045 s."""
+    drive = Drive(speed=0.5)
+    begun, codes = drive.now, []
+    while not codes:
+        codes = drive.step(receiver={"heading": sign * 0.0045 * (drive.now + STEP - begun)})
+        assert drive.now < begun + 12.0, "never"
+    assert codes == ["heading_mismatch"]
+    assert drive.now - begun == pytest.approx(0.04 / 0.0045, abs=0.1)

@@ -119,6 +119,20 @@ def limiter(limit: float | None) -> Limiter:
 SPEEDS = st.floats(0.0, 40.0)
 
 
+@pytest.mark.parametrize(
+    ("speed", "granted"), [(0.0, 2.0), (8.4, 2.0), (9.2, 1.0), (10.0, 0.0), (10.4, -0.5), (10.8, -1.0), (12.0, -1.0)]
+)
+def test_the_limit_is_approached_within_eight_tenths_of_a_second_each(speed, granted):
+    """Of 2 m/s2, at a limit of 10 m/s; beyond it the car is slowed with 1 m/s2 at most."""
+    assert limiter(10.0).within_speed(2.0, speed) == pytest.approx(granted)
+    assert limiter(10.0).within_speed(-3.0, speed) == -3.0
+
+
+@pytest.mark.parametrize(("speed", "too_fast"), [(10.99, False), (11.0, False), (11.01, True)])
+def test_a_car_that_is_one_metre_per_second_faster_than_its_limit_is_too_fast(speed, too_fast):
+    assert limiter(10.0).too_fast(speed) is too_fast
+
+
 @given(st.floats(0.5, 40.0), SPEEDS, st.floats(-9.0, 9.0))
 def test_what_is_granted_is_the_least_of_the_request_and_the_approach_to_the_limit(limit, speed, asked):
     granted = limiter(limit).within_speed(asked, speed)

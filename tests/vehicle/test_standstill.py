@@ -44,7 +44,7 @@ def moving(speed: float) -> Weighed:
 
 def test_it_knows_nothing_at_first():
     subject = Standstill()
-    assert (subject.certain, subject.at_rest, subject.moves, subject.contradicted) == (False,) * 4
+    assert (subject.certain, subject.settled, subject.at_rest, subject.moves, subject.contradicted) == (False,) * 5
 
 
 @pytest.mark.parametrize(
@@ -79,6 +79,32 @@ def test_a_car_that_is_told_to_drive_off_has_not_settled():
     assert weighed.subject.certain
     assert not weighed.subject.settled
     assert weighed.until("settled", 0.0, 0.0) >= 0.3
+
+
+@pytest.mark.parametrize("braking", [0.0, 0.5])
+def test_a_car_that_is_told_to_roll_or_to_brake_a_little_settles(braking):
+    assert Weighed().until("settled", 0.0, 0.0, braking) == pytest.approx(0.3 + STEP, abs=2.0 * STEP)
+
+
+def test_a_car_that_no_receiver_sees_is_not_at_rest_while_its_wheels_turn():
+    weighed = moving(5.0)
+    for _ in range(300):
+        assert weighed.step(5.0, None) == (False, False, True)
+
+
+def test_the_receivers_mean_goes_half_way_to_what_it_reads_in_a_tenth_of_a_second():
+    subject = Standstill()
+    subject.step(0.1, 0.1, None, 0.2, BRAKING)
+    assert subject.satellite_mean == pytest.approx(0.1)
+    subject.step(0.4, 0.3, None, -0.1, BRAKING)
+    assert subject.satellite_mean == pytest.approx(-0.05), "and three quarters in three"
+
+
+@pytest.mark.parametrize("speed", [0.3, -0.3, 5.0, -5.0])
+def test_a_speed_above_rest_is_at_once_the_mean(speed):
+    weighed = Weighed()
+    weighed.step(None, speed)
+    assert weighed.subject.satellite_mean == (0.3 if speed > 0.0 else -0.3)
 
 
 def test_the_receiver_alone_is_believed_after_three_seconds_and_for_rest_only():
@@ -128,6 +154,15 @@ def test_wheels_at_the_bound_of_what_a_car_can_brake():
 def test_where_the_receiver_confirms_or_a_driver_may_brake_the_hardest_braking_counts():
     assert moving(5.0).until("certain", 0.0, 0.03) == pytest.approx((5.0 - BELIEVED) / 12.0, abs=2.0 * STEP)
     assert moving(5.0).until("certain", 0.0, None, None) == pytest.approx((5.0 - BELIEVED) / 12.0, abs=2.0 * STEP)
+
+
+@pytest.mark.parametrize("satellite", [0.3, -0.3, 5.0, -5.0])
+def test_a_receiver_that_sees_the_car_move_confirms_no_sudden_zero(satellite):
+    """A second of it counts at half of 4 m/s2, like one without a receiver."""
+    weighed = moving(5.0)
+    for _ in range(64):
+        weighed.step(0.0, satellite)
+    assert weighed.until("certain", 0.0, None) == pytest.approx((5.0 - BELIEVED) / 2.0 - 1.0, abs=2.0 * STEP)
 
 
 def test_a_car_that_creeps_by_the_receiver_alone_does_not_stand():

@@ -98,18 +98,20 @@ def repeated_by_seed(rows: pd.DataFrame, group: NDArray[np.int64], parameters: S
 
     Where the values of a parameter differ within the group, its runs are cells of a design that somebody chose, and
     where every figure is the same with every seed, chance has no part in the runs: neither has a sampling error.
-    `rows` has `seed`, the parameters, and the figures by which runs are told apart.
+    A run with an error has no figures, and so differs in none. `rows` has `seed`, `error`, the parameters, and the
+    figures by which runs are told apart.
     """
     import pandas as pd
 
-    parts = rows.groupby(group)
+    parts, driven = rows.groupby(group), rows["error"].fillna("").eq("").to_numpy(bool)
+    of_driven = rows[driven].groupby(group[driven])
     alone = pd.Series(True, index=parts.size().index)
     for name in parameters:
         alone &= parts[name].nunique(dropna=False) == 1
     told = [name for name in rows.columns if name in METRICS]
     differ = pd.Series(False, index=alone.index)
     for name in told:
-        differ |= parts[name].nunique(dropna=False) > 1
+        differ |= (of_driven[name].nunique(dropna=False) > 1).reindex(differ.index, fill_value=False)
     repetitions = alone & differ & (parts["seed"].nunique() > 1)
     which: NDArray[np.bool_] = repetitions.to_numpy(bool)[group] if len(rows) else np.zeros(0, bool)
     return which

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.resampling import bootstrap_median, sign_test
-from vve_sumo.analysis.survivors import with_contacts, without_contacts
+from vve_sumo.analysis.survivors import ordered, without_contacts
 from vve_sumo.analysis.units import described
 from vve_sumo.errors import ConfigError, hint
 from vve_sumo.metrics.table import METRICS, NUMBERS, label_of, meaning_of
@@ -38,8 +38,9 @@ FIGURES: Final = {
     "high_difference": "its upper end",
     "least_difference": "least difference",
     "greatest_difference": "greatest difference",
-    "lower": "pairs in which the other has less; a contact is less than every gap and time, more than every DRAC",
-    "same": "pairs in which both have the same, or a contact",
+    "lower": "pairs in which the other has less; a contact is less than every gap and time, more than every DRAC, and "
+    "a drive without a conflict the other way round",
+    "same": "pairs in which both have the same, or a contact, or no conflict",
     "higher": "pairs in which the other has more",
     "sign_test_p": "two-sided probability of so many more on one side by chance (sign test, exact)",
     "worse": "which way the figure is worse: lower, higher, or neither",
@@ -158,7 +159,7 @@ def compare_rows(
     judged = [name for name in one.columns if _is_verdict(name) and name in other]
     kept = list(dict.fromkeys([*wanted, *judged]))  # `collision` among them, where the runs tell
     sides = [
-        rows[[*keys, *kept]].rename(columns={name: f"{side}_{name}" for name in kept})
+        rows[[*keys, *kept, *_error(rows)]].rename(columns={name: f"{side}_{name}" for name in (*kept, "error")})
         for side, rows in (("one", one), ("other", other))
     ]
     pairs = sides[0].merge(sides[1], on=keys, how="inner", validate="one_to_one")
@@ -167,9 +168,15 @@ def compare_rows(
     told = [_figure(pairs, name) for name in wanted]
     table = described(pd.DataFrame(told, pd.Index(wanted, name="figure"), list(FIGURES)), FIGURES)
     verdicts = described(pd.DataFrame([_verdict(pairs, name) for name in judged], judged, list(VERDICTS)), VERDICTS)
+    pairs = pairs.drop(columns=[f"{side}_error" for side in ("one", "other")], errors="ignore")
     pairs = described(pairs, _meanings(one, other, keys, kept))
     unpaired = (len(one) - len(pairs), len(other) - len(pairs))
     return PairedComparison(one_name, other_name, tuple(keys), pairs, table, verdicts, unpaired)
+
+
+def _error(rows: pd.DataFrame) -> list[str]:
+    """Return the column that tells a run with an error from one without a conflict, where the rows have it."""
+    return [name for name in ("error",) if name in rows]
 
 
 def _meanings(one: pd.DataFrame, other: pd.DataFrame, keys: Sequence[str], kept: Sequence[str]) -> dict[str, str]:
@@ -209,7 +216,7 @@ def _side(pairs: pd.DataFrame, side: str) -> pd.DataFrame:
 def _figure(pairs: pd.DataFrame, name: str) -> dict[str, Any]:
     sides = [_side(pairs, side) for side in ("one", "other")]
     one, other = (without_contacts(rows, name) for rows in sides)
-    first, second = (with_contacts(rows, name) for rows in sides)
+    first, second = (ordered(rows, name) for rows in sides)
     has, has_other = np.isfinite(one), np.isfinite(other)
     both = has & has_other
     difference = (other - one)[both]

@@ -46,16 +46,24 @@ def with_contacts(rows: pd.DataFrame, figure: str) -> Floats:
     return np.where(contacts(rows, figure), BEYOND.get(figure, np.nan), without_contacts(rows, figure))
 
 
+def ordered(rows: pd.DataFrame, figure: str) -> Floats:
+    """Return a figure of every run (n) as far as an order takes it; NaN where nothing is known.
+
+    A contact counts as `with_contacts` has it. Of a drive without a conflict a figure such as the least time to
+    collision is missing because it is endless: such a run counts as that. Of a run with an error nothing is known.
+    """
+    values = with_contacts(rows, figure)
+    if figure not in METRICS:
+        return values
+    driven = rows["error"].fillna("").eq("").to_numpy(bool) if "error" in rows else np.ones(len(rows), bool)
+    return np.where(np.isnan(values) & driven, METRICS[figure].absent, values)
+
+
 def ranked(rows: pd.DataFrame, figure: str) -> Floats:
     """Return the rank of every run (n) by a figure, from 1, the mean of the ranks of those that tie; NaN for none.
 
-    A contact counts as `with_contacts` has it. Of a drive without a conflict a figure such as the least time to
-    collision is missing because it is endless: such a run counts as that. A run with an error has no rank.
+    The order is that of `ordered`.
     """
     import pandas as pd
 
-    values = with_contacts(rows, figure)
-    if figure in METRICS:
-        driven = rows["error"].fillna("").eq("").to_numpy(bool) if "error" in rows else np.ones(len(rows), bool)
-        values = np.where(np.isnan(values) & driven, METRICS[figure].absent, values)
-    return np.asarray(pd.Series(values).rank(), np.float64)
+    return np.asarray(pd.Series(ordered(rows, figure)).rank(), np.float64)

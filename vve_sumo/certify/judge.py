@@ -16,7 +16,7 @@ import numpy as np
 from vve_sumo.certify.cases import BRAKING_DEMAND, HARD_BRAKING, UNDISTURBED, Case, Reaction
 from vve_sumo.certify.limits import Limits
 from vve_sumo.certify.link import Answer, Window
-from vve_sumo.certify.moments import AT_REST, acting, rest_time
+from vve_sumo.certify.moments import AT_REST, MAX_SILENCE, acting, rest_time
 from vve_sumo.certify.results import Course, Verdict
 from vve_sumo.timing import PERIOD
 
@@ -81,7 +81,8 @@ def _reaction(case: Case, window: Window | None, course: Course, nominal: Course
         for answer, usual in _beside(window, course, nominal)
         if answer.acceleration <= BRAKING_DEMAND and usual - answer.acceleration >= BEYOND_NOMINAL
     ]
-    return brakes[0] if len(brakes) * PERIOD >= LEAST_BRAKING - _SLACK else math.inf
+    # A brain may say the same several times a tick: it brakes no longer for that.
+    return brakes[0] if len(set(brakes)) * PERIOD >= LEAST_BRAKING - _SLACK else math.inf
 
 
 def _stopping(window: Window, course: Course) -> float:
@@ -120,14 +121,15 @@ def _harder(window: Window, course: Course, nominal: Course, demand: float) -> f
     """
     times = [answer.time for answer in nominal.answers]
     seen = Window(window.begins, window.ends + SHIFT)
-    count = 0
+    harder = set()
     for answer in course.answers:
         if seen.holds(answer.time):
             low = bisect_left(times, answer.time - SHIFT)
             high = bisect_left(times, answer.time + SHIFT + _SLACK)
             usual = min((one.acceleration for one in nominal.answers[low:high]), default=0.0)
-            count += min(usual, 0.0) - answer.acceleration >= -demand
-    return count * PERIOD
+            if min(usual, 0.0) - answer.acceleration >= -demand:
+                harder.add(answer.time)
+    return len(harder) * PERIOD
 
 
 def _left(course: Course) -> float:
@@ -153,6 +155,8 @@ def _failure(
         return f"none of its answers was taken ({refused})" if refused else "it gave no answer"
     if case.reaction is Reaction.DRIVE and float(np.nanmax(np.abs(course.speed))) <= AT_REST:
         return "the car never moved"
+    if window is not None and (why := _over_before(window, course)):
+        return why
     found = [*_beyond(course, rules), *_untimely(case, reaction)]
     steered = max((abs(answer.steering) for answer in course.answers), default=0.0)
     if case.reaction is Reaction.DRIVE and steered > MOST_STEERING * rules.steering:
@@ -162,6 +166,16 @@ def _failure(
     elif not found:
         found += _not_safe(case, course, rules.limits)
     return "; ".join(found)
+
+
+def _over_before(window: Window, course: Course) -> str:
+    """Return why a fault had nothing to hit, as it had in the nominal drive: then no reaction to it was seen."""
+    last = max((answer.time for answer in course.answers if answer.time < window.begins - _SLACK), default=-math.inf)
+    if window.begins - last > MAX_SILENCE + _SLACK:
+        return "it had fallen silent before the fault began, which tested nothing"
+    if rest_time(course) <= window.begins + _SLACK:
+        return "the car had come to rest, or the drive was over, before the fault began, which tested nothing"
+    return ""
 
 
 def _beyond(course: Course, rules: Rules) -> Iterator[str]:

@@ -115,15 +115,17 @@ def timing_of(case: Case, nominal: Course, bumper: float) -> Timing:
         return _in_a_bend(case, nominal, track, bumper)
     onset = onset_of(nominal)
     for begins in _tried(onset + LEADS[case.begins], onset):
+        if math.isfinite(case.lasts) and not _fast(nominal, begins):
+            continue
         if case.reaction in UNBRAKED and not _unbraked(nominal, begins, begins + _shown(case) + CLEAR):
             continue
         if case.show is not None and case.begins is Moment.CRUISE and not _straight(nominal, track, begins, bumper):
             continue
         return Timing(_window(case, begins))
     where = "goes straight on and " if case.show is not None else ""
+    unbraked = f", {where}without braking for {_shown(case) + CLEAR:.1f} s on end"
     return Timing(
-        void=f"the nominal drive is nowhere faster than {FAST:g} m/s, {where}without braking for "
-        f"{_shown(case) + CLEAR:.1f} s on end"
+        void=f"the nominal drive is nowhere faster than {FAST:g} m/s{unbraked if case.reaction in UNBRAKED else ''}"
     )
 
 
@@ -148,6 +150,11 @@ def _tried(preferred: float, last: float) -> Iterator[float]:
     step = round(STEP / PERIOD)
     ticks = [*range(first, -1, -step), *range(first + step, round(last / PERIOD) + 1, step)]
     yield from (tick * PERIOD for tick in sorted(ticks, key=lambda tick: abs(tick - first)))
+
+
+def _fast(course: Course, begins: float) -> bool:
+    """Whether the car is faster than FAST then: a fault that is over before the car moves again shows nothing."""
+    return bool(speeds_at(course, [begins])[0] > FAST)
 
 
 def _unbraked(course: Course, begins: float, ends: float) -> bool:

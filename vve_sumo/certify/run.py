@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import datetime
 import hashlib
+import json
 import os
 import shlex
 import time
@@ -121,11 +122,15 @@ class Bench:
         """Return what must be the same where a certificate is gone on with."""
         query = self.query
         brain = under_test(query.command, self.working)
+        driven = next(iter(self.scenarios.values())).to_dict(self.working)
+        car = json.dumps([driven["vehicle"], driven["vehicle_model"]], sort_keys=True)
         return {
             "rig_sha256": _digest(self.rig_file),
             "scenario": query.scenario,
             "scenario_sha256": _digest(workspace.find("scenario", query.scenario, self.working)),
             "values": dict(query.values),
+            "files_sha256": driven["files_sha256"],
+            "vehicle_sha256": hashlib.sha256(car.encode()).hexdigest(),
             "brain": brain.command,
             "brain_files_sha256": dict(brain.files),
             "code_sha256": provenance.software()["code"]["sha256"],

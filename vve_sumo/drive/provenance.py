@@ -54,6 +54,15 @@ def software() -> dict[str, Any]:
     }
 
 
+@cache
+def deciding() -> dict[str, str]:
+    """Return the versions of what decides how a drive goes, and the hash of the code, which a version may not tell.
+
+    A checkout keeps its version while somebody works in it. Computed once per process.
+    """
+    return versions() | {"code": code_sha256(PACKAGE)}
+
+
 def host() -> dict[str, str]:
     """Return name, kernel, architecture and C library of the machine; C libraries round `sin` differently."""
     try:

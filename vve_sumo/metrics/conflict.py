@@ -27,6 +27,9 @@ from vve_sumo.values import Floats
 HORIZON = 10.0
 #: an actor whose box keeps farther from all that the ego sweeps never meets the ego [m]
 MARGIN = 0.5
+#: a path that turns by more beside a body does not keep its distance from it [rad]: less costs a twentieth of MARGIN
+#: for each metre from the body's middle to its end
+BENT = 0.05
 #: before and after a contact, the part of an actor's way in which it may cross the ego's course [m], and its samples
 ZONE, ZONE_SAMPLES = 25.0, 101
 #: the time in which it crosses is sampled, and then again and again around the moment that asks for most braking
@@ -133,14 +136,26 @@ class _Search:
         sample = self._nearest[rows]
         _, d, _ = table.project(ways.x[rows], ways.y[rows], sample)
         skew = ways.heading[rows] - np.arctan2(table.tangent_y[sample], table.tangent_x[sample])
-        half = 0.5 * (length * (np.abs(np.sin(skew)) + turn) + width) + beside + MARGIN
-        left, right = self._sweep
+        reach = 0.5 * np.hypot(length, width) + beside
+        left, right, curvature = self._greatest_near(float(reach.max(initial=0.0)))
+        # At a bend a body may reach into the ego's way with its ends alone, far from what is nearest to its middle.
+        straight = 0.5 * (length * (np.abs(np.sin(skew)) + turn) + width) + beside
+        half = np.where(curvature[sample] * reach > BENT, reach, straight) + MARGIN
         close = (d < left[sample] + half) & (d > -right[sample] - half)
         first, last = np.full(len(ways.first), np.inf), np.full(len(ways.first), -np.inf)
         along = SPACING * (rows - ways.first[way])[close]
         np.minimum.at(first, way[close], along - SPACING)
         np.maximum.at(last, way[close], along + SPACING)
         return first, last
+
+    def _greatest_near(self, reach: float) -> tuple[Floats, Floats, Floats]:
+        """Return the greatest sweep to the left and right [m] and curvature [1/m] within a reach of each sample."""
+        from scipy.ndimage import maximum_filter1d
+
+        size = 2 * math.ceil(reach) + 1
+        columns = (*self._sweep, np.abs(self.prediction.course.path.samples.curvature))
+        left, right, curvature = (maximum_filter1d(column, size) for column in columns)
+        return left, right, curvature
 
     def pairs(self, ego: Ego, at: Indices) -> tuple[Indices, Pairs]:
         """Return the rows of actors that may meet the ego, and the time in which they may."""
@@ -162,11 +177,18 @@ class _Search:
         return rows, pairs.select(rows)
 
     def from_behind(self, pairs: Pairs, time: Floats) -> NDArray[np.bool_]:
-        """Return whether the actor then runs into the ego's rear, which no braking of the ego avoids."""
+        """Return whether the actor then runs into the ego's rear, which no braking of the ego avoids.
+
+        It moves, its middle is behind the ego, and its foremost corner behind the ego's middle: the middle alone says
+        nothing of a long body, which may be hit with its front.
+        """
         known = np.where(np.isfinite(time), time, 0.0)
         ego, other = self.prediction.ego(pairs, known), self.prediction.other(pairs, known)
         ahead = (other.x - ego.x) * np.cos(ego.heading) + (other.y - ego.y) * np.sin(ego.heading)
-        behind: NDArray[np.bool_] = ahead < -0.5 * ego.length
+        turned = other.heading - ego.heading
+        foremost = ahead + 0.5 * (other.length * np.abs(np.cos(turned)) + other.width * np.abs(np.sin(turned)))
+        moves = pairs.other_speed >= AT_REST
+        behind: NDArray[np.bool_] = moves & (ahead < -0.5 * ego.length) & (foremost < 0.0)
         return behind
 
     def deceleration(self, pairs: Pairs, time: Floats) -> Floats:

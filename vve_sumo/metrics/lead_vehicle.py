@@ -149,12 +149,13 @@ def lead_vehicle_now(ego: Pose, station: float, actors: Actors, path: Path, vehi
 
 def _boxes_in_strip(at: Indices, boxes: Boxes, course: Course, ego: Boxes) -> InStrip:
     bumper = course.vehicle.rear_axle_to_bumper
-    # What lies beside or behind the middle of the ego is not ahead of it.
+    # What lies beside or behind the middle of the ego is not ahead of it. A long body that has its own middle there may
+    # reach into the strip before the ego with its front.
     middle, half = bumper - course.vehicle.length / 2.0, course.vehicle.width / 2.0
     start, near = course.starts.select(at), np.full(len(at), bumper + HORIZON / 2.0)
     centre, beside, heading = course.find(start, boxes.x, boxes.y, near, HORIZON / 2.0 + 30.0)
-    reach = half + 0.5 * np.hypot(boxes.length, boxes.width) + CORNER_MARGIN
-    rows = np.flatnonzero((np.abs(beside) < reach) & (centre > middle))
+    radius = 0.5 * np.hypot(boxes.length, boxes.width)
+    rows = np.flatnonzero((np.abs(beside) < half + radius + CORNER_MARGIN) & (centre + radius > middle))
     at, boxes, start, centre, heading = at[rows], boxes.select(rows), start.select(rows), centre[rows], heading[rows]
     corners = boxes.corners()
     ahead = np.array([course.find(start, x, y, centre, CORNER_WINDOW)[0] for x, y in zip(*corners, strict=True)])
@@ -165,8 +166,9 @@ def _boxes_in_strip(at: Indices, boxes: Boxes, course: Course, ego: Boxes) -> In
     edge = np.full(len(at), half)
     begins = nearest_in_band(corners, ahead, project, -edge, edge, PIECES)
     gap = _body_gap(begins - bumper, ego.select(at), boxes)
-    along = np.cos(boxes.heading - heading)
-    return InStrip(rows, at, gap, start.station + bumper + gap, along, boxes.speed).select(gap < HORIZON)
+    along, counts = np.cos(boxes.heading - heading), (centre > middle) | (begins > middle)
+    found = InStrip(rows, at, gap, start.station + bumper + gap, along, boxes.speed)
+    return found.select(counts & (gap < HORIZON))
 
 
 def _body_gap(gap: Floats, ego: Boxes, boxes: Boxes) -> Floats:

@@ -105,8 +105,9 @@ def _extremes(rows: pd.DataFrame) -> tuple[str, ...]:
     collision = rows["collision"].to_numpy(np.float64, na_value=np.nan)
     if not np.isfinite(collision).any():
         return ()
-    gap, closest = _least(rows, "stop_gap_m"), _least(rows, "min_gap_m")
     impact, hits = -_least(rows, "impact_speed_mps", -1.0), int((collision == 1.0).sum())
+    # A contact is below every gap; the gap that its run has to what stands behind is none of these.
+    gap, closest = (np.nan if hits else _least(rows, name) for name in ("stop_gap_m", "min_gap_m"))
     hit = f"{count(hits, 'run')} with a collision" if hits else "no collision"
     hit += f", at {number(impact, 'm/s')} at most" if impact > 0.0 else ""
     parts = [f"smallest gap at rest {number(gap, 'm')}"] if gap > 0.0 else []

@@ -150,16 +150,17 @@ def _rest(run: Run, figures: Mapping[str, Any]) -> str:
     gap = _number(figures, "stop_gap_m")
     if math.isnan(gap):
         return "The car came to rest with no object ahead."
-    return f"The car came to rest {number(gap, 'm')} before {_last_ahead(run)}."
+    return f"The car came to rest {number(gap, 'm')} before {_ahead_at_rest(run)}."
 
 
 def _gap_at_rest(run: Run, figures: Mapping[str, Any]) -> str:
     gap = _number(figures, "stop_gap_m")
-    return "" if math.isnan(gap) else f" and stands {number(gap, 'm')} before {_last_ahead(run)}"
+    return "" if math.isnan(gap) else f" and stands {number(gap, 'm')} before {_ahead_at_rest(run)}"
 
 
-def _last_ahead(run: Run) -> str:
-    return next((name for name in reversed(run.lead.actor) if name), "the object ahead")
+def _ahead_at_rest(run: Run) -> str:
+    """Return what the gap at rest is to: the nearest in the strip then, whom the car may never have followed."""
+    return next(iter(run.data.strip_lead.actor[-1:]), "") or "the object ahead"
 
 
 def _hit(run: Run, figures: Mapping[str, Any]) -> str:

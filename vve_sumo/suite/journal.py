@@ -28,8 +28,8 @@ class Journal:
     ) -> None:
         """Begin a journal in `folder`, or go on with the one there; raises ConfigError where that is not of `rows`.
 
-        A `car` whose numbers are a rig's makes another test of a row. `code` is the hash of what drives: a journal of
-        another controller's code, or of another vve-sumo, is refused.
+        Another `car` makes another test of a row, also where its file has the same name. `code` is the hash of what
+        drives: a journal of another controller's code, or of another vve-sumo, is refused.
         """
         file = folder / NAME
         self._digests, self._code = {row.id: digest(row, car) for row in rows}, code
@@ -69,10 +69,10 @@ class Journal:
 
 
 def digest(row: Row, car: VehicleModel | None = None) -> str:
-    """Return what is another where the row's scenario is, what it demands, or the car of a rig."""
+    """Return what is another where the row's scenario is, what it demands, or the car that drives it."""
     scenario = None if row.scenario is None else row.scenario.model_dump(mode="json")
     whole = json.dumps(scenario, sort_keys=True) + repr((row.approach, row.cut_in, row.need, row.demand))
-    if car is not None and car.rig:
+    if car is not None:
         whole += json.dumps(car.to_dict(), sort_keys=True)
     return hashlib.sha256(whole.encode()).hexdigest()
 

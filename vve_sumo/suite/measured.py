@@ -42,8 +42,10 @@ def measure(row: Row, record: Path) -> Measured:
     seen = actors.filter(pc.equal(actors["actor"], row.approach.target))
     if not seen.num_rows:
         return Measured()
-    car = recorded_model(read_resolved(record)).vehicle
     entry = int(seen["tick"][0].as_py()) - int(ticks["tick"][0].as_py())
+    if entry >= ticks.num_rows:  # what the street held after the last tick: nothing was driven with it
+        return Measured()
+    car = recorded_model(read_resolved(record)).vehicle
     cut, ttc = (None, None) if row.cut_in is None else _cut_in(row.cut_in, ticks, seen, car)
     return Measured(_speeds(ticks, entry, cut), ttc, _demand(ticks, entry, car) if row.demand > 0.0 else None)
 

@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 
 from vve_sumo import workspace
 from vve_sumo.drive.plugged_in import PREFIXES
-from vve_sumo.drive.resolved_scenario import braking_as_it_can, load_vehicle_model, resolve_scenario, versions
+from vve_sumo.drive.provenance import deciding
+from vve_sumo.drive.resolved_scenario import braking_as_it_can, load_vehicle_model, resolve_scenario
 from vve_sumo.errors import ConfigError
 from vve_sumo.scenario.schema import DEFAULT_VEHICLE
 from vve_sumo.suite import catalogue
@@ -136,11 +137,11 @@ def drive(
 
 
 def code_of(rows: Sequence[Row], working: Path) -> str:
-    """Return the hash of what drives rows: their controllers' and sensors' code, and the versions that decide a drive.
+    """Return the hash of what drives rows: their controllers' and sensors' code, this program's, and the libraries'.
 
     Raises ConfigError for a controller that cannot be made.
     """
-    found: dict[str, Any] = {"versions": versions()}
+    found: dict[str, Any] = {"versions": deciding()}
     for scenario in {row.scenario.controller.name: row.scenario for row in rows if row.scenario is not None}.values():
         resolved = resolve_scenario("suite", scenario, Path("suite"), working)
         resolved.controller(working)

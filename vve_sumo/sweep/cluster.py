@@ -20,7 +20,7 @@ from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import TYPE_CHECKING, Any
 
-from vve_sumo.drive.resolved_scenario import versions
+from vve_sumo.drive.provenance import deciding
 from vve_sumo.errors import ConfigError, SimulationError, VveError
 from vve_sumo.sweep import remote
 from vve_sumo.sweep.engine import Done, check_room
@@ -51,10 +51,10 @@ class Cluster:
         self._address = address
         self._sites: dict[str, Site] = {}  #: by the hash of all that a run calls by a name
         with self._client() as client:
-            for worker, there in _everyone(client, versions).items():
+            for worker, there in _everyone(client, deciding).items():
                 if isinstance(there, Exception):
                     raise ConfigError(f"worker {worker} cannot run vve_sumo: {_line(there)}")
-                refuse_mixed(versions(), there, f"worker {worker}")
+                refuse_mixed(deciding(), there, f"worker {worker}")
 
     def run(self, jobs: Iterable[Job | None], done: Done) -> None:
         """Drive every job; see `Engine.run`. Raises SimulationError when the scheduler is lost."""
@@ -198,7 +198,7 @@ class _Shift:
         if names not in self._sites:
             seen = look([job])
             fit = bool(seen) and not seen[0].complaint
-            self._sites[names] = Site(versions(), seen[0].files_sha256, names) if fit else Site(versions())
+            self._sites[names] = Site(deciding(), seen[0].files_sha256, names) if fit else Site(deciding())
         return self._sites[names]
 
     def _result(self, job: Job, future: Future[remote.Came]) -> Result:

@@ -14,7 +14,7 @@ from typing import Any
 from vve_sumo import workspace
 from vve_sumo.config_file import read, read_as
 from vve_sumo.drive.plugged_in import CONTROLLER
-from vve_sumo.drive.resolved_scenario import versions
+from vve_sumo.drive.provenance import deciding
 from vve_sumo.errors import ConfigError, did_you_mean
 from vve_sumo.metrics.table import NUMBERS
 from vve_sumo.record.sweep_folder import COLUMNS, Plan
@@ -111,7 +111,7 @@ def planned(
         parameters=spec.varied,
         criteria=criteria,
         files_sha256={},
-        versions=versions(),
+        versions=deciding(),
         rig=rig_file,
     )
     plan, notes = _looked_at(plan, spec, cells, file)

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple
 
-from vve_sumo.drive.resolved_scenario import versions
+from vve_sumo.drive.provenance import deciding
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.sweep.job import DISK_FULL, DISK_FULL_ERRNOS, Job, Result
 from vve_sumo.sweep.preflight import look
@@ -121,7 +121,7 @@ def _agree(job: Job, site: Site, where: str) -> None:
     mark = hashlib.sha256(json.dumps([site.versions, site.files_sha256, site.names]).encode()).hexdigest()
     if mark in _agreed:
         return
-    refuse_mixed(site.versions, versions(), where)
+    refuse_mixed(site.versions, deciding(), where)
     for seen in look([job]) if site.names else ():
         if seen.complaint:
             raise ConfigError(f"{where}: {seen.complaint}; it must see the files that the client sees")

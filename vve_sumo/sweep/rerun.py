@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from vve_sumo.drive import plugged_in
-from vve_sumo.drive.resolved_scenario import ResolvedScenario, versions
+from vve_sumo.drive.provenance import deciding
+from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.run import Drive
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.table import NUMBERS
@@ -69,12 +70,14 @@ class Rerun:
 def rerun(folder: Path, key: str, out: Path | None, warn: Callable[[str], None]) -> Rerun:
     """Drive one run of a dataset again and keep its record in `out`, or with the dataset.
 
-    `warn` takes a line for every file that has changed since the sweep began, before the run is driven. Raises
+    `warn` takes a line for every file that has changed since the sweep began, and for other code of this program: what
+    that changes, the comparison shows. It is called before the run is driven. Raises
     ConfigError where there is no such run, for other versions, for a controller or a sensor whose code is not
     the sweep's, and for a record that is there already.
     """
     plan = Plan.of(folder)
-    refuse_mixed(folder, plan, versions())
+    here = deciding()
+    refuse_mixed(folder, plan, here | {"code": plan.versions.get("code", "none")})
     row = _row(folder, key)
     if not Path(plan.working).is_dir():
         plan = replace(plan, working=str(Path.cwd()))
@@ -91,6 +94,8 @@ def rerun(folder: Path, key: str, out: Path | None, warn: Callable[[str], None])
     if changed := [line for part in parts for line in part.changed(_recorded(plan, part))]:
         advice = "a sweep into another folder drives it as it is now"
         raise ConfigError(f"{folder}: {changed[0]}: not run; {advice}")
+    if here["code"] != plan.versions.get("code"):
+        warn("the code of vve-sumo has changed since the sweep began")
     for role in _changed_files(plan, job):
         warn(f"the file of {role} has changed since the sweep began")
     return Rerun(job, row, run_one(job), record)

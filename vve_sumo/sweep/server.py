@@ -32,8 +32,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from vve_sumo.drive.progress import DriveProgress
-from vve_sumo.drive.provenance import software
-from vve_sumo.drive.resolved_scenario import versions
+from vve_sumo.drive.provenance import deciding, software
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.sweep import process_tree
 from vve_sumo.sweep.input_cache import InputCache, resolve_job
@@ -122,7 +121,7 @@ class Server:
         """Run job after job until the parent is gone or says no more."""
         for module in IMPORTED_AHEAD:
             importlib.import_module(module)
-        versions()
+        deciding()
         gc.collect()
         self._say(READY)
         self._serve()

@@ -57,8 +57,9 @@ class Group:
         if row["passed"] is not None:
             self.judged += 1
             self.passed += row["passed"]
-        self._first = self._first or {name: row[name] for name in ("passed", "collision", *figures)}
-        self.differ = self.differ or any(row[name] != value for name, value in self._first.items())
+        if not row["error"]:  # that has no figures, and so differs in none
+            self._first = self._first or {name: row[name] for name in ("passed", "collision", *figures)}
+            self.differ = self.differ or any(row[name] != value for name, value in self._first.items())
         for name in figures:
             mean = self.means.setdefault(name, Mean())
             if row[name] is not None and not (name in BEYOND and row["collision"]):

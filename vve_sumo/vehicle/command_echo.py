@@ -29,9 +29,8 @@ class CommandEcho:
 
     def reset(self) -> None:
         """Forget the past: nothing is commanded."""
-        self._echo = math.nan
+        self._echo = math.nan  # so that the next report counts as changed, and the time from then on
         self._reference = math.nan  # the command when the report last changed
-        self._differs_long.reset()
 
     def step(self, now: float, commanded: float, echo: float) -> bool:
         """Return whether the report is frozen; `echo` is NaN where there is none, or none that is fresh."""

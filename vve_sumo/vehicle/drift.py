@@ -67,20 +67,11 @@ class FeasibleSet:
         """
         if not math.isfinite(difference + p + q):
             return False
-        values = [a * p + b * q for a, b in self._corners]
-        if max(values) <= difference + allowed and min(values) >= difference - allowed:
-            return True
-        above = [value - difference - allowed for value in values]
-        if min(above) > 0.0:
-            return False
-        if max(above) > 0.0:
-            self._cut(above)
-            values = [a * p + b * q for a, b in self._corners]
-        below = [difference - value - allowed for value in values]
-        if min(below) > 0.0:
-            return False
-        if max(below) > 0.0:
-            self._cut(below)
+        for sign in (1.0, -1.0):
+            beyond = [sign * (a * p + b * q - difference) - allowed for a, b in self._corners]
+            if min(beyond) > 0.0:
+                return False
+            self._cut(beyond)
         return True
 
     def _cut(self, values: list[float]) -> None:

@@ -146,7 +146,7 @@ class Limiter:
         if limit is None:
             return acceleration
         largest = max((limit - speed) / SPEED_LIMIT_TIME, -SPEED_LIMIT_BRAKING)
-        return min(acceleration, largest) if largest == largest else acceleration
+        return largest if largest < acceleration else acceleration  # nor where the speed is not known
 
     def too_fast(self, speed: float) -> bool:
         """Return whether the car is beyond its speed limit and the margin at `speed` [m/s]; False where unknown."""

@@ -74,7 +74,7 @@ class CarReports:
 
         Wheel speeds and yaw rate do not count: the car itself measures them, whether or not it could be commanded.
         """
-        return max(self._times.get(kind, -math.inf) for kind in _OF_THE_INTERFACE)
+        return max(self._times[kind] for kind in _OF_THE_INTERFACE)
 
     def take(self, now: float, frames: Iterable[Frame]) -> list[str]:
         """Take in frames received since the last call; reason codes of malformed reports and foreign commands."""
@@ -105,12 +105,11 @@ class CarReports:
 
     def stale(self, now: float) -> list[str]:
         """Reason codes of the reports that are missing or too old."""
-        get, never = self._times.get, -math.inf
-        oldest = now - MAX_REPORT_AGE - TOLERANCE
-        if min(self._times.values()) >= oldest:
+        times, oldest = self._times, now - MAX_REPORT_AGE - TOLERANCE
+        if min(times.values()) >= oldest:
             return []
-        reasons = [code for kind, code in _STALE_CODES if get(kind, never) < oldest]
-        if get(GearState, never) < now - MAX_GEAR_REPORT_AGE - TOLERANCE:
+        reasons = [code for kind, code in _STALE_CODES if times[kind] < oldest]
+        if times[GearState] < now - MAX_GEAR_REPORT_AGE - TOLERANCE:
             reasons.append("gear_report_stale")
         return reasons
 

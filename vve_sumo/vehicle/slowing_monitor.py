@@ -69,9 +69,10 @@ class SlowingMonitor:
         self, elapsed: float, pedals: Pedals, wheels: float, satellite: float, grade: float
     ) -> bool:  # fmt: skip
         """Return whether a foot slows the car at speeds `wheels`, `satellite` [m/s, NaN unknown] on `grade` [rad]."""
-        before, self._speeds = self._speeds, (wheels, satellite)
+        known = math.isfinite(wheels)  # a change of speed needs both: one that is NaN would unteach what is learnt
+        before, self._speeds = self._speeds, (wheels, satellite) if known else None
         self._follow(elapsed, pedals)
-        if before is None or elapsed <= 0.0 or not math.isfinite(wheels):
+        if before is None or elapsed <= 0.0 or not known:
             self._deficit = self._satellite_deficit = self._changed = self._satellite_changed = 0.0
             return False
         # Wheel speeds that fall faster than any car brakes have failed: what they lose beyond that is nobody's foot.
@@ -111,7 +112,7 @@ class SlowingMonitor:
         """Least acceleration of any sound car, this car's by its model, and what it may be less than that [m/s2]."""
         calibration = self._calibration
         mass, drag = calibration.mass, calibration.drag(speed)
-        push = calibration.drive_force(self._opening, speed if speed > 0.0 else 0.0)
+        push = calibration.drive_force(self._opening, speed)
         braking, slope = calibration.brake_force(self._torque), GRAVITY * math.sin(grade)
         any_car = (DRIVE_SHARE * push - DRAG_SHARE * drag - BRAKE_SHARE * braking) / mass - slope - DECELERATION_MARGIN
         modelled = (push + calibration.creep(speed) - braking - drag) / mass - slope

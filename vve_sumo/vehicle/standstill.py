@@ -54,7 +54,7 @@ class Standstill:
         if satellite is not None:
             self._average(satellite, elapsed)
         satellite_stands = satellite is not None and abs(satellite) < SATELLITE_REST
-        creeps = satellite is not None and abs(self.satellite_mean) >= SATELLITE_MEAN_REST
+        satellite_moves = satellite is not None and abs(self.satellite_mean) >= SATELLITE_MEAN_REST
         wheels_stand = wheels is not None and wheels < WHEEL_REST
         if wheels is not None and wheels >= self._possible - MAX_BRAKING * elapsed - QUANTUM:
             self._possible = wheels
@@ -62,12 +62,11 @@ class Standstill:
             sure = satellite_stands or braking is None
             fall = MAX_BRAKING if sure else max(BRAKING_SHARE * (braking or 0.0), MIN_BRAKING)
             self._possible = max(self._possible - fall * elapsed, 0.0)
-        satellite_moves = creeps or (satellite is not None and not satellite_stands)
         self.moves = satellite_moves or (wheels is not None and not wheels_stand)
         self.certain = wheels_stand and not satellite_moves and self._possible < WHEEL_REST
         # Reports that stop as the car moves off are those of a car that stood.
         self.settled = self._long.step(now, self.certain and not (braking is not None and braking < 0.0))
-        self.at_rest = self._satellite_long.step(now, satellite_stands and not creeps) or self.settled
+        self.at_rest = self._satellite_long.step(now, satellite_stands and not satellite_moves) or self.settled
         self.contradicted = self.at_rest and not self.certain
 
     def _average(self, satellite: float, elapsed: float) -> None:
