@@ -126,13 +126,14 @@ def road(generator: np.random.Generator) -> Path:
 
 
 def car(generator: np.random.Generator, noise: float) -> CarParameters:
-    """A car as calibrated, but for what its declaration leaves open."""
+    """A car as calibrated, but for what its declaration leaves open, with the imperfections that were measured."""
 
     def either_way(most: float) -> float:
         return float(generator.uniform(-most, most))
 
     parameters = vehicles.parameters(
         noise=noise,
+        imperfections=vehicles.FUSION.measured,
         mass_factor=1.0 + either_way(MASS),
         brake_gain_factor=1.0 + either_way(BRAKE_GAIN),
         grade=either_way(GRADE),

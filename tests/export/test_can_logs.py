@@ -149,7 +149,7 @@ def test_a_log_that_cannot_be_read_is_one_line(
     (folder / "can.log").unlink()
     if content is not None:
         (folder / "can.log").write_text(content)
-    assert main(["export", str(folder), "--blf", "--out", str(tmp_path)]) == 2
+    assert main(["export", str(folder), "blf", "--out", str(tmp_path)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"vve-sumo: {folder / complaint}")
     assert [file.name for file in tmp_path.iterdir()] == ["mine"]

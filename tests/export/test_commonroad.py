@@ -28,7 +28,7 @@ STREET, LEFT, TURN, CROSSING, SIDE = "12345"
 
 def test_a_record_without_roads_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     record(tmp_path / "mine", {"outcome": "timeout"})
-    assert main(["export", str(tmp_path / "mine"), "--commonroad", "--out", str(tmp_path)]) == 2
+    assert main(["export", str(tmp_path / "mine"), "commonroad", "--out", str(tmp_path)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"vve-sumo: {tmp_path / 'mine'}: the record holds no roads")
     assert [file.name for file in tmp_path.iterdir()] == ["mine"]

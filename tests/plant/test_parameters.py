@@ -96,8 +96,10 @@ def test_the_measured_brake_gain_is_that_of_the_recorded_plateau(braking: Log) -
 
 
 def test_the_fidelity_of_a_file_decides_on_the_imperfections() -> None:
-    assert perturbed(vehicles.FUSION, Car()).imperfections == IDEAL
+    assert perturbed(vehicles.FUSION, Car()).imperfections == vehicles.FUSION.measured
+    assert perturbed(vehicles.FUSION, Car(fidelity="ideal")).imperfections == IDEAL
     assert perturbed(vehicles.FUSION, Car(fidelity="measured")).imperfections == vehicles.FUSION.measured
     bare = replace(vehicles.FUSION, measured=IDEAL)
+    assert perturbed(bare, Car()).imperfections == IDEAL
     with pytest.raises(ConfigError, match=r"^fidelity: expected 'ideal'.* ford_fusion, .* got 'measured'$"):
         perturbed(bare, Car(fidelity="measured"))

@@ -70,8 +70,8 @@ def test_constant_deceleration_is_exact_at_every_tick():
 def test_people_on_foot_reach_their_speed_as_people_were_seen_to_and_not_in_a_tick(kind):
     """288 people at crosswalks: 0.14 g up to 1.36 m/s, which is a second (Fugger et al., 2000)."""
     events = [{"when": {"drive_s": 1.0}, "speed_mps": 1.36}]
-    walking = alone(actor(kind=kind, at_m=50.0, fidelity="measured", events=events), ticks(4.0))
-    at_once = alone(actor(kind=kind, at_m=50.0, events=events), ticks(4.0))
+    walking = alone(actor(kind=kind, at_m=50.0, events=events), ticks(4.0))
+    at_once = alone(actor(kind=kind, at_m=50.0, fidelity="ideal", events=events), ticks(4.0))
     for time, one in zip(ticks(4.0), walking, strict=True):
         assert one.speed == pytest.approx(min(1.4 * max(time - 1.0, 0.0), 1.36), abs=1e-9)
     assert walking[-1].x == pytest.approx(at_once[-1].x - 0.5 * 1.36**2 / 1.4, abs=1e-9)

@@ -126,7 +126,10 @@ def without(table: str, key: str) -> Change:
         (put("measured", "wheel_runout_rear_left", -0.001), "measured.wheel_runout_rear_left: "),
         (put("measured", "receiver_short_gaps", 0.6), "measured: receiver_short_gaps, receiver_gap_p95_s, "),
         (put("measured", "receiver_gap_max_s", 0.045), "whose shortest time between bursts would be 0.0164 s"),
-        (put("measured", "receiver_float_time_s", 0.0), "measured.receiver_float_time_s: expected more than 0"),
+        (
+            lambda t: t["measured"].update(receiver_float_every_s=3600.0, receiver_float_time_s=0.0),
+            "measured.receiver_float_time_s: expected more than 0",
+        ),
         (without("calibration", "sources"), "key 'calibration.sources' is missing"),
         (lambda t: t.pop("drive_by_wire"), "key 'drive_by_wire' is missing"),
         (without("drive_by_wire", "settings"), "key 'drive_by_wire.settings' is missing"),

@@ -10,7 +10,7 @@ from vve_sumo.vehicle.standstill import Standstill
 STEP = 0.015625  # [s], a binary fraction
 BRAKING = 4.0  # what the car is told [m/s2]
 #: Wheels are believed where their fall to zero is what 12 m/s2 and their resolution explain in a step [m/s].
-BELIEVED = 12.0 * STEP + 0.02
+BELIEVED = 12.0 * STEP + 0.04
 #: From 0.30 m/s the receiver's mean, with a lag of 0.1 s, comes from a reading of 0.03 below 0.05 m/s: 0.1 ln(27 / 2).
 FORGOTTEN = 0.26
 
@@ -123,7 +123,7 @@ def test_certain_and_at_rest_is_no_contradiction():
 
 
 def test_wheels_that_fall_as_a_car_can_brake_are_believed_at_once():
-    """12 m/s2 and 0.02 m/s of resolution; from 3 m/s."""
+    """12 m/s2 and 0.04 m/s of resolution; from 3 m/s."""
     weighed, speed = moving(3.0), 3.0
     while speed > 0.0:
         speed = max(speed - 12.0 * STEP - 0.019, 0.0)
@@ -143,8 +143,8 @@ def test_a_car_that_is_told_next_to_nothing_rolls_out():
 
 
 def test_wheels_at_the_bound_of_what_a_car_can_brake():
-    """To the last bit: 1.25 m/s less 12 m/s2 in a step and 0.02 m/s."""
-    for wheels, believed in ((1.25 - 12.0 * STEP - 0.02, True), (1.25 - 12.0 * STEP - 0.021, False)):
+    """To the last bit: 1.25 m/s less 12 m/s2 in a step and 0.04 m/s."""
+    for wheels, believed in ((1.25 - 12.0 * STEP - 0.04, True), (1.25 - 12.0 * STEP - 0.041, False)):
         weighed = moving(1.25)
         weighed.step(wheels, None)
         possible = wheels if believed else 1.25 - 2.0 * STEP

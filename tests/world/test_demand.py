@@ -162,7 +162,7 @@ def test_another_seed_draws_other_traffic(linden, tmp_path):
     ("options", "message"),
     [
         ({"level": "rush"}, "no traffic level 'rush'; known: light, moderate, heavy"),
-        ({"level": "light", "drivers": "calm"}, "no drivers 'calm'; known: brisk, comfortable"),
+        ({"level": "light", "drivers": "calm"}, "no drivers 'calm'; known: comfortable, brisk"),
         ({"level": "light", "duration": 0.0}, "expected a time above zero"),
         ({"level": "light", "duration": float("nan")}, "expected a time above zero"),
         ({"level": "light", "unhindered": ("21354771", "nowhere")}, "there is no edge 'nowhere'"),
@@ -179,7 +179,7 @@ def test_comfortable_drivers_make_the_same_trips_and_brake_more_gently(linden, t
     for drivers in DRIVERS:
         write_demand(linden, tmp_path / f"{drivers}.xml", level="light", duration=60.0, drivers=drivers)
         roots.append(ET.parse(tmp_path / f"{drivers}.xml").getroot())
-    brisk, comfortable = ({one.attrib["id"]: one.attrib for one in root.iter("vType")} for root in roots)
+    comfortable, brisk = ({one.attrib["id"]: one.attrib for one in root.iter("vType")} for root in roots)
     assert [ET.tostring(one) for one in roots[0].iter("vehicle")] == [
         ET.tostring(one) for one in roots[1].iter("vehicle")
     ]

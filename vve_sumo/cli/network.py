@@ -79,9 +79,10 @@ def _add_demand(inner: Commands) -> None:
     )
     demand.add_argument(
         "--drivers",
-        choices=("brisk", "comfortable"),
-        default="brisk",
-        help="how they brake: as in the shipped traffic, or as gently as most people do (default: brisk)",
+        choices=("comfortable", "brisk"),
+        default="comfortable",
+        help="how they brake: as gently as most people do, as in the shipped traffic, or as SUMO's own drivers do "
+        "(default: comfortable)",
     )
     demand.add_argument("--out", type=Path, required=True, metavar="ROU", help="route file to write (.rou.xml)")
     demand.set_defaults(run=_demand)

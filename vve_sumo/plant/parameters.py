@@ -82,10 +82,13 @@ def perturbed(model: VehicleModel, car: Car, friction: float = DRY) -> CarParame
 
 
 def imperfections_of(model: VehicleModel, car: Car) -> Imperfections:
-    """Return the imperfections of the fidelity that a file states; raises ConfigError as `perturbed` does."""
+    """Return the imperfections of the fidelity that a file states; raises ConfigError as `perturbed` does.
+
+    A file that states none means those that were measured of the model, if any were.
+    """
     if car.fidelity == "ideal":
         return IDEAL
-    if model.measured == IDEAL:
+    if car.fidelity == "measured" and model.measured == IDEAL:
         raise ConfigError(
             f"fidelity: expected 'ideal' with vehicle {model.name}, which has no [measured], got 'measured'"
         )

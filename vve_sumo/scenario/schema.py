@@ -41,10 +41,10 @@ class Lot(Table):
 class Car(Table):
     """How the simulated vehicle differs from the car that is declared."""
 
-    fidelity: Literal["ideal", "measured"] = Field(
-        default="ideal",
+    fidelity: Literal["ideal", "measured"] | None = Field(
+        default=None,
         description="of sensors, brakes, tyres and receiver; `measured`: as the vehicle model's table `[measured]` "
-        "has them",
+        "has them; left out: `measured` where the model has that table, otherwise `ideal`",
     )
     noise: bool = Field(default=True, description="RTK and gyro noise on or off, and what `measured` adds to them")
     noise_factor: Annotated[float, Field(ge=0.0, le=100.0)] = Field(
@@ -197,7 +197,7 @@ class Actor(Table):
     )
     speed_mps: RoadSpeed = Field(default=0.0, description="at which it enters")
     fidelity: Literal["ideal", "measured"] = Field(
-        default="ideal",
+        default="measured",
         description="of a change of speed whose event states no acceleration: `ideal` at once, `measured` as people "
         "change theirs, where its kind walks",
     )

@@ -27,7 +27,7 @@ SPEED_EXCESS: Final = 0.25  # faster than the weakest car that is still sound by
 SATELLITE_EXCESS: Final = 0.10  # and by the receiver's speed this much at least, where it is known [m/s]
 MIN_SPEED: Final = 0.1  # slower than this the car counts as standing, and `HoldMonitor` judges it [m/s]
 # A car that was standing under a holding torque and is faster than this for this long is not held by its brakes.
-ROLL_SPEED: Final = 0.08  # of the fastest wheel; sensors resolve 3 mm/s [m/s]
+ROLL_SPEED: Final = 0.08  # of the fastest wheel; reports resolve 13 mm/s on a Fusion [m/s]
 SATELLITE_ROLL_SPEED: Final = (
     0.10  # of the receiver's averaged speed; a standing receiver's stays below half of it [m/s]
 )

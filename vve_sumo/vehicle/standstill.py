@@ -11,7 +11,7 @@ from typing import Final
 
 from vve_sumo.vehicle.setpoint_validation import Debounce
 
-WHEEL_REST: Final = 0.05  # no wheel turns faster [m/s]; wheel-speed sensors resolve 3 mm/s
+WHEEL_REST: Final = 0.05  # no wheel turns faster [m/s]; reports resolve 13 mm/s on a Fusion, 3 mm/s on the wire
 SATELLITE_REST: Final = 0.30  # the receiver's speed at standstill stays below [m/s]: ten sigma of RTK velocity
 # Its mean over the last tenths of a second stays below this: noise averages out, and a creeping car does not.
 SATELLITE_MEAN_REST: Final = 0.05  # [m/s]
@@ -21,7 +21,7 @@ REST_TIME: Final = 0.3  # standing this long is rest [s]
 SATELLITE_REST_TIME: Final = 3.0
 # No car brakes harder, so wheel speeds that fall faster are not the car's speed [m/s2].
 MAX_BRAKING: Final = 12.0
-QUANTUM: Final = 0.02  # of wheel speeds, several times what they resolve [m/s]
+QUANTUM: Final = 0.04  # of wheel speeds, three times what they resolve on a Fusion [m/s]
 # Wheel speeds that fell too fast to zero, and that no receiver confirms, are believed once a car with this share of the
 # commanded deceleration could stand.
 BRAKING_SHARE: Final = 0.5

@@ -96,7 +96,7 @@ COMFORTABLE = {
 
 #: How drivers brake: `brisk` stops with the `decel` of their type and SUMO's emergency braking of their class, 9 m/s2
 #: for cars and 7 m/s2 for lorries and buses.
-DRIVERS = ("brisk", "comfortable")
+DRIVERS = ("comfortable", "brisk")
 
 
 class Trip(NamedTuple):
