@@ -13,8 +13,6 @@ from tests.browser import BROWSERS
 from tests.conftest import REPOSITORY
 from vve_sumo.export.formats import FORMATS
 
-pytestmark = pytest.mark.patient
-
 NAMES = sorted(file.stem for file in (REPOSITORY / "benchmarks").glob("*.py"))
 
 #: of each, the lines of its table, and how many there are; a drive's own figures are there where they are known

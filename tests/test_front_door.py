@@ -21,8 +21,6 @@ import vve_sumo as vve
 from tests.conftest import REPOSITORY
 from tests.isolated import command
 
-pytestmark = pytest.mark.patient
-
 #: a scenario that takes a few seconds: one parked car on an empty straight street
 NEAR = {"obstacles.parked_car.at_m": 120.0}
 CRASHING = """

@@ -22,8 +22,6 @@ from tests.pose import recordings
 from vve_sumo.analysis import load
 from vve_sumo.laws import stopping_distance
 
-pytestmark = pytest.mark.patient
-
 FOLDER = REPOSITORY / "notebooks"
 NAMES = ("1_paper_drive", "2_stopping_over_a_sweep", "3_latency_cliff", "4_real_recording", "5_two_controllers")
 #: what a notebook says of itself in git, whoever ran it

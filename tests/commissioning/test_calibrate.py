@@ -26,8 +26,6 @@ from vve_sumo.plant.car import CarParameters
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig.resolve import model_of
 
-pytestmark = pytest.mark.patient
-
 DATE = "2026-02-03"
 
 #: how well each number has to be found: absolute

@@ -15,8 +15,6 @@ from vve_sumo.controller import load
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Path
 
-pytestmark = pytest.mark.patient
-
 
 @pytest.fixture
 def page(repository):

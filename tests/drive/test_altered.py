@@ -16,8 +16,6 @@ from tests.drive.street import drive_once
 from tests.isolated import isolated
 from vve_sumo import cli
 
-pytestmark = pytest.mark.patient
-
 #: leaves a trace as soon as it is imported
 CONTROLLER = """
 from pathlib import Path

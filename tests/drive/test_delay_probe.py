@@ -17,8 +17,6 @@ import pytest
 from tests.conftest import REPOSITORY
 from tests.isolated import isolated
 
-pytestmark = pytest.mark.patient
-
 SPEED = 13.9  #: of the scenario [m/s]
 
 

@@ -17,8 +17,6 @@ from vve_sumo.drive.verify import alterations
 from vve_sumo.record.reader import read_table
 from vve_sumo.vehicle.dataspeed import layout
 
-pytestmark = pytest.mark.patient
-
 EMPTY_STREET: dict[str, Any] = {"road.demand": [], "duration_s": 12.0}
 
 #: by name: the faults of a rig, and a reason code that the gateway must give

@@ -10,8 +10,6 @@ from tests.drive.street import MPH, drive_once, obstacle_station
 from tests.exhaustive import with_slow
 from tests.isolated import isolated
 
-pytestmark = pytest.mark.patient
-
 SPEEDS_MPH = (5, 10, 15, 20, 25, 30, 35, 40, 45)
 SLOW_MPH = (5, 10, 15, 20)  #: that the path's first straight is long enough for
 FIRST_BEND, NEXT_BEND = (140.0, 180.0), 250.0  #: of the two, both to the left and equally tight: stations [m]

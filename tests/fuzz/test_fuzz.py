@@ -14,8 +14,6 @@ from vve_sumo.values import ArmingState, Fix, Frame
 from vve_sumo.vehicle.gateway import Gateway, GatewayOutput
 from vve_sumo.wire.setpoints import SetpointInbox
 
-pytestmark = pytest.mark.patient
-
 
 def test_no_decoder_breaks_an_invariant():
     assert [decoders.run(seed) for seed in range(2 * len(decoders.DECODERS))] == [1000] * 2 * len(decoders.DECODERS)

@@ -18,8 +18,6 @@ from vve_sumo.hunt.run import PAIR_PHASES
 from vve_sumo.hunt.runner import Result, run_alone, run_many
 from vve_sumo.hunt.search import Search
 
-pytestmark = pytest.mark.patient
-
 FOUND = sorted((Path(__file__).parent / "found").glob("*.json"))
 SAMPLE = 40
 

@@ -16,8 +16,6 @@ from tests.odd.episode import Told, drive, odd
 from tests.odd.judge import DECELERATION, REACTION, Moment, judge
 from vve_sumo.geometry import Box, overlap
 
-pytestmark = pytest.mark.patient
-
 PERIOD = 0.02
 
 

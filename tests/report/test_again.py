@@ -14,8 +14,6 @@ from tests.isolated import REPOSITORY, isolated
 from vve_sumo.analysis.run import Run
 from vve_sumo.report import again
 
-pytestmark = pytest.mark.patient
-
 
 def driven(folder: str, options: dict[str, Any]) -> str:
     """Drive `parked_car` with options and return the hash of its record."""

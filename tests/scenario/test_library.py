@@ -14,8 +14,6 @@ from tests.isolated import isolated
 from vve_sumo.scenario.load import load, parse
 from vve_sumo.scenario.overrides import apply_overrides
 
-pytestmark = pytest.mark.patient
-
 FOLDER = REPOSITORY / "scenarios"
 NAMES = sorted(file.stem for file in FOLDER.glob("*.toml"))
 #: nobody stands or moves in the ego's way in these: there is nothing to run into

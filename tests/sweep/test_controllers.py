@@ -19,8 +19,6 @@ from vve_sumo.sweep.plan import job_of, planned
 from vve_sumo.sweep.rerun import rerun
 from vve_sumo.sweep.run_specs import RunSpecs
 
-pytestmark = pytest.mark.patient
-
 SCENARIO = 'scenario = "parked_car"\n'
 TWO = """
 [[controllers]]

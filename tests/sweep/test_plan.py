@@ -16,8 +16,6 @@ from vve_sumo.sweep.engine import run_one
 from vve_sumo.sweep.job import Job
 from vve_sumo.sweep.plan import job_of, query_of
 
-pytestmark = pytest.mark.patient
-
 FUSION, MKZ = (hash_file(REPOSITORY / "vehicles" / f"{name}.toml") for name in ("ford_fusion", "lincoln_mkz"))
 
 

@@ -23,8 +23,6 @@ from vve_sumo.vehicle.dataspeed.messages import BrakeReportKind
 from vve_sumo.vehicle.gateway import Gateway, GatewayOutput, OperatorCommand
 from vve_sumo.vehicle.interface import Gear
 
-pytestmark = pytest.mark.patient
-
 S = ArmingState
 PERIOD = 0.1
 LONG = 46  # steps: longer than anything that the gateway waits for
