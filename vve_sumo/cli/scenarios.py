@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
     rows, wrong = listing(Path.cwd())
     if arguments.json:
         print(json.dumps([dict(zip(KEYS, row, strict=True)) for row in rows], ensure_ascii=False))
-        return _told_wrong(wrong)
+        return _complain_of(wrong)
     console = Console() if sys.stdout.isatty() else Console(width=UNLIMITED)
     columns = COLUMNS if console.width >= WIDE_ENOUGH else COLUMNS[:2]
     table = Table(*columns, box=None, pad_edge=False)
@@ -78,10 +78,10 @@ def run(arguments: argparse.Namespace) -> int:
     console.print(table)
     if len(columns) < len(COLUMNS):
         console.print(f"{WIDE_ENOUGH} columns show also the network, who else is there, and what passes")
-    return _told_wrong(wrong)
+    return _complain_of(wrong)
 
 
-def _told_wrong(wrong: Sequence[str]) -> int:
+def _complain_of(wrong: Sequence[str]) -> int:
     """Print what is wrong with files that hold no scenario; return the exit code."""
     for line in wrong:
         notify(f"vve-sumo scenarios: {line}")
