@@ -32,9 +32,8 @@ from .parting import goes_past
 from .trend import Trend
 
 RANGE_SIGMA, RATE_SIGMA, AZIMUTH_SIGMA = 0.25, 0.15, math.radians(0.6)  #: of the radar, quantisation included
-NOISE_SHARE = (
-    0.8  #: of an offset's variance is the radar's own noise, the rest is caution: the bank takes no caution in
-)
+#: of an offset's variance is the radar's own noise, the rest is caution: the bank takes no caution in
+NOISE_SHARE = 0.8
 AGILITY = 1.0  #: spectral density of a target's acceleration [m2/s3]
 DRIFT = 0.02  #: of a target that keeps its place across the path [m2/s]
 LATERAL_SPEED, LATERAL_AGILITY = 4.0, 0.05  #: of one that crosses: to begin with [m/s], its spectral density [m2/s3]
