@@ -121,7 +121,7 @@ def test_an_actor_is_in_the_nearest_lane_that_goes_its_way() -> None:
     ways = Ways.from_lines(
         [Line(x + math.cos(to) * np.arange(3.0), y + math.sin(to) * np.arange(3.0)) for x, y, to in places]
     )
-    found = [names[lane] if lane >= 0 else "" for lane in lanes.along(ways)[ways.first]]
+    found = [names[lane] if lane >= 0 else "" for lane in lanes.along(ways, ways.count)[ways.first]]
     assert found == ["own_0", "next_0", "", "", "on_0"]
 
 

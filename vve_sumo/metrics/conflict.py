@@ -123,19 +123,19 @@ class _Search:
     def _reach(self) -> tuple[Floats, Floats]:
         """First and last arc length of each way at which its actor may touch what the ego sweeps [m]."""
         ways, table, places = self.prediction.ways, self.prediction.course.path.samples, self._places
-        widest = np.zeros((4, len(ways.first)))
-        for greatest, column in zip(
-            widest,
-            (self._boxes.length, self._boxes.width, np.abs(places.beside), np.abs(np.sin(places.turn))),
-            strict=True,
-        ):
+        widest = np.zeros((5, len(ways.first)))
+        turned = np.abs(np.sin(places.turn))
+        columns = (self._boxes.length, self._boxes.width, places.chord, np.abs(places.beside), turned)
+        for greatest, column in zip(widest, columns, strict=True):
             np.maximum.at(greatest, places.way, column)
         rows = np.flatnonzero(self._nearest >= 0)
         way = np.searchsorted(ways.first, rows, "right") - 1
-        length, width, beside, turn = widest[:, way]
-        sample = self._nearest[rows]
-        _, d, _ = table.project(ways.x[rows], ways.y[rows], sample)
-        skew = ways.heading[rows] - np.arctan2(table.tangent_y[sample], table.tangent_x[sample])
+        length, width, chord, beside, turn = widest[:, way]
+        along = SPACING * (rows - ways.first[way]).astype(np.float64)
+        middle = np.zeros(len(rows))
+        sample, body = self._nearest[rows], ways.bodies(Places(way, along, chord, middle, middle), along)
+        _, d, _ = table.project(body.x, body.y, sample)
+        skew = body.heading - np.arctan2(table.tangent_y[sample], table.tangent_x[sample])
         reach = 0.5 * np.hypot(length, width) + beside
         left, right, curvature = self._greatest_near(float(reach.max(initial=0.0)))
         # At a bend a body may reach into the ego's way with its ends alone, far from what is nearest to its middle.
@@ -143,9 +143,8 @@ class _Search:
         half = np.where(curvature[sample] * reach > BENT, reach, straight) + MARGIN
         close = (d < left[sample] + half) & (d > -right[sample] - half)
         first, last = np.full(len(ways.first), np.inf), np.full(len(ways.first), -np.inf)
-        along = SPACING * (rows - ways.first[way])[close]
-        np.minimum.at(first, way[close], along - SPACING)
-        np.maximum.at(last, way[close], along + SPACING)
+        np.minimum.at(first, way[close], along[close] - SPACING)
+        np.maximum.at(last, way[close], along[close] + SPACING)
         return first, last
 
     def _greatest_near(self, reach: float) -> tuple[Floats, Floats, Floats]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from vve_sumo.geometry import Boxes, separation
 from vve_sumo.metrics.course import Course, Starts
-from vve_sumo.metrics.predicted_ways import Places, Ways
+from vve_sumo.metrics.predicted_ways import Bodies, Places, Ways
 from vve_sumo.values import Floats
 
 #: least step of the search for a contact: a touch that is over sooner may be missed [s]
@@ -53,10 +53,14 @@ class Prediction:
 
     def other(self, pairs: Pairs, time: Floats) -> Boxes:
         """Return the actors' boxes at times from now [s]."""
-        place = pairs.place
-        point = self.ways.at(place.way, place.along + pairs.other_speed * time)
-        x, y = point.x - place.beside * np.sin(point.heading), point.y + place.beside * np.cos(point.heading)
-        return Boxes(x, y, point.heading + place.turn, pairs.length, pairs.width, pairs.other_speed)
+        return self._boxes(pairs, self._bodies(pairs, time))
+
+    def _bodies(self, pairs: Pairs, time: Floats) -> Bodies:
+        return self.ways.bodies(pairs.place, pairs.place.along + pairs.other_speed * time)
+
+    @staticmethod
+    def _boxes(pairs: Pairs, bodies: Bodies) -> Boxes:
+        return Boxes(bodies.x, bodies.y, bodies.heading, pairs.length, pairs.width, pairs.other_speed)
 
     def first_contact(self, pairs: Pairs) -> Floats:
         """Return when the bodies of each pair first touch [s from now]; inf for never within the time looked at.
@@ -78,11 +82,14 @@ class Prediction:
 
     def _apart(self, pairs: Pairs, time: Floats) -> tuple[Floats, Floats]:
         """Return how far the bodies are apart at least [m], and for how long they do not meet [s]."""
-        one, other = self.ego(pairs, time), self.other(pairs, time)
-        way = other.heading - pairs.place.turn
-        vx = other.speed * np.cos(way) - one.speed * np.cos(one.heading)
-        vy = other.speed * np.sin(way) - one.speed * np.sin(one.heading)
-        apart, closing = separation(one, other), np.hypot(vx, vy)
+        one, bodies = self.ego(pairs, time), self._bodies(pairs, time)
+        apart = separation(one, self._boxes(pairs, bodies))
+        ego_x, ego_y = one.speed * np.cos(one.heading), one.speed * np.sin(one.heading)
+        # Every point of a body between a front and a rear on the way moves between as these two do.
+        closing = np.zeros(len(time))
+        for way in (bodies.front_way, bodies.rear_way):
+            vx, vy = pairs.other_speed * np.cos(way) - ego_x, pairs.other_speed * np.sin(way) - ego_y
+            closing = np.maximum(closing, np.hypot(vx, vy))
         step = (np.sqrt(closing * closing + 2.0 * MAX_TURNING * np.maximum(apart, 0.0)) - closing) / MAX_TURNING
         return apart, np.maximum(step, MIN_STEP)
 

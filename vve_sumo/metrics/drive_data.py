@@ -18,7 +18,7 @@ from vve_sumo.metrics.braked_for import last_stop_for
 from vve_sumo.metrics.conflict import HORIZON as PREDICTED
 from vve_sumo.metrics.conflict import Contacts, Ego, contacts
 from vve_sumo.metrics.course import Course, starts
-from vve_sumo.metrics.lanes import Lanes, along_lanes
+from vve_sumo.metrics.lanes import Lanes, along_lanes, fronts
 from vve_sumo.metrics.lead_vehicle import (
     BOX_COLUMNS,
     HORIZON,
@@ -30,7 +30,7 @@ from vve_sumo.metrics.lead_vehicle import (
     lead_vehicle,
     own_stations,
 )
-from vve_sumo.metrics.predicted_ways import recorded_ways
+from vve_sumo.metrics.predicted_ways import PlacedWays, recorded_ways
 from vve_sumo.metrics.slope import slope
 from vve_sumo.metrics.stopping import MOVING, Episode, Stop, braking_episodes, commanded_deceleration, last_stop
 from vve_sumo.metrics.string_stability import Amplification, settled_from, speed_amplification
@@ -166,14 +166,21 @@ class DriveData:
         return lead_vehicle(counted, self.actors, self.motion.speed)
 
     @cached_property
+    def predicted(self) -> PlacedWays:
+        """The ways along which actors are expected to go on, and where each row of `actor_rows` is on its own."""
+        actors, time = self.actor_rows, self.motion.time[self.actor_rows.at]
+        middles = recorded_ways(time, actors.code, actors.boxes, PREDICTED)
+        if self.roads is None:
+            return middles
+        ends = recorded_ways(time, actors.code, fronts(actors.boxes), PREDICTED)
+        return along_lanes(Lanes.from_table(self.roads), middles, ends, actors.boxes, PREDICTED)
+
+    @cached_property
     def contacts(self) -> Contacts:
         """What is predicted of the ego and each actor: an entry a row of `actor_rows`."""
         actors = self.actor_rows
-        ways, places = recorded_ways(self.motion.time[actors.at], actors.code, actors.boxes, PREDICTED)
-        if self.roads is not None:
-            ways, places = along_lanes(Lanes.from_table(self.roads), ways, places, actors.boxes, PREDICTED)
         ego = Ego(self.course, self.motion.speed, self.ego_boxes)
-        return contacts(ego, actors.at, actors.boxes, ways, places)
+        return contacts(ego, actors.at, actors.boxes, *self.predicted)
 
     @cached_property
     def conflict(self) -> Conflict:

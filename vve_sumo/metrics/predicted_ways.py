@@ -1,7 +1,9 @@
 """The ways along which road users are expected to go on, and where each of them is on its way.
 
 A way is a line in the map. An actor goes along it at its present speed and keeps its present distance beside it and
-its present turn against it. Knows actors' boxes over time; neither the ego nor what two predictions have in common.
+its present turn against it. On a lane's way its body is a chord: SUMO puts the front and the rear of a vehicle on the
+lane, so that the middle of a long one is off the lane in a bend. On a way that the middle drove, the middle is on it.
+Knows actors' boxes over time; neither the ego nor what two predictions have in common.
 """
 
 from __future__ import annotations
@@ -36,13 +38,14 @@ class Places(NamedTuple):
     """Where actors are on their ways: one entry a row of the table of actors."""
 
     way: Indices  #: number of the way
-    along: Floats  #: arc length on it [m]
-    beside: Floats  #: centre of the box from the way [m], left positive
-    turn: Floats  #: heading of the box minus the way's [rad]
+    along: Floats  #: arc length on it [m]: of the middle between the chord's ends
+    chord: Floats  #: length of the body whose front and rear keep to the way [m]; 0 where its middle does
+    beside: Floats  #: front and rear, or middle, from the way [m], left positive
+    turn: Floats  #: heading of the box minus the chord's, or the way's [rad]
 
     def select(self, rows: Any) -> Places:
         """Return the places of these rows."""
-        return Places(self.way[rows], self.along[rows], self.beside[rows], self.turn[rows])
+        return Places(*(column[rows] for column in self))
 
 
 class WayPoints(NamedTuple):
@@ -51,6 +54,16 @@ class WayPoints(NamedTuple):
     x: Floats  #: map [m]
     y: Floats  #: map [m]
     heading: Floats  #: of the way [rad], counter-clockwise from the map's +x, continuous along it
+
+
+class Bodies(NamedTuple):
+    """Bodies on ways."""
+
+    x: Floats  #: of the middle, map [m]
+    y: Floats  #: likewise
+    heading: Floats  #: [rad]
+    front_way: Floats  #: heading of the way at the body's front [rad]
+    rear_way: Floats  #: and at its rear
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,14 +105,34 @@ class Ways:
         turned = np.clip(share, 0.0, 1.0) * (self.heading[row + 1] - heading)
         return WayPoints(x + share * (self.x[row + 1] - x), y + share * (self.y[row + 1] - y), heading + turned)
 
-    def place(self, way: Indices, along: Floats, boxes: Boxes) -> Places:
+    def bodies(self, places: Places, along: Floats) -> Bodies:
+        """Return bodies at these places when they are at arc lengths `along` [m]."""
+        front, rear = self.at(places.way, along + 0.5 * places.chord), self.at(places.way, along - 0.5 * places.chord)
+        front_x, front_y = _beside(front, places.beside)
+        rear_x, rear_y = _beside(rear, places.beside)
+        chord = np.arctan2(front_y - rear_y, front_x - rear_x)
+        heading = np.where(places.chord > 0.0, chord, front.heading) + places.turn
+        back = 0.5 * places.chord
+        x, y = front_x - back * np.cos(heading), front_y - back * np.sin(heading)
+        return Bodies(x, y, heading, front.heading, rear.heading)
+
+    def place(self, way: Indices, along: Floats, chord: Floats, boxes: Boxes) -> Places:
         """Return the places of boxes that are beside their ways at these arc lengths [m]."""
-        point = self.at(way, along)
-        beside = (boxes.y - point.y) * np.cos(point.heading) - (boxes.x - point.x) * np.sin(point.heading)
-        return Places(way, along, beside, wrapped(boxes.heading - point.heading))
+        front = self.at(way, along + 0.5 * chord)
+        x, y = boxes.x + 0.5 * chord * np.cos(boxes.heading), boxes.y + 0.5 * chord * np.sin(boxes.heading)
+        beside = (y - front.y) * np.cos(front.heading) - (x - front.x) * np.sin(front.heading)
+        straight = Places(way, along, chord, beside, np.zeros(len(way)))
+        return straight._replace(turn=wrapped(boxes.heading - self.bodies(straight, along).heading))
 
 
-def recorded_ways(time: Floats, actor: Indices, boxes: Boxes, beyond: float) -> tuple[Ways, Places]:
+class PlacedWays(NamedTuple):
+    """Ways, and where the rows of the table of actors are on them."""
+
+    ways: Ways
+    places: Places
+
+
+def recorded_ways(time: Floats, actor: Indices, boxes: Boxes, beyond: float) -> PlacedWays:
     """Return the ways that actors drove in the whole record, and where each row is on its own.
 
     A way goes on straight for `beyond` [s] at the actor's greatest speed after its last row, along that row's heading.
@@ -128,7 +161,11 @@ def recorded_ways(time: Floats, actor: Indices, boxes: Boxes, beyond: float) -> 
         )
     ways = Ways.from_lines(lines)
     back = np.argsort(order)
-    return ways, ways.place(way[back], along[back], boxes)
+    return PlacedWays(ways, ways.place(way[back], along[back], np.zeros(len(back)), boxes))
+
+
+def _beside(point: WayPoints, left: Floats) -> tuple[Floats, Floats]:
+    return point.x - left * np.sin(point.heading), point.y + left * np.cos(point.heading)
 
 
 def _sampled(line: Line) -> WayPoints:
