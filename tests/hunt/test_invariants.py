@@ -22,6 +22,7 @@ from vve_sumo.vehicle.interface import HANDS_OFF, ActuationCommand, DriverInputs
 PERIOD = 0.02
 INSIDE = (505.0, 0.0)  #: a place of the lot's map that is far from every edge [m]
 FOOT = DriverInputs(brake_pedal=0.21)
+LIGHT_FOOT = DriverInputs(brake_pedal=0.185)  #: less than 150 N m
 FIRM_FOOT = DriverInputs(brake_pedal=0.26)
 
 #: what differs from a drive at a steady 5 m/s in the middle of the lot, at a time after the beginning [s]
@@ -82,7 +83,7 @@ def pressed(until: float, closed_at: float, foot: DriverInputs = FIRM_FOOT, *due
         return {
             "driver": foot if 1.0 <= time < until else HANDS_OFF,
             "command": command(opening),
-            "due": dict.fromkeys(due, math.nan),
+            "due": dict.fromkeys(due, 0.5),
         }
 
     return differs
@@ -97,6 +98,10 @@ def pressed(until: float, closed_at: float, foot: DriverInputs = FIRM_FOOT, *due
         (1.50, FOOT, ("brake_report_frozen",), False),
         (1.70, FOOT, ("brake_report_frozen",), True),
         (1.30, FIRM_FOOT, ("brake_report_frozen",), True),
+        (9.00, LIGHT_FOOT, ("brake_report_frozen",), False),
+        (9.00, LIGHT_FOOT, ("brake_driver_bits_zero",), False),
+        (1.30, LIGHT_FOOT, ("brake_torque_scaled",), False),
+        (1.70, LIGHT_FOOT, ("brake_torque_scaled",), True),
         (1.30, FOOT, ("brake_driver_bits_zero",), True),
         (1.30, FOOT, ("throttle_report_frozen",), True),
         (1.45, FIRM_FOOT, ("brake_report_frozen", "brake_torque_frozen"), False),
@@ -137,7 +142,7 @@ def test_a_foot_whose_report_is_frozen_counts_from_when_the_gateway_brakes_less_
             "driver": FIRM_FOOT if pressed else HANDS_OFF,
             "driver_brake_torque": torque if pressed else 0.0,
             "command": told,
-            "due": dict.fromkeys(due, math.nan),
+            "due": dict.fromkeys(due, 0.5),
         }
 
     assert names(judged(held_for_two_seconds, 3.0)) == ["foot_closes_throttle"] * broken
@@ -298,6 +303,29 @@ def test_nobody_is_told_driving_of_a_car_whose_module_is_off() -> None:
     assert names(judged(lambda time: off if time > 1.0 else {}, 3.0)) == ["told_driving"]
     assert judged(lambda time: off if 1.0 < time < 1.4 else {}, 3.0) == []
     assert judged(lambda time: off | {"phase": BRAKES}, 3.0) == []
+
+
+@pytest.mark.parametrize(
+    ("foot", "changes", "broken"),
+    [
+        (900.0, {}, False),
+        (600.0, {}, True),
+        (900.0, {"due": {}}, True),
+        (900.0, {"enabled": (False, False, True)}, True),
+        (900.0, {"command": command()}, True),
+    ],
+)
+def test_brakes_that_a_hidden_foot_works_instead_are_not_yet_seen(
+    foot: float, changes: dict[str, Any], broken: bool
+) -> None:
+    """Of 1200 N m commanded; it counts from when the foot lifts."""
+    braking = command()._replace(brake_torque=1200.0)
+    usual = {"enabled": (False, True, True), "due": {"brake_report_frozen": math.nan}, "command": braking}
+    pressed = usual | {"driver": FIRM_FOOT, "driver_brake_torque": foot} | changes
+    assert names(judged(lambda time: pressed if time > 1.0 else {}, 3.0)) == ["told_driving"] * broken
+    lifts = judged(lambda time: ({} if time <= 1.0 else pressed if time < 2.0 else usual), 3.0)
+    assert names(lifts) == ["told_driving"]
+    assert lifts[0].time > 2.5 or broken
 
 
 def test_park_is_not_requested_of_a_moving_car() -> None:

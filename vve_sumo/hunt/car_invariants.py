@@ -9,7 +9,16 @@ from typing import ClassVar
 
 import numpy as np
 
-from vve_sumo.hunt.judging import ACT_TIME, REST, Driven, Tolerances, alarmed, foot_on_throttle
+from vve_sumo.hunt.judging import (
+    ACT_TIME,
+    ANSWERING_SHARE,
+    HIDE_PEDAL,
+    REST,
+    Driven,
+    Tolerances,
+    alarmed,
+    foot_on_throttle,
+)
 from vve_sumo.hunt.truth import TruthSample
 from vve_sumo.live.wording import DRIVING, HELD
 from vve_sumo.lot.geofence import Stop
@@ -136,7 +145,7 @@ class ToldDriving:
 
     def step(self, sample: TruthSample) -> str | None:
         """Take a tick."""
-        if sample.phase != DRIVING or all(sample.enabled):
+        if sample.phase != DRIVING or all(sample.enabled) or _foot_stands_in(sample):
             self._since = None
             return None
         if self._since is None:
@@ -147,6 +156,14 @@ class ToldDriving:
             return None
         parts = zip(("brake", "throttle", "steering"), sample.enabled, strict=True)
         return f"told {DRIVING!r} while not enabled: {', '.join(name for name, on in parts if not on)}"
+
+
+def _foot_stands_in(sample: TruthSample) -> bool:
+    """Whether only the brakes act on no command, their report is hidden, and a foot brakes as they would."""
+    brake, *others = sample.enabled
+    hidden = not HIDE_PEDAL.isdisjoint(sample.due)
+    braked = sample.driver_brake_torque >= ANSWERING_SHARE * sample.command.brake_torque > 0.0
+    return not brake and all(others) and hidden and braked
 
 
 @dataclass(slots=True)

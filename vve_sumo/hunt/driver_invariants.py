@@ -84,7 +84,8 @@ class FootClosesThrottle:
         tolerances = self.tolerances
         if not (HIDE_PEDAL.isdisjoint(self._hiding) or HIDE_TORQUE.isdisjoint(self._hiding)):
             return tolerances.motion_foot_time if pedal >= tolerances.motion_pedal - 1e-9 else math.inf
-        if "brake_driver_bits_zero" in self._hiding and pedal < SHOWN_PEDAL - 1e-9:
+        bits_hidden = "brake_driver_bits_zero" in self._hiding or not HIDE_PEDAL.isdisjoint(self._hiding)
+        if bits_hidden and pedal < SHOWN_PEDAL - 1e-9:
             return math.inf
         gentle = not BLINDING.isdisjoint(self._hiding) and pedal < tolerances.firm_pedal - 1e-9
         return tolerances.blind_foot_time if gentle else tolerances.foot_time
