@@ -97,6 +97,7 @@ def check(run: Run) -> None:
         assert two.due > one.due
         assert later - earlier >= 0.5 * PERIOD - 1e-9
         assert two.due <= later
+        assert two.awaited <= later
         assert later - two.due < PERIOD + 0.003 + 1e-9
         assert 0 <= two.catch_up == min(two.missed, MAX_CATCH_UP)
         assert ("overrun" in two.faults) >= (two.missed > MAX_CATCH_UP)
@@ -189,6 +190,19 @@ def test_bursts_leave_the_cadence_as_it_is():
     spacings = [later - earlier for (earlier, _), (later, _) in pairwise(run.begins[100:])]
     assert min(spacings) >= 0.5 * PERIOD - 1e-9
     assert max(spacings) <= 1.5 * PERIOD + 1e-9
+
+
+@pytest.mark.parametrize("late", [0.0, 0.002])
+@pytest.mark.parametrize("burst", [0.0, 0.048])
+def test_a_tick_that_waits_for_its_fix_is_awaited_by_then_and_not_by_its_due_time(late, burst):
+    """A loop that is woken late is late by as much, however late its fixes are."""
+    run = drive(Stream(burst=burst, duration=6.0), late=late)
+    behind = [now - begun.awaited for now, begun in run.begins[100:] if not begun.missed]
+    assert max(behind) <= late + 1e-9
+    # Where a fix of its burst has come during the wake-up, the tick is said to have been awaited from then on.
+    assert sum(behind) >= 0.4 * late * len(behind)
+    if burst:
+        assert max(now - begun.due for now, begun in run.begins[100:]) > 0.003 - 1e-9
 
 
 def test_without_any_fix_ticks_run_on_their_deadlines():

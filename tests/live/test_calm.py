@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vve_sumo.live.calm import LATE, PATIENCE, SECOND, JitterWait
+from vve_sumo.live.calm import LATE, PATIENCE, SECOND, JitterWait, gateway_lateness
 
 UNIT = 2.0**-10  #: of time [s]; a power of two, so that sums and differences are exact
 #: time since the wake-up before [UNIT], and how late it was [ms]
@@ -29,6 +30,25 @@ def test_the_wait_is_over_after_a_second_without_a_late_wake_up_or_its_patience(
             waits, given_up = False, True
         assert calm.worst == max(within) / 1000.0
         assert (calm.waits, calm.given_up) == (waits, given_up)
+
+
+@pytest.mark.parametrize(
+    ("step", "handed", "late"),
+    [
+        (1.0205, 1.020, 0.0005),  # woken by a setpoint
+        (1.0285, 1.028, 0.0005),  # by one that was late, for which it waited
+        (1.0360, 1.028, 0.0080),
+        (1.0100, 1.002, 0.0000),  # not sooner than half a period after the step before
+        (1.0120, 1.002, 0.0020),
+        (1.0300, 0.995, 0.0000),  # without one it has waited for one and a half periods
+        (1.0370, 0.995, 0.0070),
+        (1.0370, float("nan"), 0.0070),
+        (1.0301, 1.0302, 0.0001),  # a setpoint that was sent later has not woken it
+    ],
+)
+def test_a_gateway_is_late_from_when_it_no_longer_waits(step: float, handed: float, late: float) -> None:
+    """After a step at 1 s; of a period of 20 ms."""
+    assert gateway_lateness(1.0, step, handed) == pytest.approx(late, abs=1e-9)
 
 
 def test_nothing_is_known_before_the_first_wake_up() -> None:

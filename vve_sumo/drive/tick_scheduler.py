@@ -54,6 +54,7 @@ class ScheduledTick(NamedTuple):
 
     tick: int  #: number of the tick: the last tick's plus 1 plus `missed`
     due: float  #: nominal time of the tick [s], never later than now: the time of its pose and setpoint
+    awaited: float  #: when it could have begun [s]: its fix had come, or was no longer waited for
     woken_by: str  #: "datagram", or "deadline" where the due fix did not come
     missed: int  #: ticks skipped just before this one
     catch_up: int  #: extra steps of the virtual road before the ego is placed for the next tick
@@ -118,7 +119,9 @@ class TickScheduler:
 
     def begin(self, now: float) -> ScheduledTick:
         """Begin the next tick at `now`, not before `wait_until()`."""
-        by = "datagram" if self._due_fix_is_here() else "deadline"
+        here = self._due_fix_is_here()
+        by = "datagram" if here else "deadline"
+        awaited = max(self.wait_until(), self._received) if here else self.wait_until()
         missed = max(0, math.floor((now - self.next_due) / self._period))
         self._late.append(missed > 0)
         overrun = missed > MAX_CATCH_UP or self._often_late()
@@ -127,7 +130,8 @@ class TickScheduler:
         self._epoch += (missed + 1) * self._period
         self._begun = now
         self.missed += missed
-        return ScheduledTick(tick, due, by, missed, min(missed, MAX_CATCH_UP), ("overrun",) if overrun else ())
+        faults = ("overrun",) if overrun else ()
+        return ScheduledTick(tick, due, min(awaited, now), by, missed, min(missed, MAX_CATCH_UP), faults)
 
     def _often_late(self) -> bool:
         late = list(self._late)

@@ -9,11 +9,24 @@ import math
 from collections import deque
 from typing import Final
 
+from vve_sumo.timing import MAX_STEP_INTERVAL, MIN_STEP_INTERVAL, PERIOD
+
 SECOND: Final = 1.0  #: time that must pass without a late wake-up [s]
 #: a later wake-up counts as late [s]. While it waits for a late setpoint, the gateway may itself be woken 10 ms late
 #: before its own clock stops the car; this is half of it
 LATE: Final = 0.005
 PATIENCE: Final = 30.0  #: time without a calm second after which nobody waits for one any more [s]
+
+
+def gateway_lateness(before: float, step: float, handed: float) -> float:
+    """Return how late the gateway was woken for a step [s].
+
+    before, step: times of the step before and of this one [s]. handed: when the newest setpoint was sent to it [s], NaN
+    for never. A gateway steps when a setpoint has come, and without one when it has waited long enough for it.
+    """
+    if before < handed <= step:
+        return max(0.0, step - max(handed, before + MIN_STEP_INTERVAL * PERIOD))
+    return max(0.0, step - before - MAX_STEP_INTERVAL * PERIOD)
 
 
 class JitterWait:

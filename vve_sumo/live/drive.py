@@ -32,7 +32,7 @@ from vve_sumo.errors import VveError
 from vve_sumo.live import signals, spawn, start_pose
 from vve_sumo.live.assembly import from_dict, pipeline_of, source_of
 from vve_sumo.live.brain_link import ChannelLink, key_of, open_setpoints
-from vve_sumo.live.calm import JitterWait
+from vve_sumo.live.calm import JitterWait, gateway_lateness
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.priority import DRIVE_NICE, DRIVE_PRIORITY, KILLED_SECOND, UrgentPart, raise_priority, set_oom_score
 from vve_sumo.live.recorder_client import RecorderClient
@@ -175,8 +175,8 @@ class LiveDrive:
             feedback = link.decode_feedback(data)
             if isinstance(feedback, link.Feedback):
                 if self._feedback is not None:
-                    step = feedback.time - self._feedback.time
-                    self._gateway_late = max(self._gateway_late, step - PERIOD)
+                    late = gateway_lateness(self._feedback.time, feedback.time, self._handed)
+                    self._gateway_late = max(self._gateway_late, late)
                 self._feedback, self._feedback_at = feedback, self._clock()
                 self._has_engaged |= feedback.status.state in COMMANDING
                 self._update_validity(feedback.status)
@@ -197,7 +197,7 @@ class LiveDrive:
         decoded = self._clock()
         begun = self._scheduler.begin(decoded)
         self._scheduled_faults = begun.faults
-        self._observe_wake_up(decoded, decoded - begun.due + begun.missed * PERIOD)
+        self._observe_wake_up(decoded, decoded - begun.awaited)
         steering = self._feedback.measured_steering if self._feedback else math.nan
         due = DueTick(begun.tick, begun.due, self._scheduler.next_due, begun.catch_up)
         done = self._tick.step(due, steering)
