@@ -44,6 +44,7 @@ class Car:
     override: bool = False  #: latched on the brake by a foot, which the pedal shows for as long
     steering_stuck: bool = False
     driver_brake: bool = False  #: the driver's foot, below what counts as taking over
+    foreign_torque: float = 0.0  #: brake torque that another node commands [N m]
     silent: set[int] = field(default_factory=set)
     forged: dict[int, Frame] = field(default_factory=dict)
     _torque: float = 0.0
@@ -72,7 +73,7 @@ class Car:
 
     def advance(self, period: float = PERIOD, steps: int = 10) -> None:
         """Move on by one period."""
-        torque_wish = max(self._brake_pipe.pop(0), 400.0 if self.driver_brake else 0.0)
+        torque_wish = max(self._brake_pipe.pop(0), 400.0 if self.driver_brake else 0.0, self.foreign_torque)
         self._shift(period)
         for _ in range(steps):
             self.heading += self.yaw_rate * period / steps

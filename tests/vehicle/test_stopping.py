@@ -152,6 +152,15 @@ def test_what_is_wrong_for_long_is_said_once():
     assert rig.run(0.5, extra=ANOTHER_WRITER)[-1].reasons == ("another_writer",)
 
 
+@pytest.mark.parametrize("frames", [(), ANOTHER_WRITER])
+def test_brakes_that_another_node_commands_are_nobodys_foot(frames: tuple[Frame, ...]) -> None:
+    rig = cruising(8.0)
+    rig.car.foreign_torque = 2000.0
+    seen = [rig.step(extra=frames) for _ in range(60)]
+    assert seen[-1].state is S.STOPPING
+    assert any("driver_inferred" in status.reasons for status in seen) == (not frames)
+
+
 # Where it steers.
 
 

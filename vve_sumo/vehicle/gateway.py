@@ -289,12 +289,12 @@ class Gateway(Monitor):
         self._old_overrides = frozenset() if self._engagement.settled(now) else self._old_overrides & overrides
         overrides -= self._old_overrides
         if overrides:
-            if self._response_monitor.driver_inferred or any(map(self._confirmed, overrides)):
+            if self._foot_inferred or any(map(self._confirmed, overrides)):
                 self._apply_event(now, Event.OVERRIDE, ["driver_override", *faults])
                 return
             # The word of one module alone, which may be wrong: a car that nobody brakes must not be let go.
             faults.append("override_unconfirmed")
-        if self._driver or self._response_monitor.driver_inferred:
+        if self._driver or self._foot_inferred:
             self._judge_foot(now)
         self._fastest = self._largest_speed()
         if self._limiter.too_fast(self._fastest):
@@ -307,10 +307,15 @@ class Gateway(Monitor):
         self._judge_rest(now)
         self._call_the_driver("brake" in overrides, faults)
 
+    @property
+    def _foot_inferred(self) -> bool:
+        """Whether the car brakes as under a foot; where somebody else commands its brakes, that says nothing."""
+        return self._response_monitor.driver_inferred and "another_writer" not in self._causes
+
     def _judge_foot(self, now: float) -> None:
         """Stop a car under way on whose pedals the driver's foot is."""
         under_way = self._state is _STOPPING or (self._state is _ENGAGED and self._engagement.going)
-        signs = [*self._driver, "driver_inferred"] if self._response_monitor.driver_inferred else self._driver
+        signs = [*self._driver, "driver_inferred"] if self._foot_inferred else self._driver
         if under_way:
             self._apply_event(now, Event.DRIVER, signs)
 
