@@ -559,6 +559,23 @@ def test_a_drift_too_slow_for_every_window_is_found_by_the_whole_way(sign):
     assert abs(off) > 0.5
 
 
+def test_an_old_pose_is_compared_with_the_way_until_its_own_time():
+    """A pose of 0.2 s ago lies behind by as much as the car then drove, at 5 m/s and at 25 m/s alike."""
+    drive, driven, speed, past = Drive(speed=5.0, heading=0.0), 0.0, 5.0, []
+    for tick in range(2600):
+        drive._tick()
+        speed = min(25.0, speed + (4.0 * STEP if tick > 2000 else 0.0))
+        driven += speed * STEP
+        past.append((driven, speed))
+        then, slower = past[max(len(past) - 11, 0)]
+        age = STEP * min(len(past) - 1, 10)
+        car = CarMotion(speed, 0.0, 1e-9 * tick, (float(tick),), math.nan, False)
+        receiver = complete(0.0, 0.0, time=drive.now - age, x=then, y=0.0, heading=0.0, speed=slower, yaw_rate=0.0)
+        # What came before is another drive, and is forgotten.
+        fresh = tick > 0
+        assert drive.subject.step(drive.now, STEP, car, receiver if fresh else None, fresh) == []
+
+
 def test_a_jump_that_every_comparison_sees_is_said_once():
     drive = Drive()
     codes = [drive.step(receiver={"x": 5.0}) for _ in range(10)]
