@@ -98,6 +98,7 @@ def test_a_mutant_lives_where_no_test_can_tell_it_and_is_noticed_elsewhere():
     assert lived == {"value <= bound -> value < bound", "without bound in min(value, bound)"}
     assert outcomes["not value <= bound -> value > bound"] == "test_what_is_not_a_number_is_the_bound"
     assert outcomes["return bound -> return None"].startswith("test_")
+    assert outcomes["2.0 -> 4.0"].startswith("test_the_limit_is_two"), "whose name is another for this mutant"
 
 
 def test_twenty_mutants_of_the_arming_table_are_noticed():

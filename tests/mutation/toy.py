@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+LIMIT = 2.0
+
 
 def level(value: float, bound: float) -> float:
     """`value`, or `bound` where it is above that or not a number."""

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 
-from tests.mutation.toy import level
+import pytest
+
+from tests.mutation.toy import LIMIT, level
 
 
 def test_levels():
@@ -13,3 +15,9 @@ def test_levels():
 
 def test_what_is_not_a_number_is_the_bound():
     assert level(math.nan, 2.0) == 2.0
+
+
+@pytest.mark.parametrize("bound", [LIMIT])
+def test_the_limit_is_two(bound: float) -> None:
+    """Its own name holds the constant."""
+    assert bound == 2.0

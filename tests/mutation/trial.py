@@ -215,7 +215,11 @@ def _explore(subject: Subject, writing: int) -> int:
 
 
 class _Chosen:
-    """Runs the chosen tests alone, in their order, and names the one that fails."""
+    """Runs the chosen tests alone, in their order, and names the one that fails.
+
+    The name of a test may hold a constant of the module, which the mutant has changed. Where a chosen test is missing
+    those run as well that the unchanged module does not know by name.
+    """
 
     def __init__(self, tests: Sequence[str], seconds: dict[str, float], writing: int) -> None:
         self._order = {test: place for place, test in enumerate(tests)}
@@ -223,10 +227,15 @@ class _Chosen:
         self._writing = writing
 
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
-        items[:] = sorted((i for i in items if i.nodeid in self._order), key=lambda item: self._order[item.nodeid])
+        chosen = sorted((i for i in items if i.nodeid in self._order), key=lambda item: self._order[item.nodeid])
+        files, found = {item.nodeid.split("::")[0] for item in items}, {item.nodeid for item in chosen}
+        missing = [test for test in self._order if test.split("::")[0] in files and test not in found]
+        renamed = [item for item in items if item.nodeid not in self._seconds] if missing else []
+        items[:] = chosen + renamed
 
     def pytest_runtest_setup(self, item: pytest.Item) -> None:
-        signal.setitimer(signal.ITIMER_PROF, PATIENCE + 5.0 * self._seconds[item.nodeid])
+        longest = max(self._seconds.values())
+        signal.setitimer(signal.ITIMER_PROF, PATIENCE + 5.0 * self._seconds.get(item.nodeid, longest))
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         if report.failed:
