@@ -26,7 +26,7 @@ from controllers import follow_and_stop
 from tests import vehicles
 from tests.vehicle.closed_loop import ClosedLoop
 from vve_sumo.drive.pipeline import Pipeline
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.plant.car import CarParameters
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import ArmingState, ControlCommand, Observation
@@ -110,7 +110,7 @@ class Tally:
         self.phases += other.phases
 
 
-def road(generator: np.random.Generator) -> Path:
+def road(generator: np.random.Generator) -> ReferencePath:
     """A road of straights and bends of 15 to 200 m radius, both ways, of smooth curvature."""
     bends = np.zeros(int(ROAD))
     s = 40
@@ -122,7 +122,7 @@ def road(generator: np.random.Generator) -> Path:
     kernel = np.hanning(15)
     bends = np.convolve(bends, kernel / kernel.sum(), "same")
     heading = np.cumsum(bends)
-    return Path.from_points(np.cumsum(np.cos(heading)), np.cumsum(np.sin(heading)))
+    return ReferencePath.from_points(np.cumsum(np.cos(heading)), np.cumsum(np.sin(heading)))
 
 
 def car(generator: np.random.Generator, noise: float) -> CarParameters:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import resource
 from dataclasses import replace
-from pathlib import Path as FilePath
+from pathlib import Path
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from benchmarks.false_alarms import NoWayToRest
 from controllers import follow_and_stop
 from tests import vehicles
 from tests.vehicle.closed_loop import ClosedLoop
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.values import ArmingState, ControlCommand, Observation
 
 EVERY = 900.0  # between lines [s]
@@ -44,7 +44,7 @@ class Dawdling:
 
 def memory() -> float:
     """Resident memory of this process [MB]."""
-    pages = int(FilePath("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     return pages * resource.getpagesize() / 1e6
 
 
@@ -56,7 +56,7 @@ def main() -> None:
     asked = parser.parse_args()
     hours = 30.0 / 3600.0 if asked.smoke else asked.hours
     x = np.arange(0.0, ROAD * max(hours, 1.0), 1.0)
-    path = Path.from_points(x, 2.0 * np.sin(x / 20.0) * np.minimum(x / 40.0, 1.0))
+    path = ReferencePath.from_points(x, 2.0 * np.sin(x / 20.0) * np.minimum(x / 40.0, 1.0))
     loop = ClosedLoop(path, 3.0, controller=Dawdling(), pipeline=NoWayToRest, deviation_limit=4.0)
     engaged, told, farthest, driven = False, 0.0, 0.0, 0.0
     for ticked in loop.ticks():

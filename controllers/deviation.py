@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from vve_sumo.path import Path, Station
+from vve_sumo.path import ReferencePath, Station
 from vve_sumo.values import Pose, Vehicle
 
 MIN_SPEED = 1.0  #: below it the direction of motion drowns in the receiver's velocity noise [m/s]
@@ -71,7 +71,7 @@ class DeviationObserver:
         self._misalignment = 0.0
         self._actuator = vehicle.steering_delay + vehicle.steering_lag
 
-    def step(self, pose: Pose, path: Path, station: Station, period: float) -> Deviation:
+    def step(self, pose: Pose, path: ReferencePath, station: Station, period: float) -> Deviation:
         """Advance by a period [s]; `pose` and `station` are the rear axle's."""
         speed = max(pose.speed, 0.0)
         slip = steady_sideslip(self._vehicle, speed, station.curvature)

@@ -11,7 +11,7 @@ from typing import Protocol
 from vve_sumo.controller import Tuning, settle
 from vve_sumo.errors import ConfigError
 from vve_sumo.laws import clamp, jerk_limit
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.values import ControlCommand, Observation, Vehicle
 
 from .approach import NOWHERE, Approach, Goal, Standstill
@@ -162,7 +162,7 @@ class FollowAndStop:
         )
         return self._acceleration, note
 
-    def _profiled(self, path: Path) -> SpeedProfile:
+    def _profiled(self, path: ReferencePath) -> SpeedProfile:
         if self._profile is None:
             self._profile = SpeedProfile(path, self._lateral)
         return self._profile

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from vve_sumo.path import Corridor, Path
+from vve_sumo.path import Corridor, ReferencePath
 
 from .crossing import LEFT, ON_FOOT, PREDICTION_HORIZON
 from .trend import Trend
@@ -23,7 +23,7 @@ BODY = np.linspace(0.0, MAX_BODY_LENGTH, 13)  #: places along it that are looked
 
 
 def goes_past(
-    path: Path, corridor: Corridor, s: float, across: Trend, along: float, bumper: float, pace: float
+    path: ReferencePath, corridor: Corridor, s: float, across: Trend, along: float, bumper: float, pace: float
 ) -> bool:
     """Tell whether all of it leaves the corridor before the front bumper comes within MIN_CLEARANCE of it.
 

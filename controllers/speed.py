@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from vve_sumo.laws import PI, squared_speed_limits
-from vve_sumo.path import SAMPLE_SPACING, Path
+from vve_sumo.path import SAMPLE_SPACING, ReferencePath
 from vve_sumo.values import Vehicle
 
 LATERAL_COMFORT = 2.0  #: lateral acceleration in bends [m/s2]
@@ -23,7 +23,7 @@ LEARNING = 0.05  #: integral gain [1/s2]: what throttle map and drag get wrong g
 class SpeedProfile:
     """The greatest speed at each station that keeps bends comfortable and can be braked down to in time."""
 
-    def __init__(self, path: Path, lateral: float = LATERAL_COMFORT, slowing: float = SLOWING) -> None:
+    def __init__(self, path: ReferencePath, lateral: float = LATERAL_COMFORT, slowing: float = SLOWING) -> None:
         """`lateral` and `slowing`: accelerations in bends and ahead of them [m/s2]."""
         table = path.samples
         self._first = float(table.s[0])

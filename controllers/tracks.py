@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vve_sumo.path import Corridor, Path, Station
+from vve_sumo.path import Corridor, ReferencePath, Station
 from vve_sumo.values import Observation, Pose, Vehicle
 
 from .bank import LANE_CHANGERS, WALKERS, Bank
@@ -305,7 +305,7 @@ class Tracker:
             if time - track.seen <= (long if track.hits >= CONFIRMED else COAST_TENTATIVE)
         ]
 
-    def _corridor_of(self, path: Path) -> Corridor:
+    def _corridor_of(self, path: ReferencePath) -> Corridor:
         vehicle = self._vehicle
         return Corridor(path, vehicle.rear_axle_to_bumper, vehicle.rear_overhang, vehicle.width, MARGIN)
 
@@ -346,7 +346,7 @@ def _comes_over(track: Track, corridor: Corridor, within: float, surely: float) 
     return track.time - track.seen < FRESH and comes_over(track.across, left, right, within, surely)
 
 
-def _endangers(track: Track, path: Path, corridor: Corridor, bumper: float, speed: float, now: float) -> bool:
+def _endangers(track: Track, path: ReferencePath, corridor: Corridor, bumper: float, speed: float, now: float) -> bool:
     """Tell whether a track is in the band, or will be when a car of this speed [m/s] gets there; `bumper` is its now.
 
     What is foretold of the track counts from when it was measured.

@@ -12,11 +12,11 @@ from tests.controllers.street import FUSION
 from tests.setpoints import setpoint
 from vve_sumo.controller import Guarded, known, load, module, origin, settle, sources
 from vve_sumo.errors import ConfigError
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.values import ControlCommand, Detections, Observation, Point, Pose
 
 POSE = Pose(0.0, Point.REAR_AXLE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-PATH = Path.from_points([0.0, 9.0], [0.0, 0.0])
+PATH = ReferencePath.from_points([0.0, 9.0], [0.0, 0.0])
 NOTHING = Detections(-math.inf, np.empty(0), np.empty(0), np.empty(0), np.empty(0, np.int8))
 OBSERVATION = Observation(0, 0.0, POSE, PATH, 5.0, {"radar": NOTHING}, math.nan)
 

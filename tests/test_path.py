@@ -13,23 +13,25 @@ from shapely.geometry import Polygon
 from shapely.ops import unary_union
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.path import Corridor, Path, swept_half_widths
+from vve_sumo.path import Corridor, ReferencePath, swept_half_widths
 
 FRONT, REAR, WIDTH = 3.84, 1.032, 1.852
 
 
-def circle(radius: float, angle: float, spacing: float = 1.5) -> Path:
+def circle(radius: float, angle: float, spacing: float = 1.5) -> ReferencePath:
     turns = np.linspace(0.0, angle, max(4, round(radius * angle / spacing)))
-    return Path.from_points(radius * np.sin(turns), radius * (1.0 - np.cos(turns)))
+    return ReferencePath.from_points(radius * np.sin(turns), radius * (1.0 - np.cos(turns)))
 
 
-def winding() -> Path:
+def winding() -> ReferencePath:
     """Straight, a left and a right bend of 12 m radius with 6 m of clothoid on each side, straight."""
     spacing = 0.05
     ramp, hold, straight = np.linspace(0.0, 1.0 / 12.0, 120), np.full(300, 1.0 / 12.0), np.zeros(400)
     bend = np.concatenate((ramp, hold, ramp[::-1]))
     heading = np.cumsum(np.concatenate((straight, bend, -bend, straight))) * spacing
-    return Path.from_points(np.cumsum(np.cos(heading))[::20] * spacing, np.cumsum(np.sin(heading))[::20] * spacing)
+    return ReferencePath.from_points(
+        np.cumsum(np.cos(heading))[::20] * spacing, np.cumsum(np.sin(heading))[::20] * spacing
+    )
 
 
 def test_a_circle_has_its_length_radius_and_heading():
@@ -43,7 +45,7 @@ def test_a_circle_has_its_length_radius_and_heading():
 
 
 def test_two_points_make_a_straight_line_that_goes_on():
-    path = Path.from_points([1.0, 4.0], [2.0, 6.0])
+    path = ReferencePath.from_points([1.0, 4.0], [2.0, 6.0])
     assert path.length == pytest.approx(5.0)
     assert path.at(-5.0)[:2] == pytest.approx((-2.0, -2.0))
     assert path.at(10.0)[:2] == pytest.approx((7.0, 10.0))
@@ -57,7 +59,7 @@ def test_slope_and_curvature_are_continuous_and_the_speed_is_one(seed: int):
     random = np.random.default_rng(seed)
     heading = np.cumsum(random.uniform(-0.08, 0.08, 60))
     steps = random.uniform(1.0, 2.0, 60)
-    path = Path.from_points(np.cumsum(steps * np.cos(heading)), np.cumsum(steps * np.sin(heading)))
+    path = ReferencePath.from_points(np.cumsum(steps * np.cos(heading)), np.cumsum(steps * np.sin(heading)))
     for piece in path.segments[1:]:
         before, after = path.at(piece.start - 1e-9), path.at(piece.start + 1e-9)
         assert before == pytest.approx(after, abs=1e-7)
@@ -81,7 +83,7 @@ def test_projection_is_the_nearest_point_by_brute_force(share: float, offset: fl
 
 def test_near_tells_the_branches_of_a_crossing_apart():
     t = np.linspace(-1.5, 4.6, 150)  # most of a figure of eight: it crosses itself at the origin, at t = 0 and pi
-    path = Path.from_points(30.0 * np.sin(t), 30.0 * np.sin(2.0 * t))
+    path = ReferencePath.from_points(30.0 * np.sin(t), 30.0 * np.sin(2.0 * t))
     first, second = path.project(0.0, 0.0, 0.25 * path.length), path.project(0.0, 0.0, 0.75 * path.length)
     assert second.s - first.s > 0.4 * path.length
     assert (first.offset, second.offset) == pytest.approx((0.0, 0.0), abs=1e-3)
@@ -115,7 +117,7 @@ def test_locate_agrees_with_projection_and_refuses_what_is_outside():
 def test_many_points_are_projected_each_near_its_own_place():
     """Against the single projection: on a winding path, and on a figure that crosses itself."""
     random, angles = np.random.default_rng(5), np.linspace(0.0, 2.0 * math.pi, 200)[:-1]
-    crossing = Path.from_points(40.0 * np.sin(angles), 20.0 * np.sin(2.0 * angles))
+    crossing = ReferencePath.from_points(40.0 * np.sin(angles), 20.0 * np.sin(2.0 * angles))
     for path in (winding(), crossing):
         stations, offsets = random.uniform(-20.0, path.length + 20.0, 300), random.uniform(-3.0, 3.0, 300)
         points = [path.at(float(s)) for s in stations]
@@ -173,7 +175,7 @@ def test_noise_is_smoothed_away():
     x, y = 50.0 * np.sin(turns), 50.0 * (1.0 - np.cos(turns))
     noisy = x + random.normal(0.0, 0.02, 100), y + random.normal(0.0, 0.02, 100)
     stations = np.linspace(5.0, 95.0, 91)
-    rough, smooth = Path.from_points(*noisy), Path.from_points(*noisy, noise=0.02)
+    rough, smooth = ReferencePath.from_points(*noisy), ReferencePath.from_points(*noisy, noise=0.02)
     error = [max(abs(path.at(float(s)).curvature - 0.02) for s in stations) for path in (rough, smooth)]
     assert error[0] > 0.03
     assert error[1] < 0.006
@@ -199,5 +201,5 @@ def test_a_path_travels_to_another_process_unchanged():
 )
 def test_bad_points_are_refused_in_one_line(x: list[float], y: list[float], says: str):
     with pytest.raises(ConfigError, match=says) as refused:
-        Path.from_points(x, y)
+        ReferencePath.from_points(x, y)
     assert "\n" not in str(refused.value)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.path_feasibility import MAX_DEPARTURE, find_reversal, find_tight_bend, refuse_tight_bend
 
 CIRCLE = 5.0  #: radius of the car's tightest circle [m]
@@ -31,8 +31,8 @@ def corner(turn: float, spacing: float = 0.5, length: float = 20.0) -> np.ndarra
     return np.vstack([before, [[0.0, 0.0]], after])
 
 
-def laid(points: np.ndarray) -> Path:
-    return Path.from_points(points[:, 0], points[:, 1])
+def laid(points: np.ndarray) -> ReferencePath:
+    return ReferencePath.from_points(points[:, 0], points[:, 1])
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

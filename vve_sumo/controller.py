@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path as Folder
+from pathlib import Path
 from types import ModuleType
 from typing import Final, Protocol, runtime_checkable
 
@@ -33,7 +33,7 @@ class Controller(Protocol):
 Maker = Callable[[Vehicle, Tuning], Controller]
 
 
-def load(name: str, vehicle: Vehicle, tuning: Tuning, search: Sequence[Folder]) -> Controller:
+def load(name: str, vehicle: Vehicle, tuning: Tuning, search: Sequence[Path]) -> Controller:
     """Make the controller of a name.
 
     `name` is a file's stem in one of the `search` folders, of which the first that has it counts; or
@@ -47,22 +47,22 @@ def load(name: str, vehicle: Vehicle, tuning: Tuning, search: Sequence[Folder]) 
     return controller
 
 
-def known(search: Sequence[Folder]) -> tuple[str, ...]:
+def known(search: Sequence[Path]) -> tuple[str, ...]:
     """List the names that `load` would find, sorted."""
     return PORT.known(search)
 
 
-def module(name: str, search: Sequence[Folder]) -> ModuleType:
+def module(name: str, search: Sequence[Path]) -> ModuleType:
     """Import a file of the controller folders by its stem, such as the gain design; raises ConfigError."""
     return PORT.module(name, search)
 
 
-def origin(name: str, search: Sequence[Folder]) -> Origin:
+def origin(name: str, search: Sequence[Path]) -> Origin:
     """Return where the code lies that `load` would take, as `Port.origin` does."""
     return PORT.origin(name, search)
 
 
-def sources(name: str, search: Sequence[Folder]) -> dict[str, Folder]:
+def sources(name: str, search: Sequence[Path]) -> dict[str, Path]:
     """Return the code files of a controller that was just loaded, as `Port.sources` does."""
     return PORT.sources(name, search)
 

@@ -99,7 +99,7 @@ class Samples(NamedTuple):
         return self.s[rows] + arc, across - 0.5 * curvature * along * arc, arc
 
 
-class Path:
+class ReferencePath:
     """A curve of cubic pieces over arc length with continuous position, slope and curvature.
 
     The path goes on straight before its start and beyond its end. Stations (s) are arc lengths: between the points
@@ -121,7 +121,7 @@ class Path:
         self._projected: tuple[tuple[float, float, float | None], Station] | None = None
 
     @classmethod
-    def from_points(cls, x: ArrayLike, y: ArrayLike, noise: float = 0.0) -> Path:
+    def from_points(cls, x: ArrayLike, y: ArrayLike, noise: float = 0.0) -> ReferencePath:
         """Lay a path through points in driving order.
 
         x, y: map [m], shape (n,), n >= 2. `noise` is the standard deviation of the points [m]: with 0 the path
@@ -276,7 +276,7 @@ class Corridor:
 
     __slots__ = ("_left", "_right")
 
-    def __init__(self, path: Path, front: float, rear: float, width: float, margin: float) -> None:
+    def __init__(self, path: ReferencePath, front: float, rear: float, width: float, margin: float) -> None:
         """`front` and `rear` are the distances from the rear axle to the bumpers; all [m]."""
         ahead, behind = math.ceil(rear / SAMPLE_SPACING), math.ceil(front / SAMPLE_SPACING)
         bends = np.pad(path.samples.curvature, (behind, ahead))

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.path import Floats, Path
+from vve_sumo.path import Floats, ReferencePath
 
 #: how far a car that steers too late may leave a path that bends tighter than its tightest circle [m]: a corner of 45
 #: degrees for a circle of 5 m. A car that sees this corner coming and cuts it is off by R (1 / cos 22.5 deg - 1), which
@@ -40,7 +40,7 @@ def find_reversal(points: Floats) -> int | None:
     return int(back[0]) + 1 if back.size else None
 
 
-def find_tight_bend(path: Path, tightest: float) -> Bend | None:
+def find_tight_bend(path: ReferencePath, tightest: float) -> Bend | None:
     """Return the bend in which a car leaves the path the farthest, where that is more than MAX_DEPARTURE, or None.
 
     `tightest` is the curvature of the car's tightest circle [1/m]. The car is taken to follow the path until that bends
@@ -65,7 +65,7 @@ def find_tight_bend(path: Path, tightest: float) -> Bend | None:
     return found
 
 
-def refuse_tight_bend(path: Path, tightest: float, name: str) -> None:
+def refuse_tight_bend(path: ReferencePath, tightest: float, name: str) -> None:
     """Raise ConfigError where a path, in messages `name`, has a bend of `find_tight_bend`, with its place."""
     bend = find_tight_bend(path, tightest)
     if bend is None:
@@ -78,7 +78,7 @@ def refuse_tight_bend(path: Path, tightest: float, name: str) -> None:
     )
 
 
-def _parts(path: Path) -> tuple[Floats, Floats, Floats]:
+def _parts(path: ReferencePath) -> tuple[Floats, Floats, Floats]:
     """Return of each part of the path its length [m], its change of heading [rad] and its mean curvature [1/m]."""
     pieces = np.array(path.segments)
     lengths = np.diff(np.append(pieces[:, 0], path.length))

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vve_sumo.frozen import fast_frozen
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 
 Floats = NDArray[np.float64]
 
@@ -221,7 +221,7 @@ class Observation:
     tick: int  #: number of the tick
     time: float  #: drive time of the tick [s]
     pose: Pose  #: of the rear axle, predicted to this time
-    path: Path  #: of the rear axle, the same object for the whole drive
+    path: ReferencePath  #: of the rear axle, the same object for the whole drive
     desired_speed: float  #: speed to keep where nothing requires a lower one [m/s]
     sensors: Mapping[str, SensorOutput]  #: the newest output of every sensor, by the sensor's name
     steering: float  #: road-wheel angle that the car reports [rad], left positive; NaN not reported

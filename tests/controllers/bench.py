@@ -16,14 +16,14 @@ import numpy as np
 from tests import vehicles
 from vve_sumo.controller import Controller
 from vve_sumo.geometry import Box, overlap
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.sensors.radar import BEFORE_FIRST_SCAN, Radar, RadarConfig
 from vve_sumo.values import Actors, ControlCommand, Detections, Observation, Point, Pose
 
 PERIOD, SUBSTEPS = 0.02, 4
 EMERGENCY_JERK = 30.0  # of the gateway [m/s3]
 KMH, G = 1.0 / 3.6, 9.81
-ROAD = Path.from_points([0.0, 1000.0], [0.0, 0.0])
+ROAD = ReferencePath.from_points([0.0, 1000.0], [0.0, 0.0])
 CAR = vehicles.FUSION.vehicle
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vve_sumo.controller import Controller
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.values import ControlCommand, Detections, Observation, Point, Pose, Vehicle
 
 PERIOD = 0.02
@@ -43,7 +43,7 @@ class Flaws:
 class Car:
     """Linear single track (kinematic at walking pace), first-order actuators with dead time, jerk-limiting gateway."""
 
-    def __init__(self, vehicle: Vehicle, path: Path, flaws: Flaws, speed: float = 0.0) -> None:
+    def __init__(self, vehicle: Vehicle, path: ReferencePath, flaws: Flaws, speed: float = 0.0) -> None:
         start = path.at(0.0)
         self.vehicle, self.flaws = vehicle, flaws
         self.x, self.y, self.heading, self.speed = start.x, start.y, start.heading, speed
@@ -118,8 +118,10 @@ class Obstacle:
     width: float = 1.8
 
 
-def scan(time: float, pose: Pose, path: Path, obstacles: list[Obstacle], sight: float, random: np.random.Generator,
-         vehicle: Vehicle) -> Detections:  # fmt: skip
+def scan(
+    time: float, pose: Pose, path: ReferencePath, obstacles: list[Obstacle], sight: float, random: np.random.Generator,
+    vehicle: Vehicle,
+) -> Detections:  # fmt: skip
     """Nearest of many points on each box, with noise, quanta and misses."""
     front = vehicle.rear_axle_to_bumper
     bumper = np.array([pose.x + front * math.cos(pose.heading), pose.y + front * math.sin(pose.heading)])
@@ -166,9 +168,11 @@ class Drive:
     final_station: float
 
 
-def drive(controller: Controller, path: Path, desired_speed: float, obstacles: list[Obstacle], seconds: float, *,
-          flaws: Flaws | None = None, sight: float = 174.0, seed: int = 0, start_speed: float = 0.0, stay: float = 2.0,
-          vehicle: Vehicle = FUSION) -> Drive:  # fmt: skip
+def drive(
+    controller: Controller, path: ReferencePath, desired_speed: float, obstacles: list[Obstacle], seconds: float, *,
+    flaws: Flaws | None = None, sight: float = 174.0, seed: int = 0, start_speed: float = 0.0, stay: float = 2.0,
+    vehicle: Vehicle = FUSION,
+) -> Drive:  # fmt: skip
     """Run the loop for some seconds, or until the car has stood for `stay` [s].
 
     `vehicle` is the car that really drives; the controller was made for what was declared.

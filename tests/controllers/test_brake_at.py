@@ -12,11 +12,11 @@ import pytest
 from tests.controllers.street import FUSION, drive
 from vve_sumo.controller import Controller, load
 from vve_sumo.errors import ConfigError
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.values import ControlCommand, Detections, Observation, Point, Pose
 
 TICK, SPEED, TRIGGER, DECELERATION, JERK = 0.02, 13.9, 40.0, 3.0, 4.0
-PATH = Path.from_points(np.arange(0.0, 401.0, 10.0), np.zeros(41))
+PATH = ReferencePath.from_points(np.arange(0.0, 401.0, 10.0), np.zeros(41))
 
 
 @pytest.fixture

@@ -15,9 +15,9 @@ from tests.controllers.street import FUSION, Flaws, Obstacle, drive
 from vve_sumo import controller
 from vve_sumo.controllers import ConstantTimeGap, IntelligentDriver
 from vve_sumo.errors import ConfigError
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 
-ROAD = Path.from_points([0.0, 1000.0], [0.0, 0.0])
+ROAD = ReferencePath.from_points([0.0, 1000.0], [0.0, 0.0])
 CONTROLLERS = REPOSITORY / "controllers"
 DESIRED = 11.0
 

@@ -13,7 +13,7 @@ from tests.drive.street import drive_once
 from tests.isolated import isolated
 from vve_sumo.controller import load
 from vve_sumo.errors import ConfigError
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 
 
 @pytest.fixture
@@ -70,7 +70,7 @@ def test_the_example_stops_at_the_end_of_the_path(example):
 def test_the_example_takes_tuning_and_names_a_wrong_key(example):
     controller = load("mine", FUSION, {"gap_m": 8.0}, [example.parent])
     x = np.arange(0.0, 200.0)
-    path = Path.from_points(x, 4.0 * np.tanh((x - 60.0) / 20.0))
+    path = ReferencePath.from_points(x, 4.0 * np.tanh((x - 60.0) / 20.0))
     done = drive(controller, path, 9.0, [Obstacle(150.0)], 60.0)
     assert np.abs(done.offset).max() < 0.4
     assert done.speed[-1] == 0.0

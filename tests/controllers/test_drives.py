@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from tests.controllers.street import FUSION, Drive, Flaws, Obstacle, drive
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 
 MPH = 0.44704
 
 
-def straight(length: float) -> Path:
-    return Path.from_points(np.arange(0.0, length + 1.0), np.zeros(int(length) + 1))
+def straight(length: float) -> ReferencePath:
+    return ReferencePath.from_points(np.arange(0.0, length + 1.0), np.zeros(int(length) + 1))
 
 
-def bends(speed: float, lateral: float = 2.0) -> Path:
+def bends(speed: float, lateral: float = 2.0) -> ReferencePath:
     """Straight, four bends that take `lateral` m/s2 at the speed, with clothoids, straight."""
     radius, step = max(speed * speed / lateral, 8.0), 0.05
     ramp, run_up = max(1.2 * speed, 6.0), speed * speed / 3.0 + 3.0 * speed + 20.0
@@ -30,7 +30,7 @@ def bends(speed: float, lateral: float = 2.0) -> Path:
     curvature = np.concatenate([np.linspace(a, b, int(way / step), endpoint=False) for way, a, b in parts])
     heading = np.cumsum(curvature) * step
     x, y = np.cumsum(np.cos(heading)) * step, np.cumsum(np.sin(heading)) * step
-    return Path.from_points(x[::30], y[::30])
+    return ReferencePath.from_points(x[::30], y[::30])
 
 
 def jerk(done: Drive) -> float:

@@ -14,17 +14,17 @@ from controllers.radar_stop import RadarStop
 from controllers.speed import SpeedProfile
 from controllers.tracks import RANGE_SIGMA, RATE_SIGMA, Sighting, Target, Track, Tracker
 from tests.controllers.street import FUSION
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.values import Detections, Observation, Point, Pose
 
-STRAIGHT = Path.from_points([0.0, 300.0], [0.0, 0.0])
+STRAIGHT = ReferencePath.from_points([0.0, 300.0], [0.0, 0.0])
 
 
 def test_the_profile_brakes_for_a_bend_with_its_deceleration():
     turns = np.linspace(0.0, 1.5, 40)
     x = np.concatenate((np.arange(0.0, 100.0), 100.0 + 25.0 * np.sin(turns)))
     y = np.concatenate((np.zeros(100), 25.0 * (1.0 - np.cos(turns))))
-    path = Path.from_points(x, y)
+    path = ReferencePath.from_points(x, y)
     profile = SpeedProfile(path, lateral=2.0, slowing=1.5)
     bend = math.sqrt(2.0 * 25.0)
     assert profile.at(120.0)[0] == pytest.approx(bend, rel=0.01)

@@ -13,7 +13,7 @@ from controllers.follow_and_stop import FollowAndStop, make
 from controllers.parting import MAX_BODY_LENGTH, MIN_CLEARANCE, STEP, goes_past
 from controllers.trend import Trend
 from tests.controllers.bench import CAR, ROAD, Body, Ride, ride, steady
-from vve_sumo.path import Corridor, Path
+from vve_sumo.path import Corridor, ReferencePath
 
 NOSE = CAR.rear_axle_to_bumper
 HALF = 0.5 * CAR.width + 0.3
@@ -21,7 +21,7 @@ BUS = {"length": 12.2, "width": 2.59, "cross_section": 100.0}
 SEDAN = {"length": 4.85, "width": 1.85, "cross_section": 10.0}
 
 
-def corridor(path: Path) -> Corridor:
+def corridor(path: ReferencePath) -> Corridor:
     return Corridor(path, CAR.rear_axle_to_bumper, CAR.rear_overhang, CAR.width, 0.3)
 
 
@@ -71,7 +71,7 @@ def test_where_the_path_bends_it_goes_straight_on():
     quarter = [math.radians(a) for a in range(0, 91, 9)]
     x = [100.0 * i / 50 for i in range(50)] + [100.0 + 10.0 * math.sin(a) for a in quarter] + [110.0] * 60
     y = [0.0] * 50 + [10.0 - 10.0 * math.cos(a) for a in quarter] + [11.0 + i for i in range(60)]
-    path = Path.from_points(x, y)
+    path = ReferencePath.from_points(x, y)
     middle = path.project(100.0 + 10.0 * math.sin(0.25 * math.pi), 10.0 - 10.0 * math.cos(0.25 * math.pi))
     pace = 19.0  # towards -y: path heading 45 degrees, so -13.4 along and -13.4 across
     trend = surely(0.0, -pace * math.sqrt(0.5))

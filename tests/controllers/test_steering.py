@@ -11,7 +11,7 @@ import pytest
 
 from tests.controllers.street import FUSION
 from vve_sumo.errors import ConfigError
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.values import Detections, Observation, Point, Pose
 
 #: CommonRoad vehicle models, parameter set 2, with the cornering stiffness of its single track.
@@ -24,12 +24,14 @@ STEP = 0.005  #: of the simple car [s]
 NOTHING = Detections(-math.inf, np.empty(0), np.empty(0), np.empty(0), np.empty(0, np.int8))
 
 
-def circle(radius: float) -> Path:
+def circle(radius: float) -> ReferencePath:
     turns = np.linspace(0.0, 3.0, round(3.0 * radius))
-    return Path.from_points(radius * np.sin(turns), radius * (1.0 - np.cos(turns)))
+    return ReferencePath.from_points(radius * np.sin(turns), radius * (1.0 - np.cos(turns)))
 
 
-def observation(path: Path, s: float, speed: float, offset: float = 0.0, turned: float = 0.0, slip: float = 0.0):
+def observation(
+    path: ReferencePath, s: float, speed: float, offset: float = 0.0, turned: float = 0.0, slip: float = 0.0
+):
     """A car beside the path, going steadily, its course turned from the path's direction."""
     at = path.at(s)
     pose = Pose(
@@ -74,7 +76,7 @@ def test_with_slip_they_ask_for_what_holds_the_yaw_rate(part, law):
 
 @pytest.mark.parametrize("law", ["preview", "pure_pursuit", "stanley", "lqr"])
 def test_they_steer_back_and_mirror(part, law):
-    path = Path.from_points([0.0, 200.0], [0.0, 0.0])
+    path = ReferencePath.from_points([0.0, 200.0], [0.0, 0.0])
     made = laws(part, FUSION)[law]
     left = steered(part, made, FUSION, observation(path, 50.0, 8.0, offset=0.4, turned=0.05, slip=0.0))
     right = steered(part, made, FUSION, observation(path, 50.0, 8.0, offset=-0.4, turned=-0.05, slip=0.0))
@@ -84,7 +86,7 @@ def test_they_steer_back_and_mirror(part, law):
 
 def rolled(part, law, speed: float, offset: float, seconds: float) -> list[Observation]:
     """A car without slip or lag on a straight road under a law."""
-    path = Path.from_points([0.0, 1000.0], [0.0, 0.0])
+    path = ReferencePath.from_points([0.0, 1000.0], [0.0, 0.0])
     x, y, heading, wheel, states = 10.0, offset, 0.0, 0.0, []
     for _ in range(round(seconds / STEP)):
         pose = Pose(0.0, Point.REAR_AXLE, x, y, heading, speed, 0.0, speed * wheel / FUSION.wheelbase, 0.0, 0.0)
@@ -120,7 +122,7 @@ def test_preview_dies_out_over_the_way_like_a_second_order_system(part, speed):
 
 
 def test_the_observer_learns_a_misalignment_and_takes_it_out(part):
-    path, misaligned = Path.from_points([0.0, 500.0], [0.0, 0.0]), math.radians(0.5)
+    path, misaligned = ReferencePath.from_points([0.0, 500.0], [0.0, 0.0]), math.radians(0.5)
     observer = part("deviation").DeviationObserver(FUSION)
     for i in range(400):
         pose = Pose(i * 0.02, Point.REAR_AXLE, 0.2 * i, 0.0, misaligned, 10.0, -10.0 * math.tan(misaligned),

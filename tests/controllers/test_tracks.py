@@ -11,12 +11,12 @@ import pytest
 
 from controllers.tracks import Memory, Target, Tracker
 from tests import vehicles
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.sensors.radar import BEFORE_FIRST_SCAN, Radar, RadarConfig
 from vve_sumo.values import Actors, Observation, Point, Pose
 
 CAR = vehicles.FUSION.vehicle
-ROAD = Path.from_points([0.0, 1000.0], [0.0, 0.0])
+ROAD = ReferencePath.from_points([0.0, 1000.0], [0.0, 0.0])
 PERIOD = 0.02
 
 

@@ -17,7 +17,7 @@ from tests.isolated import isolated
 from vve_sumo.drive.replay import changed_since, read_car_frames, read_pipeline_inputs, recorded_scenario, replay
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
 from vve_sumo.errors import ConfigError
-from vve_sumo.path import Path as Curve
+from vve_sumo.path import ReferencePath
 from vve_sumo.record.reader import read_table
 
 LEAD = {
@@ -123,7 +123,7 @@ def test_paths_and_recorded_speeds_are_found_and_hashed(tmp_path: Path) -> None:
     resolved = altered(changes(actors=[LEAD | {"events": [{}, {"speeds": speeds}]}, other]))
     assert resolved.recordings == {speeds: ((100.0, 102.5), (8.0, 6.0))}
     assert resolved.actor_paths.keys() == {"linden_loop"}
-    assert isinstance(resolved.actor_paths["linden_loop"], Curve)
+    assert isinstance(resolved.actor_paths["linden_loop"], ReferencePath)
     hashes = resolved.to_dict(REPOSITORY)["files_sha256"]
     loop = (REPOSITORY / "routes" / "linden_loop.csv").read_bytes()
     assert hashes["actors.other.path"] == hashlib.sha256(loop).hexdigest()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from tests.drive.street import drive_once
 from tests.isolated import isolated
 from tests.vehicles import FUSION
 from vve_sumo.drive.rest import REACH, Ahead, RestObserver
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.values import Actors, Point, Pose
@@ -32,12 +32,12 @@ def scenario(*demand: str) -> Scenario:
         "obstacles": [{"id": "parked", "at_m": 0.0}],
         "actors": [{"id": "lead", "at_m": 0.0}],
     }
-    return parse(table, FilePath("straight.toml"))
+    return parse(table, Path("straight.toml"))
 
 
 def ahead(*road: tuple[str, float, float, float], demand: tuple[str, ...] = ("light",)) -> Ahead:
     """Return what the car stands before: `road` are names, gaps ahead of its bumper [m], offsets [m], speeds [m/s]."""
-    path = Path.from_points(np.array([0.0, 300.0]), np.array([0.0, 0.0]))
+    path = ReferencePath.from_points(np.array([0.0, 300.0]), np.array([0.0, 0.0]))
     pose = Pose(0.0, Point.REAR_AXLE, STATION, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     names, gaps, offsets, speeds = zip(*road, strict=True) if road else ((), (), (), ())
     column = np.array
@@ -82,7 +82,7 @@ def test_nothing_is_ahead_beside_the_strip_too_far_away_or_behind(demand: tuple[
 
 
 def test_a_car_whose_place_is_unknown_stands_before_nothing() -> None:
-    path = Path.from_points(np.array([0.0, 300.0]), np.array([0.0, 0.0]))
+    path = ReferencePath.from_points(np.array([0.0, 300.0]), np.array([0.0, 0.0]))
     pose = Pose(0.0, Point.REAR_AXLE, STATION, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     empty = Actors(0.0, (), *(np.empty(0) for _ in range(8)))
     observer = RestObserver(scenario(), path, FUSION.vehicle)

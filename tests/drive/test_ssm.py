@@ -20,7 +20,7 @@ from tests.world.streets import FUSION, PERIOD, demand, pose, street
 from vve_sumo.metrics import following
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.lead_vehicle import LeadVehicle
-from vve_sumo.path import Path as Curve
+from vve_sumo.path import ReferencePath
 from vve_sumo.record.layout import SCHEMAS
 from vve_sumo.values import Actors, Floats
 
@@ -112,7 +112,7 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> Driven:
 def seen_by(driven: Driven) -> LeadVehicle:
     ticks, actors = ticks_of(driven.ego), pa.Table.from_pylist(driven.actors, SCHEMAS["actors"])
     line = np.arange(0.0, 1000.0, 5.0)
-    return DriveData(ticks, actors, Curve.from_points(line, np.full_like(line, LANE)), FUSION, PERIOD).lead
+    return DriveData(ticks, actors, ReferencePath.from_points(line, np.full_like(line, LANE)), FUSION, PERIOD).lead
 
 
 def device(driven: Driven, name: str) -> Floats:

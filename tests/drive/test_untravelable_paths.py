@@ -13,7 +13,7 @@ import pytest
 from tests.drive.street import REPOSITORY, altered
 from vve_sumo.drive.resolved_scenario import LoadedPath, read_path
 from vve_sumo.errors import ConfigError
-from vve_sumo.path import Path as ReferencePath
+from vve_sumo.path import ReferencePath
 from vve_sumo.path_feasibility import find_reversal, refuse_tight_bend
 from vve_sumo.rig.load import load as load_rig
 from vve_sumo.vehicle.load import load as load_vehicle

@@ -14,7 +14,7 @@ from controllers import follow_and_stop
 from tests import vehicles
 from tests.live.matrix import GATEWAY, HALF, OPEN_THROTTLE, PERIOD, PUSH, PUSHED, Layer, Right, Row, bound
 from tests.vehicle.closed_loop import Came, ClosedLoop, Slowing, came_of, straight, winding
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.plant.injected_faults import InjectedFault
 
 AT: Final = 7.0  #: of the fault, after the first motion, when the car keeps its speed [s]
@@ -31,7 +31,7 @@ class Noticed(NamedTuple):
     seconds: float = math.inf  #: from the fault, at most
     metres: float = math.inf  #: that the car was led off its path by then, at most
     value: float = math.nan
-    path: Path = winding()
+    path: ReferencePath = winding()
     stops: Layer = GATEWAY
 
 
@@ -58,7 +58,7 @@ PROMISED: Final = (
 )
 
 
-def driven(kind: str, speed: float, path: Path, value: float = math.nan, brakes: float = 0.0) -> Came:
+def driven(kind: str, speed: float, path: ReferencePath, value: float = math.nan, brakes: float = 0.0) -> Came:
     """What comes of a fault at a speed; with `brakes` [m/s2] the controller asks for them from `BRAKES_AT` on."""
     controller = follow_and_stop.make(vehicles.FUSION.vehicle, {})
     slowing = Slowing(controller, BRAKES_AT, brakes) if brakes else controller

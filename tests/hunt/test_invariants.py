@@ -323,7 +323,7 @@ def test_brakes_that_a_hidden_foot_works_instead_are_not_yet_seen(
     usual = {"enabled": (False, True, True), "due": {"brake_report_frozen": math.nan}, "command": braking}
     pressed = usual | {"driver": FIRM_FOOT, "driver_brake_torque": foot} | changes
     assert names(judged(lambda time: pressed if time > 1.0 else {}, 3.0)) == ["told_driving"] * broken
-    lifts = judged(lambda time: ({} if time <= 1.0 else pressed if time < 2.0 else usual), 3.0)
+    lifts = judged(lambda time: {} if time <= 1.0 else pressed if time < 2.0 else usual, 3.0)
     assert names(lifts) == ["told_driving"]
     assert lifts[0].time > 2.5 or broken
 

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from vve_sumo.drive.virtual_road import pose_at_rest
 from vve_sumo.live import start_pose
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 
 #: a bend to the left that begins at (100, -20) and runs north-west
-PATH = Path.from_points([100.0, 80.0, 58.0, 35.0], [-20.0, -1.0, 14.0, 22.0])
+PATH = ReferencePath.from_points([100.0, 80.0, 58.0, 35.0], [-20.0, -1.0, 14.0, 22.0])
 
 
 def placed(along: float, left: float, turned: float) -> start_pose.StartPose:

@@ -12,20 +12,20 @@ from hypothesis import strategies as st
 
 from tests import vehicles
 from vve_sumo.lot.fallback import LATERAL_ACCELERATION, deferred_fallback_path, fallback_path
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.values import DeferredFallbackPath, FallbackPath, Point, Pose, resolve_fallback_path
 from vve_sumo.vehicle.fallback import well_formed
 
 VEHICLE = vehicles.FUSION.vehicle
 _ANGLE = np.linspace(0.0, math.pi / 2.0, 24)
-ROUND_A_CORNER = Path.from_points(
+ROUND_A_CORNER = ReferencePath.from_points(
     np.concatenate((np.arange(0.0, 60.0), 60.0 + 15.0 * np.sin(_ANGLE), np.full(60, 75.0))),
     np.concatenate((np.zeros(60), 15.0 - 15.0 * np.cos(_ANGLE), np.arange(16.0, 76.0))),
 )
-CIRCLE = Path.from_points(30.0 * np.cos(np.linspace(0.0, 5.0, 160)), 30.0 * np.sin(np.linspace(0.0, 5.0, 160)))
+CIRCLE = ReferencePath.from_points(30.0 * np.cos(np.linspace(0.0, 5.0, 160)), 30.0 * np.sin(np.linspace(0.0, 5.0, 160)))
 
 
-def beside(path: Path, s: float, offset: float, turned: float, speed: float) -> Pose:
+def beside(path: ReferencePath, s: float, offset: float, turned: float, speed: float) -> Pose:
     at = path.at(s)
     x, y = at.x - offset * math.sin(at.heading), at.y + offset * math.cos(at.heading)
     return Pose(0.0, Point.REAR_AXLE, x, y, at.heading + turned, speed, 0.0, 0.0, 0.0, 0.0)
@@ -75,7 +75,7 @@ def test_following_it_from_a_small_deviation_ends_near_the_path(
 
 @pytest.mark.parametrize("speed", [0.0, 0.3, 5.0, 11.0, 16.0])
 def test_it_is_short_in_knots_and_longer_than_any_stop(speed: float) -> None:
-    straight = Path.from_points([0.0, 300.0], [0.0, 0.0])
+    straight = ReferencePath.from_points([0.0, 300.0], [0.0, 0.0])
     way = fallback_path(beside(straight, 10.0, 0.2, 0.0, speed), 0.0, straight, 10.0, VEHICLE)
     assert way is not None
     assert len(way.curvature) <= 32

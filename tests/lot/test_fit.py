@@ -14,11 +14,11 @@ from vve_sumo.frames import Alignment
 from vve_sumo.lot.fit import Fit, fit, shortened
 from vve_sumo.lot.geofence import Geofence, Stop
 from vve_sumo.lot.polygon import Lot
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 
 VEHICLE = vehicles.FUSION.vehicle
 GATEWAY, WATCHDOG = Stop(2.4, 0.16, 0.48, 0.25), Stop(2.5, 0.22, 0.0, 0.25)
-STRAIGHT = Path.from_points(np.arange(0.0, 61.0), np.zeros(61))
+STRAIGHT = ReferencePath.from_points(np.arange(0.0, 61.0), np.zeros(61))
 
 
 def turned(points: list[tuple[float, float]], angle: float) -> list[tuple[float, float]]:
@@ -30,16 +30,16 @@ def geofence(lot: Lot) -> Geofence:
     return Geofence(lot, VEHICLE, Alignment(), gateway=GATEWAY, watchdog=WATCHDOG)
 
 
-def bend(radius: float, before: int, after: int) -> Path:
+def bend(radius: float, before: int, after: int) -> ReferencePath:
     angle = np.linspace(0.0, math.pi / 2.0, 24)[1:]
     x = np.concatenate(
         (np.arange(float(before) + 1.0), before + radius * np.sin(angle), np.full(after, before + radius))
     )
     y = np.concatenate((np.zeros(before + 1), radius - radius * np.cos(angle), radius + np.arange(1.0, after + 1.0)))
-    return Path.from_points(x, y)
+    return ReferencePath.from_points(x, y)
 
 
-def proven(found: Fit, lot: Lot, path: Path, speed: float) -> None:
+def proven(found: Fit, lot: Lot, path: ReferencePath, speed: float) -> None:
     """What a fit says is so under its own alignment."""
     first = geofence(lot).aligned(found.alignment).along(path, speed)
     assert (first is None) == found.whole
@@ -132,10 +132,10 @@ def test_a_lot_without_room_for_a_start_says_so() -> None:
 def test_what_is_cut_still_fits_when_a_file_has_rounded_it(rounding: float) -> None:
     lot = Lot([(-10.0, -10.0), (100.0, -10.0), (100.0, 10.0), (-10.0, 10.0)], margin=1.0)
     fence = Geofence(lot, VEHICLE, Alignment(), gateway=GATEWAY, watchdog=WATCHDOG)
-    whole = Path.from_points(np.arange(0.0, 95.0), np.zeros(95))
+    whole = ReferencePath.from_points(np.arange(0.0, 95.0), np.zeros(95))
     station = fence.along(whole, 8.0)
     assert station is not None
     short = shortened(whole, fence, 8.0, station)
     assert station - 2.0 < short.length < station
     x = np.linspace(0.0, short.length, 60) * rounding
-    assert fence.along(Path.from_points(x, np.zeros(60)), 8.0) is None
+    assert fence.along(ReferencePath.from_points(x, np.zeros(60)), 8.0) is None

@@ -16,7 +16,7 @@ from vve_sumo.frames import Alignment
 from vve_sumo.lot.geofence import GEOFENCE_BREACH, JERK, Geofence, Stop
 from vve_sumo.lot.polygon import Lot
 from vve_sumo.lot.turning import Turning
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.values import FallbackPath, Point, Pose
 
@@ -236,19 +236,19 @@ def test_dense_brute_force_finds_no_way_out_that_the_fence_missed(
 
 def test_a_path_is_checked_as_a_whole() -> None:
     lot = Lot([(-10.0, -10.0), (100.0, -10.0), (100.0, 10.0), (-10.0, 10.0)], margin=1.0)
-    into_the_wall = Path.from_points(np.arange(0.0, 95.0), np.zeros(95))
+    into_the_wall = ReferencePath.from_points(np.arange(0.0, 95.0), np.zeros(95))
     reserve = max(GATEWAY.distance(8.0), WATCHDOG.distance(8.0)) + VEHICLE.rear_axle_to_bumper
     station = geofence(lot).along(into_the_wall, 8.0)
     assert station == math.ceil(99.0 - reserve)
-    assert geofence(lot).along(Path.from_points(np.arange(0.0, 60.0), np.zeros(60)), 8.0) is None
-    assert geofence(lot).along(Path.from_points(np.arange(-9.0, 60.0), np.zeros(69)), 8.0) == 0.0
+    assert geofence(lot).along(ReferencePath.from_points(np.arange(0.0, 60.0), np.zeros(60)), 8.0) is None
+    assert geofence(lot).along(ReferencePath.from_points(np.arange(-9.0, 60.0), np.zeros(69)), 8.0) == 0.0
 
 
 def test_a_bend_is_checked_at_the_speed_that_it_allows() -> None:
     angle = np.linspace(0.0, math.pi / 2.0, 16)
     x = np.concatenate((np.arange(0.0, 40.0), 40.0 + 10.0 * np.sin(angle), np.full(20, 50.0)))
     y = np.concatenate((np.zeros(40), 10.0 - 10.0 * np.cos(angle), np.arange(11.0, 31.0)))
-    path = Path.from_points(x, y)
+    path = ReferencePath.from_points(x, y)
     places = geofence(Lot(LANE)).driven(path, 15.0)
     fastest = max(place.pose.speed for place in places)
     in_bend = [place.pose.speed for place in places if 42.0 < place.station < 54.0]

@@ -10,7 +10,7 @@ import pyarrow as pa
 from tests.vehicles import FUSION
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.lead_vehicle import LeadVehicle
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.record.layout import SCHEMAS
 from vve_sumo.values import TickRow
 
@@ -29,14 +29,14 @@ def actors_of(rows: list[dict[str, object]]) -> pa.Table:
     return pa.Table.from_pylist([plain | row for row in rows], SCHEMAS["actors"])
 
 
-def straight() -> Path:
+def straight() -> ReferencePath:
     x = np.arange(0.0, 301.0, 2.0)
-    return Path.from_points(x, np.zeros_like(x))
+    return ReferencePath.from_points(x, np.zeros_like(x))
 
 
-def drive_of(ticks: pa.Table, actors: pa.Table, path: Path | None = None) -> DriveData:
+def drive_of(ticks: pa.Table, actors: pa.Table, path: ReferencePath | None = None) -> DriveData:
     return DriveData(ticks, actors, straight() if path is None else path, CAR, PERIOD)
 
 
-def lead_of(ticks: pa.Table, actors: pa.Table, path: Path | None = None) -> LeadVehicle:
+def lead_of(ticks: pa.Table, actors: pa.Table, path: ReferencePath | None = None) -> LeadVehicle:
     return drive_of(ticks, actors, path).lead

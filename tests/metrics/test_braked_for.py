@@ -10,7 +10,7 @@ import pytest
 from tests.metrics.tables import CAR, PERIOD, actors_of, drive_of, ticks_of
 from vve_sumo.metrics.braked_for import hardest_braking_for, last_stop_for
 from vve_sumo.metrics.drive_data import DriveData
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 
 CRUISE, SPEED = 3.0, 10.0  #: [s], [m/s]
 BRAKING = 2.5  #: [m/s2]
@@ -27,7 +27,10 @@ def motion(deceleration: float = BRAKING) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 def drive(
-    *others: dict[str, object], deceleration: float = BRAKING, path: Path | None = None, stands_for: float = 0.0
+    *others: dict[str, object],
+    deceleration: float = BRAKING,
+    path: ReferencePath | None = None,
+    stands_for: float = 0.0,
 ) -> DriveData:
     """Return a drive: `others` are actors, whose x_m, y_m may be functions of the time [s] since braking began.
 
@@ -120,7 +123,7 @@ def test_nobody_brakes_for_what_comes_from_behind(others: tuple[dict[str, object
 def test_nobody_brakes_for_what_crosses_beyond_the_end_of_the_path() -> None:
     assert last_stop_for(drive(BEYOND)) == "crosser"
     x = np.arange(0.0, REST + 1.0 - CAR.rear_axle_to_bumper, 1.0)
-    assert last_stop_for(drive(BEYOND, path=Path.from_points(x, np.zeros_like(x)))) == ""
+    assert last_stop_for(drive(BEYOND, path=ReferencePath.from_points(x, np.zeros_like(x)))) == ""
 
 
 def test_a_car_that_stood_just_before_it_braked_met_nobody_then() -> None:

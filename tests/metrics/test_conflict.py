@@ -14,7 +14,7 @@ from tests.metrics.tables import CAR, actors_of, drive_of, straight, ticks_of
 from vve_sumo.metrics.conflict import HORIZON, yielding
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.following import MAX_DECELERATION
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 
 START = 20.0  #: station of the ego's rear axle at the tick that is judged [m]
 BUMPER = START + CAR.rear_axle_to_bumper
@@ -27,7 +27,7 @@ def driven(
     speed: float,
     track: list[tuple[float, float, float]],
     other: float,
-    path: Path | None = None,
+    path: ReferencePath | None = None,
     size: tuple[float, float] = (LENGTH, WIDTH),
 ) -> DriveData:
     """A drive whose first tick is judged: the ego at START, an actor along a track (x, y, heading) from then on."""
@@ -48,7 +48,7 @@ def body(x: float, y: float, heading: float, length: float, width: float) -> sha
     return shapely.affinity.translate(shapely.affinity.rotate(box, heading, (0, 0), use_radians=True), x, y)
 
 
-def ego_body(path: Path, s: float) -> shapely.Polygon:
+def ego_body(path: ReferencePath, s: float) -> shapely.Polygon:
     point = path.at(s)
     ahead = CAR.rear_axle_to_bumper - CAR.length / 2.0
     x, y = point.x + ahead * math.cos(point.heading), point.y + ahead * math.sin(point.heading)
@@ -56,7 +56,7 @@ def ego_body(path: Path, s: float) -> shapely.Polygon:
 
 
 def steps(
-    path: Path,
+    path: ReferencePath,
     speed: float,
     x: float,
     y: float,
@@ -80,12 +80,12 @@ def steps(
     return math.inf, least
 
 
-def bend(radius: float = 15.0) -> Path:
+def bend(radius: float = 15.0) -> ReferencePath:
     """A quarter turn to the left after 30 m."""
     angle = np.linspace(0.0, math.pi / 2, 13)[1:]
     x = np.concatenate((np.arange(0.0, 31.0, 2.0), 30.0 + radius * np.sin(angle), np.full(40, 30.0 + radius)))
     y = np.concatenate((np.zeros(16), radius - radius * np.cos(angle), radius + 2.0 * np.arange(1, 41)))
-    return Path.from_points(x, y)
+    return ReferencePath.from_points(x, y)
 
 
 PLACES = st.tuples(st.floats(-15.0, 60.0), st.floats(-40.0, 40.0), st.floats(-math.pi, math.pi))
@@ -248,7 +248,7 @@ def test_oncoming_traffic_in_a_lane_of_its_own_that_the_path_bends_across_is_no_
     angle = np.linspace(0.0, math.pi / 2, 13)[1:]
     x = np.concatenate((np.arange(0.0, 51.0, 2.0), 50.0 + 10.0 * np.sin(angle), np.full(20, 60.0)))
     y = np.concatenate((np.zeros(26), 10.0 - 10.0 * np.cos(angle), 10.0 + 2.0 * np.arange(1, 21)))
-    path = Path.from_points(x, y)
+    path = ReferencePath.from_points(x, y)
     for oncoming, meets in ((58.0, False), (100.0, True)):
         drive = driven(8.0, [(oncoming, 3.5, math.pi)], 10.0, path)
         assert np.isfinite(drive.conflict.time[0]) == meets
@@ -263,7 +263,9 @@ def test_nothing_beyond_the_paths_end_counts() -> None:
     for x, counts in ((START + end - 5.0, True), (START + end + CAR.rear_axle_to_bumper + LENGTH, False)):
         drive = driven(40.0, [(x, 0.0, 0.0)], 0.0)
         assert np.isfinite(drive.conflict.time[0]) == counts
-        drive = driven(40.0, [(x - 150.0, 0.0, 0.0)], 0.0, Path.from_points([0.0, end + START - 150.0], [0.0, 0.0]))
+        drive = driven(
+            40.0, [(x - 150.0, 0.0, 0.0)], 0.0, ReferencePath.from_points([0.0, end + START - 150.0], [0.0, 0.0])
+        )
         assert np.isfinite(drive.lead.gap[0]) == counts
         assert np.isfinite(drive.strip_lead.gap[0])
 

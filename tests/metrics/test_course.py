@@ -14,7 +14,7 @@ from tests.metrics.tables import CAR, PERIOD, actors_of, drive_of, straight, tic
 from vve_sumo.metrics.braked_for import hardest_braking_for
 from vve_sumo.metrics.course import MAX_ARC, MAX_DEVIATION, MAX_HEADING_ERROR, Course, Starts, starts
 from vve_sumo.metrics.drive_data import DriveData
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.values import Floats
 
 SPEED = 10.0  #: [m/s]
@@ -64,7 +64,7 @@ def test_a_point_beside_an_arc_is_found_where_it_was_put(
 def test_path_and_arc_join_where_the_car_drives_as_the_path_goes() -> None:
     """On a circle, at its radius and along it, both predict the same; a course ends after half a turn."""
     angle = np.linspace(0.0, 1.5 * math.pi, 200)
-    path = Path.from_points(40.0 * np.sin(angle), 40.0 - 40.0 * np.cos(angle))
+    path = ReferencePath.from_points(40.0 * np.sin(angle), 40.0 - 40.0 * np.cos(angle))
     s = 30.0
     x, y, heading = 40.0 * math.sin(s / 40.0), 40.0 - 40.0 * math.cos(s / 40.0), s / 40.0
     bodies = []

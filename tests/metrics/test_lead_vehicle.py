@@ -10,7 +10,7 @@ import shapely
 
 from tests.metrics.tables import CAR, actors_of, lead_of, ticks_of
 from vve_sumo.metrics.lead_vehicle import index_of_tick
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 
 
 def test_gap_and_time_to_collision_of_a_car_ahead_are_the_closed_form() -> None:
@@ -55,7 +55,7 @@ def test_actors_belong_to_the_tick_of_their_number_where_ticks_were_missed() -> 
 def test_around_a_bend_the_gap_counts_along_the_path() -> None:
     """On a circle of 50 m, a small box at 90 degrees ahead is a quarter of the circumference away, not the chord."""
     angles = np.linspace(0.0, math.pi, 120)
-    path = Path.from_points(50.0 * np.sin(angles), 50.0 - 50.0 * np.cos(angles))
+    path = ReferencePath.from_points(50.0 * np.sin(angles), 50.0 - 50.0 * np.cos(angles))
     ticks = ticks_of([{"true_x_m": 0.0, "true_speed_mps": 8.0, "s_m": 0.0}])
     actors = actors_of(
         [

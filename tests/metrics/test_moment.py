@@ -12,11 +12,11 @@ from tests import vehicles
 from tests.metrics.tables import actors_of, ticks_of
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.moment import Measure, moment_of
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 
 CAR = vehicles.FUSION.vehicle
 PERIOD = 0.1
-PATH = Path.from_points(np.arange(0.0, 301.0, 2.0), np.zeros(151))
+PATH = ReferencePath.from_points(np.arange(0.0, 301.0, 2.0), np.zeros(151))
 
 
 def drive(rows: list[dict[str, Any]], others: list[dict[str, Any]]) -> DriveData:

@@ -18,7 +18,7 @@ from vve_sumo.metrics.conflict import HORIZON
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.following import MAX_DECELERATION
 from vve_sumo.metrics.lead_vehicle import CLOSING_FLOOR
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.values import Floats
 
 SCENES = 2000  #: of one batch
@@ -68,7 +68,7 @@ def drive(scene: Scenes) -> DriveData:
         {"tick": i, "actor": f"a{i}", **dict(zip(names, row, strict=True))}
         for i, row in enumerate(np.column_stack(columns).tolist())
     ]
-    return drive_of(ticks_of(ticks), actors_of(actors), Path.from_points([0.0, END], [0.0, 0.0]))
+    return drive_of(ticks_of(ticks), actors_of(actors), ReferencePath.from_points([0.0, END], [0.0, 0.0]))
 
 
 def corners(scene: Scenes, time: Floats) -> Floats:

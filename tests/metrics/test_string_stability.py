@@ -20,7 +20,7 @@ from vve_sumo.metrics.string_stability import (
     time_gap_error,
     time_shares,
 )
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 
 
 def follower(gap_gain: float, speed_gain: float, headway: float) -> control.TransferFunction:
@@ -128,7 +128,7 @@ def driven(time: np.ndarray, gap: np.ndarray, leader: np.ndarray, speed: np.ndar
         for tick, (x, w) in enumerate(zip(front, leader.tolist(), strict=True))
     ]
     way = np.arange(0.0, place[-1] + 200.0, 20.0)
-    return drive_of(ticks_of(rows), actors_of(actors), Path.from_points(way, np.zeros_like(way)))
+    return drive_of(ticks_of(rows), actors_of(actors), ReferencePath.from_points(way, np.zeros_like(way)))
 
 
 @pytest.mark.parametrize("approach", [0.0, 6.0])

@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vve_sumo.metrics.tracking import track, wrapped
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 
 
 def test_left_of_a_straight_path_is_positive_and_so_is_a_heading_to_the_left() -> None:
     """A path to the south-west, so that the headings lie to both sides of ±pi."""
     along = np.linspace(0.0, 100.0, 40)
-    path = Path.from_points(-along, -1e-3 * along)
+    path = ReferencePath.from_points(-along, -1e-3 * along)
     heading = -math.pi + math.atan(1e-3)
     station, offset = np.array([20.0, 50.0, 80.0]), np.array([0.3, -0.7, 0.0])
     x = station * math.cos(heading) - offset * math.sin(heading)
@@ -29,7 +29,7 @@ def test_left_of_a_straight_path_is_positive_and_so_is_a_heading_to_the_left() -
 
 def test_inside_a_left_turn_is_left_and_the_frame_turns_with_the_path() -> None:
     angles = np.linspace(0.0, math.pi, 200)
-    path = Path.from_points(40.0 * np.sin(angles), 40.0 - 40.0 * np.cos(angles))
+    path = ReferencePath.from_points(40.0 * np.sin(angles), 40.0 - 40.0 * np.cos(angles))
     at, offset, error = np.linspace(0.3, 2.8, 30), 0.4, 0.05
     x, y = (40.0 - offset) * np.sin(at), 40.0 - (40.0 - offset) * np.cos(at)
     found = track(path, x, y, at + error, 40.0 * at)
@@ -38,7 +38,7 @@ def test_inside_a_left_turn_is_left_and_the_frame_turns_with_the_path() -> None:
 
 
 def test_a_pose_that_nobody_knows_has_no_deviation() -> None:
-    path = Path.from_points([0.0, 50.0, 100.0], [0.0, 0.0, 0.0])
+    path = ReferencePath.from_points([0.0, 50.0, 100.0], [0.0, 0.0, 0.0])
     one, nan = np.array([10.0, 10.0, math.nan]), np.array([math.nan, 0.0, 0.0])
     found = track(path, one, nan, np.array([0.0, math.nan, 0.0]), np.array([10.0, 10.0, 10.0]))
     np.testing.assert_equal(found.lateral_deviation, [math.nan, 0.0, math.nan])

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 from vve_sumo.geometry import Box, behind_bumper, overlap
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.values import Actors, Point, Pose, Vehicle
 
 GENTLE: Final = 1.5  #: how it speeds up and slows down [m/s2]
@@ -56,7 +56,7 @@ def plan(chance: random.Random) -> Iterator[Manoeuvre]:
 class OddEgo:
     """The ego on its way; `step` moves it."""
 
-    def __init__(self, path: Path, vehicle: Vehicle, start: float, means: Iterator[Manoeuvre]) -> None:
+    def __init__(self, path: ReferencePath, vehicle: Vehicle, start: float, means: Iterator[Manoeuvre]) -> None:
         """Begin at a station of the path [m], for the rear axle; `means` is what it does, one after the other."""
         self._path, self._vehicle, self._plan = path, vehicle, means
         self._s, self._offset, self._turn, self._speed = start, 0.0, 0.0, 0.0

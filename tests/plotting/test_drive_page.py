@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -23,7 +23,7 @@ from tests.drive.street import REPOSITORY, altered
 from tests.isolated import isolated
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.moment import Measure, Moment
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.plotting import birds_eye, drive_page, page
 from vve_sumo.record.layout import SCHEMAS
 from vve_sumo.values import TickRow
@@ -43,7 +43,7 @@ def page_of(rows: list[dict[str, Any]], actors: list[dict[str, Any]], heading: f
     usual = {"y_m": 0.0, "heading_rad": heading, "speed_mps": 0.0, "length_m": 4.0, "width_m": 2.0}
     others = pa.Table.from_pylist([usual | row for row in actors], SCHEMAS["actors"])
     s = np.arange(0.0, 301.0, 2.0)
-    path = Path.from_points(s * math.cos(heading), s * math.sin(heading))
+    path = ReferencePath.from_points(s * math.cos(heading), s * math.sin(heading))
     lane = np.array([[0.0, 0.0], [300.0 * math.cos(heading), 300.0 * math.sin(heading)]])
     lead = DriveData(ticks, others, path, CAR, 0.02).lead
     return page.DrivePage("a title", "a subtitle", ticks, others, lead, path, CAR, [(lane, 3.5)])
@@ -59,7 +59,7 @@ def driving(count: int, heading: float = 0.0, begin: float = 0.0, **more: Any) -
     return rows
 
 
-def painted(content: page.DrivePage, folder: FilePath) -> Any:
+def painted(content: page.DrivePage, folder: Path) -> Any:
     """Return the picture's dots, rows x columns x (red, green, blue), each 0 to 1."""
     drive_page.draw(content, folder / "drive.png")
     return image.imread(folder / "drive.png")[..., :3]
@@ -108,10 +108,10 @@ def drive_and_draw(folder: str) -> None:
     from vve_sumo.plotting.drive_record import draw_drive
 
     resolved = altered({"duration_s": 3.0})
-    draw_drive(drives.run(resolved, FilePath(folder), REPOSITORY))
+    draw_drive(drives.run(resolved, Path(folder), REPOSITORY))
 
 
-def test_a_real_drive_fills_every_panel(tmp_path: FilePath) -> None:
+def test_a_real_drive_fills_every_panel(tmp_path: Path) -> None:
     isolated(drive_and_draw, str(tmp_path / "record"))
     dots = image.imread(tmp_path / "record" / "drive.png")[..., :3]
     assert dots.shape == (*PIXELS, 3)
@@ -143,7 +143,7 @@ NO_TRUTH = {name: math.nan for name in NO_POSE if name.startswith("true_")} | {"
         pytest.param(driving(20, contacts="gone"), id="contact with an actor that left"),
     ],
 )
-def test_a_poor_record_still_makes_a_picture_that_says_so(rows: list[dict[str, Any]], tmp_path: FilePath) -> None:
+def test_a_poor_record_still_makes_a_picture_that_says_so(rows: list[dict[str, Any]], tmp_path: Path) -> None:
     dots = painted(page_of(rows, []), tmp_path)
     assert dots.shape == (*PIXELS, 3)
     assert dark(street(dots)) > 50
@@ -151,7 +151,7 @@ def test_a_poor_record_still_makes_a_picture_that_says_so(rows: list[dict[str, A
         assert dark(curve(dots, row)) > 20
 
 
-def test_the_gap_shows_only_where_something_is_ahead(tmp_path: FilePath) -> None:
+def test_the_gap_shows_only_where_something_is_ahead(tmp_path: Path) -> None:
     """An actor stands ahead for the first and the last third of the drive; between, the curve breaks."""
     actors = [{"tick": n, "actor": "parked", "x_m": 240.0} for n in range(90) if not 30 <= n < 60]
     content = page_of(driving(90, begin=100.0), actors)
@@ -162,7 +162,7 @@ def test_the_gap_shows_only_where_something_is_ahead(tmp_path: FilePath) -> None
     assert columns[2 * third + 10 : -10].all()
 
 
-def test_the_gap_at_the_end_is_drawn_between_ego_and_obstacle(tmp_path: FilePath) -> None:
+def test_the_gap_at_the_end_is_drawn_between_ego_and_obstacle(tmp_path: Path) -> None:
     """Bumper at 200 m and the overhang; a 4 m box 12 m ahead. Dots between the cars, and beside them, measure it."""
     x = 200.0 + CAR.rear_axle_to_bumper + 12.0 + 2.0
     content = page_of(driving(50), [{"tick": 49, "actor": "parked", "x_m": x}])
@@ -177,7 +177,7 @@ def test_the_gap_at_the_end_is_drawn_between_ego_and_obstacle(tmp_path: FilePath
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.8, math.pi / 2.0, 2.5, -2.0])
-def test_a_straight_street_lies_along_the_page_whatever_its_direction(heading: float, tmp_path: FilePath) -> None:
+def test_a_straight_street_lies_along_the_page_whatever_its_direction(heading: float, tmp_path: Path) -> None:
     content = page_of(driving(100, heading), [], heading)
     height = page.LEFT_WIDTH * drive_page.FLATTEST
     whole = part(painted(content, tmp_path), page.LEFT, page.TOP - height, page.LEFT_WIDTH, height)
@@ -187,7 +187,7 @@ def test_a_straight_street_lies_along_the_page_whatever_its_direction(heading: f
     assert np.ptp(rows) < 30
 
 
-def test_a_drive_that_nobody_obeyed_shows_what_was_asked(tmp_path: FilePath) -> None:
+def test_a_drive_that_nobody_obeyed_shows_what_was_asked(tmp_path: Path) -> None:
     """Asked -3 m/s2 to the end, granted nothing: only a drive that engaged draws the grant."""
     asked = {"acceleration_setpoint_mps2": -3.0, "granted_acceleration_mps2": 0.0}
     places = []
@@ -198,7 +198,7 @@ def test_a_drive_that_nobody_obeyed_shows_what_was_asked(tmp_path: FilePath) -> 
     assert places == [False, True]
 
 
-def test_the_hold_at_rest_is_not_drawn(tmp_path: FilePath) -> None:
+def test_the_hold_at_rest_is_not_drawn(tmp_path: Path) -> None:
     still = {"true_speed_mps": 0.0, "true_acceleration_mps2": 0.0, "granted_acceleration_mps2": -1.0}
     moving = {"granted_acceleration_mps2": -1.0}
     content = page_of([*driving(50, **moving), *driving(50, **still)], [])
@@ -207,7 +207,7 @@ def test_the_hold_at_rest_is_not_drawn(tmp_path: FilePath) -> None:
     assert columns[-1] == pytest.approx(width / 2.0, abs=8.0)
 
 
-def test_the_emergency_layer_shades_its_time_in_every_panel(tmp_path: FilePath) -> None:
+def test_the_emergency_layer_shades_its_time_in_every_panel(tmp_path: Path) -> None:
     rows = [row | {"emergency": 50 <= n < 75} for n, row in enumerate(driving(100))]
     dots = painted(page_of(rows, []), tmp_path)
     for row in range(4):
@@ -218,7 +218,7 @@ def test_the_emergency_layer_shades_its_time_in_every_panel(tmp_path: FilePath) 
         assert tinted[-1] == pytest.approx(74 / 99, abs=0.01)
 
 
-def test_the_first_contact_is_marked_in_every_panel(tmp_path: FilePath) -> None:
+def test_the_first_contact_is_marked_in_every_panel(tmp_path: Path) -> None:
     plain = painted(page_of(driving(100), []), tmp_path)
     rows = [row | {"contacts": "parked" if n >= 60 else ""} for n, row in enumerate(driving(100))]
     marked = painted(page_of(rows, []), tmp_path)

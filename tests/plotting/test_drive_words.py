@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -89,7 +89,7 @@ def test_the_time_in_which_the_radar_lost_the_actor_is_hatched_and_said_and_no_m
     assert max(mark.y1 for mark in (line.get_window_extent(), *hatched)) < min(box.y0 for box in lines)
 
 
-def test_what_the_radar_lost_is_read_from_the_record(tmp_path: FilePath) -> None:
+def test_what_the_radar_lost_is_read_from_the_record(tmp_path: Path) -> None:
     """Scans every two ticks; single ones miss the actor, and none from 1 s to 3 s detects it."""
     time = np.arange(0.0, 4.0, PERIOD)
     folder = write(tmp_path / "record", moving(time, 5.0 * time, np.full_like(time, 5.0)))
@@ -102,7 +102,7 @@ def test_what_the_radar_lost_is_read_from_the_record(tmp_path: FilePath) -> None
     assert [pytest.approx((48 * PERIOD, 152 * PERIOD))] == [*lost]
 
 
-def test_the_limit_at_which_the_gateway_stopped_the_car_is_drawn(tmp_path: FilePath) -> None:
+def test_the_limit_at_which_the_gateway_stopped_the_car_is_drawn(tmp_path: Path) -> None:
     time = np.arange(0.0, 4.0, PERIOD)
     rows = moving(time, 5.0 * time, np.full_like(time, 5.0))
     settings = {"title": "t", "seed": 1, "controller": {"name": "n"}, "radar": {}}
@@ -183,7 +183,7 @@ def test_an_actor_that_has_a_name_is_called_by_it_everywhere() -> None:
     assert "other" not in said(unnamed).replace("other traffic", "")
 
 
-def test_the_scenarios_actors_and_whom_the_subtitle_names_have_names(tmp_path: FilePath) -> None:
+def test_the_scenarios_actors_and_whom_the_subtitle_names_have_names(tmp_path: Path) -> None:
     settings = {"title": "t", "seed": 1, "controller": {"name": "n"}, "radar": {}}
     settings |= {"actors": [{"id": "child", "kind": "child"}], "obstacles": [{"id": "parked"}]}
     summary = {"outcome": "stopped", "braked_for": "suv.7", "hardest_braking_for": "suv.8"}

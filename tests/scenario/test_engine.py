@@ -14,17 +14,17 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from tests.world.streets import FUSION, pose
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.scenario.engine import SIZES, Recording, ScenarioEngine, Sidestep, SpeedChange
 from vve_sumo.scenario.schema import Actor, Event
 from vve_sumo.values import ActorState, Pose
 
 TICK = 0.02
-LONG = Path.from_points([0.0, 2000.0], [0.0, 0.0])
-EAST = Path.from_points([0.0, 250.0, 500.0], [0.0, 0.0, 0.0])
+LONG = ReferencePath.from_points([0.0, 2000.0], [0.0, 0.0])
+EAST = ReferencePath.from_points([0.0, 250.0, 500.0], [0.0, 0.0, 0.0])
 RADIUS = 40.0
 #: a circle to the left about (0, 40), two thirds round
-ROUND = Path.from_points(
+ROUND = ReferencePath.from_points(
     [RADIUS * math.sin(a) for a in np.linspace(0.0, 4.0, 200)],
     [RADIUS - RADIUS * math.cos(a) for a in np.linspace(0.0, 4.0, 200)],
 )
@@ -34,7 +34,9 @@ def actor(**table: Any) -> Actor:
     return Actor.model_validate({"id": "one", **table})
 
 
-def cast(*actors: Actor, path: Path = EAST, lines: dict[str, Path] | None = None, **recordings: Any) -> ScenarioEngine:
+def cast(
+    *actors: Actor, path: ReferencePath = EAST, lines: dict[str, ReferencePath] | None = None, **recordings: Any
+) -> ScenarioEngine:
     return ScenarioEngine(actors, path, lines or {}, recordings, FUSION)
 
 
@@ -42,7 +44,7 @@ def ego(x: float, speed: float = 0.0, y: float = 0.0) -> Pose:
     return pose(0.0, x, y, 0.0, speed)
 
 
-def alone(one: Actor, times: Sequence[float], path: Path = EAST, **recordings: Any) -> list[ActorState]:
+def alone(one: Actor, times: Sequence[float], path: ReferencePath = EAST, **recordings: Any) -> list[ActorState]:
     """Where an actor is that no ego touches."""
     played = cast(one, path=path, **recordings)
     return [player for time in times for player in played.step(time, ego(0.0))]
@@ -231,7 +233,7 @@ def test_it_can_be_taken_off_and_is_then_gone():
 
 
 def test_a_path_of_its_own_is_followed_at_its_own_stations():
-    north = Path.from_points([100.0, 100.0], [-50.0, 50.0])
+    north = ReferencePath.from_points([100.0, 100.0], [-50.0, 50.0])
     played = cast(actor(path="north", at_m=10.0, offset_m=2.0, speed_mps=10.0), lines={"north": north})
     played.step(0.0, ego(0.0))
     (player,) = played.step(3.0, ego(0.0))
@@ -360,7 +362,7 @@ def test_acts_wait_for_the_one_before_them_and_several_may_begin_at_once():
 
 def test_on_a_path_of_its_own_the_ego_is_seen_from_where_it_is():
     """It comes along a side street to x = 100; the gap is measured along the ego's path."""
-    north = Path.from_points([100.0, 100.0], [-50.0, 50.0])
+    north = ReferencePath.from_points([100.0, 100.0], [-50.0, 50.0])
     events = [{"when": {"ego_within_m": 20.0}, "leaves": True}]
     played = cast(actor(path="north", at_m=10.0, speed_mps=1.0, events=events), lines={"north": north})
     there = [bool(played.step(time, ego(10.0 * time, 10.0))) for time in ticks(9.0)]

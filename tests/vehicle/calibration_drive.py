@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 import struct
-from pathlib import Path as FilePath
+from pathlib import Path
 
 import numpy as np
 
@@ -17,14 +17,14 @@ from tests.setpoints import setpoint
 from vve_sumo.bus import candump_lines
 from vve_sumo.controller import load
 from vve_sumo.frames import Alignment, MapFrame, Placement
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.plant.car import Car, CarOutput, CarParameters
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.values import ArmingState, Detections, Frame, Observation, Setpoint
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 
-REPOSITORY = FilePath(__file__).parent.parent.parent
+REPOSITORY = Path(__file__).parent.parent.parent
 PERIOD, EPOCH = 0.02, 1_451_260_818.0
 SPEED = 8.0  # desired [m/s]
 LONGEST = 120.0  # a drive that has not ended by then never will [s]
@@ -38,7 +38,7 @@ class CalibrationDrive:
         lot = MapFrame("+proj=tmerc +lat_0=40 +lon_0=-83 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs")
         heading = math.radians(20.0)
         along = np.array([0.0, length])
-        self.path = Path.from_points(along * math.cos(heading), along * math.sin(heading))
+        self.path = ReferencePath.from_points(along * math.cos(heading), along * math.sin(heading))
         self.car = Car(parameters, (0.0, 0.0, heading), lot, EPOCH, np.random.SeedSequence(seed))
         self._decoder, self._predictor = Decoder(), Predictor()
         self._placement = Placement(lot, Alignment(), vehicles.FUSION.mounting, EPOCH)
@@ -69,7 +69,7 @@ class CalibrationDrive:
         truth = self.car.truth()
         return truth.x, truth.y
 
-    def write(self, folder: FilePath) -> FilePath:
+    def write(self, folder: Path) -> Path:
         """Write the record."""
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "pose.bin").write_bytes(b"".join(self._chunks))

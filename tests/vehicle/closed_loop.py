@@ -20,7 +20,7 @@ from vve_sumo.drive.lockstep import ScriptedOperator
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
 from vve_sumo.frames import Alignment, Placement, local_frame
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.plant.car import Car, CarOutput, CarParameters
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
 from vve_sumo.plant.injected_faults import START_SPEED, InjectedFault
@@ -37,16 +37,16 @@ LOT = local_frame(math.radians(40.0), math.radians(-82.98))
 NOBODY = Actors(0.0, (), *(np.zeros(0) for _ in range(8)))
 
 
-def winding(length: float = 400.0, swing: float = 3.0, period: float = 80.0) -> Path:
+def winding(length: float = 400.0, swing: float = 3.0, period: float = 80.0) -> ReferencePath:
     """A road that swings to both sides; its ends are straight on."""
     x = np.arange(0.0, length + 1.0, 1.0)
     ramp = np.clip(x / 40.0, 0.0, 1.0) ** 2
-    return Path.from_points(x, ramp * swing * np.sin(math.tau * x / period))
+    return ReferencePath.from_points(x, ramp * swing * np.sin(math.tau * x / period))
 
 
-def straight(length: float = 400.0) -> Path:
+def straight(length: float = 400.0) -> ReferencePath:
     """A straight road along x."""
-    return Path.from_points(np.arange(0.0, length + 1.0, 10.0), np.zeros(int(length // 10) + 1))
+    return ReferencePath.from_points(np.arange(0.0, length + 1.0, 10.0), np.zeros(int(length // 10) + 1))
 
 
 class Ticked(NamedTuple):
@@ -64,7 +64,7 @@ class ClosedLoop:
 
     def __init__(
         self,
-        path: Path,
+        path: ReferencePath,
         speed: float,
         faults: Iterable[InjectedFault] = (),
         parameters: CarParameters | None = None,

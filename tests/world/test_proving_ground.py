@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from vve_sumo.path import Path as Line
+from vve_sumo.path import ReferencePath
 from vve_sumo.world.network import lane_shapes, read_network
 from vve_sumo.world.proving_ground import GROUNDS, LANE_WIDTH, LANES, NOTE, Ground, build_proving_ground
 
@@ -46,7 +46,7 @@ def test_the_path_is_straight_in_the_middle_of_a_wide_street(shipped):
     frame = read_network(network).frame()
     rows = [line.split(",") for line in path.read_text().splitlines() if not line.startswith("#")][1:]
     placed = [frame.to_map(*(math.radians(float(cell)) for cell in row)) for row in rows]
-    line = Line.from_points([x for x, _y in placed], [y for _x, y in placed])
+    line = ReferencePath.from_points([x for x, _y in placed], [y for _x, y in placed])
     assert line.length == pytest.approx(ground.path_length, abs=0.01)
     assert np.abs(line.samples.curvature).max() < 1e-5
     lanes = lane_shapes(network, (-10.0, -50.0, ground.length + 10.0, 50.0))

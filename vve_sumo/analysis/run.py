@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import fields
 from functools import cached_property
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from vve_sumo.config_file import read_json
 from vve_sumo.errors import ConfigError, hint
 from vve_sumo.metrics.drive_data import DriveData, Motion
 from vve_sumo.metrics.lead_vehicle import LeadVehicle
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.record.layout import (
     LIVE_SCHEMAS,
     PROVENANCE,
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 class Run:
     """A drive's record, read as it is needed; `load` opens one."""
 
-    def __init__(self, folder: FilePath) -> None:
+    def __init__(self, folder: Path) -> None:
         """Open the record in a folder.
 
         Raises ConfigError in one line where there is none, or one of another layout, or where it holds no tick.
@@ -88,10 +88,10 @@ class Run:
         return float(self.resolved["period_s"])
 
     @cached_property
-    def path(self) -> Path:
+    def path(self) -> ReferencePath:
         """Where the rear axle was to go, in the street's map."""
         points = np.array([point.split() for point in self.resolved["path_m"]], np.float64)
-        return Path.from_points(points[:, 0], points[:, 1])
+        return ReferencePath.from_points(points[:, 0], points[:, 1])
 
     @cached_property
     def vehicle(self) -> Vehicle:
@@ -216,7 +216,7 @@ def _rows_of(number: NDArray[np.int64], table: pa.Table) -> NDArray[np.int64]:
     return counts
 
 
-def _resolved(folder: FilePath) -> dict[str, Any]:
+def _resolved(folder: Path) -> dict[str, Any]:
     file = folder / "scenario.json"
     resolved = read_json(file, "a drive", "settings")
     check_layout(resolved, file)
@@ -224,7 +224,7 @@ def _resolved(folder: FilePath) -> dict[str, Any]:
     return resolved
 
 
-def _summary(folder: FilePath) -> dict[str, Any] | None:
+def _summary(folder: Path) -> dict[str, Any] | None:
     file = folder / "summary.json"
     if not file.exists():
         return None

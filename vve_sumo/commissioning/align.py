@@ -11,7 +11,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -27,7 +27,7 @@ from vve_sumo.live import assembly, start_simulated_vehicle
 from vve_sumo.live.alignment import lot_alignment
 from vve_sumo.lot.fit import Fit, fit, measured, shortened
 from vve_sumo.lot.geofence import Geofence
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.path_feasibility import refuse_tight_bend
 from vve_sumo.rig import edit
 from vve_sumo.rig import load as rigs
@@ -49,7 +49,7 @@ class Site:
 
     resolved: ResolvedScenario
     rig: Rig
-    rig_file: FilePath
+    rig_file: Path
     geofence: Geofence  #: with the lot's map as the street's
 
     @property
@@ -77,7 +77,7 @@ class AlignmentResult:
         return self.fit is not None and self.fit.whole
 
 
-def site_of(scenario: str, rig: str, working: FilePath) -> Site:
+def site_of(scenario: str, rig: str, working: Path) -> Site:
     """Find rig and scenario by name; raises ConfigError for what is missing, wrong or too fast for the lot."""
     rig_file = workspace.find("rig", rig, working)
     loaded = rigs.load(rig_file, working)
@@ -114,7 +114,7 @@ def matched(site: Site, notify: Callable[[str], None] = lambda line: None) -> Al
     return AlignmentResult(alignment, standing.spread, site.fits(alignment), (evidence,))
 
 
-def paired(site: Site, file: FilePath) -> AlignmentResult:
+def paired(site: Site, file: Path) -> AlignmentResult:
     """Align the surveyed places of a CSV file with their places on the street.
 
     Raises ConfigError for what is no such file, for mirrored or scaled surveys, and for a pair that is off by too much.
@@ -135,7 +135,7 @@ def paired(site: Site, file: FilePath) -> AlignmentResult:
     return AlignmentResult(alignment, max(alignment.residuals), site.fits(alignment), evidence)
 
 
-def read_pairs(file: FilePath, site: Site) -> tuple[list[Pair], list[Pair]]:
+def read_pairs(file: Path, site: Site) -> tuple[list[Pair], list[Pair]]:
     """Return the same places on the lot's map and on the street's [m]; raises ConfigError naming file and line."""
     table = CsvNumbers(file, "pairs")
     by_map = set(STREET_COLUMNS) <= set(table.header)
@@ -205,7 +205,7 @@ def _compass(heading: float) -> str:
     return f"{(90.0 - math.degrees(heading)) % 360.0:.2f}"
 
 
-def cut(site: Site, result: AlignmentResult, out: FilePath) -> Path:
+def cut(site: Site, result: AlignmentResult, out: Path) -> ReferencePath:
     """Write the part of the path that fits as a path of its own into `out`, and return it."""
     assert result.fit is not None  # of a search
     geofence = site.geofence.aligned(result.alignment)
@@ -242,7 +242,7 @@ def beyond(site: Site, length: float) -> list[str]:
 def store(site: Site, result: AlignmentResult, today: datetime.date) -> None:
     """Write an alignment into the rig file; raises ConfigError where it would not load or ships with the package."""
     shipped = workspace.shipped_root()
-    if site.rig_file.resolve().parent == shipped / "rigs" and FilePath.cwd().resolve() != shipped:
+    if site.rig_file.resolve().parent == shipped / "rigs" and Path.cwd().resolve() != shipped:
         raise ConfigError(f"{site.rig_file} ships with the package: vve-sumo init lays out one of your own")
     values: dict[str, Any] = {
         "kind": "stored",

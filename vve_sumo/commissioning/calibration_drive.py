@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any, Final
 
 from vve_sumo import workspace
@@ -19,7 +19,7 @@ from vve_sumo.rig.schema import Brain
 SCENARIO: Final = "calibration"
 
 
-def rig_file_of(rig: str, working: FilePath, *, write: bool) -> FilePath:
+def rig_file_of(rig: str, working: Path, *, write: bool) -> Path:
     """Return a rig's file; with `write`, raises ConfigError where it lies outside of the working folder."""
     rig_file = workspace.find("rig", rig, working)
     if write and not rig_file.resolve().is_relative_to(working.resolve()):
@@ -29,13 +29,13 @@ def rig_file_of(rig: str, working: FilePath, *, write: bool) -> FilePath:
     return rig_file
 
 
-def refuse_altered(record: FilePath) -> None:
+def refuse_altered(record: Path) -> None:
     """Raise ConfigError for a record that is not as its drive left it."""
     if altered := alterations(record):
         raise ConfigError(f"{record}: {altered[0]}: no car is calibrated by an altered record")
 
 
-def plan(rig: str, working: FilePath, out: FilePath | None) -> session.Plan:
+def plan(rig: str, working: Path, out: Path | None) -> session.Plan:
     """Return the plan of the calibration drive, in which the calibration's own controller drives and no brain is told.
 
     Raises ConfigError or RigError as `session.plan`, and ConfigError for an external brain.
@@ -48,7 +48,7 @@ def plan(rig: str, working: FilePath, out: FilePath | None) -> session.Plan:
     return replace(plan, rig=plan.rig.model_copy(update={"brain": Brain(), "outputs": ()}))
 
 
-def refuse_cut_short(summary: Mapping[str, Any], folder: FilePath) -> None:
+def refuse_cut_short(summary: Mapping[str, Any], folder: Path) -> None:
     """Raise RigError for a calibration drive that did not come to its end."""
     if summary["outcome"] not in ("stopped", "arrived"):
         reasons = ", ".join(summary["reasons"]) or "see summary.json"

@@ -16,7 +16,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -60,7 +60,7 @@ STEPS: Final = 200  #: number of street steps that are timed
 CAN_LINK: Final = "280"  #: Linux's type of a CAN link, ARPHRD_CAN
 
 
-def machine(working: FilePath) -> Iterator[Check]:
+def machine(working: Path) -> Iterator[Check]:
     """Check the machine and what is installed on it."""
     yield _python()
     yield _libraries()
@@ -125,7 +125,7 @@ def _priority() -> Check:
 
 def _kept() -> bool:
     """Whether the kernel would spare the gateway when memory runs out; tried with this process, then undone."""
-    own = FilePath("/proc/self/oom_score_adj")
+    own = Path("/proc/self/oom_score_adj")
     try:
         before = own.read_text(encoding="ascii")
         own.write_text(f"{NEVER_KILLED}\n", encoding="ascii")
@@ -138,7 +138,7 @@ def _kept() -> bool:
 def _can() -> Check:
     """List the kernel's CAN links; adapters that are no link are checked when a rig names them."""
     links = []
-    for link in sorted(FilePath("/sys/class/net").glob("*")):
+    for link in sorted(Path("/sys/class/net").glob("*")):
         if (link / "type").read_text(encoding="ascii").strip() == CAN_LINK:
             links.append(f"{link.name} {(link / 'operstate').read_text(encoding='ascii').strip()}")
     found = f"SocketCAN: {', '.join(links) or 'no link'}; python-can knows {', '.join(bus.interfaces())}"
@@ -155,7 +155,7 @@ def _dbc() -> Check:
     return Check("dbc", f"{len(messages)} messages of {facts.title}")
 
 
-def _disk(folder: FilePath) -> Iterator[Check]:
+def _disk(folder: Path) -> Iterator[Check]:
     """Check free space and writing speed where records are kept."""
     there = next(place for place in (folder, *folder.parents) if place.is_dir())
     free = shutil.disk_usage(there).free
@@ -171,7 +171,7 @@ def _disk(folder: FilePath) -> Iterator[Check]:
     yield judged("disk speed", found, rate >= RATE, "drive with --out on a faster disk")
 
 
-def _written(folder: FilePath) -> tuple[float, float]:
+def _written(folder: Path) -> tuple[float, float]:
     """Return how fast the disk writes a file [bytes/s], and its longest single write [s]."""
     piece, longest = os.urandom(WRITTEN), 0.0
     with tempfile.TemporaryFile(dir=folder, buffering=0) as file:

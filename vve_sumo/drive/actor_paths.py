@@ -8,12 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Final
 
 from vve_sumo.csv_numbers import CsvNumbers
 from vve_sumo.errors import ConfigError
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.scenario.schema import Actor
 
 SPEED_COLUMNS: Final = ("time_s", "speed_mps")
@@ -22,7 +22,7 @@ SPEED_COLUMNS: Final = ("time_s", "speed_mps")
 MAX_SPEED: Final = 100.0
 
 #: Returns the file for a kind of file, its name, and the scenario's key that names it.
-Find = Callable[[str, str, str], FilePath]
+Find = Callable[[str, str, str], Path]
 
 Speeds = tuple[tuple[float, ...], tuple[float, ...]]  #: times [s], speeds [m/s]
 
@@ -31,13 +31,13 @@ Speeds = tuple[tuple[float, ...], tuple[float, ...]]  #: times [s], speeds [m/s]
 class ActorPaths:
     """What the actors follow, by the names that the scenario uses."""
 
-    lines: dict[str, Path]  #: in the virtual road's map
+    lines: dict[str, ReferencePath]  #: in the virtual road's map
     recordings: dict[str, Speeds]
-    files: dict[str, FilePath]  #: what was read, by role
+    files: dict[str, Path]  #: what was read, by role
 
 
 def find_actor_paths(
-    actors: tuple[Actor, ...], file: FilePath, ego_path: Path, find: Find, read: Callable[[FilePath], Path]
+    actors: tuple[Actor, ...], file: Path, ego_path: ReferencePath, find: Find, read: Callable[[Path], ReferencePath]
 ) -> ActorPaths:
     """Find and read what the actors follow; `read` reads a path's file.
 
@@ -62,7 +62,7 @@ def find_actor_paths(
     return found
 
 
-def read_speeds(file: FilePath) -> Speeds:
+def read_speeds(file: Path) -> Speeds:
     """Return times [s] and speeds [m/s] of a CSV file whose header names them; lines that begin with `#` are skipped.
 
     Raises ConfigError naming file and line for a value that is not a number, a speed outside 0 to MAX_SPEED, and a time

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -94,7 +94,7 @@ def sensors_of(resolved: ResolvedScenario) -> dict[str, GuardedSensor]:
 def build_pipeline(
     resolved: ResolvedScenario,
     pose: PoseInput,
-    working: FilePath,
+    working: Path,
     brain: ExternalController | None = None,
     fallback: FallbackRule = fallback_path,
     around: Callable[[Controller], Controller] | None = None,

@@ -12,7 +12,7 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
-from pathlib import Path as FilePath
+from pathlib import Path
 
 from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline, seed_of
 from vve_sumo.drive.brain import ExternalController
@@ -101,7 +101,7 @@ class LockstepParts:
     start: Pose  #: of the rear axle in the lot
 
 
-def assemble(resolved: ResolvedScenario, working: FilePath, brain: ExternalController | None = None) -> LockstepParts:
+def assemble(resolved: ResolvedScenario, working: Path, brain: ExternalController | None = None) -> LockstepParts:
     """Build pipeline and gateway of a lockstep drive, the same for a drive with SUMO and for the replay of a record."""
     lot = resolved.scenario.ego.lot
     frame = local_frame(math.radians(lot.latitude_deg), math.radians(lot.longitude_deg))
@@ -158,7 +158,7 @@ class Lockstep:
     def __init__(
         self,
         resolved: ResolvedScenario,
-        working: FilePath,
+        working: Path,
         alter: Callable[[Fix], Fix | None] = unaltered,
         brain: ExternalController | None = None,
         loaded: LoadedRoad | None = None,

@@ -15,7 +15,7 @@ from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.virtual_road import obstacle_position, scenario_engine
 from vve_sumo.geometry import Box, behind_bumper, overlap
 from vve_sumo.laws import squared_speed_limits
-from vve_sumo.path import SAMPLE_SPACING, Path
+from vve_sumo.path import SAMPLE_SPACING, ReferencePath
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import ActorState, Point, Pose
 
@@ -115,7 +115,7 @@ def _ego(resolved: ResolvedScenario) -> Iterator[tuple[float, Box, Pose, float]]
         s, tick = s + speed * PERIOD, tick + 1
 
 
-def _limits(path: Path) -> list[float]:
+def _limits(path: ReferencePath) -> list[float]:
     """Return the greatest speed [m/s] at every SAMPLE_SPACING of the path, limited by LATERAL and SLOWING."""
     bends = [path.at(number * SAMPLE_SPACING).curvature for number in range(int(path.length / SAMPLE_SPACING) + 1)]
     return [math.sqrt(v2) for v2 in squared_speed_limits(bends, math.inf, LATERAL, SLOWING, SAMPLE_SPACING)]

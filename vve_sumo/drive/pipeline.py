@@ -18,7 +18,7 @@ from vve_sumo.frames import Placement, move_point
 from vve_sumo.frozen import fast_frozen
 from vve_sumo.lot.fallback import fallback_path
 from vve_sumo.lot.geofence import Geofence
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.pose.dating import FixDater, Undated
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.receivers.port import FixDecoder
@@ -50,7 +50,7 @@ REQUESTS = 10
 Readings = Mapping[str, tuple[Column, ...]]
 
 #: from pose, reported road-wheel angle [rad], path, station of the pose [m] and vehicle to the fallback path
-FallbackRule = Callable[[Pose, float, Path, float, Vehicle], FallbackPath | DeferredFallbackPath | None]
+FallbackRule = Callable[[Pose, float, ReferencePath, float, Vehicle], FallbackPath | DeferredFallbackPath | None]
 
 _NO_READINGS: Readings = MappingProxyType({})
 
@@ -120,7 +120,7 @@ class Pipeline:
         sensors: Mapping[str, GuardedSensor],
         controller: Guarded,
         vehicle: Vehicle,
-        path: Path,
+        path: ReferencePath,
         desired_speed: float,
         deviation_limit: float = math.inf,
         speed_margin: float = math.inf,

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import astuple, replace
 from itertools import count
-from pathlib import Path as FilePath
+from pathlib import Path
 
 from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline
 from vve_sumo.drive.lockstep import CAR_BUS, Watch, drive_end, gateway_of
@@ -36,7 +36,7 @@ AT_REAR_AXLE = Mounting(0.0, 0.0)
 MAX_GAP = 60.0
 
 
-def _first_usable(file: FilePath) -> tuple[float, Fix]:
+def _first_usable(file: Path) -> tuple[float, Fix]:
     """Read the whole recording once; return its epoch [s of its own time] and the first fix that can be played.
 
     Raises ConfigError for a wrong row, for a gap longer than MAX_GAP, and where no fix can be played.
@@ -61,9 +61,7 @@ def _first_usable(file: FilePath) -> tuple[float, Fix]:
 class Playback:
     """One recorded drive. The constructor starts SUMO; always call `close`."""
 
-    def __init__(
-        self, resolved: ResolvedScenario, file: FilePath, working: FilePath, loaded: LoadedRoad | None = None
-    ) -> None:
+    def __init__(self, resolved: ResolvedScenario, file: Path, working: Path, loaded: LoadedRoad | None = None) -> None:
         """Align the recording's first usable fix with the start of the path; raises ConfigError where that fails.
 
         A road that is `loaded` is driven on.

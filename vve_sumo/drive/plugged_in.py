@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Final, NamedTuple
 
 from vve_sumo import controller, workspace
@@ -32,9 +32,9 @@ class PluggedIn(NamedTuple):
     port: Port
     name: str  #: by which the port finds the plug-in
     role: str  #: prefix of the roles of the plug-in's files
-    search: Sequence[FilePath] = ()  #: folders in which the name is looked up
+    search: Sequence[Path] = ()  #: folders in which the name is looked up
 
-    def files(self) -> dict[str, FilePath]:
+    def files(self) -> dict[str, Path]:
         """Return the files of the plug-in's code by role, after the plug-in was loaded; empty for a shipped one."""
         return {f"{self.role}{module}": file for module, file in self.port.sources(self.name, self.search).items()}
 
@@ -57,7 +57,7 @@ class PluggedIn(NamedTuple):
         ]
 
 
-def of_scenario(scenario: Scenario, working: FilePath) -> Iterator[PluggedIn]:
+def of_scenario(scenario: Scenario, working: Path) -> Iterator[PluggedIn]:
     """Yield the plug-ins that a scenario names: its controller, and its sensors apart from the radar."""
     yield PluggedIn(controller.PORT, scenario.controller.name, CONTROLLER, workspace.controller_folders(working))
     for sensor in scenario.sensors:
@@ -74,11 +74,11 @@ def receiver(kind: str) -> PluggedIn:
     return PluggedIn(receivers.PORT, kind, RECEIVER)
 
 
-def digest(file: FilePath) -> str:
+def digest(file: Path) -> str:
     """Return the hash of a file (hexadecimal SHA-256)."""
     return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
-def digests(files: Mapping[str, FilePath]) -> dict[str, str]:
+def digests(files: Mapping[str, Path]) -> dict[str, str]:
     """Return the hash of every file, by role, sorted."""
     return {role: digest(file) for role, file in sorted(files.items())}

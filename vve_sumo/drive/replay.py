@@ -11,7 +11,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import zip_longest
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -80,7 +80,7 @@ class CarFrames:
     commands: dict[int, list[Frame]]
 
 
-def recorded_scenario(folder: FilePath, working: FilePath) -> ResolvedScenario:
+def recorded_scenario(folder: Path, working: Path) -> ResolvedScenario:
     """Return the resolved scenario that a record was driven in; no code of its controller is run.
 
     Raises ConfigError for the record of a playback, and where a file that the record names is gone.
@@ -100,7 +100,7 @@ def recorded_scenario(folder: FilePath, working: FilePath) -> ResolvedScenario:
     return replace(resolved, model=recorded_model(scenario_content), faults=recorded_faults(scenario_content))
 
 
-def changed_since(folder: FilePath, resolved: ResolvedScenario) -> list[str]:
+def changed_since(folder: Path, resolved: ResolvedScenario) -> list[str]:
     """Return a line for every file and version that differs from a record's; files of plug-ins are left out."""
     scenario_content = read_resolved(folder)
     then, now = scenario_content["files_sha256"], plugged_in.digests(resolved.files)
@@ -111,7 +111,7 @@ def changed_since(folder: FilePath, resolved: ResolvedScenario) -> list[str]:
     return changed + provenance.changed_since(provenance.read(folder))
 
 
-def changed_code(folder: FilePath, working: FilePath, *, controller: bool = True) -> list[str]:
+def changed_code(folder: Path, working: Path, *, controller: bool = True) -> list[str]:
     """Return a line for every file of the recorded plug-ins' code that has changed; none of that code is run.
 
     The plug-ins are the sensors, the drive-by-wire interface, a live drive's receiver, and the controller unless
@@ -135,7 +135,7 @@ def changed_code(folder: FilePath, working: FilePath, *, controller: bool = True
     return lines
 
 
-def read_rows(folder: FilePath, name: str) -> pa.Table:
+def read_rows(folder: Path, name: str) -> pa.Table:
     """Read a table of a record with all columns that a replay needs; raises ConfigError where one is missing."""
     table = read_table(folder, name)
     wanted = (SCHEMAS | LIVE_SCHEMAS).get(name) or sensor_tables(folder)[name]
@@ -144,7 +144,7 @@ def read_rows(folder: FilePath, name: str) -> pa.Table:
     return table
 
 
-def read_pipeline_inputs(folder: FilePath) -> PipelineInputs:
+def read_pipeline_inputs(folder: Path) -> PipelineInputs:
     """Read the pipeline's inputs and outputs from a record that is finished or was cut off.
 
     Raises ConfigError where one of the record's files is missing or unreadable.
@@ -170,7 +170,7 @@ def _whole_ticks(inputs: PipelineInputs) -> int:
     return len(inputs.ticks)
 
 
-def read_car_frames(folder: FilePath, epoch: float, interface: InterfaceConfig = DEFAULT) -> CarFrames:
+def read_car_frames(folder: Path, epoch: float, interface: InterfaceConfig = DEFAULT) -> CarFrames:
     """Read a lockstep drive's CAN log; `interface` tells the gateway's command frames from what the gateway received.
 
     Raises ConfigError as `bus.read_log` does.
@@ -185,7 +185,7 @@ def read_car_frames(folder: FilePath, epoch: float, interface: InterfaceConfig =
     return frames
 
 
-def _readings(folder: FilePath) -> dict[int, dict[str, RecordedReading]]:
+def _readings(folder: Path) -> dict[int, dict[str, RecordedReading]]:
     rows = {name: _rows(read_rows(folder, name)) for name in sensor_tables(folder)}
     found: dict[int, dict[str, RecordedReading]] = defaultdict(dict)
     columns = (column.to_pylist() for column in read_rows(folder, "readings").select(SCHEMAS["readings"].names))
@@ -221,9 +221,7 @@ def reason_codes(joined: str) -> tuple[str, ...]:
     return tuple(code for code in joined.split("+") if code)
 
 
-def replay(
-    resolved: ResolvedScenario, inputs: PipelineInputs, frames: CarFrames, working: FilePath
-) -> Difference | None:
+def replay(resolved: ResolvedScenario, inputs: PipelineInputs, frames: CarFrames, working: Path) -> Difference | None:
     """Run a lockstep record through pipeline and gateway; return the first difference, None if there is none."""
     parts, operator = assemble(resolved, working), ScriptedOperator()
     for row, result in replayed_ticks(parts.pipeline, inputs):

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import version
 from itertools import pairwise
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -25,7 +25,7 @@ from vve_sumo.drive import plugged_in
 from vve_sumo.drive.actor_paths import Speeds, find_actor_paths
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import MapFrame
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.path_feasibility import find_reversal, refuse_tight_bend
 from vve_sumo.plant.parameters import imperfections_of
 from vve_sumo.record.layout import LAYOUT, check_layout
@@ -71,13 +71,13 @@ EDGES_COMMENT = "# edges:"
 class LoadedPath(NamedTuple):
     """A path's file, laid in a network's map."""
 
-    path: Path  #: on the network's map
+    path: ReferencePath  #: on the network's map
     edges: tuple[str, ...]  #: that the path runs along, as the file's comment names them; empty without that comment
     lanes: tuple[Lane, ...]  #: that come within MAX_DISTANCE_FROM_PATH of the path, in the network's order
 
 
-ReadNetwork = Callable[[FilePath], Network]
-ReadPath = Callable[[FilePath, MapFrame, Network], LoadedPath]
+ReadNetwork = Callable[[Path], Network]
+ReadPath = Callable[[Path, MapFrame, Network], LoadedPath]
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,16 +87,16 @@ class ResolvedScenario:
     name: str  #: of the scenario
     scenario: Scenario
     network: Network
-    demand: tuple[FilePath, ...]
+    demand: tuple[Path, ...]
     map_frame: MapFrame  #: of the network
-    path: Path  #: of the rear axle, on the virtual road's map
+    path: ReferencePath  #: of the rear axle, on the virtual road's map
     route: tuple[str, ...]  #: edges that the path runs along; empty where its file does not say
     lanes: tuple[Lane, ...]  #: that come within MAX_DISTANCE_FROM_PATH of the path
     model: VehicleModel  #: of the car that drives
-    files: dict[str, FilePath]  #: what was read, by role
-    actor_paths: dict[str, Path]  #: paths of actors, by the names that they use, on the virtual road's map
+    files: dict[str, Path]  #: what was read, by role
+    actor_paths: dict[str, ReferencePath]  #: paths of actors, by the names that they use, on the virtual road's map
     recordings: dict[str, Speeds]  #: speeds that actors replay, by the names that they use
-    file: FilePath  #: the scenario's own
+    file: Path  #: the scenario's own
     faults: tuple[InjectedFault, ...] = ()  #: that are injected into the simulated vehicle
     note: str = ""  #: what brakes the car less than declared, in one line; empty where nothing does
 
@@ -105,7 +105,7 @@ class ResolvedScenario:
         """The vehicle as declared, braking no harder than its brakes, wire, gateway and tyres allow."""
         return self.model.vehicle
 
-    def to_dict(self, working: FilePath) -> dict[str, Any]:
+    def to_dict(self, working: Path) -> dict[str, Any]:
         """Return what the record keeps: scenario, path, car, hashes of the files, and versions.
 
         The hashed code of a plug-in is that of the instance made last. Raises ConfigError as `sensors` does.
@@ -130,7 +130,7 @@ class ResolvedScenario:
             **({"faults": [fault.to_dict() for fault in self.faults]} if self.faults else {}),
         } | noted
 
-    def controller(self, working: FilePath) -> Controller:
+    def controller(self, working: Path) -> Controller:
         """Make the system under test; raises ConfigError as `controller.load` does."""
         control = self.scenario.controller
         return load(control.name, self.vehicle, dict(control.tuning), workspace.controller_folders(working))
@@ -156,7 +156,7 @@ class ResolvedScenario:
         other = control.model_copy(update={"name": name, "tuning": {}})
         return replace(self, scenario=self.scenario.model_copy(update={"controller": other}))
 
-    def with_rig(self, rig: Rig, working: FilePath) -> ResolvedScenario:
+    def with_rig(self, rig: Rig, working: Path) -> ResolvedScenario:
         """Return the same scenario with a rig's car and the faults that are injected into it.
 
         Raises ConfigError where the rig's vehicle model is not found, and where the car cannot follow the path.
@@ -173,7 +173,7 @@ class ResolvedScenario:
         return replace(self, scenario=scenario, model=model, note=note, files=files, faults=faults_of(rig))
 
 
-def load_vehicle_model(file: FilePath) -> tuple[VehicleModel, str]:
+def load_vehicle_model(file: Path) -> tuple[VehicleModel, str]:
     """Return a vehicle file's model, braking no harder than it can, and the line that says so where it matters.
 
     Raises ConfigError naming the file, also where its drive-by-wire interface cannot be made.
@@ -197,7 +197,7 @@ def versions() -> dict[str, str]:
     return {"vve-sumo": __version__} | {name: version(name) for name in DECISIVE_LIBRARIES}
 
 
-def read_resolved(folder: FilePath) -> dict[str, Any]:
+def read_resolved(folder: Path) -> dict[str, Any]:
     """Return the content of a record's `scenario.json`; raises ConfigError if it is missing or of another layout."""
     file = folder / "scenario.json"
     resolved = read_json(file, "a drive")
@@ -226,8 +226,8 @@ def recorded_faults(resolved: Mapping[str, Any]) -> tuple[InjectedFault, ...]:
 def resolve_scenario(
     name: str,
     scenario: Scenario,
-    file: FilePath,
-    working: FilePath,
+    file: Path,
+    working: Path,
     *,
     network_in: ReadNetwork | None = None,
     path_in: ReadPath | None = None,
@@ -238,7 +238,7 @@ def resolve_scenario(
     Raises ConfigError naming what is missing or wrong.
     """
 
-    def find(kind: str, wanted: str, key: str) -> FilePath:
+    def find(kind: str, wanted: str, key: str) -> Path:
         try:
             return workspace.find(kind, wanted, working, beside=file.parent)
         except ConfigError as error:
@@ -262,7 +262,7 @@ def resolve_scenario(
                 f"{file}: obstacles: {obstacle.id}: at_m {obstacle.at_m:g} lies beyond the path's {path.length:.1f} m"
             )
 
-    def read(of: FilePath) -> Path:
+    def read(of: Path) -> ReferencePath:
         return (path_in or read_path)(of, map_frame, network).path
 
     model, note = load_vehicle_model(vehicle_file)
@@ -291,7 +291,7 @@ def resolve_scenario(
     )
 
 
-def read_path(file: FilePath, map_frame: MapFrame, network: Network) -> LoadedPath:
+def read_path(file: Path, map_frame: MapFrame, network: Network) -> LoadedPath:
     """Return the path in a CSV file, laid in the network's map, with its edges and the lanes around it.
 
     Raises ConfigError naming file and line for an invalid coordinate, for a point outside the network or more than
@@ -315,7 +315,7 @@ def read_path(file: FilePath, map_frame: MapFrame, network: Network) -> LoadedPa
     lines = [_dense(lane.shape) for lane in lanes]
     _on_the_roads(places, points, lines, network)
     try:
-        path = Path.from_points([x for x, _y in placed], [y for _x, y in placed])
+        path = ReferencePath.from_points([x for x, _y in placed], [y for _x, y in placed])
     except ConfigError as error:
         raise ConfigError(f"{table.name}: {error}") from None
     _forward(places, points)
@@ -331,7 +331,7 @@ def _lanes_around(points: Floats, network: Network) -> list[Lane]:
     return lanes_near(network.path, (low[0], low[1], high[0], high[1]))
 
 
-def _lanes_along(path: Path, lanes: list[Lane], lines: list[Floats]) -> tuple[Lane, ...]:
+def _lanes_along(path: ReferencePath, lanes: list[Lane], lines: list[Floats]) -> tuple[Lane, ...]:
     """Return those of the lanes, drawn as `lines`, that come within MAX_DISTANCE_FROM_PATH of the path."""
     if not lanes:
         return ()
@@ -367,7 +367,9 @@ def _forward(places: list[str], points: Floats) -> None:
     )
 
 
-def _without_gaps(places: list[str], points: Floats, path: Path, lines: list[Floats], network: Network) -> None:
+def _without_gaps(
+    places: list[str], points: Floats, path: ReferencePath, lines: list[Floats], network: Network
+) -> None:
     """Raise ConfigError at the first point that is too far from the one before it."""
     starts = [piece.start for piece in path.segments] + [path.length]
     spots = np.vstack(lines) if lines else np.zeros((0, 2))

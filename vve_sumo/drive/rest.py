@@ -8,7 +8,7 @@ from __future__ import annotations
 import enum
 
 from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.values import Actors, Pose, Vehicle
 
@@ -30,7 +30,7 @@ class Ahead(enum.Enum):
 class RestObserver:
     """Looks ahead of the car along its path, in the strip that the car covers."""
 
-    def __init__(self, scenario: Scenario, path: Path, vehicle: Vehicle) -> None:
+    def __init__(self, scenario: Scenario, path: ReferencePath, vehicle: Vehicle) -> None:
         self._path, self._vehicle = path, vehicle
         self._obstacles = frozenset(one.id for one in scenario.obstacles)
         self._actors = frozenset(one.id for one in scenario.actors)

@@ -10,7 +10,7 @@ import time
 import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any, Protocol
 
 from vve_sumo import workspace
@@ -53,7 +53,7 @@ class TickHost(Protocol):
 class Drive:
     """A drive that is over."""
 
-    folder: FilePath  #: its record
+    folder: Path  #: its record
     summary: dict[str, Any]  #: as in summary.json
 
     @property
@@ -64,7 +64,7 @@ class Drive:
 
 def resolve_by_name(
     name: str,
-    working: FilePath,
+    working: Path,
     *,
     seed: int | None = None,
     controller: str | None = None,
@@ -95,10 +95,10 @@ def resolve_by_name(
 
 def run(
     resolved: ResolvedScenario,
-    folder: FilePath,
-    working: FilePath,
+    folder: Path,
+    working: Path,
     *,
-    pose: FilePath | None = None,
+    pose: Path | None = None,
     brain: ExternalController | None = None,
     kept: bool = True,
     watch: Watch = lambda tick, now, speed, station: None,
@@ -173,8 +173,8 @@ def run_guarded(shell: TickHost, record: MemoryRecorder, watch: Watch) -> DriveE
         return replace(broken, reasons=("internal_error",), text=f"{type(error).__name__}: {error}")
 
 
-def new_run_folder(name: str, working: FilePath) -> FilePath:
+def new_run_folder(name: str, working: Path) -> Path:
     """Return a folder under `runs/` that does not exist yet, named by the time and the scenario or sweep."""
     stem = f"{time.strftime('%Y%m%d-%H%M%S')}_{name}"
     names = (stem if number == 1 else f"{stem}_{number}" for number in range(1, 1000))
-    return FilePath("runs") / next(name for name in names if not (working / "runs" / name).exists())
+    return Path("runs") / next(name for name in names if not (working / "runs" / name).exists())

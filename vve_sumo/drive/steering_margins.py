@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any, Final
 
 from vve_sumo import workspace
@@ -45,7 +45,7 @@ class SteeringMargins:
         self.design.check(self.rows, latency)
 
 
-def steering_margins(resolved: ResolvedScenario, working: FilePath) -> SteeringMargins:
+def steering_margins(resolved: ResolvedScenario, working: Path) -> SteeringMargins:
     """Return the margins of a scenario's preview steering over the design's speed range.
 
     Raises ConfigError for tuning that the controller refuses, and where it does not declare that it steers by the
@@ -54,12 +54,12 @@ def steering_margins(resolved: ResolvedScenario, working: FilePath) -> SteeringM
     return _margins(resolved, working)
 
 
-def margins_at_speed(resolved: ResolvedScenario, working: FilePath) -> SteeringMargins:
+def margins_at_speed(resolved: ResolvedScenario, working: Path) -> SteeringMargins:
     """Return the margins at the scenario's own speed; raises ConfigError as `steering_margins` does."""
     return _margins(resolved, working, [resolved.scenario.ego.speed_mps])
 
 
-def _margins(resolved: ResolvedScenario, working: FilePath, *speeds: Sequence[float]) -> SteeringMargins:
+def _margins(resolved: ResolvedScenario, working: Path, *speeds: Sequence[float]) -> SteeringMargins:
     name = resolved.scenario.controller.name
     declared = getattr(resolved.controller(working), DECLARATION, None)
     if declared is None:

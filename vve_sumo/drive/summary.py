@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any, Final, Protocol
 
 import pyarrow as pa
@@ -18,7 +18,7 @@ from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.metrics.table import label_of
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.record.hashes import hash_files, whole
 from vve_sumo.record.reader import read_table
 from vve_sumo.record.roads import read_roads
@@ -45,7 +45,7 @@ class DrivenScenario(Protocol):
         ...
 
     @property
-    def path(self) -> Path:
+    def path(self) -> ReferencePath:
         """The path of the rear axle, in the virtual road's map."""
         ...
 
@@ -55,7 +55,7 @@ class DrivenScenario(Protocol):
         ...
 
 
-def summarise(driven: DrivenScenario, done: DriveEnd, folder: FilePath, parts: dict[str, str]) -> dict[str, Any]:
+def summarise(driven: DrivenScenario, done: DriveEnd, folder: Path, parts: dict[str, str]) -> dict[str, Any]:
     """Return the content of `summary.json` for the record in `folder`; `parts` are the hashes of its parts."""
     ticks, actors = read_table(folder, "ticks"), read_table(folder, "actors")
     summary = summary_of(driven, done, ticks, actors, parts, read_roads(folder))

@@ -14,7 +14,7 @@ from typing import NamedTuple, Protocol
 from vve_sumo.drive.pipeline import Pipeline, TickResult
 from vve_sumo.drive.tick_rows import RecordedTick, tick_row
 from vve_sumo.drive.virtual_road import VirtualRoad
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.sensors.port import Column
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Actors, Fix, GatewayStatus, Pose, Setpoint, TickRow
@@ -82,7 +82,7 @@ class Tick:
         self,
         pipeline: Pipeline,
         road: VirtualRoad,
-        path: Path,
+        path: ReferencePath,
         shell: TickHost,
         record: TickRecorder,
         clock: Callable[[], float] = _no_clock,

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from vve_sumo.drive.pipeline import TickResult
 from vve_sumo.drive.virtual_road import VirtualRoad
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.values import ControlCommand, GatewayStatus, Point, Pose, TickRow
 from vve_sumo.world.ego_sync import EgoSyncReport
 
@@ -68,7 +68,7 @@ def status_columns(status: GatewayStatus) -> dict[str, Any]:
 
 
 def tick_row(
-    recorded: RecordedTick, path: Path, requested: Pose | None, report: EgoSyncReport | None, road: VirtualRoad
+    recorded: RecordedTick, path: ReferencePath, requested: Pose | None, report: EgoSyncReport | None, road: VirtualRoad
 ) -> TickRow:
     """Return a tick's row of the record, after the virtual road has advanced."""
     result = recorded.result
@@ -101,6 +101,6 @@ def tick_row(
     )
 
 
-def _beside(truth: Pose, s: float, path: Path) -> float:
+def _beside(truth: Pose, s: float, path: ReferencePath) -> float:
     """Return the distance of the true rear axle from the path [m], left positive."""
     return path.project(truth.x, truth.y, s if math.isfinite(s) else None).offset

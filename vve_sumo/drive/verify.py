@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from functools import partial
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -25,7 +25,7 @@ from vve_sumo.drive.snapshots import NO_ACTORS, snapshots
 from vve_sumo.drive.summary import FOREIGN_BRAIN, summary_of, unjudged
 from vve_sumo.drive.termination import END_REASONS, MOVING_SPEED, DriveEnd, Outcome, TerminationMonitor
 from vve_sumo.errors import ConfigError
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.record.hashes import hash_file, hash_part, hash_parts, hashed_files, whole
 from vve_sumo.record.layout import CLOSED_ENDING, LIVE_SCHEMAS, PROVENANCE, RAW_PARTS, SCHEMAS, UNHASHED, recorded_brain
 from vve_sumo.record.reader import read_table, sensor_tables
@@ -66,17 +66,17 @@ class RecordedDrive:
 
     name: str
     scenario: Scenario
-    path: Path
+    path: ReferencePath
     vehicle: Vehicle
 
 
-def altered_parts(folder: FilePath) -> list[str] | None:
+def altered_parts(folder: Path) -> list[str] | None:
     """Return the names of the parts that are not as the drive left them, as `alterations` does."""
     found = alterations(folder)
     return None if found is None else list(dict.fromkeys(each.part for each in found))
 
 
-def alterations(folder: FilePath) -> list[Alteration] | None:
+def alterations(folder: Path) -> list[Alteration] | None:
     """Return everything in a record that is not as its drive left it; None for a drive that never wrote hashes.
 
     Such a drive was cut off, or could not read back its own files.
@@ -100,7 +100,7 @@ def alterations(folder: FilePath) -> list[Alteration] | None:
     return found or [Alteration(SUMMARY, why) for why in _contradictions(folder, summary)]
 
 
-def _hashable(folder: FilePath) -> bool:
+def _hashable(folder: Path) -> bool:
     """Return whether every part can be read: then the drive must have written the hashes."""
     try:
         hash_parts(folder)
@@ -109,7 +109,7 @@ def _hashable(folder: FilePath) -> bool:
     return True
 
 
-def _parts(folder: FilePath, summary: dict[str, Any]) -> Iterator[Alteration]:
+def _parts(folder: Path, summary: dict[str, Any]) -> Iterator[Alteration]:
     """Compare the hash of every part that a record of its kind has."""
     digests = _table(summary, "record_parts_sha256")
     gateway = [name for name in LIVE_SCHEMAS if name not in UNHASHED and _is_live(folder, summary)]
@@ -122,7 +122,7 @@ def _parts(folder: FilePath, summary: dict[str, Any]) -> Iterator[Alteration]:
         yield Alteration(SUMMARY, "record_sha256 is not that of the parts")
 
 
-def _files(folder: FilePath, summary: dict[str, Any]) -> Iterator[Alteration]:
+def _files(folder: Path, summary: dict[str, Any]) -> Iterator[Alteration]:
     """Compare the hash of the bytes of every table's file and of the provenance."""
     told, broken = _table(summary, "record_files_sha256"), summary.get("record_broken") or ()
     always = (*SCHEMAS, *_sensor_tables(folder))
@@ -140,7 +140,7 @@ def _files(folder: FilePath, summary: dict[str, Any]) -> Iterator[Alteration]:
             yield Alteration(part, "it is gone")
 
 
-def _sensor_tables(folder: FilePath) -> tuple[str, ...]:
+def _sensor_tables(folder: Path) -> tuple[str, ...]:
     """Return the names of the sensors' tables; none where `scenario.json` is damaged, which its own hash shows."""
     try:
         return tuple(sensor_tables(folder))
@@ -148,7 +148,7 @@ def _sensor_tables(folder: FilePath) -> tuple[str, ...]:
         return ()
 
 
-def _is_live(folder: FilePath, summary: dict[str, Any]) -> bool:
+def _is_live(folder: Path, summary: dict[str, Any]) -> bool:
     """Return whether a record is of a live drive: one of three files suffices, as each may have been altered."""
     try:
         live = "rig" in read_resolved(folder)
@@ -170,7 +170,7 @@ def _is(then: object, hashed: Callable[..., str], *of: Any) -> bool:
         return False
 
 
-def _contradictions(folder: FilePath, summary: dict[str, Any]) -> list[str]:
+def _contradictions(folder: Path, summary: dict[str, Any]) -> list[str]:
     """Return where a summary contradicts the rest of the record, whose hashes are all in order.
 
     Another version of this program may compute figures differently, so only the version that wrote a summary checks it.
@@ -189,17 +189,17 @@ def _contradictions(folder: FilePath, summary: dict[str, Any]) -> list[str]:
         return [f"it does not fit to the record: {error!r}"]
 
 
-def _recorded_drive(resolved: dict[str, Any], file: FilePath) -> RecordedDrive:
+def _recorded_drive(resolved: dict[str, Any], file: Path) -> RecordedDrive:
     points = np.array([point.split() for point in resolved["path_m"]], np.float64)
     return RecordedDrive(
         name=resolved["scenario"],
         scenario=parse(resolved["settings"], file),
-        path=Path.from_points(points[:, 0], points[:, 1]),
+        path=ReferencePath.from_points(points[:, 0], points[:, 1]),
         vehicle=Vehicle(**{field.name: float(resolved["vehicle"][field.name]) for field in fields(Vehicle)}),
     )
 
 
-def _figures(folder: FilePath, recorded: RecordedDrive, summary: dict[str, Any]) -> Iterator[str]:
+def _figures(folder: Path, recorded: RecordedDrive, summary: dict[str, Any]) -> Iterator[str]:
     """Compute every figure and the verdict again from the tables, and compare."""
     done = DriveEnd(
         Outcome(summary["outcome"]),
@@ -245,9 +245,7 @@ def _names(resolved: dict[str, Any], summary: dict[str, Any]) -> Iterator[str]:
             yield f"{key} is {summary.get(key)!r}, scenario.json says {value!r}"
 
 
-def _ending(
-    folder: FilePath, resolved: dict[str, Any], recorded: RecordedDrive, summary: dict[str, Any]
-) -> Iterator[str]:
+def _ending(folder: Path, resolved: dict[str, Any], recorded: RecordedDrive, summary: dict[str, Any]) -> Iterator[str]:
     """Compare outcome and reasons with the rows."""
     outcome, reasons = Outcome(summary["outcome"]), summary["reasons"]
     ticks = read_table(folder, "ticks")

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.scenario import schema
 from vve_sumo.scenario.engine import ScenarioEngine
 from vve_sumo.timing import PERIOD
@@ -31,7 +31,7 @@ def obstacles_of(resolved: ResolvedScenario) -> tuple[Obstacle, ...]:
     return tuple(Obstacle(one.id, obstacle_position(one, resolved.path), one.length_m, one.width_m) for one in wanted)
 
 
-def obstacle_position(wanted: schema.Obstacle, path: Path) -> MapSpot:
+def obstacle_position(wanted: schema.Obstacle, path: ReferencePath) -> MapSpot:
     """Return centre and heading, in the map, of an obstacle that the scenario places relative to a path."""
     at = path.at(wanted.at_m)
     x, y = at.x - wanted.offset_m * math.sin(at.heading), at.y + wanted.offset_m * math.cos(at.heading)

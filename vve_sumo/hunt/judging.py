@@ -41,9 +41,8 @@ BLINDING: Final = frozenset(
 #: is due, a foot shows in the car's motion alone
 HIDE_PEDAL: Final = frozenset({"brake_report_frozen", "reports_old"})
 HIDE_TORQUE: Final = frozenset({"brake_torque_frozen", "brake_torque_scaled", "reports_old"})
-#: from here on a pedal is more than the gateway takes for one at rest where the driver's bits are hidden, be it by where
-#: the module says that the pedal is or by the torque that the car says to brake with: 172 N m and 6 % of the throttle
-#: [fraction]
+#: from here on a pedal is more than the gateway takes for one at rest where the driver's bits are hidden, by the
+#: position that the module reports or by the brake torque that the car reports: 172 N m, 6 % of the throttle [fraction]
 SHOWN_PEDAL: Final = 0.19
 #: a foot that gives this share of the commanded torque brakes as weak brakes do that still answer, by `brake_monitor`
 ANSWERING_SHARE: Final = 0.6

@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any, cast
 
 from vve_sumo.controller import Controller
@@ -49,7 +49,7 @@ class Course:
 
     resolved: ResolvedScenario  #: with the rig's car
     rig: Rig
-    working: FilePath
+    working: Path
 
     def on(self, road: RoadConditions, seed: int) -> ResolvedScenario:
         """Return the scenario with other road conditions and another seed."""

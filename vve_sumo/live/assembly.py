@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import asdict
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any, Final
 
 from vve_sumo.bus import Bus
@@ -31,7 +31,7 @@ from vve_sumo.timing import PERIOD
 GNSS_OF_UNIX: Final = -315_964_800.0 + 18.0
 
 
-def to_dict(resolved: ResolvedScenario, scenario_file: FilePath, rig_name: str, rig: Rig) -> dict[str, Any]:
+def to_dict(resolved: ResolvedScenario, scenario_file: Path, rig_name: str, rig: Rig) -> dict[str, Any]:
     """Return what `from_dict` needs beside the record's own keys, as plain JSON."""
     return {
         "scenario_file": str(scenario_file),
@@ -41,18 +41,18 @@ def to_dict(resolved: ResolvedScenario, scenario_file: FilePath, rig_name: str, 
     }
 
 
-def from_dict(scenario_content: Mapping[str, Any], working: FilePath) -> tuple[ResolvedScenario, Rig]:
+def from_dict(scenario_content: Mapping[str, Any], working: Path) -> tuple[ResolvedScenario, Rig]:
     """Return the resolved scenario and the rig of a live drive from its record.
 
     Raises ConfigError where something that the record names no longer exists.
     """
-    file = FilePath(scenario_content["scenario_file"])
+    file = Path(scenario_content["scenario_file"])
     resolved = resolve_scenario(scenario_content["scenario"], parse(scenario_content["settings"], file), file, working)
-    rig = rigs.parse_json(scenario_content["rig"], FilePath(scenario_content["rig_name"]))
+    rig = rigs.parse_json(scenario_content["rig"], Path(scenario_content["rig_name"]))
     return scenario_with_rig(resolved, rig, working), rig
 
 
-def scenario_with_rig(resolved: ResolvedScenario, rig: Rig, working: FilePath) -> ResolvedScenario:
+def scenario_with_rig(resolved: ResolvedScenario, rig: Rig, working: Path) -> ResolvedScenario:
     """Return a resolved scenario with the rig's car; raises ConfigError for a speed above the rig's limit."""
     wanted, allowed = resolved.scenario.ego.speed_mps, rig.limits.speed_mps
     if wanted > allowed:
@@ -79,7 +79,7 @@ def gateway_config(rig: Rig, *, shadow: bool) -> dict[str, Any]:
 
 
 def pipeline_of(
-    resolved: ResolvedScenario, rig: Rig, lot: LotAlignment, working: FilePath, brain: ExternalController | None = None
+    resolved: ResolvedScenario, rig: Rig, lot: LotAlignment, working: Path, brain: ExternalController | None = None
 ) -> Pipeline:
     """Return the pipeline of a live drive; raises ConfigError as `build_pipeline` does, or for another projection."""
     frame, receiver = meaning.frame_of(rig), meaning.receiver_of(rig)

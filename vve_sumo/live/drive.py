@@ -16,7 +16,7 @@ import time
 import traceback
 from collections.abc import Mapping
 from functools import partial
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any, Final
 
 from vve_sumo.drive.assembly import LotAlignment
@@ -71,7 +71,7 @@ class LiveDrive:
         self._gateway, self._console = channels["gateway"], channels["console"]
         self._recorder = RecorderClient(channels["recorder"])
         self._view = ViewFeed(channels["view"]) if "view" in channels else None
-        working = FilePath(config["working"])
+        working = Path(config["working"])
         self._resolved, rig = from_dict(config["resolved"], working)
         lot = LotAlignment.from_dict(config["resolved"])
         self._link, self._brain = self._foreign(rig, lot, channels.get("outputs"), working)
@@ -103,7 +103,7 @@ class LiveDrive:
         self._inputs: list[Any] = [self._source, self._gateway, self._console]
 
     def _foreign(
-        self, rig: Rig, lot: LotAlignment, outputs: Channel | None, working: FilePath
+        self, rig: Rig, lot: LotAlignment, outputs: Channel | None, working: Path
     ) -> tuple[ChannelLink | None, ExternalController | None]:
         """Return the way to a foreign brain, and the brain; neither where the rig has no outputs."""
         if outputs is None:
@@ -428,7 +428,7 @@ def main() -> int:
     signals.ignore()
     set_oom_score(KILLED_SECOND)
     config, channels = spawn.receive_config()
-    folder = FilePath(config["folder"])
+    folder = Path(config["folder"])
     try:
         LiveDrive(config, channels).run()
     except VveError as error:

@@ -18,7 +18,7 @@ import platform
 import resource
 import struct
 import time
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Final, NamedTuple
 
 GATEWAY_PRIORITY: Final = 30  #: SCHED_FIFO priority
@@ -60,7 +60,7 @@ def lower_priority() -> None:
 def set_oom_score(badness: int) -> str:
     """Tell the kernel how soon to kill this process when memory runs out; return what was granted, in words."""
     try:
-        FilePath("/proc/self/oom_score_adj").write_text(f"{badness}\n", encoding="ascii")
+        Path("/proc/self/oom_score_adj").write_text(f"{badness}\n", encoding="ascii")
     except OSError:
         return f"may be killed when memory ends: the system does not allow oom_score_adj {badness}"
     return f"oom_score_adj {badness}"
@@ -178,7 +178,7 @@ def _may_lock_future_memory() -> bool:
     if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
         return True
     try:
-        status = FilePath("/proc/self/status").read_text(encoding="ascii")
+        status = Path("/proc/self/status").read_text(encoding="ascii")
         effective = next(line for line in status.splitlines() if line.startswith("CapEff:"))
     except (OSError, StopIteration):
         return False

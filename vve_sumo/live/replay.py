@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import accumulate, islice
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any, Final
 
 from vve_sumo import bus
@@ -56,12 +56,12 @@ class LiveInputs:
     frames: list[Frame]  #: of can.log, in its order
 
 
-def is_live(folder: FilePath) -> bool:
+def is_live(folder: Path) -> bool:
     """Whether a folder holds a live drive's record; raises ConfigError where it holds none at all."""
     return "rig" in read_resolved(folder)
 
 
-def read_live_scenario_content(folder: FilePath) -> dict[str, Any]:
+def read_live_scenario_content(folder: Path) -> dict[str, Any]:
     """Return the content of a live record's `scenario.json`; raises ConfigError if it lacks one of `KEYS`."""
     scenario_content = read_resolved(folder)
     if missing := sorted(KEYS - scenario_content.keys()):
@@ -69,7 +69,7 @@ def read_live_scenario_content(folder: FilePath) -> dict[str, Any]:
     return scenario_content
 
 
-def read_live_inputs(folder: FilePath) -> LiveInputs:
+def read_live_inputs(folder: Path) -> LiveInputs:
     """Read a live record, finished or cut off; raises ConfigError where a part of it is missing or unreadable."""
     scenario_content, pipeline = read_live_scenario_content(folder), read_pipeline_inputs(folder)
     steps = read_rows(folder, "gateway").to_pylist()
@@ -84,7 +84,7 @@ def _whole_steps(steps: list[dict[str, Any]], frames: int) -> int:
     return next(torn, len(steps))
 
 
-def rebuilt_pipeline(scenario_content: dict[str, Any], working: FilePath, controller: str | None = None) -> Pipeline:
+def rebuilt_pipeline(scenario_content: dict[str, Any], working: Path, controller: str | None = None) -> Pipeline:
     """Build the pipeline of a live drive again, with another `controller` if one is named.
 
     Raises ConfigError where something that the record names no longer exists.
@@ -100,7 +100,7 @@ def rebuilt_pipeline(scenario_content: dict[str, Any], working: FilePath, contro
     return pipeline_of(resolved, rig, lot, working, brain)
 
 
-def replay_drive(inputs: LiveInputs, working: FilePath) -> Difference | None:
+def replay_drive(inputs: LiveInputs, working: Path) -> Difference | None:
     """Return the first tick at which the drive's part differs: in what it saw, decided, or sent to the gateway."""
     sent = _setpoints(inputs.steps)
     for row, result in replayed_ticks(rebuilt_pipeline(inputs.scenario_content, working), inputs.pipeline):

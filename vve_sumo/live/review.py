@@ -6,7 +6,7 @@ Finds out of which kind the record is and puts the findings into words; the comp
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
@@ -34,7 +34,7 @@ from vve_sumo.live.assembly import from_dict
 class Inspection:
     """What is known of a record before any code that it names is run."""
 
-    folder: FilePath
+    folder: Path
     altered: list[Alteration]  #: parts that are not as the drive left them
     notes: list[str]  #: other differences from then, which do not prevent a replay
     changed: list[str]  #: changes in the code of controller, sensors, interface or receiver, which must not be run then
@@ -60,7 +60,7 @@ class RedriveResult:
     failure: str  #: the other controller's last failure, in its own words
 
 
-def altered_since(folder: FilePath) -> list[Alteration] | None:
+def altered_since(folder: Path) -> list[Alteration] | None:
     """Return the parts of a record that are not as its drive left them; None for a record without hashes.
 
     Raises ConfigError for a folder that holds no record.
@@ -69,7 +69,7 @@ def altered_since(folder: FilePath) -> list[Alteration] | None:
     return alterations(folder)
 
 
-def inspect(folder: FilePath, working: FilePath) -> Inspection:
+def inspect(folder: Path, working: Path) -> Inspection:
     """Verify every hash of a record and of the code that it names; none of that code is run before.
 
     Raises ConfigError for a folder that holds no record.
@@ -87,7 +87,7 @@ def inspect(folder: FilePath, working: FilePath) -> Inspection:
     return Inspection(folder, [], notes + changed_since(folder, resolved), [], resolved)
 
 
-def replay(inspected: Inspection, working: FilePath) -> ReplayResult:
+def replay(inspected: Inspection, working: Path) -> ReplayResult:
     """Replay a record that was found unaltered through the pipeline and the gateway; return where it first differs."""
     assert inspected.resolved is not None  # None only after an alteration or a change of code; then nothing is run
     if live.is_live(inspected.folder):
@@ -95,14 +95,14 @@ def replay(inspected: Inspection, working: FilePath) -> ReplayResult:
     return _lockstep(inspected.folder, inspected.resolved, working)
 
 
-def _lockstep(folder: FilePath, resolved: ResolvedScenario, working: FilePath) -> ReplayResult:
+def _lockstep(folder: Path, resolved: ResolvedScenario, working: Path) -> ReplayResult:
     inputs = read_pipeline_inputs(folder)
     frames = lockstep.read_car_frames(folder, DEFAULT_EPOCH, resolved.model.interface)
     difference = lockstep.replay(resolved, inputs, frames, working)
     return ReplayResult(f"{len(inputs.ticks)} ticks", _torn(inputs), _described("tick", inputs.ticks, difference))
 
 
-def _live(folder: FilePath, working: FilePath) -> ReplayResult:
+def _live(folder: Path, working: Path) -> ReplayResult:
     inputs = live.read_live_inputs(folder)
     ticks, steps = inputs.pipeline.ticks, inputs.steps
     notes = _torn(inputs.pipeline)
@@ -132,7 +132,7 @@ def _described(kind: str, rows: list[dict[str, Any]], difference: Difference | N
     ]
 
 
-def redrive_with(folder: FilePath, controller: str, working: FilePath) -> RedriveResult:
+def redrive_with(folder: Path, controller: str, working: Path) -> RedriveResult:
     """Run another controller on a record's inputs, open loop: the car moves as the recorded controller commanded.
 
     Raises ConfigError where a sensor, the drive-by-wire interface or the receiver is not as it was recorded.
@@ -144,7 +144,7 @@ def redrive_with(folder: FilePath, controller: str, working: FilePath) -> Redriv
     return RedriveResult(resolved, table, redrive.comparison_of(table), pipeline.failure)
 
 
-def _with(folder: FilePath, controller: str, working: FilePath) -> tuple[ResolvedScenario, PipelineInputs, Pipeline]:
+def _with(folder: Path, controller: str, working: Path) -> tuple[ResolvedScenario, PipelineInputs, Pipeline]:
     """Return a record's scenario and inputs, and its pipeline with another controller in it."""
     if live.is_live(folder):
         inputs = live.read_live_inputs(folder)

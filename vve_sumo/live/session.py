@@ -13,7 +13,7 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any, Final, TextIO
 
 from vve_sumo import workspace
@@ -68,11 +68,11 @@ class Plan:
     """A live drive before any of its processes runs."""
 
     resolved: ResolvedScenario
-    scenario_file: FilePath
+    scenario_file: Path
     rig: Rig
-    rig_file: FilePath
-    folder: FilePath
-    working: FilePath
+    rig_file: Path
+    folder: Path
+    working: Path
     shadow: bool
     t0: float  #: monotonic second of drive time 0
     operator: str | None = None  #: who is at the console; None where nobody said
@@ -87,9 +87,9 @@ class Plan:
 def plan(
     scenario: str,
     rig: str,
-    working: FilePath,
+    working: Path,
     *,
-    out: FilePath | None,
+    out: Path | None,
     seed: int | None,
     controller: str | None,
     shadow: bool,
@@ -401,7 +401,7 @@ def _note_processes(plan: Plan, processes: ProcessGroup) -> None:
     (plan.folder / "processes.json").write_text(json.dumps(numbers) + "\n", encoding="utf-8")
 
 
-def _drove(folder: FilePath) -> bool:
+def _drove(folder: Path) -> bool:
     """Whether the gateway ever commanded the car."""
     try:
         states = read_table(folder, "gateway")["state"].to_pylist()
@@ -444,7 +444,7 @@ def _summary(plan: Plan, why: tuple[str, ...], notify: Notify) -> dict[str, Any]
 
 
 @contextlib.contextmanager
-def removed_when_empty(folder: FilePath) -> Iterator[None]:
+def removed_when_empty(folder: Path) -> Iterator[None]:
     """Remove the folder of a drive that was refused before its record began, with its processes' first files."""
     try:
         yield

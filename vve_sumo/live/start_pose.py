@@ -9,7 +9,7 @@ import math
 from typing import Final, NamedTuple
 
 from vve_sumo.frames import wrap_angle
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.values import Pose
 
 #: Largest distance of the rear axle from the path's start, in any direction [m]. A driver who parks by a mark on the
@@ -44,7 +44,7 @@ class StartPose(NamedTuple):
         return f"turned by {math.degrees(abs(self.turned)):.0f} deg to the {'left' if self.turned >= 0.0 else 'right'}"
 
 
-def start_pose_of(pose: Pose, path: Path) -> StartPose:
+def start_pose_of(pose: Pose, path: ReferencePath) -> StartPose:
     """Return a pose of the rear axle relative to the start of a path."""
     begin = path.at(0.0)
     x, y = pose.x - begin.x, pose.y - begin.y

@@ -11,7 +11,7 @@ import select
 import subprocess
 import time
 from dataclasses import dataclass, replace
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any, Final
 
 from vve_sumo.errors import RigError
@@ -39,7 +39,7 @@ class SimulatedVehicleProcess:
 
 
 def start(
-    rig: Rig, t0: float, seed: int, stack: contextlib.ExitStack, folder: FilePath | None, friction: float = DRY
+    rig: Rig, t0: float, seed: int, stack: contextlib.ExitStack, folder: Path | None, friction: float = DRY
 ) -> SimulatedVehicleProcess:
     """Start the car and wait until it is ready; it is ended when `stack` is closed.
 
@@ -67,7 +67,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
         process.wait()
 
 
-def _config(rig: Rig, t0: float, seed: int, folder: FilePath | None, friction: float) -> CarConfig:
+def _config(rig: Rig, t0: float, seed: int, folder: Path | None, friction: float) -> CarConfig:
     start, pose = rig.car_start, rig.pose
     assert start is not None  # the rig's validation ensures it, and the receiver that the car simulates
     assert isinstance(pose, NcomUdp)

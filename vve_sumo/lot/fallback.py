@@ -10,7 +10,7 @@ from functools import partial
 from typing import Final
 
 from vve_sumo.laws import clamp
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.values import DeferredFallbackPath, FallbackPath, Pose, Vehicle
 
 MAX_INTERVALS: Final = 31  #: maximum number of intervals between knots
@@ -29,7 +29,7 @@ MIN_SPEED_SQUARED: Final = MIN_SPEED * MIN_SPEED
 
 
 def fallback_path(
-    pose: Pose, steering: float, path: Path, station: float, vehicle: Vehicle, distance: float | None = None
+    pose: Pose, steering: float, path: ReferencePath, station: float, vehicle: Vehicle, distance: float | None = None
 ) -> FallbackPath | None:
     """Return the fallback path of the rear axle from `pose` onto the `path`; None where there is no smooth one.
 
@@ -51,14 +51,21 @@ def fallback_path(
 
 
 def deferred_fallback_path(
-    pose: Pose, steering: float, path: Path, station: float, vehicle: Vehicle
+    pose: Pose, steering: float, path: ReferencePath, station: float, vehicle: Vehicle
 ) -> DeferredFallbackPath:
     """Return what `fallback_path` returns for the same arguments, computed when it is first needed."""
     return DeferredFallbackPath(partial(fallback_path, pose, steering, path, station, vehicle))
 
 
 def _follow(
-    pose: Pose, speed: float, steering: float, path: Path, s: float, vehicle: Vehicle, spacing: float, count: int
+    pose: Pose,
+    speed: float,
+    steering: float,
+    path: ReferencePath,
+    s: float,
+    vehicle: Vehicle,
+    spacing: float,
+    count: int,
 ) -> tuple[float, ...] | None:
     """Curvature at `count` + 1 knots; the simulation advances from one to the next with their mean."""
     # This loop takes a good part of the tick's time, hence local names and as few calls as possible.

@@ -16,7 +16,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, wrap_angle
 from vve_sumo.lot.geofence import Driven, Geofence
 from vve_sumo.lot.polygon import Raster
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.values import Floats
 
 SWEPT_SPACING: Final = 3  #: path stations per swept place in the search [m]
@@ -69,7 +69,7 @@ class _Ground:
         return Alignment(wrap_angle(placement.rotation), *shift).inverse()
 
 
-def fit(path: Path, geofence: Geofence, speed: float) -> Fit:
+def fit(path: ReferencePath, geofence: Geofence, speed: float) -> Fit:
     """Return the alignment under which a drive of the path at `speed` [m/s] has most clearance in the lot.
 
     Where the whole path fits nowhere, it is the alignment that fits most of it, to about `CUT_RESOLUTION`. Raises
@@ -99,12 +99,12 @@ def fit(path: Path, geofence: Geofence, speed: float) -> Fit:
     return best
 
 
-def measured(path: Path, geofence: Geofence, speed: float, alignment: Alignment) -> Fit | None:
+def measured(path: ReferencePath, geofence: Geofence, speed: float, alignment: Alignment) -> Fit | None:
     """Return how a drive of the path at `speed` [m/s] lies in the lot under an alignment; None for an unfit start."""
     return _measured(geofence, geofence.driven(path, speed), alignment)
 
 
-def shortened(path: Path, geofence: Geofence, speed: float, station: float) -> Path:
+def shortened(path: ReferencePath, geofence: Geofence, speed: float, station: float) -> ReferencePath:
     """Return the path up to about a station [m], such that a drive of it at `speed` [m/s] can always stop in the lot.
 
     Beyond its new end the car is taken to go straight on, which may ask for a place to end a little sooner. Raises
@@ -114,7 +114,7 @@ def shortened(path: Path, geofence: Geofence, speed: float, station: float) -> P
     station = math.ceil(station) - 0.5
     while station >= MIN_PATH_LENGTH:
         points = [path.at(s) for s in np.linspace(0.0, station, round(station) + 1).tolist()]
-        cut = Path.from_points([point.x for point in points], [point.y for point in points])
+        cut = ReferencePath.from_points([point.x for point in points], [point.y for point in points])
         leaves = geofence.along(cut, speed)
         if leaves is None:
             return cut

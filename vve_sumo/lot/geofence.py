@@ -19,7 +19,7 @@ from vve_sumo.laws import squared_speed_limits
 from vve_sumo.lot.polygon import Lot
 from vve_sumo.lot.swept_area import Body, Complexes, as_pairs, fan, relaxing, trail
 from vve_sumo.lot.turning import Turning
-from vve_sumo.path import EXTENSION, SAMPLE_SPACING, Path
+from vve_sumo.path import EXTENSION, SAMPLE_SPACING, ReferencePath
 from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.values import FallbackPath, Floats, Point, Pose, Vehicle
 
@@ -156,7 +156,7 @@ class Geofence:
         other._to_lot = alignment.inverse()
         return other
 
-    def along(self, path: Path, speed: float) -> float | None:
+    def along(self, path: ReferencePath, speed: float) -> float | None:
         """Return the first station [m] from which a drive of the path at `speed` [m/s] could not stop in the lot.
 
         None where it always could. The car is taken to keep to the path, to start from rest, and to slow down for
@@ -167,7 +167,7 @@ class Geofence:
                 return place.station
         return None
 
-    def driven(self, path: Path, speed: float) -> list[Driven]:
+    def driven(self, path: ReferencePath, speed: float) -> list[Driven]:
         """Return the places that `along` checks, one a metre of the path."""
         table = path.samples
         first = round(EXTENSION / SAMPLE_SPACING)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vve_sumo.geometry import Boxes, vehicle_boxes
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.values import Floats, Vehicle
 
 Indices = NDArray[np.int64]
@@ -63,7 +63,7 @@ def starts(
 class Course:
     """The ego's predicted courses, one from every start."""
 
-    def __init__(self, path: Path, vehicle: Vehicle, starts: Starts) -> None:
+    def __init__(self, path: ReferencePath, vehicle: Vehicle, starts: Starts) -> None:
         self.path, self.vehicle, self.starts = path, vehicle, starts
         table = path.samples
         self._heading = np.unwrap(np.arctan2(table.tangent_y, table.tangent_x))

@@ -35,7 +35,7 @@ from vve_sumo.metrics.slope import slope
 from vve_sumo.metrics.stopping import MOVING, Episode, Stop, braking_episodes, commanded_deceleration, last_stop
 from vve_sumo.metrics.string_stability import Amplification, settled_from, speed_amplification
 from vve_sumo.metrics.tracking import WINDOW, Tracking, track
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.values import Floats, Vehicle
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ class DriveData:
         self,
         ticks: pa.Table,
         actors: pa.Table,
-        path: Path,
+        path: ReferencePath,
         vehicle: Vehicle,
         period: float,
         roads: pa.Table | None = None,

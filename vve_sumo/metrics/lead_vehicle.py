@@ -21,7 +21,7 @@ from vve_sumo.geometry import Boxes, distance, separation, vehicle_boxes
 from vve_sumo.metrics import following
 from vve_sumo.metrics.clipping import nearest_in_band
 from vve_sumo.metrics.course import Course, starts
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.values import Actors, Floats, Pose, Vehicle
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ class LeadVehicle:
         return np.where(self.closes, np.minimum(needed, following.MAX_DECELERATION), np.nan)
 
 
-def own_stations(path: Path, x: Floats, y: Floats, near: Floats) -> Floats:
+def own_stations(path: ReferencePath, x: Floats, y: Floats, near: Floats) -> Floats:
     """Return the stations [m] of places of the ego on its path, each near where the drive placed it; NaN for none."""
     own = np.full(len(x), np.nan)
     placed = np.flatnonzero(np.isfinite(x) & np.isfinite(near))
@@ -110,7 +110,7 @@ def in_strip(ticks: pa.Table, actors: pa.Table, course: Course, ego: Boxes) -> I
     return found._replace(row=rows[found.row])
 
 
-def in_the_way(strip: InStrip, path: Path, vehicle: Vehicle, conflicting: NDArray[np.bool_]) -> InStrip:
+def in_the_way(strip: InStrip, path: ReferencePath, vehicle: Vehicle, conflicting: NDArray[np.bool_]) -> InStrip:
     """Return what the ego may come to: before its path's end, and on its way or in conflict with it.
 
     conflicting: of every row of the table of actors. On the ego's way is what stands or goes the same way.
@@ -129,7 +129,7 @@ def lead_vehicle(strip: InStrip, actors: pa.Table, speed: Floats) -> LeadVehicle
     return LeadVehicle(gap, closing, names)
 
 
-def lead_vehicle_now(ego: Pose, station: float, actors: Actors, path: Path, vehicle: Vehicle) -> LeadVehicle:
+def lead_vehicle_now(ego: Pose, station: float, actors: Actors, path: ReferencePath, vehicle: Vehicle) -> LeadVehicle:
     """Return the lead vehicle of one tick while the drive goes on: one entry, the nearest of every actor in the strip.
 
     While the drive goes on nothing is known of what actors do later, so nothing is judged by predicted paths here.

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.values import Floats
 
 #: how far along the path a pose may lie from where the drive itself placed it [m]
@@ -24,7 +24,7 @@ class Tracking(NamedTuple):
     path_heading: Floats  #: at the foot [rad], counter-clockwise from the map's +x
 
 
-def track(path: Path, x: Floats, y: Floats, heading: Floats, station: Floats) -> Tracking:
+def track(path: ReferencePath, x: Floats, y: Floats, heading: Floats, station: Floats) -> Tracking:
     """Return deviation and heading error of poses; x, y of the rear axle, map [m]; heading [rad].
 
     `station` [m] is near the pose's own, so that a path that crosses itself does not mix its branches.

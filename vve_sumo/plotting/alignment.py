@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -17,7 +17,7 @@ from vve_sumo.frames import Alignment
 from vve_sumo.lot.fit import Fit
 from vve_sumo.lot.geofence import Geofence
 from vve_sumo.lot.swept_area import Body, as_pairs, fan
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.plotting.page import ALARM, DOTS_PER_INCH, EGO, EGO_PALE, INK, PAPER, QUIET, ROAD, STYLE
 from vve_sumo.values import Floats, Vehicle
 
@@ -38,7 +38,7 @@ class PathInLot:
 
     path_name: str
     lot_name: str
-    path: Path  #: in the virtual road's map
+    path: ReferencePath  #: in the virtual road's map
     speed: float  #: wanted on it [m/s]
     vehicle: Vehicle
     geofence: Geofence  #: with the lot's map as the road's
@@ -46,7 +46,7 @@ class PathInLot:
     fit: Fit | None  #: None where not even the start lies inside
 
 
-def draw(shown: PathInLot, file: FilePath) -> None:
+def draw(shown: PathInLot, file: Path) -> None:
     """Write the picture as a PNG file, in the lot's map: metres east and north of its origin."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg

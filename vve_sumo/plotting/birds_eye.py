@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vve_sumo.geometry import Box, vehicle_boxes
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.plotting.page import (
     EGO,
     INK,
@@ -244,7 +244,7 @@ def draw_close_up(axes: Axes, page: DrivePage, view: View) -> None:
         _dimension(axes, view, page.path, bumper, gap, page.vehicle.width / 2.0 + 0.7)
 
 
-def _dimension(axes: Axes, view: View, path: Path, begin: float, gap: float, aside: float) -> None:
+def _dimension(axes: Axes, view: View, path: ReferencePath, begin: float, gap: float, aside: float) -> None:
     """Draw a dimension along the path, `aside` metres to its right, with lines to where it begins and ends."""
     from matplotlib.patches import FancyArrowPatch
     from matplotlib.path import Path as Curve

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -131,7 +131,7 @@ def paint(figure: Figure, page: DrivePage) -> None:
         figure.text(LEFT / SIZE[0], 0.913, setting, fontsize=9.5, color=QUIET)
 
 
-def draw(page: DrivePage, file: FilePath) -> None:
+def draw(page: DrivePage, file: Path) -> None:
     """Write the picture of a drive of at least one tick as a PNG file."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg

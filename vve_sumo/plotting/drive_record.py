@@ -5,7 +5,7 @@ Draws nothing itself.
 
 from __future__ import annotations
 
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -124,7 +124,7 @@ def _unseen(run: Run, moment: Moment) -> frozenset[str]:
     return frozenset(run.data.actor_rows.names) - frozenset(detections["actor"].take(rows).to_pylist())
 
 
-def draw_drive(drive: Drive) -> FilePath:
+def draw_drive(drive: Drive) -> Path:
     """Write `drive.png` into the record of a drive and return its place."""
     file = drive.folder / PICTURE
     draw(page_of(Run(drive.folder)), file)

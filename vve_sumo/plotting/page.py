@@ -18,7 +18,7 @@ from vve_sumo.metrics.approach import Approach
 from vve_sumo.metrics.key_figures import braked_hardest_for, unmet
 from vve_sumo.metrics.lead_vehicle import LeadVehicle
 from vve_sumo.metrics.moment import Moment
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.values import Floats, Vehicle
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ class DrivePage:
     ticks: pa.Table
     actors: pa.Table
     lead: LeadVehicle
-    path: Path
+    path: ReferencePath
     vehicle: Vehicle
     lanes: Sequence[tuple[Floats, float]]  #: centre line (n x 2) [m] and width [m] of each lane
     moment: Moment | None = None  #: the one that matters; None where no actor came near

@@ -10,7 +10,7 @@ import math
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -104,7 +104,7 @@ class Page:
         return self.seen.events[-1].time if self.seen.events else self.seen.moments[-1].time
 
 
-def draw(resolved: ResolvedScenario, file: FilePath, circumstances: Sequence[str] = ()) -> None:
+def draw(resolved: ResolvedScenario, file: Path, circumstances: Sequence[str] = ()) -> None:
     """Write the picture of a scenario as a PNG file; raises ConfigError where none can be written there.
 
     `circumstances` are lines about what cannot be drawn, for the list beside the picture.
@@ -134,7 +134,7 @@ def picture(resolved: ResolvedScenario, circumstances: Sequence[str] = ()) -> Fi
         return figure
 
 
-def _save(figure: Figure, file: FilePath) -> None:
+def _save(figure: Figure, file: Path) -> None:
     """Write a page in the house's own colours: a fraction of the bytes, and nothing that the eye would miss."""
     from PIL import Image
 

@@ -13,7 +13,7 @@ from itertools import pairwise
 from typing import Final, NamedTuple, Protocol
 
 from vve_sumo.laws import clamp
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.scenario.schema import Actor, Event, Kind, When
 from vve_sumo.values import ActorState, Pose, Vehicle
 
@@ -181,7 +181,7 @@ class AlongPath:
     exact where the offset stays the same.
     """
 
-    def __init__(self, path: Path, station: float, sense: float) -> None:
+    def __init__(self, path: ReferencePath, station: float, sense: float) -> None:
         """`sense` is 1 along the path and -1 against it; `station` [m] the place on it."""
         self.station, self._path, self._sense = station, path, sense
         self._here = path.at(station)
@@ -288,7 +288,9 @@ def _near(when: When, ego: Ego, between: Between) -> bool:
 class ActorController:
     """One actor: it waits, enters, goes through its events, and leaves."""
 
-    def __init__(self, actor: Actor, ego_path: Path, path: Path, recordings: Mapping[str, Recording]) -> None:
+    def __init__(
+        self, actor: Actor, ego_path: ReferencePath, path: ReferencePath, recordings: Mapping[str, Recording]
+    ) -> None:
         """`path` is the actor's own, or the ego's again; `recordings` are found by the names that its events use."""
         self._actor, self._ego_path, self._path, self._recordings = actor, ego_path, path, recordings
         size = SIZES[actor.kind]
@@ -418,8 +420,8 @@ class ScenarioEngine:
     def __init__(
         self,
         actors: Sequence[Actor],
-        path: Path,
-        lines: Mapping[str, Path],
+        path: ReferencePath,
+        lines: Mapping[str, ReferencePath],
         recordings: Mapping[str, tuple[Sequence[float], Sequence[float]]],
         vehicle: Vehicle,
     ) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from vve_sumo.drive.resolved_scenario import LoadedPath, ResolvedScenario, read_path, resolve_scenario
@@ -26,7 +26,7 @@ Read = TypeVar("Read")
 class Stamp(NamedTuple):
     """What tells a file from the same file changed."""
 
-    file: FilePath
+    file: Path
     written: int  #: [ns]
     size: int
 
@@ -41,16 +41,16 @@ class InputCache:
         self._paths: dict[tuple[Stamp, Stamp], LoadedPath] = {}
         self._rigs: dict[Stamp, Rig] = {}
 
-    def network(self, file: FilePath) -> Network:
+    def network(self, file: Path) -> Network:
         """Return what `read_network` does."""
         return self._kept(self._networks, stamp(file), partial(read_network, file))
 
-    def path(self, file: FilePath, street: MapFrame, network: Network) -> LoadedPath:
+    def path(self, file: Path, street: MapFrame, network: Network) -> LoadedPath:
         """Return what `read_path` does; `street` is the network's."""
         stamps = stamp(file), stamp(network.path)
         return self._kept(self._paths, stamps, partial(read_path, file, street, network))
 
-    def rig(self, file: FilePath, working: FilePath) -> Rig:
+    def rig(self, file: Path, working: Path) -> Rig:
         """Return what `rig.load.load` does."""
         from vve_sumo.rig.load import load
 
@@ -65,7 +65,7 @@ class InputCache:
         return kept[state]
 
 
-def stamp(file: FilePath) -> Stamp:
+def stamp(file: Path) -> Stamp:
     """Return the state of a file; raises ConfigError where there is none."""
     try:
         state = file.stat()

@@ -9,7 +9,7 @@ import os
 import re
 import shutil
 from collections.abc import Callable
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any
 
 from vve_sumo.drive import run as drives
@@ -34,7 +34,7 @@ ADDRESS = re.compile(r"\b0x[0-9a-fA-F]+\b")
 
 def run_job(
     job: Job,
-    scratch: FilePath,
+    scratch: Path,
     cache: InputCache,
     report: Callable[[DriveProgress], None] = lambda progress: None,
     loaded: LoadedRoad | None = None,
@@ -64,7 +64,7 @@ def run_job(
     return Result(job.key, figures_of(resolved.scenario, summary | {"text": text}))
 
 
-def _broken(job: Job, scratch: FilePath, text: str) -> Result:
+def _broken(job: Job, scratch: Path, text: str) -> Result:
     if any(f"[Errno {number}]" in text for number in DISK_FULL_ERRNOS):
         return Result(job.key, error=f"{DISK_FULL}: {scratch.parent if job.keep is None else job.keep.parent}")
     return Result(job.key, error=f"broken: {_told(text, scratch)}")
@@ -98,12 +98,12 @@ def verdicts(criteria: Criteria, summary: dict[str, Any]) -> dict[str, bool | No
     return {"undisturbed": planned and not disturbances(criteria, summary)} | met
 
 
-def _told(text: str, scratch: FilePath) -> str:
+def _told(text: str, scratch: Path) -> str:
     """Return what a drive said as one line that does not depend on where it was driven."""
     return ADDRESS.sub("0x...", " ".join(text.split()).replace(str(scratch), "record"))[:MAX_TEXT_LENGTH]
 
 
-def growing(job: Job, scratch: FilePath) -> FilePath:
+def growing(job: Job, scratch: Path) -> Path:
     """Return where a run's record grows: beside its later place, so that it can be moved there whole."""
     return scratch / "record" if job.keep is None else job.keep.with_name(f"{job.keep.name}.part")
 
@@ -114,7 +114,7 @@ def claim(job: Job) -> None:
         claim_folder(job.keep)
 
 
-def tidy(job: Job, scratch: FilePath, *, keep: bool) -> None:
+def tidy(job: Job, scratch: Path, *, keep: bool) -> None:
     """Put a run's record, whole or torn, where it is to be kept; take away everything else that a run has left."""
     left = growing(job, scratch)
     if keep and job.keep is not None and left.is_dir():

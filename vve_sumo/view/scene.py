@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -18,7 +18,7 @@ from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.errors import VveError
 from vve_sumo.export.openscenario import TYPICAL
 from vve_sumo.lot.geofence import Geofence
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig
@@ -46,10 +46,10 @@ def vehicle_of(resolved: Mapping[str, Any]) -> Vehicle:
     return Vehicle(**{field.name: float(resolved["vehicle"][field.name]) for field in fields(Vehicle)})
 
 
-def path_of(resolved: Mapping[str, Any]) -> Path:
+def path_of(resolved: Mapping[str, Any]) -> ReferencePath:
     """Return where the rear axle is to go, in the street's map."""
     points = np.array([point.split() for point in resolved["path_m"]], np.float64)
-    return Path.from_points(points[:, 0], points[:, 1])
+    return ReferencePath.from_points(points[:, 0], points[:, 1])
 
 
 def rig_of(resolved: Mapping[str, Any]) -> Rig | None:
@@ -57,7 +57,7 @@ def rig_of(resolved: Mapping[str, Any]) -> Rig | None:
     if "rig" not in resolved:
         return None
     try:
-        return rigs.parse_json(resolved["rig"], FilePath(str(resolved.get("rig_name", "rig"))))
+        return rigs.parse_json(resolved["rig"], Path(str(resolved.get("rig_name", "rig"))))
     except VveError:
         return None
 
@@ -127,7 +127,7 @@ def _pairs(x: Floats, y: Floats) -> list[list[float]]:
     return points
 
 
-def _driven(path: Path) -> list[list[float]]:
+def _driven(path: ReferencePath) -> list[list[float]]:
     """The path from its first point to its last; the table of samples goes on beyond both."""
     table = path.samples
     inside = (table.s >= 0.0) & (table.s <= path.length)
@@ -146,7 +146,7 @@ def _lanes(roads: pa.Table) -> Iterable[dict[str, Any]]:
         }
 
 
-def _stop_line(path: Path, vehicle: Vehicle) -> dict[str, float]:
+def _stop_line(path: ReferencePath, vehicle: Vehicle) -> dict[str, float]:
     """The end of the path as a stop line: where the front bumper is when the rear axle has come to the path's end."""
     end = path.at(path.length)
     ahead = vehicle.rear_axle_to_bumper

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path as File
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.path import Path
+from vve_sumo.path import ReferencePath
 from vve_sumo.path_feasibility import refuse_tight_bend
 from vve_sumo.world.build import ATTRIBUTION
 from vve_sumo.world.network import Network, Roads
@@ -47,10 +47,10 @@ class Survey(NamedTuple):
 
 
 def record_path(
-    network: File,
+    network: Path,
     start: str,
     end: str,
-    out: File,
+    out: Path,
     *,
     via: Sequence[str] = (),
     start_position: float = 0.0,
@@ -76,7 +76,7 @@ def record_path(
         roads.place(f"{edge}_0", position)
     closed = len(edges) > 1 and (start, start_position) == (end, stop)
     points, deviation = _smoothed(_drive(network, edges, start_position, stop), tolerance, closed)
-    path = Path.from_points(points[:, 0], points[:, 1])
+    path = ReferencePath.from_points(points[:, 0], points[:, 1])
     if tightest is not None:
         refuse_tight_bend(path, tightest, f"{network}: from {start} to {end}")
     _write(out, roads.network, points, edges)
@@ -91,7 +91,7 @@ def record_path(
     )
 
 
-def _drive(network: File, edges: tuple[str, ...], start: float, stop: float) -> Floats:
+def _drive(network: Path, edges: tuple[str, ...], start: float, stop: float) -> Floats:
     """Return the track, shape (n, 2), map [m]."""
     import libsumo
 
@@ -171,7 +171,7 @@ def _norms(vectors: Floats) -> Floats:
     return np.sqrt(vectors[:, 0] ** 2 + vectors[:, 1] ** 2)
 
 
-def _write(out: File, network: Network, points: Floats, edges: tuple[str, ...]) -> None:
+def _write(out: Path, network: Network, points: Floats, edges: tuple[str, ...]) -> None:
     frame = network.frame()
     rows = [[f"{math.degrees(angle):.{DECIMALS}f}" for angle in frame.to_geodetic(x, y)] for x, y in points.tolist()]
     lines = [
