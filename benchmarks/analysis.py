@@ -24,10 +24,10 @@ sys.path.insert(0, str(REPOSITORY))
 from vve_sumo.analysis import Sweep, load  # noqa: E402
 from vve_sumo.config_file import read  # noqa: E402
 from vve_sumo.drive.resolved_scenario import versions  # noqa: E402
-from vve_sumo.record.sweep_folder import FIGURES, Plan  # noqa: E402
+from vve_sumo.record.sweep_folder import FIGURES, SweepPlan  # noqa: E402
 from vve_sumo.report import write_report  # noqa: E402
 from vve_sumo.sweep.dataset import Dataset  # noqa: E402
-from vve_sumo.sweep.job import Result  # noqa: E402
+from vve_sumo.sweep.job import RunResult  # noqa: E402
 from vve_sumo.sweep.run_specs import RunSpec, key_of  # noqa: E402
 
 SPEED, DELAY, OFFSET = "ego.speed_mps", "ego.car.gnss_delay_s", "obstacles.parked_car.offset_m"
@@ -63,7 +63,7 @@ def figures(values: dict[str, float], chance: random.Random) -> dict[str, float 
 def make(folder: Path, design: str, runs: int) -> None:
     """Write a dataset."""
     spec = {"title": f"{runs} runs made up, {design}", "scenario": "parked_car", "parameters": {}}
-    plan = Plan(
+    plan = SweepPlan(
         spec=spec,
         scenario="parked_car",
         table=read(SCENARIO, "scenario"),
@@ -79,7 +79,7 @@ def make(folder: Path, design: str, runs: int) -> None:
     for number, (values, seed) in enumerate(points(design, runs)):
         key = key_of("parked_car", values, seed)
         error = "timed_out" if number % 997 == 0 else ""
-        result = Result(key, {} if error else figures(values, chance), error, 1.5, 1.4, 300.0)
+        result = RunResult(key, {} if error else figures(values, chance), error, 1.5, 1.4, 300.0)
         dataset.add(RunSpec(number, key, dict(values), seed), result)
     dataset.close()
 

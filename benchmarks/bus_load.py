@@ -23,7 +23,7 @@ from vve_sumo.record.reader import read_table
 from vve_sumo.values import Actors, Detections, Frame, Point, Pose
 from vve_sumo.wire import ars408, esr
 from vve_sumo.wire.outputs import KINDS, Context
-from vve_sumo.wire.sample import Measured, Sample, no_fix
+from vve_sumo.wire.sample import Sample, SampleContent, no_fix
 
 BITRATE = 500_000  # [bit/s]
 PERIOD = 0.02  # of a tick [s]
@@ -92,7 +92,7 @@ def samples(folder: Path) -> Iterator[Sample]:
         if speed is None or not np.isfinite(speed):
             continue
         pose = Pose(now, Point.REAR_AXLE, 0.0, 0.0, 0.0, speed, 0.0, yaw_rate, 0.0, 0.0)
-        yield Sample(tick, 1.4e9 + now, now, Measured(no_fix(now, now), pose, scan, now - scan.time, NOBODY))
+        yield Sample(tick, 1.4e9 + now, now, SampleContent(no_fix(now, now), pose, scan, now - scan.time, NOBODY))
 
 
 def load(kind: str, drive: Sequence[Sample]) -> tuple[float, float]:

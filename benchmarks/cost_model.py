@@ -36,10 +36,10 @@ sys.path.insert(0, str(REPOSITORY))
 os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")
 
 from vve_sumo.drive.resolved_scenario import versions  # noqa: E402
-from vve_sumo.record.sweep_folder import FIGURES, Plan  # noqa: E402
+from vve_sumo.record.sweep_folder import FIGURES, SweepPlan  # noqa: E402
 from vve_sumo.sweep.dataset import Dataset  # noqa: E402
 from vve_sumo.sweep.engine import Local  # noqa: E402
-from vve_sumo.sweep.job import Job, Result  # noqa: E402
+from vve_sumo.sweep.job import Job, RunResult  # noqa: E402
 from vve_sumo.sweep.run_specs import RunSpec  # noqa: E402
 
 MILLION = 1_000_000
@@ -82,9 +82,9 @@ def job(demand: list[str], seconds: float, seed: int, keep: Path | None = None) 
     return Job(f"{seconds} {seed}", SCENARIO.stem, table, SCENARIO, REPOSITORY, keep)
 
 
-def driven(jobs: list[Job]) -> list[tuple[Job, Result]]:
+def driven(jobs: list[Job]) -> list[tuple[Job, RunResult]]:
     """Drive jobs one after the other; end the benchmark at one with an error."""
-    came: list[tuple[Job, Result]] = []
+    came: list[tuple[Job, RunResult]] = []
     Local(1).run(jobs, lambda one, result: came.append((one, result)))
     for one, result in came:
         if result.error or abs(result.figures["ticks"] - one.table["duration_s"] / PERIOD) > 1:  # type: ignore[operator]
@@ -98,7 +98,7 @@ def spent(who: int) -> float:
     return usage.ru_utime + usage.ru_stime
 
 
-def fitted(demand: list[str], lengths: Sequence[float], runs: int) -> tuple[Model, float, list[Result]]:
+def fitted(demand: list[str], lengths: Sequence[float], runs: int) -> tuple[Model, float, list[RunResult]]:
     """Return the model of a kind of run, how far its worst length lies off it, and the results that it is from."""
     before = spent(resource.RUSAGE_CHILDREN)
     came = driven([job(demand, seconds, seed) for seed in range(1, runs + 1) for seconds in lengths])
@@ -110,7 +110,7 @@ def fitted(demand: list[str], lengths: Sequence[float], runs: int) -> tuple[Mode
     return Model(a, b, server), float(np.max(np.abs(a + b * ticks - cost))), [result for _one, result in came]
 
 
-def changed(result: Result, seed: int) -> Result:
+def changed(result: RunResult, seed: int) -> RunResult:
     """Return a result as another run's might be."""
     chance = random.Random(seed)
     floats = {name for name, figure in FIGURES.items() if figure.kind == "float"}
@@ -122,10 +122,10 @@ def changed(result: Result, seed: int) -> Result:
     return dataclasses.replace(result, figures=figures | {"record_sha256": chance.randbytes(32).hex()}, **machine)
 
 
-def kept(results: list[Result], rows: int) -> Sizes:
+def kept(results: list[RunResult], rows: int) -> Sizes:
     """Keep a part's rows and return what that took."""
     table = job([], 60.0, 1).table
-    plan = Plan(
+    plan = SweepPlan(
         spec={"scenario": SCENARIO.stem, "seeds": 1}, scenario=SCENARIO.stem, table=table, file=str(SCENARIO),
         working=str(REPOSITORY), cells=rows, parameters=dict.fromkeys(PARAMETERS, "float"),
         criteria=list(table["criteria"]), files_sha256={}, versions=versions(),
@@ -208,7 +208,7 @@ def main() -> None:
     if arguments.smoke:
         lengths, runs, rows, tasks = (0.5, 1.0, 1.5), 1, 20, 2 * AHEAD
     print("measured: processor time of a run = a + b x ticks, and the server's own, its start shared by the runs")
-    models, results = {}, list[Result]()
+    models, results = {}, list[RunResult]()
     for name, demand in TRAFFIC.items():
         model, off, came = fitted(demand, lengths, runs)
         models[name], results = model, results + came

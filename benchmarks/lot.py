@@ -36,7 +36,7 @@ def main() -> None:
     from vve_sumo.drive.virtual_road import pose_at_rest
     from vve_sumo.frames import Alignment
     from vve_sumo.lot.fallback import fallback_path
-    from vve_sumo.lot.geofence import Driven
+    from vve_sumo.lot.geofence import DrivenPlace
     from vve_sumo.rig.load import load
     from vve_sumo.rig.resolve import frame_of, geofence_of
     from vve_sumo.scenario.load import load as load_scenario
@@ -58,7 +58,7 @@ def main() -> None:
     drive = geofence.driven(path, resolved.scenario.ego.speed_mps)[::every]
     to_lot = alignment.inverse()
 
-    def near_an_edge(at: Driven) -> bool:
+    def near_an_edge(at: DrivenPlace) -> bool:
         shapes = geofence.sweep(to_lot.apply(at.pose), at.steering, at.fallback_path)
         return shapes is not None and geofence.lot.holds(shapes)
 

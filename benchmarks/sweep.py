@@ -33,7 +33,7 @@ sys.path.insert(0, str(REPOSITORY))
 os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")
 
 from vve_sumo.sweep.engine import Local  # noqa: E402
-from vve_sumo.sweep.job import Job, Result  # noqa: E402
+from vve_sumo.sweep.job import Job, RunResult  # noqa: E402
 from vve_sumo.sweep.worker import Worker  # noqa: E402
 
 TICKS, SHORT_TICKS, PERIOD = 3000, 100, 0.02
@@ -90,11 +90,11 @@ def bare(demand: Path, ticks: int) -> Cost:
     return Cost(usage.ru_utime + usage.ru_stime, time.monotonic() - begun)
 
 
-def driven(engine: Local, jobs: list[Job]) -> list[Result]:
+def driven(engine: Local, jobs: list[Job]) -> list[RunResult]:
     """Drive jobs and return their results; end the benchmark at the first that has an error."""
-    results: list[Result] = []
+    results: list[RunResult] = []
 
-    def done(_job: Job, result: Result) -> None:
+    def done(_job: Job, result: RunResult) -> None:
         if result.error:
             sys.exit(f"run {result.key}: {result.error} {result.said}")
         results.append(result)
@@ -166,7 +166,7 @@ def fresh(jobs: list[Job]) -> None:
             done = subprocess.run(
                 command, input=one.to_json(), capture_output=True, text=True, cwd=REPOSITORY, check=False
             )
-        if done.returncode != 0 or Result.from_json(done.stdout.splitlines()[-1]).error:
+        if done.returncode != 0 or RunResult.from_json(done.stdout.splitlines()[-1]).error:
             sys.exit(f"a fresh process failed: {done.stdout[-300:]} {done.stderr[-300:]}")
 
 

@@ -114,7 +114,7 @@ def serve(pipe: Connection, vehicles: int, boxes: bool) -> None:
 
     from vve_sumo.drive.lockstep import Lockstep
     from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
-    from vve_sumo.record.writer import Record
+    from vve_sumo.record.writer import RecordWriter
 
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
@@ -122,7 +122,7 @@ def serve(pipe: Connection, vehicles: int, boxes: bool) -> None:
         step = Timed()
         libsumo.simulationStep = step.wrap(libsumo.simulationStep)
         shell = Lockstep(drive, REPOSITORY)
-        record = Record(folder / "record", drive.to_dict(REPOSITORY), DEFAULT_EPOCH)
+        record = RecordWriter(folder / "record", drive.to_dict(REPOSITORY), DEFAULT_EPOCH)
         pipeline = shell._pipeline
         gateway = shell._gateway
         path = Timed()

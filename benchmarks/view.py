@@ -38,7 +38,7 @@ from tests.drive.street import drive_once
 from vve_sumo.drive.latency_monitor import quantile
 from vve_sumo.record.reader import read_table
 from vve_sumo.view.frames import pack
-from vve_sumo.view.server import FRAMES, Server, json_route, page_routes, replay_server
+from vve_sumo.view.server import FRAMES, PageServer, json_route, page_routes, replay_server
 from vve_sumo.world.network import lanes_near, read_network
 
 SIZE = {"width": 1280, "height": 720}
@@ -90,7 +90,7 @@ class Live(NamedTuple):
 
 
 @contextlib.contextmanager
-def served(server: Server) -> Iterator[Server]:
+def served(server: PageServer) -> Iterator[PageServer]:
     """Serve in a thread while the block runs."""
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()
@@ -141,7 +141,7 @@ def drawing(browser: Browser, seconds: float) -> None:
     near, heading = generator.uniform(-250.0, 250.0, (2, VEHICLES)), generator.uniform(0.0, 6.28, VEHICLES)
     actors = {"x": (1300.0 + near[0]).tolist(), "y": (1200.0 + near[1]).tolist(), "heading": heading.tolist()}
     contents = {"version": 1, "kind": "drive", "records": []}
-    with served(Server([json_route("/contents.json", lambda request: contents), *page_routes(FRAMES)])) as server:
+    with served(PageServer([json_route("/contents.json", lambda request: contents), *page_routes(FRAMES)])) as server:
         for words, factor in (("close by", 1.0), ("all vehicles in sight", 0.15), ("the whole map in sight", 0.02)):
             page = browser.new_context(viewport=SIZE).new_page()
             page.goto(server.address)
@@ -165,7 +165,7 @@ def sweep(browser: Browser, rows: int) -> None:
         return Response(content)
 
     own: list[BaseRoute] = [json_route("/contents.json", lambda request: contents), Route("/sweep.bin", table)]
-    with served(Server([*own, *page_routes(FRAMES)])) as server:
+    with served(PageServer([*own, *page_routes(FRAMES)])) as server:
         page, took = opened(browser, server.address)
         print(f"a sweep of {rows} runs opens in {took:.2f} s")
         for name in ("figure_3", "outcome", "key"):

@@ -20,7 +20,7 @@ import psutil
 from vve_sumo.view.browser import Browser
 from vve_sumo.view.pictures import PAGE
 from vve_sumo.view.scene import LANE_KINDS
-from vve_sumo.world.network import Lane, lanes_near, read_network
+from vve_sumo.world.network import NetworkLane, lanes_near, read_network
 from vve_sumo.world.street_geometry import street_geometry
 
 NETWORK = Path(__file__).parent.parent / "networks" / "linden.net.xml"
@@ -103,7 +103,7 @@ def _processor_time() -> float:
     return spent
 
 
-def _scene(lanes: list[Lane]) -> dict[str, Any]:
+def _scene(lanes: list[NetworkLane]) -> dict[str, Any]:
     network = street_geometry(NETWORK, read_network(NETWORK).boundary).to_dict()
     x, y = EGO["x"], EGO["y"]
     return {
@@ -118,7 +118,7 @@ def _scene(lanes: list[Lane]) -> dict[str, Any]:
     }
 
 
-def _frame(lanes: list[Lane]) -> dict[str, Any]:
+def _frame(lanes: list[NetworkLane]) -> dict[str, Any]:
     """Return a frame with vehicles on the lanes nearest to the ego."""
     draw = random.Random(1)
     places = []

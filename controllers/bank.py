@@ -78,7 +78,7 @@ class _Table:
 _table = cache(_Table)
 
 
-class Mode(NamedTuple):
+class SpeedHypothesis(NamedTuple):
     """One filter of a bank: what holds if the target has its speed."""
 
     speed: float  #: across the path, left positive [m/s]
@@ -104,11 +104,11 @@ class Bank:
         """Across the path, left positive [m/s]."""
         return self._table.speeds
 
-    def modes(self) -> list[Mode]:
+    def modes(self) -> list[SpeedHypothesis]:
         """Return the filters whose speed is not negligibly improbable."""
         columns = (self.speeds, self.probability, self.place, self.variance)
         rows = zip(*(column.tolist() for column in columns), strict=True)
-        return [mode for mode in map(Mode._make, rows) if mode.probability >= NEGLIGIBLE]
+        return [mode for mode in map(SpeedHypothesis._make, rows) if mode.probability >= NEGLIGIBLE]
 
     def predict(self, dt: float, drift: float = 0.0) -> None:
         """Move on by a time [s]; `drift` of the place on top of what the habits have [m2/s]."""

@@ -53,7 +53,7 @@ STOP = 1.5  #: deceleration of the last stop [m/s2]
 
 
 @dataclass(frozen=True, slots=True)
-class Phase:
+class Manoeuvre:
     """One manoeuvre: what to do, and when it is over."""
 
     note: str
@@ -62,14 +62,14 @@ class Phase:
     steer: Callable[[float], float] | None = None  #: road-wheel angle [rad] at a time [s]; None keeps to the path
 
 
-def plan(vehicle: Vehicle, tuning: dict[str, float], top: float) -> tuple[Phase, ...]:
+def plan(vehicle: Vehicle, tuning: dict[str, float], top: float) -> tuple[Manoeuvre, ...]:
     """Lay out all phases but the last stop, none faster than `top` [m/s]."""
     pull, brake, steering_speed, wheel_angle = (tuning[key] for key in TUNING)
     steady, angle = min(steering_speed, top), math.radians(wheel_angle) / vehicle.steering_ratio
     phases = [_faster("creep", CREEP, CREEP_SPEED)]
     for number, (share, speed_share, brake_share, coast) in enumerate(PULLS, 1):
         phases.append(_faster(f"accelerate_{number}", share * pull, speed_share * top))
-        phases += [Phase(f"coast_{number}", lambda _speed: COAST, _after(coast))] if coast else []
+        phases += [Manoeuvre(f"coast_{number}", lambda _speed: COAST, _after(coast))] if coast else []
         phases.append(_slower(f"brake_{number}", brake_share * brake))
     last = len(PULLS) + 1
     return (
@@ -89,17 +89,17 @@ def _after(duration: float) -> Callable[[float, float], bool]:
     return lambda time, _speed: time >= duration - 0.5 * PERIOD
 
 
-def _faster(note: str, acceleration: float, speed: float) -> Phase:
-    return Phase(note, lambda _speed: acceleration, lambda _time, now: now >= speed - PUSHING * acceleration)
+def _faster(note: str, acceleration: float, speed: float) -> Manoeuvre:
+    return Manoeuvre(note, lambda _speed: acceleration, lambda _time, now: now >= speed - PUSHING * acceleration)
 
 
-def _slower(note: str, deceleration: float) -> Phase:
+def _slower(note: str, deceleration: float) -> Manoeuvre:
     end = SLOW + 0.5 * deceleration * deceleration / RELEASE
-    return Phase(note, lambda _speed: -deceleration, lambda _time, speed: speed <= end)
+    return Manoeuvre(note, lambda _speed: -deceleration, lambda _time, speed: speed <= end)
 
 
-def _keep(note: str, speed: float, duration: float, steer: Callable[[float], float] | None = None) -> Phase:
-    return Phase(note, lambda now: TRACKING * (speed - now), _after(duration), steer)
+def _keep(note: str, speed: float, duration: float, steer: Callable[[float], float] | None = None) -> Manoeuvre:
+    return Manoeuvre(note, lambda now: TRACKING * (speed - now), _after(duration), steer)
 
 
 def _steps(time: float) -> float:
@@ -150,7 +150,7 @@ class CalibrationRun:
     def __init__(self, vehicle: Vehicle, tuning: dict[str, float]) -> None:
         self.preview_tuning = preview = PreviewTuning()  # for the gain design
         self._vehicle, self._tuning = vehicle, tuning
-        self._phases: tuple[Phase, ...] | None = None
+        self._phases: tuple[Manoeuvre, ...] | None = None
         self._steering_limit = vehicle.steering_limit
         self._observer = DeviationObserver(vehicle)
         self._law = PreviewSteering(vehicle, preview)
@@ -180,7 +180,7 @@ class CalibrationRun:
         wanted = self._law.steer(self._excursion.taken_out(deviation), observation) + trim + (excess or 0.0)
         return clamp(wanted, -self._steering_limit, self._steering_limit)
 
-    def _phase(self, observation: Observation) -> tuple[Phase | None, float]:
+    def _phase(self, observation: Observation) -> tuple[Manoeuvre | None, float]:
         """The phase of this tick, None after the last, and the time since its start [s]."""
         if self._phases is None:
             self._phases, self._since = plan(self._vehicle, self._tuning, observation.desired_speed), observation.time
@@ -190,7 +190,7 @@ class CalibrationRun:
         phase = self._phases[self._number] if self._number < len(self._phases) else None
         return phase, now - self._since
 
-    def _accelerate(self, phase: Phase | None, end: Goal, pose: Pose) -> tuple[float, str]:
+    def _accelerate(self, phase: Manoeuvre | None, end: Goal, pose: Pose) -> tuple[float, str]:
         """The phase's acceleration, unless the end of the path asks for less."""
         to_end = self._approach.acceleration(end, pose.speed, pose.acceleration)
         last_bit = self._approach.is_last_bit(end, pose.speed, pose.acceleration)

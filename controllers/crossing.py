@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from .bank import Bank, Mode
+from .bank import Bank, SpeedHypothesis
 from .trend import Trend
 
 CROSSES = 4.0  #: standard deviations of speed across the path that tell crossing from noise
@@ -73,7 +73,7 @@ def probability_of_cutting_in(bank: Bank, left: float, right: float, within: flo
     return probability
 
 
-def _onward(mode: Mode, left: float, right: float) -> tuple[float, float, float]:
+def _onward(mode: SpeedHypothesis, left: float, right: float) -> tuple[float, float, float]:
     """Place now, where the band begins and ends, counted in the way it goes; one that stands: towards the middle."""
     if (mode.speed or -mode.place) > 0.0:
         return mode.place, -right, left

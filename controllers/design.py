@@ -33,7 +33,7 @@ class Margins(NamedTuple):
     delay: float  #: dead time that may come on top [s]
 
 
-class Row(NamedTuple):
+class SpeedRow(NamedTuple):
     """The preview loop at one speed; what the car declares of its steering is counted in."""
 
     speed: float  #: [m/s]
@@ -90,7 +90,7 @@ def preview_model(vehicle: Vehicle, tuning: PreviewTuning, speed: float) -> tupl
     return a, np.array([[0.0]] * 5 + [[1.0 / lag]]), np.array(k)
 
 
-def margins(vehicle: Vehicle, tuning: PreviewTuning = DEFAULT, speeds: Iterable[float] = SPEEDS) -> list[Row]:
+def margins(vehicle: Vehicle, tuning: PreviewTuning = DEFAULT, speeds: Iterable[float] = SPEEDS) -> list[SpeedRow]:
     """Margins of the preview loop over speeds [m/s]."""
     import control
 
@@ -100,11 +100,11 @@ def margins(vehicle: Vehicle, tuning: PreviewTuning = DEFAULT, speeds: Iterable[
         dead_time = control.ss(control.tf(*control.pade(vehicle.steering_delay, PADE_ORDER)))
         found = loop_margins(dead_time * control.ss(a, b, k, 0.0))
         look_ahead, proportional, _ = tuning.at(vehicle, speed)
-        rows.append(Row(speed, look_ahead, proportional, *found))
+        rows.append(SpeedRow(speed, look_ahead, proportional, *found))
     return rows
 
 
-def check(rows: Sequence[Row], latency: float) -> None:
+def check(rows: Sequence[SpeedRow], latency: float) -> None:
     """Refuse a design that a latency [s] makes unstable: raises ConfigError naming the worst speed."""
     worst = min(rows, key=lambda row: row.delay_margin)
     if not worst.delay_margin > latency:
@@ -114,7 +114,7 @@ def check(rows: Sequence[Row], latency: float) -> None:
         )
 
 
-def table(rows: Sequence[Row]) -> str:
+def table(rows: Sequence[SpeedRow]) -> str:
     """Lay the rows out for a person."""
     head = "speed_mps  look_ahead_m  kp_rad_per_m  gain_margin_db  phase_margin_deg  delay_margin_ms"
     lines = [

@@ -87,7 +87,7 @@ class Sighting(NamedTuple):
     slide: float = 0.0  #: drift of the seen point along the rear of a body, where the path bends [m2/s]
 
 
-class Motion(NamedTuple):
+class AxleMotion(NamedTuple):
     """Where the rear axle was at a time, and how it moved."""
 
     time: float  #: [s]
@@ -98,7 +98,7 @@ class Motion(NamedTuple):
     lateral_speed: float  #: [m/s]
     yaw_rate: float  #: [rad/s]
 
-    def moved(self, dt: float) -> Motion:
+    def moved(self, dt: float) -> AxleMotion:
         """Return where it was or will be after a time [s] of steady motion."""
         heading = self.heading + self.yaw_rate * dt
         cos, sin = math.cos(heading), math.sin(heading)
@@ -111,17 +111,17 @@ class Memory:
     """Where the car was of late: a scan is looked at from where it was made, and it is old when it comes."""
 
     def __init__(self) -> None:
-        self._past: deque[Motion] = deque()
+        self._past: deque[AxleMotion] = deque()
 
     def add(self, pose: Pose) -> None:
         """Remember a pose newer than all before."""
         self._past.append(
-            Motion(pose.time, pose.x, pose.y, pose.heading, pose.speed, pose.lateral_speed, pose.yaw_rate)
+            AxleMotion(pose.time, pose.x, pose.y, pose.heading, pose.speed, pose.lateral_speed, pose.yaw_rate)
         )
         while self._past[0].time < pose.time - REMEMBERED:
             self._past.popleft()
 
-    def at(self, time: float) -> Motion:
+    def at(self, time: float) -> AxleMotion:
         """Return the motion at a time [s], from the last pose remembered up to it, else from the first one."""
         past = next((past for past in reversed(self._past) if past.time <= time), self._past[0])
         return past.moved(time - past.time)
@@ -403,7 +403,7 @@ def _is_inside(track: Track, corridor: Corridor, offset: float, variance: float)
     return corridor.contains(track.s, math.copysign(abs(offset) + 2.0 * math.sqrt(variance), offset))
 
 
-def _sightings(observation: Observation, then: Motion, station: Station, front: float) -> list[Sighting]:
+def _sightings(observation: Observation, then: AxleMotion, station: Station, front: float) -> list[Sighting]:
     """Bring a scan's detections onto the path, from where the car was when the scan was made."""
     scan, heading = observation.radar, then.heading
     if not scan.range.size:

@@ -44,7 +44,7 @@ from vve_sumo.rig.validation import arming_obstacle
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Scenario, When
 from vve_sumo.sweep.controllers import VariedController
-from vve_sumo.sweep.spec import Boundary, Spec, Worst, parse_spec
+from vve_sumo.sweep.spec import Boundary, Spec, WorstCase, parse_spec
 from vve_sumo.values import TickRow
 from vve_sumo.vehicle import arming, diagram
 from vve_sumo.vehicle.interface import INTERFACE_KINDS
@@ -60,7 +60,7 @@ def columns() -> str:
 
 
 #: tables that stand in many places, and what is said there in place of their keys
-EVERYWHERE = {"Band": "a band: `{ min = …, max = … }`", "When": "a trigger: see below"}
+EVERYWHERE = {"CriterionBand": "a band: `{ min = …, max = … }`", "When": "a trigger: see below"}
 
 
 def _keys(model: type[BaseModel], prefix: str) -> Iterator[str]:
@@ -205,7 +205,7 @@ GENERATED = {
     ("sweeps.md", "keys"): lambda: keys(Spec),
     ("sweeps.md", "controllers keys"): lambda: keys(VariedController, "controllers[]."),
     ("sweeps.md", "boundary keys"): lambda: keys(Boundary, "search."),
-    ("sweeps.md", "worst keys"): lambda: keys(Worst, "search."),
+    ("sweeps.md", "worst keys"): lambda: keys(WorstCase, "search."),
     ("vehicle.md", "interface kinds"): _interface_kinds,
     ("vehicle.md", "keys"): lambda: keys(VehicleFile),
     ("vehicle.md", "arming diagram"): lambda: f"```mermaid\n{diagram.mermaid()}\n```",
@@ -290,7 +290,7 @@ def test_the_sweeps_in_the_documentation_are_some() -> None:
     grid, compared, *searches = (parse_spec(tomllib.loads(block), DOCS / "sweeps.md") for block in blocks)
     assert list(grid.parameters) == ["ego.speed_mps", "ego.car.gnss_delay_s"]
     assert [one.count for one in compared.controllers] == [2, 1]
-    assert [type(one.search) for one in searches] == [Boundary, Worst]
+    assert [type(one.search) for one in searches] == [Boundary, WorstCase]
 
 
 def test_the_rig_in_the_documentation_is_one_that_may_be_armed() -> None:

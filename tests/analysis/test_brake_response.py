@@ -17,7 +17,7 @@ from tests.analysis import made
 from tests.drive.street import altered, obstacle_station
 from tests.exhaustive import with_slow
 from tests.isolated import REPOSITORY, isolated
-from vve_sumo.analysis.brake_response import UNKNOWN, BrakeAnswer, Interval, brake_answer
+from vve_sumo.analysis.brake_response import UNKNOWN, BrakeAnswer, TimeInterval, brake_answer
 from vve_sumo.analysis.braking import stop_of
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.stopping_bound import LATE, NONE, StoppingBoundCheck, stopping_bound_check
@@ -101,7 +101,7 @@ def answer(run: Run) -> BrakeAnswer:
     return brake_answer(run, stop)
 
 
-def lies(part: Interval, true: float, within: float) -> None:
+def lies(part: TimeInterval, true: float, within: float) -> None:
     """Assert that a part is found within so much, and that its interval says so, a millisecond aside."""
     assert part.value == pytest.approx(true, abs=within)
     assert part.low - 0.001 <= true <= part.high + 0.001
@@ -166,9 +166,9 @@ def test_of_a_live_drive_the_gateways_own_steps_tell_when_it_commanded(tmp_path:
 
 def test_the_stopping_bound_check_says_which_part_was_not_held() -> None:
     def missed(reaction: float, build_up: float, unsure: float = 0.0) -> tuple[str, ...]:
-        one, other = (Interval(v, v - unsure, v + unsure) for v in (reaction, build_up))
+        one, other = (TimeInterval(v, v - unsure, v + unsure) for v in (reaction, build_up))
         whole = reaction + build_up
-        given = BrakeAnswer(one, other, Interval(whole, whole, whole))
+        given = BrakeAnswer(one, other, TimeInterval(whole, whole, whole))
         terms = Tolerance(0.1, 0.0, 0.0, 0.0)
         told = StoppingBoundCheck(12.0, 2.0, 0.0, 0.025, 0.015, 40.0, 40.0, terms, given)
         assert told.held is (not told.missed)

@@ -23,7 +23,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.table import FIGURES
 from vve_sumo.record.sweep_folder import COLUMNS, MACHINE
 from vve_sumo.sweep.dataset import Dataset
-from vve_sumo.sweep.job import Result
+from vve_sumo.sweep.job import RunResult
 from vve_sumo.sweep.run_specs import RunSpec
 
 RUNS = 60
@@ -87,7 +87,7 @@ def test_a_column_says_its_unit_its_meaning_and_what_is_missing(tmp_path: Path) 
     assert rows["ticks"].dtype == "Int64"
 
 
-def made() -> Iterator[tuple[RunSpec, Result]]:
+def made() -> Iterator[tuple[RunSpec, RunResult]]:
     chance = random.Random(5)
     for number in range(RUNS):
         values: dict[str, Any] = {"speed": float(number // 20), "kind": "ab"[number % 2]}
@@ -95,7 +95,7 @@ def made() -> Iterator[tuple[RunSpec, Result]]:
         gap = chance.gauss(4.0, 1.0) if number % 7 else None
         figures: dict[str, Any] = {"outcome": "stopped", "passed": passed, "collision": not passed, "stop_gap_m": gap}
         error = "timed_out" if number % 11 == 0 else ""
-        yield RunSpec(number, f"{number:016x}", values, number), Result("", {} if error else figures, error)
+        yield RunSpec(number, f"{number:016x}", values, number), RunResult("", {} if error else figures, error)
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +108,7 @@ def sweep(tmp_path_factory: pytest.TempPathFactory) -> Sweep:
     return Sweep(folder)
 
 
-def all_of(results: list[Result]) -> Iterator[tuple[bool, float]]:
+def all_of(results: list[RunResult]) -> Iterator[tuple[bool, float]]:
     """Collision and gap of those runs that have a gap or collided."""
     for came in results:
         hit, gap = bool(came.figures.get("collision")), came.figures.get("stop_gap_m") or math.nan
@@ -119,7 +119,7 @@ def all_of(results: list[Result]) -> Iterator[tuple[bool, float]]:
 @pytest.mark.parametrize("by", [["speed", "kind"], ["kind"], []])
 def test_groups_are_what_counting_by_hand_comes_to(sweep: Sweep, by: list[str]) -> None:
     groups = sweep.grouped(by, ["stop_gap_m", "collision"])
-    by_hand: dict[tuple[Any, ...], list[Result]] = {}
+    by_hand: dict[tuple[Any, ...], list[RunResult]] = {}
     for one, came in made():
         by_hand.setdefault(tuple(one.values[name] for name in by), []).append(came)
     assert [tuple(values) for values in groups[by].to_numpy().tolist()] == list(by_hand)
@@ -215,7 +215,9 @@ def test_points_drawn_at_random_are_a_sample_and_those_of_a_search_are_none(
     dataset = Dataset(tmp_path / "sweep", replace(PLAN, cells=5, spec=spec), resume=False)
     for number in range(5):
         figures: dict[str, Any] = {"passed": number < 3, "collision": False, "stop_gap_m": float(number)}
-        dataset.add(RunSpec(number, f"{number:016x}", {"speed": 0.3 * number, "kind": "a"}, 1), Result("", figures, ""))
+        dataset.add(
+            RunSpec(number, f"{number:016x}", {"speed": 0.3 * number, "kind": "a"}, 1), RunResult("", figures, "")
+        )
     dataset.close()
     low = Sweep(tmp_path / "sweep").grouped([], [])["passed_low_share"]
     assert low.notna().tolist() == [by_chance]

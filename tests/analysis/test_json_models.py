@@ -82,17 +82,17 @@ def test_a_record_of_another_shape_is_one_line(tmp_path: Path, file: str, place:
 @pytest.mark.parametrize(
     ("model", "content", "place", "value"),
     [
-        (json_models.Sweep, SWEEP, "spec.seeds", None),
-        (json_models.Sweep, SWEEP, "spec.search", {}),
-        (json_models.Sweep, SWEEP, "spec.parameters", 5),
-        (json_models.Sweep, SWEEP, "table.parameters.gap.sets", GONE),
-        (json_models.Sweep, SWEEP, "table.criteria.stop_gap_m", {"min": "x"}),
-        (json_models.Sweep, SWEEP, "files_sha256.network", "0"),
+        (json_models.SweepModel, SWEEP, "spec.seeds", None),
+        (json_models.SweepModel, SWEEP, "spec.search", {}),
+        (json_models.SweepModel, SWEEP, "spec.parameters", 5),
+        (json_models.SweepModel, SWEEP, "table.parameters.gap.sets", GONE),
+        (json_models.SweepModel, SWEEP, "table.criteria.stop_gap_m", {"min": "x"}),
+        (json_models.SweepModel, SWEEP, "files_sha256.network", "0"),
         (json_models.Boundaries, FOUND, "along", GONE),
         (json_models.Boundaries, FOUND, "boundaries.0.seeds.0.flips.0.key_fails", GONE),
-        (json_models.Worst, WORST, "worst", GONE),
-        (json_models.Worst, WORST, "lowest", GONE),
-        (json_models.Worst, WORST, "worst.ttc_s", GONE),
+        (json_models.SearchModel, WORST, "worst", GONE),
+        (json_models.SearchModel, WORST, "lowest", GONE),
+        (json_models.SearchModel, WORST, "worst.ttc_s", GONE),
     ],
 )
 def test_a_sweep_and_a_search_of_another_shape_are_one_line(

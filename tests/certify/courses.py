@@ -8,7 +8,7 @@ import numpy as np
 
 from vve_sumo.certify.cases import CASES
 from vve_sumo.certify.link import Answer
-from vve_sumo.certify.results import Course
+from vve_sumo.certify.results import CaseDrive
 
 TICK, SPEED, BRAKING, ONSET = 0.02, 10.0, 2.0, 8.0
 CASE = {case.name: case for case in CASES}
@@ -16,7 +16,7 @@ CASE = {case.name: case for case in CASES}
 
 def course(
     onset: float = ONSET, silent: float = math.inf, gap: float = 5.0, braking: float = BRAKING, curvature: float = 0.0
-) -> Course:
+) -> CaseDrive:
     """A car at SPEED that brakes from `onset` on to rest, by a brain that says nothing from `silent` on.
 
     It drives a circle of a `curvature` [1/m], left positive.
@@ -33,6 +33,6 @@ def course(
     heading = curvature * driven
     x = np.sin(heading) / curvature if curvature else driven
     y = (1.0 - np.cos(heading)) / curvature if curvature else 0.0 * driven
-    return Course(
+    return CaseDrive(
         time, speed, left, answers, "stopped", (), False, math.nan, gap, x, y, heading, np.zeros(len(time))
     )  # fmt: skip

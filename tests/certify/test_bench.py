@@ -14,10 +14,10 @@ from tests.live.stage import free_ports
 from vve_sumo.certify import kept
 from vve_sumo.certify.brain_process import BrainProcess
 from vve_sumo.certify.cases import CASES, NAMES, chosen
-from vve_sumo.certify.limits import Limits
+from vve_sumo.certify.limits import CertificateLimits
 from vve_sumo.certify.link import FaultLink
 from vve_sumo.certify.report import again
-from vve_sumo.certify.results import BrainUnderTest, CaseResult, Certificate, Verdict
+from vve_sumo.certify.results import BrainUnderTest, CaseResult, CaseVerdict, Certificate
 from vve_sumo.certify.run import Bench, CertifyQuery, certify
 from vve_sumo.cli.parser import setting
 from vve_sumo.errors import ConfigError
@@ -134,7 +134,7 @@ def _certificate(**other: object) -> Certificate:
     values: dict[str, object] = {
         "rig": "foreign", "rig_asked": "mine/foreign.toml", "rig_sha256": "", "scenario": "parked_car", "values": {},
         "brain": BrainUnderTest("./brain --fast", {}), "wires": ("radar",), "seeds": (1, 2), "cases": NAMES,
-        "limits": Limits(),
+        "limits": CertificateLimits(),
         "results": (), "defects": (), "software": {}, "began_utc": "",
     }  # fmt: skip
     return Certificate(**(values | other))  # type: ignore[arg-type]
@@ -145,18 +145,18 @@ def test_the_command_that_drives_it_again_has_the_same_rig_cases_and_values() ->
     assert again(_certificate()) == f"{asked} --brain './brain --fast'"
     chosen = again(_certificate(cases=("nominal", "radar_gap"), brain=BrainUnderTest("", {})))
     assert chosen == f"{asked} --cases nominal,radar_gap"
-    stricter = again(_certificate(limits=Limits(max_deviation_m=0.3), brain=BrainUnderTest("", {})))
+    stricter = again(_certificate(limits=CertificateLimits(max_deviation_m=0.3), brain=BrainUnderTest("", {})))
     assert stricter == f"{asked} --limit max_deviation_m=0.3"
 
 
 def test_what_was_not_tested_is_not_passed() -> None:
-    def with_verdicts(*verdicts: Verdict) -> Certificate:
+    def with_verdicts(*verdicts: CaseVerdict) -> Certificate:
         return _certificate(results=tuple(CaseResult(CASES[0], n, verdict) for n, verdict in enumerate(verdicts)))
 
-    assert with_verdicts(Verdict.PASSED, Verdict.NOT_APPLICABLE).verdict == "passed"
-    assert with_verdicts(Verdict.PASSED, Verdict.VOID).verdict == "INCOMPLETE"
-    assert not with_verdicts(Verdict.PASSED, Verdict.VOID).passed
-    assert with_verdicts(Verdict.FAILED, Verdict.VOID).verdict == "FAILED"
+    assert with_verdicts(CaseVerdict.PASSED, CaseVerdict.NOT_APPLICABLE).verdict == "passed"
+    assert with_verdicts(CaseVerdict.PASSED, CaseVerdict.VOID).verdict == "INCOMPLETE"
+    assert not with_verdicts(CaseVerdict.PASSED, CaseVerdict.VOID).passed
+    assert with_verdicts(CaseVerdict.FAILED, CaseVerdict.VOID).verdict == "FAILED"
 
 
 def test_a_brain_that_sees_by_radar_alone_need_not_listen_elsewhere(tmp_path: Path) -> None:

@@ -13,13 +13,13 @@ from vve_sumo.certify.cases import CASES, NAMES, TIMED, Case, chosen, inapplicab
 from vve_sumo.certify.diagnosis import NOT_ANSWERING, NOT_DRIVING, RATE_UNIT, REFUSED, RULES, SIGN, Rule, diagnose
 from vve_sumo.certify.judge import Judgement, Rules
 from vve_sumo.certify.judge import judge as judge_by
-from vve_sumo.certify.limits import Limits, limits_of
+from vve_sumo.certify.limits import CertificateLimits, limits_of
 from vve_sumo.certify.link import Window
-from vve_sumo.certify.results import CaseResult, Course, Defect, Verdict
+from vve_sumo.certify.results import CaseDrive, CaseResult, CaseVerdict, Defect
 from vve_sumo.errors import ConfigError
 
 
-def judge(case: Case, window: Window | None, found: Course, nominal: Course | None, **limits: float) -> Judgement:
+def judge(case: Case, window: Window | None, found: CaseDrive, nominal: CaseDrive | None, **limits: float) -> Judgement:
     """Judge a drive by the certificate's own limits, some of them set otherwise."""
     return judge_by(case, window, found, nominal, Rules(limits_of(limits), SPEED))
 
@@ -29,42 +29,42 @@ def test_silence_is_timed_to_the_tick(after: float, passes: bool) -> None:
     window = Window(5.0, math.inf)
     found = judge(CASE["radar_invalid"], window, course(onset=7.0, silent=5.0 + after), course())
     assert found.reaction == pytest.approx(after)
-    assert (found.verdict is Verdict.PASSED) is passes
+    assert (found.verdict is CaseVerdict.PASSED) is passes
     assert found.left == 5.0
 
 
 def test_braking_counts_as_a_reaction_and_driving_on_does_not() -> None:
     window = Window(5.0, math.inf)
-    assert judge(CASE["radar_freeze"], window, course(onset=5.1), course()).verdict is Verdict.PASSED
+    assert judge(CASE["radar_freeze"], window, course(onset=5.1), course()).verdict is CaseVerdict.PASSED
     late = judge(CASE["radar_freeze"], window, course(onset=ONSET), course())
-    assert late.verdict is Verdict.FAILED
+    assert late.verdict is CaseVerdict.FAILED
     assert late.reaction == pytest.approx(ONSET - 5.0)
     moving = course()
     cut = round(7.0 / TICK)
     moving = replace(moving, time=moving.time[:cut], speed=moving.speed[:cut], gap=moving.gap[:cut])
     never = judge(CASE["radar_freeze"], window, moving, course())
-    assert (never.verdict, never.reaction) == (Verdict.FAILED, math.inf)
+    assert (never.verdict, never.reaction) == (CaseVerdict.FAILED, math.inf)
 
 
 def test_a_contact_fails_whatever_was_required() -> None:
     hit = replace(course(silent=5.0), collision=True, impact_speed=3.0)
     for case in CASES:
-        assert judge(case, Window(5.0, math.inf), hit, course()).verdict is Verdict.FAILED, case.name
+        assert judge(case, Window(5.0, math.inf), hit, course()).verdict is CaseVerdict.FAILED, case.name
 
 
 @pytest.mark.parametrize(("gap", "passes"), [(1.01, True), (0.99, False)])
 def test_a_distance_must_be_left(gap: float, passes: bool) -> None:
     found = judge(CASE["radar_missing"], Window(9.0, 9.5), course(gap=gap), course())
-    assert (found.verdict is Verdict.PASSED) is passes
+    assert (found.verdict is CaseVerdict.PASSED) is passes
 
 
 def test_braking_for_a_ghost_is_what_the_nominal_drive_did_not_do() -> None:
     ghost, window = CASE["radar_ghost"], Window(3.0, 4.0)
     assert judge(ghost, window, course(), course()).reaction == math.inf
     assert judge(ghost, window, course(onset=3.3), course()).reaction == pytest.approx(0.3)
-    assert judge(ghost, window, course(onset=3.3), course()).verdict is Verdict.PASSED
+    assert judge(ghost, window, course(onset=3.3), course()).verdict is CaseVerdict.PASSED
     late = judge(ghost, window, course(onset=3.5), course())
-    assert (late.verdict, late.reaction) == (Verdict.FAILED, pytest.approx(0.5))
+    assert (late.verdict, late.reaction) == (CaseVerdict.FAILED, pytest.approx(0.5))
     both = judge(ghost, window, course(onset=3.3), course(onset=3.0))
     assert both.reaction == math.inf
 
@@ -75,8 +75,8 @@ def test_driving_on_means_to_stop_within_limits_that_are_no_scenarios(name: str)
     window, nominal = (None, None) if name == "nominal" else (Window(9.0, 9.04), course())
     for gap, passes in ((2.5, True), (0.9, False), (29.0, True), (31.0, False)):
         found = judge(CASE[name], window, course(gap=gap), nominal)
-        assert (found.verdict is Verdict.PASSED) is passes, gap
-    assert judge(CASE[name], window, course(gap=2.5), nominal, min_left_m=3.0).verdict is Verdict.FAILED
+        assert (found.verdict is CaseVerdict.PASSED) is passes, gap
+    assert judge(CASE[name], window, course(gap=2.5), nominal, min_left_m=3.0).verdict is CaseVerdict.FAILED
     cut_short = replace(course(), outcome="fault", reasons=("brain_silent",))
     assert "brain_silent" in judge(CASE[name], window, cut_short, nominal).why
 
@@ -88,8 +88,8 @@ def test_every_case_is_held_to_the_path_and_to_the_speed() -> None:
         window = Window(5.0, 6.0) if case.injects else None
         found = judge(case, window, aside, nominal if case.injects else None)
         assert "0.51 m from the path, allowed 0.5 m" in found.why, case.name
-    assert judge(CASE["nominal"], None, aside, None, max_deviation_m=0.52).verdict is Verdict.PASSED
-    fast = judge_by(CASE["nominal"], None, nominal, None, Rules(Limits(), SPEED - 1.1))
+    assert judge(CASE["nominal"], None, aside, None, max_deviation_m=0.52).verdict is CaseVerdict.PASSED
+    fast = judge_by(CASE["nominal"], None, nominal, None, Rules(CertificateLimits(), SPEED - 1.1))
     assert "1.1 m/s faster" in fast.why
 
 
@@ -97,9 +97,9 @@ def test_who_asks_for_more_steering_than_there_is_has_another_unit() -> None:
     nominal = course()
     for asked, passes in ((0.7, True), (-0.8, False), (28.0, False)):
         steered = [one._replace(steering=asked) if one.time > 5.0 else one for one in nominal.answers]
-        rules = Rules(Limits(), SPEED, steering=0.5)
+        rules = Rules(CertificateLimits(), SPEED, steering=0.5)
         found = judge_by(CASE["nominal"], None, replace(nominal, answers=steered), None, rules)
-        assert (found.verdict is Verdict.PASSED) is passes, asked
+        assert (found.verdict is CaseVerdict.PASSED) is passes, asked
 
 
 def test_limits_are_refused_where_nothing_could_keep_them() -> None:
@@ -118,27 +118,27 @@ def test_limits_are_refused_where_nothing_could_keep_them() -> None:
 def test_what_is_none_of_its_business_is_not_braked_for(name: str, demand: float) -> None:
     case, window, nominal = CASE[name], Window(3.0, 4.0), course()
 
-    def braked(by: float, since: float, lasts: float) -> Course:
+    def braked(by: float, since: float, lasts: float) -> CaseDrive:
         answers = [
             a._replace(acceleration=-by) if since <= a.time < since + lasts - 1e-9 else a for a in nominal.answers
         ]
         return replace(nominal, answers=answers)
 
-    assert judge(case, window, nominal, nominal).verdict is Verdict.PASSED
-    assert judge(case, window, braked(demand + 0.05, 3.2, 0.1), nominal).verdict is Verdict.PASSED
-    assert judge(case, window, braked(demand + 0.05, 3.2, 0.14), nominal).verdict is Verdict.FAILED
-    assert judge(case, window, braked(demand - 0.05, 3.2, 0.8), nominal).verdict is Verdict.PASSED
-    assert judge(case, window, braked(demand + 0.05, 5.0, 0.8), nominal).verdict is Verdict.PASSED
+    assert judge(case, window, nominal, nominal).verdict is CaseVerdict.PASSED
+    assert judge(case, window, braked(demand + 0.05, 3.2, 0.1), nominal).verdict is CaseVerdict.PASSED
+    assert judge(case, window, braked(demand + 0.05, 3.2, 0.14), nominal).verdict is CaseVerdict.FAILED
+    assert judge(case, window, braked(demand - 0.05, 3.2, 0.8), nominal).verdict is CaseVerdict.PASSED
+    assert judge(case, window, braked(demand + 0.05, 5.0, 0.8), nominal).verdict is CaseVerdict.PASSED
     # The same braking a little earlier than without a fault is no braking for the target.
     late = Window(ONSET - 0.5, ONSET + 0.5)
-    assert judge(case, late, course(onset=ONSET - 0.2), nominal).verdict is Verdict.PASSED
+    assert judge(case, late, course(onset=ONSET - 0.2), nominal).verdict is CaseVerdict.PASSED
 
 
 def test_a_single_setpoint_is_no_braking_for_a_ghost() -> None:
     nominal = course()
     blip = [a._replace(acceleration=-3.0) if 3.2 <= a.time < 3.3 else a for a in nominal.answers]
     found = judge(CASE["radar_ghost"], Window(3.0, 4.0), replace(nominal, answers=blip), nominal)
-    assert (found.verdict, found.reaction) == (Verdict.FAILED, math.inf)
+    assert (found.verdict, found.reaction) == (CaseVerdict.FAILED, math.inf)
 
 
 @pytest.mark.parametrize("name", ["radar_invalid", "gnss_freeze", "both_freeze", "radar_missing", "radar_delay_short"])
@@ -147,16 +147,16 @@ def test_a_drive_that_was_over_before_the_fault_began_passes_nothing(name: str) 
     case, window = CASE[name], Window(9.0, 9.0 + CASE[name].lasts)
     died = replace(course(onset=3.1, silent=3.0), outcome="fault", reasons=("brain_silent",), stop_gap=math.nan)
     found = judge(case, window, died, course())
-    assert (found.verdict, "fallen silent before" in found.why) == (Verdict.FAILED, True)
+    assert (found.verdict, "fallen silent before" in found.why) == (CaseVerdict.FAILED, True)
     stood = judge(case, window, replace(course(onset=3.0), stop_gap=math.nan), course())
-    assert (stood.verdict, "come to rest" in stood.why) == (Verdict.FAILED, True)
+    assert (stood.verdict, "come to rest" in stood.why) == (CaseVerdict.FAILED, True)
 
 
 def test_who_says_the_same_twice_a_tick_brakes_no_longer_for_that() -> None:
-    def twice(found: Course) -> Course:
+    def twice(found: CaseDrive) -> CaseDrive:
         return replace(found, answers=[answer for answer in found.answers for _ in range(2)])
 
-    def braking(lasts: float) -> Course:
+    def braking(lasts: float) -> CaseDrive:
         nominal = course()
         answers = [
             answer._replace(acceleration=-2.0) if 3.3 - 1e-9 <= answer.time < 3.3 + lasts - 1e-9 else answer
@@ -172,15 +172,15 @@ def test_who_says_the_same_twice_a_tick_brakes_no_longer_for_that() -> None:
 
 def test_a_brain_that_says_nothing_or_moves_nothing_fails_even_where_no_criterion_says_so() -> None:
     silent = judge(CASE["nominal"], None, replace(course(), answers=()), None)
-    assert (silent.verdict, silent.why) == (Verdict.FAILED, "it gave no answer")
+    assert (silent.verdict, silent.why) == (CaseVerdict.FAILED, "it gave no answer")
     standing = judge(CASE["nominal"], None, replace(course(), speed=0.0 * course().speed), None)
-    assert (standing.verdict, standing.why) == (Verdict.FAILED, "the car never moved")
-    assert judge(CASE["nominal"], None, course(), None).verdict is Verdict.PASSED
+    assert (standing.verdict, standing.why) == (CaseVerdict.FAILED, "the car never moved")
+    assert judge(CASE["nominal"], None, course(), None).verdict is CaseVerdict.PASSED
 
 
 def result(name: str, failed: bool, extra: float = 0.0, answers: bool = True) -> CaseResult:
     """What came of a case."""
-    verdict = Verdict.FAILED if failed else Verdict.PASSED
+    verdict = CaseVerdict.FAILED if failed else CaseVerdict.PASSED
     seen = course() if answers else replace(course(), answers=())
     return CaseResult(CASE[name], 1, verdict, extra_braking=extra, course=seen)
 

@@ -11,17 +11,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.certify.courses import BRAKING, CASE, ONSET, SPEED, TICK, course
-from vve_sumo.certify.cases import CASES, SAFE_DEMAND, UNBRAKED, Moment, ghost_distance
+from vve_sumo.certify.cases import CASES, SAFE_DEMAND, UNBRAKED, FaultMoment, ghost_distance
 from vve_sumo.certify.judge import Rules, judge
-from vve_sumo.certify.limits import Limits
+from vve_sumo.certify.limits import CertificateLimits
 from vve_sumo.certify.moments import AT_REST, FAST, onset_of, rest_time, timing_of, track_of
-from vve_sumo.certify.results import Course, Verdict
+from vve_sumo.certify.results import CaseDrive, CaseVerdict
 
 BUMPER = 3.8
 STOPS = [case for case in CASES if case.name.startswith(("gnss_", "radar_")) and case.reaction.value == "stop"]
 
 
-def asking(found: Course, acceleration: float, begins: float, lasts: float) -> Course:
+def asking(found: CaseDrive, acceleration: float, begins: float, lasts: float) -> CaseDrive:
     """The same course with another answer for some time."""
     answers = [
         one._replace(acceleration=acceleration) if begins - 1e-9 <= one.time < begins + lasts - 1e-9 else one
@@ -74,7 +74,7 @@ def test_a_brain_that_ignores_a_fault_never_passes(case, begins: int, lasts: int
     begun = timing.window.begins
     during = [one for one in nominal.answers if begun <= one.time < begun + case.within]
     assert min(one.acceleration for one in during) > SAFE_DEMAND
-    assert judge(case, timing.window, nominal, nominal, Rules(Limits(), SPEED)).verdict is Verdict.FAILED
+    assert judge(case, timing.window, nominal, nominal, Rules(CertificateLimits(), SPEED)).verdict is CaseVerdict.FAILED
 
 
 @pytest.mark.parametrize("name", ["radar_gap", "radar_missing"])
@@ -125,7 +125,7 @@ def test_a_straight_way_and_one_that_hardly_bends_are_void(name: str) -> None:
 
 def test_targets_on_the_straight_are_not_shown_in_a_bend() -> None:
     for case in CASES:
-        if case.show is not None and case.begins is Moment.CRUISE:
+        if case.show is not None and case.begins is FaultMoment.CRUISE:
             assert "straight" in timing_of(case, course(curvature=1.0 / 60.0), BUMPER).void, case.name
             assert timing_of(case, course(), BUMPER).window is not None, case.name
 

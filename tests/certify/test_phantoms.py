@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vve_sumo.certify.cases import CASES, STREET, Scene
-from vve_sumo.certify.phantoms import FIELD_OF_VIEW, Missing, Phantom, Phantoms, Track
+from vve_sumo.certify.phantoms import FIELD_OF_VIEW, DrivenTrack, Missing, Phantom, Phantoms
 from vve_sumo.values import Actors, Detections, Fix, FixQuality, Frame, Point, Pose
 from vve_sumo.wire import ars408, esr
 from vve_sumo.wire.datagrams import decode_radar
 from vve_sumo.wire.outputs import KINDS, Context
-from vve_sumo.wire.sample import Measured, Sample, no_fix
+from vve_sumo.wire.sample import Sample, SampleContent, no_fix
 
 TICK, SPEED, BUMPER, AGE = 0.02, 9.0, 3.8, 0.04
 CASE = {case.name: case for case in CASES}
@@ -29,11 +29,11 @@ def pose(time: float, curvature: float) -> Pose:
     return Pose(time, Point.REAR_AXLE, x, y, heading, SPEED, 0.0, SPEED * curvature, 0.0, 0.0)
 
 
-def track(curvature: float) -> Track:
+def track(curvature: float) -> DrivenTrack:
     """The track of ten seconds."""
     poses = [pose(TICK * n, curvature) for n in range(500)]
     columns = [np.array([getattr(one, name) for one in poses]) for name in ("time", "x", "y", "heading")]
-    return Track(*columns)
+    return DrivenTrack(*columns)
 
 
 def sample(time: float, curvature: float, there: tuple[tuple[float, float, float], ...] = ()) -> Sample:
@@ -46,7 +46,7 @@ def sample(time: float, curvature: float, there: tuple[tuple[float, float, float
         round(time / TICK) + 1,
         1000.0 + time,
         time,
-        Measured(fix, pose(time, curvature), scan, AGE, Actors(time, (), *nobody)),
+        SampleContent(fix, pose(time, curvature), scan, AGE, Actors(time, (), *nobody)),
     )
 
 

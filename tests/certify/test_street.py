@@ -17,7 +17,7 @@ from tests.certify.toy_street import RIGHT, certified
 from vve_sumo.certify import diagnosis
 from vve_sumo.certify.cases import CASES
 from vve_sumo.certify.diagnosis import diagnose
-from vve_sumo.certify.results import CaseResult, Verdict
+from vve_sumo.certify.results import CaseResult, CaseVerdict
 
 SEEDS = range(1, int(os.environ.get("VVE_CERTIFY_SEEDS", "20")) + 1)
 
@@ -47,7 +47,7 @@ QUICK = ("mirrors_azimuth", "drives_on_dead_gnss", "steers_backwards", "reacts_l
 
 def failed(results: list[CaseResult]) -> set[str]:
     """Return the cases that failed."""
-    return {one.case.name for one in results if one.verdict is Verdict.FAILED}
+    return {one.case.name for one in results if one.verdict is CaseVerdict.FAILED}
 
 
 def names(results: list[CaseResult]) -> list[str]:
@@ -78,14 +78,14 @@ def test_a_right_brain_on_a_radars_bus_passes_what_is_for_buses(sense: str) -> N
     cases = [one for one in CASES if one.name.startswith("sensor_") or one.name.endswith("_error")]
     cases += [CASE["radar_bend_in_way"], CASE["radar_bend_mirrored"]]
     results = certified("stop_for_parked", 1, sense, cases)
-    assert [(one.case.name, one.why) for one in results if one.verdict in (Verdict.FAILED, Verdict.VOID)] == []
+    assert [(one.case.name, one.why) for one in results if one.verdict in (CaseVerdict.FAILED, CaseVerdict.VOID)] == []
 
 
 @pytest.mark.parametrize("name", ["stanley_idm", "pursuit_headway"])
 def test_a_right_brain_by_a_public_law_passes_what_its_law_is_asked_by(name: str) -> None:
     asked = ("radar_ghost", "radar_ghost_slower", "radar_bend_in_way", "radar_rows_beside", "gnss_drop_out")
     results = certified(name, 1, cases=[CASE[case] for case in asked])
-    assert [(one.case.name, one.why) for one in results if one.verdict is not Verdict.PASSED] == []
+    assert [(one.case.name, one.why) for one in results if one.verdict is not CaseVerdict.PASSED] == []
 
 
 @cache
@@ -99,8 +99,8 @@ def whole(name: str, seed: int, sense: str = "radar") -> tuple[CaseResult, ...]:
 @pytest.mark.parametrize("name", RIGHT)
 def test_the_right_brains_pass_every_case(name: str, seed: int) -> None:
     results = whole(name, seed)
-    assert [(one.case.name, one.why) for one in results if one.verdict in (Verdict.FAILED, Verdict.VOID)] == []
-    assert sum(one.verdict is Verdict.PASSED for one in results) >= 25
+    assert [(one.case.name, one.why) for one in results if one.verdict in (CaseVerdict.FAILED, CaseVerdict.VOID)] == []
+    assert sum(one.verdict is CaseVerdict.PASSED for one in results) >= 25
 
 
 @pytest.mark.slow
@@ -124,5 +124,5 @@ def test_every_bug_of_a_reader_of_frames_is_named(bug: str, sense: str, seed: in
 
 def test_what_is_left_says_how_far_from_the_target_the_brain_stopped() -> None:
     (nominal,) = certified("stop_for_parked", 1, cases=[])
-    assert nominal.verdict is Verdict.PASSED
+    assert nominal.verdict is CaseVerdict.PASSED
     assert math.isclose(nominal.left, 5.5, abs_tol=0.6)

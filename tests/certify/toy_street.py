@@ -21,17 +21,17 @@ import numpy as np
 from tests.conftest import REPOSITORY
 from vve_sumo.certify.cases import CASES, Case, Scene, inapplicable
 from vve_sumo.certify.judge import Rules, judge
-from vve_sumo.certify.limits import Limits
+from vve_sumo.certify.limits import CertificateLimits
 from vve_sumo.certify.link import FaultLink, FaultyWire, Window
 from vve_sumo.certify.moments import speeds_at, timing_of, track_of
-from vve_sumo.certify.results import CaseResult, Course, Verdict
+from vve_sumo.certify.results import CaseDrive, CaseResult, CaseVerdict
 from vve_sumo.drive.brain import virtual_placement
 from vve_sumo.drive.resolved_scenario import load_vehicle_model
 from vve_sumo.frames import MapFrame, Mounting
 from vve_sumo.values import Actors, Detections, Fix, FixQuality, Point, Pose
 from vve_sumo.wire import ars408
 from vve_sumo.wire.outputs import KINDS, Context
-from vve_sumo.wire.sample import Measured, Sample, virtual_fix
+from vve_sumo.wire.sample import Sample, SampleContent, virtual_fix
 from vve_sumo.wire.setpoints import SetpointInbox
 
 sys.path.insert(0, str(REPOSITORY / "examples" / "brains"))
@@ -52,7 +52,7 @@ SCAN_PERIOD, SCAN_DELAY = 0.05, 0.03  #: of the radar [s]
 PROJECTION = "+proj=tmerc +lat_0=40 +lon_0=-83 +k=1 +x_0=0 +y_0=0 +ellps=WGS84 +units=m +no_defs"
 #: where the receiver sits: as the brains have it
 MOUNTING = Mounting(driving.AHEAD, driving.LEFT)
-RULES = Rules(Limits(), SPEED, steering=0.5)
+RULES = Rules(CertificateLimits(), SPEED, steering=0.5)
 
 
 def place(s: float) -> tuple[float, float, float]:
@@ -271,8 +271,8 @@ def _newest(now: float) -> Fix:
 
 
 def drive(
-    brain: InProcess, case: Case, window: Window | None, seed: int, nominal: Course | None, kinds: Sequence[str]
-) -> Course:
+    brain: InProcess, case: Case, window: Window | None, seed: int, nominal: CaseDrive | None, kinds: Sequence[str]
+) -> CaseDrive:
     """Drive a case and return its course."""
     chance = Random(f"{case.name} {seed}")
     show = None
@@ -302,7 +302,7 @@ class _Drive:
         self._placement = virtual_placement(MapFrame(PROJECTION), MOUNTING, EPOCH)
         self._rows: list[tuple[float, ...]] = []
 
-    def run(self) -> Course:
+    def run(self) -> CaseDrive:
         car, lost, reasons, rested, contact = self._car, False, (), 0.0, math.nan
         tick = 0
         while tick * TICK < LONGEST and rested < 0.4:
@@ -331,20 +331,20 @@ class _Drive:
         )  # fmt: skip
         scan = self._radar.step(now, car)
         fix = virtual_fix(pose, self._placement, _newest(now))
-        sample = Sample(tick + 1, EPOCH + now, now, Measured(fix, pose, scan, now - scan.time, _actors(now)))
+        sample = Sample(tick + 1, EPOCH + now, now, SampleContent(fix, pose, scan, now - scan.time, _actors(now)))
         self._inbox.asked(sample.sequence)
         self._link.send(sample)
         for received, data in self._link.receive(now, True):
             self._inbox.take(received, data)
 
-    def _course(self, outcome: str, reasons: tuple[str, ...], contact: float, rested: bool) -> Course:
+    def _course(self, outcome: str, reasons: tuple[str, ...], contact: float, rested: bool) -> CaseDrive:
         time, speed, gap, x, y, heading, deviation = np.array(self._rows).T
         hit = math.isfinite(contact)
         ended = not hit and rested and gap[-1] < 60.0
         if rested:
             speed = speed.copy()
             speed[-1] = 0.0
-        return Course(
+        return CaseDrive(
             time, speed, gap, tuple(self._link.answers), "contact" if hit else outcome, reasons, hit,
             float(speed[-1]) if hit else math.nan, float(gap[-1]) if ended else math.nan, x, y, heading, deviation,
             contact, dict(self._inbox.counts), self._inbox.taken,
@@ -364,18 +364,18 @@ def certified(
         if case is CASES[0]:
             continue
         if why := inapplicable(case, kinds):
-            results.append(CaseResult(case, seed, Verdict.NOT_APPLICABLE, why))
+            results.append(CaseResult(case, seed, CaseVerdict.NOT_APPLICABLE, why))
             continue
         timing = timing_of(case, nominal, BUMPER)
         if timing.void:
-            results.append(CaseResult(case, seed, Verdict.VOID, timing.void))
+            results.append(CaseResult(case, seed, CaseVerdict.VOID, timing.void))
             continue
         course = drive(in_process(name, sense), case, timing.window, seed, nominal, kinds)
         results.append(_result(case, seed, timing.window, course, nominal))
     return results
 
 
-def _result(case: Case, seed: int, window: Window | None, course: Course, nominal: Course | None) -> CaseResult:
+def _result(case: Case, seed: int, window: Window | None, course: CaseDrive, nominal: CaseDrive | None) -> CaseResult:
     found = judge(case, window, course, nominal, RULES)
     return CaseResult(
         case, seed, found.verdict, found.why, window, found.reaction, found.left, course.impact_speed, course.outcome,

@@ -11,7 +11,7 @@ import pytest
 from tests.sweep.test_dataset import PLAN
 from vve_sumo.cli.dispatch import main
 from vve_sumo.sweep.dataset import Dataset
-from vve_sumo.sweep.job import Result
+from vve_sumo.sweep.job import RunResult
 from vve_sumo.sweep.run_specs import RunSpec
 
 
@@ -23,7 +23,7 @@ def sweep(folder: Path, gap: float) -> Path:
         hit = kind == "b" and speed == 2.0
         figures: dict[str, Any] = {"passed": not hit, "collision": hit, "stop_gap_m": None if hit else gap + speed}
         run = RunSpec(number, f"{number:016x}", {"speed": speed, "kind": kind}, 1)
-        dataset.add(run, Result("", figures, ""))
+        dataset.add(run, RunResult("", figures, ""))
     dataset.close()
     return folder
 

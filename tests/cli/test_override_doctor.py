@@ -19,14 +19,14 @@ from tests.live.command_line import own_rig, vve_sumo
 from tests.live.test_screen import DRIVING
 from vve_sumo.cli.live_drive import examined
 from vve_sumo.commissioning.doctor_result import keep
-from vve_sumo.commissioning.findings import Check, Finding
+from vve_sumo.commissioning.findings import Check, CheckResult
 from vve_sumo.errors import ConfigError, RigError
-from vve_sumo.live.session import Plan, plan
+from vve_sumo.live.session import DrivePlan, plan
 from vve_sumo.live.wording import picture
 
 GO = [Check("bus", "fine")]
-NO_GO = [*GO, Check("fixes", "none", Finding.NO_GO, "look"), Check("gear", "drive", Finding.NOTE)]
-NO_GO += [Check("arming", "no", Finding.NO_GO)]
+NO_GO = [*GO, Check("fixes", "none", CheckResult.NO_GO, "look"), Check("gear", "drive", CheckResult.NOTE)]
+NO_GO += [Check("arming", "no", CheckResult.NO_GO)]
 HOUR = datetime.timedelta(hours=1)
 UNEXAMINED = "the doctor has not examined this rig"
 
@@ -35,7 +35,7 @@ def now() -> datetime.datetime:
     return datetime.datetime.now(datetime.UTC)
 
 
-def made(folder: Path, rig: Path, *, shadow: bool = False) -> Plan:
+def made(folder: Path, rig: Path, *, shadow: bool = False) -> DrivePlan:
     return plan("seen_late", str(rig), folder, out=None, seed=None, controller=None, shadow=shadow)
 
 

@@ -21,7 +21,7 @@ from tests.isolated import command
 from tests.report.made import driven
 from vve_sumo.errors import ConfigError
 from vve_sumo.live.view_token import token_of
-from vve_sumo.rig.schema import View
+from vve_sumo.rig.schema import RigView
 from vve_sumo.view.library import Library
 
 
@@ -103,18 +103,18 @@ def test_a_notebook_shows_the_page_in_its_cell(record: Path) -> None:
 
 
 def test_a_rigs_token_is_read_and_judged(tmp_path: Path) -> None:
-    assert token_of(View(), tmp_path) == ""
+    assert token_of(RigView(), tmp_path) == ""
     (tmp_path / "token").write_text("abcdefghij-0123456789\n")
-    assert token_of(View(token_file="token"), tmp_path) == "abcdefghij-0123456789"
+    assert token_of(RigView(token_file="token"), tmp_path) == "abcdefghij-0123456789"
     for wrong in ("short", "x" * 200, "with a space and more", "slash/slash/slash/slash"):
         (tmp_path / "token").write_text(wrong)
         with pytest.raises(ConfigError, match=r"view\.token_file: .*expected 16 to 128"):
-            token_of(View(token_file="token"), tmp_path)
+            token_of(RigView(token_file="token"), tmp_path)
     with pytest.raises(ConfigError, match=r"view\.token_file: .*cannot be read"):
-        token_of(View(token_file="none"), tmp_path)
+        token_of(RigView(token_file="none"), tmp_path)
 
 
 @pytest.mark.parametrize("everywhere", ["0.0.0.0", "::"])
 def test_a_rig_may_not_listen_on_every_network(everywhere: str) -> None:
     with pytest.raises(ValueError, match="expected this computer's address"):
-        View(address=everywhere)
+        RigView(address=everywhere)

@@ -21,7 +21,7 @@ from tests.live.bench import LiveCar
 from tests.live.command_line import WATCHDOG, begun, outline, own_rig, vve_sumo
 from vve_sumo.bus import Bus
 from vve_sumo.commissioning import align, machine_checks, rig_checks
-from vve_sumo.commissioning.findings import Check, Finding, Report
+from vve_sumo.commissioning.findings import Check, CheckReport, CheckResult
 from vve_sumo.live import assembly
 from vve_sumo.live.slcan import Adapter
 from vve_sumo.pose.ncom import Encoder
@@ -231,29 +231,29 @@ def of(checks: list[Check], name: str) -> Check:
 def test_what_speaks_against_a_fix_is_told_in_words(tmp_path: Path) -> None:
     rig = own_rig(tmp_path)
     good = heard_from(rig)
-    assert {check.finding for check in good} <= {Finding.GO, Finding.NOTE}
+    assert {check.finding for check in good} <= {CheckResult.GO, CheckResult.NOTE}
     assert "declared minimum" in of(good, "age").found
     floating = of(heard_from(rig, quality=FixQuality.RTK_FLOAT, position_sigma=0.4), "fix")
-    assert floating.finding is Finding.NO_GO
+    assert floating.finding is CheckResult.NO_GO
     assert "RTK with fixed ambiguities" in floating.advice
     assert "position accuracy" in floating.advice
     assert "RTK float" in floating.found
     assert "0.400 m" in floating.found
     old = of(heard_from(rig, differential_age=25.0), "fix")
-    assert old.finding is Finding.NO_GO
+    assert old.finding is CheckResult.NO_GO
     assert "25.0 s old" in old.found
     assert "corrections" in old.advice
     unlocked = heard_from(rig, locked=False)
     assert "not locked" in of(unlocked, "fix").found
-    assert of(unlocked, "fix").finding is of(unlocked, "age").finding is Finding.NO_GO
+    assert of(unlocked, "fix").finding is of(unlocked, "age").finding is CheckResult.NO_GO
     assert "navigation is locked" in of(unlocked, "fix").advice
     moving = of(heard_from(rig, velocity_east=2.0, velocity_north=0.2), "standing")
-    assert moving.finding is Finding.NO_GO
+    assert moving.finding is CheckResult.NO_GO
 
 
 def test_a_rate_below_what_the_rig_promises_is_no_go(tmp_path: Path) -> None:
     rig = own_rig(tmp_path, ("rate_hz = 100.0", "rate_hz = 200.0"))
-    assert of(heard_from(rig), "fixes").finding is Finding.NO_GO
+    assert of(heard_from(rig), "fixes").finding is CheckResult.NO_GO
 
 
 def documents(rig: Path, today: datetime.date = DAY) -> dict[str, Check]:
@@ -262,15 +262,15 @@ def documents(rig: Path, today: datetime.date = DAY) -> dict[str, Check]:
 
 def test_the_papers_of_a_real_car(tmp_path: Path) -> None:
     fit = documents(real_rig(tmp_path, "/dev/ttyACM0"))
-    assert fit["arming"].finding is fit["watchdog test"].finding is fit["lot"].finding is Finding.GO
+    assert fit["arming"].finding is fit["watchdog test"].finding is fit["lot"].finding is CheckResult.GO
     assert "120 days ago" in fit["watchdog test"].found
-    assert fit["calibration"].finding is Finding.NOTE
+    assert fit["calibration"].finding is CheckResult.NOTE
     untested = documents(real_rig(tmp_path, "/dev/ttyACM0", (WATCHDOG, "")))
-    assert untested["arming"].finding is untested["watchdog test"].finding is Finding.NO_GO
+    assert untested["arming"].finding is untested["watchdog test"].finding is CheckResult.NO_GO
     assert "--shadow" in untested["arming"].advice
     rolled = WATCHDOG.replace("armed = true", "armed = false").replace("= 2.5", "= 0.3")
     unarmed = documents(real_rig(tmp_path, "/dev/ttyACM0", (WATCHDOG, rolled)))
-    assert unarmed["watchdog test"].finding is Finding.NOTE
+    assert unarmed["watchdog test"].finding is CheckResult.NOTE
     assert "driver" in unarmed["watchdog test"].advice
 
 
@@ -278,25 +278,25 @@ def test_what_a_real_car_s_rig_states_grows_old(tmp_path: Path) -> None:
     rig = real_rig(tmp_path, "/dev/ttyACM0", ("[limits]", "[calibration]\ndate = 2026-01-01\n\n[limits]"))
     year, day = datetime.date(2027, 1, 1), datetime.timedelta(days=1)
     fit = documents(rig, year)
-    assert {fit[name].finding for name in ("arming", "watchdog test", "calibration", "lot")} == {Finding.GO}
+    assert {fit[name].finding for name in ("arming", "watchdog test", "calibration", "lot")} == {CheckResult.GO}
     late = documents(rig, year + day)
-    assert late["arming"].finding is late["watchdog test"].finding is Finding.NO_GO
+    assert late["arming"].finding is late["watchdog test"].finding is CheckResult.NO_GO
     assert late["arming"].found.startswith("watchdog_test.date: the test of 2026-01-01 was 366 days ago")
     assert "watchdog_test.valid_days allows 365" in late["watchdog test"].advice
-    assert late["lot"].finding is late["calibration"].finding is Finding.NOTE
-    assert documents(rig, datetime.date(2029, 1, 1))["lot"].finding is Finding.NO_GO
+    assert late["lot"].finding is late["calibration"].finding is CheckResult.NOTE
+    assert documents(rig, datetime.date(2029, 1, 1))["lot"].finding is CheckResult.NO_GO
 
 
 def test_a_simulated_vehicle_s_days_do_not_grow_old(tmp_path: Path) -> None:
     late = documents(own_rig(tmp_path), datetime.date(2099, 3, 1))
-    assert {late[name].finding for name in ("arming", "watchdog test", "lot")} == {Finding.GO}
+    assert {late[name].finding for name in ("arming", "watchdog test", "lot")} == {CheckResult.GO}
 
 
 def test_days_to_come_are_refused_but_for_those_of_another_time_zone(tmp_path: Path) -> None:
     for rig in (own_rig(tmp_path), real_rig(tmp_path, "/dev/ttyACM0")):
-        assert documents(rig, datetime.date(2025, 12, 31))["lot"].finding is Finding.GO
+        assert documents(rig, datetime.date(2025, 12, 31))["lot"].finding is CheckResult.GO
         early = documents(rig, datetime.date(2025, 12, 30))
-        assert early["lot"].finding is early["watchdog test"].finding is Finding.NO_GO
+        assert early["lot"].finding is early["watchdog test"].finding is CheckResult.NO_GO
     assert early["arming"].found.startswith("lot.surveyed: 2026-01-01 is still to come, today is 2025-12-30")
 
 
@@ -310,8 +310,8 @@ def test_a_lot_is_told_in_square_metres(tmp_path: Path) -> None:
 
 def test_an_echo_is_heard_on_the_same_bus_only() -> None:
     with Bus("virtual", "echo one") as here, Bus("virtual", "echo one") as there, Bus("virtual", "echo two") as far:
-        assert rig_checks.echoed(here, there).finding is Finding.GO
-        assert rig_checks.echoed(here, far).finding is Finding.NO_GO
+        assert rig_checks.echoed(here, there).finding is CheckResult.GO
+        assert rig_checks.echoed(here, far).finding is CheckResult.NO_GO
         assert rig_checks.NO_COMMAND not in layout.COMMAND_IDS
 
 
@@ -359,10 +359,10 @@ def test_the_versions_asked_for_are_those_of_the_package() -> None:
 
 def test_a_street_that_is_too_slow_is_no_go_and_a_held_back_one_a_note() -> None:
     load = {"refused": 0, "removed": 0}
-    assert machine_checks._judged_street([0.002] * 200, True, load).finding is Finding.GO
-    assert machine_checks._judged_street([0.002] * 190 + [0.03] * 10, False, load).finding is Finding.NO_GO
+    assert machine_checks._judged_street([0.002] * 200, True, load).finding is CheckResult.GO
+    assert machine_checks._judged_street([0.002] * 190 + [0.03] * 10, False, load).finding is CheckResult.NO_GO
     held = machine_checks._judged_street([0.002] * 200, True, {"refused": 7, "removed": 5})
-    assert held.finding is Finding.NOTE
+    assert held.finding is CheckResult.NOTE
     assert "12 vehicles" in held.found
 
 
@@ -375,14 +375,18 @@ def test_what_the_kernel_permits_is_told_and_changes_nothing() -> None:
 
 def test_a_folder_that_takes_no_records_is_no_go() -> None:
     _room, speed = machine_checks._disk(Path("/proc/runs"))
-    assert speed.finding is Finding.NO_GO
+    assert speed.finding is CheckResult.NO_GO
     assert "--out" in speed.advice
 
 
 def test_a_report_says_what_is_against() -> None:
-    report = Report()
+    report = CheckReport()
     report.add(
-        [Check("one", "good"), Check("two", "bad", Finding.NO_GO, "mend it"), Check("three", "so", Finding.NOTE)]
+        [
+            Check("one", "good"),
+            Check("two", "bad", CheckResult.NO_GO, "mend it"),
+            Check("three", "so", CheckResult.NOTE),
+        ]
     )
     assert [check.name for check in report.against] == ["two"]
     assert "-> mend it" in report.checks[1].lines()[1]

@@ -13,11 +13,11 @@ import pytest
 from tests import isolated
 from tests.live.command_line import own_rig
 from vve_sumo.commissioning.doctor_result import file_of, keep, last
-from vve_sumo.commissioning.findings import Check, Finding
+from vve_sumo.commissioning.findings import Check, CheckResult
 
 NOW = datetime.datetime(2026, 5, 1, 12, 0, 0, tzinfo=datetime.UTC)
 HOUR = datetime.timedelta(hours=1)
-CHECKS = [Check("bus", "1 Mbit/s"), Check("fixes", "none", Finding.NO_GO, "look at pose.port")]
+CHECKS = [Check("bus", "1 Mbit/s"), Check("fixes", "none", CheckResult.NO_GO, "look at pose.port")]
 NONE = {"verdict": "none", "caveats": []}
 
 

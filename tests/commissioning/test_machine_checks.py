@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from tests.conftest import REPOSITORY
-from vve_sumo.commissioning.findings import Finding
+from vve_sumo.commissioning.findings import CheckResult
 from vve_sumo.commissioning.machine_checks import _all_at_once, _dbc
 from vve_sumo.drive.run import resolve_by_name
 from vve_sumo.drive.virtual_road import scenario_engine
@@ -26,8 +26,8 @@ def test_every_actor_is_there_from_the_first_step_on() -> None:
 
 
 def test_without_cantools_the_dbc_is_a_note_with_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert _dbc().finding == Finding.GO
+    assert _dbc().finding == CheckResult.GO
     monkeypatch.setitem(sys.modules, "cantools", None)  # as Python marks what cannot be imported
     check = _dbc()
-    assert check.finding == Finding.NOTE
+    assert check.finding == CheckResult.NOTE
     assert check.advice == "reading the DBC file needs cantools: pip install 'vve-sumo[dbc]'"

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vve_sumo.commissioning.findings import Finding
+from vve_sumo.commissioning.findings import CheckResult
 from vve_sumo.commissioning.wake_up import judged_wake_up, lateness, wake_up
 
 PERIOD = 0.02
@@ -41,13 +41,19 @@ def test_a_computer_that_stands_still_is_late_until_it_has_caught_up() -> None:
 
 @pytest.mark.parametrize(
     ("worst", "finding"),
-    [(0.0, Finding.GO), (0.005, Finding.GO), (0.006, Finding.NOTE), (0.02, Finding.NOTE), (0.021, Finding.NO_GO)],
+    [
+        (0.0, CheckResult.GO),
+        (0.005, CheckResult.GO),
+        (0.006, CheckResult.NOTE),
+        (0.02, CheckResult.NOTE),
+        (0.021, CheckResult.NO_GO),
+    ],
 )
-def test_the_verdict_names_the_next_step_where_it_is_not_go(worst: float, finding: Finding) -> None:
+def test_the_verdict_names_the_next_step_where_it_is_not_go(worst: float, finding: CheckResult) -> None:
     check = judged_wake_up(worst)
     assert check.finding is finding
     assert f"at worst {1e3 * worst:.1f} ms late" in check.found
-    assert ("close other programs" in check.advice) is (finding is not Finding.GO)
+    assert ("close other programs" in check.advice) is (finding is not CheckResult.GO)
 
 
 def test_the_measurement_leaves_no_priority_behind() -> None:

@@ -17,7 +17,7 @@ from tests.live.command_line import own_rig
 from tests.live.matrix import MATRIX, Signal
 from tests.live.stage import Stage
 from tests.rig.test_load import EXAMPLE, ROLLED, WATCHDOG, real
-from vve_sumo.commissioning.findings import Check, Finding
+from vve_sumo.commissioning.findings import Check, CheckResult
 from vve_sumo.commissioning.watchdog_record import (
     NAME,
     WatchdogStop,
@@ -100,25 +100,25 @@ STATED = WatchdogTest(date=datetime.date(2026, 5, 1), armed=True, deceleration_m
 )
 def test_the_rig_may_claim_no_more_than_was_measured(deceleration: float, delay: float, good: bool) -> None:
     check = compared(STATED, [WatchdogStop(5.0, deceleration, delay)])
-    assert (check.finding is Finding.GO) == good
+    assert (check.finding is CheckResult.GO) == good
 
 
 def test_the_weakest_and_the_latest_run_count() -> None:
     runs = [WatchdogStop(5.0, 2.61, 0.31), WatchdogStop(5.0, 3.0, 0.1), WatchdogStop(5.0, 2.8, 0.2)]
     check = compared(STATED.model_copy(update={"deceleration_mps2": 9.0, "delay_s": 0.12}), runs)
-    assert check.finding is Finding.NO_GO
+    assert check.finding is CheckResult.NO_GO
     assert check.found == "measured 2.61 m/s2 after 0.31 s (the worst of 3 runs), the rig says 9 after 0.12"
 
 
 def test_a_real_car_s_armed_watchdog_needs_a_record(tmp_path: Path) -> None:
     (check,) = checks(parse(real() | {"watchdog_test": WATCHDOG}, EXAMPLE), tmp_path)
-    assert (check.name, check.finding) == (NAME, Finding.NO_GO)
+    assert (check.name, check.finding) == (NAME, CheckResult.NO_GO)
     assert "watchdog_test.records" in check.advice
     for table in (real(), real() | {"watchdog_test": ROLLED}):
         assert list(checks(parse(table, EXAMPLE), tmp_path)) == []
     assert list(checks(load(own_rig(tmp_path)), tmp_path)) == [], "a simulated vehicle's need not have one"
     (check,) = checks(parse(real() | {"watchdog_test": WATCHDOG | {"records": ["nowhere"]}}, EXAMPLE), tmp_path)
-    assert check.finding is Finding.NO_GO
+    assert check.finding is CheckResult.NO_GO
     assert "nowhere" in check.found
 
 
@@ -148,24 +148,24 @@ def test_the_doctor_reads_the_figures_of_a_live_test(tmp_path: Path) -> None:
         (check,) = checks(rig, tmp_path / "run")
         return check
 
-    assert said().finding is Finding.GO
+    assert said().finding is CheckResult.GO
     assert "(1 run)" in said().found
-    assert said(deceleration_mps2=9.0).finding is Finding.NO_GO
-    assert said(delay_s=0.1 * told.delay).finding is Finding.NO_GO
-    assert said(date=day + datetime.timedelta(days=1)).finding is Finding.GO, "there it was that day already"
+    assert said(deceleration_mps2=9.0).finding is CheckResult.NO_GO
+    assert said(delay_s=0.1 * told.delay).finding is CheckResult.NO_GO
+    assert said(date=day + datetime.timedelta(days=1)).finding is CheckResult.GO, "there it was that day already"
     for refused, words in (
         (said(date=day + datetime.timedelta(days=2)), f"was driven on {day}, watchdog_test.date says"),
         (said(rig.model_copy(update={"car": "real"})), "expected a live drive of a real car"),
         (said(with_vehicle(rig, wheelbase_m=2.9)), "is the record of another car than the rig's"),
     ):
-        assert refused.finding is Finding.NO_GO
+        assert refused.finding is CheckResult.NO_GO
         assert words in refused.found
     log = evidence.folder / "can.log"
     whole = log.read_text()
     log.write_text(whole.replace("060#", "061#", 1))
     assert "can.log is not as the drive left it" in said().found
     log.write_text(whole)
-    assert said().finding is Finding.GO
+    assert said().finding is CheckResult.GO
     for file in ("summary.json", "ticks.parquet"):
         (evidence.folder / file).unlink()
     assert "the drive that wrote it never finished it" in said().found

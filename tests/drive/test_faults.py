@@ -98,13 +98,13 @@ def drive_with(kind: str) -> tuple[dict[str, Any], list[float], list[str]]:
     from vve_sumo.drive.lockstep import Lockstep
     from vve_sumo.drive.summary import summarise
     from vve_sumo.record.reader import read_table
-    from vve_sumo.record.writer import Record
+    from vve_sumo.record.writer import RecordWriter
 
     resolved = altered({"road.demand": [], "obstacles": [], "duration_s": 40.0})
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "record"
         shell = Lockstep(resolved, REPOSITORY, Fault(kind))
-        record = Record(folder, resolved.to_dict(REPOSITORY), EPOCH)
+        record = RecordWriter(folder, resolved.to_dict(REPOSITORY), EPOCH)
         done = shell.run(record, lambda tick, now, speed, station: None)
         shell.close()
         summary = summarise(resolved, done, folder, record.close())

@@ -20,7 +20,7 @@ from vve_sumo.frames import Alignment, Mounting, Placement, local_frame
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import PLAYBACK, TrustGate
-from vve_sumo.record.writer import Record
+from vve_sumo.record.writer import RecordWriter
 from vve_sumo.values import ArmingState, ControlCommand
 from vve_sumo.vehicle.dataspeed import codec, messages
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
@@ -61,10 +61,10 @@ def test_the_record_names_the_controllers_files_that_were_read_and_no_other(tmp_
 
 def test_a_mistake_of_ours_under_way_is_an_outcome_with_its_story(tmp_path: Path) -> None:
     """A shell that raises: the record is finished, says broken, and holds the traceback."""
-    record = Record(tmp_path / "r", RESOLVED, 0.0)
+    record = RecordWriter(tmp_path / "r", RESOLVED, 0.0)
 
     class TickHost:
-        def run(self, record: Record, watch: object) -> None:
+        def run(self, record: RecordWriter, watch: object) -> None:
             raise ZeroDivisionError("in the middle")
 
     done = drives.run_guarded(TickHost(), record, print)  # type: ignore[arg-type]

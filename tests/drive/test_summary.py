@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from vve_sumo.drive import summary
-from vve_sumo.scenario.schema import Band, Criteria
+from vve_sumo.scenario.schema import Criteria, CriterionBand
 from vve_sumo.sweep.run import verdicts
 
 GOOD = {
@@ -29,8 +29,8 @@ def judged(criteria: Criteria, **changes: Any) -> list[str]:
 STRICT = Criteria(
     outcome="stopped",
     collision=False,
-    stop_gap_m=Band(min=4.5, max=5.5),
-    max_lateral_deviation_m=Band(max=0.15),
+    stop_gap_m=CriterionBand(min=4.5, max=5.5),
+    max_lateral_deviation_m=CriterionBand(max=0.15),
 )
 
 
@@ -65,21 +65,21 @@ def test_each_criterion_fails_by_itself(changes: dict[str, Any], words: str) -> 
 
 def test_nothing_ahead_meets_a_limit_on_the_time_to_collision_only_from_below() -> None:
     """No time to collision at all is as good as an endless one."""
-    assert judged(Criteria(min_ttc_s=Band(min=1.5)), min_ttc_s=math.nan) == []
-    assert judged(Criteria(min_ttc_s=Band(min=1.5)), min_ttc_s=1.2)
+    assert judged(Criteria(min_ttc_s=CriterionBand(min=1.5)), min_ttc_s=math.nan) == []
+    assert judged(Criteria(min_ttc_s=CriterionBand(min=1.5)), min_ttc_s=1.2)
 
 
 @pytest.mark.parametrize(
     ("name", "met", "missed"),
     [
-        ("max_drac_mps2", Band(max=3.0), Band(min=0.5)),
-        ("min_gap_m", Band(min=1.0), Band(max=20.0)),
-        ("min_ttc_s", Band(min=1.0), Band(max=5.0)),
-        ("stop_gap_m", None, Band(min=1.0)),
-        ("impact_speed_mps", None, Band(max=9.0)),
+        ("max_drac_mps2", CriterionBand(max=3.0), CriterionBand(min=0.5)),
+        ("min_gap_m", CriterionBand(min=1.0), CriterionBand(max=20.0)),
+        ("min_ttc_s", CriterionBand(min=1.0), CriterionBand(max=5.0)),
+        ("stop_gap_m", None, CriterionBand(min=1.0)),
+        ("impact_speed_mps", None, CriterionBand(max=9.0)),
     ],
 )
-def test_what_nothing_ahead_is_as_good_as(name: str, met: Band | None, missed: Band) -> None:
+def test_what_nothing_ahead_is_as_good_as(name: str, met: CriterionBand | None, missed: CriterionBand) -> None:
     """No need to brake, an endless gap, an endless time; a figure that is missing for another reason fails."""
     if met is not None:
         assert judged(Criteria(**{name: met}), **{name: math.nan}) == []
@@ -90,9 +90,9 @@ def test_the_figures_of_conflicts_are_judged() -> None:
     wanted = Criteria(
         outcome="completed",
         collision=True,
-        impact_speed_mps=Band(max=5.0),
+        impact_speed_mps=CriterionBand(max=5.0),
         emergency_used=True,
-        max_drac_mps2=Band(max=4),
+        max_drac_mps2=CriterionBand(max=4),
     )
     good = {"outcome": "completed", "collision": True, "impact_speed_mps": 4.9, "emergency_used": True}
     assert judged(wanted, **good, max_drac_mps2=3.0) == []
@@ -117,7 +117,7 @@ def test_a_drive_that_a_fault_ended_passes_only_where_that_was_asked_for() -> No
 
 def test_a_band_that_nothing_can_meet_is_refused() -> None:
     with pytest.raises(ValueError, match="least 6"):
-        Band(min=6.0, max=5.0)
+        CriterionBand(min=6.0, max=5.0)
 
 
 @pytest.mark.parametrize("wanted", ["fault", "stopped", None])

@@ -25,7 +25,7 @@ import numpy as np
 
 from tests.fuzz.invariant import Violation, hold
 from vve_sumo.frames import MapFrame, Mounting
-from vve_sumo.plant.receiver import PERIOD, Receiver, ReceiverParameters
+from vve_sumo.plant.receiver import PERIOD, ReceiverParameters, SimulatedReceiver
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.trust import DRIVE, TrustGate
 from vve_sumo.values import Fix, Point, Pose
@@ -156,7 +156,7 @@ class _Run:
 
     def drive(self, seed: int) -> None:
         parameters = ReceiverParameters(Mounting(1.3, 0.2))
-        receiver = Receiver(parameters, MapFrame(LOT), EPOCH, np.random.SeedSequence(seed))
+        receiver = SimulatedReceiver(parameters, MapFrame(LOT), EPOCH, np.random.SeedSequence(seed))
         hills = _Hills(self._chance)
         for number in range(FIXES):
             pose, climbed = hills.step(number)

@@ -304,7 +304,7 @@ def _links(chance: random.Random, told: list[object]) -> None:
             spoilt = spoilt[:-4] + struct.pack("<I", zlib.crc32(spoilt[:-4]))
         told[:] = [message, spoilt]
         taken = decode(spoilt)
-        if isinstance(taken, link.Malformed):
+        if isinstance(taken, link.MalformedMessage):
             continue
         hold(6, len(spoilt) > 4 and struct.unpack("<I", spoilt[-4:])[0] == zlib.crc32(spoilt[:-4]), taken)
         if LEAST not in repr(taken):

@@ -6,10 +6,10 @@ from functools import cache
 
 from tests.conftest import REPOSITORY
 from vve_sumo.hunt.run import course_of
-from vve_sumo.hunt.simulation import Course
+from vve_sumo.hunt.simulation import HuntSetup
 
 
 @cache
-def course() -> Course:
+def course() -> HuntSetup:
     """Return the course; read once."""
     return course_of("parked_car", "simulated", REPOSITORY)[0]

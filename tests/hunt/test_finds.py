@@ -9,7 +9,7 @@ import pytest
 
 from tests.hunt.course import course
 from vve_sumo.drive.pipeline import Pipeline
-from vve_sumo.hunt.episode import Action, Episode, Phase
+from vve_sumo.hunt.episode import Action, Episode, EpisodePhase
 from vve_sumo.hunt.judging import Tolerances
 from vve_sumo.hunt.runner import run_alone
 from vve_sumo.vehicle.limits import Limiter
@@ -23,7 +23,7 @@ def without_speed_margin(self: Pipeline, **arguments: Any) -> None:
     _MADE(self, **arguments | {"speed_margin": math.inf})
 
 
-def broken(*actions: Action, phase: Phase = Phase.DRIVING) -> tuple[str, ...]:
+def broken(*actions: Action, phase: EpisodePhase = EpisodePhase.DRIVING) -> tuple[str, ...]:
     return run_alone(course(), Episode(phase, 1.0, actions), Tolerances()).broken
 
 

@@ -13,7 +13,7 @@ from vve_sumo.drive.termination import Outcome
 from vve_sumo.hunt.episode import RoadConditions
 from vve_sumo.hunt.invariants import Judges
 from vve_sumo.hunt.judging import Tolerances, Violation
-from vve_sumo.hunt.simulation import Simulation
+from vve_sumo.hunt.simulation import EpisodeDrive
 from vve_sumo.hunt.truth import TruthSample
 from vve_sumo.live.wording import BRAKES, CONTROL, DRIVING, HELD, ROLLS
 from vve_sumo.values import ArmingState, Point, Pose
@@ -58,7 +58,7 @@ def sample(time: float, **changes: Any) -> TruthSample:
 def judged(
     differs: Differs, seconds: float, outcome: Outcome | None = None, reasons: tuple[str, ...] = ()
 ) -> list[Violation]:
-    drive = Simulation(course(), RoadConditions(), 1)
+    drive = EpisodeDrive(course(), RoadConditions(), 1)
     judges = Judges(drive.rig, drive.parameters, drive.resolved.model.limits, Tolerances())
     judges.went()
     for tick in range(round(seconds / PERIOD)):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from vve_sumo.hunt.episode import Action, Episode, Phase
+from vve_sumo.hunt.episode import Action, Episode, EpisodePhase
 from vve_sumo.hunt.known_limits import known
 
 
 def episode(*actions: Action) -> Episode:
-    return Episode(Phase.DRIVING, 1.0, actions)
+    return Episode(EpisodePhase.DRIVING, 1.0, actions)
 
 
 FROZEN = Action("steering_report_frozen", 0.0, 4.0)

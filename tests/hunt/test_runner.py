@@ -5,17 +5,21 @@ from __future__ import annotations
 import pytest
 
 from tests.hunt.course import course
-from vve_sumo.hunt.episode import Action, Episode, Phase
+from vve_sumo.hunt.episode import Action, Episode, EpisodePhase
 from vve_sumo.hunt.judging import Tolerances
-from vve_sumo.hunt.runner import Result, run_alone, run_many
+from vve_sumo.hunt.runner import EpisodeResult, run_alone, run_many
 from vve_sumo.plant.injected_faults import Shape
 
 EPISODES = (
-    Episode(Phase.ARMING, 0.0, (Action("bus_silent", 0.0, 0.3), Action("key_stop", 0.5, 1.0))),
-    Episode(Phase.HELD, 0.2, (Action("pose_garbage", 0.0, 1.0), Action("driver_touch", 0.4, 0.3, 0.2))),
-    Episode(Phase.DRIVING, 0.3, (Action("brakes_weak", 0.0, 2.0, 0.2, Shape.RAMP), Action("brain_flapping", 0.1, 2.0))),
+    Episode(EpisodePhase.ARMING, 0.0, (Action("bus_silent", 0.0, 0.3), Action("key_stop", 0.5, 1.0))),
+    Episode(EpisodePhase.HELD, 0.2, (Action("pose_garbage", 0.0, 1.0), Action("driver_touch", 0.4, 0.3, 0.2))),
     Episode(
-        Phase.DRIVING,
+        EpisodePhase.DRIVING,
+        0.3,
+        (Action("brakes_weak", 0.0, 2.0, 0.2, Shape.RAMP), Action("brain_flapping", 0.1, 2.0)),
+    ),
+    Episode(
+        EpisodePhase.DRIVING,
         0.3,
         (Action("wheel_speeds_frozen", 0.0, 2.0, shape=Shape.FLAPPING, period=0.1), Action("key_stop", 0.3, 1.0)),
     ),
@@ -32,7 +36,7 @@ def test_forked_and_driven_alone_are_the_same() -> None:
 
 def test_what_comes_of_an_episode_survives_json() -> None:
     result = run_alone(course(), EPISODES[1], Tolerances())
-    assert Result.from_dict(result.to_dict()).to_dict() == result.to_dict()
+    assert EpisodeResult.from_dict(result.to_dict()).to_dict() == result.to_dict()
 
 
 def test_an_exception_in_the_program_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -45,8 +49,8 @@ def test_an_exception_in_the_program_is_a_finding(monkeypatch: pytest.MonkeyPatc
     assert "RuntimeError: a bug" in result.failure
 
 
-@pytest.mark.parametrize("phase", [Phase.ARMING, Phase.ENGAGING, Phase.HELD, Phase.DRIVING])
-def test_a_nominal_drive_breaks_nothing(phase: Phase) -> None:
+@pytest.mark.parametrize("phase", [EpisodePhase.ARMING, EpisodePhase.ENGAGING, EpisodePhase.HELD, EpisodePhase.DRIVING])
+def test_a_nominal_drive_breaks_nothing(phase: EpisodePhase) -> None:
     result = run_alone(course(), Episode(phase, 0.5, ()), Tolerances())
     assert result.broken == ()
     assert result.margin > 0.5

@@ -10,19 +10,19 @@ import pytest
 
 from tests.hunt.course import course
 from vve_sumo.hunt import draw
-from vve_sumo.hunt.episode import Action, Episode, Phase
+from vve_sumo.hunt.episode import Action, Episode, EpisodePhase
 from vve_sumo.hunt.findings import read_row
 from vve_sumo.hunt.judging import Tolerances
 from vve_sumo.hunt.known_limits import known
 from vve_sumo.hunt.run import PAIR_PHASES
-from vve_sumo.hunt.runner import Result, run_alone, run_many
+from vve_sumo.hunt.runner import EpisodeResult, run_alone, run_many
 from vve_sumo.hunt.search import Search
 
 FOUND = sorted((Path(__file__).parent / "found").glob("*.json"))
 SAMPLE = 40
 
 
-def surprises(results: Sequence[Result]) -> list[str]:
+def surprises(results: Sequence[EpisodeResult]) -> list[str]:
     """Return a line for every violation that no known limit explains."""
     return [
         f"{result.episode}: {invariant}: {[one.text for one in result.violations]} {result.failure}"
@@ -40,8 +40,8 @@ def test_a_sample_of_the_pairs_breaks_nothing() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("phase", list(Phase))
-def test_no_pair_breaks_anything(phase: Phase) -> None:
+@pytest.mark.parametrize("phase", list(EpisodePhase))
+def test_no_pair_breaks_anything(phase: EpisodePhase) -> None:
     episodes = [episode for _name, episode in draw.pairs((phase,), 1)]
     results = list(run_many(course(), episodes, Tolerances(), workers=2))
     assert len(results) == len(episodes)
@@ -85,5 +85,5 @@ def test_what_was_found_once_is_not_found_again(file: Path) -> None:
     ids=str,
 )
 def test_a_driver_and_a_limit_are_kept_to(actions: tuple[Action, ...]) -> None:
-    result = run_alone(course(), Episode(Phase.DRIVING, 1.0, actions), Tolerances())
+    result = run_alone(course(), Episode(EpisodePhase.DRIVING, 1.0, actions), Tolerances())
     assert result.broken == (), result.violations

@@ -14,12 +14,12 @@ from tests.conftest import REPOSITORY
 from vve_sumo.errors import ConfigError
 from vve_sumo.hunt import draw
 from vve_sumo.hunt.brains import BEHAVIOURS
-from vve_sumo.hunt.episode import DRIVER, FAULTS, Action, Episode, Phase, RoadConditions
-from vve_sumo.hunt.findings import Finding, Findings, faults_text, read_row
-from vve_sumo.hunt.journal import EPISODES, Journal
+from vve_sumo.hunt.episode import DRIVER, FAULTS, Action, Episode, EpisodePhase, RoadConditions
+from vve_sumo.hunt.findings import Findings, HuntFinding, faults_text, read_row
+from vve_sumo.hunt.journal import EPISODES, HuntJournal
 from vve_sumo.hunt.known_limits import known
 from vve_sumo.hunt.run import Hunt, HuntQuery
-from vve_sumo.hunt.runner import Result
+from vve_sumo.hunt.runner import EpisodeResult
 from vve_sumo.hunt.search import BATCH, BLIND, Search
 from vve_sumo.hunt.shrink import shrunk
 from vve_sumo.plant.injected_faults import Shape
@@ -27,10 +27,10 @@ from vve_sumo.rig.load import load as load_rig
 from vve_sumo.rig.resolve import faults_of
 
 
-def result_of(episode: Episode, margin: float = 1.0, broken: Sequence[str] = ()) -> Result:
+def result_of(episode: Episode, margin: float = 1.0, broken: Sequence[str] = ()) -> EpisodeResult:
     violations = tuple((name, 1.0, "text") for name in broken)
-    return Result.from_dict(
-        Result(episode, (), {"speed_limit": margin}, "", (), 1.0).to_dict() | {"violations": violations}
+    return EpisodeResult.from_dict(
+        EpisodeResult(episode, (), {"speed_limit": margin}, "", (), 1.0).to_dict() | {"violations": violations}
     )
 
 
@@ -46,12 +46,12 @@ def test_every_draw_and_every_neighbour_survives_json() -> None:
 
 
 def test_the_pairs_are_all_pairs_once_in_every_phase() -> None:
-    named = draw.pairs((Phase.DRIVING, Phase.BEND), 1)
-    assert named != draw.pairs((Phase.DRIVING, Phase.BEND), 2)
-    assert [name for name, _ in named] == [name for name, _ in draw.pairs((Phase.DRIVING, Phase.BEND), 1)]
+    named = draw.pairs((EpisodePhase.DRIVING, EpisodePhase.BEND), 1)
+    assert named != draw.pairs((EpisodePhase.DRIVING, EpisodePhase.BEND), 2)
+    assert [name for name, _ in named] == [name for name, _ in draw.pairs((EpisodePhase.DRIVING, EpisodePhase.BEND), 1)]
     assert len({name for name, _ in named}) == len(named)
     driven = {(episode.phase, frozenset(action.kind for action in episode.actions)) for _, episode in named}
-    for phase in (Phase.DRIVING, Phase.BEND):
+    for phase in (EpisodePhase.DRIVING, EpisodePhase.BEND):
         for at, fault in enumerate(FAULTS):
             for other in (*FAULTS[at + 1 :], *DRIVER, *BEHAVIOURS):
                 assert (phase, frozenset({fault, other})) in driven
@@ -67,7 +67,9 @@ def test_the_pairs_are_all_pairs_once_in_every_phase() -> None:
     ],
 )
 def test_pairs_try_every_module_and_gear(kind: str, other: str, numbers: set[float]) -> None:
-    actions = [{one.kind: one.value for one in episode.actions} for _, episode in draw.pairs((Phase.DRIVING,), 1)]
+    actions = [
+        {one.kind: one.value for one in episode.actions} for _, episode in draw.pairs((EpisodePhase.DRIVING,), 1)
+    ]
     tried = [one[kind] for one in actions if one.keys() == {kind, other}]
     assert set(tried) == numbers
     assert len(tried) == len(numbers)
@@ -82,7 +84,7 @@ def test_a_frozen_report_hides_its_own_module_and_while_it_is_frozen(
     module: float, after: float, expected: bool
 ) -> None:
     frozen, off = Action("steering_report_frozen", 0.0, 4.0), Action("dbw_dropout", after, 2.0, module)
-    episode = Episode(Phase.DRIVING, 1.0, (frozen, off))
+    episode = Episode(EpisodePhase.DRIVING, 1.0, (frozen, off))
     assert known("told_driving", episode) is expected
     assert not known("inside_lot", episode)
 
@@ -97,7 +99,7 @@ def test_a_search_repeats_and_turns_to_what_came_close() -> None:
             near = sum("brakes_drag" in str(episode) for episode in batches[0])
             assert near > 0.2 * BATCH
             return
-        close = Episode(Phase.BEND, 1.0, (Action("brakes_drag", 0.0, 3.0, 700.0),))
+        close = Episode(EpisodePhase.BEND, 1.0, (Action("brakes_drag", 0.0, 3.0, 700.0),))
         for search, batch in zip(searches, batches, strict=True):
             search.learn([result_of(close, 0.1), *(result_of(episode) for episode in batch)])
 
@@ -105,33 +107,33 @@ def test_a_search_repeats_and_turns_to_what_came_close() -> None:
 def test_shrinking_drops_what_the_violation_does_not_need() -> None:
     needed = Action("brake_report_frozen", 0.0, 4.0)
     actions = (needed, Action("pose_late", 0.3, 2.0, 0.123, Shape.FLAPPING, 0.1), Action("key_go", 1.0, 1.0))
-    episode = Episode(Phase.DRIVING, 3.32, actions, RoadConditions(friction=0.5), 2)
+    episode = Episode(EpisodePhase.DRIVING, 3.32, actions, RoadConditions(friction=0.5), 2)
 
-    def run_all(episodes: Sequence[Episode]) -> list[Result]:
+    def run_all(episodes: Sequence[Episode]) -> list[EpisodeResult]:
         def breaks(one: Episode) -> bool:
             return any(action.kind == needed.kind and action.duration >= 1.0 for action in one.actions)
 
         return [result_of(one, broken=["speed_limit"] * breaks(one)) for one in episodes]
 
     simplest = shrunk(run_all([episode])[0], "speed_limit", run_all).episode
-    assert simplest == Episode(Phase.DRIVING, 3.0, (Action(needed.kind, 0.0, 1.0),))
+    assert simplest == Episode(EpisodePhase.DRIVING, 3.0, (Action(needed.kind, 0.0, 1.0),))
 
 
 def test_a_finding_explains_the_same_with_more_on_top(tmp_path: Path) -> None:
     findings = Findings(tmp_path)
-    short = result_of(Episode(Phase.DRIVING, 3.0, (Action("pose_late", 0.0, 1.0),)), broken=["speed_limit"])
-    findings.keep(Finding("speed_limit", short), "")
-    more = Episode(Phase.BEND, 0.0, (Action("pose_late", 0.0, 2.0), Action("brain_nan", 1.0, 1.0)))
+    short = result_of(Episode(EpisodePhase.DRIVING, 3.0, (Action("pose_late", 0.0, 1.0),)), broken=["speed_limit"])
+    findings.keep(HuntFinding("speed_limit", short), "")
+    more = Episode(EpisodePhase.BEND, 0.0, (Action("pose_late", 0.0, 2.0), Action("brain_nan", 1.0, 1.0)))
     assert list(findings.new(result_of(more, broken=["speed_limit"]))) == []
     assert list(findings.new(result_of(more, broken=["told_driving"]))) == ["told_driving"]
 
 
 def test_what_is_found_is_a_row_and_a_rig_that_loads(tmp_path: Path) -> None:
     shape = Action("brake_override", 0.5, 4.0, 0.26, Shape.FLAPPING, 0.3)
-    episode = Episode(Phase.DRIVING, 3.0, (Action("brake_report_frozen", 0.0, 4.0), shape))
+    episode = Episode(EpisodePhase.DRIVING, 3.0, (Action("brake_report_frozen", 0.0, 4.0), shape))
     data = result_of(episode, broken=["told_driving"]).to_dict() | {"onset_s": 9.0, "moved_s": 4.0}
     text = (REPOSITORY / "rigs" / "simulated.toml").read_text(encoding="utf-8")
-    file = Findings(tmp_path).keep(Finding("told_driving", Result.from_dict(data)), text)
+    file = Findings(tmp_path).keep(HuntFinding("told_driving", EpisodeResult.from_dict(data)), text)
     assert read_row(file)[0] == "told_driving"
     assert str(read_row(file)[1]) == str(episode)
     faults = faults_of(load_rig(file.with_suffix(".rig.toml"), REPOSITORY))
@@ -143,17 +145,17 @@ def test_what_is_found_is_a_row_and_a_rig_that_loads(tmp_path: Path) -> None:
 
 
 def test_keys_and_brains_are_left_out_of_a_rig_and_said_so() -> None:
-    episode = Episode(Phase.HELD, 0.0, (Action("key_stop", 0.0, 1.0),))
+    episode = Episode(EpisodePhase.HELD, 0.0, (Action("key_stop", 0.0, 1.0),))
     assert faults_text(result_of(episode)) == ""
 
 
 def query(folder: Path, episodes: int, *, resume: bool = False) -> HuntQuery:
     return HuntQuery(
-        "simulated", "parked_car", folder, pairs=True, phases=(Phase.ARMING,), episodes=episodes, resume=resume
+        "simulated", "parked_car", folder, pairs=True, phases=(EpisodePhase.ARMING,), episodes=episodes, resume=resume
     )
 
 
-def hunted(folder: Path, episodes: int, *, resume: bool = False) -> dict[str, Result]:
+def hunted(folder: Path, episodes: int, *, resume: bool = False) -> dict[str, EpisodeResult]:
     hunt = Hunt(query(folder, episodes, resume=resume), REPOSITORY, lambda progress: None)
     hunt.run()
     return hunt.journal.results
@@ -174,8 +176,8 @@ def test_a_hunt_that_was_cut_off_goes_on_to_the_same_end(tmp_path: Path) -> None
 
 
 def test_a_folder_of_another_hunt_is_refused(tmp_path: Path) -> None:
-    Journal(tmp_path / "one", {"seed": 1}, resume=False).close()
+    HuntJournal(tmp_path / "one", {"seed": 1}, resume=False).close()
     with pytest.raises(ConfigError, match="not empty; take it up with --resume"):
-        Journal(tmp_path / "one", {"seed": 1}, resume=False)
+        HuntJournal(tmp_path / "one", {"seed": 1}, resume=False)
     with pytest.raises(ConfigError, match="has seed 1, not 2"):
-        Journal(tmp_path / "one", {"seed": 2}, resume=True)
+        HuntJournal(tmp_path / "one", {"seed": 2}, resume=True)

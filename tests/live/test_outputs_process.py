@@ -17,16 +17,16 @@ from hypothesis import strategies as st
 from vve_sumo.drive.brain import Publisher, virtual_placement
 from vve_sumo.frames import Mounting, local_frame
 from vve_sumo.live.channel import Channel, pair
-from vve_sumo.live.outputs import LATE, Outputs, Wire
+from vve_sumo.live.outputs import LATE, Outputs, OutputWire
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Actors, Point, Pose
-from vve_sumo.wire.sample import NO_SCAN, Measured, Sample, no_fix, sequence_of
+from vve_sumo.wire.sample import NO_SCAN, Sample, SampleContent, no_fix, sequence_of
 from vve_sumo.wire.sample_codec import pack
 
 pytestmark = pytest.mark.live
 NOBODY = Actors(0.0, (), *(np.zeros(0) for _ in range(8)))
 POSE = Pose(0.0, Point.REAR_AXLE, *(0.0 for _ in range(8)))
-VALID = Sample(1, 0.0, 0.0, Measured(no_fix(0.0, 0.0), POSE, NO_SCAN, 0.0, NOBODY))
+VALID = Sample(1, 0.0, 0.0, SampleContent(no_fix(0.0, 0.0), POSE, NO_SCAN, 0.0, NOBODY))
 PLACEMENT = virtual_placement(local_frame(0.7, -1.4), Mounting(0.0, 0.0), 0.0)
 
 
@@ -53,7 +53,7 @@ def running(echo: Echo) -> Iterator[tuple[Channel, float, Outputs]]:
     """A running process body; gives the drive's end of its channel and the second of drive time 0."""
     drive, theirs = pair()
     t0 = time.monotonic()
-    outputs = Outputs([Wire("echo", echo, echo)], theirs, t0, 0.0)
+    outputs = Outputs([OutputWire("echo", echo, echo)], theirs, t0, 0.0)
     thread = threading.Thread(target=outputs.run)
     thread.start()
     try:
@@ -102,7 +102,7 @@ class Failing(Echo):
 def test_an_encoder_that_fails_says_invalid_and_the_other_wires_go_on(capfd: pytest.CaptureFixture[str]) -> None:
     drive, theirs = pair()
     failing, echo = Failing(), Echo()
-    wires = [Wire("failing", failing, failing), Wire("echo", echo, echo)]
+    wires = [OutputWire("failing", failing, failing), OutputWire("echo", echo, echo)]
     outputs = Outputs(wires, theirs, time.monotonic(), 0.0)
     drive.send(pack(VALID, actors=False))
     drive.close()

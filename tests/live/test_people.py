@@ -17,7 +17,7 @@ from tests.conftest import REPOSITORY
 from tests.live.command_line import own_rig, vve_sumo
 from vve_sumo.cli.live_drive import named
 from vve_sumo.errors import ConfigError
-from vve_sumo.live.session import Plan, plan
+from vve_sumo.live.session import DrivePlan, plan
 
 #: prints who was named, of a drive that is never begun
 NAMES = """
@@ -73,7 +73,7 @@ def test_a_simulated_vehicle_asks_nobody(tmp_path: Path) -> None:
     assert asked(own_rig(tmp_path), "", "-", "-") == ("", 0, "[None, None]")
 
 
-def made(folder: Path) -> Plan:
+def made(folder: Path) -> DrivePlan:
     """The plan of a drive with the simulated vehicle."""
     return plan("seen_late", str(own_rig(folder)), folder, out=None, seed=None, controller=None, shadow=False)
 

@@ -24,7 +24,7 @@ from vve_sumo.live.spawn import start
 from vve_sumo.live.summary import summarise
 from vve_sumo.record.hashes import hash_parts, whole
 from vve_sumo.record.reader import read_pose_chunks, read_table
-from vve_sumo.record.writer import LiveRecord, Record
+from vve_sumo.record.writer import LiveRecord, RecordWriter
 from vve_sumo.values import Frame, GatewayRow, LatencyRow
 
 KINDS = {"int": 0, "float": 0.5, "bool": False, "str": "", "bytes": b"\x00\xff"}
@@ -36,7 +36,7 @@ def plain(kind: type, **changes: object):
     return kind(**({f.name: KINDS[str(f.type)] for f in dataclasses.fields(kind)} | changes))
 
 
-def say_tick(tap: RecorderClient | LiveRecord | Record, tick: int, boxes: int = 3) -> None:
+def say_tick(tap: RecorderClient | LiveRecord | RecordWriter, tick: int, boxes: int = 3) -> None:
     """Say what a drive says of a tick."""
     tap.received_pose(0.02 * tick, bytes([tick % 256] * 72))
     tap.sensed(tick, "radar", 0.02 * tick, COLUMNS)
@@ -116,7 +116,7 @@ def test_what_two_processes_say_becomes_one_record(desk: Desk, tmp_path: Path) -
 def test_the_lockstep_parts_hash_as_in_lockstep(tmp_path: Path) -> None:
     live, lockstep = (
         LiveRecord(tmp_path / "live", {"a": 1} | RESOLVED, 0.0),
-        Record(tmp_path / "lockstep", {"a": 1} | RESOLVED, 0.0),
+        RecordWriter(tmp_path / "lockstep", {"a": 1} | RESOLVED, 0.0),
     )
     for tick in range(25):
         for record in (live, lockstep):

@@ -12,7 +12,7 @@ from tests.vehicles import FUSION
 from vve_sumo.live import spawn
 from vve_sumo.live.channel import pair
 from vve_sumo.pose import ncom
-from vve_sumo.rig.schema import Output
+from vve_sumo.rig.schema import RigOutput
 from vve_sumo.wire.datagrams import decode_radar
 from vve_sumo.wire.signature import TAG, signed, without_tag
 
@@ -27,7 +27,7 @@ def test_radar_datagrams_are_signed_and_ncom_packets_are_not(key: bytes) -> None
     for end in ends.values():
         end.bind(("127.0.0.1", 0))
         end.settimeout(30.0)
-    tables = [Output(kind=kind, udp=f"127.0.0.1:{end.getsockname()[1]}") for kind, end in ends.items()]
+    tables = [RigOutput(kind=kind, udp=f"127.0.0.1:{end.getsockname()[1]}") for kind, end in ends.items()]
     config = {
         "outputs": [table.model_dump(mode="json") for table in tables],
         "vehicle": asdict(FUSION.vehicle),

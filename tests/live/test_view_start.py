@@ -13,7 +13,7 @@ import pytest
 
 from vve_sumo.errors import RigError
 from vve_sumo.live import session, spawn
-from vve_sumo.rig.schema import View
+from vve_sumo.rig.schema import RigView
 
 
 @pytest.mark.parametrize("stops", [0, 1])
@@ -26,7 +26,7 @@ def test_a_stop_beside_the_word_that_the_page_is_ready_ends_the_start(
         return subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
 
     monkeypatch.setattr(spawn, "start", start)
-    plan: Any = SimpleNamespace(view=True, rig=SimpleNamespace(view=View()), folder=tmp_path, working=tmp_path)
+    plan: Any = SimpleNamespace(view=True, rig=SimpleNamespace(view=RigView()), folder=tmp_path, working=tmp_path)
     if stops:
         with pytest.raises(RigError, match="a page asked to stop before the drive began"):
             session._view(plan, {}, lambda _: None)

@@ -12,12 +12,12 @@ from tests import vehicles
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment
 from vve_sumo.lot.fit import Fit, fit, shortened
-from vve_sumo.lot.geofence import Geofence, Stop
+from vve_sumo.lot.geofence import Geofence, StopModel
 from vve_sumo.lot.polygon import Lot
 from vve_sumo.path import ReferencePath
 
 VEHICLE = vehicles.FUSION.vehicle
-GATEWAY, WATCHDOG = Stop(2.4, 0.16, 0.48, 0.25), Stop(2.5, 0.22, 0.0, 0.25)
+GATEWAY, WATCHDOG = StopModel(2.4, 0.16, 0.48, 0.25), StopModel(2.5, 0.22, 0.0, 0.25)
 STRAIGHT = ReferencePath.from_points(np.arange(0.0, 61.0), np.zeros(61))
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tests import vehicles
 from vve_sumo.frames import Alignment
-from vve_sumo.lot.geofence import GEOFENCE_BREACH, JERK, Geofence, Stop
+from vve_sumo.lot.geofence import GEOFENCE_BREACH, JERK, Geofence, StopModel
 from vve_sumo.lot.polygon import Lot
 from vve_sumo.lot.turning import Turning
 from vve_sumo.path import ReferencePath
@@ -21,7 +21,7 @@ from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.values import FallbackPath, Point, Pose
 
 VEHICLE = vehicles.FUSION.vehicle
-GATEWAY, WATCHDOG = Stop(2.4, 0.16, 0.48, 0.25), Stop(2.5, 0.22, 0.0, 0.25)
+GATEWAY, WATCHDOG = StopModel(2.4, 0.16, 0.48, 0.25), StopModel(2.5, 0.22, 0.0, 0.25)
 LANE = [(-20.0, -30.0), (100.0, -30.0), (100.0, 30.0), (-20.0, 30.0)]
 BODY = np.array([[3.84, 0.926], [-1.032, 0.926], [-1.032, -0.926], [3.84, -0.926]])
 
@@ -44,7 +44,7 @@ def geofence(lot: Lot, alignment: Alignment = Alignment(), downhill: float = 0.0
 def test_distances_on_the_level_are_the_textbooks(
     kmh: float, delay: float, deceleration: float, jerk: float, metres: float
 ) -> None:
-    stop = Stop(deceleration, delay, deceleration / jerk)
+    stop = StopModel(deceleration, delay, deceleration / jerk)
     gained = 0.5 * JERK * delay**2
     assert stop.distance(kmh / 3.6 - gained) == pytest.approx(metres, abs=0.006)
 
@@ -70,7 +70,7 @@ def test_no_car_that_does_what_is_declared_goes_farther(
     jerk: float,
     asked: float,
 ) -> None:
-    stop = Stop(deceleration, delay, rise, 0.25, jerk, asked)
+    stop = StopModel(deceleration, delay, rise, 0.25, jerk, asked)
     v, s, t, step = speed, 0.0, 0.0, 2e-3
     drive = max(gaining, 0.0)
     while v > 0.0 or t == 0.0:
@@ -95,7 +95,7 @@ def test_a_throttle_that_may_jump_costs_the_way_that_it_adds() -> None:
 
 
 def test_brakes_weaker_than_the_slope_never_stop() -> None:
-    assert Stop(1.0, 0.1).distance(5.0, downhill=0.12) == math.inf
+    assert StopModel(1.0, 0.1).distance(5.0, downhill=0.12) == math.inf
     assert geofence(Lot(LANE), downhill=0.3).check(pose(speed=1.0), 0.0, None) == GEOFENCE_BREACH
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from tests.metrics.tables import CAR, PERIOD, actors_of, drive_of, straight, ticks_of
 from vve_sumo.metrics.braked_for import hardest_braking_for
-from vve_sumo.metrics.course import MAX_ARC, MAX_DEVIATION, MAX_HEADING_ERROR, Course, Starts, starts
+from vve_sumo.metrics.course import MAX_ARC, MAX_DEVIATION, MAX_HEADING_ERROR, PredictedCourse, Starts, starts
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.path import ReferencePath
 from vve_sumo.values import Floats
@@ -41,7 +41,7 @@ def test_an_arc_is_where_steps_of_constant_curvature_lead(
     turned = heading + curvature * along
     x_end, y_end = 30.0 + np.trapezoid(np.cos(turned), along), y + np.trapezoid(np.sin(turned), along)
     start = one(30.0, y, heading, curvature)
-    body = Course(straight(), CAR, start).body(start, np.array([gone]), np.array([SPEED]))
+    body = PredictedCourse(straight(), CAR, start).body(start, np.array([gone]), np.array([SPEED]))
     middle = x_end + AHEAD * math.cos(turned[-1]), y_end + AHEAD * math.sin(turned[-1])
     assert (body.x[0], body.y[0]) == pytest.approx(middle, abs=1e-6)
     assert body.heading[0] == pytest.approx(turned[-1], abs=1e-9)
@@ -57,7 +57,7 @@ def test_a_point_beside_an_arc_is_found_where_it_was_put(
     foot = 30.0 + np.trapezoid(np.cos(turned), along), y + np.trapezoid(np.sin(turned), along)
     x, y_put = foot[0] - beside * math.sin(turned[-1]), foot[1] + beside * math.cos(turned[-1])
     start = one(30.0, y, heading, curvature)
-    found = Course(straight(), CAR, start).project(start, np.array([x]), np.array([y_put]), np.zeros(1))
+    found = PredictedCourse(straight(), CAR, start).project(start, np.array([x]), np.array([y_put]), np.zeros(1))
     assert np.concatenate(found) == pytest.approx([ahead, beside], abs=1e-6)
 
 
@@ -70,7 +70,7 @@ def test_path_and_arc_join_where_the_car_drives_as_the_path_goes() -> None:
     bodies = []
     for leaves in (False, True):
         start = one(x, y, heading, 1.0 / 40.0, leaves)._replace(station=np.array([s]))
-        course = Course(path, CAR, start)
+        course = PredictedCourse(path, CAR, start)
         bodies.append(
             np.array([course.body(start, np.array([gone]), np.array([SPEED]))[:3] for gone in (0.0, 20.0, 70.0)])
         )

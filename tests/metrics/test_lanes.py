@@ -10,8 +10,8 @@ import pytest
 
 from tests.metrics.tables import CAR, PERIOD, actors_of, straight, ticks_of
 from vve_sumo.metrics.drive_data import DriveData
-from vve_sumo.metrics.lanes import Lanes
-from vve_sumo.metrics.predicted_ways import Line, Ways
+from vve_sumo.metrics.lanes import LaneGraph
+from vve_sumo.metrics.predicted_ways import WayLine, Ways
 
 #: centre lines; the ego's path is y = 0, and the lane side_0 forks into left_0, straight on, and right_0, to the path
 LINES = {
@@ -116,10 +116,10 @@ def test_at_constant_motion_the_time_to_collision_falls_steadily_also_where_lane
 
 
 def test_an_actor_is_in_the_nearest_lane_that_goes_its_way() -> None:
-    lanes, names = Lanes.from_table(ROADS), [*LINES]
+    lanes, names = LaneGraph.from_table(ROADS), [*LINES]
     places = [(50.0, 0.3, 0.0), (50.0, 2.0, 0.0), (50.0, 0.0, math.pi), (50.0, 6.0, 0.0), (80.0, 0.0, -math.pi / 2)]
     ways = Ways.from_lines(
-        [Line(x + math.cos(to) * np.arange(3.0), y + math.sin(to) * np.arange(3.0)) for x, y, to in places]
+        [WayLine(x + math.cos(to) * np.arange(3.0), y + math.sin(to) * np.arange(3.0)) for x, y, to in places]
     )
     found = [names[lane] if lane >= 0 else "" for lane in lanes.along(ways, ways.count)[ways.first]]
     assert found == ["own_0", "next_0", "", "", "on_0"]

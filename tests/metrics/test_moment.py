@@ -11,7 +11,7 @@ import pytest
 from tests import vehicles
 from tests.metrics.tables import actors_of, ticks_of
 from vve_sumo.metrics.drive_data import DriveData
-from vve_sumo.metrics.moment import Measure, moment_of
+from vve_sumo.metrics.moment import MomentMeasure, moment_of
 from vve_sumo.path import ReferencePath
 
 CAR = vehicles.FUSION.vehicle
@@ -47,7 +47,7 @@ def test_the_least_time_to_collision() -> None:
     times = PERIOD * np.arange(count)
     gaps = x - 2.0 - CAR.rear_axle_to_bumper - (20.0 + 10.0 * times - times * times)
     ratio = gaps / (10.0 - 2.0 * times)
-    assert moment.measure is Measure.TIME_TO_COLLISION
+    assert moment.measure is MomentMeasure.TIME_TO_COLLISION
     assert moment.actor == "other"
     assert moment.row == int(np.argmin(ratio))
     assert moment.value == pytest.approx(float(ratio.min()), abs=0.05)
@@ -58,7 +58,7 @@ def test_a_contact_comes_before_all_else() -> None:
     rows[30]["contacts"] = "other+third"
     moment = moment_of(drive(rows, standing(50, 60.0)))
     assert moment is not None
-    assert (moment.row, moment.measure, moment.actor, moment.value) == (30, Measure.CONTACT, "other", 0.0)
+    assert (moment.row, moment.measure, moment.actor, moment.value) == (30, MomentMeasure.CONTACT, "other", 0.0)
 
 
 def test_without_conflict_the_nearest_actor() -> None:
@@ -67,7 +67,7 @@ def test_without_conflict_the_nearest_actor() -> None:
     others = [row | {"y_m": 8.0} for row in standing(60, 80.0)]
     moment = moment_of(drive(rows, others))
     assert moment is not None
-    assert (moment.measure, moment.actor) == (Measure.DISTANCE, "other")
+    assert (moment.measure, moment.actor) == (MomentMeasure.DISTANCE, "other")
     centre = CAR.rear_axle_to_bumper - CAR.length / 2.0
     assert abs(50.0 + moment.row + centre - 80.0) <= 0.5
     assert moment.value == pytest.approx(math.hypot(8.0, 50.0 + moment.row + centre - 80.0), abs=1e-6)

@@ -15,7 +15,7 @@ from vve_sumo.metrics.metric import UNITS, Metric, unit_of
 from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.metrics.per_tick import PER_TICK
 from vve_sumo.metrics.table import METRICS, axis_of, label_of, meaning_of, with_labels
-from vve_sumo.scenario.schema import Band, Criteria
+from vve_sumo.scenario.schema import Criteria, CriterionBand
 
 #: what somebody who adds a metric writes at the end of `per_drive.py`
 ADDED = """
@@ -99,7 +99,7 @@ def test_criteria_are_the_metrics_that_may_judge_and_the_outcome() -> None:
     judging = {name: metric for name, metric in PER_DRIVE.items() if metric.criterion}
     assert [*Criteria.model_fields] == ["outcome", *judging]
     for name, metric in judging.items():
-        assert Criteria.model_fields[name].annotation == ((bool if metric.kind == "bool" else Band) | None)
+        assert Criteria.model_fields[name].annotation == ((bool if metric.kind == "bool" else CriterionBand) | None)
 
 
 @pytest.mark.parametrize(

@@ -26,8 +26,8 @@ from vve_sumo.plant.injected_faults import (
     NEUTRAL,
     START_SPEED,
     VALUES,
-    Clock,
     Due,
+    FaultClock,
     InjectedFault,
     Shape,
 )
@@ -729,8 +729,8 @@ def test_the_drivers_lever_is_followed_where_a_rolling_car_allows_it_and_is_an_o
 
 
 def test_a_driver_leaves_park_at_rest_with_a_foot_on_the_brake_only():
-    lever = InjectedFault("gear_lever", 0.5, 0.7, Gear.REVERSE, clock=Clock.DRIVE)
-    foot = InjectedFault("brake_override", 0.2, 1.5, 0.25, clock=Clock.DRIVE)
+    lever = InjectedFault("gear_lever", 0.5, 0.7, Gear.REVERSE, clock=FaultClock.DRIVE)
+    foot = InjectedFault("brake_override", 0.2, 1.5, 0.25, clock=FaultClock.DRIVE)
     for faults, gear in ((lever,), Gear.PARK), ((lever, foot), Gear.REVERSE):
         car = FaultInjectedCar(
             PARAMETERS, START, LOT, EPOCH, np.random.SeedSequence(1), faults, np.random.SeedSequence(2)
@@ -741,8 +741,8 @@ def test_a_driver_leaves_park_at_rest_with_a_foot_on_the_brake_only():
 
 
 def test_what_the_driver_truly_does_is_known_whatever_the_reports_say():
-    foot = InjectedFault("brake_override", 1.0, 1.0, 0.3, clock=Clock.DRIVE)
-    silent = InjectedFault("bus_silent", 0.0, 9.0, clock=Clock.DRIVE)
+    foot = InjectedFault("brake_override", 1.0, 1.0, 0.3, clock=FaultClock.DRIVE)
+    silent = InjectedFault("bus_silent", 0.0, 9.0, clock=FaultClock.DRIVE)
     seeds = np.random.SeedSequence
     car = FaultInjectedCar(PARAMETERS, START, LOT, EPOCH, seeds(1), [foot, silent], seeds(2))
     for step in range(1, 500):
@@ -758,7 +758,7 @@ def test_what_the_driver_truly_does_is_known_whatever_the_reports_say():
 def test_a_ramp_grows_evenly_from_what_does_nothing_to_its_value(kind, share, duration, at):
     _usual, least, most = VALUES[kind]
     value = least + share * (most - least)
-    due = Due([InjectedFault(kind, at, duration, value, Shape.RAMP, clock=Clock.DRIVE)])
+    due = Due([InjectedFault(kind, at, duration, value, Shape.RAMP, clock=FaultClock.DRIVE)])
     began, half = due.share(kind, at), due.share(kind, at + duration / 2.0)
     assert began is not None
     assert half is not None
@@ -770,7 +770,9 @@ def test_a_ramp_grows_evenly_from_what_does_nothing_to_its_value(kind, share, du
 
 @given(st.floats(0.02, 2.0), st.floats(0.0, 10.0), st.floats(0.1, 20.0))
 def test_a_flapping_fault_is_on_and_off_in_turn_and_begins_on(period, since, duration):
-    due = Due([InjectedFault("pose_rtk_lost", 1.0, duration, shape=Shape.FLAPPING, period=period, clock=Clock.DRIVE)])
+    due = Due(
+        [InjectedFault("pose_rtk_lost", 1.0, duration, shape=Shape.FLAPPING, period=period, clock=FaultClock.DRIVE)]
+    )
     turn = since / period
     if abs(turn - round(turn)) < 1e-6 or abs(since - duration) < 1e-6:
         return
@@ -781,14 +783,14 @@ def test_a_flapping_fault_is_on_and_off_in_turn_and_begins_on(period, since, dur
 
 
 def test_times_count_from_the_start_of_the_drive_or_from_the_first_motion():
-    faults = [InjectedFault("pose_lost", 1.0, 1.0, clock=Clock.DRIVE), InjectedFault("bus_silent", 1.0, 1.0)]
+    faults = [InjectedFault("pose_lost", 1.0, 1.0, clock=FaultClock.DRIVE), InjectedFault("bus_silent", 1.0, 1.0)]
     due = Due(faults)
     assert [due.value(kind, 1.5) is None for kind in ("pose_lost", "bus_silent")] == [False, True]
     due.moves(3.0, 2.0)
     assert [due.value(kind, 4.5) is None for kind in ("pose_lost", "bus_silent")] == [True, False]
 
 
-@given(st.sampled_from(sorted(KINDS)), st.sampled_from(list(Shape)), st.sampled_from(list(Clock)))
+@given(st.sampled_from(sorted(KINDS)), st.sampled_from(list(Shape)), st.sampled_from(list(FaultClock)))
 def test_a_fault_goes_through_json_and_comes_back(kind, shape, clock):
     if shape is Shape.RAMP and kind not in NEUTRAL:
         return

@@ -15,7 +15,7 @@ from vve_sumo.plant.actuators import Lagged
 from vve_sumo.plant.car import STEP, chassis
 from vve_sumo.plant.dynamics import Dynamics
 from vve_sumo.plant.parameters import perturbed
-from vve_sumo.scenario.schema import Car
+from vve_sumo.scenario.schema import CarDifferences
 from vve_sumo.vehicle.model import IDEAL
 
 RECORDING = "drives/ford_fusion/tidy_collision_assist_activated.csv"
@@ -96,10 +96,10 @@ def test_the_measured_brake_gain_is_that_of_the_recorded_plateau(braking: Log) -
 
 
 def test_the_fidelity_of_a_file_decides_on_the_imperfections() -> None:
-    assert perturbed(vehicles.FUSION, Car()).imperfections == vehicles.FUSION.measured
-    assert perturbed(vehicles.FUSION, Car(fidelity="ideal")).imperfections == IDEAL
-    assert perturbed(vehicles.FUSION, Car(fidelity="measured")).imperfections == vehicles.FUSION.measured
+    assert perturbed(vehicles.FUSION, CarDifferences()).imperfections == vehicles.FUSION.measured
+    assert perturbed(vehicles.FUSION, CarDifferences(fidelity="ideal")).imperfections == IDEAL
+    assert perturbed(vehicles.FUSION, CarDifferences(fidelity="measured")).imperfections == vehicles.FUSION.measured
     bare = replace(vehicles.FUSION, measured=IDEAL)
-    assert perturbed(bare, Car()).imperfections == IDEAL
+    assert perturbed(bare, CarDifferences()).imperfections == IDEAL
     with pytest.raises(ConfigError, match=r"^fidelity: expected 'ideal'.* ford_fusion, .* got 'measured'$"):
-        perturbed(bare, Car(fidelity="measured"))
+        perturbed(bare, CarDifferences(fidelity="measured"))

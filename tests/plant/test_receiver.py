@@ -12,7 +12,7 @@ import pytest
 from tests import vehicles
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
 from vve_sumo.plant.noise import wander, white
-from vve_sumo.plant.receiver import Receiver, ReceiverParameters
+from vve_sumo.plant.receiver import ReceiverParameters, SimulatedReceiver
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.values import Fix, FixQuality, Point, Pose
 from vve_sumo.vehicle.model import IDEAL
@@ -41,7 +41,7 @@ def truth(time: float) -> Pose:
 
 
 def record(parameters: ReceiverParameters, seconds: float, seed: int = 3) -> list[tuple[float, bytes]]:
-    receiver = Receiver(parameters, LOT, EPOCH, np.random.SeedSequence(seed))
+    receiver = SimulatedReceiver(parameters, LOT, EPOCH, np.random.SeedSequence(seed))
     packets = []
     for number in range(1, round(seconds * 100) + 1):
         receiver.measure(truth(number / 100), 0.0)
@@ -145,7 +145,7 @@ def test_a_fault_can_be_put_between_measuring_and_sending() -> None:
     def every_other_lost(fix: Fix) -> Fix | None:
         return replace(fix, locked=False) if round(fix.time * 100) % 2 else None
 
-    receiver = Receiver(ReceiverParameters(MOUNTING), LOT, EPOCH, np.random.SeedSequence(1), every_other_lost)
+    receiver = SimulatedReceiver(ReceiverParameters(MOUNTING), LOT, EPOCH, np.random.SeedSequence(1), every_other_lost)
     for number in range(1, 101):
         receiver.measure(truth(number / 100), 0.0)
     fixes = decode(receiver.arrived(2.0))

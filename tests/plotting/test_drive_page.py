@@ -22,7 +22,7 @@ from tests import vehicles
 from tests.drive.street import REPOSITORY, altered
 from tests.isolated import isolated
 from vve_sumo.metrics.drive_data import DriveData
-from vve_sumo.metrics.moment import Measure, Moment
+from vve_sumo.metrics.moment import Moment, MomentMeasure
 from vve_sumo.path import ReferencePath
 from vve_sumo.plotting import birds_eye, drive_page, page
 from vve_sumo.record.layout import SCHEMAS
@@ -237,7 +237,7 @@ angle = st.floats(-math.pi, math.pi)
 def test_a_view_keeps_lengths_and_turns_its_heading_to_the_right(
     x: float, y: float, heading: float, width: float, height: float
 ) -> None:
-    view = birds_eye.View(x, y, heading, width, height)
+    view = birds_eye.MapWindow(x, y, heading, width, height)
     ahead = view.place(np.array([x, x + 3.0 * math.cos(heading)]), np.array([y, y + 3.0 * math.sin(heading)]))
     assert ahead == pytest.approx(np.array([[0.0, 0.0], [3.0, 0.0]]), abs=1e-6)
     right, up = view.place(*view.corners().T).T
@@ -253,7 +253,7 @@ def test_a_drive_with_a_moment_writes_every_word_on_the_page_and_none_over_anoth
     content = page_of(rows, others)
     content = dataclasses.replace(
         content,
-        moment=Moment(150, 3.0, Measure.TIME_TO_COLLISION, 2.5, "other"),
+        moment=Moment(150, 3.0, MomentMeasure.TIME_TO_COLLISION, 2.5, "other"),
         unseen=frozenset({"other"}),
         asked={"stop_gap_m": {"min": 4.5, "max": 6.5}, "max_lateral_deviation_m": {"max": 0.15}},
     )
@@ -290,7 +290,7 @@ def test_the_gap_to_another_actor_than_the_one_that_mattered_has_a_colour_of_its
     lead = [{"tick": tick, "actor": "lead", "x_m": 215.0, "speed_mps": 8.0} for tick in range(50)]
     stopped = [{"tick": tick, "actor": "stopped", "x_m": 230.0} for tick in range(100)]
     content = page_of(driving(100, begin=150.0), lead + stopped)
-    content = dataclasses.replace(content, moment=Moment(80, 1.6, Measure.GAP, 5.0, "stopped"))
+    content = dataclasses.replace(content, moment=Moment(80, 1.6, MomentMeasure.GAP, 5.0, "stopped"))
     figure = Figure(figsize=page.SIZE)
     drive_page.paint(figure, content)
     gap = next(axes for axes in figure.axes if axes.get_title(loc="left").startswith("gap"))

@@ -18,7 +18,7 @@ from matplotlib.text import Annotation, Text
 from tests.analysis.made import BOX, CAR, PERIOD, moving, put, put_scans, write
 from tests.plotting.test_drive_page import driving, page_of
 from vve_sumo.analysis.run import Run
-from vve_sumo.metrics.moment import Measure, Moment
+from vve_sumo.metrics.moment import Moment, MomentMeasure
 from vve_sumo.plotting import drive_page, drive_record, page
 
 TICKS = 200
@@ -44,7 +44,7 @@ def content(*actors: dict[str, Any], main: str = "other", at: int = 150, **more:
         for actor in actors
     ]
     made = page_of(driving(TICKS, begin=BEGIN), rows)
-    return dataclasses.replace(made, moment=Moment(at, at * PERIOD, Measure.GAP, 5.0, main), **more)
+    return dataclasses.replace(made, moment=Moment(at, at * PERIOD, MomentMeasure.GAP, 5.0, main), **more)
 
 
 def panel(figure: Figure, title: str) -> Axes:
@@ -151,7 +151,7 @@ def test_a_small_body_has_a_pointer_that_leaves_it_and_its_neighbour_free() -> N
     """In a window of 1 km a car is a few dots long; two stand one before the other."""
     rows = driving(TICKS, begin=-800.0)
     others = [{"tick": tick, "actor": "other", "x_m": 210.0} for tick in range(TICKS)]
-    drive = dataclasses.replace(page_of(rows, others), moment=Moment(150, 3.0, Measure.GAP, 5.0, "other"))
+    drive = dataclasses.replace(page_of(rows, others), moment=Moment(150, 3.0, MomentMeasure.GAP, 5.0, "other"))
     figure = painted(drive, placed=True)
     axes = panel(figure, "from above")
     pointers = [

@@ -30,7 +30,7 @@ from vve_sumo.drive import latency_monitor
 from vve_sumo.errors import ConfigError
 from vve_sumo.plotting import crowd, latencies, parts, style
 from vve_sumo.plotting.page import SIZE
-from vve_sumo.record.sweep_folder import Plan
+from vve_sumo.record.sweep_folder import SweepPlan
 from vve_sumo.report import write_report
 from vve_sumo.values import LatencyRow
 
@@ -125,7 +125,7 @@ FLIPS_AT = {1: 6.0, 2: 6.2}  #: by seed, the first speed at which there is a col
 def searched(folder: Path, search: dict[str, Any], found: dict[str, Any] | None) -> Sweep:
     """A search's folder: speeds with two seeds, a collision from FLIPS_AT on."""
     speeds = [5.0, 5.8, 6.0, 6.2, 7.0]
-    plan = Plan(
+    plan = SweepPlan(
         spec={"title": "a search", "scenario": "s", "search": search},
         scenario="s",
         table={"title": "t", "parameters": {"pace": {"sets": ["ego.speed_mps"]}}},

@@ -23,7 +23,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.plant.car import Car
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
 from vve_sumo.plant.injectable import injectable_kinds, require_injectable
-from vve_sumo.plant.injected_faults import KINDS, Clock, InjectedFault
+from vve_sumo.plant.injected_faults import KINDS, FaultClock, InjectedFault
 from vve_sumo.timing import MAX_GEAR_REPORT_AGE, MAX_REPORT_AGE
 from vve_sumo.values import ArmingState, Frame, Setpoint
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
@@ -41,8 +41,8 @@ from vve_sumo.vehicle.interface import (
     GearState,
     InterfaceConfig,
     Malformed,
-    Measured,
     Report,
+    SensorMeasurements,
     SettingValue,
     SteeringState,
     ThrottleState,
@@ -59,7 +59,7 @@ import itertools
 
 STEP: Final = 0.005  # of the simulated end [s]
 PERIOD: Final = 0.02  # of the gateway [s]
-STANDING: Final = Measured(
+STANDING: Final = SensorMeasurements(
     0.0, 0.0, WheelSpeeds(0.0, 0.0, 0.0, 0.0), Accelerations(0.0, 0.0, 9.81), YawRate(0.0, 0.0), 0.0, 0.0
 )
 NEUTRAL: Final = ActuationCommand(0.0, 0.0, 0.0, 0.0, Gear.NONE, enable=False, clear=False)
@@ -510,7 +510,7 @@ def _commanded(interface: VehicleInterface, command: ActuationCommand) -> Comman
 def _ride(name: str, settings: tuple[tuple[str, SettingValue], ...], *kinds: str) -> object:
     """All that a car with these faults sends, and how it moves, in three seconds of pulling away, braking, swerving."""
     config = InterfaceConfig(name, dict(settings))
-    faults = [InjectedFault(kind, 1.6, 1.4, clock=Clock.DRIVE) for kind in kinds]
+    faults = [InjectedFault(kind, 1.6, 1.4, clock=FaultClock.DRIVE) for kind in kinds]
     parameters, seeds = vehicles.parameters(noise=0.0, interface=config), np.random.SeedSequence
     car = FaultInjectedCar(parameters, (0.0, 0.0, 0.0), LOT, 1_447_000_000.0, seeds(1), faults, seeds(2))
     interface, said = load(config), []

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vve_sumo.pose.clock import AgeKind, Clock
+from vve_sumo.pose.clock import AgeKind, PoseClock
 
 EPOCH = 1_300_000_000.0
 DELAY = 0.012
@@ -53,7 +53,7 @@ def arrivals(
 def test_within_a_millisecond_of_the_truth_after_5_s_and_time_never_goes_back(seed, drift, bursts, rate):
     """Worst seen over many seeds: 0.6 ms. Rare fixes with much jitter find the least delay less often, and err more."""
     period, jitter = rate
-    clock, newest, mapped = Clock(EPOCH, DELAY), -math.inf, []
+    clock, newest, mapped = PoseClock(EPOCH, DELAY), -math.inf, []
     for received, time, truth in arrivals(seed=seed, drift=drift, jitter=jitter, bursts=bursts, period=period):
         made = clock.step(received, time)
         if time - EPOCH > 5.0:
@@ -66,7 +66,7 @@ def test_within_a_millisecond_of_the_truth_after_5_s_and_time_never_goes_back(se
 
 @pytest.mark.parametrize("drift", [-50e-6, 50e-6])
 def test_drift_is_followed_for_minutes(drift):
-    clock = Clock(EPOCH, DELAY)
+    clock = PoseClock(EPOCH, DELAY)
     for received, time, truth in arrivals(seed=1, seconds=200.0, period=0.1, drift=drift):
         assert clock.step(received, time) == pytest.approx(truth, abs=1e-4)
 
@@ -74,7 +74,7 @@ def test_drift_is_followed_for_minutes(drift):
 def test_later_steps_are_smooth_even_where_the_start_was_congested():
     """For 3 s everything is 30 ms late; from then on the truth is approached without a jump."""
     rows = [(EPOCH + k * 0.01, k * 0.01 + DELAY + (0.03 if k < 300 else 0.0)) for k in range(1500)]
-    clock = Clock(EPOCH, DELAY)
+    clock = PoseClock(EPOCH, DELAY)
     mapped = [clock.step(received, time) for time, received in rows]
     steps = [after - before for before, after in itertools.pairwise(mapped)]
     assert min(steps[201:]) > 0.0098
@@ -84,14 +84,14 @@ def test_later_steps_are_smooth_even_where_the_start_was_congested():
 
 
 def test_one_arrival_that_is_too_early_to_be_true_moves_next_to_nothing():
-    clock = Clock(EPOCH, DELAY)
+    clock = PoseClock(EPOCH, DELAY)
     for k in range(1000):
         made = clock.step(k * 0.01 + DELAY - (0.05 if k == 500 else 0.0), EPOCH + k * 0.01)
         assert made == pytest.approx(k * 0.01, abs=2e-4)
 
 
 def test_a_network_that_turns_slow_shows_as_age_and_is_not_learnt_away():
-    clock = Clock(EPOCH, DELAY)
+    clock = PoseClock(EPOCH, DELAY)
     for k in range(1000):
         clock.step(k * 0.01 + DELAY, EPOCH + k * 0.01)
     for k in range(1000, 1200):
@@ -102,7 +102,7 @@ def test_a_network_that_turns_slow_shows_as_age_and_is_not_learnt_away():
 
 def test_an_undeclared_constant_delay_cannot_be_seen():
     """Why ages are labelled: 20 ms more than declared, and the clock is 20 ms off for ever."""
-    clock = Clock(EPOCH, 0.0)
+    clock = PoseClock(EPOCH, 0.0)
     for k in range(1000):
         made = clock.step(k * 0.01 + 0.02, EPOCH + k * 0.01)
     assert made == pytest.approx(9.99 + 0.02)
@@ -111,7 +111,7 @@ def test_an_undeclared_constant_delay_cannot_be_seen():
 
 @pytest.mark.parametrize("delay", [0.0, 0.02, 0.5])
 def test_a_shared_clock_is_believed_whatever_the_arrivals(delay):
-    clock = Clock(EPOCH, DELAY, absolute=True)
+    clock = PoseClock(EPOCH, DELAY, absolute=True)
     assert [clock.step(k * 0.01 + delay, EPOCH + k * 0.01) for k in range(100)] == [
         EPOCH + k * 0.01 - EPOCH for k in range(100)
     ]
@@ -122,7 +122,7 @@ def test_a_shared_clock_is_believed_whatever_the_arrivals(delay):
 
 @pytest.mark.parametrize("drift", [-50e-6, 0.0, 20e-6])
 def test_the_report_finds_offset_drift_and_spread(drift):
-    clock = Clock(EPOCH, DELAY)
+    clock = PoseClock(EPOCH, DELAY)
     rows = arrivals(seed=7, seconds=70.0, drift=drift, jitter=0.002)
     slow = [(received + (0.2 if 30 < time - EPOCH < 36 else 0.0), time) for received, time, _ in rows]
     for received, time in sorted(slow):
@@ -136,13 +136,13 @@ def test_the_report_finds_offset_drift_and_spread(drift):
 
 
 def test_a_young_clock_says_what_it_does_not_know():
-    report = Clock(EPOCH, DELAY).report()
+    report = PoseClock(EPOCH, DELAY).report()
     assert all(math.isnan(value) for value in (report.offset, report.drift_ppm, report.jitter_p50, report.jitter_p99))
 
 
 @given(st.lists(st.tuples(st.floats(), st.floats()), max_size=50))
 def test_no_arrival_whatever_raises_and_what_is_not_finite_stays_so(rows):
-    clock = Clock(EPOCH, DELAY)
+    clock = PoseClock(EPOCH, DELAY)
     for received, time in rows:
         before = clock.report()
         made = clock.step(received, time)
@@ -150,7 +150,7 @@ def test_no_arrival_whatever_raises_and_what_is_not_finite_stays_so(rows):
 
 
 def test_what_is_not_finite_teaches_nothing():
-    clock = Clock(EPOCH, DELAY)
+    clock = PoseClock(EPOCH, DELAY)
     for k in range(100):
         clock.step(k * 0.01 + DELAY, EPOCH + k * 0.01)
         assert math.isnan(clock.step(math.nan, EPOCH + k * 0.01 + 0.001))
@@ -171,7 +171,7 @@ def steady(
 
 @pytest.mark.parametrize("ahead", [0.06, 0.5, 12.0, 3600.0, 1e9])
 def test_one_fix_from_the_future_is_set_aside_and_moves_nothing(ahead):
-    clock = Clock(EPOCH, DELAY)
+    clock = PoseClock(EPOCH, DELAY)
     for received, time in steady(10.0):
         clock.step(received, time)
     before = clock.report()
@@ -185,7 +185,7 @@ def test_one_fix_from_the_future_is_set_aside_and_moves_nothing(ahead):
 @given(seed=st.integers(0, 2**32), share=st.floats(0.0, 0.3), jitter=st.sampled_from([0.0, 0.002, 0.005]))
 def test_lies_among_the_truth_move_the_clock_by_less_than_a_millisecond(seed, share, jitter):
     """Lies by anything from 0.2 s to a year, up to three in ten, against the same arrivals without them."""
-    chance, clock, alone = random.Random(seed), Clock(EPOCH, DELAY), Clock(EPOCH, DELAY)
+    chance, clock, alone = random.Random(seed), PoseClock(EPOCH, DELAY), PoseClock(EPOCH, DELAY)
     for received, time, _truth in arrivals(seed=seed, jitter=jitter):
         if time - EPOCH > 2.0 and chance.random() < share:
             lie = time + 10.0 ** chance.uniform(math.log10(0.2), 7.5)
@@ -195,7 +195,7 @@ def test_lies_among_the_truth_move_the_clock_by_less_than_a_millisecond(seed, sh
 
 @pytest.mark.parametrize("moved", [0.1, 1.0, 60.0, 1e6])
 def test_a_receiver_whose_clock_was_set_forth_is_believed_after_half_a_second_and_a_gap(moved):
-    clock = Clock(EPOCH, DELAY)
+    clock = PoseClock(EPOCH, DELAY)
     for received, time in steady(10.0):
         clock.step(received, time)
     made = [clock.step(received, time) for received, time in steady(10.0, start=10.0, moved=moved)]
@@ -206,7 +206,7 @@ def test_a_receiver_whose_clock_was_set_forth_is_believed_after_half_a_second_an
 
 def test_two_streams_that_contradict_each_other_are_not_both_believed():
     """One second apart, turn by turn, for a minute: the first one keeps the clock."""
-    clock = Clock(EPOCH, DELAY)
+    clock = PoseClock(EPOCH, DELAY)
     for received, time in steady(5.0):
         clock.step(received, time)
     for received, time in steady(60.0, start=5.0):

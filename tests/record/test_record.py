@@ -21,7 +21,7 @@ from tests.record.declared import RESOLVED
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.hashes import hash_parts, whole
 from vve_sumo.record.reader import read_pose_chunks, read_table
-from vve_sumo.record.writer import TICKS_PER_BATCH, MemoryRecorder, Record
+from vve_sumo.record.writer import TICKS_PER_BATCH, MemoryRecorder, RecordWriter
 from vve_sumo.values import Actors, Frame, TickRow
 
 KINDS = {"int": 0, "float": 0.5, "bool": False, "str": ""}
@@ -52,7 +52,7 @@ def fill(record: MemoryRecorder, ticks: int, **changes: object) -> None:
 
 def closed(folder: Path, ticks: int, **changes: object) -> str:
     """Return the hash of a record of some ticks."""
-    record = Record(folder, {"a": 1} | RESOLVED, 1000.0)
+    record = RecordWriter(folder, {"a": 1} | RESOLVED, 1000.0)
     fill(record, ticks, **changes)
     parts = record.close()
     assert hash_parts(folder) == parts, "the files say what was hashed while they grew"
@@ -75,7 +75,7 @@ def test_a_finished_record_reads_back_what_was_kept(tmp_path: Path) -> None:
 def test_a_record_that_is_discarded_takes_away_what_it_made_and_nothing_else(tmp_path: Path) -> None:
     there = tmp_path / "there"
     there.mkdir()
-    record = Record(there, {"a": 1} | RESOLVED, 1000.0)
+    record = RecordWriter(there, {"a": 1} | RESOLVED, 1000.0)
     fill(record, 25)
     record.attach("notes.txt", "of the drive")
     record.attach_table("roads", pa.table({"a": [1]}))
@@ -88,7 +88,7 @@ def test_a_record_that_is_discarded_takes_away_what_it_made_and_nothing_else(tmp
 
 
 def test_a_record_that_is_discarded_when_it_is_closed_takes_its_tables_away_too(tmp_path: Path) -> None:
-    record = Record(tmp_path / "r", {"a": 1} | RESOLVED, 1000.0)
+    record = RecordWriter(tmp_path / "r", {"a": 1} | RESOLVED, 1000.0)
     fill(record, 25)
     record.close()
     record.discard()
@@ -96,7 +96,7 @@ def test_a_record_that_is_discarded_when_it_is_closed_takes_its_tables_away_too(
 
 
 def test_a_text_that_lay_there_before_the_record_is_not_deleted_with_it(tmp_path: Path) -> None:
-    record = Record(tmp_path / "r", {"a": 1} | RESOLVED, 1000.0)
+    record = RecordWriter(tmp_path / "r", {"a": 1} | RESOLVED, 1000.0)
     (tmp_path / "r" / "notes.txt").write_text("mine", encoding="utf-8")
     record.attach("notes.txt", "of the drive")
     record.discard()
@@ -105,7 +105,7 @@ def test_a_text_that_lay_there_before_the_record_is_not_deleted_with_it(tmp_path
 
 def test_a_discarded_record_leaves_no_folder_that_it_made_but_for_what_others_put_there(tmp_path: Path) -> None:
     for other in (False, True):
-        record = Record(tmp_path / "a" / "b" / "c", {"a": 1} | RESOLVED, 1000.0)
+        record = RecordWriter(tmp_path / "a" / "b" / "c", {"a": 1} | RESOLVED, 1000.0)
         if other:
             (tmp_path / "a" / "mine.txt").write_text("mine", encoding="utf-8")
         record.discard()
@@ -114,7 +114,10 @@ def test_a_discarded_record_leaves_no_folder_that_it_made_but_for_what_others_pu
 
 
 def test_what_nobody_keeps_has_the_same_hash_and_tables(tmp_path: Path) -> None:
-    kept, unkept = Record(tmp_path / "r", {"a": 1} | RESOLVED, 1000.0), MemoryRecorder({"a": 1} | RESOLVED, 1000.0)
+    kept, unkept = (
+        RecordWriter(tmp_path / "r", {"a": 1} | RESOLVED, 1000.0),
+        MemoryRecorder({"a": 1} | RESOLVED, 1000.0),
+    )
     for record in (kept, unkept):
         fill(record, 25, note="brake", lateral_deviation_m=math.nan)
         record.sensed(25, "radar", 0.5, (*[np.zeros(0)] * 3, np.zeros(0, np.int8), ()))
@@ -147,7 +150,7 @@ def test_the_hash_covers_every_column_and_input(tmp_path: Path) -> None:
 def test_the_hash_covers_every_part(part: str, tmp_path: Path) -> None:
     hashes = []
     for changed in (False, True):
-        record = Record(
+        record = RecordWriter(
             tmp_path / f"{part}{changed}", {"a": 2 if changed and part == "scenario" else 1} | RESOLVED, 1000.0
         )
         fill(record, 12)
@@ -166,7 +169,7 @@ def test_the_hash_covers_every_part(part: str, tmp_path: Path) -> None:
 
 
 def test_an_open_record_is_readable_up_to_its_last_batch(tmp_path: Path) -> None:
-    record = Record(tmp_path / "r", RESOLVED, 0.0)
+    record = RecordWriter(tmp_path / "r", RESOLVED, 0.0)
     fill(record, 3 * TICKS_PER_BATCH + 4)
     ticks = read_table(tmp_path / "r", "ticks")
     assert ticks.num_rows == 3 * TICKS_PER_BATCH
@@ -182,7 +185,7 @@ def test_a_folder_that_is_no_record_is_named(tmp_path: Path) -> None:
 
 
 def test_not_a_number_becomes_null_in_the_summary(tmp_path: Path) -> None:
-    record = Record(tmp_path / "r", RESOLVED, 0.0)
+    record = RecordWriter(tmp_path / "r", RESOLVED, 0.0)
     record.close()
     record.summarise({"gap": math.nan, "inner": {"x": math.inf}, "ok": 1.5})
     written = json.loads((tmp_path / "r" / "summary.json").read_text(encoding="utf-8"))

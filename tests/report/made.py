@@ -18,7 +18,7 @@ from tests.isolated import REPOSITORY, isolated
 from tests.once import once
 from tests.sweep.test_dataset import PLAN
 from vve_sumo.sweep.dataset import Dataset
-from vve_sumo.sweep.job import Result
+from vve_sumo.sweep.job import RunResult
 from vve_sumo.sweep.run_specs import RunSpec
 
 #: what a user may call things
@@ -72,7 +72,7 @@ def spoiled(record: Path, folder: Path) -> Path:
     return folder
 
 
-def runs() -> Iterator[tuple[RunSpec, Result]]:
+def runs() -> Iterator[tuple[RunSpec, RunResult]]:
     for number in range(36):
         speed, gap = float(number % 6), float(number // 6)
         hit = speed > gap + 2.0
@@ -84,7 +84,7 @@ def runs() -> Iterator[tuple[RunSpec, Result]]:
         figures |= {"stop_demand_mps2": 5.0, "stop_reaction_s": 0.1, "record_sha256": "0"}
         error = "crashed: SIGSEGV <b>" if number == 5 else ""
         values = {"ego.speed_mps": speed, "gap": gap}
-        yield RunSpec(number, f"{number:016x}", values, 1), Result("", {} if error else figures, error)
+        yield RunSpec(number, f"{number:016x}", values, 1), RunResult("", {} if error else figures, error)
 
 
 def swept(folder: Path) -> Path:

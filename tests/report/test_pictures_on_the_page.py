@@ -20,7 +20,7 @@ from tests.report.test_page import contrast
 from vve_sumo.plotting import heat_map
 from vve_sumo.plotting.page import ACTOR, ALARM, EGO, EGO_PALE, INK, OBSTACLE, QUIET
 from vve_sumo.report.assets import LIBRARY, LIBRARY_LICENCE, LIBRARY_STYLE, assets_of
-from vve_sumo.report.picture import Picture, picture_of
+from vve_sumo.report.picture import DrawnPlot, picture_of
 from vve_sumo.report.theme import in_the_dark, themed, variables
 
 DARK_PAPER = "#17191b"
@@ -67,7 +67,7 @@ def test_every_colour_has_a_value_in_either_scheme() -> None:
     assert len(re.findall("--c0072b2:#", variables([declarations]))) == 2
 
 
-def drawn(text: str) -> Picture:
+def drawn(text: str) -> DrawnPlot:
     figure = Figure()
     axes = figure.subplots()
     axes.plot([0.0, 1.0], [0.0, 1.0], "o-", color=EGO)

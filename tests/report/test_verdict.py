@@ -23,9 +23,9 @@ from vve_sumo.plotting import drive_overview
 from vve_sumo.report import drive, pictures, runs, search_results, settings, stops, sweep
 from vve_sumo.report.sources import open_street_map
 from vve_sumo.report.tables import Cell
-from vve_sumo.report.verdict import Verdict, figures_of, of_drive
+from vve_sumo.report.verdict import ReportVerdict, figures_of, of_drive
 from vve_sumo.sweep.dataset import Dataset
-from vve_sumo.sweep.job import Result
+from vve_sumo.sweep.job import RunResult
 from vve_sumo.sweep.run_specs import RunSpec
 
 TICKS = 50
@@ -51,7 +51,7 @@ def record(folder: Path, summary: dict[str, Any] | None, contact: bool = False) 
     return Run(folder)
 
 
-def verdict(run: Run) -> Verdict:
+def verdict(run: Run) -> ReportVerdict:
     return of_drive(run, figures_of(run))
 
 
@@ -167,7 +167,7 @@ def test_the_car_rests_before_what_its_gap_is_to(tmp_path: Path) -> None:
     assert verdict(found).sentences[0].endswith("before walker.")
 
 
-def swept(folder: Path, *results: Result, cells: int | None = None) -> Sweep:
+def swept(folder: Path, *results: RunResult, cells: int | None = None) -> Sweep:
     plan = replace(PLAN, cells=cells or len(results), parameters={"speed": "float"})
     dataset = Dataset(folder, plan, resume=True)
     for number, result in enumerate(results):
@@ -176,12 +176,12 @@ def swept(folder: Path, *results: Result, cells: int | None = None) -> Sweep:
     return Sweep(folder)
 
 
-def ran(passed: bool, **figures: Any) -> Result:
+def ran(passed: bool, **figures: Any) -> RunResult:
     told = {"outcome": "stopped", "passed": passed, "collision": False, "failed": "", "stop_gap_m": 2.0}
-    return Result("", told | figures, "")
+    return RunResult("", told | figures, "")
 
 
-FAULT = Result("", {}, "timed_out")
+FAULT = RunResult("", {}, "timed_out")
 
 
 @pytest.mark.parametrize(
@@ -200,7 +200,7 @@ FAULT = Result("", {}, "timed_out")
     ],
 )  # fmt: skip
 def test_the_word_of_a_sweep_is_that_of_its_runs(
-    tmp_path: Path, results: list[Result], cells: int | None, line: str
+    tmp_path: Path, results: list[RunResult], cells: int | None, line: str
 ) -> None:
     of = swept(tmp_path / "s", *results, cells=cells)
     rows = runs.read(of)
@@ -208,7 +208,9 @@ def test_the_word_of_a_sweep_is_that_of_its_runs(
 
 
 @pytest.mark.parametrize(("results", "word"), [([ran(True), ran(False)], "FAILED"), ([ran(True)] * 2, "passed")])
-def test_a_sweep_that_varies_nothing_but_the_seed_is_judged(tmp_path: Path, results: list[Result], word: str) -> None:
+def test_a_sweep_that_varies_nothing_but_the_seed_is_judged(
+    tmp_path: Path, results: list[RunResult], word: str
+) -> None:
     dataset = Dataset(tmp_path / "s", replace(PLAN, cells=2, parameters={}), resume=True)
     for number, result in enumerate(results):
         dataset.add(RunSpec(number, f"{number:016x}", {}, number), result)
@@ -247,7 +249,7 @@ def test_a_criterion_that_a_parameter_sets_is_not_said_to_be_the_files(tmp_path:
     dataset = Dataset(tmp_path / "s", replace(PLAN, table=table, cells=2, parameters={"least": "float"}), resume=True)
     for number in range(2):
         figures = ran(True).figures | {"meets_stop_gap_m": True}
-        dataset.add(RunSpec(number, f"{number:016x}", {"least": float(number)}, 1), Result("", figures, ""))
+        dataset.add(RunSpec(number, f"{number:016x}", {"least": float(number)}, 1), RunResult("", figures, ""))
     dataset.close()
     page = sweep.report(Sweep(tmp_path / "s")).page()
     assert "set by a parameter" in page

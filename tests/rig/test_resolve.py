@@ -18,13 +18,10 @@ from vve_sumo.config_file import UNITS
 from vve_sumo.drive.resolved_scenario import resolve_scenario
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment
-from vve_sumo.plant.injected_faults import Clock, Shape
+from vve_sumo.plant.injected_faults import FaultClock, Shape
 from vve_sumo.rig import resolve
 from vve_sumo.rig.load import load, parse
-from vve_sumo.rig.schema import Calibration as CalibrationTable
-from vve_sumo.rig.schema import Limits as LimitsTable
-from vve_sumo.rig.schema import Rig
-from vve_sumo.rig.schema import Vehicle as VehicleTable
+from vve_sumo.rig.schema import Rig, RigCalibration, RigLimits, RigVehicle
 from vve_sumo.scenario.load import load as load_scenario
 from vve_sumo.values import Point, Pose, Vehicle
 from vve_sumo.vehicle.calibration import Calibration
@@ -77,13 +74,13 @@ def test_every_declared_quantity_has_its_key() -> None:
 
     said = {field.name for field in dataclasses.fields(Vehicle)} - {"steering_limit", "steering_rate_limit"}
     said |= {"steering_wheel_limit", "steering_wheel_rate_limit", "model"}
-    assert bare(list(VehicleTable.model_fields)) == said
+    assert bare(list(RigVehicle.model_fields)) == said
     measured = {field.name for field in dataclasses.fields(Calibration)} - {"mass", "brake_torque_limit"}
-    assert bare(list(CalibrationTable.model_fields)) == measured | {"date", "steering_wheel_bias"}
+    assert bare(list(RigCalibration.model_fields)) == measured | {"date", "steering_wheel_bias"}
     limits = {field.name for field in dataclasses.fields(Limits)} - {"comfort", "emergency"}
     for prefix, nested in (("comfort", Envelope), ("emergency", EmergencyBraking)):
         limits |= {f"{prefix}_{field.name}" for field in dataclasses.fields(nested)}
-    assert bare(list(LimitsTable.model_fields)) == limits
+    assert bare(list(RigLimits.model_fields)) == limits
 
 
 def test_units_and_signs() -> None:
@@ -235,5 +232,5 @@ def test_a_faults_shape_and_clock_are_the_rigs() -> None:
         {"kind": "brakes_weak", "at_s": 1.0, "shape": "ramp"},
     ]
     flapping, ramp = resolve.faults_of(parse(simulated() | {"faults": wanted}, SIMULATED))
-    assert (flapping.shape, flapping.period, flapping.clock) == (Shape.FLAPPING, 0.1, Clock.DRIVE)
-    assert (ramp.shape, ramp.clock) == (Shape.RAMP, Clock.MOVED)
+    assert (flapping.shape, flapping.period, flapping.clock) == (Shape.FLAPPING, 0.1, FaultClock.DRIVE)
+    assert (ramp.shape, ramp.clock) == (Shape.RAMP, FaultClock.MOVED)

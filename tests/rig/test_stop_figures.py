@@ -173,7 +173,7 @@ def test_the_fence_reckons_with_the_lesser_of_test_and_interface(tmp_path: Path)
 
 def test_doctor_says_no_go(tmp_path: Path) -> None:
     from vve_sumo.commissioning.doctor import examine
-    from vve_sumo.commissioning.findings import Finding
+    from vve_sumo.commissioning.findings import CheckResult
 
     text = (REPOSITORY / "rigs" / "simulated.toml").read_text(encoding="utf-8")
     file = tmp_path / "wire.py"
@@ -187,7 +187,7 @@ def test_doctor_says_no_go(tmp_path: Path) -> None:
     said = [check.found for check in against if check.name == "rig"]
     assert len(said) == 1
     assert "watchdog_test.armed: expected false: when commands stop, toy lets go of everything and beeps" in said[0]
-    assert against[0].finding is Finding.NO_GO
+    assert against[0].finding is CheckResult.NO_GO
 
 
 def test_an_interface_that_says_it_in_prose_is_refused(tmp_path: Path) -> None:

@@ -15,8 +15,8 @@ from pydantic import ValidationError
 
 from tests.world.streets import FUSION, pose
 from vve_sumo.path import ReferencePath
-from vve_sumo.scenario.engine import SIZES, Recording, ScenarioEngine, Sidestep, SpeedChange
-from vve_sumo.scenario.schema import Actor, Event
+from vve_sumo.scenario.engine import SIZES, RecordedSpeed, ScenarioEngine, Sidestep, SpeedChange
+from vve_sumo.scenario.schema import Actor, ActorEvent
 from vve_sumo.values import ActorState, Pose
 
 TICK = 0.02
@@ -397,8 +397,8 @@ def test_actors_that_cannot_be_are_refused(table, words):
 )
 def test_acts_that_say_half_are_refused(table, words):
     with pytest.raises(ValidationError, match=words):
-        Event.model_validate(table)
+        ActorEvent.model_validate(table)
 
 
 def test_a_single_row_is_a_steady_speed():
-    assert Recording([7.0], [4.0]).at(2.5) == (10.0, 4.0)
+    assert RecordedSpeed([7.0], [4.0]).at(2.5) == (10.0, 4.0)

@@ -19,7 +19,7 @@ from vve_sumo.sensors.radar import (
     Radar,
     RadarConfig,
     RadarMode,
-    Scan,
+    RadarScan,
     detection_probability,
 )
 from vve_sumo.values import Pose
@@ -33,13 +33,13 @@ def radar(config: RadarConfig, seed: int = 1) -> Radar:
     return Radar(config, FUSION, np.random.default_rng(seed))
 
 
-def scan(config: RadarConfig, rows: Sequence[Row], pose: Pose | None = None) -> Scan:
+def scan(config: RadarConfig, rows: Sequence[Row], pose: Pose | None = None) -> RadarScan:
     result = radar(config).step(0.0, pose or rear_axle(), actors(rows))
     assert result is not None
     return result
 
 
-def scans(config: RadarConfig, rows: Sequence[Row], count: int, seed: int = 1) -> list[Scan]:
+def scans(config: RadarConfig, rows: Sequence[Row], count: int, seed: int = 1) -> list[RadarScan]:
     sensor, street, pose = radar(config, seed), actors(rows), rear_axle(speed=10.0)
     results = [sensor.step(index * 0.05, pose, street) for index in range(count)]
     return [result for result in results if result is not None]
@@ -221,7 +221,7 @@ def test_hits_come_as_often_as_the_detection_probability_says(cross_section: flo
     assert stats.binomtest(hits, count, probability).pvalue > 1e-4
 
 
-def columns_of(result: Scan) -> dict[str, object]:
+def columns_of(result: RadarScan) -> dict[str, object]:
     seen = result.detections
     names = ("range", "azimuth", "range_rate", "mode")
     return {name: getattr(seen, name).tolist() for name in names} | {"actors": result.actors}

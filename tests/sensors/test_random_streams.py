@@ -12,7 +12,7 @@ from scipy import stats
 
 from tests.sensors.scenes import FUSION, actors, car, rear_axle
 from vve_sumo.sensors.falsealarm import RANGE_RATE_SPAN
-from vve_sumo.sensors.radar import ESR_MODES, NO_ACTOR, Radar, RadarConfig, Scan
+from vve_sumo.sensors.radar import ESR_MODES, NO_ACTOR, Radar, RadarConfig, RadarScan
 from vve_sumo.sensors.random_streams import CorrelatedNoise, stream
 
 #: the flaws of a radar whose numbers are to be looked at: neither latency nor quanta, every target detected
@@ -31,13 +31,13 @@ def radar(config: RadarConfig) -> Radar:
     return Radar(config, FUSION, np.random.default_rng(3))
 
 
-def run(config: RadarConfig, count: int, rows: int = 1) -> list[Scan]:
+def run(config: RadarConfig, count: int, rows: int = 1) -> list[RadarScan]:
     sensor, street = radar(config), actors([car(40.0 + 8.0 * row, 4.0 * row) for row in range(rows)])
     found = [sensor.step(index * 0.05, rear_axle(), street) for index in range(count)]
     return [result for result in found if result is not None]
 
 
-def columns(results: list[Scan]) -> np.ndarray:
+def columns(results: list[RadarScan]) -> np.ndarray:
     return np.array([(r.detections.range[0], r.detections.azimuth[0], r.detections.range_rate[0]) for r in results])
 
 
@@ -91,7 +91,7 @@ def test_another_car_changes_no_correlated_error_and_no_false_alarm_on_this_one(
     assert any(few)
 
 
-def seen(result: Scan) -> list[tuple[float, float, float, int]]:
+def seen(result: RadarScan) -> list[tuple[float, float, float, int]]:
     """What has nobody behind it."""
     found = result.detections
     rows = zip(

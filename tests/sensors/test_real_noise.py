@@ -21,10 +21,10 @@ from scipy.signal import savgol_filter
 from tests.sensors.denso import BREAK, Track, read_tracks, rows
 from tests.sensors.scenes import BUMPER, FUSION, Row, actors, rear_axle
 from vve_sumo.sensors.echo import Mount
-from vve_sumo.sensors.radar import Radar, RadarConfig, RadarMode, Scan
+from vve_sumo.sensors.radar import Radar, RadarConfig, RadarMode, RadarScan
 from vve_sumo.values import Actors, Detections, Floats, Frame, Pose
 from vve_sumo.wire.outputs import KINDS, Context
-from vve_sumo.wire.sample import NO_SCAN, Measured, Sample, no_fix
+from vve_sumo.wire.sample import NO_SCAN, Sample, SampleContent, no_fix
 
 TICK = 0.02
 BEGIN, END = 0.0, 59.9  # of the drive in the recording [s]
@@ -136,7 +136,7 @@ def _at(now: float, pose: Pose, targets: Sequence[Track]) -> Actors:
     return actors(found, names)
 
 
-def minute(config: RadarConfig, poses: list[Pose], street: list[Actors]) -> list[tuple[int, Scan]]:
+def minute(config: RadarConfig, poses: list[Pose], street: list[Actors]) -> list[tuple[int, RadarScan]]:
     """Drive our radar through the recorded minute; return its scans and the ticks at which they came out."""
     radar = Radar(config, FUSION, np.random.default_rng(11))
     steps = ((tick, radar.step(tick * TICK, pose, street[tick])) for tick, pose in enumerate(poses))
@@ -144,12 +144,12 @@ def minute(config: RadarConfig, poses: list[Pose], street: list[Actors]) -> list
 
 
 @pytest.fixture(scope="module")
-def scans(poses: list[Pose], street: list[Actors]) -> list[tuple[int, Scan]]:
+def scans(poses: list[Pose], street: list[Actors]) -> list[tuple[int, RadarScan]]:
     return minute(DENSO, poses, street)
 
 
 @pytest.fixture(scope="module")
-def ours(scans: list[tuple[int, Scan]]) -> Told:
+def ours(scans: list[tuple[int, RadarScan]]) -> Told:
     return told((scan.detections.time, zip(scan.actors, *_columns(scan.detections), strict=True)) for _, scan in scans)
 
 
@@ -199,7 +199,7 @@ def test_ours_is_as_noisy_as_the_real_one(real: Told, ours: Told) -> None:
         assert ours.noise("ahead", nearer, farther) == pytest.approx(real.noise("ahead", nearer, farther), rel=0.2)
 
 
-def test_ours_has_the_quanta_of_the_real_one(real: Told, ours: Told, scans: list[tuple[int, Scan]]) -> None:
+def test_ours_has_the_quanta_of_the_real_one(real: Told, ours: Told, scans: list[tuple[int, RadarScan]]) -> None:
     """The real one rounds x, ours the range: straight ahead they are the same."""
     ranges = np.concatenate([scan.detections.range for _, scan in scans])
     assert _step(ranges) == pytest.approx(_step(real.all("ahead")), abs=1e-6)
@@ -217,7 +217,7 @@ def test_ours_reports_as_often_as_the_real_one(real: Told, ours: Told) -> None:
 
 
 def test_the_wire_of_an_esr_adds_its_own_quanta_and_nothing_else(
-    shared_data: Path, poses: list[Pose], scans: list[tuple[int, Scan]], ours: Told
+    shared_data: Path, poses: list[Pose], scans: list[tuple[int, RadarScan]], ours: Told
 ) -> None:
     """As a public description of its frames reads them: rounding to q adds a variance of q^2 / 12.
 
@@ -234,7 +234,7 @@ def test_the_wire_of_an_esr_adds_its_own_quanta_and_nothing_else(
 
 
 def _over_esr(
-    database: Any, poses: list[Pose], scans: list[tuple[int, Scan]]
+    database: Any, poses: list[Pose], scans: list[tuple[int, RadarScan]]
 ) -> Iterator[tuple[float, list[tuple[int, float, float, float]]]]:
     """Give what each cycle of the ESR's frames says, as `told` wants it; every scan goes out once."""
     output, coming = KINDS["esr"].make(Context(FUSION, "")), dict(scans)
@@ -242,7 +242,7 @@ def _over_esr(
     for tick, pose in enumerate(poses):
         now = tick * TICK
         newest = coming[tick].detections if tick in coming else newest
-        measured = Measured(no_fix(now, now), pose, newest, now - newest.time, actors([]))
+        measured = SampleContent(no_fix(now, now), pose, newest, now - newest.time, actors([]))
         frames = [frame for frame in output.step(Sample(tick, 1.4e9 + now, now, measured)) if isinstance(frame, Frame)]
         if not frames or newest is NO_SCAN:
             continue

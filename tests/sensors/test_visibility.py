@@ -23,7 +23,7 @@ WIDE = ((1e4, math.radians(89.0)),)
 
 def sights(boxes: Sequence[Box], modes: Sequence[tuple[float, float]] = MODES) -> dict[int, Sight]:
     placed = [
-        visibility.Box(x, y, math.cos(heading), math.sin(heading), 0.5 * length, 0.5 * width)
+        visibility.AntennaBox(x, y, math.cos(heading), math.sin(heading), 0.5 * length, 0.5 * width)
         for x, y, heading, length, width in boxes
     ]
     found = nearest_visible(placed, [Sector(far, math.tan(half)) for far, half in modes])

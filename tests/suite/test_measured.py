@@ -10,7 +10,7 @@ import pytest
 from tests.analysis.made import BOX, put, write
 from tests.vehicles import FUSION
 from vve_sumo.suite import catalogue
-from vve_sumo.suite.measured import Measured, measure
+from vve_sumo.suite.measured import RowMeasurement, measure
 from vve_sumo.suite.row import CutIn
 from vve_sumo.suite.run import invalidity
 
@@ -31,7 +31,7 @@ def test_a_target_that_enters_as_the_drive_ends_has_tested_nothing(tmp_path: Pat
     row = replace(ROW, cut_in=CutIn(ROW.approach.target, 2.0, 1.0, 0.1)) if cuts_in else ROW
     record = made(tmp_path / "r", [ROW.approach.speed] * 5)
     put(record, "actors", [BOX | {"actor": ROW.approach.target, "x_m": 40.0, "tick": 5}])
-    assert measure(row, record) == Measured()
+    assert measure(row, record) == RowMeasurement()
     assert "never entered" in invalidity(row, *measure(row, record)[:2])
 
 

@@ -14,8 +14,8 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.scenario.engine import SIZES
 from vve_sumo.scenario.schema import Actor, Scenario
 from vve_sumo.suite import catalogue, requirements
-from vve_sumo.suite.physics import DETECTION, Course, full_braking, gap_used, reaction_time
-from vve_sumo.suite.row import Row
+from vve_sumo.suite.physics import DETECTION, BrakedMotion, full_braking, gap_used, reaction_time
+from vve_sumo.suite.row import SuiteRow
 from vve_sumo.suite.track import loads
 from vve_sumo.timing import PERIOD
 from vve_sumo.world.proving_ground import TEST_TRACK
@@ -26,12 +26,12 @@ ALL = {name: {row.id: row for row in catalogue.rows(name, vehicles.FUSION)} for 
 DRIVEN = [row for rows in ALL.values() for row in rows.values() if row.scenario is not None]
 
 
-def scene(row: Row) -> tuple[Scenario, Actor]:
+def scene(row: SuiteRow) -> tuple[Scenario, Actor]:
     assert row.scenario is not None
     return row.scenario, row.scenario.actors[0]
 
 
-def named(name: str, *starts: str) -> list[Row]:
+def named(name: str, *starts: str) -> list[SuiteRow]:
     rows = [row for row in ALL[name].values() if row.id.startswith(starts or ("",)) and row.scenario is not None]
     assert rows
     return rows
@@ -217,7 +217,7 @@ def test_targets_are_as_wide_as_cars():
 @pytest.mark.parametrize("speed", [2.0, 5.6, 11.1, 22.2])
 @pytest.mark.parametrize("lead", [0.0, 1.5])
 def test_what_braking_for_a_steady_car_needs_is_the_stopping_distance(speed, lead):
-    needed = gap_used(full_braking(CAR, speed), Course(lead))
+    needed = gap_used(full_braking(CAR, speed), BrakedMotion(lead))
     delay = reaction_time(CAR)
     assert delay >= DETECTION + PERIOD + CAR.brake_delay
     closed = laws.stopping_distance(speed - lead, CAR.deceleration_limit, delay, 2.0 * CAR.brake_lag)
@@ -227,14 +227,14 @@ def test_what_braking_for_a_steady_car_needs_is_the_stopping_distance(speed, lea
 def test_an_impact_that_is_allowed_needs_less_way():
     speed, allowed = 16.7, 9.7
     ego = full_braking(CAR, speed)._replace(build_up=0.0)
-    needed = gap_used(ego, Course(0.0), allowed)
+    needed = gap_used(ego, BrakedMotion(0.0), allowed)
     assert laws.impact_speed(speed, needed, ego.deceleration, ego.delay) == pytest.approx(allowed, abs=0.01)
 
 
 @pytest.mark.parametrize("deceleration", [2.0, 4.9, 6.0])
 @pytest.mark.parametrize("last", [0.0, 2.0 * KMH])
 def test_a_course_agrees_with_small_steps(deceleration, last):
-    course = Course(13.9, deceleration, delay=0.3, build_up=0.5, last_speed=last)
+    course = BrakedMotion(13.9, deceleration, delay=0.3, build_up=0.5, last_speed=last)
     speed, way, step = 13.9, 0.0, 1e-5
     for number in range(round(9.0 / step)):
         pull = deceleration * min(max((number * step - 0.3) / 0.5, 0.0), 1.0)
@@ -245,12 +245,12 @@ def test_a_course_agrees_with_small_steps(deceleration, last):
 
 
 def test_a_heavier_car_needs_more():
-    light, heavy = (gap_used(full_braking(CAR, 15.0, mass), Course(0.0)) for mass in (1.0, 1.15))
+    light, heavy = (gap_used(full_braking(CAR, 15.0, mass), BrakedMotion(0.0)) for mass in (1.0, 1.15))
     assert heavy - light == pytest.approx(0.15 * 15.0**2 / (2.0 * CAR.deceleration_limit), rel=0.01)
 
 
 def test_a_car_ahead_that_is_already_at_rest_is_as_one_that_never_moved():
     ego = full_braking(CAR, 13.9)
-    stops_at_once = Course(0.1, 100.0)
-    assert gap_used(ego, stops_at_once) == pytest.approx(gap_used(ego, Course(0.0)), abs=0.01)
-    assert math.isclose(gap_used(ego, Course(30.0)), 0.0)
+    stops_at_once = BrakedMotion(0.1, 100.0)
+    assert gap_used(ego, stops_at_once) == pytest.approx(gap_used(ego, BrakedMotion(0.0)), abs=0.01)
+    assert math.isclose(gap_used(ego, BrakedMotion(30.0)), 0.0)

@@ -23,24 +23,24 @@ from vve_sumo.suite import catalogue, euroncap, requirements, table
 from vve_sumo.suite.journal import digest
 from vve_sumo.suite.physics import DETECTION, Need
 from vve_sumo.suite.query import SuiteQuery, car_of, driven_by, rows_of
-from vve_sumo.suite.row import Approach, CutIn, Judged, Outcome, Row, Verdict
+from vve_sumo.suite.row import CutIn, JudgedRow, RequiredApproach, RowOutcome, RowVerdict, SuiteRow
 from vve_sumo.suite.run import invalidity, judge, run
 from vve_sumo.suite.run import job_of as run_job_of
 from vve_sumo.suite.track import AEB, scenario, target
 from vve_sumo.sweep.engine import Local
 from vve_sumo.sweep.input_cache import InputCache, resolve_job
-from vve_sumo.sweep.job import Result
+from vve_sumo.sweep.job import RunResult
 from vve_sumo.timing import PERIOD
 
 KMH = 1.0 / 3.6
 CAR = vehicles.FUSION.vehicle
 
 
-def suite_rows(name: str) -> list[Row]:
+def suite_rows(name: str) -> list[SuiteRow]:
     return catalogue.rows(name, vehicles.FUSION)
 
 
-def driven(name: str, rows: list[Row], records: Path | None = None, workers: int = 2) -> dict[str, Outcome]:
+def driven(name: str, rows: list[SuiteRow], records: Path | None = None, workers: int = 2) -> dict[str, RowOutcome]:
     judged = run(name, rows, Local(workers), REPOSITORY, records)
     assert [each.row for each in judged] == rows
     return {drive.row.id: drive for each in judged for drive in each.drives}
@@ -74,7 +74,7 @@ def test_the_shipped_controller_passes_some_rows_of_every_suite(name):
     rows = [row for row in suite_rows(name) if row.id in SAMPLE[name]]
     assert len(rows) == len(SAMPLE[name])
     outcomes = driven(name, rows)
-    assert {key: outcome.verdict for key, outcome in outcomes.items()} == dict.fromkeys(SAMPLE[name], Verdict.PASSED)
+    assert {key: outcome.verdict for key, outcome in outcomes.items()} == dict.fromkeys(SAMPLE[name], RowVerdict.PASSED)
     for outcome in outcomes.values():
         if outcome.row.required.startswith("no contact"):
             assert outcome.least_gap_m > 0.0
@@ -100,7 +100,7 @@ def test_a_hidden_child_is_seen_where_the_closed_form_says(tmp_path):
     """First echo of the child in the record, against the geometry of the row; a scan comes every 50 ms."""
     row = next(row for row in suite_rows("fmvss127_pedestrian") if row.id == "obstructed_crossing_right_50_30")
     outcome = driven("hidden", [row], tmp_path / "records", workers=1)[row.id]
-    assert outcome.verdict is Verdict.PASSED
+    assert outcome.verdict is RowVerdict.PASSED
     told = read_table(outcome.record, "sensor_radar").filter(pc.field("actor") == "target")["tick"][0].as_py()
     ticks = read_table(outcome.record, "ticks")
     scan = read_table(outcome.record, "readings").filter(pc.field("tick") == told)
@@ -134,7 +134,7 @@ def test_braking_that_is_too_gentle_is_a_failure_without_a_contact():
     # It slows down so gently that this counts as approach, long before it brakes.
     rows = [replace(row, id="gentle", scenario=scenario, approach=row.approach._replace(below=row.approach.speed))]
     outcome = driven("spoilt", rows, workers=1)["gentle"]
-    assert (outcome.verdict, outcome.impact_mps) == (Verdict.FAILED, 0.0)
+    assert (outcome.verdict, outcome.impact_mps) == (RowVerdict.FAILED, 0.0)
     assert 1.0 < outcome.demand_mps2 < 5.0
     assert outcome.why == f"braking demand {outcome.demand_mps2:.2f} m/s2, expected 5 or more"
 
@@ -161,66 +161,67 @@ def test_what_goes_wrong_is_told_apart(tmp_path):
     outcomes = driven("spoilt", rows, tmp_path / "records", workers=1)
 
     blind = outcomes["blind"]
-    assert blind.verdict is Verdict.FAILED
+    assert blind.verdict is RowVerdict.FAILED
     assert blind.impact_mps == pytest.approx(blind.approach_mps[1], abs=0.05)
     assert "collision is True" in blind.why
     assert (blind.record / "summary.json").is_file()
 
     late = outcomes["late"]
-    assert late.verdict is Verdict.UNAVOIDABLE
+    assert late.verdict is RowVerdict.UNAVOIDABLE
     # No car comes to less than with its brakes on from the first moment.
     least = laws.impact_speed(late.approach_mps[0], ahead, 1.05 * CAR.deceleration_limit, PERIOD + CAR.brake_delay)
     latest = laws.impact_speed(late.approach_mps[1], ahead, CAR.deceleration_limit, DETECTION + 0.25)
     assert least < late.impact_mps < latest
 
-    assert outcomes["fast"].verdict is Verdict.INVALID
+    assert outcomes["fast"].verdict is RowVerdict.INVALID
     assert outcomes["fast"].why.startswith("approached at 39.")
-    assert outcomes["nobody"].verdict is Verdict.FAILED
+    assert outcomes["nobody"].verdict is RowVerdict.FAILED
     assert "controller nobody: unknown" in outcomes["nobody"].why
 
 
 @pytest.mark.parametrize(
     ("figures", "avoidable", "verdict"),
     [
-        ({"outcome": "stopped", "passed": True}, True, Verdict.PASSED),
-        ({"outcome": "stopped", "passed": False}, True, Verdict.FAILED),
-        ({"outcome": "contact", "passed": False}, False, Verdict.UNAVOIDABLE),
-        ({"outcome": "stopped", "passed": None}, True, Verdict.FAILED),
-        ({"outcome": "fault", "passed": True}, True, Verdict.FAILED),
-        ({}, True, Verdict.FAILED),
+        ({"outcome": "stopped", "passed": True}, True, RowVerdict.PASSED),
+        ({"outcome": "stopped", "passed": False}, True, RowVerdict.FAILED),
+        ({"outcome": "contact", "passed": False}, False, RowVerdict.UNAVOIDABLE),
+        ({"outcome": "stopped", "passed": None}, True, RowVerdict.FAILED),
+        ({"outcome": "fault", "passed": True}, True, RowVerdict.FAILED),
+        ({}, True, RowVerdict.FAILED),
     ],
 )
 def test_verdicts(figures, avoidable, verdict, tmp_path):
-    row = Row("row", "a row", "no contact", None, need=Need(10.0, 11.0 if avoidable else 9.0))
-    assert judge(row, 1, Result("row", figures), tmp_path).verdict is verdict
-    assert judge(row, 1, Result("row", figures, error="crashed: SIGSEGV"), tmp_path).verdict is Verdict.FAILED
+    row = SuiteRow("row", "a row", "no contact", None, need=Need(10.0, 11.0 if avoidable else 9.0))
+    assert judge(row, 1, RunResult("row", figures), tmp_path).verdict is verdict
+    assert judge(row, 1, RunResult("row", figures, error="crashed: SIGSEGV"), tmp_path).verdict is RowVerdict.FAILED
     # Nothing was asked of the brakes: no lack of way excuses that.
-    demanding = judge(replace(row, demand=5.0), 1, Result("row", figures), tmp_path)
-    assert demanding.verdict is Verdict.FAILED
+    demanding = judge(replace(row, demand=5.0), 1, RunResult("row", figures), tmp_path)
+    assert demanding.verdict is RowVerdict.FAILED
 
 
 @pytest.mark.parametrize(
     ("came", "verdict", "why"),
     [
-        ([Verdict.PASSED] * 3, Verdict.PASSED, ""),
+        ([RowVerdict.PASSED] * 3, RowVerdict.PASSED, ""),
         (
-            [Verdict.PASSED, Verdict.FAILED, Verdict.PASSED],
-            Verdict.FAILED,
+            [RowVerdict.PASSED, RowVerdict.FAILED, RowVerdict.PASSED],
+            RowVerdict.FAILED,
             "seed 2; 2 of 3 drives passed (95 %: 0.21 to ",
         ),
-        ([Verdict.UNAVOIDABLE, Verdict.FAILED], Verdict.FAILED, "seed 2; 0 of 2 drives passed"),
-        ([Verdict.UNAVOIDABLE, Verdict.PASSED], Verdict.UNAVOIDABLE, "seed 1; 1 of 2 drives passed"),
-        ([Verdict.FAILED, Verdict.INVALID], Verdict.INVALID, "seed 2; 0 of 2 drives passed"),
-        ([Verdict.FAILED], Verdict.FAILED, "seed 1"),
-        ([], Verdict.NOT_APPLICABLE, "the reason"),
+        ([RowVerdict.UNAVOIDABLE, RowVerdict.FAILED], RowVerdict.FAILED, "seed 2; 0 of 2 drives passed"),
+        ([RowVerdict.UNAVOIDABLE, RowVerdict.PASSED], RowVerdict.UNAVOIDABLE, "seed 1; 1 of 2 drives passed"),
+        ([RowVerdict.FAILED, RowVerdict.INVALID], RowVerdict.INVALID, "seed 2; 0 of 2 drives passed"),
+        ([RowVerdict.FAILED], RowVerdict.FAILED, "seed 1"),
+        ([], RowVerdict.NOT_APPLICABLE, "the reason"),
     ],
 )
 def test_a_row_is_passed_where_all_of_its_drives_are(came, verdict, why):
-    row = Row("row", "a row", "no contact", None, not_applicable="the reason")
+    row = SuiteRow("row", "a row", "no contact", None, not_applicable="the reason")
     drives = tuple(
-        Outcome(row, seed, each, "" if each is Verdict.PASSED else f"seed {seed}") for seed, each in enumerate(came, 1)
+        RowOutcome(row, seed, each, "" if each is RowVerdict.PASSED else f"seed {seed}")
+        for seed, each in enumerate(came, 1)
     )
-    judged = Judged(row, drives)
+    judged = JudgedRow(row, drives)
     assert judged.verdict is verdict
     assert judged.why.startswith(why)
     assert bool(judged.why) is bool(why)
@@ -240,27 +241,31 @@ def test_a_row_is_passed_where_all_of_its_drives_are(came, verdict, why):
     ],
 )
 def test_a_test_that_was_not_driven_as_it_must_be_is_invalid(approach, ttc, good):
-    row = Row("row", "", "", None, approach=Approach("a", 10.0, 0.5, 0.0), cut_in=CutIn("a", 2.0, 1.0, 0.1))
+    row = SuiteRow(
+        "row", "", "", None, approach=RequiredApproach("a", 10.0, 0.5, 0.0), cut_in=CutIn("a", 2.0, 1.0, 0.1)
+    )
     assert (invalidity(row, approach, ttc) == "") is good
 
 
 def test_the_tables_hold_every_row_and_the_worst_of_its_drives(tmp_path):
-    row = Row("one", "a row", "no contact", None, need=Need(10.0, 11.0))
+    row = SuiteRow("one", "a row", "no contact", None, need=Need(10.0, 11.0))
     none = replace(row, id="none", need=None, not_applicable="why not")
     rows = [
-        Judged(
+        JudgedRow(
             row,
             (
-                Outcome(row, 1, Verdict.FAILED, "collision", (9.0, 10.0), impact_mps=5.0, least_gap_m=0.0),
-                Outcome(row, 2, Verdict.PASSED, "", (8.0, 9.5), impact_mps=0.0, least_gap_m=-0.02, demand_mps2=5.5),
-                Outcome(row, 3, Verdict.PASSED, "", (9.0, 9.5), deceleration_mps2=6.0, demand_mps2=5.4),
+                RowOutcome(row, 1, RowVerdict.FAILED, "collision", (9.0, 10.0), impact_mps=5.0, least_gap_m=0.0),
+                RowOutcome(
+                    row, 2, RowVerdict.PASSED, "", (8.0, 9.5), impact_mps=0.0, least_gap_m=-0.02, demand_mps2=5.5
+                ),
+                RowOutcome(row, 3, RowVerdict.PASSED, "", (9.0, 9.5), deceleration_mps2=6.0, demand_mps2=5.4),
             ),
         ),
         *(
-            Judged(replace(row, id=id), (Outcome(replace(row, id=id), 1, verdict, "collision"),))
-            for id, verdict in (("two", Verdict.UNAVOIDABLE), ("three", Verdict.UNAVOIDABLE))
+            JudgedRow(replace(row, id=id), (RowOutcome(replace(row, id=id), 1, verdict, "collision"),))
+            for id, verdict in (("two", RowVerdict.UNAVOIDABLE), ("three", RowVerdict.UNAVOIDABLE))
         ),
-        Judged(none),
+        JudgedRow(none),
     ]
     files = table.write("spoilt", rows, tmp_path / "out")
     with files[0].open(encoding="utf-8", newline="") as file:

@@ -20,7 +20,7 @@ from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.sweep import process_tree
 from vve_sumo.sweep.cluster import Cluster
 from vve_sumo.sweep.engine import Engine
-from vve_sumo.sweep.job import Job, Result
+from vve_sumo.sweep.job import Job, RunResult
 
 TTL = 10  #: after which a worker that says nothing is given up [s]; of a busy machine a shorter one may give up any
 
@@ -94,11 +94,13 @@ def scratch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return place
 
 
-def collected(engine: Engine, jobs: list[Job], then: Callable[[int], None] = lambda count: None) -> dict[str, Result]:
+def collected(
+    engine: Engine, jobs: list[Job], then: Callable[[int], None] = lambda count: None
+) -> dict[str, RunResult]:
     """What came of jobs, by key, each once; `then` is told after each how many there are."""
-    results: dict[str, Result] = {}
+    results: dict[str, RunResult] = {}
 
-    def done(given: Job, result: Result) -> None:
+    def done(given: Job, result: RunResult) -> None:
         assert result.key == given.key
         assert given.key not in results
         results[given.key] = result

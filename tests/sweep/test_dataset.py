@@ -19,16 +19,16 @@ import pytest
 from tests.isolated import isolated
 from tests.sweep.reading import load_rows
 from vve_sumo.errors import ConfigError, SimulationError
-from vve_sumo.record.sweep_folder import MACHINE, Plan
+from vve_sumo.record.sweep_folder import MACHINE, SweepPlan
 from vve_sumo.sweep.dataset import Dataset, refuse_mixed
-from vve_sumo.sweep.job import Result
+from vve_sumo.sweep.job import RunResult
 from vve_sumo.sweep.run_specs import RunSpec
 
 COUNT, PER_PART = 5, 2
 #: the order in which runs finish: the second part is whole before the first, and one is long in coming
 ORDER = (2, 0, 3, 4, 1)
 
-PLAN = Plan(
+PLAN = SweepPlan(
     spec={"scenario": "s", "parameters": {"speed": [1.0, 2.0]}},
     scenario="s",
     table={"title": "t"},
@@ -46,11 +46,11 @@ def cell(number: int) -> RunSpec:
     return RunSpec(number, f"{number:016x}", {"speed": 0.1 * number, "kind": "a"}, 1 + number)
 
 
-def result(number: int) -> Result:
+def result(number: int) -> RunResult:
     if number == 3:
-        return Result(cell(number).key, error="crashed: SIGSEGV", said="…")
+        return RunResult(cell(number).key, error="crashed: SIGSEGV", said="…")
     figures = {"outcome": "stopped", "passed": number % 2 == 0, "stop_gap_m": 5.0 / (1 + number), "min_ttc_s": None}
-    return Result(cell(number).key, {**figures, "ticks": number, "record_sha256": f"{number}"}, wall_s=1.5)
+    return RunResult(cell(number).key, {**figures, "ticks": number, "record_sha256": f"{number}"}, wall_s=1.5)
 
 
 def begun(folder: Path, **changes: Any) -> Dataset:
@@ -287,10 +287,10 @@ def test_a_folder_that_holds_something_else_is_left_alone(tmp_path: Path) -> Non
 def test_another_layout_is_refused(tmp_path: Path) -> None:
     (tmp_path / "sweep.json").write_text(json.dumps({"version": 0}), encoding="utf-8")
     with pytest.raises(ConfigError, match="another vve-sumo wrote it"):
-        Plan.of(tmp_path)
+        SweepPlan.of(tmp_path)
     (tmp_path / "sweep.json").write_text("[", encoding="utf-8")
     with pytest.raises(ConfigError, match="not what a sweep writes"):
-        Plan.of(tmp_path)
+        SweepPlan.of(tmp_path)
     with pytest.raises(ConfigError, match="not a sweep's folder"):
         load_rows(tmp_path / "absent")
 

@@ -11,7 +11,7 @@ from tests.conftest import REPOSITORY
 from tests.isolated import isolated
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.hashes import hash_file
-from vve_sumo.record.sweep_folder import Plan
+from vve_sumo.record.sweep_folder import SweepPlan
 from vve_sumo.sweep.engine import run_one
 from vve_sumo.sweep.job import Job
 from vve_sumo.sweep.plan import job_of, query_of
@@ -102,11 +102,11 @@ def test_a_rigs_faults_are_injected_in_a_sweep_as_in_a_drive(tmp_path: Path) -> 
 def test_a_sweep_of_a_rig_survives_its_folder(tmp_path: Path) -> None:
     query = query_of(sweep(tmp_path, "ego.speed_mps = [5.0]"), REPOSITORY, yes=False, rig=str(rig(tmp_path)))
     (tmp_path / "sweep.json").write_text(query.plan.text(), encoding="utf-8")
-    assert Plan.of(tmp_path) == query.plan
+    assert SweepPlan.of(tmp_path) == query.plan
     written = json.loads(query.plan.text())
     del written["rig"]  # of a sweep from before
     (tmp_path / "sweep.json").write_text(json.dumps(written), encoding="utf-8")
-    assert Plan.of(tmp_path).rig == ""
+    assert SweepPlan.of(tmp_path).rig == ""
 
 
 def test_a_rig_brings_its_own_vehicle(tmp_path: Path) -> None:

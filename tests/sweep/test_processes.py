@@ -21,7 +21,7 @@ from tests.isolated import isolated
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.sweep import process_tree
 from vve_sumo.sweep.engine import Local
-from vve_sumo.sweep.job import Job, Result
+from vve_sumo.sweep.job import Job, RunResult
 from vve_sumo.sweep.worker import Worker
 
 REPOSITORY = Path(__file__).parent.parent.parent
@@ -54,11 +54,11 @@ def seeded(key: str, seed: int, **limits: Any) -> Job:
     return dataclasses.replace(made, table=made.table | {"seed": seed})
 
 
-def driven(*jobs: Job, workers: int = 1) -> dict[str, Result]:
+def driven(*jobs: Job, workers: int = 1) -> dict[str, RunResult]:
     """What came of jobs, by key; each exactly once."""
-    results: dict[str, Result] = {}
+    results: dict[str, RunResult] = {}
 
-    def done(given: Job, result: Result) -> None:
+    def done(given: Job, result: RunResult) -> None:
         assert result.key == given.key
         assert given.key not in results
         results[given.key] = result
@@ -212,7 +212,7 @@ def test_a_server_killed_from_outside_is_replaced(tmp_path: Path) -> None:
         first = spoil(worker, note)
         assert eventually(lambda: worker.result() or worker.pid != first) is True
         spoil(worker, note)
-        assert eventually(worker.result) == Result("stubborn", error="killed: SIGKILL")
+        assert eventually(worker.result) == RunResult("stubborn", error="killed: SIGKILL")
         worker.submit(job("next", "begets", note))
         assert eventually(worker.result).error == ""
         assert not alive(int(note.read_text()))
@@ -264,7 +264,7 @@ def test_jobs_are_taken_as_they_are_needed() -> None:
             taken.append(number)
             yield job(str(number), "stillborn")
 
-    def done(given: Job, result: Result) -> None:
+    def done(given: Job, result: RunResult) -> None:
         assert len(taken) <= int(given.key) + 2
         if given.key == "5":
             raise InterruptedError
@@ -284,11 +284,11 @@ FIGURE = st.none() | st.booleans() | st.integers() | st.floats() | st.text()
 
 @given(st.dictionaries(st.text(), FIGURE), st.text(), st.text())
 def test_results_travel_as_one_line(figures: dict[str, Any], error: str, said: str) -> None:
-    result = Result("key", figures, error, 1.5, 1.25, 180.0, said)
+    result = RunResult("key", figures, error, 1.5, 1.25, 180.0, said)
     line = result.to_json()
     assert "\n" not in line
     told = {name: None if isinstance(it, float) and it - it != 0.0 else it for name, it in figures.items()}
-    assert Result.from_json(line) == dataclasses.replace(result, figures=told)
+    assert RunResult.from_json(line) == dataclasses.replace(result, figures=told)
 
 
 def test_lines_that_are_no_jobs_are_refused() -> None:

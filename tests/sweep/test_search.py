@@ -24,12 +24,12 @@ from tests.vehicles import FUSION
 from vve_sumo.cli.search_results import lines, table_of
 from vve_sumo.errors import ConfigError
 from vve_sumo.laws import stopping_distance
-from vve_sumo.record.sweep_folder import Plan, read_tables
+from vve_sumo.record.sweep_folder import SweepPlan, read_tables
 from vve_sumo.report import search_results
 from vve_sumo.report.formatting import SPACE
 from vve_sumo.sweep import boundary, worst
 from vve_sumo.sweep.dataset import Dataset
-from vve_sumo.sweep.job import Result
+from vve_sumo.sweep.job import RunResult
 from vve_sumo.sweep.plan import query_of
 from vve_sumo.sweep.run_specs import RunSpec, RunSpecs
 from vve_sumo.sweep.search import AdaptiveSearch, least_runs, met
@@ -124,7 +124,7 @@ def driven(
     seeds = range(1, 1 + spec.repeats)
     cells = RunSpecs(spec, "s", seeds)
     kinds = {name: axis.kind for name, axis in spec.parameters.items()}
-    plan = Plan(tomllib.loads(text), "s", {}, "/s.toml", "/", cells.count, kinds, [], {}, {})
+    plan = SweepPlan(tomllib.loads(text), "s", {}, "/s.toml", "/", cells.count, kinds, [], {}, {})
     dataset = Dataset(folder, plan, resume=True, rows_per_part=16)
     held = {row["number"]: row for table in read_tables(folder) for row in table.to_pylist()}
     hunt = AdaptiveSearch(cells, held, folder)
@@ -142,7 +142,7 @@ def driven(
         numbers.append(one.number)
         figures = drive(one.values, one.seed)
         error = figures.pop("error", "")
-        hunt.take(dataset.add(one, Result(one.key, {} if error else figures, error=error)))
+        hunt.take(dataset.add(one, RunResult(one.key, {} if error else figures, error=error)))
     if hunt.found is not None:
         dataset.settle(hunt.runs)
     dataset.close()

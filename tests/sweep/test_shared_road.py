@@ -16,7 +16,7 @@ import pytest
 from tests.isolated import isolated
 from tests.sweep.test_processes import REPOSITORY, alive, driven, eventually, in_process, job, seeded, written
 from vve_sumo.sweep import process_tree
-from vve_sumo.sweep.job import Job, Result
+from vve_sumo.sweep.job import Job, RunResult
 from vve_sumo.sweep.worker import Worker
 
 SECONDS = 3.0  #: of a drive, in which the car engages and sets off
@@ -39,7 +39,7 @@ def worker() -> Iterator[Worker]:
     eventually(lambda: not any(map(alive, everyone)))
 
 
-def result_of(worker: Worker, one: Job) -> Result:
+def result_of(worker: Worker, one: Job) -> RunResult:
     """What comes of a job."""
     worker.submit(one)
     return eventually(worker.result)

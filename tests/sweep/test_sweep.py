@@ -21,7 +21,7 @@ from vve_sumo.cli import main
 from vve_sumo.cli.sweep import rerun
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.table import FIGURES
-from vve_sumo.record.sweep_folder import Plan
+from vve_sumo.record.sweep_folder import SweepPlan
 from vve_sumo.sweep.plan import query_of
 
 #: drives straight on for a second, notes that it began, and on one mark takes the process with it
@@ -220,7 +220,7 @@ def test_killed_three_times_and_interrupted_once_it_is_the_same_dataset(
     assert swept("marks", Path("killed"), resume=True) == 0
     assert begun(tmp_path) - before == Counter(set(range(MARKS)) - finished)
     one, other = content(whole / "whole"), content(tmp_path / "killed")
-    plans = (Plan.of(whole / "whole"), Plan.of(tmp_path / "killed"))
+    plans = (SweepPlan.of(whole / "whole"), SweepPlan.of(tmp_path / "killed"))
     assert plans[0].columns() == plans[1].columns()
     assert one.pop("sweep.json").replace(bytes(whole), b"") == other.pop("sweep.json").replace(bytes(tmp_path), b"")
     assert one == other

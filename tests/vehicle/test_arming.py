@@ -8,33 +8,33 @@ import re
 import pytest
 
 from vve_sumo.values import ArmingState
-from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, DRIVER_SIGNS, REASONS, TRANSITIONS, Event, transition
+from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, DRIVER_SIGNS, REASONS, TRANSITIONS, ArmingEvent, transition
 
-EVERY = list(itertools.product(ArmingState, Event))
+EVERY = list(itertools.product(ArmingState, ArmingEvent))
 S = ArmingState
 
 #: Every arrow that leads elsewhere, written down a second time; all other pairs must stay where they are.
 ARROWS = {
-    (S.DISARMED, Event.CONDITIONS_MET): S.READY,
-    (S.DISARMED, Event.FAULT): S.FAULT,
-    (S.READY, Event.CONDITIONS_LOST): S.DISARMED,
-    (S.READY, Event.ENGAGE): S.ENGAGED,
-    (S.READY, Event.EXPIRED): S.DISARMED,
-    (S.READY, Event.FAULT): S.FAULT,
-    (S.READY, Event.OVERRIDE): S.DISARMED,
-    (S.READY, Event.STOP): S.DISARMED,
-    (S.READY, Event.DISARM): S.DISARMED,
-    (S.ENGAGED, Event.EXPIRED): S.STOPPING,
-    (S.ENGAGED, Event.FAULT): S.STOPPING,
-    (S.ENGAGED, Event.OVERRIDE): S.FAULT,
-    (S.ENGAGED, Event.DRIVER): S.STOPPING,
-    (S.ENGAGED, Event.STOP): S.STOPPING,
-    (S.ENGAGED, Event.DISARM): S.STOPPING,
-    (S.STOPPING, Event.OVERRIDE): S.FAULT,
-    (S.STOPPING, Event.AT_REST): S.STOPPED,
-    (S.STOPPED, Event.OVERRIDE): S.FAULT,
-    (S.STOPPED, Event.PARKED): S.DISARMED,
-    (S.FAULT, Event.DISARM): S.DISARMED,
+    (S.DISARMED, ArmingEvent.CONDITIONS_MET): S.READY,
+    (S.DISARMED, ArmingEvent.FAULT): S.FAULT,
+    (S.READY, ArmingEvent.CONDITIONS_LOST): S.DISARMED,
+    (S.READY, ArmingEvent.ENGAGE): S.ENGAGED,
+    (S.READY, ArmingEvent.EXPIRED): S.DISARMED,
+    (S.READY, ArmingEvent.FAULT): S.FAULT,
+    (S.READY, ArmingEvent.OVERRIDE): S.DISARMED,
+    (S.READY, ArmingEvent.STOP): S.DISARMED,
+    (S.READY, ArmingEvent.DISARM): S.DISARMED,
+    (S.ENGAGED, ArmingEvent.EXPIRED): S.STOPPING,
+    (S.ENGAGED, ArmingEvent.FAULT): S.STOPPING,
+    (S.ENGAGED, ArmingEvent.OVERRIDE): S.FAULT,
+    (S.ENGAGED, ArmingEvent.DRIVER): S.STOPPING,
+    (S.ENGAGED, ArmingEvent.STOP): S.STOPPING,
+    (S.ENGAGED, ArmingEvent.DISARM): S.STOPPING,
+    (S.STOPPING, ArmingEvent.OVERRIDE): S.FAULT,
+    (S.STOPPING, ArmingEvent.AT_REST): S.STOPPED,
+    (S.STOPPED, ArmingEvent.OVERRIDE): S.FAULT,
+    (S.STOPPED, ArmingEvent.PARKED): S.DISARMED,
+    (S.FAULT, ArmingEvent.DISARM): S.DISARMED,
 }
 
 
@@ -49,10 +49,10 @@ def test_the_table_is_complete_and_nothing_more():
 
 def test_engaged_is_entered_by_the_operators_act_alone():
     into = [(state, event) for state, event in EVERY if transition(state, event) is S.ENGAGED]
-    assert [pair for pair in into if pair[0] is not S.ENGAGED] == [(S.READY, Event.ENGAGE)]
+    assert [pair for pair in into if pair[0] is not S.ENGAGED] == [(S.READY, ArmingEvent.ENGAGE)]
 
 
-def reachable(start: ArmingState, events: set[Event]) -> set[ArmingState]:
+def reachable(start: ArmingState, events: set[ArmingEvent]) -> set[ArmingState]:
     reached, frontier = set(), {start}
     while frontier:
         reached |= frontier
@@ -61,30 +61,34 @@ def reachable(start: ArmingState, events: set[Event]) -> set[ArmingState]:
 
 
 def test_once_stopping_no_run_of_events_engages_without_parking_or_disarming_and_engaging_anew():
-    assert reachable(S.STOPPING, set(Event) - {Event.DISARM, Event.PARKED}) == {S.STOPPING, S.STOPPED, S.FAULT}
+    assert reachable(S.STOPPING, set(ArmingEvent) - {ArmingEvent.DISARM, ArmingEvent.PARKED}) == {
+        S.STOPPING,
+        S.STOPPED,
+        S.FAULT,
+    }
 
 
 @pytest.mark.parametrize("start", [state for state in S if state is not S.ENGAGED])
 def test_no_cycle_engages_without_the_act(start):
-    assert S.ENGAGED not in reachable(start, set(Event) - {Event.ENGAGE})
-    assert S.ENGAGED in reachable(start, set(Event))
+    assert S.ENGAGED not in reachable(start, set(ArmingEvent) - {ArmingEvent.ENGAGE})
+    assert S.ENGAGED in reachable(start, set(ArmingEvent))
 
 
 @pytest.mark.parametrize("state", S)
 def test_from_every_state_every_fault_leads_to_rest(state):
-    for event in (Event.FAULT, Event.EXPIRED, Event.STOP):
+    for event in (ArmingEvent.FAULT, ArmingEvent.EXPIRED, ArmingEvent.STOP):
         after = transition(state, event)
         assert after is not S.ENGAGED
-        assert transition(after, Event.AT_REST) not in (S.ENGAGED, S.STOPPING)
+        assert transition(after, ArmingEvent.AT_REST) not in (S.ENGAGED, S.STOPPING)
 
 
 def test_go_changes_no_state():
-    assert all(transition(state, Event.GO) is state for state in S)
+    assert all(transition(state, ArmingEvent.GO) is state for state in S)
 
 
 def test_a_commanded_car_is_let_go_only_by_the_driver_or_at_rest():
     let_go = {(s, e) for s, e in EVERY if s in COMMANDING and transition(s, e) not in COMMANDING}
-    assert let_go == {(s, Event.OVERRIDE) for s in COMMANDING} | {(S.STOPPED, Event.PARKED)}
+    assert let_go == {(s, ArmingEvent.OVERRIDE) for s in COMMANDING} | {(S.STOPPED, ArmingEvent.PARKED)}
 
 
 def test_reasons_are_codes_with_plain_words():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from vve_sumo.values import ArmingState
-from vve_sumo.vehicle.arming import TRANSITIONS, Event
+from vve_sumo.vehicle.arming import TRANSITIONS, ArmingEvent
 from vve_sumo.vehicle.diagram import mermaid
 
 
@@ -16,7 +16,7 @@ def test_the_arrows_of_the_diagram_are_those_of_the_table():
     for line in lines:
         before, after, events = re.fullmatch(r"    (\w+) --> (\w+): (.+)", line).groups()
         assert before != after
-        arrows |= {(ArmingState(before), Event(event), ArmingState(after)) for event in events.split(", ")}
+        arrows |= {(ArmingState(before), ArmingEvent(event), ArmingState(after)) for event in events.split(", ")}
     pairs = {tuple(line.split(":")[0].split(" --> ")) for line in lines}
     assert len(pairs) == len(lines), "one arrow for each pair of states"
     assert arrows == {

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from vve_sumo.vehicle.drift import DriftCheck, FeasibleSet, Sample, unseen_drift
+from vve_sumo.vehicle.drift import DriftCheck, DriftSample, FeasibleSet, unseen_drift
 
 
 @settings(deadline=None, max_examples=200)
@@ -36,12 +36,12 @@ def test_what_is_left_to_explain_is_what_a_linear_programme_finds(seed: int, cou
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-@pytest.mark.parametrize("field", Sample._fields)
+@pytest.mark.parametrize("field", DriftSample._fields)
 def test_a_sample_that_is_not_finite_is_not_explained(field: str, bad: float) -> None:
     check = DriftCheck(0.0075, 0.02)
-    assert check.explain(Sample(0.0, 0.0, 0.0, 5.0, 5.0, 0.0))
-    assert check.explain(Sample(0.5, 0.0, 0.0, 5.0, 5.0, 0.5)._replace(**{field: bad})) is False
-    assert check.explain(Sample(9.0, 9.0, 0.0, 5.0, 5.0, 0.5)), "and the way begins anew"
+    assert check.explain(DriftSample(0.0, 0.0, 0.0, 5.0, 5.0, 0.0))
+    assert check.explain(DriftSample(0.5, 0.0, 0.0, 5.0, 5.0, 0.5)._replace(**{field: bad})) is False
+    assert check.explain(DriftSample(9.0, 9.0, 0.0, 5.0, 5.0, 0.5)), "and the way begins anew"
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -54,7 +54,7 @@ def test_no_drift_after_the_first_hundred_metres_grows_beyond_what_is_said(rate:
         way = 0.8 * tick
         off = sign * rate * max(way - 100.0, 0.0) / 8.0
         moved = (way + off, 0.0035 * way) if side == 0 else (way, 0.0035 * way + off)
-        if not check.explain(Sample(*moved, 0.0, 8.0, 7.92, 0.99 * way)):
+        if not check.explain(DriftSample(*moved, 0.0, 8.0, 7.92, 0.99 * way)):
             break
         assert abs(off) <= unseen_drift(way)
 
@@ -103,7 +103,7 @@ class Way:
 
     def __init__(self, check: DriftCheck | None = None, speed: float = 8.0, own_speed: float = 8.0) -> None:
         self.check = check or DriftCheck(SLIP, TOLERANCE)
-        self.sample = Sample(30.0, -20.0, 3.1, speed, own_speed, 50.0)
+        self.sample = DriftSample(30.0, -20.0, 3.1, speed, own_speed, 50.0)
         assert self.check.explain(self.sample) is True
 
     def move(self, moved: Moved) -> bool:
@@ -113,7 +113,7 @@ class Way:
         y += moved.ahead * math.sin(middle) + moved.left * math.cos(middle)
         heading = (heading + moved.turn + math.pi) % math.tau - math.pi
         own += moved.ahead if moved.own is None else moved.own
-        self.sample = Sample(x, y, heading, moved.speed, moved.own_speed, own)
+        self.sample = DriftSample(x, y, heading, moved.speed, moved.own_speed, own)
         return self.check.explain(self.sample)
 
 

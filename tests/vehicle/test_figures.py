@@ -7,7 +7,7 @@ from dataclasses import asdict
 from vve_sumo import timing
 from vve_sumo.values import ArmingState
 from vve_sumo.vehicle import engagement, reports, standstill
-from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, ENDING, Event
+from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, ENDING, ArmingEvent
 from vve_sumo.vehicle.limits import COMFORT, EMERGENCY, Limits
 
 S = ArmingState
@@ -19,7 +19,7 @@ def test_the_kit_is_commanded_in_three_states_and_a_drive_ends_in_three():
 
 
 def test_an_event_is_called_in_documents_what_it_is_called_in_the_source():
-    assert all(event.value == event.name.lower() for event in Event)
+    assert all(event.value == event.name.lower() for event in ArmingEvent)
 
 
 def test_the_harder_stop_is_for_a_car_that_does_not_obey_or_is_not_watched():

@@ -19,7 +19,7 @@ from tests.vehicle.closed_loop import ClosedLoop, straight
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.resolved_scenario import PERIOD
 from vve_sumo.frames import Alignment
-from vve_sumo.lot.geofence import Geofence, Stop, no_drift
+from vve_sumo.lot.geofence import Geofence, StopModel, no_drift
 from vve_sumo.lot.polygon import Lot
 from vve_sumo.lot.swept_area import Body
 from vve_sumo.lot.turning import Turning
@@ -30,8 +30,8 @@ from vve_sumo.vehicle.limits import COMFORT, Limits
 
 VEHICLE = vehicles.FUSION.vehicle
 LAG = vehicles.FUSION.calibration.drive_lag
-GATEWAY = Stop(2.4, 0.13 + VEHICLE.brake_delay + VEHICLE.brake_lag, 0.48, LAG)
-WATCHDOG = Stop(2.5, 0.22, 0.0, LAG)
+GATEWAY = StopModel(2.4, 0.13 + VEHICLE.brake_delay + VEHICLE.brake_lag, 0.48, LAG)
+WATCHDOG = StopModel(2.5, 0.22, 0.0, LAG)
 CORNERS = Body.of(VEHICLE).corners
 FULL = 0.55  #: wheels turned as far as they go [rad]
 

@@ -102,7 +102,7 @@ def test_the_layout_on_the_wire():
 @example(sealed(b"VV\x02"))
 def test_no_bytes_break_it(data):
     for decode in DECODERS:
-        assert isinstance(decode(data), link.Malformed)
+        assert isinstance(decode(data), link.MalformedMessage)
 
 
 @given(st.sampled_from([1, 2, 3]), st.binary(max_size=400))
@@ -110,9 +110,9 @@ def test_no_body_breaks_it_even_under_a_right_sum(kind, body):
     for decode, own in zip(DECODERS, (1, 2, 3), strict=True):
         message = decode(sealed(b"VV\x02" + bytes((kind,)) + body))
         if kind != own:
-            assert message == link.Malformed("wrong_kind")
+            assert message == link.MalformedMessage("wrong_kind")
         else:
-            assert isinstance(message, (link.Malformed, Setpoint, link.Feedback, OperatorCommand))
+            assert isinstance(message, (link.MalformedMessage, Setpoint, link.Feedback, OperatorCommand))
 
 
 @given(st.one_of(SETPOINTS.map(link.encode_setpoint), FEEDBACKS.map(link.encode_feedback)), st.data())
@@ -120,8 +120,8 @@ def test_a_right_message_cut_short_or_made_longer_under_a_right_sum_is_none(data
     body = data[:-4]
     cut = draws.draw(st.integers(4, len(body) - 1))
     for decode in DECODERS:
-        assert isinstance(decode(sealed(body[:cut])), link.Malformed)
-        assert isinstance(decode(sealed(body + b"\0")), link.Malformed)
+        assert isinstance(decode(sealed(body[:cut])), link.MalformedMessage)
+        assert isinstance(decode(sealed(body + b"\0")), link.MalformedMessage)
 
 
 @given(SETPOINTS, st.data())
@@ -129,18 +129,18 @@ def test_a_flipped_bit_is_found(setpoint, draws):
     data = bytearray(link.encode_setpoint(setpoint))
     place = draws.draw(st.integers(0, 8 * len(data) - 1))
     data[place // 8] ^= 1 << place % 8
-    assert link.decode_setpoint(bytes(data)) == link.Malformed("wrong_crc")
+    assert link.decode_setpoint(bytes(data)) == link.MalformedMessage("wrong_crc")
 
 
 def test_what_is_wrong_is_said():
     right = link.encode_operator_command(OperatorCommand.STOP)
-    assert link.decode_operator_command(right[:7]) == link.Malformed("too_short")
-    assert link.decode_operator_command(right[:-1]) == link.Malformed("wrong_crc")
-    assert link.decode_operator_command(sealed(b"VX\x01\x02\x04stop")) == link.Malformed("wrong_magic")
-    assert link.decode_operator_command(sealed(b"VV\x01\x02\x04stop")) == link.Malformed("wrong_version")
-    assert link.decode_operator_command(sealed(b"VV\x02\x01\x04stop")) == link.Malformed("wrong_kind")
-    assert link.decode_operator_command(sealed(b"VV\x02\x02\x04fly!")) == link.Malformed("wrong_content")
-    assert link.decode_operator_command(sealed(b"VV\x02\x02\x04stop!")) == link.Malformed("wrong_content")
+    assert link.decode_operator_command(right[:7]) == link.MalformedMessage("too_short")
+    assert link.decode_operator_command(right[:-1]) == link.MalformedMessage("wrong_crc")
+    assert link.decode_operator_command(sealed(b"VX\x01\x02\x04stop")) == link.MalformedMessage("wrong_magic")
+    assert link.decode_operator_command(sealed(b"VV\x01\x02\x04stop")) == link.MalformedMessage("wrong_version")
+    assert link.decode_operator_command(sealed(b"VV\x02\x01\x04stop")) == link.MalformedMessage("wrong_kind")
+    assert link.decode_operator_command(sealed(b"VV\x02\x02\x04fly!")) == link.MalformedMessage("wrong_content")
+    assert link.decode_operator_command(sealed(b"VV\x02\x02\x04stop!")) == link.MalformedMessage("wrong_content")
 
 
 def test_what_is_too_long_goes_out_cut_short_and_a_way_that_is_too_long_stays_so():

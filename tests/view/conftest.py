@@ -16,7 +16,7 @@ from tests.isolated import isolated
 from tests.once import once
 from tests.report.made import driven, spoiled, swept
 from tests.view.made import Made, traffic
-from vve_sumo.view.server import Server, replay_server
+from vve_sumo.view.server import PageServer, replay_server
 
 
 @pytest.fixture(scope="package")
@@ -35,7 +35,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
 
 
 @contextmanager
-def serving(server: Server) -> Iterator[Server]:
+def serving(server: PageServer) -> Iterator[PageServer]:
     """Serve in a thread until the end of the block."""
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()
@@ -48,7 +48,7 @@ def serving(server: Server) -> Iterator[Server]:
 
 
 @pytest.fixture(scope="package")
-def replay(made: Made) -> Iterator[Server]:
+def replay(made: Made) -> Iterator[PageServer]:
     """The page of the drive through traffic."""
     with serving(replay_server([Path(made.traffic)])) as server:
         yield server

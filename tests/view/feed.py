@@ -22,9 +22,9 @@ from vve_sumo.values import Actors, ArmingState, FixQuality, GatewayStatus, Poin
 from vve_sumo.view.guard import STOP_PATH
 from vve_sumo.view.hub import Hub
 from vve_sumo.view.live_frame import LiveFrames
-from vve_sumo.view.sample import Sample, Scan, decode, encode
+from vve_sumo.view.sample import ScanView, ViewSample, decode, encode
 from vve_sumo.view.scene import scene_of
-from vve_sumo.view.server import NO_FRAMES, Server, json_route, page_routes
+from vve_sumo.view.server import NO_FRAMES, PageServer, json_route, page_routes
 
 PERIOD = 0.02
 ENGAGED = GatewayStatus(ArmingState.ENGAGED, (), 0.0, 0.0, (), 0.0, 0.0)
@@ -41,12 +41,12 @@ def crowd(count: int, x: float, y: float, time: float) -> Actors:
     return Actors(time, ids, x + 20.0 + east, y - 3.0 * side + north, np.zeros(count), speed, *shape)
 
 
-def sample(tick: int, count: int = 5, x: float = 1379.0, y: float = 1176.0) -> Sample:
+def sample(tick: int, count: int = 5, x: float = 1379.0, y: float = 1176.0) -> ViewSample:
     """A tick of a car that drives east at 10 m/s."""
     drive_time = PERIOD * tick
     pose = Pose(drive_time, Point.REAR_AXLE, x + 10.0 * drive_time % 100.0, y, 0.0, 10.0, 0.0, 0.0, 0.1, 0.0)
-    scan = Scan(drive_time, np.array([20.0]), np.array([0.05]), ("sedan.0",)) if tick % 3 == 0 else None
-    return Sample(
+    scan = ScanView(drive_time, np.array([20.0]), np.array([0.05]), ("sedan.0",)) if tick % 3 == 0 else None
+    return ViewSample(
         tick=tick, time=drive_time, wall=time.time(), pose=pose, s=10.0, d=0.0, wished=-1.0, wished_steering=0.0,
         note="cruise", fallback_path=None, faults=(), details={}, pose_reasons=(),
         quality=FixQuality.RTK_FIXED, sigma=0.01,
@@ -74,7 +74,7 @@ class Live:
             json_route("/contents.json", lambda request: contents),
             *page_routes(NO_FRAMES),
         ]
-        self.server = Server(routes, port=port, token=token)
+        self.server = PageServer(routes, port=port, token=token)
         self.address, self.token = self.server.address, self.server.token
         self.place = ("127.0.0.1", self.server.port)
 

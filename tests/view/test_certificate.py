@@ -17,8 +17,8 @@ from pydantic import ValidationError
 from tests.view.conftest import serving
 from vve_sumo.errors import ConfigError
 from vve_sumo.live.view_token import certificate_of
-from vve_sumo.rig.schema import View
-from vve_sumo.view.server import NO_FRAMES, Server, page_routes
+from vve_sumo.rig.schema import RigView
+from vve_sumo.view.server import NO_FRAMES, PageServer, page_routes
 
 
 class Made(NamedTuple):
@@ -41,7 +41,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
 
 
 def test_the_page_is_served_over_https_alone(made: Made) -> None:
-    with serving(Server(page_routes(NO_FRAMES), certificate=[str(made.certificate), str(made.key)])) as server:
+    with serving(PageServer(page_routes(NO_FRAMES), certificate=[str(made.certificate), str(made.key)])) as server:
         assert server.address.startswith("https://127.0.0.1:")
         trusting = ssl.create_default_context(cafile=str(made.certificate))
         connection = http.client.HTTPSConnection("127.0.0.1", server.port, timeout=10.0, context=trusting)
@@ -59,12 +59,12 @@ def test_a_certificate_that_cannot_be_used_is_named(made: Made, tmp_path: Path) 
         (tmp_path / "nowhere.pem", made.key),
     ):
         with pytest.raises(ConfigError, match=re.escape(f"view: {certificate} and {key}: expected a certificate")):
-            Server(page_routes(NO_FRAMES), certificate=[str(certificate), str(key)])
+            PageServer(page_routes(NO_FRAMES), certificate=[str(certificate), str(key)])
 
 
 def test_a_rig_names_both_files_or_neither(tmp_path: Path) -> None:
-    named = View(certificate_file="view-cert.pem", key_file="view-key.pem")
+    named = RigView(certificate_file="view-cert.pem", key_file="view-key.pem")
     assert certificate_of(named, tmp_path) == (str(tmp_path / "view-cert.pem"), str(tmp_path / "view-key.pem"))
-    assert certificate_of(View(), tmp_path) == ()
+    assert certificate_of(RigView(), tmp_path) == ()
     with pytest.raises(ValidationError, match="expected both or neither"):
-        View(certificate_file="view-cert.pem")
+        RigView(certificate_file="view-cert.pem")

@@ -22,7 +22,7 @@ from tests.view.feed import live
 from tests.view.made import Made
 from vve_sumo.view.assets import file
 from vve_sumo.view.guard import MAX_HEAD, MAX_SOCKETS, MAX_WAITING
-from vve_sumo.view.server import NO_FRAMES, Server, hosts_of, page_routes
+from vve_sumo.view.server import NO_FRAMES, PageServer, hosts_of, page_routes
 
 #: of the buffers of a connection, so that little is under way to who reads nothing [bytes]
 NARROW = 4096
@@ -67,7 +67,7 @@ def test_who_never_begins_with_tls_does_not_keep_a_request_out(tmp_path: Path) -
     files = [str(tmp_path / name) for name in ("cert.pem", "key.pem")]
     told += ["-addext", "subjectAltName=IP:127.0.0.1", "-out", files[0], "-keyout", files[1]]
     subprocess.run(told, check=True, capture_output=True)
-    made = Server(page_routes(NO_FRAMES), certificate=files)
+    made = PageServer(page_routes(NO_FRAMES), certificate=files)
     with serving(made) as server, connected(("127.0.0.1", server.port), 3 * MAX_WAITING):
         until(lambda: 0 < held(server.port) <= MAX_WAITING)
         trusting = ssl.create_default_context(cafile=files[0])
@@ -88,7 +88,7 @@ def answers(port: int, said: bytes) -> list[int]:
     return [int(status) for status in re.findall(rb"HTTP/1\.1 (\d{3}) ", heard)]
 
 
-def request(server: Server, length: int, *, close: bool = True, path: str = "main.js") -> bytes:
+def request(server: PageServer, length: int, *, close: bool = True, path: str = "main.js") -> bytes:
     """A request whose head has so many bytes."""
     ends = "Connection: close\r\n" if close else ""
     start = f"GET /{server.token}/{path} HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n{ends}X: "
@@ -99,12 +99,12 @@ def request(server: Server, length: int, *, close: bool = True, path: str = "mai
     ("length", "status"), [(400, 200), (MAX_HEAD, 200), (MAX_HEAD + 2, 400), (2 * MAX_HEAD, 400), (65_536, 400)]
 )
 def test_a_head_is_no_longer_than_it_may_be_however_it_comes(length: int, status: int) -> None:
-    with serving(Server(page_routes(NO_FRAMES))) as server:
+    with serving(PageServer(page_routes(NO_FRAMES))) as server:
         assert answers(server.port, request(server, length)) == [status]
 
 
 def test_behind_a_request_under_way_no_longer_head_is_taken_either() -> None:
-    with serving(Server(page_routes(NO_FRAMES))) as server:
+    with serving(PageServer(page_routes(NO_FRAMES))) as server:
         asked = request(server, 400, close=False, path="world.min.js")
         assert answers(server.port, asked + request(server, 400)) == [200, 200]
         assert answers(server.port, asked + request(server, 65_536))[1:] in ([], [400])
@@ -131,4 +131,4 @@ def test_a_browser_leaves_the_usual_port_out() -> None:
 def test_an_address_of_version_6_is_said_as_browsers_say_it() -> None:
     with contextlib.closing(socket.socket(socket.AF_INET6)) as one, contextlib.suppress(OSError):
         one.bind(("::1", 0))
-        assert re.fullmatch(r"http://\[::1\]:\d+/.*/", Server([], address="0:0:0:0:0:0:0:1").address)
+        assert re.fullmatch(r"http://\[::1\]:\d+/.*/", PageServer([], address="0:0:0:0:0:0:0:1").address)

@@ -17,7 +17,7 @@ from tests.view.conftest import serving
 from tests.view.made import Made
 from vve_sumo.view.library import Library
 from vve_sumo.view.notebook import ShownPage
-from vve_sumo.view.server import Server, replay_server
+from vve_sumo.view.server import PageServer, replay_server
 
 HEIGHTS = """() => [...document.querySelectorAll('button, select, input')].filter(
   one => one.checkVisibility() && !one.closest('.events')).map(one => one.getBoundingClientRect().height)"""
@@ -52,7 +52,7 @@ def ticks(record: Path) -> dict[str, list[Any]]:
 
 
 @pytest.mark.parametrize(("scheme", "size"), [("light", PHONE), ("dark", DESK), ("light", DESK)])
-def test_the_page_can_be_read(browser: Any, replay: Server, scheme: str, size: dict[str, int]) -> None:
+def test_the_page_can_be_read(browser: Any, replay: PageServer, scheme: str, size: dict[str, int]) -> None:
     with opened(browser, replay.address, viewport=size, color_scheme=scheme) as page:
         page.evaluate("vveSumo.shown.seek(18.2)")
         looks = page.evaluate(LOOKS)
@@ -66,7 +66,7 @@ def test_the_page_can_be_read(browser: Any, replay: Server, scheme: str, size: d
         assert page.locator(".strips canvas").count() == 3
 
 
-def test_frames_in_the_page_are_the_records(browser: Any, made: Made, replay: Server) -> None:
+def test_frames_in_the_page_are_the_records(browser: Any, made: Made, replay: PageServer) -> None:
     table = ticks(made.traffic)
     actors = pq.read_table(made.traffic / "actors.parquet").to_pylist()
     with opened(browser, replay.address) as page:
@@ -85,7 +85,7 @@ def test_frames_in_the_page_are_the_records(browser: Any, made: Made, replay: Se
                 assert y == pytest.approx(here[name]["y_m"], abs=5e-4)
 
 
-def test_time_goes_by_keys_buttons_events_and_by_itself(browser: Any, made: Made, replay: Server) -> None:
+def test_time_goes_by_keys_buttons_events_and_by_itself(browser: Any, made: Made, replay: PageServer) -> None:
     times = ticks(made.traffic)["time_s"]
 
     def shown(page: Any) -> float:
@@ -199,7 +199,7 @@ def test_a_record_that_is_spoilt_says_so_on_the_page(
         context.close()
 
 
-def test_an_old_scan_is_not_shown(browser: Any, replay: Server) -> None:
+def test_an_old_scan_is_not_shown(browser: Any, replay: PageServer) -> None:
     with opened(browser, replay.address) as page:
         page.evaluate("vveSumo.shown.seek(18.2)")
         pictures = page.evaluate("""() => { const [view] = vveSumo.shown.views, { frame } = view, { returns } = frame;
@@ -220,7 +220,7 @@ AXES = """() => vveSumo.shown.views.flatMap(view => view.strips.plots.map(plot =
   return [axis._size, widest + axis.gap, plot.scales.y.max - plot.scales.y.min]; }))"""
 
 
-def test_strips_have_room_for_their_labels_and_a_least_span(browser: Any, replay: Server) -> None:
+def test_strips_have_room_for_their_labels_and_a_least_span(browser: Any, replay: PageServer) -> None:
     with opened(browser, replay.address) as page:
         page.wait_for_function("vveSumo.shown.records[0].frames.details !== null")
         # A car that keeps its speed but for noise, as strips of a live drive take it.
@@ -240,7 +240,7 @@ def test_strips_have_room_for_their_labels_and_a_least_span(browser: Any, replay
         assert all(room >= needed for room, needed, _span in page.evaluate(AXES))
 
 
-def test_what_is_still_computed_does_not_look_like_a_free_road(browser: Any, replay: Server) -> None:
+def test_what_is_still_computed_does_not_look_like_a_free_road(browser: Any, replay: PageServer) -> None:
     gauge = "[...document.querySelectorAll('.gauge')].find(one => one.innerText.startsWith('gap ahead')).innerText"
     with opened(browser, replay.address) as page:
         page.wait_for_function("vveSumo.shown.records[0].frames.details !== null")
@@ -284,7 +284,7 @@ def test_a_drive_that_failed_says_at_its_end_what_it_failed(browser: Any, made: 
         assert page.get_attribute(".state", "data-state") == "failed"
 
 
-def test_speeds_are_shown_in_miles_an_hour_on_request_and_from_then_on(browser: Any, replay: Server) -> None:
+def test_speeds_are_shown_in_miles_an_hour_on_request_and_from_then_on(browser: Any, replay: PageServer) -> None:
     with opened(browser, replay.address) as page:
         page.evaluate("vveSumo.shown.seek(18.2)")
         speed = float(page.evaluate("vveSumo.shown.views[0].frame.ego.speed"))

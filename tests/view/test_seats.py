@@ -10,14 +10,14 @@ import pytest
 
 from tests.view.made import Made
 from vve_sumo.view.library import Library
-from vve_sumo.view.server import Server
+from vve_sumo.view.server import PageServer
 
 SEATS = "vveSumo.shown.views[0].seats"
 POSE = f"{SEATS}.world.cameraPose()"
 
 
 @pytest.fixture
-def page(browser: Any, replay: Server) -> Iterator[Any]:
+def page(browser: Any, replay: PageServer) -> Iterator[Any]:
     """The page of a record; nothing may be said on its console, and nothing asked of another server."""
     said: list[str] = []
     asked: list[str] = []

@@ -26,7 +26,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.view.guard import MAX_CONNECTIONS
 from vve_sumo.view.hub import MAX_CLIENTS, MAX_IN_FLIGHT
 from vve_sumo.view.library import Library
-from vve_sumo.view.server import Server
+from vve_sumo.view.server import PageServer
 
 
 def ask(
@@ -49,7 +49,7 @@ STALL = 2.0
 PATHS = ("", "main.js", "page.css", "uplot.js", "contents.json", "record/0/scene.json", "record/0/frames.bin")
 
 
-def test_everything_but_stop_needs_the_token(replay: Server) -> None:
+def test_everything_but_stop_needs_the_token(replay: PageServer) -> None:
     port, token = replay.port, replay.token
     for path in PATHS:
         assert ask(port, f"/{token}/{path}")[0] == 200, path
@@ -66,7 +66,7 @@ def test_everything_but_stop_needs_the_token(replay: Server) -> None:
     assert len(token) >= 20
 
 
-def test_other_names_and_other_sites_are_refused(replay: Server) -> None:
+def test_other_names_and_other_sites_are_refused(replay: PageServer) -> None:
     port, page = replay.port, f"/{replay.token}/"
     for host in ("evil.example", f"evil.example:{port}", "127.0.0.1", f"127.0.0.1:{port + 1}", f"127.0.0.1:{port}."):
         assert ask(port, page, host=host)[0] == 403, host
@@ -81,7 +81,7 @@ def test_other_names_and_other_sites_are_refused(replay: Server) -> None:
     assert ask(port, page, host=f"LocalHost:{port}", origin=f"http://localhost:{port}")[0] == 200
 
 
-def test_a_page_may_load_nothing_from_elsewhere(replay: Server) -> None:
+def test_a_page_may_load_nothing_from_elsewhere(replay: PageServer) -> None:
     _status, content, headers = ask(replay.port, f"/{replay.token}/")
     policy = dict(part.strip().split(" ", 1) for part in headers["content-security-policy"].split(";"))
     assert policy["default-src"] == "'none'"
@@ -92,7 +92,7 @@ def test_a_page_may_load_nothing_from_elsewhere(replay: Server) -> None:
     assert b"http" not in content
 
 
-def test_no_path_leads_out_of_the_record(made: Made, replay: Server) -> None:
+def test_no_path_leads_out_of_the_record(made: Made, replay: PageServer) -> None:
     for path in (
         "../scenario.json", "..%2f..%2fetc%2fpasswd", "record/../0/scene.json", "record/..%2f0/frames.bin",
         "record/1/scene.json", "record/0/scenario.json", "templates/page.css", "__init__.py",
@@ -110,7 +110,7 @@ def test_what_cannot_be_shown_is_one_line(made: Made, tmp_path: Path) -> None:
         assert "\n" not in str(refused.value)
     taken = socket.create_server(("127.0.0.1", 0))
     with pytest.raises(ConfigError, match="cannot listen"):
-        Server([], port=taken.getsockname()[1])
+        PageServer([], port=taken.getsockname()[1])
     taken.close()
 
 

@@ -14,7 +14,7 @@ from tests.vehicles import FUSION
 from vve_sumo.values import Actors, Detections, Frame, Point, Pose
 from vve_sumo.wire import esr
 from vve_sumo.wire.outputs import KINDS, Context
-from vve_sumo.wire.sample import Measured, Sample, no_fix
+from vve_sumo.wire.sample import Sample, SampleContent, no_fix
 
 CONTEXT = Context(FUSION.vehicle, "")
 SPEED = 9.0
@@ -24,7 +24,7 @@ NOBODY = Actors(0.0, (), *(np.zeros(0) for _ in range(8)))
 
 
 def sample(time: float, *, valid: bool = True) -> Sample:
-    measured = Measured(no_fix(time, time), replace(POSE, time=time), SCAN, 0.02, NOBODY)
+    measured = SampleContent(no_fix(time, time), replace(POSE, time=time), SCAN, 0.02, NOBODY)
     return Sample(round(time / 0.02), 1.4e9 + time, time, measured if valid else None)
 
 

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vve_sumo.values import Actors, Detections, Fix, FixQuality, Point, Pose
-from vve_sumo.wire.sample import Measured, Sample
+from vve_sumo.wire.sample import Sample, SampleContent
 from vve_sumo.wire.sample_codec import pack, unpack
 
 NUMBERS = st.floats()
@@ -53,10 +53,10 @@ def _bits(value: Any) -> Any:
 @given(FIXES, POSES, _tables(), NUMBERS, st.integers(0, 2**40))
 def test_every_field_comes_through(fix: Fix, pose: Pose, tables: Any, age: float, sequence: int) -> None:
     scan, actors = tables
-    sample = Sample(sequence, 1.4e9, age, Measured(fix, pose, scan, age, actors))
+    sample = Sample(sequence, 1.4e9, age, SampleContent(fix, pose, scan, age, actors))
     assert _bits(unpack(pack(sample, actors=True))) == _bits(sample)
     nobody = Actors(actors.time, (), *(np.zeros(0) for _ in range(8)))
-    without = dataclasses.replace(sample, measured=Measured(fix, pose, scan, age, nobody))
+    without = dataclasses.replace(sample, measured=SampleContent(fix, pose, scan, age, nobody))
     assert _bits(unpack(pack(sample, actors=False))) == _bits(without)
 
 

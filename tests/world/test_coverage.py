@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from shapely import Polygon, box
 
 from vve_sumo.geometry import Box
-from vve_sumo.world.coverage import Band, covered
+from vve_sumo.world.coverage import RoadStrip, covered
 
 reals = st.floats(-8.0, 8.0)
 angles = st.floats(-math.pi, math.pi)
@@ -20,7 +20,7 @@ rectangles = st.builds(Box, reals, reals, angles, sizes, sizes)
 
 @given(rectangles, reals, reals, angles, st.floats(0.5, 20.0), st.floats(0.5, 4.0))
 def test_covered_part_of_a_band_agrees_with_shapely(shape, x, y, angle, length, half_width):
-    band = Band(x, y, math.cos(angle), math.sin(angle), length, half_width)
+    band = RoadStrip(x, y, math.cos(angle), math.sin(angle), length, half_width)
     local = Polygon(
         [
             ((px - x) * band.cos + (py - y) * band.sin, (py - y) * band.cos - (px - x) * band.sin)

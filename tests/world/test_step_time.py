@@ -13,20 +13,28 @@ from hypothesis import strategies as st
 from tests.isolated import isolated
 from tests.world.streets import FUSION, PERIOD, demand, grid, pose, trips
 from vve_sumo.world.obstacles import LaneSpot, Obstacle
-from vve_sumo.world.step_time import LIMIT, PROTECTED_RADIUS, RANK, SETTLING_STEPS, WINDOW, Measure, StepTimeJudge
+from vve_sumo.world.step_time import (
+    LIMIT,
+    PROTECTED_RADIUS,
+    RANK,
+    SETTLING_STEPS,
+    WINDOW,
+    StepTimeJudge,
+    TrafficMeasure,
+)
 from vve_sumo.world.world import World
 
 QUICK, SLOW = 0.5 * LIMIT, 2.0 * LIMIT
 
 
-def fed(budget: StepTimeJudge, took: float, steps: int) -> list[Measure]:
+def fed(budget: StepTimeJudge, took: float, steps: int) -> list[TrafficMeasure]:
     """What is said to so many equal steps."""
     return [budget.step(took) for _ in range(steps)]
 
 
 def test_quick_steps_fit_once_enough_of_them_were_measured():
     budget = StepTimeJudge()
-    assert set(fed(budget, QUICK, SETTLING_STEPS - 1)) == {Measure.NOTHING}
+    assert set(fed(budget, QUICK, SETTLING_STEPS - 1)) == {TrafficMeasure.NOTHING}
     assert not budget.summary.fits
     budget.step(QUICK)
     assert budget.summary.fits
@@ -39,16 +47,16 @@ def test_two_hiccups_are_the_machines_and_three_the_traffics():
     said = []
     for _ in range(RANK - 1):
         said += [budget.step(1.0), *fed(budget, QUICK, 40)]
-    assert set(said) == {Measure.NOTHING}
-    assert budget.step(1.0) is Measure.REFUSE
+    assert set(said) == {TrafficMeasure.NOTHING}
+    assert budget.step(1.0) is TrafficMeasure.REFUSE
 
 
 @pytest.mark.parametrize("took", [SLOW, math.nan, math.inf, -1.0])
 def test_the_street_is_closed_first_and_thinned_where_that_is_not_enough(took):
     budget = StepTimeJudge()
     said = fed(budget, took, 2 * SETTLING_STEPS + RANK)
-    assert said.index(Measure.REFUSE) == RANK - 1
-    assert [i for i, one in enumerate(said) if one is Measure.THIN] == [
+    assert said.index(TrafficMeasure.REFUSE) == RANK - 1
+    assert [i for i, one in enumerate(said) if one is TrafficMeasure.THIN] == [
         RANK - 1 + SETTLING_STEPS,
         RANK - 1 + 2 * SETTLING_STEPS,
     ]
@@ -70,15 +78,15 @@ def test_the_street_opens_when_there_is_room_and_each_time_later():
         fed(budget, SLOW, RANK)
         assert budget.closed
         said = fed(budget, QUICK, 10 * WINDOW)
-        waits.append(said.index(Measure.ADMIT) + 1)
-        assert said.count(Measure.ADMIT) == 1
+        waits.append(said.index(TrafficMeasure.ADMIT) + 1)
+        assert said.count(TrafficMeasure.ADMIT) == 1
     assert waits == [WINDOW, 2 * WINDOW, 4 * WINDOW]
 
 
 def test_where_it_is_just_enough_the_street_stays_closed():
     budget = StepTimeJudge()
     fed(budget, SLOW, RANK)
-    assert Measure.ADMIT not in fed(budget, 0.9 * LIMIT, 20 * WINDOW)
+    assert TrafficMeasure.ADMIT not in fed(budget, 0.9 * LIMIT, 20 * WINDOW)
     assert budget.summary.fits
 
 
@@ -88,11 +96,11 @@ def test_measures_come_in_order_and_with_time_between(times):
     budget, last, closed = StepTimeJudge(), -math.inf, False
     for i, took in enumerate(times):
         measure = budget.step(took)
-        if measure is Measure.NOTHING:
+        if measure is TrafficMeasure.NOTHING:
             continue
-        assert closed == (measure is not Measure.REFUSE)
-        assert i - last >= (RANK if measure is Measure.REFUSE else SETTLING_STEPS)
-        closed, last = measure is not Measure.ADMIT, i
+        assert closed == (measure is not TrafficMeasure.REFUSE)
+        assert i - last >= (RANK if measure is TrafficMeasure.REFUSE else SETTLING_STEPS)
+        closed, last = measure is not TrafficMeasure.ADMIT, i
         assert budget.closed == closed
 
 

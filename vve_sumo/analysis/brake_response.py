@@ -49,7 +49,7 @@ MISFIT: Final = 0.02
 STRENGTH: Final = (0.65, 1.6)
 
 
-class Interval(NamedTuple):
+class TimeInterval(NamedTuple):
     """A time [s], and between what it lies: two standard deviations of the fit to either side; NaN where unknown."""
 
     value: float
@@ -60,12 +60,12 @@ class Interval(NamedTuple):
 class BrakeAnswer(NamedTuple):
     """From the torque commanded to the deceleration: a dead time, then a first-order lag."""
 
-    reaction: Interval  #: the dead time
-    build_up: Interval  #: the lag's time constant
-    together: Interval  #: their sum, which a record tells far better than how it is split
+    reaction: TimeInterval  #: the dead time
+    build_up: TimeInterval  #: the lag's time constant
+    together: TimeInterval  #: their sum, which a record tells far better than how it is split
 
 
-UNKNOWN: Final = BrakeAnswer(*[Interval(math.nan, math.nan, math.nan)] * 3)
+UNKNOWN: Final = BrakeAnswer(*[TimeInterval(math.nan, math.nan, math.nan)] * 3)
 
 
 def brake_answer(run: Run, stop: Stop) -> BrakeAnswer:
@@ -185,5 +185,5 @@ def _search(model: _Model, lag: float) -> _Found:
 def _intervals(mean: float, share: float, mean_reach: float, share_reach: float) -> BrakeAnswer:
     """Return the parts, the intervals of dead time and lag as wide as both reaches together can make them."""
     low, lag, high = (mean * math.sqrt(max(value, 0.0)) for value in (share - share_reach, share, share + share_reach))
-    reaction = Interval(mean - lag, max(mean - mean_reach - high, 0.0), mean + mean_reach - low)
-    return BrakeAnswer(reaction, Interval(lag, low, high), Interval(mean, mean - mean_reach, mean + mean_reach))
+    reaction = TimeInterval(mean - lag, max(mean - mean_reach - high, 0.0), mean + mean_reach - low)
+    return BrakeAnswer(reaction, TimeInterval(lag, low, high), TimeInterval(mean, mean - mean_reach, mean + mean_reach))

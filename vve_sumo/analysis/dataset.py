@@ -42,7 +42,7 @@ class Sweep:
         """
         self.folder = folder
         self._held = Held.of(folder)
-        json_models.check(self.plan, json_models.Sweep, folder / "sweep.json")
+        json_models.check(self.plan, json_models.SweepModel, folder / "sweep.json")
         if self._held.finished == 0:
             raise ConfigError(f"{folder}: no run of this sweep is finished; vve-sumo sweep … --resume goes on with it")
 
@@ -93,7 +93,9 @@ class Sweep:
         if not file.exists():
             return None
         found = read_json(file, "a search", "search")
-        json_models.check(found, json_models.Boundaries if found["search"] == "boundary" else json_models.Worst, file)
+        json_models.check(
+            found, json_models.Boundaries if found["search"] == "boundary" else json_models.SearchModel, file
+        )
         return found
 
     def rows(self, columns: Sequence[str] | None = None) -> pd.DataFrame:

@@ -129,7 +129,7 @@ class _Fault(JsonModel):
     kind: Text
 
 
-class Record(JsonModel):
+class RecordModel(JsonModel):
     """What `scenario.json` says of a drive."""
 
     scenario: Text
@@ -182,7 +182,7 @@ _Figures: Any = create_model(
 )  # type: ignore[call-overload]
 
 
-class Summary(_Figures):  # type: ignore[misc]
+class SummaryModel(_Figures):  # type: ignore[misc]
     """What `summary.json` says; of a live drive whose program was killed the figures are not there."""
 
     outcome: Text
@@ -214,7 +214,7 @@ class _Spec(JsonModel):
     search: _Along | _Lowest | _Highest | None = None
 
 
-class Sweep(JsonModel):
+class SweepModel(JsonModel):
     """What `sweep.json` says beside what its rows are read by."""
 
     spec: _Spec
@@ -263,7 +263,7 @@ class _Case(JsonModel):
     key: Text
 
 
-class Worst(JsonModel):
+class SearchModel(JsonModel):
     """What `search.json` says of a search for the worst case."""
 
     search: Literal["worst"]

@@ -220,7 +220,7 @@ def _resolved(folder: Path) -> dict[str, Any]:
     file = folder / "scenario.json"
     resolved = read_json(file, "a drive", "settings")
     check_layout(resolved, file)
-    json_models.check(resolved, json_models.Record, file)
+    json_models.check(resolved, json_models.RecordModel, file)
     return resolved
 
 
@@ -229,7 +229,7 @@ def _summary(folder: Path) -> dict[str, Any] | None:
     if not file.exists():
         return None
     summary = read_json(file, "a drive", "outcome")
-    json_models.check(summary, json_models.Summary, file)
+    json_models.check(summary, json_models.SummaryModel, file)
     return summary
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from vve_sumo.analysis.brake_response import UNKNOWN, BrakeAnswer, Interval, brake_answer
+from vve_sumo.analysis.brake_response import UNKNOWN, BrakeAnswer, TimeInterval, brake_answer
 from vve_sumo.analysis.braking import Stop, stop_of
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.units import described
@@ -86,7 +86,7 @@ class StoppingBoundCheck:
         return bool(self.missed)
 
 
-def _late(found: Interval, declared: float) -> bool:
+def _late(found: TimeInterval, declared: float) -> bool:
     """Whether a part of the brakes' answer is later than tolerated, for sure; never where it is not known."""
     return found.low > declared + LATE
 

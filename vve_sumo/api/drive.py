@@ -13,7 +13,7 @@ from vve_sumo.drive.run import new_run_folder
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.record.writer import claim
 from vve_sumo.sweep.engine import run_one
-from vve_sumo.sweep.job import CONFIG, Job, Result
+from vve_sumo.sweep.job import CONFIG, Job, RunResult
 from vve_sumo.sweep.plan import rig_that_drives
 from vve_sumo.sweep.run import growing
 
@@ -82,7 +82,7 @@ def drive(
     return Run(folder)
 
 
-def _error(name: str, folder: Path, result: Result) -> ConfigError | SimulationError:
+def _error(name: str, folder: Path, result: RunResult) -> ConfigError | SimulationError:
     """Return the error that says why a drive came to no end; its notes hold the last that the process printed."""
     if result.error.startswith(CONFIG):
         return ConfigError(result.error.removeprefix(CONFIG))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from random import Random
 from typing import Final, NamedTuple
 
-from vve_sumo.certify.phantoms import Missing, Phantom, Phantoms, ScanFault, Track
+from vve_sumo.certify.phantoms import DrivenTrack, Missing, Phantom, Phantoms, ScanFault
 from vve_sumo.errors import ConfigError, did_you_mean
 from vve_sumo.wire import ars408, esr, faults
 from vve_sumo.wire.faults import WireFault
@@ -26,7 +26,7 @@ SENSORS: Final = ("esr", "ars408", "osi_data", "osi_view")
 STREET: Final = (*RADAR, "osi_view")
 
 
-class Moment(enum.StrEnum):
+class FaultMoment(enum.StrEnum):
     """When a fault begins: by the brain's own drive without a fault, with the same seed."""
 
     CRUISE = "cruise"  #: some seconds before the brain began to brake to rest, where it goes straight on
@@ -36,7 +36,7 @@ class Moment(enum.StrEnum):
 
 
 #: [s] before and after the onset of the braking that ends in rest, where nothing forbids that moment
-LEADS: Final = {Moment.CRUISE: -5.0, Moment.APPROACH: -1.0, Moment.BRAKING: 1.0}
+LEADS: Final = {FaultMoment.CRUISE: -5.0, FaultMoment.APPROACH: -1.0, FaultMoment.BRAKING: 1.0}
 
 
 class Reaction(enum.StrEnum):
@@ -75,7 +75,7 @@ SLOWER: Final = 1.0 - 1.0 / 3.6
 class Scene(NamedTuple):
     """What a fault of the sensors is made for."""
 
-    track: Track  #: of the nominal drive
+    track: DrivenTrack  #: of the nominal drive
     begins: float  #: of the fault [s of drive time]
     bumper: float  #: from the rear axle to the front bumper [m]
     speed: float  #: of the nominal drive then [m/s]
@@ -88,7 +88,7 @@ class Case:
     name: str
     injected: str  #: in words
     wires: tuple[str, ...]  #: kinds of the wires that it hits; none of them in a rig: it does not apply
-    begins: Moment
+    begins: FaultMoment
     lasts: float  #: [s]; inf: until the drive ends
     reaction: Reaction
     within: float  #: time for the reaction [s]; inf where none is measured
@@ -135,7 +135,7 @@ def _rows(scene: Scene) -> ScanFault:
     return Phantoms(scene.track, scene.begins, scene.bumper, phantoms)
 
 
-_TO_END: Final = (Moment.APPROACH, math.inf)
+_TO_END: Final = (FaultMoment.APPROACH, math.inf)
 _NO_TIME: Final = math.inf
 _SILENT_AT_ONCE: Final = (Reaction.STOP, 0.1)
 _LIFETIME: Final = "No setpoint may be acted on for longer than its lifetime, 0.1 s at most; the gateway then stops."
@@ -146,7 +146,7 @@ def _case(
     injected: str,
     wires: tuple[str, ...],
     made: Callable[[Random], WireFault] | None,
-    when: tuple[Moment, float],
+    when: tuple[FaultMoment, float],
     required: tuple[Reaction, float],
     why: str,
     needs: tuple[str, ...] = (),
@@ -158,7 +158,7 @@ def _shown(
     name: str,
     injected: str,
     show: Callable[[Scene], ScanFault],
-    when: tuple[Moment, float],
+    when: tuple[FaultMoment, float],
     required: tuple[Reaction, float],
     why: str,
 ) -> Case:
@@ -167,7 +167,7 @@ def _shown(
 
 CASES: Final[tuple[Case, ...]] = (
     _case(
-        "nominal", "nothing", (), None, (Moment.CRUISE, 0.0), (Reaction.DRIVE, _NO_TIME),
+        "nominal", "nothing", (), None, (FaultMoment.CRUISE, 0.0), (Reaction.DRIVE, _NO_TIME),
         "A brain that does not drive the scenario without a fault says nothing in the others.",
     ),
     _case(
@@ -176,7 +176,7 @@ CASES: Final[tuple[Case, ...]] = (
     ),
     _case(
         "radar_gap", "nothing arrives from the radar for two ticks", RADAR, lambda _: faults.DropOut(),
-        (Moment.BRAKING, 0.04), (Reaction.CARRY_ON, _NO_TIME),
+        (FaultMoment.BRAKING, 0.04), (Reaction.CARRY_ON, _NO_TIME),
         "Two ticks are shorter than the lifetime of 0.1 s; a network loses as much on an ordinary day.",
     ),
     _case(
@@ -205,54 +205,54 @@ CASES: Final[tuple[Case, ...]] = (
     ),
     _case(
         "radar_bit_flips_some", "one bit of every fifth radar message is wrong", ("radar",),
-        lambda chance: faults.BitFlips(chance, 5), (Moment.CRUISE, math.inf), (Reaction.CARRY_ON, _NO_TIME),
+        lambda chance: faults.BitFlips(chance, 5), (FaultMoment.CRUISE, math.inf), (Reaction.CARRY_ON, _NO_TIME),
         "Four of five messages are good, and no gap is longer than the lifetime.",
     ),
     _shown(
         "radar_ghost", "a target stands in the way for 1 s: to stop 5 m before it takes 2.5 m/s²", _ghost(),
-        (Moment.CRUISE, 1.0), (Reaction.BRAKE, 0.4),
+        (FaultMoment.CRUISE, 1.0), (Reaction.BRAKE, 0.4),
         "Nothing tells a ghost from a car. At 11.2 m/s it is 30 m away; 0.4 s later it takes 3.1 m/s².",
     ),
     _shown(
         "radar_ghost_receding", "a target at the same distance drives away twice as fast as the car, for 1 s",
-        _ghost(2.0), (Moment.CRUISE, 1.0), (Reaction.IGNORE, _NO_TIME),
+        _ghost(2.0), (FaultMoment.CRUISE, 1.0), (Reaction.IGNORE, _NO_TIME),
         "Its range rate is positive: it opens, and there is nothing to brake for.",
     ),
     _shown(
         "radar_ghost_slower", "a target at the same distance drives ahead at 0.72 of the car's speed, for 1 s",
-        _ghost(SLOWER), (Moment.CRUISE, 1.0), (Reaction.EASE, _NO_TIME),
+        _ghost(SLOWER), (FaultMoment.CRUISE, 1.0), (Reaction.EASE, _NO_TIME),
         "At 11.2 m/s it comes nearer by 3.1 m/s: to keep 5 m takes 0.2 m/s². Who brakes hard for it is run into.",
     ),
     _shown(
         "radar_bend_in_way", "in a bend, a target stands in the way for 1 s: to stop 5 m before it takes 2.5 m/s²",
-        _ghost(), (Moment.BEND, 1.0), (Reaction.BRAKE, 0.4),
+        _ghost(), (FaultMoment.BEND, 1.0), (Reaction.BRAKE, 0.4),
         "As the ghost on the straight. It lies to that side of the car's axis to which the way bends: who takes the "
         "azimuth for the wrong sign sees it beside the way.",
     ),
     _shown(
         "radar_bend_mirrored", "in a bend, a target stands where the car's axis mirrors that place, for 1 s",
-        _ghost(mirrored=True), (Moment.BEND, 1.0), (Reaction.IGNORE, _NO_TIME),
+        _ghost(mirrored=True), (FaultMoment.BEND, 1.0), (Reaction.IGNORE, _NO_TIME),
         "It stands 4 m or more beside the way: only who takes the azimuth for the wrong sign sees it in the way.",
     ),
     _shown(
         "radar_rows_beside", "parked cars stand on both sides of the way, 2.6 m from its middle, for 2 s", _rows,
-        (Moment.CRUISE, 2.0), (Reaction.IGNORE, _NO_TIME),
+        (FaultMoment.CRUISE, 2.0), (Reaction.IGNORE, _NO_TIME),
         "A street is lined with parked cars. Who takes degrees for radians, or the nearest target whatever its "
         "azimuth, brakes for them.",
     ),
     _shown(
         "radar_passing_left", "a car passes on the left, half as fast again as the car, 2.6 m aside, for 2 s",
-        _passing(BESIDE, 1.0, 1.5), (Moment.CRUISE, 2.0), (Reaction.IGNORE, _NO_TIME),
+        _passing(BESIDE, 1.0, 1.5), (FaultMoment.CRUISE, 2.0), (Reaction.IGNORE, _NO_TIME),
         "It is in the next lane and drives away.",
     ),
     _shown(
         "radar_passing_right", "a car half as fast as the car is passed on the right, 2.6 m aside, for 2 s",
-        _passing(-BESIDE, 12.0, 0.5), (Moment.CRUISE, 2.0), (Reaction.IGNORE, _NO_TIME),
+        _passing(-BESIDE, 12.0, 0.5), (FaultMoment.CRUISE, 2.0), (Reaction.IGNORE, _NO_TIME),
         "It is in the next lane: that it comes nearer says nothing as long as it stays there.",
     ),
     _shown(
         "radar_missing", "every target is missing from valid scans for 0.5 s", lambda _scene: Missing(),
-        (Moment.BRAKING, 0.5), (Reaction.HOLD, _NO_TIME),
+        (FaultMoment.BRAKING, 0.5), (Reaction.HOLD, _NO_TIME),
         "Radars lose targets for some scans. Half a second with 2 m/s² less of braking costs less than 1 m in the end.",
     ),
     _case(
@@ -310,7 +310,7 @@ CASES: Final[tuple[Case, ...]] = (
     ),
     _case(
         "gnss_bit_flips_some", "one bit of every fifth packet of the receiver is wrong", ("ncom",),
-        lambda chance: faults.BitFlips(chance, 5), (Moment.CRUISE, math.inf), (Reaction.CARRY_ON, _NO_TIME),
+        lambda chance: faults.BitFlips(chance, 5), (FaultMoment.CRUISE, math.inf), (Reaction.CARRY_ON, _NO_TIME),
         "Four of five packets are good; a fix that is one tick old is 0.22 m behind at 11.2 m/s.",
     ),
     _case(

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from vve_sumo.certify.cases import BRAKING_DEMAND, HARD_BRAKING
-from vve_sumo.certify.results import CaseResult, Course, Defect, Verdict
+from vve_sumo.certify.results import CaseDrive, CaseResult, CaseVerdict, Defect
 
 NOT_ANSWERING: Final = "does not answer at all"
 SIGN: Final = "sign of range rate"
@@ -110,8 +110,8 @@ RULES: Final = (
 
 def diagnose(results: Iterable[CaseResult]) -> tuple[Defect, ...]:
     """Return the likely defects, the ones that explain others first; none where no case failed."""
-    driven = [result for result in results if result.verdict in (Verdict.PASSED, Verdict.FAILED)]
-    failed = {result.case.name for result in driven if result.verdict is Verdict.FAILED}
+    driven = [result for result in results if result.verdict in (CaseVerdict.PASSED, CaseVerdict.FAILED)]
+    failed = {result.case.name for result in driven if result.verdict is CaseVerdict.FAILED}
     if not failed:
         return ()
     if "nominal" in failed:
@@ -126,7 +126,7 @@ def diagnose(results: Iterable[CaseResult]) -> tuple[Defect, ...]:
 
 
 def _name(rule: Rule, driven: Sequence[CaseResult]) -> str:
-    reactions = [r.reaction for r in driven if r.case.name == rule.case and r.verdict is Verdict.FAILED]
+    reactions = [r.reaction for r in driven if r.case.name == rule.case and r.verdict is CaseVerdict.FAILED]
     return rule.late if rule.late and all(map(math.isfinite, reactions)) else rule.defect
 
 
@@ -134,7 +134,7 @@ def _without_nominal(driven: Sequence[CaseResult]) -> tuple[Defect, ...]:
     nominal = [
         result.course
         for result in driven
-        if result.case.name == "nominal" and result.verdict is Verdict.FAILED and result.course is not None
+        if result.case.name == "nominal" and result.verdict is CaseVerdict.FAILED and result.course is not None
     ]
     refused = {code for course in nominal if not course.taken for code in course.refused}
     if named := [Defect(text, ("nominal",)) for code, text in REFUSED.items() if code in refused]:
@@ -158,11 +158,11 @@ def _braked(driven: Sequence[CaseResult], name: str, demand: float = -BRAKING_DE
     return bool(of_case) and all(result.extra_braking >= demand for result in of_case)
 
 
-def _steers_too_much(course: Course) -> bool:
+def _steers_too_much(course: CaseDrive) -> bool:
     return any(abs(answer.steering) > GREATEST_STEERING for answer in course.answers)
 
 
-def _steers_away(course: Course) -> bool:
+def _steers_away(course: CaseDrive) -> bool:
     """Whether the car left its path, and the brain steered away from the path while it did."""
     aside = np.abs(course.deviation)
     far = np.flatnonzero(aside > ASIDE[1])
@@ -181,23 +181,23 @@ def _steers_away(course: Course) -> bool:
     return float(np.mean(away)) > WRONG_WAY
 
 
-def _asks_too_much(course: Course) -> bool:
+def _asks_too_much(course: CaseDrive) -> bool:
     return any(abs(answer.acceleration) > GREATEST_ACCELERATION for answer in course.answers)
 
 
-def _asks_backwards(course: Course) -> bool:
+def _asks_backwards(course: CaseDrive) -> bool:
     """Whether the brain asked for braking at the beginning of the drive, when it had to drive off, and came to rest."""
     begun = [answer.acceleration for answer in course.answers if answer.time < course.answers[0].time + DRIVING_OFF]
     return float(np.median(begun)) < -MOVING_OFF and not course.collision
 
 
-def _asks_too_little(course: Course) -> bool:
+def _asks_too_little(course: CaseDrive) -> bool:
     """Whether the brain never asked for as much as either driving off or stopping takes."""
     return all(abs(answer.acceleration) < LEAST_BRAKING for answer in course.answers)
 
 
 #: what the nominal drive itself shows, in this order
-_OF_DRIVES: Final[tuple[tuple[Callable[[Course], bool], str], ...]] = (
+_OF_DRIVES: Final[tuple[tuple[Callable[[CaseDrive], bool], str], ...]] = (
     (_asks_too_much, ACCELERATION_LARGE),
     (_asks_backwards, ACCELERATION_SIGN),
     (_steers_away, STEERING_SIGN),

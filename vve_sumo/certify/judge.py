@@ -14,10 +14,10 @@ from typing import Final
 import numpy as np
 
 from vve_sumo.certify.cases import BRAKING_DEMAND, HARD_BRAKING, UNDISTURBED, Case, Reaction
-from vve_sumo.certify.limits import Limits
+from vve_sumo.certify.limits import CertificateLimits
 from vve_sumo.certify.link import Answer, Window
 from vve_sumo.certify.moments import AT_REST, MAX_SILENCE, acting, rest_time
-from vve_sumo.certify.results import Course, Verdict
+from vve_sumo.certify.results import CaseDrive, CaseVerdict
 from vve_sumo.timing import PERIOD
 
 #: slower than this a car is brought to rest as gently as the brain likes [m/s]
@@ -43,7 +43,7 @@ _SLACK: Final = 1e-6  # [s]
 class Judgement:
     """What the judge says of one drive."""
 
-    verdict: Verdict
+    verdict: CaseVerdict
     why: str
     reaction: float  #: [s]; inf for never, NaN where none is measured
     left: float  #: [m]; NaN where nothing was ahead
@@ -55,22 +55,22 @@ class Judgement:
 class Rules:
     """What every drive is held to."""
 
-    limits: Limits
+    limits: CertificateLimits
     speed: float  #: that the scenario asks for [m/s]
     steering: float = math.inf  #: road-wheel angle that the car has on either side [rad]
 
 
-def judge(case: Case, window: Window | None, course: Course, nominal: Course | None, rules: Rules) -> Judgement:
+def judge(case: Case, window: Window | None, course: CaseDrive, nominal: CaseDrive | None, rules: Rules) -> Judgement:
     """Return what came of a drive of a case; `nominal` is the drive without a fault, None for that drive itself."""
     rest = rest_time(course)
     reaction = _reaction(case, window, course, nominal)
     left, why = _left(course), _failure(case, window, course, nominal, reaction, rules)
     last = next((answer for answer in reversed(course.answers) if answer.time < rest), None)
-    verdict = Verdict.FAILED if why else Verdict.PASSED
+    verdict = CaseVerdict.FAILED if why else CaseVerdict.PASSED
     return Judgement(verdict, why, reaction, left, _extra(window, course, nominal), last)
 
 
-def _reaction(case: Case, window: Window | None, course: Course, nominal: Course | None) -> float:
+def _reaction(case: Case, window: Window | None, course: CaseDrive, nominal: CaseDrive | None) -> float:
     """Return the time from the fault to the reaction [s]: inf for never, NaN where none is asked for."""
     if window is None or case.reaction not in (Reaction.STOP, Reaction.BRAKE):
         return math.nan
@@ -85,7 +85,7 @@ def _reaction(case: Case, window: Window | None, course: Course, nominal: Course
     return brakes[0] if len(set(brakes)) * PERIOD >= LEAST_BRAKING - _SLACK else math.inf
 
 
-def _stopping(window: Window, course: Course) -> float:
+def _stopping(window: Window, course: CaseDrive) -> float:
     """Return the time after which the brain never again asked for anything but braking while the car moved [s]."""
     active = [time for time in acting(course, CREEP) if window.holds(time)]
     if not active:
@@ -96,7 +96,7 @@ def _stopping(window: Window, course: Course) -> float:
     return math.inf if never else active[-1] + PERIOD - window.begins
 
 
-def _beside(window: Window, course: Course, nominal: Course | None) -> list[tuple[Answer, float]]:
+def _beside(window: Window, course: CaseDrive, nominal: CaseDrive | None) -> list[tuple[Answer, float]]:
     """Return the answers while a fault was there, each with what the nominal drive asked for at that time [m/s2]."""
     usual = [] if nominal is None else list(nominal.answers)
     times = [answer.time for answer in usual]
@@ -108,13 +108,13 @@ def _beside(window: Window, course: Course, nominal: Course | None) -> list[tupl
     return pairs
 
 
-def _extra(window: Window | None, course: Course, nominal: Course | None) -> float:
+def _extra(window: Window | None, course: CaseDrive, nominal: CaseDrive | None) -> float:
     if window is None:
         return 0.0
     return max((usual - answer.acceleration for answer, usual in _beside(window, course, nominal)), default=0.0)
 
 
-def _harder(window: Window, course: Course, nominal: Course, demand: float) -> float:
+def _harder(window: Window, course: CaseDrive, nominal: CaseDrive, demand: float) -> float:
     """Return for how long the brain asked for `demand` [m/s2] of braking beyond the nominal drive's hardest nearby [s].
 
     Nearby is within SHIFT; looked at from the fault's begin to SHIFT behind its end.
@@ -132,7 +132,7 @@ def _harder(window: Window, course: Course, nominal: Course, demand: float) -> f
     return len(harder) * PERIOD
 
 
-def _left(course: Course) -> float:
+def _left(course: CaseDrive) -> float:
     """Return the distance left [m]: at rest, else the least that there was; NaN where nothing was ahead."""
     if math.isfinite(course.stop_gap):
         return course.stop_gap
@@ -143,7 +143,7 @@ def _left(course: Course) -> float:
 
 
 def _failure(
-    case: Case, window: Window | None, course: Course, nominal: Course | None, reaction: float, rules: Rules
+    case: Case, window: Window | None, course: CaseDrive, nominal: CaseDrive | None, reaction: float, rules: Rules
 ) -> str:
     """Return why a case failed; empty for one that passed."""
     if course.outcome in BROKEN:
@@ -168,7 +168,7 @@ def _failure(
     return "; ".join(found)
 
 
-def _over_before(window: Window, course: Course) -> str:
+def _over_before(window: Window, course: CaseDrive) -> str:
     """Return why a fault had nothing to hit, as it had in the nominal drive: then no reaction to it was seen."""
     last = max((answer.time for answer in course.answers if answer.time < window.begins - _SLACK), default=-math.inf)
     if window.begins - last > MAX_SILENCE + _SLACK:
@@ -178,7 +178,7 @@ def _over_before(window: Window, course: Course) -> str:
     return ""
 
 
-def _beyond(course: Course, rules: Rules) -> Iterator[str]:
+def _beyond(course: CaseDrive, rules: Rules) -> Iterator[str]:
     """Yield the limits that hold at any time and were not kept."""
     limits = rules.limits
     aside = float(np.nanmax(np.abs(course.deviation), initial=0.0))
@@ -199,7 +199,7 @@ def _untimely(case: Case, reaction: float) -> Iterator[str]:
 
 
 def _disturbed(
-    case: Case, window: Window | None, course: Course, nominal: Course | None, limits: Limits
+    case: Case, window: Window | None, course: CaseDrive, nominal: CaseDrive | None, limits: CertificateLimits
 ) -> Iterator[str]:
     """Yield how a drive that was to go on as without a fault did not."""
     if course.outcome not in FINISHED:
@@ -215,7 +215,7 @@ def _disturbed(
             yield f"it braked for it, by {-demand:g} m/s² or more beyond the drive without a fault, for {lasts:.2f} s"
 
 
-def _not_safe(case: Case, course: Course, limits: Limits) -> Iterator[str]:
+def _not_safe(case: Case, course: CaseDrive, limits: CertificateLimits) -> Iterator[str]:
     left = _left(course)
     if left < limits.min_left_m:
         yield f"{left:.2f} m left, required at least {limits.min_left_m:g} m"

@@ -19,7 +19,7 @@ import numpy as np
 
 from vve_sumo.analysis.run import Run
 from vve_sumo.certify.link import Answer, Window
-from vve_sumo.certify.results import Course
+from vve_sumo.certify.results import CaseDrive
 from vve_sumo.errors import ConfigError
 
 #: folder for the drives of the cases
@@ -72,14 +72,14 @@ def clear(folder: Path) -> None:
     shutil.rmtree(folder, ignore_errors=True)
 
 
-def course_of(folder: Path, told: Told) -> Course:
+def course_of(folder: Path, told: Told) -> CaseDrive:
     """Return the course of a drive that is over, from its folder."""
     run = Run(folder / "record")
     summary = run.summary or {}
     number = partial(_number, summary)
     ticks = run.arrow("ticks")
     contacts = [time for time, names in zip(run.time.tolist(), ticks["contacts"].to_pylist(), strict=True) if names]
-    return Course(
+    return CaseDrive(
         time=np.asarray(run.time, np.float64),
         speed=ticks["true_speed_mps"].to_numpy(),
         gap=np.asarray(run.lead.gap, np.float64),

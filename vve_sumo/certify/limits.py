@@ -14,7 +14,7 @@ from vve_sumo.errors import ConfigError, did_you_mean
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class CertificateLimits:
     """What every drive of a certificate must keep, beside the reaction that its case requires."""
 
     #: at rest to what stands ahead [m]: half a metre of what neither pose nor radar knows, and as much to spare
@@ -43,13 +43,13 @@ class Limits:
         return {field.name: float(getattr(self, field.name)) for field in fields(self)}
 
 
-def limits_of(values: Mapping[str, Any]) -> Limits:
+def limits_of(values: Mapping[str, Any]) -> CertificateLimits:
     """Return the limits with some set otherwise; raises ConfigError for a name that there is not."""
-    known = tuple(field.name for field in fields(Limits))
+    known = tuple(field.name for field in fields(CertificateLimits))
     for name in values:
         if name not in known:
             near = did_you_mean(name, known)
             raise ConfigError(
                 f"--limit: {name!r} is no limit, expected one of {', '.join(known)}{f'; {near}' if near else ''}"
             )
-    return replace(Limits(), **values)
+    return replace(CertificateLimits(), **values)

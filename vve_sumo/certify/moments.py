@@ -14,10 +14,10 @@ from typing import Final
 
 import numpy as np
 
-from vve_sumo.certify.cases import LEADS, SAFE_DEMAND, UNBRAKED, Case, Moment, ghost_distance
+from vve_sumo.certify.cases import LEADS, SAFE_DEMAND, UNBRAKED, Case, FaultMoment, ghost_distance
 from vve_sumo.certify.link import Window
-from vve_sumo.certify.phantoms import FIELD_OF_VIEW, Track
-from vve_sumo.certify.results import Course
+from vve_sumo.certify.phantoms import FIELD_OF_VIEW, DrivenTrack
+from vve_sumo.certify.results import CaseDrive
 from vve_sumo.timing import PERIOD
 
 #: the car stands [m/s]
@@ -53,7 +53,7 @@ class Timing:
     void: str = ""  #: why there is no moment for it
 
 
-def rest_time(course: Course) -> float:
+def rest_time(course: CaseDrive) -> float:
     """Return the drive time from which on the car stands to the end [s]; the end where it never does."""
     moving = np.flatnonzero(~(np.abs(course.speed) < AT_REST))
     if not len(moving) or moving[-1] + 1 >= len(course.time):
@@ -61,7 +61,7 @@ def rest_time(course: Course) -> float:
     return float(course.time[moving[-1] + 1])
 
 
-def acting(course: Course, speed: float) -> list[float]:
+def acting(course: CaseDrive, speed: float) -> list[float]:
     """Return when the brain asked for anything but braking while the car was faster than `speed` [m/s]."""
     moving = speeds_at(course, [answer.time for answer in course.answers])
     return [
@@ -71,13 +71,13 @@ def acting(course: Course, speed: float) -> list[float]:
     ]
 
 
-def speeds_at(course: Course, times: list[float]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def speeds_at(course: CaseDrive, times: list[float]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     """Return the car's speed at drive times [m/s]."""
     at = np.searchsorted(course.time, np.asarray(times, np.float64) + _SLACK, side="right") - 1
     return np.asarray(course.speed)[at]
 
 
-def onset_of(course: Course) -> float:
+def onset_of(course: CaseDrive) -> float:
     """Return the drive time at which the episode of braking began that ended in rest [s].
 
     Interruptions of less than MAX_INTERRUPTION belong to an episode. Of a drive with a contact, or without rest: the
@@ -91,7 +91,7 @@ def onset_of(course: Course) -> float:
     return _episode(course, rest_time(course))
 
 
-def _episode(course: Course, end: float) -> float:
+def _episode(course: CaseDrive, end: float) -> float:
     """Return when the episode of braking began that was there at the end [s]; 0 where the brain braked all the time."""
     latest = last = math.inf
     for time in reversed([time for time in acting(course, FAST) if time < end]):
@@ -103,7 +103,7 @@ def _episode(course: Course, end: float) -> float:
     return 0.0
 
 
-def timing_of(case: Case, nominal: Course, bumper: float) -> Timing:
+def timing_of(case: Case, nominal: CaseDrive, bumper: float) -> Timing:
     """Return when a case's fault is there, by the nominal drive with the same seed.
 
     `bumper` lies so far ahead of the rear axle [m].
@@ -111,7 +111,7 @@ def timing_of(case: Case, nominal: Course, bumper: float) -> Timing:
     if not case.injects:
         return Timing()
     track = track_of(nominal)
-    if case.begins is Moment.BEND:
+    if case.begins is FaultMoment.BEND:
         return _in_a_bend(case, nominal, track, bumper)
     onset = onset_of(nominal)
     for begins in _tried(onset + LEADS[case.begins], onset):
@@ -119,7 +119,11 @@ def timing_of(case: Case, nominal: Course, bumper: float) -> Timing:
             continue
         if case.reaction in UNBRAKED and not _unbraked(nominal, begins, begins + _shown(case) + CLEAR):
             continue
-        if case.show is not None and case.begins is Moment.CRUISE and not _straight(nominal, track, begins, bumper):
+        if (
+            case.show is not None
+            and case.begins is FaultMoment.CRUISE
+            and not _straight(nominal, track, begins, bumper)
+        ):
             continue
         return Timing(_window(case, begins))
     where = "goes straight on and " if case.show is not None else ""
@@ -129,9 +133,9 @@ def timing_of(case: Case, nominal: Course, bumper: float) -> Timing:
     )
 
 
-def track_of(course: Course) -> Track:
+def track_of(course: CaseDrive) -> DrivenTrack:
     """Return where the rear axle of a drive went."""
-    return Track(course.time, course.x, course.y, course.heading)
+    return DrivenTrack(course.time, course.x, course.y, course.heading)
 
 
 def _window(case: Case, begins: float) -> Window:
@@ -152,12 +156,12 @@ def _tried(preferred: float, last: float) -> Iterator[float]:
     yield from (tick * PERIOD for tick in sorted(ticks, key=lambda tick: abs(tick - first)))
 
 
-def _fast(course: Course, begins: float) -> bool:
+def _fast(course: CaseDrive, begins: float) -> bool:
     """Whether the car is faster than FAST then: a fault that is over before the car moves again shows nothing."""
     return bool(speeds_at(course, [begins])[0] > FAST)
 
 
-def _unbraked(course: Course, begins: float, ends: float) -> bool:
+def _unbraked(course: CaseDrive, begins: float, ends: float) -> bool:
     """Whether in a span the brain answers all the time, never brakes, and the car is faster than FAST."""
     times = [answer.time for answer in course.answers]
     low, high = bisect_left(times, begins - _SLACK), bisect_left(times, ends - _SLACK)
@@ -170,7 +174,7 @@ def _unbraked(course: Course, begins: float, ends: float) -> bool:
     return bool(np.all(speeds_at(course, spots) > FAST))
 
 
-def _straight(course: Course, track: Track, begins: float, bumper: float) -> bool:
+def _straight(course: CaseDrive, track: DrivenTrack, begins: float, bumper: float) -> bool:
     """Whether the way goes straight on to where a target would stand, and does so while it is shown."""
     (speed,) = speeds_at(course, [begins]).tolist()
     return all(
@@ -180,7 +184,7 @@ def _straight(course: Course, track: Track, begins: float, bumper: float) -> boo
     )
 
 
-def _in_a_bend(case: Case, nominal: Course, track: Track, bumper: float) -> Timing:
+def _in_a_bend(case: Case, nominal: CaseDrive, track: DrivenTrack, bumper: float) -> Timing:
     """Return the moment at which the way bends most evenly to a place whose mirror image is not in it."""
     found: list[tuple[float, float]] = []
     span = _shown(case) + CLEAR
@@ -198,7 +202,7 @@ def _in_a_bend(case: Case, nominal: Course, track: Track, bumper: float) -> Timi
     return Timing(_window(case, min(found)[1]))
 
 
-def _from_circle(course: Course, track: Track, begins: float, distance: float, bumper: float) -> float:
+def _from_circle(course: CaseDrive, track: DrivenTrack, begins: float, distance: float, bumper: float) -> float:
     """Return how far the way, `distance` ahead of the bumper, is from a circle of the present curvature [m].
 
     Infinite where that place is not seen, or is not MIN_SEPARATION from its mirror image.

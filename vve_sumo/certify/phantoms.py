@@ -15,7 +15,7 @@ from typing import Final, NamedTuple, Protocol
 import numpy as np
 
 from vve_sumo.values import Actors, Detections, Floats, Pose
-from vve_sumo.wire.sample import Measured, Sample
+from vve_sumo.wire.sample import Sample, SampleContent
 
 #: directions in which phantoms are seen, to both sides of the car's axis [rad]: an ESR's medium range has 45 degrees
 FIELD_OF_VIEW: Final = math.radians(45.0)
@@ -33,7 +33,7 @@ class ScanFault(Protocol):
         ...
 
 
-class Place(NamedTuple):
+class TrackPlace(NamedTuple):
     """A place on a track."""
 
     x: float  #: map [m]
@@ -41,7 +41,7 @@ class Place(NamedTuple):
     heading: float  #: of the track [rad]
 
 
-class Track:
+class DrivenTrack:
     """Where the rear axle of a drive went, by the distance driven; straight on behind its end."""
 
     def __init__(self, time: Floats, x: Floats, y: Floats, heading: Floats) -> None:
@@ -56,14 +56,14 @@ class Track:
         """Return the distance driven by a drive time [m]."""
         return float(np.interp(time, self._time, self._driven))
 
-    def place(self, driven: float, aside: float = 0.0) -> Place:
+    def place(self, driven: float, aside: float = 0.0) -> TrackPlace:
         """Return the place at a distance driven [m], `aside` of the track [m], left positive."""
         end = float(self._driven[-1])
         within = min(max(driven, 0.0), end)
         x, y, heading = (float(np.interp(within, self._driven, row)) for row in (self._x, self._y, self._heading))
         beyond = driven - within
         cos, sin = math.cos(heading), math.sin(heading)
-        return Place(x + beyond * cos - aside * sin, y + beyond * sin + aside * cos, heading)
+        return TrackPlace(x + beyond * cos - aside * sin, y + beyond * sin + aside * cos, heading)
 
     def seen_from(self, driven: float, ahead: float) -> tuple[float, float]:
         """Return the place `ahead` [m] farther along the track in the car's axes there: forward, left [m]."""
@@ -98,7 +98,7 @@ class Seen(NamedTuple):
 class Phantoms:
     """Targets beside those that are there."""
 
-    def __init__(self, track: Track, begins: float, bumper: float, phantoms: Sequence[Phantom]) -> None:
+    def __init__(self, track: DrivenTrack, begins: float, bumper: float, phantoms: Sequence[Phantom]) -> None:
         """`begins` is the drive time at which they lie as they say [s]; `bumper` lies ahead of the rear axle [m]."""
         self._track, self._begins, self._bumper = track, begins, bumper
         self._driven = track.driven(begins)
@@ -111,7 +111,7 @@ class Phantoms:
             return sample
         return replace(sample, measured=self._among(measured))
 
-    def _among(self, measured: Measured) -> Measured:
+    def _among(self, measured: SampleContent) -> SampleContent:
         scan = measured.scan
         pose = _earlier(measured.pose, measured.scan_age)
         found = [one for one in (self._seen(phantom, pose, scan.time) for phantom in self._phantoms) if _visible(one)]
@@ -138,7 +138,7 @@ class Phantoms:
         azimuth = math.atan2(cos * dy - sin * dx, cos * dx + sin * dy)
         return Seen(distance, azimuth, (vx * dx + vy * dy) / distance)
 
-    def _place(self, phantom: Phantom, time: float) -> Place:
+    def _place(self, phantom: Phantom, time: float) -> TrackPlace:
         place = self._track.place(self._along(phantom, time), phantom.aside)
         return _reflected(place, self._track.place(self._driven)) if phantom.mirrored else place
 
@@ -188,8 +188,8 @@ def _earlier(pose: Pose, age: float) -> Pose:
     return replace(pose, x=x, y=y, heading=heading)
 
 
-def _reflected(place: Place, axis: Place) -> Place:
+def _reflected(place: TrackPlace, axis: TrackPlace) -> TrackPlace:
     """Return a place on the other side of the line through `axis` along its heading."""
     cos, sin = math.cos(axis.heading), math.sin(axis.heading)
     left = cos * (place.y - axis.y) - sin * (place.x - axis.x)
-    return Place(place.x + 2.0 * left * sin, place.y - 2.0 * left * cos, 2.0 * axis.heading - place.heading)
+    return TrackPlace(place.x + 2.0 * left * sin, place.y - 2.0 * left * cos, 2.0 * axis.heading - place.heading)

@@ -14,7 +14,7 @@ from typing import Final
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.live.pty_bus import PREFIX
-from vve_sumo.rig.schema import Output, Rig
+from vve_sumo.rig.schema import Rig, RigOutput
 
 #: placeholder of the port that the setpoints go to; those of the wires are their kinds
 SETPOINTS: Final = "setpoints"
@@ -78,7 +78,7 @@ def _expected(name: str, rig: Rig) -> str:
     return f"expected {{{name}}} in the brain's command, in the place of {_values(rig)[name]}: each brain has its own"
 
 
-def _is_here(output: Output) -> bool:
+def _is_here(output: RigOutput) -> bool:
     host = "" if output.udp is None else output.udp.rpartition(":")[0]
     return host.startswith("127.") or host == "localhost"
 
@@ -112,7 +112,7 @@ def _moved(rig: Rig, number: int, held: ExitStack) -> Rig:
         end.bind(("127.0.0.1", 0))
         return int(end.getsockname()[1])
 
-    def moved(output: Output) -> Output:
+    def moved(output: RigOutput) -> RigOutput:
         if output.udp is not None:
             return output.model_copy(update={"udp": f"{output.udp.rpartition(':')[0]}:{free()}"})
         return output.model_copy(update={"channel": f"{output.channel}.{number}"})

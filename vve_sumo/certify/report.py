@@ -15,16 +15,16 @@ from typing import Any, Final
 import numpy as np
 
 from vve_sumo.certify.cases import NAMES, Case, Reaction
-from vve_sumo.certify.limits import Limits
-from vve_sumo.certify.results import CaseResult, Certificate, Verdict
+from vve_sumo.certify.limits import CertificateLimits
+from vve_sumo.certify.results import CaseResult, CaseVerdict, Certificate
 from vve_sumo.drive.reasons import in_words
 from vve_sumo.plotting.wire_fault import WireFaultDrive, wire_fault
 from vve_sumo.report.formatting import NONE, count, number
 from vve_sumo.report.key_figures import KeyFigure
-from vve_sumo.report.page import Report, hashes, versions
-from vve_sumo.report.picture import Picture, picture_of
-from vve_sumo.report.tables import Cell, Column, Table
-from vve_sumo.report.verdict import Verdict as Top
+from vve_sumo.report.page import ReportPage, hashes, versions
+from vve_sumo.report.picture import DrawnPlot, picture_of
+from vve_sumo.report.tables import Cell, Column, ReportTable
+from vve_sumo.report.verdict import ReportVerdict
 from vve_sumo.report.write import save
 
 JSON: Final = "certificate.json"
@@ -32,7 +32,12 @@ JSON: Final = "certificate.json"
 VERSION: Final = 2
 #: pictures of drives that passed are left out where there are more than these
 MAX_PICTURES: Final = 30
-_MARK: Final = {Verdict.PASSED: "yes", Verdict.FAILED: "no", Verdict.VOID: "no", Verdict.NOT_APPLICABLE: "quiet"}
+_MARK: Final = {
+    CaseVerdict.PASSED: "yes",
+    CaseVerdict.FAILED: "no",
+    CaseVerdict.VOID: "no",
+    CaseVerdict.NOT_APPLICABLE: "quiet",
+}
 #: meaning of each limit, with its unit
 _LIMITS: Final = {
     "min_left_m": "left at rest to what stands ahead, at least [m]",
@@ -105,15 +110,15 @@ def _plain(value: float) -> float | None:
     return round(value, 4) if math.isfinite(value) else None
 
 
-def page_of(certificate: Certificate) -> Report:
+def page_of(certificate: Certificate) -> ReportPage:
     """Return the page."""
-    drives = [result for result in certificate.results if result.verdict in (Verdict.PASSED, Verdict.FAILED)]
-    failed = [result for result in drives if result.verdict is Verdict.FAILED]
-    return Report(
+    drives = [result for result in certificate.results if result.verdict in (CaseVerdict.PASSED, CaseVerdict.FAILED)]
+    failed = [result for result in drives if result.verdict is CaseVerdict.FAILED]
+    return ReportPage(
         template="certificate.html.j2",
         kind="Certificate of a control computer at its wires",
         title=_title(certificate),
-        verdict=Top(certificate.verdict, tuple(_sentences(certificate, drives, failed))),
+        verdict=ReportVerdict(certificate.verdict, tuple(_sentences(certificate, drives, failed))),
         key_figures=_figures(certificate, drives),
         pictures=_pictures(drives, failed),
         sources=(),
@@ -123,7 +128,7 @@ def page_of(certificate: Certificate) -> Report:
             "brakes by itself within the time for the reaction, the fault begins at another moment.",
             "limits": _limits(certificate),
             "cases": _cases(certificate),
-            "defects": Table(
+            "defects": ReportTable(
                 "likely defects", ("defect", "by"), [(d.name, ", ".join(d.cases)) for d in certificate.defects]
             ),
             "drives": _drives(drives),
@@ -150,12 +155,12 @@ def _sentences(certificate: Certificate, drives: list[CaseResult], failed: list[
     yield f"{len(drives) - len(failed)} of {len(drives)} drives passed: {cases}, {seeds}."
     if certificate.defects:
         yield f"Likely: {'; '.join(defect.name for defect in certificate.defects)}."
-    void = sorted({r.case.name for r in certificate.results if r.verdict is Verdict.VOID})
+    void = sorted({r.case.name for r in certificate.results if r.verdict is CaseVerdict.VOID})
     if void:
         yield f"Not tested, and so not passed: {', '.join(void)}. The nominal drive has no moment for it."
     if absent := _left_out(certificate):
         yield f"Left out by the command: {', '.join(absent)}."
-    left_out = sorted({r.case.name for r in certificate.results if r.verdict is Verdict.NOT_APPLICABLE})
+    left_out = sorted({r.case.name for r in certificate.results if r.verdict is CaseVerdict.NOT_APPLICABLE})
     if left_out:
         yield f"Not applicable to this rig's wires: {', '.join(left_out)}."
 
@@ -164,12 +169,12 @@ def _left_out(certificate: Certificate) -> list[str]:
     return [name for name in NAMES if name not in certificate.cases]
 
 
-def _limits(certificate: Certificate) -> Table:
+def _limits(certificate: Certificate) -> ReportTable:
     rows = [
         (Cell(name, kind="code"), number(value, "", 2), _LIMITS[name])
         for name, value in certificate.limits.to_dict().items()
     ]
-    return Table("limits", ("limit", "value", "meaning"), rows)
+    return ReportTable("limits", ("limit", "value", "meaning"), rows)
 
 
 def _figures(certificate: Certificate, drives: list[CaseResult]) -> list[KeyFigure]:
@@ -184,13 +189,13 @@ def _figures(certificate: Certificate, drives: list[CaseResult]) -> list[KeyFigu
     ]
 
 
-def _cases(certificate: Certificate) -> Table:
+def _cases(certificate: Certificate) -> ReportTable:
     columns = ("case", "injected", "begins", "lasts", "required", "passed", "verdict")
     rows = []
     for case in dict.fromkeys(result.case for result in certificate.results):
         of_case = [result for result in certificate.results if result.case is case]
         worst = min(of_case, key=lambda result: _WORST.index(result.verdict))
-        passed = sum(result.verdict is Verdict.PASSED for result in of_case)
+        passed = sum(result.verdict is CaseVerdict.PASSED for result in of_case)
         mark: Any = _MARK[worst.verdict]
         rows.append(
             (
@@ -203,10 +208,10 @@ def _cases(certificate: Certificate) -> Table:
                 Cell(worst.verdict.value, worst.why, mark),
             )
         )
-    return Table("cases", columns, rows)
+    return ReportTable("cases", columns, rows)
 
 
-_WORST: Final = (Verdict.FAILED, Verdict.VOID, Verdict.PASSED, Verdict.NOT_APPLICABLE)
+_WORST: Final = (CaseVerdict.FAILED, CaseVerdict.VOID, CaseVerdict.PASSED, CaseVerdict.NOT_APPLICABLE)
 
 
 def _lasts(case: Case) -> str:
@@ -226,7 +231,7 @@ def required(case: Case) -> str:
     return rest.get(case.reaction, case.reaction.value)
 
 
-def _drives(drives: list[CaseResult]) -> Table:
+def _drives(drives: list[CaseResult]) -> ReportTable:
     heads = ("fault at [s]", "reaction [s]", "left [m]")
     columns = [
         Column("drive"),
@@ -250,7 +255,7 @@ def _drives(drives: list[CaseResult]) -> Table:
                 Cell(f"{result.verdict.value}{': ' if result.why else ''}{result.why}", kind=mark),
             )
         )
-    return Table("drives", columns, rows)
+    return ReportTable("drives", columns, rows)
 
 
 def _last(result: CaseResult) -> str:
@@ -261,13 +266,13 @@ def _last(result: CaseResult) -> str:
     return f"{asked}, to a datagram {last.newest - last.answers} ticks old"
 
 
-def _reasons(certificate: Certificate) -> Table:
+def _reasons(certificate: Certificate) -> ReportTable:
     cases = dict.fromkeys(result.case for result in certificate.results)
-    return Table("reasons", ("case", "why"), [(Cell(case.name, kind="code"), case.why) for case in cases])
+    return ReportTable("reasons", ("case", "why"), [(Cell(case.name, kind="code"), case.why) for case in cases])
 
 
-def _provenance(certificate: Certificate) -> Table:
-    return Table(
+def _provenance(certificate: Certificate) -> ReportTable:
+    return ReportTable(
         "provenance",
         ("what", "value"),
         [
@@ -301,7 +306,7 @@ def again(certificate: Certificate) -> str:
     if certificate.cases != NAMES:
         words += ["--cases", ",".join(certificate.cases)]
     for name, value in certificate.limits.to_dict().items():
-        if value != Limits().to_dict()[name]:
+        if value != CertificateLimits().to_dict()[name]:
             words += ["--limit", f"{name}={value:g}"]
     for key, value in certificate.values.items():
         # JSON's words for truth values and its lists are TOML's as well.
@@ -311,14 +316,14 @@ def again(certificate: Certificate) -> str:
     return shlex.join(words)
 
 
-def _pictures(drives: list[CaseResult], failed: list[CaseResult]) -> list[Picture]:
+def _pictures(drives: list[CaseResult], failed: list[CaseResult]) -> list[DrawnPlot]:
     """Return a picture of each failed drive, then of the first drive of each case that has none yet."""
     first = {result.case.name: result for result in reversed(drives)}
     others = [result for name, result in reversed(first.items()) if name not in {one.case.name for one in failed}]
     return [_picture(result) for result in (*failed, *others)[:MAX_PICTURES] if result.course is not None]
 
 
-def _picture(result: CaseResult) -> Picture:
+def _picture(result: CaseResult) -> DrawnPlot:
     course, window = result.course, result.window
     assert course is not None
     begins = math.nan if window is None else window.begins

@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from vve_sumo.certify.cases import Case
-from vve_sumo.certify.limits import Limits
+from vve_sumo.certify.limits import CertificateLimits
 from vve_sumo.certify.link import Answer, Window
 from vve_sumo.values import Floats
 
 
-class Verdict(enum.StrEnum):
+class CaseVerdict(enum.StrEnum):
     """What came of a case."""
 
     PASSED = "passed"
@@ -28,7 +28,7 @@ class Verdict(enum.StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
+class CaseDrive:
     """One drive of a case as the judge sees it: the car tick by tick, and the brain at the wire."""
 
     time: Floats  #: of every tick [s of drive time]
@@ -56,7 +56,7 @@ class CaseResult:
 
     case: Case
     seed: int
-    verdict: Verdict
+    verdict: CaseVerdict
     why: str = ""  #: it failed or does not apply
     window: Window | None = None  #: of the fault; None where nothing was injected
     reaction: float = float("nan")  #: from the fault to the required reaction [s]; inf for never, NaN: not measured
@@ -68,7 +68,7 @@ class CaseResult:
     last: Answer | None = None  #: the brain's last setpoint before rest
     record: Path | None = None  #: folder of the drive's record
     record_sha256: str = ""
-    course: Course | None = None  #: for the picture
+    course: CaseDrive | None = None  #: for the picture
 
     @property
     def key(self) -> str:
@@ -105,7 +105,7 @@ class Certificate:
     wires: tuple[str, ...]  #: kinds
     seeds: tuple[int, ...]
     cases: tuple[str, ...]  #: that were asked for
-    limits: Limits
+    limits: CertificateLimits
     results: tuple[CaseResult, ...]
     defects: tuple[Defect, ...]
     software: Mapping[str, Any]  #: versions and hash of the code
@@ -114,10 +114,10 @@ class Certificate:
     @property
     def passed(self) -> bool:
         """Whether every case that applies was driven and passed: what was not tested is not passed."""
-        return all(result.verdict in (Verdict.PASSED, Verdict.NOT_APPLICABLE) for result in self.results)
+        return all(result.verdict in (CaseVerdict.PASSED, CaseVerdict.NOT_APPLICABLE) for result in self.results)
 
     @property
     def verdict(self) -> Literal["passed", "FAILED", "INCOMPLETE"]:
         """The whole in a word: what failed outweighs what was not tested."""
         verdicts = {result.verdict for result in self.results}
-        return "FAILED" if Verdict.FAILED in verdicts else "passed" if self.passed else "INCOMPLETE"
+        return "FAILED" if CaseVerdict.FAILED in verdicts else "passed" if self.passed else "INCOMPLETE"

@@ -25,12 +25,12 @@ from vve_sumo.certify.brain_process import BrainProcess
 from vve_sumo.certify.cases import CASES, Case, Scene, inapplicable
 from vve_sumo.certify.diagnosis import diagnose
 from vve_sumo.certify.judge import BROKEN, Rules, judge
-from vve_sumo.certify.limits import Limits
+from vve_sumo.certify.limits import CertificateLimits
 from vve_sumo.certify.link import FaultLink, FaultyWire, Window
 from vve_sumo.certify.moments import Timing, speeds_at, timing_of, track_of
 from vve_sumo.certify.places import Place
 from vve_sumo.certify.pool import Pool
-from vve_sumo.certify.results import BrainUnderTest, CaseResult, Certificate, Course, Verdict
+from vve_sumo.certify.results import BrainUnderTest, CaseDrive, CaseResult, CaseVerdict, Certificate
 from vve_sumo.drive import provenance
 from vve_sumo.drive.brain import ExternalController, Publisher, SetpointController, virtual_placement
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
@@ -64,12 +64,12 @@ class CertifyQuery:
     seeds: tuple[int, ...]
     out: Path  #: folder for the certificate, absent or empty
     values: Mapping[str, Any]  #: of the scenario's keys and parameters
-    limits: Limits = field(default_factory=Limits)
+    limits: CertificateLimits = field(default_factory=CertificateLimits)
     workers: int | None = None  #: brains at a time; None: as many as processors where their places can differ
     resume: bool = False  #: whether `out` holds drives of the same query that are over
 
 
-class Job(NamedTuple):
+class CaseJob(NamedTuple):
     """A drive to be driven."""
 
     case: str
@@ -136,7 +136,7 @@ class Bench:
             "code_sha256": provenance.software()["code"]["sha256"],
         }
 
-    def drive(self, job: Job, place: Place) -> None:
+    def drive(self, job: CaseJob, place: Place) -> None:
         """Drive a job at a place into a folder of its own, where it is kept."""
         case, resolved = CASE[job.case], self.scenarios[job.seed]
         folder = kept.folder_of(self.query.out, job.case, job.seed)
@@ -171,7 +171,7 @@ class Bench:
             process.close()
 
     def _link(
-        self, case: Case, resolved: ResolvedScenario, job: Job, place: Place, quiet: Callable[[], bool]
+        self, case: Case, resolved: ResolvedScenario, job: CaseJob, place: Place, quiet: Callable[[], bool]
     ) -> FaultLink:
         said, context = (
             place.rig.brain,
@@ -198,15 +198,15 @@ class Bench:
         return FaultLink(faulty, setpoints, job.window, quiet, said.deadline_s, self._key)
 
     def _scene(self, seed: int, window: Window) -> Scene:
-        nominal = self.course(Job(NOMINAL, seed, None))
+        nominal = self.course(CaseJob(NOMINAL, seed, None))
         (speed,) = speeds_at(nominal, [window.begins]).tolist()
         return Scene(track_of(nominal), window.begins, self.bumper, speed)
 
-    def told(self, job: Job) -> kept.Told | None:
+    def told(self, job: CaseJob) -> kept.Told | None:
         """Return what was kept of a job; None where it has not been driven."""
         return kept.told_of(kept.folder_of(self.query.out, job.case, job.seed), job.window)
 
-    def course(self, job: Job) -> Course:
+    def course(self, job: CaseJob) -> CaseDrive:
         """Return the course of a job that was driven."""
         told = self.told(job)
         assert told is not None
@@ -246,13 +246,13 @@ def certify(query: CertifyQuery, working: Path, ready: Ready, done: Done) -> Cer
             shown.append(result)
             done(shown)
 
-    def after(job: Job) -> Sequence[Job]:
+    def after(job: CaseJob) -> Sequence[CaseJob]:
         results, jobs = seeds[job.seed].take(job)
         tell(results)
         return _undriven(bench, jobs, after)
 
     try:
-        _drive_all(bench, _undriven(bench, [Job(NOMINAL, seed, None) for seed in query.seeds], after), after)
+        _drive_all(bench, _undriven(bench, [CaseJob(NOMINAL, seed, None) for seed in query.seeds], after), after)
     except ConfigError:
         if not shown and not query.resume:
             _clear(query.out, remove=not there)
@@ -276,9 +276,9 @@ def certify(query: CertifyQuery, working: Path, ready: Ready, done: Done) -> Cer
     )
 
 
-def _undriven(bench: Bench, jobs: Sequence[Job], after: Callable[[Job], Sequence[Job]]) -> list[Job]:
+def _undriven(bench: Bench, jobs: Sequence[CaseJob], after: Callable[[CaseJob], Sequence[CaseJob]]) -> list[CaseJob]:
     """Return the jobs that are still to be driven; those that were kept are taken as they are, with what follows."""
-    left: list[Job] = []
+    left: list[CaseJob] = []
     for job in jobs:
         if bench.told(job) is None:
             left.append(job)
@@ -287,7 +287,7 @@ def _undriven(bench: Bench, jobs: Sequence[Job], after: Callable[[Job], Sequence
     return left
 
 
-def _drive_all(bench: Bench, jobs: Sequence[Job], after: Callable[[Job], Sequence[Job]]) -> None:
+def _drive_all(bench: Bench, jobs: Sequence[CaseJob], after: Callable[[CaseJob], Sequence[CaseJob]]) -> None:
     if len(bench.places) == 1:
         left = list(jobs)
         while left:
@@ -295,7 +295,7 @@ def _drive_all(bench: Bench, jobs: Sequence[Job], after: Callable[[Job], Sequenc
             bench.drive(job, bench.places[0])
             left.extend(after(job))
         return
-    pool: Pool[Job] = Pool([partial(bench.drive, place=place) for place in bench.places])
+    pool: Pool[CaseJob] = Pool([partial(bench.drive, place=place) for place in bench.places])
     try:
         pool.run(jobs, after)
     finally:
@@ -307,10 +307,10 @@ class _Seed:
 
     def __init__(self, bench: Bench, seed: int) -> None:
         self._bench, self._seed = bench, seed
-        self._nominal: Course | None = None
+        self._nominal: CaseDrive | None = None
         self._found: dict[str, CaseResult] = {}
 
-    def take(self, job: Job) -> tuple[list[CaseResult], list[Job]]:
+    def take(self, job: CaseJob) -> tuple[list[CaseResult], list[CaseJob]]:
         """Judge a job that was driven; return what is known now, and the jobs that follow from it."""
         course = self._bench.course(job)
         result = self._judged(job, course)
@@ -326,7 +326,7 @@ class _Seed:
         for case in self._bench.query.cases[1:]:
             undriven, window = self._undriven(case, heard)
             if undriven is None:
-                jobs.append(Job(case.name, self._seed, window))
+                jobs.append(CaseJob(case.name, self._seed, window))
             else:
                 self._found[case.name] = undriven
                 settled.append(undriven)
@@ -337,13 +337,13 @@ class _Seed:
         assert self._nominal is not None
         if why := inapplicable(case, self._bench.kinds) or inapplicable(case, heard):
             silent = "" if inapplicable(case, self._bench.kinds) else "the brain listens to no such wire: "
-            return CaseResult(case, self._seed, Verdict.NOT_APPLICABLE, silent + why), None
+            return CaseResult(case, self._seed, CaseVerdict.NOT_APPLICABLE, silent + why), None
         timing: Timing = timing_of(case, self._nominal, self._bench.bumper)
         if timing.void:
-            return CaseResult(case, self._seed, Verdict.VOID, timing.void), None
+            return CaseResult(case, self._seed, CaseVerdict.VOID, timing.void), None
         return None, timing.window
 
-    def _judged(self, job: Job, course: Course) -> CaseResult:
+    def _judged(self, job: CaseJob, course: CaseDrive) -> CaseResult:
         case = CASE[job.case]
         judged = judge(case, job.window, course, self._nominal, self._bench.rules)
         record = Path(kept.CASES) / case.name / f"seed_{job.seed}" / "record"

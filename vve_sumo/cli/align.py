@@ -13,7 +13,7 @@ from vve_sumo.cli.parser import Parser
 from vve_sumo.errors import ConfigError, RigError
 
 if TYPE_CHECKING:
-    from vve_sumo.commissioning.align import AlignmentResult, Site
+    from vve_sumo.commissioning.align import AlignmentResult, AlignmentSite
 
 EXIT_CODES = """exit codes:
   0  the path fits there; with --write it is in the rig file
@@ -95,7 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _found(site: Site, arguments: argparse.Namespace) -> AlignmentResult:
+def _found(site: AlignmentSite, arguments: argparse.Namespace) -> AlignmentResult:
     from vve_sumo.commissioning import align
 
     if arguments.fit:
@@ -106,7 +106,7 @@ def _found(site: Site, arguments: argparse.Namespace) -> AlignmentResult:
     return align.matched(site, notify)
 
 
-def _draw(site: Site, result: AlignmentResult, file: Path) -> None:
+def _draw(site: AlignmentSite, result: AlignmentResult, file: Path) -> None:
     from vve_sumo.plotting.alignment import PathInLot, draw
 
     shown = PathInLot(

@@ -105,10 +105,10 @@ def _show(calibrated: Calibrated, picture: Path) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from vve_sumo.commissioning.calibrate import NOTE, Row, rows
+    from vve_sumo.commissioning.calibrate import NOTE, CalibrationRow, rows
 
     table = Table(title=f"Calibration from {calibrated.folder}", title_justify="left")
-    for head in Row._fields:
+    for head in CalibrationRow._fields:
         table.add_column({"words": "", "uncertainty": "±"}.get(head, head))
     for row in rows(calibrated):
         colour = "red" if row.verdict.startswith("poor") else "green"

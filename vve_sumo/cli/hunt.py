@@ -11,8 +11,8 @@ from vve_sumo.cli.parser import Parser, names
 from vve_sumo.errors import ConfigError
 
 if TYPE_CHECKING:
-    from vve_sumo.hunt.episode import Phase
-    from vve_sumo.hunt.simulation import Simulation
+    from vve_sumo.hunt.episode import EpisodePhase
+    from vve_sumo.hunt.simulation import EpisodeDrive
     from vve_sumo.hunt.truth import TruthSample
 
 EXIT_CODES = """exit codes:
@@ -122,15 +122,15 @@ def _check(arguments: argparse.Namespace) -> None:
         raise ConfigError("--phases: a search draws the phase; give --pairs too")
 
 
-def _phases(said: tuple[str, ...]) -> tuple[Phase, ...]:
-    from vve_sumo.hunt.episode import Phase
+def _phases(said: tuple[str, ...]) -> tuple[EpisodePhase, ...]:
+    from vve_sumo.hunt.episode import EpisodePhase
     from vve_sumo.hunt.run import PAIR_PHASES
 
-    every = [phase.value for phase in Phase]
+    every = [phase.value for phase in EpisodePhase]
     for name in said:
         if name not in every:
             raise ConfigError(f"--phases: expected some of {', '.join(every)}, got {name!r}")
-    return tuple(Phase(name) for name in said) or PAIR_PHASES
+    return tuple(EpisodePhase(name) for name in said) or PAIR_PHASES
 
 
 def _show(scenario: str, rig: str, file: Path) -> int:
@@ -145,7 +145,7 @@ def _show(scenario: str, rig: str, file: Path) -> int:
     print(episode)
     last: list[object] = []
 
-    def show(sample: TruthSample, _simulation: Simulation) -> None:
+    def show(sample: TruthSample, _simulation: EpisodeDrive) -> None:
         driver, command = sample.driver, sample.command
         changed: list[object] = [sample.phase, tuple(sample.reasons), sorted(sample.due), driver, sample.enabled]
         if changed == last and round(sample.time / 0.02) % 25:

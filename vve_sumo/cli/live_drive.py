@@ -12,7 +12,7 @@ from vve_sumo.errors import ConfigError, RigError
 
 if TYPE_CHECKING:
     from vve_sumo.cli.parser import Parser
-    from vve_sumo.live.session import Plan
+    from vve_sumo.live.session import DrivePlan
 
 MAX_REASON_LENGTH: Final = 100  #: characters of a reason to override the doctor: a line of the screen holds it
 
@@ -26,7 +26,7 @@ def override_argument(parser: Parser) -> None:
     )
 
 
-def named(plan: Plan, operator: str | None, driver: str | None) -> Plan:
+def named(plan: DrivePlan, operator: str | None, driver: str | None) -> DrivePlan:
     """Return a plan with who is at the console and who sits behind the wheel.
 
     Of a real car both are asked for where nobody has said so and there is a terminal to ask on; drive time begins
@@ -49,7 +49,7 @@ def _name(role: str, name: str | None, *, asks: bool) -> str | None:
     return None if name is None else person_name(role, name)
 
 
-def examined(plan: Plan, override: str | None) -> dict[str, Any]:
+def examined(plan: DrivePlan, override: str | None) -> dict[str, Any]:
     """Return the doctor's last result on a plan's rig, for the record; to be asked before anybody is asked for a name.
 
     A real car is armed only on a GO of this version of the rig's file, at most a day old, or with a reason to
@@ -85,7 +85,7 @@ def _reason(typed: str) -> str:
     return reason
 
 
-def drive(plan: Plan, doctor: Mapping[str, Any] | None = None) -> dict[str, Any]:
+def drive(plan: DrivePlan, doctor: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """Drive a plan to its end and return its summary; raises VveError where it never began.
 
     `doctor` is what `examined` returned; it is asked where nothing is given.

@@ -52,7 +52,7 @@ QUALITY: Final = 0.95
 
 
 @dataclass(frozen=True, slots=True)
-class Size:
+class PictureSize:
     """Of a picture [px]."""
 
     width: int
@@ -60,21 +60,21 @@ class Size:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class RenderPlan:
     """What is to be drawn, and where it goes."""
 
     form: str  #: one of FORMATS
-    size: Size
+    size: PictureSize
     rate: float  #: pictures a second of the film [1/s]
     times: list[float]  #: drive times of the pictures [s]
     file: Path
 
 
-def _size(text: str) -> Size:
+def _size(text: str) -> PictureSize:
     width, _, height = text.partition("x")
     if not (width.isdecimal() and height.isdecimal()):
         raise argparse.ArgumentTypeError(f"expected WIDTHxHEIGHT such as 1280x720, got {text!r}")
-    size = Size(int(width), int(height))
+    size = PictureSize(int(width), int(height))
     if not all(MIN_SIDE <= side <= MAX_SIDE for side in (size.width, size.height)):
         raise argparse.ArgumentTypeError(f"expected sides of {MIN_SIDE} to {MAX_SIDE} pixels, got {text}")
     return size
@@ -153,7 +153,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _plan(arguments: argparse.Namespace, held: Run) -> Plan:
+def _plan(arguments: argparse.Namespace, held: Run) -> RenderPlan:
     """Return what was asked for; raises ConfigError before anything is drawn."""
     form = arguments.form
     default_size, default_rate = FORMATS[form]
@@ -171,7 +171,7 @@ def _plan(arguments: argparse.Namespace, held: Run) -> Plan:
             raise ConfigError(f"--fps {rate:g}: a GIF has at most {MAX_GIF_RATE:g} pictures a second")
     first, last = float(held.time[0]), float(held.time[-1])
     times = _moment(arguments, first, last) if form == "png" else _moments(arguments, first, last, size, rate)
-    return Plan(form, size, rate, times, _place(arguments.out, arguments.folder, form))
+    return RenderPlan(form, size, rate, times, _place(arguments.out, arguments.folder, form))
 
 
 def _moment(arguments: argparse.Namespace, first: float, last: float) -> list[float]:
@@ -180,7 +180,7 @@ def _moment(arguments: argparse.Namespace, first: float, last: float) -> list[fl
     return [_within("--at", arguments.at, first, last)]
 
 
-def _moments(arguments: argparse.Namespace, first: float, last: float, size: Size, rate: float) -> list[float]:
+def _moments(arguments: argparse.Namespace, first: float, last: float, size: PictureSize, rate: float) -> list[float]:
     form = arguments.form
     if arguments.at is not None:
         raise ConfigError("--at: is of --png; a moving picture has --from and --to")
@@ -212,7 +212,7 @@ def _place(out: Path | None, folder: Path, form: str) -> Path:
     return file
 
 
-def _write(plan: Plan, pictures: Pictures) -> None:
+def _write(plan: RenderPlan, pictures: Pictures) -> None:
     if plan.form == "png":
         plan.file.write_bytes(pictures.at(plan.times[0]))
         return

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from vve_sumo.suite.query import SuiteQuery
-    from vve_sumo.suite.row import Judged
+    from vve_sumo.suite.row import JudgedRow
 
 EXIT_CODES = """exit codes:
   0  no row failed that physics allowed
@@ -104,7 +104,7 @@ def drive(name: str, query: SuiteQuery, *, quiet: bool = False, as_json: bool = 
     return 1 if any(row.verdict in queries.BAD for row in judged) else 0
 
 
-def _show(title: str, rows: Sequence[Judged]) -> None:
+def _show(title: str, rows: Sequence[JudgedRow]) -> None:
     from rich.console import Console
 
     from vve_sumo.suite.table import counted, whys
@@ -115,19 +115,19 @@ def _show(title: str, rows: Sequence[Judged]) -> None:
         print(line)
 
 
-def _table(title: str, rows: Sequence[Judged]) -> Table:
+def _table(title: str, rows: Sequence[JudgedRow]) -> Table:
     from rich.table import Table
     from rich.text import Text
 
-    from vve_sumo.suite.row import Verdict
+    from vve_sumo.suite.row import RowVerdict
     from vve_sumo.suite.table import HEADINGS, NUMBERS, cells
 
     colours = {
-        Verdict.PASSED: "green",
-        Verdict.FAILED: "red",
-        Verdict.UNAVOIDABLE: "yellow",
-        Verdict.INVALID: "red",
-        Verdict.NOT_APPLICABLE: "dim",
+        RowVerdict.PASSED: "green",
+        RowVerdict.FAILED: "red",
+        RowVerdict.UNAVOIDABLE: "yellow",
+        RowVerdict.INVALID: "red",
+        RowVerdict.NOT_APPLICABLE: "dim",
     }
     drawn = Table(title=Text(title), title_justify="left")
     for number, heading in enumerate(HEADINGS):

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from vve_sumo.sweep.plan import SweepQuery
     from vve_sumo.sweep.search import AdaptiveSearch
     from vve_sumo.sweep.spec import Keep
-    from vve_sumo.sweep.statistics import Group, Outcome
+    from vve_sumo.sweep.statistics import Group, SweepOutcome
 
 EXIT_CODES = """exit codes:
   0  every run is a row, passed or not; of --rerun: the record is the same
@@ -144,7 +144,7 @@ def _conclude_search(out: Path, query: SweepQuery, search: AdaptiveSearch) -> in
     return SimulationError.exit_code if search.found["errors"] == search.found["runs"] else 0
 
 
-def _show(out: Path, query: SweepQuery, came: Outcome) -> None:
+def _show(out: Path, query: SweepQuery, came: SweepOutcome) -> None:
     from vve_sumo.statistics import wilson
     from vve_sumo.sweep.conclusion import COMBINATIONS, first_failed
 
@@ -174,7 +174,7 @@ def _show(out: Path, query: SweepQuery, came: Outcome) -> None:
     console.print(f"rows: {out / 'rows'}")
 
 
-def _table(query: SweepQuery, came: Outcome) -> Table:
+def _table(query: SweepQuery, came: SweepOutcome) -> Table:
     from rich import box
     from rich.table import Table
 

@@ -44,7 +44,7 @@ DECIMALS: Final = 10  #: of degrees in a path's file: 0.01 mm
 
 
 @dataclass(frozen=True, slots=True)
-class Site:
+class AlignmentSite:
     """A path and the lot that it is to lie in."""
 
     resolved: ResolvedScenario
@@ -77,7 +77,7 @@ class AlignmentResult:
         return self.fit is not None and self.fit.whole
 
 
-def site_of(scenario: str, rig: str, working: Path) -> Site:
+def site_of(scenario: str, rig: str, working: Path) -> AlignmentSite:
     """Find rig and scenario by name; raises ConfigError for what is missing, wrong or too fast for the lot."""
     rig_file = workspace.find("rig", rig, working)
     loaded = rigs.load(rig_file, working)
@@ -86,10 +86,10 @@ def site_of(scenario: str, rig: str, working: Path) -> Site:
         resolved = assembly.scenario_with_rig(resolved, loaded, working)
     except ConfigError as error:
         raise ConfigError(f"{workspace.find('scenario', scenario, working)}: {error}") from None
-    return Site(resolved, loaded, rig_file, meaning.geofence_of(loaded, Alignment()))
+    return AlignmentSite(resolved, loaded, rig_file, meaning.geofence_of(loaded, Alignment()))
 
 
-def matched(site: Site, notify: Callable[[str], None] = lambda line: None) -> AlignmentResult:
+def matched(site: AlignmentSite, notify: Callable[[str], None] = lambda line: None) -> AlignmentResult:
     """Make the place where the car stands the start of the path; raises RigError where it has no trusted fixes.
 
     `notify` is called with a line before waiting for the fixes.
@@ -114,7 +114,7 @@ def matched(site: Site, notify: Callable[[str], None] = lambda line: None) -> Al
     return AlignmentResult(alignment, standing.spread, site.fits(alignment), (evidence,))
 
 
-def paired(site: Site, file: Path) -> AlignmentResult:
+def paired(site: AlignmentSite, file: Path) -> AlignmentResult:
     """Align the surveyed places of a CSV file with their places on the street.
 
     Raises ConfigError for what is no such file, for mirrored or scaled surveys, and for a pair that is off by too much.
@@ -135,7 +135,7 @@ def paired(site: Site, file: Path) -> AlignmentResult:
     return AlignmentResult(alignment, max(alignment.residuals), site.fits(alignment), evidence)
 
 
-def read_pairs(file: Path, site: Site) -> tuple[list[Pair], list[Pair]]:
+def read_pairs(file: Path, site: AlignmentSite) -> tuple[list[Pair], list[Pair]]:
     """Return the same places on the lot's map and on the street's [m]; raises ConfigError naming file and line."""
     table = CsvNumbers(file, "pairs")
     by_map = set(STREET_COLUMNS) <= set(table.header)
@@ -156,7 +156,7 @@ def read_pairs(file: Path, site: Site) -> tuple[list[Pair], list[Pair]]:
     return lot, street
 
 
-def searched(site: Site) -> AlignmentResult:
+def searched(site: AlignmentSite) -> AlignmentResult:
     """Search the alignment that leaves the path the most room; raises ConfigError where not even its start fits."""
     try:
         found = fit(site.resolved.path, site.geofence, site.speed)
@@ -169,7 +169,7 @@ def searched(site: Site) -> AlignmentResult:
     return AlignmentResult(found.alignment, 0.0, found, (evidence,))
 
 
-def description(site: Site, result: AlignmentResult) -> Iterator[str]:
+def description(site: AlignmentSite, result: AlignmentResult) -> Iterator[str]:
     """Return lines: how the path lies in the lot, and where the car has to stand at its start."""
     length, margin = site.resolved.path.length, site.rig.lot.margin_m
     what = f"{length:.0f} m of {site.resolved.scenario.ego.path} at up to {site.speed:.1f} m/s"
@@ -183,7 +183,7 @@ def description(site: Site, result: AlignmentResult) -> Iterator[str]:
     yield _start(site, result.fit)
 
 
-def _start(site: Site, found: Fit) -> str:
+def _start(site: AlignmentSite, found: Fit) -> str:
     """Describe where the rear axle is at the path's start, and what the receiver reports there."""
     frame = meaning.frame_of(site.rig)
     x, y, heading = found.start
@@ -205,7 +205,7 @@ def _compass(heading: float) -> str:
     return f"{(90.0 - math.degrees(heading)) % 360.0:.2f}"
 
 
-def cut(site: Site, result: AlignmentResult, out: Path) -> ReferencePath:
+def cut(site: AlignmentSite, result: AlignmentResult, out: Path) -> ReferencePath:
     """Write the part of the path that fits as a path of its own into `out`, and return it."""
     assert result.fit is not None  # of a search
     geofence = site.geofence.aligned(result.alignment)
@@ -227,7 +227,7 @@ def cut(site: Site, result: AlignmentResult, out: Path) -> ReferencePath:
     return short
 
 
-def beyond(site: Site, length: float) -> list[str]:
+def beyond(site: AlignmentSite, length: float) -> list[str]:
     """Return a line for each obstacle and actor of the scenario beyond this length of its path [m]."""
     scenario = site.resolved.scenario
     places = [("obstacle", one.id, one.at_m) for one in scenario.obstacles]
@@ -239,7 +239,7 @@ def beyond(site: Site, length: float) -> list[str]:
     ]
 
 
-def store(site: Site, result: AlignmentResult, today: datetime.date) -> None:
+def store(site: AlignmentSite, result: AlignmentResult, today: datetime.date) -> None:
     """Write an alignment into the rig file; raises ConfigError where it would not load or ships with the package."""
     shipped = workspace.shipped_root()
     if site.rig_file.resolve().parent == shipped / "rigs" and Path.cwd().resolve() != shipped:

@@ -260,7 +260,7 @@ def _motion(folder: Path, fixes: Sequence[Fix], mounting: Mounting) -> dict[str,
     return {name: Series(time, value) for name, value in values.items()}
 
 
-class Row(NamedTuple):
+class CalibrationRow(NamedTuple):
     """A line of the table, in the quantity's own unit."""
 
     words: str
@@ -270,7 +270,7 @@ class Row(NamedTuple):
     verdict: str
 
 
-def rows(calibrated: Calibrated) -> list[Row]:
+def rows(calibrated: Calibrated) -> list[CalibrationRow]:
     """The table of all identified numbers."""
     return [
         _row(quantity, quantity.declared(calibrated.declared), calibrated.identified.estimates[name])
@@ -278,7 +278,7 @@ def rows(calibrated: Calibrated) -> list[Row]:
     ]
 
 
-def _row(quantity: Quantity, declared: float, estimate: Estimate) -> Row:
+def _row(quantity: Quantity, declared: float, estimate: Estimate) -> CalibrationRow:
     sigma = abs(quantity.factor) * estimate.sigma
     # As many decimals as show the uncertainty's first two digits, within reason.
     decimals = min(max(1 - math.floor(math.log10(sigma)), 0), 5) if 0.0 < sigma < math.inf else 3
@@ -289,7 +289,7 @@ def _row(quantity: Quantity, declared: float, estimate: Estimate) -> Row:
     verdict = "good" if estimate.good else f"poor: {estimate.trouble}"
     if quantity.optional and not estimate.good:
         verdict = f"left as declared: {estimate.trouble}"
-    return Row(quantity.words, in_digits(declared), in_digits(estimate.value), f"{sigma:.2g}", verdict)
+    return CalibrationRow(quantity.words, in_digits(declared), in_digits(estimate.value), f"{sigma:.2g}", verdict)
 
 
 def _values(calibrated: Calibrated, leave: Sequence[str]) -> dict[tuple[str, str], float]:

@@ -35,7 +35,7 @@ def refuse_altered(record: Path) -> None:
         raise ConfigError(f"{record}: {altered[0]}: no car is calibrated by an altered record")
 
 
-def plan(rig: str, working: Path, out: Path | None) -> session.Plan:
+def plan(rig: str, working: Path, out: Path | None) -> session.DrivePlan:
     """Return the plan of the calibration drive, in which the calibration's own controller drives and no brain is told.
 
     Raises ConfigError or RigError as `session.plan`, and ConfigError for an external brain.

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from vve_sumo import workspace
 from vve_sumo.commissioning import brain_checks, doctor_result, machine_checks, rig_checks
-from vve_sumo.commissioning.findings import Check, Report
+from vve_sumo.commissioning.findings import Check, CheckReport
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.run import resolve_by_name
 from vve_sumo.errors import ConfigError
@@ -22,7 +22,7 @@ from vve_sumo.rig.lock import held
 from vve_sumo.rig.schema import Rig
 
 
-def keep(report: Report, scenario: str, rig: str, working: Path) -> None:
+def keep(report: CheckReport, scenario: str, rig: str, working: Path) -> None:
     """Keep the verdict on a rig for the records of later drives; nothing is kept for a rig that is not found.
 
     Raises OSError where it cannot be written.
@@ -34,9 +34,9 @@ def keep(report: Report, scenario: str, rig: str, working: Path) -> None:
 
 def examine(
     scenario: str, rig: str | None, working: Path, show: Callable[[Check], None] = lambda check: None
-) -> Report:
+) -> CheckReport:
     """Make every possible check, each passed to `show` at once; on a real car's rig the checks only listen."""
-    report = Report(show)
+    report = CheckReport(show)
     report.add(machine_checks.machine(working))
     advice = "correct the scenario, or name another one"
     resolved = report.attempt("scenario", advice, lambda: resolve_by_name(scenario, working))
@@ -62,7 +62,7 @@ def examine(
     return report
 
 
-def _examine_brain(report: Report, rig: Rig, working: Path) -> None:
+def _examine_brain(report: CheckReport, rig: Rig, working: Path) -> None:
     """Make the checks of a foreign brain's setpoints and of the wires out, where the rig has them."""
     if rig.brain.kind == "setpoints":
         advice = "correct the table [brain] of the rig, or end the program that has the port"
@@ -72,7 +72,7 @@ def _examine_brain(report: Report, rig: Rig, working: Path) -> None:
         report.attempt("outputs", advice, lambda: report.add([brain_checks.outputs(rig)]))
 
 
-def _examine_scenario(report: Report, resolved: ResolvedScenario, rig: Rig | None, working: Path) -> None:
+def _examine_scenario(report: CheckReport, resolved: ResolvedScenario, rig: Rig | None, working: Path) -> None:
     """Make the checks of a scenario, with the rig's car where there is one."""
     advice = "build it again: vve-sumo network build"
     report.attempt("network", advice, lambda: report.add(machine_checks.network(resolved)))

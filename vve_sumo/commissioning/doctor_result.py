@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from vve_sumo.commissioning.findings import Check, Finding
+from vve_sumo.commissioning.findings import Check, CheckResult
 from vve_sumo.record.hashes import hash_file
 
 #: folder of the verdicts in the folder that the commands are run from; one file for each rig
@@ -28,7 +28,7 @@ def file_of(rig_file: Path, working: Path) -> Path:
 
 def keep(rig_file: Path, checks: Sequence[Check], scenario: str, working: Path, now: datetime.datetime) -> None:
     """Keep what the doctor found; raises OSError where it cannot be written."""
-    against = any(check.finding is Finding.NO_GO for check in checks)
+    against = any(check.finding is CheckResult.NO_GO for check in checks)
     data = {
         "verdict": "NO-GO" if against else "GO",
         "date_utc": now.isoformat(timespec="seconds"),
@@ -73,5 +73,5 @@ def obstacle(result: dict[str, Any]) -> str | None:
     if result["verdict"] == "GO":
         return None
     checks = result.get("checks", ())
-    against = [str(check["name"]) for check in checks if check["finding"] == Finding.NO_GO.value]
+    against = [str(check["name"]) for check in checks if check["finding"] == CheckResult.NO_GO.value]
     return f"the doctor says NO-GO: {', '.join(against)}"

@@ -16,7 +16,7 @@ T = TypeVar("T")
 WIDTH: Final = 16  #: of the names
 
 
-class Finding(enum.StrEnum):
+class CheckResult(enum.StrEnum):
     """Result of a check."""
 
     GO = "go"
@@ -29,7 +29,7 @@ class Check(NamedTuple):
 
     name: str
     found: str
-    finding: Finding = Finding.GO
+    finding: CheckResult = CheckResult.GO
     advice: str = ""  #: what to do next
 
     def lines(self) -> list[str]:
@@ -38,12 +38,12 @@ class Check(NamedTuple):
         return [head, f"{'':<{WIDTH + 9}}-> {self.advice}"] if self.advice else [head]
 
 
-def judged(name: str, found: str, good: bool, advice: str, *, otherwise: Finding = Finding.NO_GO) -> Check:
+def judged(name: str, found: str, good: bool, advice: str, *, otherwise: CheckResult = CheckResult.NO_GO) -> Check:
     """Return a check that is GO if `good`, else `otherwise` with `advice`."""
     return Check(name, found) if good else Check(name, found, otherwise, advice)
 
 
-class Report:
+class CheckReport:
     """The checks so far, each handed on as it comes."""
 
     def __init__(self, show: Callable[[Check], None] = lambda check: None) -> None:
@@ -62,10 +62,10 @@ class Report:
         try:
             return make()
         except VveError as error:
-            self.add([Check(name, str(error), Finding.NO_GO, advice)])
+            self.add([Check(name, str(error), CheckResult.NO_GO, advice)])
             return None
 
     @property
     def against(self) -> list[Check]:
         """The checks that speak against a drive."""
-        return [check for check in self.checks if check.finding is Finding.NO_GO]
+        return [check for check in self.checks if check.finding is CheckResult.NO_GO]

@@ -22,7 +22,7 @@ from typing import Final
 import numpy as np
 
 from vve_sumo import bus
-from vve_sumo.commissioning.findings import Check, Finding, judged
+from vve_sumo.commissioning.findings import Check, CheckResult, judged
 from vve_sumo.commissioning.wake_up import wake_up
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.virtual_road import open_world, pose_at_rest, scenario_engine
@@ -103,7 +103,7 @@ def _processors() -> Check:
     advice = (
         f"a live drive is {PROCESSES} processes that may not wait for each other; {PROCESSES} processors are better"
     )
-    few = Finding.NOTE if count > 1 else Finding.NO_GO
+    few = CheckResult.NOTE if count > 1 else CheckResult.NO_GO
     return judged("processors", f"{count} for this process", count >= PROCESSES, advice, otherwise=few)
 
 
@@ -120,7 +120,7 @@ def _priority() -> Check:
     found = f"real-time priority {GATEWAY_PRIORITY} {words[permitted.real_time]}, "
     found += f"locking memory {words[permitted.memory]}, oom_score_adj {NEVER_KILLED} {words[_kept()]}"
     lacking = permitted.lacking()
-    return judged("priority", found, not lacking, lacking, otherwise=Finding.NOTE)
+    return judged("priority", found, not lacking, lacking, otherwise=CheckResult.NOTE)
 
 
 def _kept() -> bool:
@@ -142,7 +142,7 @@ def _can() -> Check:
         if (link / "type").read_text(encoding="ascii").strip() == CAN_LINK:
             links.append(f"{link.name} {(link / 'operstate').read_text(encoding='ascii').strip()}")
     found = f"SocketCAN: {', '.join(links) or 'no link'}; python-can knows {', '.join(bus.interfaces())}"
-    return Check("can", found, Finding.GO if links else Finding.NOTE)
+    return Check("can", found, CheckResult.GO if links else CheckResult.NOTE)
 
 
 def _dbc() -> Check:
@@ -151,7 +151,7 @@ def _dbc() -> Check:
     try:
         messages = read_dbc(facts.dbc).messages
     except ConfigError as error:
-        return Check("dbc", "not checked", Finding.NOTE, str(error))
+        return Check("dbc", "not checked", CheckResult.NOTE, str(error))
     return Check("dbc", f"{len(messages)} messages of {facts.title}")
 
 
@@ -165,7 +165,9 @@ def _disk(folder: Path) -> Iterator[Check]:
     try:
         rate, longest = _written(there)
     except OSError as error:
-        yield Check("disk speed", f"{there}: {error.strerror}", Finding.NO_GO, "drive with --out where you may write")
+        yield Check(
+            "disk speed", f"{there}: {error.strerror}", CheckResult.NO_GO, "drive with --out where you may write"
+        )
         return
     found = f"{rate / 1e6:.0f} MB/s, longest write {1e3 * longest:.1f} ms"
     yield judged("disk speed", found, rate >= RATE, "drive with --out on a faster disk")
@@ -189,7 +191,7 @@ def braking(resolved: ResolvedScenario) -> Check:
     model = resolved.model
     if resolved.note:
         advice = "controllers plan with that; is drive_by_wire, of the vehicle or of the rig, this car's own?"
-        return Check("braking", resolved.note, Finding.NOTE, advice)
+        return Check("braking", resolved.note, CheckResult.NOTE, advice)
     laden, mass = of_model(model, mass_factor=model.laden_factor), model.simulated.laden_mass
     return Check("braking", f"{of_model(model).in_words()}; laden with {mass:g} kg {laden.value:.2f} m/s2")
 
@@ -248,5 +250,5 @@ def _judged_street(took: list[float], fits: bool, load: dict[str, float]) -> Che
         found += f"; {kept_out} vehicles kept off the street"
     advice = "take lighter traffic or fewer actors, let nothing else run, or take a faster machine"
     if not fits:
-        return Check("street", found, Finding.NO_GO, advice)
-    return judged("street", found, not kept_out and p99 <= 1e3 * LIMIT, advice, otherwise=Finding.NOTE)
+        return Check("street", found, CheckResult.NO_GO, advice)
+    return judged("street", found, not kept_out and p99 <= 1e3 * LIMIT, advice, otherwise=CheckResult.NOTE)

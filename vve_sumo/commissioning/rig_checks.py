@@ -18,7 +18,7 @@ from typing import Any, Final
 
 from vve_sumo.bus import Bus
 from vve_sumo.commissioning import watchdog_record
-from vve_sumo.commissioning.findings import Check, Finding, Report, judged
+from vve_sumo.commissioning.findings import Check, CheckReport, CheckResult, judged
 from vve_sumo.drive.reasons import in_words
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.virtual_road import pose_at_rest
@@ -93,7 +93,7 @@ class Observed:
         return row[::-1]
 
 
-def examine(report: Report, rig: Rig, resolved: ResolvedScenario | None, working: Path) -> None:
+def examine(report: CheckReport, rig: Rig, resolved: ResolvedScenario | None, working: Path) -> None:
     """Make every possible check of a rig, and with a `resolved` scenario those of its path in the lot.
 
     The records that the rig names are looked up from `working`.
@@ -130,7 +130,10 @@ def documents(rig: Rig, today: datetime.date) -> Iterator[Check]:
         Check("arming", "the rig may arm")
         if problem is None
         else Check(
-            "arming", problem, Finding.NO_GO, "until then a drive runs with --shadow; docs/live.md tells how to test"
+            "arming",
+            problem,
+            CheckResult.NO_GO,
+            "until then a drive runs with --shadow; docs/live.md tells how to test",
         )
     )
     days = {stated.key: stated for stated in stated_days(rig)}
@@ -140,7 +143,7 @@ def documents(rig: Rig, today: datetime.date) -> Iterator[Check]:
     elif rig.car == "real":
         model = rig.vehicle.model
         advice = f"pedals and steering are taken to be those of model {model}; vve-sumo calibrate finds this car's"
-        yield Check("calibration", "none", Finding.NOTE, advice)
+        yield Check("calibration", "none", CheckResult.NOTE, advice)
     lot, surveyed = meaning.lot_of(rig), days["lot.surveyed"]
     found = f"{lot.area:.0f} m2, {len(lot.holes)} holes, margin {lot.margin:g} m, grade {rig.lot.grade_percent:g} %"
     yield _dated("lot", f"{found}, surveyed {surveyed.day}", surveyed, rig, today)
@@ -149,33 +152,35 @@ def documents(rig: Rig, today: datetime.date) -> Iterator[Check]:
 def _watchdog(rig: Rig, stated: StatedDay | None, today: datetime.date) -> Check:
     test = rig.watchdog_test
     if test is None or stated is None:
-        finding = Finding.NO_GO if rig.car == "real" else Finding.NOTE
+        finding = CheckResult.NO_GO if rig.car == "real" else CheckResult.NOTE
         return Check("watchdog test", "none", finding, "docs/live.md tells how to make it")
     found = f"of {test.date}: {test.deceleration_mps2:g} m/s2 after {test.delay_s:g} s"
     dated = _dated("watchdog test", found, stated, rig, today)
-    if test.armed or dated.finding is Finding.NO_GO:
+    if test.armed or dated.finding is CheckResult.NO_GO:
         return dated
     advice = (
         "when the gateway itself dies, nobody brakes this car but its driver: have the watchdog of the drive-by-wire "
         "controller armed"
     )
-    return Check("watchdog test", f"not armed, {dated.found}", Finding.NOTE, advice)
+    return Check("watchdog test", f"not armed, {dated.found}", CheckResult.NOTE, advice)
 
 
 def _dated(name: str, found: str, stated: StatedDay, rig: Rig, today: datetime.date) -> Check:
     """Judge a day that the rig states; what a simulated vehicle's rig states does not grow old."""
     if stated.is_to_come(today):
-        return Check(name, found, Finding.NO_GO, "that day is still to come: correct the date, or this machine's clock")
+        return Check(
+            name, found, CheckResult.NO_GO, "that day is still to come: correct the date, or this machine's clock"
+        )
     age = (today - stated.day).days
     text = f"{found}, {age} days ago"
     if stated.has_expired(today):
         table = stated.key.partition(".")[0]
-        return Check(name, text, Finding.NO_GO, f"{table}.valid_days allows {stated.valid_days}: repeat it")
+        return Check(name, text, CheckResult.NO_GO, f"{table}.valid_days allows {stated.valid_days}: repeat it")
     young = rig.car == "simulated" or age <= MAX_AGE_DAYS
-    return judged(name, text, young, "repeat it if anything was changed since", otherwise=Finding.NOTE)
+    return judged(name, text, young, "repeat it if anything was changed since", otherwise=CheckResult.NOTE)
 
 
-def _bus(report: Report, rig: Rig, t0: float, stack: contextlib.ExitStack) -> Bus:
+def _bus(report: CheckReport, rig: Rig, t0: float, stack: contextlib.ExitStack) -> Bus:
     """Open the car's bus, after the simulated vehicle at its other end was started."""
     wire = rig.bus.interface, rig.bus.channel
     if rig.car == "simulated":
@@ -204,7 +209,7 @@ def echoed(here: Bus, there: Bus) -> Check:
         if observed is not None and observed[1] == sent:
             return Check("echo", f"a frame from {here.name} is heard on {there.name}")
     found = f"a frame from {here.name} is not heard on {there.name}"
-    return Check("echo", found, Finding.NO_GO, "see that both are the same bus, at the same bitrate, and up")
+    return Check("echo", found, CheckResult.NO_GO, "see that both are the same bus, at the same bitrate, and up")
 
 
 def listen(rig: Rig, source: Source | None, bus: Bus | None, t0: float) -> Observed:
@@ -285,10 +290,10 @@ def _interface_checks(reports: CarReports) -> Iterator[Check]:
     yield judged("enabled", found, not enabled, advice)
     overrides = sorted(reports.overrides())
     found = f"latched: {', '.join(overrides) or 'none'}"
-    yield judged("overrides", found, not overrides, "engaging clears them", otherwise=Finding.NOTE)
+    yield judged("overrides", found, not overrides, "engaging clears them", otherwise=CheckResult.NOTE)
     gear = reports.gear.gear
     advice = "in D the driver's brake has to hold the car until it is taken over"
-    in_drive = Finding.NOTE if gear is Gear.DRIVE else Finding.NO_GO
+    in_drive = CheckResult.NOTE if gear is Gear.DRIVE else CheckResult.NO_GO
     advice = advice if gear is Gear.DRIVE else "shift to P"
     yield judged("gear", gear.name.lower(), gear is Gear.PARK, advice, otherwise=in_drive)
     speed = reports.fastest_wheel
@@ -313,7 +318,7 @@ def pose_checks(rig: Rig, observed: Observed) -> Iterator[Check]:
     rate = len(observed.fixes) / LISTENING_TIME
     receiver, found = meaning.receiver_of(rig), f"{rate:.0f} fixes/s, the rig says {rig.pose.rate_hz:g}"
     if not observed.fixes:
-        yield Check("fixes", f"none in {LISTENING_TIME:g} s", Finding.NO_GO, receiver.silent_hint)
+        yield Check("fixes", f"none in {LISTENING_TIME:g} s", CheckResult.NO_GO, receiver.silent_hint)
         return
     advice = "correct pose.rate_hz, or look for what loses packets on the way"
     yield judged("fixes", found, rate >= RATE_SHARE * rig.pose.rate_hz, advice)
@@ -344,7 +349,7 @@ def _age(rig: Rig, observed: Observed) -> Check:
     ages = [1e3 * (fix.time_received - (fix.time - epoch)) for fix, _trust in observed.fixes if math.isfinite(fix.time)]
     if report is None or not ages:
         return Check(
-            "age", "not known: no locked fix says the time", Finding.NO_GO, "wait until the receiver is locked"
+            "age", "not known: no locked fix says the time", CheckResult.NO_GO, "wait until the receiver is locked"
         )
     drift = "drift known after 10 s" if math.isnan(report.drift_ppm) else f"drift {report.drift_ppm:.1f} ppm"
     ahead = observed.wall - observed.dater.measured_epoch
@@ -353,10 +358,10 @@ def _age(rig: Rig, observed: Observed) -> Check:
         f"p99 {1e3 * report.jitter_p99:.1f} ms; this machine's clock {ahead:+.3f} s from GNSS, {drift}"
     )
     if report.age is AgeKind.DECLARED and rig.pose.minimum_delay_ms == 0.0:
-        return Check("age", found, Finding.NOTE, "pose.minimum_delay_ms is 0: no fix takes no time at all")
+        return Check("age", found, CheckResult.NOTE, "pose.minimum_delay_ms is 0: no fix takes no time at all")
     advice = f"later than latency.deadline_ms, {rig.latency.deadline_ms:g} ms: such ticks run on prediction"
     in_time = report.jitter_p99 <= rig.latency.deadline_ms / 1000.0
-    return judged("age", found, in_time, advice, otherwise=Finding.NOTE)
+    return judged("age", found, in_time, advice, otherwise=CheckResult.NOTE)
 
 
 def path_checks(rig: Rig, resolved: ResolvedScenario, observed: Observed) -> Iterator[Check]:
@@ -373,7 +378,7 @@ def path_checks(rig: Rig, resolved: ResolvedScenario, observed: Observed) -> Ite
             advice = (
                 f"where it lies follows from where the car stands: {AVERAGING_TIME:g} s of fixes to trust are needed"
             )
-            yield Check("path in the lot", "not known", Finding.NO_GO, advice)
+            yield Check("path in the lot", "not known", CheckResult.NO_GO, advice)
             return
         place = pose_at_rest(begin.x, begin.y, begin.heading)
         stored = lot_alignment(average_fixes(epoch, standing), frame, mounting, place, None).alignment
@@ -387,10 +392,10 @@ def _in_the_lot(rig: Rig, resolved: ResolvedScenario, alignment: Alignment) -> C
     found = measured(resolved.path, geofence, resolved.scenario.ego.speed_mps, alignment)
     advice = "vve-sumo align --fit looks for a place where it fits, or where to cut it short"
     if found is None:
-        return Check("path in the lot", "not even its start is inside", Finding.NO_GO, advice)
+        return Check("path in the lot", "not even its start is inside", CheckResult.NO_GO, advice)
     if not found.whole:
         said = f"from {found.station:.0f} m of {resolved.path.length:.0f} m on, the car could not stop inside"
-        return Check("path in the lot", said, Finding.NO_GO, advice)
+        return Check("path in the lot", said, CheckResult.NO_GO, advice)
     return Check("path in the lot", f"fits, {found.clearance:.1f} m clear of every edge beyond the margin")
 
 

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-from vve_sumo.commissioning.findings import Check, Finding, judged
+from vve_sumo.commissioning.findings import Check, CheckResult, judged
 from vve_sumo.live.calm import LATE
 from vve_sumo.live.priority import DRIVE_PRIORITY, UrgentPart, ask_for_short_turns
 from vve_sumo.timing import PERIOD
@@ -53,5 +53,5 @@ def judged_wake_up(worst: float) -> Check:
     found = f"at worst {1e3 * worst:.1f} ms late in {WAKE_UPS * PERIOD:.0f} s"
     advice = "close other programs, and see the line priority; a virtual machine also waits for its host"
     if worst <= TOO_LATE:
-        return judged("wake-up", found, worst <= LATE, advice, otherwise=Finding.NOTE)
-    return Check("wake-up", found, Finding.NO_GO, f"the gateway would stop the car: {advice}")
+        return judged("wake-up", found, worst <= LATE, advice, otherwise=CheckResult.NOTE)
+    return Check("wake-up", found, CheckResult.NO_GO, f"the gateway would stop the car: {advice}")

@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from vve_sumo import bus
-from vve_sumo.commissioning.findings import Check, Finding
+from vve_sumo.commissioning.findings import Check, CheckResult
 from vve_sumo.config_file import read_json
 from vve_sumo.drive.resolved_scenario import recorded_model
 from vve_sumo.drive.verify import alterations
@@ -140,7 +140,7 @@ def checks(rig: Rig, working: Path) -> Iterator[Check]:
     if not test.records:
         if rig.car == "real":
             advice = "name the records of the test's runs in watchdog_test.records; docs/live.md tells how"
-            yield Check(NAME, "none: nobody can read the two figures again", Finding.NO_GO, advice)
+            yield Check(NAME, "none: nobody can read the two figures again", CheckResult.NO_GO, advice)
         return
     try:
         folders = [working / name for name in test.records]
@@ -148,7 +148,7 @@ def checks(rig: Rig, working: Path) -> Iterator[Check]:
             _refuse_another(rig, test, folder)
         yield compared(test, [read(folder) for folder in folders])
     except ConfigError as error:
-        yield Check(NAME, str(error), Finding.NO_GO, "correct watchdog_test.records, or make the test again")
+        yield Check(NAME, str(error), CheckResult.NO_GO, "correct watchdog_test.records, or make the test again")
 
 
 def _refuse_another(rig: Rig, test: WatchdogTest, folder: Path) -> None:
@@ -177,5 +177,5 @@ def compared(test: WatchdogTest, stops: Sequence[WatchdogStop]) -> Check:
     too_soon = test.delay_s < delay - DELAY_TOLERANCE
     if too_hard or too_soon:
         advice = "write what was measured into [watchdog_test]: the fence counts on it"
-        return Check(NAME, found, Finding.NO_GO, advice)
+        return Check(NAME, found, CheckResult.NO_GO, advice)
     return Check(NAME, found)

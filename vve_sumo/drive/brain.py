@@ -16,7 +16,7 @@ from vve_sumo.drive.pipeline import SensorFrame
 from vve_sumo.errors import RigError
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
 from vve_sumo.values import ControlCommand, Observation, newest_scan
-from vve_sumo.wire.sample import Measured, Sample, sequence_of, virtual_fix
+from vve_sumo.wire.sample import Sample, SampleContent, sequence_of, virtual_fix
 from vve_sumo.wire.setpoints import SILENT, SetpointInbox
 
 #: note of a command in whose place no setpoint is alive; the fault beside it makes the gateway stop
@@ -61,10 +61,10 @@ class Publisher:
         self.radar_valid = sample.radar_valid
         self._send(sample)
 
-    def _measured(self, now: float, seen: SensorFrame) -> Measured:
+    def _measured(self, now: float, seen: SensorFrame) -> SampleContent:
         scan = newest_scan(seen.sensors)
         age = now - scan.time if math.isfinite(scan.time) else math.inf
-        return Measured(virtual_fix(seen.pose, self._placement, seen.fix), seen.pose, scan, age, seen.actors)
+        return SampleContent(virtual_fix(seen.pose, self._placement, seen.fix), seen.pose, scan, age, seen.actors)
 
 
 class SetpointController:

@@ -57,7 +57,7 @@ class Answers:
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class ControllerComparison:
     """Two controllers on the same inputs."""
 
     ticks: int  #: number of ticks at which both controllers gave a command; only these are compared
@@ -93,7 +93,7 @@ def _answer(answer: tuple[float, float, bool, str], faults: Iterable[str]) -> di
     return dict(zip(_ANSWER, (math.nan, math.nan, False, "", failure) if failure else (*answer, ""), strict=True))
 
 
-def comparison_of(table: pa.Table) -> Comparison:
+def comparison_of(table: pa.Table) -> ControllerComparison:
     """Return the comparison of the two controllers in a table of `side_by_side`."""
     tick = table["tick"].to_numpy()
     difference = {
@@ -105,7 +105,7 @@ def comparison_of(table: pa.Table) -> Comparison:
         one, two = (table[f"{whose}_{name}"].to_pylist() for whose in _WHOSE)
         differs |= np.array([a != b for a, b in zip(one, two, strict=True)], bool) & both
     known = {name: values[both] for name, values in difference.items()}
-    return Comparison(
+    return ControllerComparison(
         ticks=int(both.sum()),
         differs_at=_first(tick, differs),
         greatest={name: float(np.abs(values).max(initial=0.0)) for name, values in known.items()},

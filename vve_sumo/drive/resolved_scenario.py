@@ -37,7 +37,7 @@ from vve_sumo.vehicle.effective_deceleration import limited_to, of_model
 from vve_sumo.vehicle.load import load as load_vehicle
 from vve_sumo.vehicle.model import VehicleModel
 from vve_sumo.version import __version__
-from vve_sumo.world.network import Lane, Network, lanes_near, read_network
+from vve_sumo.world.network import Network, NetworkLane, lanes_near, read_network
 
 if TYPE_CHECKING:
     from vve_sumo.plant.injected_faults import InjectedFault
@@ -73,7 +73,7 @@ class LoadedPath(NamedTuple):
 
     path: ReferencePath  #: on the network's map
     edges: tuple[str, ...]  #: that the path runs along, as the file's comment names them; empty without that comment
-    lanes: tuple[Lane, ...]  #: that come within MAX_DISTANCE_FROM_PATH of the path, in the network's order
+    lanes: tuple[NetworkLane, ...]  #: that come within MAX_DISTANCE_FROM_PATH of the path, in the network's order
 
 
 ReadNetwork = Callable[[Path], Network]
@@ -91,7 +91,7 @@ class ResolvedScenario:
     map_frame: MapFrame  #: of the network
     path: ReferencePath  #: of the rear axle, on the virtual road's map
     route: tuple[str, ...]  #: edges that the path runs along; empty where its file does not say
-    lanes: tuple[Lane, ...]  #: that come within MAX_DISTANCE_FROM_PATH of the path
+    lanes: tuple[NetworkLane, ...]  #: that come within MAX_DISTANCE_FROM_PATH of the path
     model: VehicleModel  #: of the car that drives
     files: dict[str, Path]  #: what was read, by role
     actor_paths: dict[str, ReferencePath]  #: paths of actors, by the names that they use, on the virtual road's map
@@ -323,7 +323,7 @@ def read_path(file: Path, map_frame: MapFrame, network: Network) -> LoadedPath:
     return LoadedPath(path, edges, _lanes_along(path, lanes, lines))
 
 
-def _lanes_around(points: Floats, network: Network) -> list[Lane]:
+def _lanes_around(points: Floats, network: Network) -> list[NetworkLane]:
     """Return the lanes near the box that holds a path's points (n, 2)."""
     if len(points) == 0:
         return []
@@ -331,7 +331,7 @@ def _lanes_around(points: Floats, network: Network) -> list[Lane]:
     return lanes_near(network.path, (low[0], low[1], high[0], high[1]))
 
 
-def _lanes_along(path: ReferencePath, lanes: list[Lane], lines: list[Floats]) -> tuple[Lane, ...]:
+def _lanes_along(path: ReferencePath, lanes: list[NetworkLane], lines: list[Floats]) -> tuple[NetworkLane, ...]:
     """Return those of the lanes, drawn as `lines`, that come within MAX_DISTANCE_FROM_PATH of the path."""
     if not lanes:
         return ()

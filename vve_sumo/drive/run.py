@@ -28,14 +28,14 @@ from vve_sumo.record.hashes import hash_files
 from vve_sumo.record.layout import PROVENANCE, ROADS
 from vve_sumo.record.roads import roads_table
 from vve_sumo.record.signals import SIGNALS, signals_text
-from vve_sumo.record.writer import MemoryRecorder, Record, claim
+from vve_sumo.record.writer import MemoryRecorder, RecordWriter, claim
 from vve_sumo.scenario import overrides
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.world.loaded_road import LoadedRoad
 
 
-class TickHost(Protocol):
+class DriveHost(Protocol):
     """What lockstep and playback have in common."""
 
     lot: LotAlignment  #: how the lot lies on the virtual road, and which GNSS time is drive time 0
@@ -121,7 +121,7 @@ def run(
         )
     if kept:
         claim(folder)
-    shell: TickHost
+    shell: DriveHost
     if pose is None:
         shell = Lockstep(resolved, working, brain=brain, loaded=loaded)
     else:
@@ -131,8 +131,8 @@ def run(
             resolved = replace(resolved, files={**resolved.files, "pose": pose})
         foreign = {} if brain is None or brain.controller is None else {"brain": "setpoints"}
         settings = resolved.to_dict(working) | shell.lot.to_dict() | foreign
-        record = Record(folder, settings, shell.lot.epoch) if kept else MemoryRecorder(settings, shell.lot.epoch)
-        if isinstance(record, Record):
+        record = RecordWriter(folder, settings, shell.lot.epoch) if kept else MemoryRecorder(settings, shell.lot.epoch)
+        if isinstance(record, RecordWriter):
             now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
             record.attach_table(ROADS, roads_table(resolved.lanes))
             record.attach(PROVENANCE, provenance.text_of(provenance.provenance(resolved, now)))
@@ -150,13 +150,13 @@ def run(
     summary = summary_of(resolved, done, tables["ticks"], tables["actors"], parts, roads)
     if foreign:
         summary |= foreign | {"controller": FOREIGN_BRAIN}
-    if isinstance(record, Record):
+    if isinstance(record, RecordWriter):
         summary |= {"record_files_sha256": hash_files(folder)}
         record.summarise(summary)
     return Drive(folder, summary)
 
 
-def run_guarded(shell: TickHost, record: MemoryRecorder, watch: Watch) -> DriveEnd:
+def run_guarded(shell: DriveHost, record: MemoryRecorder, watch: Watch) -> DriveEnd:
     """Drive to the end; a failure on the way becomes the drive's outcome, except ConfigError and RigError."""
     broken = DriveEnd(Outcome.BROKEN, ())
     try:

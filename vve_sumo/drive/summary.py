@@ -22,7 +22,7 @@ from vve_sumo.path import ReferencePath
 from vve_sumo.record.hashes import hash_files, whole
 from vve_sumo.record.reader import read_table
 from vve_sumo.record.roads import read_roads
-from vve_sumo.scenario.schema import Band, Criteria, Scenario
+from vve_sumo.scenario.schema import Criteria, CriterionBand, Scenario
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.arming import DRIVER_SIGNS
@@ -136,13 +136,13 @@ def disturbances(criteria: Criteria, summary: Mapping[str, Any]) -> list[str]:
 def _unmet(name: str, wanted: Any, summary: Mapping[str, Any]) -> str:
     """Return what a drive shows of a criterion that it does not meet; empty where it meets it."""
     got = summary[name]
-    if isinstance(wanted, Band):
+    if isinstance(wanted, CriterionBand):
         met = _within(wanted, PER_DRIVE[name].absent if math.isnan(got) else got)
         return "" if met else f"{name} is {_found(name, got, summary)}, expected {_band(wanted)}"
     return "" if got == wanted else f"{name} is {got}{_why(name, summary)}, expected {wanted}"
 
 
-def _within(band: Band, value: float) -> bool:
+def _within(band: CriterionBand, value: float) -> bool:
     return (band.min is None or value >= band.min) and (band.max is None or value <= band.max)
 
 
@@ -161,7 +161,7 @@ def _why(name: str, summary: Mapping[str, Any]) -> str:
     return f" ({', '.join(map(in_words, codes))})" if name == "outcome" and codes else ""
 
 
-def _band(band: Band) -> str:
+def _band(band: CriterionBand) -> str:
     if band.min is None:
         return f"at most {band.max:g}"
     return f"at least {band.min:g}" if band.max is None else f"{band.min:g} to {band.max:g}"

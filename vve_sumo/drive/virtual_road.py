@@ -31,7 +31,7 @@ def obstacles_of(resolved: ResolvedScenario) -> tuple[Obstacle, ...]:
     return tuple(Obstacle(one.id, obstacle_position(one, resolved.path), one.length_m, one.width_m) for one in wanted)
 
 
-def obstacle_position(wanted: schema.Obstacle, path: ReferencePath) -> MapSpot:
+def obstacle_position(wanted: schema.ParkedObstacle, path: ReferencePath) -> MapSpot:
     """Return centre and heading, in the map, of an obstacle that the scenario places relative to a path."""
     at = path.at(wanted.at_m)
     x, y = at.x - wanted.offset_m * math.sin(at.heading), at.y + wanted.offset_m * math.cos(at.heading)

@@ -42,7 +42,7 @@ KIND_OF_CROSS_SECTION: Final = {
 
 
 @dataclass(frozen=True, slots=True)
-class Body:
+class RecordedBody:
     """A body over the ticks at which the record holds it; arrays have an entry a tick."""
 
     name: str
@@ -62,18 +62,18 @@ class Body:
         half = 0.5 * self.length
         return self.x + half * np.cos(self.heading), self.y + half * np.sin(self.heading)
 
-    def select(self, rows: NDArray[np.intp] | slice) -> Body:
+    def select(self, rows: NDArray[np.intp] | slice) -> RecordedBody:
         """Return the body at some of its ticks."""
         arrays = (values[rows] for values in (self.time, self.x, self.y, self.heading, self.speed))
-        return Body(self.name, self.kind, self.length, self.width, self.at[rows], *arrays)
+        return RecordedBody(self.name, self.kind, self.length, self.width, self.at[rows], *arrays)
 
-    def stretches(self) -> Iterator[Body]:
+    def stretches(self) -> Iterator[RecordedBody]:
         """Yield the body of each stretch of ticks without a gap; an actor may leave and return."""
         ends = np.flatnonzero(np.diff(self.at) > 1) + 1
         for begin, end in zip([0, *ends.tolist()], [*ends.tolist(), len(self.at)], strict=True):
             yield self.select(slice(begin, end))
 
-    def sampled(self, time: Floats) -> Body:
+    def sampled(self, time: Floats) -> RecordedBody:
         """Return the body at those of these times [s] that lie within its own; `at` counts them.
 
         Values lie on straight lines between ticks.
@@ -82,10 +82,10 @@ class Body:
         heading = np.interp(time[inside], self.time, np.unwrap(self.heading))
         x, y, speed = (np.interp(time[inside], self.time, values) for values in (self.x, self.y, self.speed))
         turned = np.arctan2(np.sin(heading), np.cos(heading))
-        return Body(self.name, self.kind, self.length, self.width, inside, time[inside], x, y, turned, speed)
+        return RecordedBody(self.name, self.kind, self.length, self.width, inside, time[inside], x, y, turned, speed)
 
 
-def bodies(run: Run) -> list[Body]:
+def bodies(run: Run) -> list[RecordedBody]:
     """Return the ego and every actor, in the order in which they appear; ticks without a known pose are left out."""
     known, rows = declared_kinds(run.resolved["settings"]), run.data.actor_rows
     at_a_tick = index_of_tick(run.arrow("ticks"), run.arrow("actors")) >= 0
@@ -104,7 +104,7 @@ def obstacles(run: Run) -> frozenset[str]:
     return frozenset(one["id"] for one in run.resolved["settings"].get("obstacles", ()))
 
 
-def _ego(run: Run) -> Body:
+def _ego(run: Run) -> RecordedBody:
     boxes = run.data.ego_boxes
     at = np.flatnonzero(np.isfinite(boxes.x + boxes.y + boxes.heading + boxes.speed))
     if not len(at):
@@ -112,9 +112,9 @@ def _ego(run: Run) -> Body:
     return _body(run, EGO, "car", at, boxes.select(at))
 
 
-def _body(run: Run, name: str, kind: str, at: NDArray[np.int64], boxes: Boxes) -> Body:
+def _body(run: Run, name: str, kind: str, at: NDArray[np.int64], boxes: Boxes) -> RecordedBody:
     size = float(boxes.length[0]), float(boxes.width[0])
-    return Body(name, kind, *size, at, run.time[at], boxes.x, boxes.y, boxes.heading, boxes.speed)
+    return RecordedBody(name, kind, *size, at, run.time[at], boxes.x, boxes.y, boxes.heading, boxes.speed)
 
 
 def declared_kinds(settings: Mapping[str, Any]) -> dict[str, str]:

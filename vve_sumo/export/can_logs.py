@@ -7,14 +7,14 @@ from collections.abc import Iterator
 from vve_sumo.analysis.run import Run
 from vve_sumo.bus import written_log
 from vve_sumo.export.can_frames import frames_of
-from vve_sumo.export.formats import Part
+from vve_sumo.export.formats import ExportPart
 
 
-def asc_of_drive(run: Run) -> Iterator[Part]:
+def asc_of_drive(run: Run) -> Iterator[ExportPart]:
     """Yield the log as text, times to the microsecond."""
-    yield Part("", written_log(frames_of(run), "asc"))
+    yield ExportPart("", written_log(frames_of(run), "asc"))
 
 
-def blf_of_drive(run: Run) -> Iterator[Part]:
+def blf_of_drive(run: Run) -> Iterator[ExportPart]:
     """Yield the log as BLF, compressed; python-can's times come back within a microsecond."""
-    yield Part("", written_log(frames_of(run), "blf"))
+    yield ExportPart("", written_log(frames_of(run), "blf"))

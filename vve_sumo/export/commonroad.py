@@ -20,9 +20,9 @@ import numpy as np
 
 from vve_sumo.analysis.run import Run
 from vve_sumo.errors import ConfigError
-from vve_sumo.export.bodies import Body, bodies, obstacles
-from vve_sumo.export.formats import Part
-from vve_sumo.export.lanes import ON_FOOT, Lane, lanes_of
+from vve_sumo.export.bodies import RecordedBody, bodies, obstacles
+from vve_sumo.export.formats import ExportPart
+from vve_sumo.export.lanes import ON_FOOT, RecordedLane, lanes_of
 from vve_sumo.values import Floats
 from vve_sumo.version import __version__
 
@@ -44,7 +44,7 @@ LANELET_TYPES: Final = {"junction": "intersection", "crossing": "crosswalk", "wa
 MAX_MITRE: Final = 2.0
 
 
-def of_drive(run: Run) -> Iterator[Part]:
+def of_drive(run: Run) -> Iterator[ExportPart]:
     """Yield the scenario without the ego among its obstacles, for planners, and with it (`with_ego`).
 
     Raises ConfigError for a record without roads.
@@ -59,11 +59,18 @@ def of_drive(run: Run) -> Iterator[Part]:
     time = np.arange(ego.time[0], ego.time[-1] + 1e-9, TIME_STEP)
     if len(time) < MIN_STATES:
         raise ConfigError(f"{run.folder}: a drive of less than {TIME_STEP:g} s has no trajectory in CommonRoad")
-    yield Part("", _document(run, lanes, others, ego, time, 1))
-    yield Part("with_ego", _document(run, lanes, [ego, *others], ego, time, 2))
+    yield ExportPart("", _document(run, lanes, others, ego, time, 1))
+    yield ExportPart("with_ego", _document(run, lanes, [ego, *others], ego, time, 2))
 
 
-def _document(run: Run, lanes: Sequence[Lane], others: Sequence[Body], ego: Body, time: Floats, number: int) -> bytes:
+def _document(
+    run: Run,
+    lanes: Sequence[RecordedLane],
+    others: Sequence[RecordedBody],
+    ego: RecordedBody,
+    time: Floats,
+    number: int,
+) -> bytes:
     """Return the content of a file; `number` tells the scenarios of one drive apart in their names."""
     root = _root(run, number)
     numbers = {lane.name: at for at, lane in enumerate(lanes, 1)}
@@ -130,7 +137,7 @@ def bounds(line: Floats, width: float) -> tuple[Floats, Floats]:
     return line + out, line - out
 
 
-def _add_lanelet(root: ET.Element, lane: Lane, before: Sequence[str], numbers: dict[str, int]) -> None:
+def _add_lanelet(root: ET.Element, lane: RecordedLane, before: Sequence[str], numbers: dict[str, int]) -> None:
     root.append(ET.Comment(f" lane {_commented(lane.name)} "))
     lanelet = ET.SubElement(root, "lanelet", id=str(numbers[lane.name]))
     for name, bound in zip(("leftBound", "rightBound"), bounds(lane.line, lane.width), strict=True):
@@ -151,18 +158,18 @@ def _add_lanelet(root: ET.Element, lane: Lane, before: Sequence[str], numbers: d
     user.text = "pedestrian" if on_foot else "vehicle"
 
 
-def _beside(lane: Lane, step: int) -> str:
+def _beside(lane: RecordedLane, step: int) -> str:
     """Return the name of the next lane of the same street; SUMO counts an edge's lanes from the right."""
     edge, _, index = lane.name.rpartition("_")
     return f"{edge}_{int(index) + step}" if lane.kind == "lane" and index.isdecimal() else ""
 
 
-def _add_static(root: ET.Element, body: Body, number: int) -> None:
+def _add_static(root: ET.Element, body: RecordedBody, number: int) -> None:
     obstacle = _add_obstacle(root, "staticObstacle", "parkedVehicle", body, number)
     _add_state(obstacle, "initialState", body, 0, 0)
 
 
-def _add_dynamic(root: ET.Element, body: Body, number: int) -> None:
+def _add_dynamic(root: ET.Element, body: RecordedBody, number: int) -> None:
     """Add an obstacle that moves; the body is sampled at the time steps."""
     obstacle = _add_obstacle(root, "dynamicObstacle", OBSTACLE_TYPES.get(body.kind, body.kind), body, number)
     first, *rest = body.at.tolist()
@@ -172,7 +179,7 @@ def _add_dynamic(root: ET.Element, body: Body, number: int) -> None:
         _add_state(trajectory, "state", body, row, step)
 
 
-def _add_obstacle(root: ET.Element, name: str, kind: str, body: Body, number: int) -> ET.Element:
+def _add_obstacle(root: ET.Element, name: str, kind: str, body: RecordedBody, number: int) -> ET.Element:
     root.append(ET.Comment(f" {_commented(body.name)} "))
     obstacle = ET.SubElement(root, name, id=str(number))
     ET.SubElement(obstacle, "type").text = kind
@@ -180,7 +187,7 @@ def _add_obstacle(root: ET.Element, name: str, kind: str, body: Body, number: in
     return obstacle
 
 
-def _add_problem(root: ET.Element, ego: Body, number: int) -> None:
+def _add_problem(root: ET.Element, ego: RecordedBody, number: int) -> None:
     """Add the planning problem: from the ego's first state to the rectangle that it covered at its last."""
     problem = ET.SubElement(root, "planningProblem", id=str(number))
     state = _add_state(problem, "initialState", ego, 0, 0)
@@ -195,7 +202,7 @@ def _add_problem(root: ET.Element, ego: Body, number: int) -> None:
     _add_point(rectangle, float(ego.x[-1]), float(ego.y[-1]), "center")
 
 
-def _add_state(parent: ET.Element, name: str, body: Body, row: int, step: int) -> ET.Element:
+def _add_state(parent: ET.Element, name: str, body: RecordedBody, row: int, step: int) -> ET.Element:
     state = ET.SubElement(parent, name)
     _add_point(ET.SubElement(state, "position"), float(body.x[row]), float(body.y[row]))
     _add_exact(state, "orientation", float(body.heading[row]))
@@ -204,7 +211,7 @@ def _add_state(parent: ET.Element, name: str, body: Body, row: int, step: int) -
     return state
 
 
-def _add_rectangle(parent: ET.Element, body: Body) -> ET.Element:
+def _add_rectangle(parent: ET.Element, body: RecordedBody) -> ET.Element:
     rectangle = ET.SubElement(parent, "rectangle")
     ET.SubElement(rectangle, "length").text = f"{body.length:.3f}"
     ET.SubElement(rectangle, "width").text = f"{body.width:.3f}"

@@ -16,7 +16,7 @@ from vve_sumo.analysis.over_time import over_time
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.units import described
 from vve_sumo.export.bodies import bodies
-from vve_sumo.export.formats import Part
+from vve_sumo.export.formats import ExportPart
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -61,19 +61,19 @@ BODIES: Final = {
 }
 
 
-def of_drive(run: Run) -> Iterator[Part]:
+def of_drive(run: Run) -> Iterator[ExportPart]:
     """Yield a row a tick; a row a body and tick, the ego among the bodies (`actors`); the columns of both."""
     ticks, actors = tick_table(run), actor_table(run)
-    yield Part("", _csv(ticks))
-    yield Part("actors", _csv(actors))
-    yield Part("columns", _csv(columns_of({"ticks": ticks, "actors": actors})))
+    yield ExportPart("", _csv(ticks))
+    yield ExportPart("actors", _csv(actors))
+    yield ExportPart("columns", _csv(columns_of({"ticks": ticks, "actors": actors})))
 
 
-def of_sweep(sweep: Sweep) -> Iterator[Part]:
+def of_sweep(sweep: Sweep) -> Iterator[ExportPart]:
     """Yield a row a finished run, and the columns."""
     rows = sweep.rows()
-    yield Part("", _csv(rows))
-    yield Part("columns", _csv(columns_of({"runs": rows})))
+    yield ExportPart("", _csv(rows))
+    yield ExportPart("columns", _csv(columns_of({"runs": rows})))
 
 
 def tick_table(run: Run) -> pd.DataFrame:

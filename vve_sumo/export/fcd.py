@@ -13,9 +13,9 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from vve_sumo.analysis.run import Run
-from vve_sumo.export.bodies import PERSONS, Body, bodies
-from vve_sumo.export.formats import Part
-from vve_sumo.export.lanes import ON_FOOT, Lane, lanes_of, places
+from vve_sumo.export.bodies import PERSONS, RecordedBody, bodies
+from vve_sumo.export.formats import ExportPart
+from vve_sumo.export.lanes import ON_FOOT, RecordedLane, lanes_of, places
 
 HEAD = """\
 <?xml version="1.0" encoding="UTF-8"?>
@@ -24,7 +24,7 @@ xsi:noNamespaceSchemaLocation="http://sumo.dlr.de/xsd/fcd_file.xsd">
 """
 
 
-def of_drive(run: Run) -> Iterator[Part]:
+def of_drive(run: Run) -> Iterator[ExportPart]:
     """Yield the file: a time step for each tick at which the ego's pose is known or an actor is there."""
     lanes = lanes_of(run)
     ways = [lane for lane in lanes if lane.kind not in ON_FOOT]
@@ -39,10 +39,10 @@ def of_drive(run: Run) -> Iterator[Part]:
         "".join((f'    <timestep time="{run.time[at]:.3f}">\n', *vehicles[at], *persons[at], "    </timestep>\n"))
         for at in sorted({*vehicles, *persons})
     )
-    yield Part("", "".join((HEAD, *steps, "</fcd-export>\n")).encode())
+    yield ExportPart("", "".join((HEAD, *steps, "</fcd-export>\n")).encode())
 
 
-def _vehicles(body: Body, lanes: Sequence[Lane]) -> Iterator[str]:
+def _vehicles(body: RecordedBody, lanes: Sequence[RecordedLane]) -> Iterator[str]:
     """Yield the element of a vehicle at each of its ticks; one beside the road has an empty lane, as SUMO's has."""
     for motion, lane, position in _rows(body, lanes):
         name = "" if lane is None else quoteattr(lane.name)
@@ -50,7 +50,7 @@ def _vehicles(body: Body, lanes: Sequence[Lane]) -> Iterator[str]:
         yield f"        <vehicle {motion}{place if lanes else ''}/>\n"
 
 
-def _persons(body: Body, lanes: Sequence[Lane]) -> Iterator[str]:
+def _persons(body: RecordedBody, lanes: Sequence[RecordedLane]) -> Iterator[str]:
     """Yield the element of a person at each tick, with the edge instead of the lane."""
     for motion, lane, position in _rows(body, lanes):
         edge = "" if lane is None else quoteattr(lane.name.rpartition("_")[0])
@@ -58,7 +58,7 @@ def _persons(body: Body, lanes: Sequence[Lane]) -> Iterator[str]:
         yield f"        <person {motion}{place if lanes else ''}/>\n"
 
 
-def _rows(body: Body, lanes: Sequence[Lane]) -> Iterator[tuple[str, Lane | None, float]]:
+def _rows(body: RecordedBody, lanes: Sequence[RecordedLane]) -> Iterator[tuple[str, RecordedLane | None, float]]:
     """Yield the attributes of a body's motion, its lane and the position on it [m]; SUMO knows no negative speed."""
     x, y = body.front
     angle = np.mod(90.0 - np.degrees(body.heading), 360.0)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from vve_sumo.analysis.run import Run
 
 
-class Part(NamedTuple):
+class ExportPart(NamedTuple):
     """The content of one file of an export."""
 
     name: str  #: what the file's name has before its ending; empty for the file that the export is named for
@@ -30,72 +30,72 @@ class Format:
     name: str  #: of the option, without dashes, and in Python
     summary: str  #: for the help
     ending: str  #: of its files
-    of_drive: Callable[[Run], Iterable[Part]]
-    of_sweep: Callable[[Sweep], Iterable[Part]] | None = None  #: None where a sweep has no such form
+    of_drive: Callable[[Run], Iterable[ExportPart]]
+    of_sweep: Callable[[Sweep], Iterable[ExportPart]] | None = None  #: None where a sweep has no such form
     needs: str = ""  #: extra of vve-sumo that has to be installed
 
 
-def _csv(run: Run) -> Iterable[Part]:
+def _csv(run: Run) -> Iterable[ExportPart]:
     from vve_sumo.export import csv_tables
 
     return csv_tables.of_drive(run)
 
 
-def _csv_of_sweep(sweep: Sweep) -> Iterable[Part]:
+def _csv_of_sweep(sweep: Sweep) -> Iterable[ExportPart]:
     from vve_sumo.export import csv_tables
 
     return csv_tables.of_sweep(sweep)
 
 
-def _fcd(run: Run) -> Iterable[Part]:
+def _fcd(run: Run) -> Iterable[ExportPart]:
     from vve_sumo.export import fcd
 
     return fcd.of_drive(run)
 
 
-def _commonroad(run: Run) -> Iterable[Part]:
+def _commonroad(run: Run) -> Iterable[ExportPart]:
     from vve_sumo.export import commonroad
 
     return commonroad.of_drive(run)
 
 
-def _openscenario(run: Run) -> Iterable[Part]:
+def _openscenario(run: Run) -> Iterable[ExportPart]:
     from vve_sumo.export import openscenario
 
     return openscenario.of_drive(run)
 
 
-def _mcap(run: Run) -> Iterable[Part]:
+def _mcap(run: Run) -> Iterable[ExportPart]:
     from vve_sumo.export import mcap_file
 
     return mcap_file.of_drive(run)
 
 
-def _osi(run: Run) -> Iterable[Part]:
+def _osi(run: Run) -> Iterable[ExportPart]:
     from vve_sumo.export import osi_traces
 
     return osi_traces.of_drive(run)
 
 
-def _osi_mcap(run: Run) -> Iterable[Part]:
+def _osi_mcap(run: Run) -> Iterable[ExportPart]:
     from vve_sumo.export import osi_traces
 
     return osi_traces.mcap_of_drive(run)
 
 
-def _asc(run: Run) -> Iterable[Part]:
+def _asc(run: Run) -> Iterable[ExportPart]:
     from vve_sumo.export import can_logs
 
     return can_logs.asc_of_drive(run)
 
 
-def _blf(run: Run) -> Iterable[Part]:
+def _blf(run: Run) -> Iterable[ExportPart]:
     from vve_sumo.export import can_logs
 
     return can_logs.blf_of_drive(run)
 
 
-def _mf4(run: Run) -> Iterable[Part]:
+def _mf4(run: Run) -> Iterable[ExportPart]:
     from vve_sumo.export import mf4
 
     return mf4.of_drive(run)

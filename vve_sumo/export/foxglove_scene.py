@@ -22,7 +22,7 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
 
 from vve_sumo.analysis.run import Run
-from vve_sumo.export.bodies import EGO, PERSONS, Body, bodies
+from vve_sumo.export.bodies import EGO, PERSONS, RecordedBody, bodies
 from vve_sumo.export.commonroad import bounds
 from vve_sumo.export.lanes import lanes_of
 from vve_sumo.export.openscenario import TYPICAL
@@ -68,7 +68,7 @@ def scene(run: Run, times: list[int], frame: str) -> Iterator[tuple[int, SceneUp
 
     `times` are the ticks' Unix times [ns].
     """
-    present: dict[int, list[tuple[Body, int]]] = defaultdict(list)
+    present: dict[int, list[tuple[RecordedBody, int]]] = defaultdict(list)
     for body in bodies(run):
         for row, at in enumerate(body.at.tolist()):
             present[at].append((body, row))
@@ -86,7 +86,7 @@ def scene(run: Run, times: list[int], frame: str) -> Iterator[tuple[int, SceneUp
         before = names
 
 
-def _box(body: Body, row: int, at: Timestamp, frame: str) -> SceneEntity:
+def _box(body: RecordedBody, row: int, at: Timestamp, frame: str) -> SceneEntity:
     height, heading = TYPICAL[body.kind].height, float(body.heading[row])
     x, y = float(body.x[row]), float(body.y[row])
     cube = CubePrimitive(
@@ -104,7 +104,7 @@ def _box(body: Body, row: int, at: Timestamp, frame: str) -> SceneEntity:
     return SceneEntity(timestamp=at, frame_id=frame, id=body.name, cubes=[cube], texts=[label])
 
 
-def _colour(body: Body) -> Color:
+def _colour(body: RecordedBody) -> Color:
     if body.name == EGO:
         return EGO_COLOUR
     return PERSON_COLOUR if body.kind in PERSONS else VEHICLE_COLOUR

@@ -20,7 +20,7 @@ LENGTH_PER_TURN: Final = 3.0
 MAX_BEYOND: Final = 0.05
 
 
-class Lane(NamedTuple):
+class RecordedLane(NamedTuple):
     """A row of the record's table of roads."""
 
     name: str
@@ -30,25 +30,25 @@ class Lane(NamedTuple):
     successors: tuple[str, ...]
 
 
-class Places(NamedTuple):
+class LanePlaces(NamedTuple):
     """Where points are among lanes; an entry a point."""
 
     lane: NDArray[np.int64]  #: index of the lane; -1 for none
     position: Floats  #: along the lane's centre line [m]; NaN for none
 
 
-def lanes_of(run: Run) -> list[Lane]:
+def lanes_of(run: Run) -> list[RecordedLane]:
     """Return the lanes of a record, except those of a single point; none of a record of an earlier layout."""
     found = []
     for row in run.arrow("roads").to_pylist():
         line = np.array([row["x_m"], row["y_m"]], np.float64).T
         line = line[np.append(True, np.any(np.diff(line, axis=0) != 0.0, axis=1))] if len(line) else line
         if len(line) > 1:
-            found.append(Lane(row["lane"], row["kind"], row["width_m"], line, tuple(row["successors"])))
+            found.append(RecordedLane(row["lane"], row["kind"], row["width_m"], line, tuple(row["successors"])))
     return found
 
 
-def places(lanes: Sequence[Lane], x: Floats, y: Floats, heading: Floats) -> Places:
+def places(lanes: Sequence[RecordedLane], x: Floats, y: Floats, heading: Floats) -> LanePlaces:
     """Return the lane that each point [m] with its heading [rad] is on."""
     on, position = np.full(len(x), -1), np.full(len(x), np.nan)
     least = np.full(len(x), np.inf)
@@ -64,7 +64,7 @@ def places(lanes: Sequence[Lane], x: Floats, y: Floats, heading: Floats) -> Plac
             better = (distance <= reach) & (cost < least[near])
             rows = near[better]
             on[rows], position[rows], least[rows] = number, along[better], cost[better]
-    return Places(on, position)
+    return LanePlaces(on, position)
 
 
 def _beside(line: Floats, x: Floats, y: Floats, heading: Floats) -> tuple[Floats, Floats, Floats]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from vve_sumo.analysis.run import Run
 from vve_sumo.errors import ConfigError
-from vve_sumo.export.formats import Part
+from vve_sumo.export.formats import ExportPart
 from vve_sumo.version import __version__
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 CHUNK: Final = 1 << 20  #: bytes of messages before compression
 
 
-def of_drive(run: Run) -> Iterator[Part]:
+def of_drive(run: Run) -> Iterator[ExportPart]:
     """Yield the file, which has an index; raises ConfigError where a package of the extra is not installed."""
     try:
         from mcap.writer import CompressionType, Writer
@@ -36,7 +36,7 @@ def of_drive(run: Run) -> Iterator[Part]:
     writer.add_metadata("vve_sumo", _about(run))
     _write(writer, [*topics_of(run)])
     writer.finish()  # type: ignore[no-untyped-call]
-    yield Part("", sink.getvalue())
+    yield ExportPart("", sink.getvalue())
 
 
 def _write(writer: Writer, topics: Iterable[Topic]) -> None:

@@ -17,7 +17,7 @@ from vve_sumo.analysis.run import Run
 from vve_sumo.bus import LoggedFrame
 from vve_sumo.errors import ConfigError
 from vve_sumo.export.can_frames import frames_of
-from vve_sumo.export.formats import Part
+from vve_sumo.export.formats import ExportPart
 from vve_sumo.export.unix_time import MICROSECONDS, date_of, unix_of_drive
 from vve_sumo.version import __version__
 
@@ -44,7 +44,7 @@ MEMBERS: Final = np.dtype(
 )
 
 
-def of_drive(run: Run) -> Iterator[Part]:
+def of_drive(run: Run) -> Iterator[ExportPart]:
     """Yield the file; its time 0 is the drive's. Raises ConfigError where asammdf is not installed."""
     try:
         from asammdf import MDF, Signal, Source
@@ -65,7 +65,7 @@ def of_drive(run: Run) -> Iterator[Part]:
         file.header.start_time = date_of(begin)
         file.file_history.append(written)
         file.append(Signal(_members(frames), time, name=GROUP, source=source), comment=run.title)
-        yield Part("", _content(file))
+        yield ExportPart("", _content(file))
 
 
 def _members(frames: Sequence[LoggedFrame]) -> NDArray[Any]:

@@ -18,8 +18,8 @@ import numpy as np
 
 from vve_sumo.analysis.run import Run
 from vve_sumo.errors import ConfigError
-from vve_sumo.export.bodies import EGO, PERSONS, Body, bodies, obstacles
-from vve_sumo.export.formats import Part
+from vve_sumo.export.bodies import EGO, PERSONS, RecordedBody, bodies, obstacles
+from vve_sumo.export.formats import ExportPart
 from vve_sumo.values import Vehicle
 
 if TYPE_CHECKING:
@@ -66,12 +66,12 @@ class Entity:
     """A stretch of a body's motion: an entity that is there from its first point to its last."""
 
     name: str
-    body: Body
+    body: RecordedBody
     stands: bool  #: for the whole drive
     behind: float  #: from the middle of the box back to the reference point [m]
 
 
-def of_drive(run: Run) -> Iterator[Part]:
+def of_drive(run: Run) -> Iterator[ExportPart]:
     """Yield the file; raises ConfigError where scenariogeneration is not installed, or for a drive of a single tick."""
     try:
         from scenariogeneration import xosc
@@ -101,7 +101,7 @@ def of_drive(run: Run) -> Iterator[Part]:
     )
     root = scenario.get_element()
     ET.indent(root)
-    yield Part("", ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n")
+    yield ExportPart("", ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n")
 
 
 def _entities(run: Run) -> Iterator[Entity]:
@@ -118,7 +118,7 @@ def _entities(run: Run) -> Iterator[Entity]:
             yield Entity(body.name if number == 1 else f"{body.name}_{number}", _points(stretch), False, 0.0)
 
 
-def _points(body: Body) -> Body:
+def _points(body: RecordedBody) -> RecordedBody:
     """Return a body at the points of its trajectory: its first and its last tick, and evenly in between."""
     begin, end = body.time[[0, -1]]
     return body.sampled(np.append(np.arange(begin, end - 1e-9, POINT_PERIOD), end))

@@ -18,7 +18,7 @@ import numpy as np
 
 from vve_sumo.analysis.run import Run
 from vve_sumo.errors import ConfigError
-from vve_sumo.export.formats import Part
+from vve_sumo.export.formats import ExportPart
 from vve_sumo.export.unix_time import date_of, unix_of_drive
 from vve_sumo.record.layout import ACTOR_COLUMNS
 from vve_sumo.values import Actors, Detections, Point, Pose
@@ -48,15 +48,15 @@ class Trace:
     messages: list[Message]
 
 
-def of_drive(run: Run) -> Iterator[Part]:
+def of_drive(run: Run) -> Iterator[ExportPart]:
     """Yield a single-channel trace for each kind of message; raises ConfigError where the extra is not installed."""
     for trace in _traces(run):
         pieces = [message.SerializeToString() for message in trace.messages]
         content = b"".join(len(piece).to_bytes(4, "little") + piece for piece in pieces)
-        yield Part("", content, _head(run, trace.code, len(pieces)))
+        yield ExportPart("", content, _head(run, trace.code, len(pieces)))
 
 
-def mcap_of_drive(run: Run) -> Iterator[Part]:
+def mcap_of_drive(run: Run) -> Iterator[ExportPart]:
     """Yield a multi-channel trace of all kinds of messages; raises ConfigError as `of_drive` does."""
     try:
         from osi_utilities import MultiTraceWriter
@@ -75,7 +75,7 @@ def mcap_of_drive(run: Run) -> Iterator[Part]:
             for topic, message in sorted(everything, key=_time):
                 if not writer.write_message(message, topic):
                     raise OSError(f"{folder}: the trace cannot be written there")
-        yield Part("", file.read_bytes(), _head(run, MULTI, max(len(trace.messages) for trace in traces)))
+        yield ExportPart("", file.read_bytes(), _head(run, MULTI, max(len(trace.messages) for trace in traces)))
 
 
 def _traces(run: Run) -> list[Trace]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.run import Run
 from vve_sumo.errors import ConfigError
-from vve_sumo.export.formats import FORMATS, Format, Part
+from vve_sumo.export.formats import FORMATS, ExportPart, Format
 
 
 def export(held: Run | Sweep, name: str, out: Path | str | None = None) -> list[Path]:
@@ -50,7 +50,7 @@ def export_all(held: Run | Sweep, names: Sequence[str], out: Path | str | None =
     return written
 
 
-def _parts(held: Run | Sweep, form: Format) -> list[Part]:
+def _parts(held: Run | Sweep, form: Format) -> list[ExportPart]:
     if isinstance(held, Run):
         return [*form.of_drive(held)]
     if form.of_sweep is None:
@@ -67,7 +67,7 @@ def _place(folder: Path, form: Format, out: Path) -> Path:
     return file
 
 
-def _named(file: Path, part: Part) -> Path:
+def _named(file: Path, part: ExportPart) -> Path:
     stem = f"{part.head}_{file.stem}" if part.head else file.stem
     return file.with_name(f"{stem}.{part.name}{file.suffix}" if part.name else f"{stem}{file.suffix}")
 

@@ -14,14 +14,14 @@ from vve_sumo.hunt.judging import (
     ANSWERING_SHARE,
     HIDE_PEDAL,
     REST,
-    Driven,
+    DriverControl,
     Tolerances,
     alarmed,
     foot_on_throttle,
 )
 from vve_sumo.hunt.truth import TruthSample
 from vve_sumo.live.wording import DRIVING, HELD
-from vve_sumo.lot.geofence import Stop
+from vve_sumo.lot.geofence import StopModel
 from vve_sumo.lot.polygon import Lot
 from vve_sumo.lot.swept_area import Body
 from vve_sumo.timing import PERIOD
@@ -61,7 +61,7 @@ class InsideLot:
 
     lot: Lot  #: without margin
     body: Body
-    driven: Driven
+    driven: DriverControl
     name: ClassVar[str] = "inside_lot"
     margin: float = 1.0
     _count: int = 0
@@ -85,10 +85,10 @@ class InsideLot:
 class StopsInBound:
     """A car that the gateway stops, or has let go of with no driver, is at rest within a bound or raises the alarm."""
 
-    stop: Stop  #: of the weakest layer that may act
+    stop: StopModel  #: of the weakest layer that may act
     downhill: float  #: slope, as `Stop.distance` takes it
     tolerances: Tolerances
-    driven: Driven
+    driven: DriverControl
     name: ClassVar[str] = "stops_in_bound"
     margin: float = 1.0
     _bound: float | None = None
@@ -194,7 +194,7 @@ class HeldStands:
     """A car that is said to be held or at rest stands, or the alarm comes."""
 
     tolerances: Tolerances
-    driven: Driven
+    driven: DriverControl
     name: ClassVar[str] = "held_stands"
     margin: float = 1.0
     _rolled: float = 0.0

@@ -10,7 +10,7 @@ from typing import Final
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.hunt.brains import BEHAVIOURS
-from vve_sumo.hunt.episode import DRIVER, FAULTS, KEYS, Action, Episode, Phase, RoadConditions
+from vve_sumo.hunt.episode import DRIVER, FAULTS, KEYS, Action, Episode, EpisodePhase, RoadConditions
 from vve_sumo.plant.injected_faults import KINDS, NEUTRAL, NUMBERS, VALUES, Shape
 
 #: Roads that random episodes are driven on: few, because episodes on the same road share its nominal drive.
@@ -26,27 +26,27 @@ ROADS: Final = (
 SEEDS: Final = (1, 2, 3)
 #: Latest onset after a phase's beginning [s].
 SPANS: Final = {
-    Phase.ARMING: 0.1,
-    Phase.ENGAGING: 0.6,
-    Phase.HELD: 0.98,
-    Phase.DRIVING: 14.0,
-    Phase.BEND: 2.0,
-    Phase.BRAKING: 4.0,
-    Phase.AT_REST: 1.9,
-    Phase.STOPPED: 1.5,
-    Phase.RELEASED: 1.0,
+    EpisodePhase.ARMING: 0.1,
+    EpisodePhase.ENGAGING: 0.6,
+    EpisodePhase.HELD: 0.98,
+    EpisodePhase.DRIVING: 14.0,
+    EpisodePhase.BEND: 2.0,
+    EpisodePhase.BRAKING: 4.0,
+    EpisodePhase.AT_REST: 1.9,
+    EpisodePhase.STOPPED: 1.5,
+    EpisodePhase.RELEASED: 1.0,
 }
 #: How often random episodes set in there: mostly where the car moves.
 WEIGHTS: Final = {
-    Phase.ARMING: 1,
-    Phase.ENGAGING: 1,
-    Phase.HELD: 2,
-    Phase.DRIVING: 6,
-    Phase.BEND: 3,
-    Phase.BRAKING: 4,
-    Phase.AT_REST: 2,
-    Phase.STOPPED: 1,
-    Phase.RELEASED: 1,
+    EpisodePhase.ARMING: 1,
+    EpisodePhase.ENGAGING: 1,
+    EpisodePhase.HELD: 2,
+    EpisodePhase.DRIVING: 6,
+    EpisodePhase.BEND: 3,
+    EpisodePhase.BRAKING: 4,
+    EpisodePhase.AT_REST: 2,
+    EpisodePhase.STOPPED: 1,
+    EpisodePhase.RELEASED: 1,
 }
 #: What a driver does, gentle and hard: kind and value.
 DRIVER_CHOICES: Final = tuple(
@@ -120,7 +120,7 @@ def kinds_by_chance(random: Random) -> Sequence[str]:
     return random.choices((FAULTS, DRIVER, tuple(KEYS), tuple(BEHAVIOURS)), (5, 3, 1, 2))[0]
 
 
-def phase_and_offset(random: Random, phase: Phase | None = None) -> tuple[Phase, float]:
+def phase_and_offset(random: Random, phase: EpisodePhase | None = None) -> tuple[EpisodePhase, float]:
     """Draw a phase, unless it is given, and an onset in it."""
     chosen = phase or random.choices(tuple(WEIGHTS), tuple(WEIGHTS.values()))[0]
     return chosen, round(random.uniform(0.0, SPANS[chosen]) / 0.02) * 0.02
@@ -187,14 +187,14 @@ def choices(kind: str) -> tuple[float, ...]:
     return tuple(map(float, range(round(least), round(most) + 1)))
 
 
-def pairs(phases: Sequence[Phase], seed: int) -> list[tuple[str, Episode]]:
+def pairs(phases: Sequence[EpisodePhase], seed: int) -> list[tuple[str, Episode]]:
     """Return every pair in an order of chance, so that the first of them are a sample of all; see `all_pairs`."""
     every = list(all_pairs(phases, seed))
     Random(seed).shuffle(every)
     return every
 
 
-def all_pairs(phases: Sequence[Phase], seed: int) -> Iterator[tuple[str, Episode]]:
+def all_pairs(phases: Sequence[EpisodePhase], seed: int) -> Iterator[tuple[str, Episode]]:
     """Yield every pair, with its name: kind of fault by kind of fault, driver action or behaviour; driver by behaviour.
 
     A kind whose value is a number of something, as a module, is one for each number; it is not paired with itself.

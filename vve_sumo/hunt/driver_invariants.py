@@ -17,7 +17,7 @@ from vve_sumo.hunt.judging import (
     SHOWN_PEDAL,
     UNATTENDED_SPEED,
     UNTROUBLED,
-    Driven,
+    DriverControl,
     Tolerances,
     alarmed,
     foot_on_brake,
@@ -148,7 +148,7 @@ class ToldControl:
     """Nobody is told that the driver has control of a car that no driver has touched, be it moving or at rest."""
 
     tolerances: Tolerances
-    driven: Driven
+    driven: DriverControl
     name: ClassVar[str] = "told_control"
     margin: float = 1.0
     _since: float | None = None

@@ -13,11 +13,11 @@ from typing import Any, Final
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.hunt.brains import BEHAVIOURS
-from vve_sumo.plant.injected_faults import DRIVER_ACTIONS, KINDS, Clock, InjectedFault, Shape
+from vve_sumo.plant.injected_faults import DRIVER_ACTIONS, KINDS, FaultClock, InjectedFault, Shape
 from vve_sumo.vehicle.gateway import OperatorCommand
 
 
-class Phase(enum.StrEnum):
+class EpisodePhase(enum.StrEnum):
     """Part of a drive in which an episode's first action sets in."""
 
     ARMING = "arming"  #: nothing is engaged yet
@@ -69,7 +69,7 @@ class Action:
     def fault(self, onset: float) -> InjectedFault:
         """Return the fault to inject; `onset` is the drive time of the episode's [s]."""
         at = onset + self.after
-        return InjectedFault(self.kind, at, self.duration, self.value, self.shape, self.period, Clock.DRIVE)
+        return InjectedFault(self.kind, at, self.duration, self.value, self.shape, self.period, FaultClock.DRIVE)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain JSON."""
@@ -115,7 +115,7 @@ class RoadConditions:
 class Episode:
     """A timeline of actions in a drive that is nominal up to its onset."""
 
-    phase: Phase
+    phase: EpisodePhase
     offset: float  #: of the onset, after the phase's beginning [s]
     actions: tuple[Action, ...]
     road: RoadConditions = RoadConditions()
@@ -140,7 +140,7 @@ class Episode:
     def from_dict(cls, data: Mapping[str, Any]) -> Episode:
         """Return what `to_dict` gave; raises KeyError, ValueError or ConfigError for other data."""
         actions = tuple(map(Action.from_dict, data["actions"]))
-        return cls(Phase(data["phase"]), data["offset_s"], actions, RoadConditions(**data["road"]), data["seed"])
+        return cls(EpisodePhase(data["phase"]), data["offset_s"], actions, RoadConditions(**data["road"]), data["seed"])
 
     def __str__(self) -> str:
         """Return the timeline on one line."""

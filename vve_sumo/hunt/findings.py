@@ -8,18 +8,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from vve_sumo.hunt.episode import Episode, Phase
+from vve_sumo.hunt.episode import Episode, EpisodePhase
 from vve_sumo.hunt.known_limits import known
-from vve_sumo.hunt.runner import Result
+from vve_sumo.hunt.runner import EpisodeResult
 from vve_sumo.plant.injected_faults import KINDS, Shape
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class HuntFinding:
     """One violation, shrunk."""
 
     invariant: str
-    result: Result
+    result: EpisodeResult
 
     @property
     def kinds(self) -> frozenset[str]:
@@ -31,7 +31,7 @@ class Finding:
         """Return a name that is also one of a file."""
         return "-".join((self.invariant, *sorted(self.kinds)))
 
-    def explains(self, result: Result, invariant: str) -> bool:
+    def explains(self, result: EpisodeResult, invariant: str) -> bool:
         """Whether the violation of an episode is this one, with actions on top."""
         return invariant == self.invariant and self.kinds <= {action.kind for action in result.episode.actions}
 
@@ -51,9 +51,9 @@ class Findings:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self.all: list[Finding] = []
+        self.all: list[HuntFinding] = []
 
-    def new(self, result: Result) -> Iterator[str]:
+    def new(self, result: EpisodeResult) -> Iterator[str]:
         """Yield the invariants that an episode breaks in a way not yet found, and that no known limit explains."""
         for invariant in result.broken:
             if not known(invariant, result.episode) and not any(
@@ -61,7 +61,7 @@ class Findings:
             ):
                 yield invariant
 
-    def keep(self, finding: Finding, rig: str) -> Path:
+    def keep(self, finding: HuntFinding, rig: str) -> Path:
         """Write a finding as a row, and as a rig that injects its faults; return the row's file."""
         self.all.append(finding)
         file = self._folder / f"{finding.name}.json"
@@ -78,12 +78,16 @@ def read_row(file: Path) -> tuple[str, Episode]:
     return data["invariant"], Episode.from_dict(data["episode"])
 
 
-def faults_text(result: Result) -> str:
+def faults_text(result: EpisodeResult) -> str:
     """Return the rig's `[[faults]]` of an episode: its faults and what its driver does.
 
     A rig has no keys and no brain's behaviour; these are left out, and said so.
     """
-    moving = result.moved is not None and result.episode.phase not in (Phase.ARMING, Phase.ENGAGING, Phase.HELD)
+    moving = result.moved is not None and result.episode.phase not in (
+        EpisodePhase.ARMING,
+        EpisodePhase.ENGAGING,
+        EpisodePhase.HELD,
+    )
     begin = result.onset - (result.moved or 0.0 if moving else 0.0)
     lines = [f"# {result.episode}"]
     for action in result.episode.actions:

@@ -26,9 +26,9 @@ from vve_sumo.hunt.driver_invariants import (
     ToldControl,
     UnattendedAlarms,
 )
-from vve_sumo.hunt.judging import Driven, Judge, Tolerances, Violation
+from vve_sumo.hunt.judging import DriverControl, Judge, Tolerances, Violation
 from vve_sumo.hunt.truth import TruthSample
-from vve_sumo.lot.geofence import Stop
+from vve_sumo.lot.geofence import StopModel
 from vve_sumo.lot.polygon import Lot
 from vve_sumo.lot.swept_area import Body
 from vve_sumo.physical_constants import GRAVITY
@@ -63,7 +63,7 @@ class Judges:
         vehicle = parameters.vehicle
         lot = meaning.lot_of(rig)
         whole = Lot([tuple(c) for c in lot.outline.tolist()], [[tuple(c) for c in h.tolist()] for h in lot.holes], 0.0)
-        self._driven = Driven()
+        self._driven = DriverControl()
         self._verdict = HonestVerdict()
         self._foot = FootClosesThrottle(tolerances)
         weakest = weakest_stop(rig, parameters, limits)
@@ -107,7 +107,7 @@ class Judges:
         return {judge.name: judge.margin for judge in self.judges}
 
 
-def weakest_stop(rig: Rig, parameters: CarParameters, limits: Limits) -> Stop:
+def weakest_stop(rig: Rig, parameters: CarParameters, limits: Limits) -> StopModel:
     """Return the stop of the weakest layer that may act: the gateway's or the DBW watchdog's, by the true car.
 
     A car with more mass or less brake than declared brakes less by as much, and none brakes beyond its friction.
@@ -121,4 +121,6 @@ def weakest_stop(rig: Rig, parameters: CarParameters, limits: Limits) -> Stop:
     true = deceleration * min(parameters.brake_gain_factor / parameters.mass_factor, 1.0)
     true = min(true, 0.9 * parameters.friction * GRAVITY)
     asked = limits.comfort
-    return Stop(true, delay, true / limits.stop_jerk, parameters.calibration.drive_lag, asked.jerk, asked.acceleration)
+    return StopModel(
+        true, delay, true / limits.stop_jerk, parameters.calibration.drive_lag, asked.jerk, asked.acceleration
+    )

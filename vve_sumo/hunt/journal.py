@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.hunt.runner import Result
+from vve_sumo.hunt.runner import EpisodeResult
 
 QUERY: Final = "hunt.json"
 EPISODES: Final = "episodes.jsonl"
@@ -19,7 +19,7 @@ FOUND: Final = "found"
 REPORT: Final = "report.txt"
 
 
-class Journal:
+class HuntJournal:
     """A hunt's folder; raises ConfigError for a folder that cannot be used."""
 
     def __init__(self, folder: Path, query: dict[str, Any], *, resume: bool) -> None:
@@ -31,7 +31,7 @@ class Journal:
         elif folder.exists() and any(folder.iterdir()):
             hint = "take it up with --resume, or name another" if begun else "name another"
             raise ConfigError(f"--out: {folder} is not empty; {hint}")
-        self.results: dict[str, Result] = dict(self._read())
+        self.results: dict[str, EpisodeResult] = dict(self._read())
         (folder / FOUND).mkdir(parents=True, exist_ok=True)
         (folder / QUERY).write_text(json.dumps(query, indent=1) + "\n", encoding="utf-8")
         # A line that was cut off must not be joined with the next one.
@@ -45,7 +45,7 @@ class Journal:
             if before.get(key) != value:
                 raise ConfigError(f"--resume: the hunt in {self.folder} has {key} {before.get(key)!r}, not {value!r}")
 
-    def _read(self) -> Iterator[tuple[str, Result]]:
+    def _read(self) -> Iterator[tuple[str, EpisodeResult]]:
         file = self.folder / EPISODES
         if not file.is_file():
             return
@@ -53,11 +53,11 @@ class Journal:
             for line in lines:
                 try:
                     data = json.loads(line)
-                    yield data["name"], Result.from_dict(data)
+                    yield data["name"], EpisodeResult.from_dict(data)
                 except (ValueError, KeyError):
                     continue  # cut off, or empty
 
-    def add(self, name: str, result: Result) -> None:
+    def add(self, name: str, result: EpisodeResult) -> None:
         """Keep what came of an episode."""
         self.results[name] = result
         self._file.write(json.dumps({"name": name} | result.to_dict()) + "\n")

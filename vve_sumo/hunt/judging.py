@@ -137,7 +137,7 @@ def alarmed(sample: TruthSample) -> bool:
     return sample.phase in ALARMS or sample.phase == NEEDED
 
 
-class Driven:
+class DriverControl:
     """Whether a driver has the car: the gateway has let go of it, and the driver has acted.
 
     What a driver does while the gateway goes on commanding takes nothing from the gateway.

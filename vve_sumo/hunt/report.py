@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from vve_sumo.hunt.findings import Finding
+from vve_sumo.hunt.findings import HuntFinding
 from vve_sumo.hunt.known_limits import known
-from vve_sumo.hunt.runner import Result
+from vve_sumo.hunt.runner import EpisodeResult
 
 
-def least_margins(results: Sequence[Result]) -> dict[str, tuple[float, Result]]:
+def least_margins(results: Sequence[EpisodeResult]) -> dict[str, tuple[float, EpisodeResult]]:
     """Return the least margin of every invariant that held, and the episode that it came of."""
-    least: dict[str, tuple[float, Result]] = {}
+    least: dict[str, tuple[float, EpisodeResult]] = {}
     for result in results:
         for invariant, margin in result.margins.items():
             if invariant not in result.broken and margin < least.get(invariant, (2.0, result))[0]:
@@ -23,8 +23,8 @@ def least_margins(results: Sequence[Result]) -> dict[str, tuple[float, Result]]:
 
 
 def text(
-    results: Mapping[str, Result],
-    findings: Sequence[Finding],
+    results: Mapping[str, EpisodeResult],
+    findings: Sequence[HuntFinding],
     *,
     total: int | None,
     last_found: int,

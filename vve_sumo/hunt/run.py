@@ -15,14 +15,14 @@ from vve_sumo import workspace
 from vve_sumo.drive.run import resolve_by_name
 from vve_sumo.errors import ConfigError
 from vve_sumo.hunt.draw import pairs
-from vve_sumo.hunt.episode import Episode, Phase
-from vve_sumo.hunt.findings import Finding, Findings
-from vve_sumo.hunt.journal import FOUND, Journal
+from vve_sumo.hunt.episode import Episode, EpisodePhase
+from vve_sumo.hunt.findings import Findings, HuntFinding
+from vve_sumo.hunt.journal import FOUND, HuntJournal
 from vve_sumo.hunt.judging import Tolerances
-from vve_sumo.hunt.runner import Result, run_many
+from vve_sumo.hunt.runner import EpisodeResult, run_many
 from vve_sumo.hunt.search import BATCH, Search
 from vve_sumo.hunt.shrink import shrunk
-from vve_sumo.hunt.simulation import Course
+from vve_sumo.hunt.simulation import HuntSetup
 from vve_sumo.live.assembly import scenario_with_rig
 from vve_sumo.plant.injectable import injectable_kinds
 from vve_sumo.plant.injected_faults import KINDS
@@ -31,7 +31,7 @@ from vve_sumo.rig.load import load as load_rig
 #: pairs that are driven together; they share the nominal drive
 CHUNK: Final = 400
 #: phases in which pairs are tried where none are named
-PAIR_PHASES: Final = (Phase.DRIVING, Phase.BEND, Phase.BRAKING, Phase.AT_REST)
+PAIR_PHASES: Final = (EpisodePhase.DRIVING, EpisodePhase.BEND, EpisodePhase.BRAKING, EpisodePhase.AT_REST)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class HuntQuery:
     seed: int = 1
     workers: int = 2
     pairs: bool = False
-    phases: tuple[Phase, ...] = PAIR_PHASES
+    phases: tuple[EpisodePhase, ...] = PAIR_PHASES
     episodes: int | None = None  #: at most so many, those of the runs before included
     hours: float | None = None  #: of this run, at most
     resume: bool = False
@@ -75,7 +75,7 @@ class HuntProgress:
 Watch = Callable[[HuntProgress], None]
 
 
-def course_of(scenario: str, rig: str, working: Path) -> tuple[Course, Path]:
+def course_of(scenario: str, rig: str, working: Path) -> tuple[HuntSetup, Path]:
     """Return the course of a scenario and a rig, and the rig's file; raises ConfigError for what is unusable."""
     file = workspace.find("rig", rig, working)
     loaded = load_rig(file, working)
@@ -85,7 +85,7 @@ def course_of(scenario: str, rig: str, working: Path) -> tuple[Course, Path]:
         raise ConfigError(f"{file}: faults: a hunt injects its own; leave the rig's out")
     values: dict[str, Any] = {"road.demand": []}
     resolved = scenario_with_rig(resolve_by_name(scenario, working, values=values), loaded, working)
-    return Course(resolved, loaded, working), file
+    return HuntSetup(resolved, loaded, working), file
 
 
 class Hunt:
@@ -106,7 +106,7 @@ class Hunt:
             "mode": "pairs" if query.pairs else "search",
             "phases": [phase.value for phase in query.phases] if query.pairs else [],
         }
-        self.journal = Journal(query.out, asked, resume=query.resume)
+        self.journal = HuntJournal(query.out, asked, resume=query.resume)
         self.findings = Findings(query.out / FOUND)
         self._begun = time.monotonic()
         self.progress = HuntProgress(query.episodes)
@@ -149,7 +149,7 @@ class Hunt:
             return True
         return query.hours is not None and time.monotonic() - self._begun > 3600.0 * query.hours
 
-    def _drive(self, named: Sequence[tuple[str, Episode]]) -> list[Result]:
+    def _drive(self, named: Sequence[tuple[str, Episode]]) -> list[EpisodeResult]:
         """Run the episodes that no run before has, take in all, and return what came of them in their order."""
         known = self.journal.results
         missing = [(name, episode) for name, episode in named if name not in known]
@@ -163,7 +163,7 @@ class Hunt:
             self._take(result)
         return results
 
-    def _run_named(self, missing: Sequence[tuple[str, Episode]]) -> Iterator[tuple[str, Result]]:
+    def _run_named(self, missing: Sequence[tuple[str, Episode]]) -> Iterator[tuple[str, EpisodeResult]]:
         names: dict[str, list[str]] = {}
         for name, episode in missing:
             names.setdefault(_key(episode), []).append(name)
@@ -171,14 +171,14 @@ class Hunt:
         for result in run_many(self.course, episodes, self.tolerances, self.query.workers):
             yield names[_key(result.episode)].pop(), result
 
-    def _take(self, result: Result) -> None:
+    def _take(self, result: EpisodeResult) -> None:
         for invariant in self.findings.new(result):
             simplest = shrunk(result, invariant, self._run_all)
-            self.findings.keep(Finding(invariant, simplest), self.rig_text)
+            self.findings.keep(HuntFinding(invariant, simplest), self.rig_text)
             self.progress.found, self.progress.last_found = len(self.findings.all), self.progress.done
             self._show(self.progress.done)
 
-    def _run_all(self, episodes: Sequence[Episode]) -> list[Result]:
+    def _run_all(self, episodes: Sequence[Episode]) -> list[EpisodeResult]:
         came = {_key(r.episode): r for r in run_many(self.course, episodes, self.tolerances, self.query.workers)}
         return [came[key] for key in map(_key, episodes) if key in came]
 

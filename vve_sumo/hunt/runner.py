@@ -19,10 +19,10 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from vve_sumo.drive.termination import Outcome
-from vve_sumo.hunt.episode import Episode, Phase, RoadConditions
+from vve_sumo.hunt.episode import Episode, EpisodePhase, RoadConditions
 from vve_sumo.hunt.invariants import Judges
 from vve_sumo.hunt.judging import Tolerances, Violation
-from vve_sumo.hunt.simulation import Course, Simulation
+from vve_sumo.hunt.simulation import EpisodeDrive, HuntSetup
 from vve_sumo.hunt.truth import TruthSample
 from vve_sumo.live.wording import DRIVING
 from vve_sumo.timing import PERIOD
@@ -48,7 +48,7 @@ BRAKES: Final = -1.2
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
+class EpisodeResult:
     """What came of an episode."""
 
     episode: Episode
@@ -86,7 +86,7 @@ class Result:
         }
 
     @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> Result:
+    def from_dict(cls, data: dict[str, Any]) -> EpisodeResult:
         """Return what `to_dict` gave."""
         return cls(
             Episode.from_dict(data["episode"]),
@@ -104,47 +104,49 @@ class Result:
 class Phases:
     """Tells at each tick of a nominal drive which phases begin with it."""
 
-    def __init__(self, simulation: Simulation) -> None:
+    def __init__(self, simulation: EpisodeDrive) -> None:
         self._simulation = simulation
-        self._begun: set[Phase] = set()
+        self._begun: set[EpisodePhase] = set()
         self._moved = False
 
-    def step(self, sample: TruthSample | None) -> list[Phase]:
+    def step(self, sample: TruthSample | None) -> list[EpisodePhase]:
         """Return the phases that begin with the next tick, by the sample of the last."""
         holds = self._holding(sample)
-        new = [phase for phase in Phase if phase in holds and phase not in self._begun]
+        new = [phase for phase in EpisodePhase if phase in holds and phase not in self._begun]
         self._begun.update(new)
         return new
 
-    def _holding(self, sample: TruthSample | None) -> set[Phase]:
+    def _holding(self, sample: TruthSample | None) -> set[EpisodePhase]:
         if sample is None:
-            return {Phase.ARMING}
+            return {EpisodePhase.ARMING}
         state, speed, drive = sample.state, sample.pose.speed, self._simulation
         self._moved |= speed > 1.0
         if state is ArmingState.STOPPED:
-            return {Phase.STOPPED}
+            return {EpisodePhase.STOPPED}
         if state is ArmingState.DISARMED and self._moved:
-            return {Phase.RELEASED}
+            return {EpisodePhase.RELEASED}
         if state is not ArmingState.ENGAGED:
             return set()
         if not sample.went:
-            return {Phase.HELD} if WAITING in sample.reasons else {Phase.ENGAGING}
+            return {EpisodePhase.HELD} if WAITING in sample.reasons else {EpisodePhase.ENGAGING}
         if self._moved and speed < 0.01:
-            return {Phase.AT_REST}
-        holds = {Phase.DRIVING} if speed > 4.0 else set()
+            return {EpisodePhase.AT_REST}
+        holds = {EpisodePhase.DRIVING} if speed > 4.0 else set()
         path = drive.resolved.path
         if speed > 2.0 and drive.s == drive.s and abs(path.at(drive.s).curvature) > BEND:
-            holds.add(Phase.BEND)
+            holds.add(EpisodePhase.BEND)
         obstacle = min((one.at_m for one in drive.resolved.scenario.obstacles), default=path.length)
         if drive.asked < BRAKES and drive.s > obstacle - 60.0 and speed > 2.0:
-            holds.add(Phase.BRAKING)
+            holds.add(EpisodePhase.BRAKING)
         return holds
 
 
-Shown = Callable[[TruthSample, Simulation], None]
+Shown = Callable[[TruthSample, EpisodeDrive], None]
 
 
-def finish(simulation: Simulation, episode: Episode, tolerances: Tolerances, show: Shown | None = None) -> Result:
+def finish(
+    simulation: EpisodeDrive, episode: Episode, tolerances: Tolerances, show: Shown | None = None
+) -> EpisodeResult:
     """Let an episode's actions set in now, go on to its end, and judge it."""
     begun, moved = simulation.now, simulation.moved
     simulation.begin(episode.actions)
@@ -170,7 +172,7 @@ def finish(simulation: Simulation, episode: Episode, tolerances: Tolerances, sho
             break
     outcome: Outcome | None = simulation.outcome
     judges.end(simulation.now, outcome, simulation.ended_because)
-    return Result(
+    return EpisodeResult(
         episode,
         tuple(v._replace(time=round(v.time - begun, 3)) for v in judges.violations),
         judges.margins,
@@ -182,7 +184,7 @@ def finish(simulation: Simulation, episode: Episode, tolerances: Tolerances, sho
     )
 
 
-def run_alone(course: Course, episode: Episode, tolerances: Tolerances, show: Shown | None = None) -> Result:
+def run_alone(course: HuntSetup, episode: Episode, tolerances: Tolerances, show: Shown | None = None) -> EpisodeResult:
     """Run one episode from the beginning of its drive, in this process; raises LookupError for a phase never met."""
     for simulation, due in _onsets(course, episode.road, episode.seed, [episode]):
         for one in due:
@@ -190,7 +192,9 @@ def run_alone(course: Course, episode: Episode, tolerances: Tolerances, show: Sh
     raise LookupError(f"the nominal drive never comes to the phase {episode.phase.value!r}")
 
 
-def run_many(course: Course, episodes: Iterable[Episode], tolerances: Tolerances, workers: int = 1) -> Iterator[Result]:
+def run_many(
+    course: HuntSetup, episodes: Iterable[Episode], tolerances: Tolerances, workers: int = 1
+) -> Iterator[EpisodeResult]:
     """Run episodes, `workers` at a time, and yield what came of each, in no particular order.
 
     An episode whose phase the nominal drive never comes to yields nothing.
@@ -203,8 +207,8 @@ def run_many(course: Course, episodes: Iterable[Episode], tolerances: Tolerances
 
 
 def _run_group(
-    course: Course, road: RoadConditions, seed: int, group: list[Episode], tolerances: Tolerances, workers: int
-) -> Iterator[Result]:
+    course: HuntSetup, road: RoadConditions, seed: int, group: list[Episode], tolerances: Tolerances, workers: int
+) -> Iterator[EpisodeResult]:
     children: dict[int, tuple[int, Episode, bytearray]] = {}
     # A collection in the parent would touch, and so copy, every page that its children share with it.
     gc.collect()
@@ -227,10 +231,10 @@ def _run_group(
 
 
 def _onsets(
-    course: Course, road: RoadConditions, seed: int, group: Sequence[Episode]
-) -> Iterator[tuple[Simulation, list[Episode]]]:
+    course: HuntSetup, road: RoadConditions, seed: int, group: Sequence[Episode]
+) -> Iterator[tuple[EpisodeDrive, list[Episode]]]:
     """Drive nominally, and yield the drive at every tick at which episodes of the group set in."""
-    simulation = Simulation(course, road, seed)
+    simulation = EpisodeDrive(course, road, seed)
     phases, waiting = Phases(simulation), defaultdict(list)
     due: dict[int, list[Episode]] = defaultdict(list)
     for episode in group:
@@ -246,7 +250,7 @@ def _onsets(
             sample = simulation.step()
 
 
-def _fork(simulation: Simulation, episode: Episode, tolerances: Tolerances) -> tuple[int, int]:
+def _fork(simulation: EpisodeDrive, episode: Episode, tolerances: Tolerances) -> tuple[int, int]:
     """Fork a child that finishes an episode; return the end of the pipe that its result comes by, and its number."""
     reader, writer = os.pipe()
     child = os.fork()
@@ -263,14 +267,14 @@ def _fork(simulation: Simulation, episode: Episode, tolerances: Tolerances) -> t
         os._exit(0)
 
 
-def _guarded(simulation: Simulation, episode: Episode, tolerances: Tolerances) -> Result:
+def _guarded(simulation: EpisodeDrive, episode: Episode, tolerances: Tolerances) -> EpisodeResult:
     try:
         return finish(simulation, episode, tolerances)
     except Exception:
-        return Result(episode, (), {}, "", (), 0.0, failure=traceback.format_exc())
+        return EpisodeResult(episode, (), {}, "", (), 0.0, failure=traceback.format_exc())
 
 
-def _collect(children: dict[int, tuple[int, Episode, bytearray]]) -> Iterator[Result]:
+def _collect(children: dict[int, tuple[int, Episode, bytearray]]) -> Iterator[EpisodeResult]:
     """Wait for children and yield the results of those that have ended."""
     ready, _, _ = select.select(list(children), [], [])
     for reader in ready:
@@ -282,6 +286,6 @@ def _collect(children: dict[int, tuple[int, Episode, bytearray]]) -> Iterator[Re
         os.close(reader)
         os.waitpid(child, 0)
         if data:
-            yield Result.from_dict(json.loads(data))
+            yield EpisodeResult.from_dict(json.loads(data))
         else:
-            yield Result(episode, (), {}, "", (), 0.0, failure="the episode's process died")
+            yield EpisodeResult(episode, (), {}, "", (), 0.0, failure="the episode's process died")

@@ -13,7 +13,7 @@ from typing import Final
 
 from vve_sumo.hunt import draw
 from vve_sumo.hunt.episode import Episode
-from vve_sumo.hunt.runner import Result
+from vve_sumo.hunt.runner import EpisodeResult
 
 #: episodes of a batch; they share a road and its nominal drive
 BATCH: Final = 240
@@ -50,7 +50,7 @@ class Search:
             return None
         return draw.mutated(random.choice(random.choice(elite))[1], random)
 
-    def learn(self, results: Sequence[Result]) -> None:
+    def learn(self, results: Sequence[EpisodeResult]) -> None:
         """Take in the results of the batch, in the order of its episodes."""
         self._number += 1
         for result in results:

@@ -8,7 +8,7 @@ from typing import Final
 
 from vve_sumo.hunt.draw import from_onset
 from vve_sumo.hunt.episode import KEYS, Action, Episode, RoadConditions
-from vve_sumo.hunt.runner import Result
+from vve_sumo.hunt.runner import EpisodeResult
 from vve_sumo.plant.injected_faults import Shape
 
 #: rounds of simplifying; each keeps the simplest that still fails
@@ -17,10 +17,10 @@ MAX_ROUNDS: Final = 12
 SHORTEST: Final = 0.1
 
 #: runs episodes and gives what came of each, in the same order
-RunAll = Callable[[Sequence[Episode]], Sequence[Result]]
+RunAll = Callable[[Sequence[Episode]], Sequence[EpisodeResult]]
 
 
-def shrunk(result: Result, invariant: str, run_all: RunAll) -> Result:
+def shrunk(result: EpisodeResult, invariant: str, run_all: RunAll) -> EpisodeResult:
     """Return the simplest result found that breaks the same invariant."""
     for _ in range(MAX_ROUNDS):
         simpler = list(candidates(result.episode))

@@ -44,7 +44,7 @@ GO_AFTER, END_AFTER = 1.0, 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
+class HuntSetup:
     """What all episodes of a hunt have in common: a scenario in a rig's lot, with the rig's car."""
 
     resolved: ResolvedScenario  #: with the rig's car
@@ -140,10 +140,10 @@ class HuntOperator:
             self.went |= "go_too_early" not in status.reasons
 
 
-class Simulation:
+class EpisodeDrive:
     """One drive, ticked from outside."""
 
-    def __init__(self, course: Course, road: RoadConditions, seed: int) -> None:
+    def __init__(self, course: HuntSetup, road: RoadConditions, seed: int) -> None:
         """Build the drive; raises ConfigError where something in the scenario is not usable."""
         resolved, rig = course.on(road, seed), course.rig
         self.resolved, self.rig = resolved, rig

@@ -14,7 +14,7 @@ from typing import Final
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.live.channel import Channel
-from vve_sumo.live.outputs import Wire
+from vve_sumo.live.outputs import OutputWire
 from vve_sumo.pose.sources import Source, open_udp
 from vve_sumo.rig.schema import Brain as RigBrain
 from vve_sumo.rig.schema import Rig
@@ -92,7 +92,7 @@ def refuse_controller(rig: Rig, controller: str | None) -> None:
 class WiredLink:
     """Sends samples on all wires of a rig, and hears the setpoints on one socket."""
 
-    def __init__(self, wires: Sequence[Wire], setpoints: Source | None, timeout: float = ANSWER_TIMEOUT) -> None:
+    def __init__(self, wires: Sequence[OutputWire], setpoints: Source | None, timeout: float = ANSWER_TIMEOUT) -> None:
         """`timeout`: how long the answer to a sample is waited for [s]."""
         self._wires, self._setpoints, self._timeout = tuple(wires), setpoints, timeout
         self._deadline = math.inf

@@ -39,7 +39,7 @@ LATE: Final = 0.03
 FAREWELL: Final = 0.3
 
 
-class Wire(NamedTuple):
+class OutputWire(NamedTuple):
     """One outgoing wire."""
 
     name: str  #: of the rig's table
@@ -47,9 +47,9 @@ class Wire(NamedTuple):
     outlet: Outlet[Any]
 
 
-def opened(tables: list[Mapping[str, Any]], context: Context) -> list[Wire]:
+def opened(tables: list[Mapping[str, Any]], context: Context) -> list[OutputWire]:
     """Open the wires of a rig's `[[outputs]]`; raises VveError naming the table that cannot be opened."""
-    wires: list[Wire] = []
+    wires: list[OutputWire] = []
     for number, table in enumerate(tables):
         name = f"outputs.{number}"
         try:
@@ -61,12 +61,12 @@ def opened(tables: list[Mapping[str, Any]], context: Context) -> list[Wire]:
     return wires
 
 
-def _wire(name: str, table: Mapping[str, Any], context: Context) -> Wire:
+def _wire(name: str, table: Mapping[str, Any], context: Context) -> OutputWire:
     outlet = _outlet(table, context.key)
     hear = outlet.receive if table["host"] == "bus" and isinstance(outlet, CanOutlet | PtyOutlet) else None
     of_this = replace(context, hear=hear, stop_id=table["can_id"])
     try:
-        return Wire(name, KINDS[table["kind"]].make(of_this), outlet)
+        return OutputWire(name, KINDS[table["kind"]].make(of_this), outlet)
     except VveError:
         outlet.close()
         raise
@@ -93,7 +93,7 @@ def _place(text: str) -> tuple[str, int]:
 class Outputs:
     """Sends what the drive says, and *invalid* where it says nothing."""
 
-    def __init__(self, wires: list[Wire], drive: Channel, t0: float, epoch: float) -> None:
+    def __init__(self, wires: list[OutputWire], drive: Channel, t0: float, epoch: float) -> None:
         """`t0` is the monotonic second of drive time 0, `epoch` its GNSS second."""
         self._wires, self._drive, self._t0, self._epoch = wires, drive, t0, epoch
         self._due = time.monotonic() + LATE + PERIOD
@@ -145,7 +145,7 @@ class Outputs:
             except Exception as error:
                 self._say_once(wire, error)
 
-    def _encoded(self, wire: Wire, sample: Sample) -> Sequence[Any]:
+    def _encoded(self, wire: OutputWire, sample: Sample) -> Sequence[Any]:
         """Return what a wire sends for a sample; where its encoder fails, *invalid*."""
         try:
             return wire.output.step(sample)
@@ -153,7 +153,7 @@ class Outputs:
             self._say_once(wire, error)
             return wire.output.step(replace(sample, measured=None))
 
-    def _say_once(self, wire: Wire, error: Exception) -> None:
+    def _say_once(self, wire: OutputWire, error: Exception) -> None:
         if wire.name not in self._failed:
             _say(f"{wire.name}: {type(error).__name__}: {error}")
         self._failed.add(wire.name)

@@ -132,7 +132,7 @@ def replay_gateway(inputs: LiveInputs) -> Difference | None:
     for step, row in enumerate(inputs.steps):
         received, sent = list(islice(frames, row["frames_received"])), list(islice(frames, row["frames_sent"]))
         setpoint = link.decode_setpoint(row["setpoint"]) if row["setpoint"] else None
-        if isinstance(setpoint, link.Malformed):
+        if isinstance(setpoint, link.MalformedMessage):
             return Difference(step, "setpoint", row["setpoint"].hex(), f"no setpoint: {setpoint.reason}")
         act = OperatorCommand(row["operator_command"]) if row["operator_command"] else None
         output = gateway.step(row["time_s"], setpoint, received, act, reason_codes(row["process_faults"]))

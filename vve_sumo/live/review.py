@@ -56,7 +56,7 @@ class RedriveResult:
 
     resolved: ResolvedScenario  #: of the record
     table: pa.Table  #: both answers, a row a tick
-    comparison: redrive.Comparison
+    comparison: redrive.ControllerComparison
     failure: str  #: the other controller's last failure, in its own words
 
 

@@ -64,7 +64,7 @@ Notify = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class DrivePlan:
     """A live drive before any of its processes runs."""
 
     resolved: ResolvedScenario
@@ -95,7 +95,7 @@ def plan(
     shadow: bool,
     values: Mapping[str, Any] | None = None,
     view: bool = False,
-) -> Plan:
+) -> DrivePlan:
     """Find scenario and rig by name and refuse what nobody should drive with; opens no device and writes nothing.
 
     Raises ConfigError for what is wrong in a file, RigError for a rig that may not command a car.
@@ -121,10 +121,10 @@ def plan(
     folder = (out if out is not None else new_run_folder(resolved.name, working)).absolute()
     claim(folder)
     scenario_file = workspace.find("scenario", scenario, working).absolute()
-    return Plan(resolved, scenario_file, loaded, rig_file, folder, working, shadow, time.monotonic(), view=view)
+    return DrivePlan(resolved, scenario_file, loaded, rig_file, folder, working, shadow, time.monotonic(), view=view)
 
 
-def named(plan: Plan, operator: str | None, driver: str | None) -> Plan:
+def named(plan: DrivePlan, operator: str | None, driver: str | None) -> DrivePlan:
     """Return a plan with who is at the console and who sits behind the wheel; drive time begins now."""
     return replace(plan, operator=operator, driver=driver, t0=time.monotonic())
 
@@ -139,7 +139,7 @@ def person_name(role: str, typed: str) -> str:
     return name
 
 
-def _provenance(plan: Plan, doctor: Mapping[str, Any], permitted: Rights) -> str:
+def _provenance(plan: DrivePlan, doctor: Mapping[str, Any], permitted: Rights) -> str:
     """Return the text of the record's provenance file."""
     now = datetime.datetime.now(datetime.UTC)
     document = provenance.provenance(plan.resolved, now.isoformat(timespec="seconds"))
@@ -147,7 +147,7 @@ def _provenance(plan: Plan, doctor: Mapping[str, Any], permitted: Rights) -> str
     return provenance.text_of(document | {"doctor": dict(doctor), "rights": permitted._asdict()})
 
 
-def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify) -> dict[str, Any]:
+def run(plan: DrivePlan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify) -> dict[str, Any]:
     """Drive a plan to its end and return its summary; raises VveError where it never began.
 
     `doctor` is the doctor's last result on the rig, for the record. The console draws on `terminal` while the drive
@@ -172,7 +172,7 @@ def run(plan: Plan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify)
 
 
 def _driven(
-    plan: Plan,
+    plan: DrivePlan,
     doctor: Mapping[str, Any],
     permitted: Rights,
     terminal: TextIO,
@@ -215,7 +215,7 @@ def _driven(
     return console
 
 
-def _end_page(plan: Plan, processes: ProcessGroup) -> None:
+def _end_page(plan: DrivePlan, processes: ProcessGroup) -> None:
     processes.end_view()
     # A process that was killed left the address of its page.
     with contextlib.suppress(OSError):
@@ -225,7 +225,7 @@ def _end_page(plan: Plan, processes: ProcessGroup) -> None:
 _ERRORS: Final = {2: ConfigError, 3: RigError, 4: SimulationError}
 
 
-def _measure_alignment(plan: Plan, source: Source, notify: Notify) -> LotAlignment:
+def _measure_alignment(plan: DrivePlan, source: Source, notify: Notify) -> LotAlignment:
     """Measure the alignment and GNSS time while the car stands; close `source`, for the drive's process to open it."""
     rig, resolved = plan.rig, plan.resolved
     notify("waiting for trusted fixes of the standing car")
@@ -239,7 +239,7 @@ def _measure_alignment(plan: Plan, source: Source, notify: Notify) -> LotAlignme
     return lot_alignment(standing, meaning.frame_of(rig), meaning.mounting_of(rig), start, stored)
 
 
-def _not_ready(plan: Plan, ground: LotAlignment, notify: Notify) -> tuple[str, ...]:
+def _not_ready(plan: DrivePlan, ground: LotAlignment, notify: Notify) -> tuple[str, ...]:
     """Return the reason codes that keep this drive from READY for as long as it lasts."""
     geofence = meaning.geofence_of(plan.rig, ground.alignment)
     leaves = geofence.along(plan.resolved.path, plan.resolved.scenario.ego.speed_mps)
@@ -253,7 +253,7 @@ def _not_ready(plan: Plan, ground: LotAlignment, notify: Notify) -> tuple[str, .
 
 
 def _processes(
-    plan: Plan,
+    plan: DrivePlan,
     scenario_content: dict[str, Any],
     provenance_text: str,
     ground: LotAlignment,
@@ -313,7 +313,7 @@ def _processes(
 
 
 def _outputs(
-    plan: Plan, common: dict[str, Any], vehicle: dict[str, Any]
+    plan: DrivePlan, common: dict[str, Any], vehicle: dict[str, Any]
 ) -> tuple[subprocess.Popen[bytes] | None, dict[str, Channel]]:
     """Start the process of the outgoing wires; return it, and the drive's end of the channel to it.
 
@@ -344,7 +344,7 @@ def _outputs(
 
 
 def _view(
-    plan: Plan, scenario_content: dict[str, Any], notify: Notify
+    plan: DrivePlan, scenario_content: dict[str, Any], notify: Notify
 ) -> tuple[subprocess.Popen[bytes] | None, Channel | None, dict[str, Channel]]:
     """Start the process of the page; return it, the console's channel to it, and the drive's end of the feed.
 
@@ -379,7 +379,7 @@ def _view(
     return process, ours, {"view": drive_view}
 
 
-def _write_roads(plan: Plan, notify: Notify) -> None:
+def _write_roads(plan: DrivePlan, notify: Notify) -> None:
     """Write the lanes around the path; a disk that is full is the recorder's to report, and stops no drive."""
     try:
         write_roads(plan.folder, plan.resolved.lanes)
@@ -387,7 +387,7 @@ def _write_roads(plan: Plan, notify: Notify) -> None:
         notify(f"{plan.folder / 'roads.parquet'} cannot be written: {error.strerror}; make room")
 
 
-def _note_processes(plan: Plan, processes: ProcessGroup) -> None:
+def _note_processes(plan: DrivePlan, processes: ProcessGroup) -> None:
     """Write process ids and start time to `processes.json`, for an engineer who has to signal a process by hand."""
     numbers: dict[str, float] = {
         "gateway": processes.gateway.pid,
@@ -410,7 +410,7 @@ def _drove(folder: Path) -> bool:
     return any(state in ("engaged", "stopping", "stopped") for state in states)
 
 
-def _summary(plan: Plan, why: tuple[str, ...], notify: Notify) -> dict[str, Any]:
+def _summary(plan: DrivePlan, why: tuple[str, ...], notify: Notify) -> dict[str, Any]:
     """Complete the recorder's summary by the scenario's verdict; `why` is the gateway's last reasons at the console."""
     try:
         summary: dict[str, Any] = json.loads((plan.folder / "summary.json").read_text(encoding="utf-8"))

@@ -50,7 +50,7 @@ TRUTH_COLUMNS: Final = (
 )  # fmt: skip
 
 
-class Wire(Protocol):
+class CarBusEnd(Protocol):
     """The car's end of its CAN bus; no method waits or raises."""
 
     def send(self, frames: Iterable[Frame]) -> None:
@@ -182,7 +182,7 @@ class TruthFile:
 class SimulatedVehicle:
     """The car on the monotonic clock; each step is computed ahead, so that its messages go out when they are due."""
 
-    def __init__(self, config: CarConfig, wire: Wire, truth: TruthFile) -> None:
+    def __init__(self, config: CarConfig, wire: CarBusEnd, truth: TruthFile) -> None:
         # The radar's noise is the second child of a scenario's seed.
         car_seeds, _, fault_seeds = np.random.SeedSequence(config.seed).spawn(3)
         start, faults = config.start(), config.faults
@@ -303,7 +303,7 @@ def run(config: CarConfig, console: Channel, ending: EndCondition, stack: contex
         car.flush()
 
 
-def _wire(config: CarConfig, stack: contextlib.ExitStack) -> tuple[Wire, tuple[str, str]]:
+def _wire(config: CarConfig, stack: contextlib.ExitStack) -> tuple[CarBusEnd, tuple[str, str]]:
     if config.bus is None and config.brain is None:
         adapter = Adapter()
         return adapter, ("slcan", adapter.name)
@@ -314,7 +314,7 @@ def _wire(config: CarConfig, stack: contextlib.ExitStack) -> tuple[Wire, tuple[s
     return PythonCanWire(Bus(*config.bus)), config.bus
 
 
-def _two_port_wire(config: CarConfig, stack: contextlib.ExitStack) -> tuple[Wire, tuple[str, str]]:
+def _two_port_wire(config: CarConfig, stack: contextlib.ExitStack) -> tuple[CarBusEnd, tuple[str, str]]:
     from vve_sumo.live.pty_bus import TwoPortBus, monotonic_clock
 
     assert config.brain is not None

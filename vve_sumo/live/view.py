@@ -32,7 +32,7 @@ from vve_sumo.view.hub import Hub
 from vve_sumo.view.live_frame import LiveFrames
 from vve_sumo.view.sample import decode
 from vve_sumo.view.scene import VERSION, scene_of
-from vve_sumo.view.server import NO_FRAMES, Server, json_route, page_routes
+from vve_sumo.view.server import NO_FRAMES, PageServer, json_route, page_routes
 from vve_sumo.view.street import with_network
 
 #: file in the record's folder with the page's address while the drive goes on; only its owner may read it
@@ -84,7 +84,7 @@ class ViewProcess:
             *page_routes(NO_FRAMES),
         ]
         where = {name: config[name] for name in ("address", "port", "token", "certificate")}
-        self.server = Server(routes, **where)
+        self.server = PageServer(routes, **where)
 
     async def run(self) -> None:
         """Serve until the console is gone."""

@@ -15,7 +15,7 @@ from vve_sumo.drive.tick import CompletedTick
 from vve_sumo.live.channel import Channel
 from vve_sumo.values import Fix, FixQuality, resolve_fallback_path
 from vve_sumo.vehicle import link
-from vve_sumo.view.sample import Sample, Scan, encode
+from vve_sumo.view.sample import ScanView, ViewSample, encode
 
 
 class SampleContext(NamedTuple):
@@ -57,9 +57,9 @@ class ViewFeed:
         self._channel.close()
 
 
-def _sample(done: CompletedTick, beside: SampleContext) -> Sample:
+def _sample(done: CompletedTick, beside: SampleContext) -> ViewSample:
     result, setpoint, fix, feedback = done.result, done.result.setpoint, beside.fix, beside.feedback
-    return Sample(
+    return ViewSample(
         tick=beside.tick,
         time=beside.due,
         wall=beside.wall,
@@ -89,10 +89,10 @@ def _sample(done: CompletedTick, beside: SampleContext) -> Sample:
     )
 
 
-def _scan(done: CompletedTick) -> Scan | None:
+def _scan(done: CompletedTick) -> ScanView | None:
     columns = done.result.readings.get("radar")
     if columns is None:
         return None
     far, azimuth, _rate, _mode, actors = columns
     measured = done.result.sensors["radar"].time
-    return Scan(measured, np.asarray(far, np.float64), np.asarray(azimuth, np.float64), tuple(map(str, actors)))
+    return ScanView(measured, np.asarray(far, np.float64), np.asarray(azimuth, np.float64), tuple(map(str, actors)))

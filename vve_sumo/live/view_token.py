@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Final
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.rig.schema import View
+from vve_sumo.rig.schema import RigView
 
 _TOKEN: Final = re.compile(r"[A-Za-z0-9_-]{16,128}")
 
 
-def token_of(view: View, working: Path) -> str:
+def token_of(view: RigView, working: Path) -> str:
     """Return the token in the rig's file; empty where the rig names none, for one that is made anew.
 
     Raises ConfigError naming the key.
@@ -29,7 +29,7 @@ def token_of(view: View, working: Path) -> str:
     return token
 
 
-def certificate_of(view: View, working: Path) -> tuple[str, ...]:
+def certificate_of(view: RigView, working: Path) -> tuple[str, ...]:
     """Return the paths of the certificate and of its key that a rig names, from `working`; empty without any."""
     named = [name for name in (view.certificate_file, view.key_file) if name is not None]
     return tuple(str(working / name) for name in named)

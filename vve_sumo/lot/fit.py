@@ -14,7 +14,7 @@ from scipy.optimize import linprog
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, wrap_angle
-from vve_sumo.lot.geofence import Driven, Geofence
+from vve_sumo.lot.geofence import DrivenPlace, Geofence
 from vve_sumo.lot.polygon import Raster
 from vve_sumo.path import ReferencePath
 from vve_sumo.values import Floats
@@ -122,7 +122,7 @@ def shortened(path: ReferencePath, geofence: Geofence, speed: float, station: fl
     raise ConfigError(f"the lot takes less than {MIN_PATH_LENGTH:g} m of the path")
 
 
-def _ground(geofence: Geofence, drive: list[Driven]) -> _Ground:
+def _ground(geofence: Geofence, drive: list[DrivenPlace]) -> _Ground:
     """Fill the swept area of the drive with points: corners, edge middles and centres of its rectangles."""
     points, stations = [], []
     for place in [*drive[::SWEPT_SPACING], drive[-1]]:
@@ -244,7 +244,7 @@ def _turned(points: Floats, angle: float) -> Floats:
     return np.asarray(points @ np.array([[cosine, sine], [-sine, cosine]]), dtype=np.float64)
 
 
-def _measured(geofence: Geofence, drive: list[Driven], alignment: Alignment) -> Fit | None:
+def _measured(geofence: Geofence, drive: list[DrivenPlace], alignment: Alignment) -> Fit | None:
     """Follow the drive under an alignment, without tables; None where not even its start fits."""
     aligned, to_lot = geofence.aligned(alignment), alignment.inverse()
     room, last = math.inf, None

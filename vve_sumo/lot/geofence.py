@@ -37,7 +37,7 @@ LATERAL, SLOWING, SPEEDING_UP = 3.0, 1.5, 2.0  # [m/s2]
 
 
 @dataclass(frozen=True, slots=True)
-class Stop:
+class StopModel:
     """The braking of the gateway or of the DBW controller's watchdog."""
 
     deceleration: float  #: lowest, on the level [m/s2], positive
@@ -73,7 +73,7 @@ class Stop:
         return start * self.delay + rising + after * after / (2.0 * (self.deceleration - pull))
 
 
-class Driven(NamedTuple):
+class DrivenPlace(NamedTuple):
     """One place of a drive that keeps to its path."""
 
     station: float  #: along the path [m]
@@ -103,8 +103,8 @@ class Geofence:
         vehicle: Vehicle,
         alignment: Alignment,
         *,
-        gateway: Stop,
-        watchdog: Stop,
+        gateway: StopModel,
+        watchdog: StopModel,
         downhill: float = 0.0,
         turning: Turning | None = None,
         drift: Callable[[float], float] = no_drift,
@@ -167,7 +167,7 @@ class Geofence:
                 return place.station
         return None
 
-    def driven(self, path: ReferencePath, speed: float) -> list[Driven]:
+    def driven(self, path: ReferencePath, speed: float) -> list[DrivenPlace]:
         """Return the places that `along` checks, one a metre of the path."""
         table = path.samples
         first = round(EXTENSION / SAMPLE_SPACING)
@@ -183,7 +183,7 @@ class Geofence:
             reach = max(self._distances(pose, steering) or (0.0,))
             last = row + math.ceil(min(reach, EXTENSION) / SAMPLE_SPACING) + 2
             ahead = tuple(table.curvature[row:last].tolist())
-            drive.append(Driven(s, pose, steering, FallbackPath(SAMPLE_SPACING, ahead)))
+            drive.append(DrivenPlace(s, pose, steering, FallbackPath(SAMPLE_SPACING, ahead)))
         return drive
 
     def _distances(self, pose: Pose, steering: float) -> tuple[float, float] | None:

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vve_sumo.metrics.stopping import PRESSED, Episode, Stop, onset_of, sign_changes
+from vve_sumo.metrics.stopping import PRESSED, BrakingEpisode, Stop, onset_of, sign_changes
 from vve_sumo.values import Floats
 
 #: as many sign changes of the acceleration on the way to rest are hunting: the car braked, gained speed, braked, gained
@@ -20,7 +20,7 @@ HUNTING: Final = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Approach:
+class StopApproach:
     """The way to the last stop."""
 
     onset: int  #: index of the tick that first commanded braking for it
@@ -37,7 +37,7 @@ class Approach:
 
 def approach_of(
     stop: Stop, brakings: list[int], time: Floats, speed: Floats, acceleration: Floats, standing: NDArray[np.bool_]
-) -> Approach:
+) -> StopApproach:
     """Return the approach of a stop: since the first of the `brakings` from which on its target stood ahead.
 
     `brakings` are the onsets of the drive's braking episodes, in order. `standing` says of every tick whether what the
@@ -51,14 +51,14 @@ def approach_of(
     earlier = float(np.sum(0.5 * (speed[before][:-1] + speed[before][1:]) * np.diff(time[before])))
     reversals = sign_changes(acceleration[onset : stop.rest])
     duration = float(time[stop.rest] - time[onset])
-    return Approach(onset, stop.rest, duration, earlier + stop.distance, reversals)
+    return StopApproach(onset, stop.rest, duration, earlier + stop.distance, reversals)
 
 
-def brakings(time: Floats, course: Floats, episodes: list[Episode]) -> list[int]:
+def brakings(time: Floats, course: Floats, episodes: list[BrakingEpisode]) -> list[int]:
     """Return the onsets of those episodes of a course of decelerations that are more than trim."""
     return [onset_of(time, course, episode) for episode in episodes if pressed(course, episode)]
 
 
-def pressed(course: Floats, episode: Episode) -> bool:
+def pressed(course: Floats, episode: BrakingEpisode) -> bool:
     """Whether an episode of a course of decelerations is more than trim."""
     return bool(course[episode.start : episode.end].max() >= PRESSED)

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from vve_sumo.geometry import Boxes, separation
 from vve_sumo.metrics.clipping import nearest_in_band
 from vve_sumo.metrics.contact import Pairs, Prediction
-from vve_sumo.metrics.course import Course, Starts
+from vve_sumo.metrics.course import PredictedCourse, Starts
 from vve_sumo.metrics.following import MAX_DECELERATION
 from vve_sumo.metrics.lead_vehicle import AT_REST, SAME_WAY
-from vve_sumo.metrics.predicted_ways import SPACING, Indices, Places, Ways
+from vve_sumo.metrics.predicted_ways import SPACING, Indices, WayPlaces, Ways
 from vve_sumo.path import swept_half_widths
 from vve_sumo.values import Floats
 
@@ -44,10 +44,10 @@ CHUNK = 500
 MIN_ROOM = 1e-9
 
 
-class Ego(NamedTuple):
+class PredictedEgo(NamedTuple):
     """The ego: one entry a tick, NaN where it is not known."""
 
-    course: Course  #: where it goes on from there
+    course: PredictedCourse  #: where it goes on from there
     speed: Floats  #: [m/s]
     boxes: Boxes  #: its body
 
@@ -59,7 +59,7 @@ class Contacts(NamedTuple):
     deceleration: Floats  #: least constant one of the ego, begun now, that avoids that [m/s2], MAX_DECELERATION at most
 
 
-def contacts(ego: Ego, at: Indices, boxes: Boxes, ways: Ways, places: Places) -> Contacts:
+def contacts(ego: PredictedEgo, at: Indices, boxes: Boxes, ways: Ways, places: WayPlaces) -> Contacts:
     """Return what is predicted of actors and the ego: `at` is the tick of each row of `boxes` and `places`."""
     time, deceleration = np.full(len(at), np.nan), np.full(len(at), np.nan)
     search = _Search(Prediction(ego.course, ways), boxes, places)
@@ -88,7 +88,7 @@ class _Crossers(NamedTuple):
 class _Search:
     """Looks for contacts of the ego with actors on their ways."""
 
-    def __init__(self, prediction: Prediction, boxes: Boxes, places: Places) -> None:
+    def __init__(self, prediction: Prediction, boxes: Boxes, places: WayPlaces) -> None:
         self.prediction, self._boxes, self._places = prediction, boxes, places
 
     @cached_property
@@ -133,7 +133,7 @@ class _Search:
         length, width, chord, beside, turn = widest[:, way]
         along = SPACING * (rows - ways.first[way]).astype(np.float64)
         middle = np.zeros(len(rows))
-        sample, body = self._nearest[rows], ways.bodies(Places(way, along, chord, middle, middle), along)
+        sample, body = self._nearest[rows], ways.bodies(WayPlaces(way, along, chord, middle, middle), along)
         _, d, _ = table.project(body.x, body.y, sample)
         skew = body.heading - np.arctan2(table.tangent_y[sample], table.tangent_x[sample])
         reach = 0.5 * np.hypot(length, width) + beside
@@ -156,7 +156,7 @@ class _Search:
         left, right, curvature = (maximum_filter1d(column, size) for column in columns)
         return left, right, curvature
 
-    def pairs(self, ego: Ego, at: Indices) -> tuple[Indices, Pairs]:
+    def pairs(self, ego: PredictedEgo, at: Indices) -> tuple[Indices, Pairs]:
         """Return the rows of actors that may meet the ego, and the time in which they may."""
         start, speed = ego.course.starts.select(at), np.maximum(ego.speed[at], 0.0)
         speed = np.where(speed < AT_REST, 0.0, speed)

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vve_sumo.geometry import Boxes, separation
-from vve_sumo.metrics.course import Course, Starts
-from vve_sumo.metrics.predicted_ways import Bodies, Places, Ways
+from vve_sumo.metrics.course import PredictedCourse, Starts
+from vve_sumo.metrics.predicted_ways import Bodies, WayPlaces, Ways
 from vve_sumo.values import Floats
 
 #: least step of the search for a contact: a touch that is over sooner may be missed [s]
@@ -29,7 +29,7 @@ class Pairs(NamedTuple):
 
     start: Starts  #: where the ego is
     speed: Floats  #: of the ego along its course, not negative [m/s]
-    place: Places  #: of the actor
+    place: WayPlaces  #: of the actor
     other_speed: Floats  #: of the actor along its way, not negative [m/s]
     length: Floats  #: of the actor's box [m]
     width: Floats  #: of the actor's box [m]
@@ -46,7 +46,7 @@ class Pairs(NamedTuple):
 class Prediction:
     """The ego's course and the actors' ways, along which both go on."""
 
-    def __init__(self, course: Course, ways: Ways) -> None:
+    def __init__(self, course: PredictedCourse, ways: Ways) -> None:
         self.course, self.ways = course, ways
 
     def ego(self, pairs: Pairs, time: Floats) -> Boxes:

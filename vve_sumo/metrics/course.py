@@ -60,7 +60,7 @@ def starts(
     return Starts(station, x, y, heading, curvature, leaves)
 
 
-class Course:
+class PredictedCourse:
     """The ego's predicted courses, one from every start."""
 
     def __init__(self, path: ReferencePath, vehicle: Vehicle, starts: Starts) -> None:

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vve_sumo.geometry import Boxes, time_to_collision_2d, vehicle_boxes
-from vve_sumo.metrics.approach import Approach, approach_of, brakings
+from vve_sumo.metrics.approach import StopApproach, approach_of, brakings
 from vve_sumo.metrics.braked_for import last_stop_for
 from vve_sumo.metrics.conflict import HORIZON as PREDICTED
-from vve_sumo.metrics.conflict import Contacts, Ego, contacts
-from vve_sumo.metrics.course import Course, starts
-from vve_sumo.metrics.lanes import Lanes, along_lanes, fronts
+from vve_sumo.metrics.conflict import Contacts, PredictedEgo, contacts
+from vve_sumo.metrics.course import PredictedCourse, starts
+from vve_sumo.metrics.lanes import LaneGraph, along_lanes, fronts
 from vve_sumo.metrics.lead_vehicle import (
     BOX_COLUMNS,
     HORIZON,
@@ -32,7 +32,7 @@ from vve_sumo.metrics.lead_vehicle import (
 )
 from vve_sumo.metrics.predicted_ways import PlacedWays, recorded_ways
 from vve_sumo.metrics.slope import slope
-from vve_sumo.metrics.stopping import MOVING, Episode, Stop, braking_episodes, commanded_deceleration, last_stop
+from vve_sumo.metrics.stopping import MOVING, BrakingEpisode, Stop, braking_episodes, commanded_deceleration, last_stop
 from vve_sumo.metrics.string_stability import Amplification, settled_from, speed_amplification
 from vve_sumo.metrics.tracking import WINDOW, Tracking, track
 from vve_sumo.path import ReferencePath
@@ -129,7 +129,7 @@ class DriveData:
         return own_stations(self.path, self.motion.x, self.motion.y, self.column("s_m"))
 
     @cached_property
-    def course(self) -> Course:
+    def course(self) -> PredictedCourse:
         """Where the ego would go on from every tick."""
         motion, track, rate = self.motion, self.tracking, self.column("yaw_rate_radps")
         if motion.true:
@@ -139,7 +139,7 @@ class DriveData:
             rate = np.where(np.isfinite(turned), turned, rate)
         place = motion.x, motion.y, motion.heading
         start = starts(self.station, *place, motion.speed, rate, track.path_heading, track.lateral_deviation)
-        return Course(self.path, self.vehicle, start)
+        return PredictedCourse(self.path, self.vehicle, start)
 
     @cached_property
     def _in_strip(self) -> InStrip:
@@ -173,13 +173,13 @@ class DriveData:
         if self.roads is None:
             return middles
         ends = recorded_ways(time, actors.code, fronts(actors.boxes), PREDICTED)
-        return along_lanes(Lanes.from_table(self.roads), middles, ends, actors.boxes, PREDICTED)
+        return along_lanes(LaneGraph.from_table(self.roads), middles, ends, actors.boxes, PREDICTED)
 
     @cached_property
     def contacts(self) -> Contacts:
         """What is predicted of the ego and each actor: an entry a row of `actor_rows`."""
         actors = self.actor_rows
-        ego = Ego(self.course, self.motion.speed, self.ego_boxes)
+        ego = PredictedEgo(self.course, self.motion.speed, self.ego_boxes)
         return contacts(ego, actors.at, actors.boxes, *self.predicted)
 
     @cached_property
@@ -198,13 +198,13 @@ class DriveData:
         return last_stop(self.ticks, motion.speed, motion.acceleration, self.vehicle.deceleration_limit)
 
     @cached_property
-    def braking_episodes(self) -> list[Episode]:
+    def braking_episodes(self) -> list[BrakingEpisode]:
         """Its braking episodes, trim among them."""
         motion = self.motion
         return braking_episodes(motion.time, commanded_deceleration(self.ticks), motion.speed)
 
     @cached_property
-    def approach(self) -> Approach | None:
+    def approach(self) -> StopApproach | None:
         """The approach of the last stop; None where the drive holds none."""
         stop, motion, lead = self.stop, self.motion, self.lead
         if stop is None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from vve_sumo.geometry import Boxes
 from vve_sumo.metrics.lane_matching import Candidates, links, most_likely
-from vve_sumo.metrics.predicted_ways import SPACING, Indices, Line, PlacedWays, Ways
+from vve_sumo.metrics.predicted_ways import SPACING, Indices, PlacedWays, WayLine, Ways
 from vve_sumo.metrics.tracking import wrapped
 from vve_sumo.values import Floats
 
@@ -37,23 +37,23 @@ MAX_LANES: Final = 6
 
 
 @dataclass(frozen=True, slots=True)
-class Lanes:
+class LaneGraph:
     """Lanes for vehicles, by their numbers."""
 
-    lines: list[Line]  #: centre lines, in driving direction
+    lines: list[WayLine]  #: centre lines, in driving direction
     edges: list[str]  #: of each lane: lanes side by side, or through a junction on one connection, have one edge
     successors: list[list[int]]  #: that each lane leads into
     predecessors: list[list[int]]  #: that lead into each lane
 
     @classmethod
-    def from_table(cls, roads: pa.Table) -> Lanes:
+    def from_table(cls, roads: pa.Table) -> LaneGraph:
         """Take the lanes from a record's table of roads, except those without length, which lead nowhere."""
         rows = [
             row for row in roads.to_pylist()
             if row["kind"] in KINDS and len(set(zip(row["x_m"], row["y_m"], strict=True))) > 1
         ]  # fmt: skip
         number = {row["lane"]: place for place, row in enumerate(rows)}
-        lines = [Line(np.array(row["x_m"], np.float64), np.array(row["y_m"], np.float64)) for row in rows]
+        lines = [WayLine(np.array(row["x_m"], np.float64), np.array(row["y_m"], np.float64)) for row in rows]
         successors = [[number[name] for name in row["successors"] if name in number] for row in rows]
         predecessors: list[list[int]] = [[] for _ in lines]
         for lane, after in enumerate(successors):
@@ -93,7 +93,9 @@ class Lanes:
             fits &= lane != lane[places, nearest][:, None]
         return candidates
 
-    def line(self, lane: int, earlier: list[str], later: list[str], back: float, distance: float) -> tuple[Line, float]:
+    def line(
+        self, lane: int, earlier: list[str], later: list[str], back: float, distance: float
+    ) -> tuple[WayLine, float]:
         """Return the line of a vehicle in a lane, and at which arc length of it the lane begins [m].
 
         It goes from `back` [m] or more before the lane to `distance` [m] or more behind it, where there are lanes.
@@ -112,7 +114,7 @@ class Lanes:
         x, y = (np.concatenate([self.lines[number][axis] for number in chain]) for axis in (0, 1))
         # A lane begins where the one before ends.
         apart = np.append(True, np.hypot(np.diff(x), np.diff(y)) > 1e-6)
-        return Line(x[apart], y[apart]), begin
+        return WayLine(x[apart], y[apart]), begin
 
     def _feeder(self, lane: int, earlier: list[str]) -> int:
         def rank(feeder: int) -> tuple[int, float]:
@@ -134,11 +136,11 @@ class Lanes:
         return min(self.successors[lane], key=rank)
 
 
-def _length(line: Line) -> float:
+def _length(line: WayLine) -> float:
     return float(np.hypot(np.diff(line.x), np.diff(line.y)).sum())
 
 
-def _end(line: Line) -> float:
+def _end(line: WayLine) -> float:
     """Return the heading at the end of a line [rad]."""
     return math.atan2(line.y[-1] - line.y[-2], line.x[-1] - line.x[-2])
 
@@ -149,7 +151,7 @@ def fronts(boxes: Boxes) -> Boxes:
     return boxes._replace(x=boxes.x + ahead * np.cos(boxes.heading), y=boxes.y + ahead * np.sin(boxes.heading))
 
 
-def along_lanes(lanes: Lanes, middles: PlacedWays, ends: PlacedWays, boxes: Boxes, beyond: float) -> PlacedWays:
+def along_lanes(lanes: LaneGraph, middles: PlacedWays, ends: PlacedWays, boxes: Boxes, beyond: float) -> PlacedWays:
     """Return the ways of actors with those that are in a lane put on the lane's way, and where each row then is.
 
     middles, ends: of the boxes' middles and of their fronts. A vehicle in SUMO is in the lane in which its front is;
@@ -158,7 +160,7 @@ def along_lanes(lanes: Lanes, middles: PlacedWays, ends: PlacedWays, boxes: Boxe
     if not lanes.lines or not len(boxes.x):
         return middles
     front = fronts(boxes)
-    lines: list[Line] = []
+    lines: list[WayLine] = []
     placed = middles.places
     way, along, chord = placed.way.copy(), placed.along.copy(), placed.chord.copy()
     for passage in _passages(lanes, ends, boxes):
@@ -184,7 +186,7 @@ class _Passage(NamedTuple):
     later: list[str]  #: edges that it was in from then on
 
 
-def _passages(lanes: Lanes, ends: PlacedWays, boxes: Boxes) -> Iterator[_Passage]:
+def _passages(lanes: LaneGraph, ends: PlacedWays, boxes: Boxes) -> Iterator[_Passage]:
     """Yield each lane that each vehicle's front went along."""
     ways, places = ends
     driven = np.ones(len(ways.first), np.int64)
@@ -206,7 +208,7 @@ def _passages(lanes: Lanes, ends: PlacedWays, boxes: Boxes) -> Iterator[_Passage
             yield _Passage(one, rows[here], earlier, later)
 
 
-def _projected(line: Line, x: Floats, y: Floats) -> Floats:
+def _projected(line: WayLine, x: Floats, y: Floats) -> Floats:
     """Return the arc lengths of the points of a line that are nearest to places [m].
 
     Straight on by BEYOND at both ends of the line.

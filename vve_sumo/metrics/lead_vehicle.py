@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from vve_sumo.geometry import Boxes, distance, separation, vehicle_boxes
 from vve_sumo.metrics import following
 from vve_sumo.metrics.clipping import nearest_in_band
-from vve_sumo.metrics.course import Course, starts
+from vve_sumo.metrics.course import PredictedCourse, starts
 from vve_sumo.path import ReferencePath
 from vve_sumo.values import Actors, Floats, Pose, Vehicle
 
@@ -102,7 +102,7 @@ class InStrip(NamedTuple):
         return InStrip(row[chosen], at[chosen], gap, begins, along, speed)
 
 
-def in_strip(ticks: pa.Table, actors: pa.Table, course: Course, ego: Boxes) -> InStrip:
+def in_strip(ticks: pa.Table, actors: pa.Table, course: PredictedCourse, ego: Boxes) -> InStrip:
     """Return the rows of the table of actors that are ahead in the strip; course and ego's box: an entry a tick."""
     rows, at = _rows_near(ticks, actors, course)
     boxes = Boxes(*(actors[name].to_numpy()[rows] for name in BOX_COLUMNS))
@@ -139,7 +139,7 @@ def lead_vehicle_now(ego: Pose, station: float, actors: Actors, path: ReferenceP
         return LeadVehicle(np.full(1, np.nan), np.full(1, np.nan), [""])
     x, y, heading, speed, rate = (np.array([value]) for value in (ego.x, ego.y, ego.heading, ego.speed, ego.yaw_rate))
     own, deviation, path_heading = path.project_many(x, y, np.array([station]), WINDOW)
-    course = Course(path, vehicle, starts(own, x, y, heading, speed, rate, path_heading, deviation))
+    course = PredictedCourse(path, vehicle, starts(own, x, y, heading, speed, rate, path_heading, deviation))
     boxes = Boxes(actors.x, actors.y, actors.heading, actors.length, actors.width, actors.speed)
     at, body = np.zeros(len(actors.ids), np.int64), vehicle_boxes(x, y, heading, speed, vehicle)
     strip = _boxes_in_strip(at, boxes, course, body)
@@ -147,7 +147,7 @@ def lead_vehicle_now(ego: Pose, station: float, actors: Actors, path: ReferenceP
     return LeadVehicle(gap, closing, [actors.ids[strip.row[nearest[0]]] if nearest[0] >= 0 else ""])
 
 
-def _boxes_in_strip(at: Indices, boxes: Boxes, course: Course, ego: Boxes) -> InStrip:
+def _boxes_in_strip(at: Indices, boxes: Boxes, course: PredictedCourse, ego: Boxes) -> InStrip:
     bumper = course.vehicle.rear_axle_to_bumper
     # What lies beside or behind the middle of the ego is not ahead of it. A long body that has its own middle there may
     # reach into the strip before the ego with its front.
@@ -207,7 +207,7 @@ def index_of_tick(ticks: pa.Table, rows: pa.Table) -> Indices:
     return np.where(numbers[at] == wanted, at, -1)
 
 
-def _rows_near(ticks: pa.Table, actors: pa.Table, course: Course) -> tuple[Indices, Indices]:
+def _rows_near(ticks: pa.Table, actors: pa.Table, course: PredictedCourse) -> tuple[Indices, Indices]:
     """Return the rows of `actors` that can matter (near the course, at a tick with an ego) and their tick's index."""
     from scipy.spatial import KDTree
 

@@ -24,7 +24,7 @@ MAX_DISTANCE: Final = 60.0
 MAX_GAP: Final = 30.0
 
 
-class Measure(StrEnum):
+class MomentMeasure(StrEnum):
     """By what a moment was chosen."""
 
     CONTACT = "contact"
@@ -39,7 +39,7 @@ class Moment:
 
     row: int  #: of the ticks
     time: float  #: drive time [s]
-    measure: Measure  #: by what it was chosen
+    measure: MomentMeasure  #: by what it was chosen
     value: float  #: of the measure: [s] for a time to collision, else [m]; 0 for a contact
     actor: str  #: with whom
 
@@ -53,11 +53,11 @@ def moment_of(drive: DriveData) -> Moment | None:
     touched = next((row for row, names in enumerate(drive.ticks["contacts"].to_pylist()) if names), None)
     if touched is not None:
         actor = str(drive.ticks["contacts"][touched].as_py()).split("+")[0]
-        return Moment(touched, float(drive.motion.time[touched]), Measure.CONTACT, 0.0, actor)
+        return Moment(touched, float(drive.motion.time[touched]), MomentMeasure.CONTACT, 0.0, actor)
     candidates = (
-        (Measure.TIME_TO_COLLISION, drive.conflict.time, drive.conflict.actor),
-        (Measure.GAP, np.where(drive.lead.gap <= MAX_GAP, drive.lead.gap, np.nan), drive.lead.actor),
-        (Measure.DISTANCE, *_nearest(drive)),
+        (MomentMeasure.TIME_TO_COLLISION, drive.conflict.time, drive.conflict.actor),
+        (MomentMeasure.GAP, np.where(drive.lead.gap <= MAX_GAP, drive.lead.gap, np.nan), drive.lead.actor),
+        (MomentMeasure.DISTANCE, *_nearest(drive)),
     )
     for measure, values, actors in candidates:
         if np.isfinite(values).any():

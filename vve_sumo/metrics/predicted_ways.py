@@ -27,14 +27,14 @@ SPACING = 1.0
 MAX_JUMP = 5.0
 
 
-class Line(NamedTuple):
+class WayLine(NamedTuple):
     """A polyline in driving direction, map [m]."""
 
     x: Floats
     y: Floats
 
 
-class Places(NamedTuple):
+class WayPlaces(NamedTuple):
     """Where actors are on their ways: one entry a row of the table of actors."""
 
     way: Indices  #: number of the way
@@ -43,9 +43,9 @@ class Places(NamedTuple):
     beside: Floats  #: front and rear, or middle, from the way [m], left positive
     turn: Floats  #: heading of the box minus the chord's, or the way's [rad]
 
-    def select(self, rows: Any) -> Places:
+    def select(self, rows: Any) -> WayPlaces:
         """Return the places of these rows."""
-        return Places(*(column[rows] for column in self))
+        return WayPlaces(*(column[rows] for column in self))
 
 
 class WayPoints(NamedTuple):
@@ -77,7 +77,7 @@ class Ways:
     count: Indices  #: of each way's samples, at least 2
 
     @classmethod
-    def from_lines(cls, lines: Sequence[Line]) -> Ways:
+    def from_lines(cls, lines: Sequence[WayLine]) -> Ways:
         """Sample lines of at least two different points each."""
         sampled = [_sampled(line) for line in lines]
         count = np.array([len(way.x) for way in sampled], np.int64)
@@ -85,7 +85,7 @@ class Ways:
         x, y, heading = (np.concatenate([way[i] for way in sampled] or [np.zeros(0)]) for i in range(3))
         return cls(x, y, heading, first, count)
 
-    def with_lines(self, lines: Sequence[Line]) -> Ways:
+    def with_lines(self, lines: Sequence[WayLine]) -> Ways:
         """Return these ways and, after them, those of more lines."""
         more = Ways.from_lines(lines)
         return Ways(
@@ -105,7 +105,7 @@ class Ways:
         turned = np.clip(share, 0.0, 1.0) * (self.heading[row + 1] - heading)
         return WayPoints(x + share * (self.x[row + 1] - x), y + share * (self.y[row + 1] - y), heading + turned)
 
-    def bodies(self, places: Places, along: Floats) -> Bodies:
+    def bodies(self, places: WayPlaces, along: Floats) -> Bodies:
         """Return bodies at these places when they are at arc lengths `along` [m]."""
         front, rear = self.at(places.way, along + 0.5 * places.chord), self.at(places.way, along - 0.5 * places.chord)
         front_x, front_y = _beside(front, places.beside)
@@ -116,12 +116,12 @@ class Ways:
         x, y = front_x - back * np.cos(heading), front_y - back * np.sin(heading)
         return Bodies(x, y, heading, front.heading, rear.heading)
 
-    def place(self, way: Indices, along: Floats, chord: Floats, boxes: Boxes) -> Places:
+    def place(self, way: Indices, along: Floats, chord: Floats, boxes: Boxes) -> WayPlaces:
         """Return the places of boxes that are beside their ways at these arc lengths [m]."""
         front = self.at(way, along + 0.5 * chord)
         x, y = boxes.x + 0.5 * chord * np.cos(boxes.heading), boxes.y + 0.5 * chord * np.sin(boxes.heading)
         beside = (y - front.y) * np.cos(front.heading) - (x - front.x) * np.sin(front.heading)
-        straight = Places(way, along, chord, beside, np.zeros(len(way)))
+        straight = WayPlaces(way, along, chord, beside, np.zeros(len(way)))
         return straight._replace(turn=wrapped(boxes.heading - self.bodies(straight, along).heading))
 
 
@@ -129,7 +129,7 @@ class PlacedWays(NamedTuple):
     """Ways, and where the rows of the table of actors are on them."""
 
     ways: Ways
-    places: Places
+    places: WayPlaces
 
 
 def recorded_ways(time: Floats, actor: Indices, boxes: Boxes, beyond: float) -> PlacedWays:
@@ -154,7 +154,7 @@ def recorded_ways(time: Floats, actor: Indices, boxes: Boxes, beyond: float) -> 
         ahead = max(SPACING, beyond * float(np.abs(speed[rows]).max()))
         heading = boxes.heading[order[last]] + (np.pi if speed[last] < 0.0 else 0.0)
         lines.append(
-            Line(
+            WayLine(
                 np.append(x[rows], x[last] + ahead * np.cos(heading)),
                 np.append(y[rows], y[last] + ahead * np.sin(heading)),
             )
@@ -168,7 +168,7 @@ def _beside(point: WayPoints, left: Floats) -> tuple[Floats, Floats]:
     return point.x - left * np.sin(point.heading), point.y + left * np.cos(point.heading)
 
 
-def _sampled(line: Line) -> WayPoints:
+def _sampled(line: WayLine) -> WayPoints:
     """Return points SPACING apart on a line and, straight on, the first one past its end."""
     driven = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(line.x), np.diff(line.y)))))
     last = int(np.searchsorted(driven, driven[-1])) - 1

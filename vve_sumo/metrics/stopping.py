@@ -48,7 +48,7 @@ TICKS_BEFORE: Final = 10
 _COMMANDING: Final = frozenset({"engaged", "stopping", "stopped"})
 
 
-class Part(NamedTuple):
+class StopPart(NamedTuple):
     """A part of a stop."""
 
     duration: float  #: [s]
@@ -64,9 +64,9 @@ class Stop:
     onset_speed: float  #: [m/s]
     onset_acceleration: float  #: mean of the TICKS_BEFORE until then [m/s2]
     demand: float  #: constant deceleration [m/s2] that stops in the distance that the course granted would take
-    reaction: Part  #: until the car's deceleration begins to rise
-    build_up: Part  #: until it has risen
-    braking: Part  #: until rest
+    reaction: StopPart  #: until the car's deceleration begins to rise
+    build_up: StopPart  #: until it has risen
+    braking: StopPart  #: until rest
     mfdd: float  #: mean fully developed deceleration [m/s2], of UN R13-H; NaN where the record is too coarse for it
     ripple: float  #: root mean square of what the course differed from the demand by [m/s2]
     reversals: int  #: sign changes of the acceleration, see `sign_changes`; 0 where the car never gained speed
@@ -103,7 +103,7 @@ class _Way(NamedTuple):
     deceleration: Floats
 
 
-class Episode(NamedTuple):
+class BrakingEpisode(NamedTuple):
     """Braking from its first command to a release after which the car clearly drove on, or to rest."""
 
     start: int  #: index of the first tick at which braking may have begun: the end of the episode before, or 0
@@ -121,7 +121,7 @@ def _commanded(ticks: pa.Table) -> NDArray[np.bool_]:
     return np.array([state in _COMMANDING for state in ticks["state"].to_pylist()], bool)
 
 
-def braking_episodes(time: Floats, course: Floats, speed: Floats) -> list[Episode]:
+def braking_episodes(time: Floats, course: Floats, speed: Floats) -> list[BrakingEpisode]:
     """Return the braking episodes of a course of decelerations, in their order; trim below PRESSED among them.
 
     Time [s], deceleration [m/s2] and speed [m/s], an entry a tick. Brakings, each at RELEASED or more, belong to one
@@ -131,17 +131,17 @@ def braking_episodes(time: Floats, course: Floats, speed: Floats) -> list[Episod
     way to rest so holds one episode, not many, and a brake that is eased off belongs to its stop.
     """
     edges = np.flatnonzero(np.diff(np.concatenate(([False], course >= RELEASED, [False])).astype(np.int8)))
-    episodes: list[Episode] = []
+    episodes: list[BrakingEpisode] = []
     first = start = end = 0
     for begin, after in edges.reshape(-1, 2).tolist():
         pressed = bool(course[begin:after].max() >= PRESSED)
         if end and _drives_on(time, speed, (first, end, begin), pressed):
-            episodes.append(Episode(start, end))
+            episodes.append(BrakingEpisode(start, end))
             first, start = begin, end
         elif not end:
             first = begin
         end = after
-    return [*episodes, Episode(start, end)] if end else []
+    return [*episodes, BrakingEpisode(start, end)] if end else []
 
 
 def _drives_on(time: Floats, speed: Floats, marks: tuple[int, int, int], pressed: bool) -> bool:
@@ -220,7 +220,7 @@ def _coasted(time: Floats, speed: Floats, end: int, rest: int) -> bool:
     return bool(time[rest] - time[end] > MIN_RELEASE_TIME and _gain(speed[end : rest + 1]) > GAINED)
 
 
-def onset_of(time: Floats, course: Floats, episode: Episode) -> int:
+def onset_of(time: Floats, course: Floats, episode: BrakingEpisode) -> int:
     """Return the tick at which the braking of an episode begins.
 
     What was asked for before it first exceeded PRESSED (or half of the most that a gentle episode asks for) is trim,
@@ -250,7 +250,7 @@ def _way(time: Floats, speed: Floats, acceleration: Floats) -> _Way:
     return _Way(time - time[0], driven, speed, -acceleration)
 
 
-def _parts(way: _Way, before: float, demand: float) -> tuple[Part, Part, Part]:
+def _parts(way: _Way, before: float, demand: float) -> tuple[StopPart, StopPart, StopPart]:
     """Return reaction, build-up and braking: a line through the rise of deceleration from `before` to its level.
 
     The level is the demand, or the most that the car reached where that is less. A delay and a straight rise come out
@@ -264,7 +264,7 @@ def _parts(way: _Way, before: float, demand: float) -> tuple[Part, Part, Part]:
     risen = min(max(high + (1.0 - HIGH) * slope, answer), end)
     marks = [0.0, answer, risen, end]
     places = [_place(way, mark) for mark in marks]
-    one, two, three = (Part(b - a, t - s) for (a, b), (s, t) in zip(pairwise(marks), pairwise(places), strict=True))
+    one, two, three = (StopPart(b - a, t - s) for (a, b), (s, t) in zip(pairwise(marks), pairwise(places), strict=True))
     return one, two, three
 
 

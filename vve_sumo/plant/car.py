@@ -19,7 +19,7 @@ from vve_sumo.plant.actuators import Lagged, Steering
 from vve_sumo.plant.dynamics import Chassis, Dynamics
 from vve_sumo.plant.noise import white
 from vve_sumo.plant.onboard_sensors import Axles, OnboardSensors, SensorErrors
-from vve_sumo.plant.receiver import Receiver, ReceiverParameters, unaltered
+from vve_sumo.plant.receiver import ReceiverParameters, SimulatedReceiver, unaltered
 from vve_sumo.plant.wheel_errors import WheelErrors
 from vve_sumo.values import Fix, Frame, Point, Pose, Vehicle
 from vve_sumo.vehicle.calibration import Calibration
@@ -28,7 +28,7 @@ from vve_sumo.vehicle.interface import (
     DriverInputs,
     Gear,
     InterfaceConfig,
-    Measured,
+    SensorMeasurements,
     SimulatedInterface,
     load,
 )
@@ -78,7 +78,7 @@ class ActuatorFaults(NamedTuple):
 HEALTHY = ActuatorFaults()
 
 
-def as_measured(_time: float, measured: Measured) -> Measured:
+def as_measured(_time: float, measured: SensorMeasurements) -> SensorMeasurements:
     """What the sensors measure, as it is."""
     return measured
 
@@ -126,7 +126,7 @@ class Car:
         epoch: float,
         seeds: np.random.SeedSequence,
         alter: Callable[[Fix], Fix | None] = unaltered,
-        alter_measured: Callable[[float, Measured], Measured] = as_measured,
+        alter_measured: Callable[[float, SensorMeasurements], SensorMeasurements] = as_measured,
     ) -> None:
         vehicle, calibration = parameters.vehicle, parameters.calibration
         self._parameters = parameters
@@ -147,7 +147,7 @@ class Car:
         axles = Axles(vehicle.wheelbase, parameters.track, radius)
         errors = _sensor_errors(parameters, seeds)
         self._sensors = OnboardSensors(axles, gyro_noise, white(gyro_seeds), parameters.gyro_bias, errors)
-        self._receiver = Receiver(_as_mounted(parameters), lot, epoch, receiver_seeds, alter)
+        self._receiver = SimulatedReceiver(_as_mounted(parameters), lot, epoch, receiver_seeds, alter)
         gain_factor = parameters.brake_gain_factor * parameters.imperfections.brake_gain_factor
         self._brake_force = gain_factor * calibration.brake_force(1.0)
         self._calibration, self._wheel_bias = calibration, parameters.steering_wheel_bias

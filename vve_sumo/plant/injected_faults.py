@@ -156,7 +156,7 @@ class Shape(enum.StrEnum):
     FLAPPING = "flapping"  #: in turn on for `period` and off for `period`; each time begins anew
 
 
-class Clock(enum.StrEnum):
+class FaultClock(enum.StrEnum):
     """What a fault's beginning counts from."""
 
     MOVED = "moved"  #: the moment at which the car first moves
@@ -173,7 +173,7 @@ class InjectedFault:
     value: float = math.nan  #: see `KINDS`; NaN is the kind's default
     shape: Shape = Shape.STEP
     period: float = math.nan  #: of `Shape.FLAPPING`, of each half [s]
-    clock: Clock = Clock.MOVED
+    clock: FaultClock = FaultClock.MOVED
 
     def __post_init__(self) -> None:
         """Raise ConfigError for what cannot be injected."""
@@ -207,7 +207,7 @@ class InjectedFault:
         value = VALUES.get(self.kind, NO_VALUE)[0] if math.isnan(self.value) else self.value
         size = "" if math.isnan(value) else f" {value:g}"
         shape = {Shape.STEP: "", Shape.RAMP: ", ramp", Shape.FLAPPING: f", flapping each {self.period:g} s"}[self.shape]
-        since = "the start" if self.clock is Clock.DRIVE else "the first motion"
+        since = "the start" if self.clock is FaultClock.DRIVE else "the first motion"
         return f"{self.kind}{size}{shape}, from {self.at:g} s after {since} for {self.duration:g} s"
 
     def to_dict(self) -> dict[str, Any]:
@@ -219,7 +219,7 @@ class InjectedFault:
             "value": None if math.isnan(self.value) else self.value,
             "shape": str(self.shape),
             "period_s": None if math.isnan(self.period) else self.period,
-            "from_start": self.clock is Clock.DRIVE,
+            "from_start": self.clock is FaultClock.DRIVE,
         }
 
     @classmethod
@@ -233,7 +233,7 @@ class InjectedFault:
             math.nan if value is None else value,
             Shape(data["shape"]),
             math.nan if period is None else period,
-            Clock.DRIVE if data["from_start"] else Clock.MOVED,
+            FaultClock.DRIVE if data["from_start"] else FaultClock.MOVED,
         )
 
 
@@ -267,7 +267,7 @@ class Due:
     def share(self, kind: str, time: float) -> Share | None:
         """Return the fault of the `kind` that is due at `time`; None where none is due."""
         for fault in self._faults.get(kind, ()):
-            since = time - (self.moved if fault.clock is Clock.MOVED else 0.0)
+            since = time - (self.moved if fault.clock is FaultClock.MOVED else 0.0)
             if fault.at <= since < fault.at + fault.duration and (share := _share(fault, time, since - fault.at)):
                 return share
         return None

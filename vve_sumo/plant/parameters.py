@@ -12,7 +12,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Mounting
 from vve_sumo.plant.car import CarParameters
 from vve_sumo.plant.receiver import ReceiverParameters
-from vve_sumo.scenario.schema import Car, Weather
+from vve_sumo.scenario.schema import CarDifferences, Weather
 from vve_sumo.vehicle.interface import InterfaceConfig
 from vve_sumo.vehicle.model import IDEAL, Imperfections, VehicleModel
 
@@ -61,7 +61,7 @@ def parameters(
     )
 
 
-def perturbed(model: VehicleModel, car: Car, friction: float = DRY) -> CarParameters:
+def perturbed(model: VehicleModel, car: CarDifferences, friction: float = DRY) -> CarParameters:
     """A vehicle as declared, with the perturbations that a file states.
 
     Raises ConfigError for the fidelity `measured` of a model in whose file nothing is measured.
@@ -81,7 +81,7 @@ def perturbed(model: VehicleModel, car: Car, friction: float = DRY) -> CarParame
     )
 
 
-def imperfections_of(model: VehicleModel, car: Car) -> Imperfections:
+def imperfections_of(model: VehicleModel, car: CarDifferences) -> Imperfections:
     """Return the imperfections of the fidelity that a file states; raises ConfigError as `perturbed` does.
 
     A file that states none means those that were measured of the model, if any were.

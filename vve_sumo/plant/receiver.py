@@ -50,7 +50,7 @@ def unaltered(fix: Fix) -> Fix:
     return fix
 
 
-class Receiver:
+class SimulatedReceiver:
     """Measures and sends one packet each `PERIOD`.
 
     `alter` sits between measuring and encoding: a fault is a function from fix to fix, or to None for a lost packet.

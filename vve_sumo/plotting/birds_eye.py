@@ -46,7 +46,7 @@ MARK, POINTER_APART = 7.0, 0.08
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class MapWindow:
     """A window on the map, turned."""
 
     x: float  #: middle, map [m]
@@ -78,11 +78,11 @@ class DrawnCar:
     name: str  #: what the legend calls it
     ego: bool = False
 
-    def place(self, view: View) -> Floats:
+    def place(self, view: MapWindow) -> Floats:
         """Return its corners on a window (4 x 2) [m]."""
         return view.place(*np.array(self.box.corners()).T)
 
-    def pointer(self, view: View) -> Rectangle | None:
+    def pointer(self, view: MapWindow) -> Rectangle | None:
         """Return where the pointer to a body stands that would be too small to be found; None for a larger one.
 
         The ego's points up from below and all others' down from above, so that two who stand close are told apart.
@@ -130,7 +130,7 @@ def _actors(page: DrivePage) -> list[DrawnCar]:
     return sorted(cars, key=lambda car: car.colour != PAPER)
 
 
-def draw_map(axes: Axes, page: DrivePage, view: View, edge: str, end: int | None = None) -> None:
+def draw_map(axes: Axes, page: DrivePage, view: MapWindow, edge: str, end: int | None = None) -> None:
     """Draw lanes, path and trace in a turned window; `edge` is the colour between two lanes.
 
     The trace ends at the row `end` of the ticks, else at the last.
@@ -163,7 +163,7 @@ def _scale(width: float) -> float:
     return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= width / 4.0)
 
 
-def compass(axes: Axes, view: View, wide: float) -> None:
+def compass(axes: Axes, view: MapWindow, wide: float) -> None:
     """Write scale and north into the line above a window that is so `wide` on the page [inch]: they cover nothing."""
     across, above = axes.get_xaxis_transform(), 1.0 + SCALE_HEIGHT / (wide * view.height / view.width)
     scale, end, north = _scale(view.width), 0.43 * view.width, 0.488 * view.width
@@ -174,13 +174,13 @@ def compass(axes: Axes, view: View, wide: float) -> None:
         axes.text(before - 0.01 * view.width, above, words, transform=across, ha="right", va="center")
 
 
-def draw_car(axes: Axes, view: View, box: Box, colour: str) -> None:
+def draw_car(axes: Axes, view: MapWindow, box: Box, colour: str) -> None:
     """Draw a car as large as it is."""
     placed = view.place(*np.array(box.corners()).T)
     axes.fill(*placed.T, facecolor=colour, edgecolor=INK, linewidth=0.8, zorder=6)
 
 
-def draw_overview(axes: Axes, page: DrivePage, view: View) -> None:
+def draw_overview(axes: Axes, page: DrivePage, view: MapWindow) -> None:
     """Draw where the drive went, and who stood where when it ended."""
     draw_map(axes, page, view, ROAD)
     _directions(axes, page, view)
@@ -191,17 +191,17 @@ def draw_overview(axes: Axes, page: DrivePage, view: View) -> None:
     _cross(axes, page, view)
 
 
-def cars_at_the_end(page: DrivePage, view: View) -> list[DrawnCar]:
+def cars_at_the_end(page: DrivePage, view: MapWindow) -> list[DrawnCar]:
     """Return the cars that a window shows of the last tick, the ego last."""
     return [car for car in (*_actors(page), _ego(page)) if view.holds(car.box.x, car.box.y)]
 
 
-def _cars(axes: Axes, page: DrivePage, view: View) -> None:
+def _cars(axes: Axes, page: DrivePage, view: MapWindow) -> None:
     for car in cars_at_the_end(page, view):
         _mark(axes, view, car)
 
 
-def _mark(axes: Axes, view: View, car: DrawnCar) -> None:
+def _mark(axes: Axes, view: MapWindow, car: DrawnCar) -> None:
     """Draw a car as large as it is, with a pointer to one that would be too small to be found."""
     draw_car(axes, view, car.box, car.colour)
     if (place := car.pointer(view)) is not None:
@@ -212,7 +212,7 @@ def _mark(axes: Axes, view: View, car: DrawnCar) -> None:
     axes.plot(math.nan, math.nan, "s", color=car.colour, label=car.name, **style)
 
 
-def _directions(axes: Axes, page: DrivePage, view: View) -> None:
+def _directions(axes: Axes, page: DrivePage, view: MapWindow) -> None:
     x, y, heading = trace(page.ticks)
     way = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))))
     for row in np.searchsorted(way, way[-1] * np.array(ARROWS)) if way[-1] > 2.0 * MARGIN else ():
@@ -221,7 +221,7 @@ def _directions(axes: Axes, page: DrivePage, view: View) -> None:
         axes.plot(right, up, marker=(3, 0, turn), markersize=13.0, color=EGO, markeredgecolor=PAPER, zorder=4)
 
 
-def _cross(axes: Axes, page: DrivePage, view: View) -> None:
+def _cross(axes: Axes, page: DrivePage, view: MapWindow) -> None:
     """Mark where the ego's bumper was at the first contact."""
     row = contact(page.ticks)
     if row is None:
@@ -233,7 +233,7 @@ def _cross(axes: Axes, page: DrivePage, view: View) -> None:
     axes.plot(*place.T, "x", color=INK, markersize=10.0, markeredgewidth=2.4, zorder=8, label=label)
 
 
-def draw_close_up(axes: Axes, page: DrivePage, view: View) -> None:
+def draw_close_up(axes: Axes, page: DrivePage, view: MapWindow) -> None:
     """Draw where the ego stood at the end, and how far from what."""
     draw_map(axes, page, view, PAPER)
     _cars(axes, page, view)
@@ -244,7 +244,7 @@ def draw_close_up(axes: Axes, page: DrivePage, view: View) -> None:
         _dimension(axes, view, page.path, bumper, gap, page.vehicle.width / 2.0 + 0.7)
 
 
-def _dimension(axes: Axes, view: View, path: ReferencePath, begin: float, gap: float, aside: float) -> None:
+def _dimension(axes: Axes, view: MapWindow, path: ReferencePath, begin: float, gap: float, aside: float) -> None:
     """Draw a dimension along the path, `aside` metres to its right, with lines to where it begins and ends."""
     from matplotlib.patches import FancyArrowPatch
     from matplotlib.path import Path as Curve

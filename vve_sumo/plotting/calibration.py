@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 GAP = 0.3
 
 
-class Panel(NamedTuple):
+class CurvePanel(NamedTuple):
     """How one curve is shown."""
 
     title: str
@@ -32,15 +32,15 @@ class Panel(NamedTuple):
     noisy: bool = False  #: samples are dots, not a line
 
 
-PANELS: Final[dict[str, Panel]] = {
-    "pedals": Panel("speed by the wheels: pedals, drag and creep", "m/s", 1.0),
-    "wheel_radius": Panel("speed by GNSS: rolling radius", "m/s", 1.0),
-    "steering_answer": Panel("steering wheel, reported: dead time and lag", "°", math.degrees(1.0)),
-    "steering_geometry": Panel("yaw rate: steering ratio and bias", "°/s", math.degrees(1.0)),
-    "heading_misalignment": Panel(
+PANELS: Final[dict[str, CurvePanel]] = {
+    "pedals": CurvePanel("speed by the wheels: pedals, drag and creep", "m/s", 1.0),
+    "wheel_radius": CurvePanel("speed by GNSS: rolling radius", "m/s", 1.0),
+    "steering_answer": CurvePanel("steering wheel, reported: dead time and lag", "°", math.degrees(1.0)),
+    "steering_geometry": CurvePanel("yaw rate: steering ratio and bias", "°/s", math.degrees(1.0)),
+    "heading_misalignment": CurvePanel(
         "receiver's heading less course, on straights, clockwise", "°", -math.degrees(1.0), noisy=True
     ),
-    "acceleration": Panel("receiver's forward acceleration: bias", "m/s²", 1.0, noisy=True),
+    "acceleration": CurvePanel("receiver's forward acceleration: bias", "m/s²", 1.0, noisy=True),
 }
 
 
@@ -66,7 +66,7 @@ def draw(curves: dict[str, Curve], title: str, subtitle: str, file: Path) -> Non
         figure.savefig(file)
 
 
-def _paint(axes: Axes, curve: Curve, panel: Panel) -> None:
+def _paint(axes: Axes, curve: Curve, panel: CurvePanel) -> None:
     axes.set_title(f"{panel.title} [{panel.unit}]", loc="left", pad=5)
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(alpha=0.35, linewidth=0.6)

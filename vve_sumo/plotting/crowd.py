@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from vve_sumo.plotting.style import Look, finite
+from vve_sumo.plotting.style import SeriesStyle, finite
 from vve_sumo.values import Floats
 
 #: points; more of them become bands
@@ -55,7 +55,7 @@ def bands(x: Floats, y: Floats) -> Bands:
     return Bands(middles[held], np.column_stack([np.quantile(part, QUANTILES) for part in parts]))
 
 
-def crowd(axes: Axes, x: Floats, y: Floats, look: Look, word: str) -> None:
+def crowd(axes: Axes, x: Floats, y: Floats, look: SeriesStyle, word: str) -> None:
     """Draw points (n) where both numbers are known: few of them each, many as bands of their quantiles."""
     known = finite(x, y)
     x, y = x[known], y[known]

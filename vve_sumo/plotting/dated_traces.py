@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from vve_sumo.plotting.birds_eye import View, cars_at_the_end
-from vve_sumo.plotting.moment import Track, ego_track, tracks
+from vve_sumo.plotting.birds_eye import MapWindow, cars_at_the_end
+from vve_sumo.plotting.moment import ActorTrack, ego_track, tracks
 from vve_sumo.plotting.page import ACTOR, EGO, LEFT_WIDTH, OBSTACLE, PAPER, QUIET, DrivePage, halo
 from vve_sumo.plotting.placing import Rectangle, around, centred, freest
 
@@ -30,7 +30,7 @@ LINE, LETTER, DOT = 0.13, 0.075, 0.05
 TICK: Final = 0.03
 
 
-def draw_dated_traces(axes: Axes, page: DrivePage, view: View) -> None:
+def draw_dated_traces(axes: Axes, page: DrivePage, view: MapWindow) -> None:
     """Draw the traces of the actors that came near, with the drive time along them and along the ego's.
 
     The marks of the ego and of the actor that mattered bear the same times, so that the reader sees where both were.
@@ -50,12 +50,12 @@ def draw_dated_traces(axes: Axes, page: DrivePage, view: View) -> None:
     _dates(axes, page, view, ego, others)
 
 
-def _way(track: Track) -> float:
+def _way(track: ActorTrack) -> float:
     """Return how far an actor came at most, in map directions [m]."""
     return float(np.hypot(np.ptp(track.x), np.ptp(track.y)))
 
 
-def _dates(axes: Axes, page: DrivePage, view: View, ego: Track, others: dict[str, Track]) -> None:
+def _dates(axes: Axes, page: DrivePage, view: MapWindow, ego: ActorTrack, others: dict[str, ActorTrack]) -> None:
     """Write drive times along the ego's trace, and the same ones along those of the two actors that have a colour.
 
     A date that would hide a body, a pointer or another date is left out.
@@ -81,7 +81,7 @@ def _dates(axes: Axes, page: DrivePage, view: View, ego: Track, others: dict[str
                 _date(axes, view, (track, time, colour, below), bodies, written, ways)
 
 
-def _step(ego: Track, view: View) -> float:
+def _step(ego: ActorTrack, view: MapWindow) -> float:
     """Return the time between two dates [s] that leaves room for them along the ego's trace."""
     way = float(np.hypot(np.diff(ego.x), np.diff(ego.y)).sum())
     duration = float(ego.time[-1] - ego.time[0])
@@ -91,8 +91,8 @@ def _step(ego: Track, view: View) -> float:
 
 def _date(
     axes: Axes,
-    view: View,
-    date: tuple[Track, float, str, bool],
+    view: MapWindow,
+    date: tuple[ActorTrack, float, str, bool],
     bodies: list[Rectangle],
     written: list[Rectangle],
     ways: Any,

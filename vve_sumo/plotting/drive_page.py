@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from vve_sumo.plotting.birds_eye import MARGIN, MAX_GAP_SHOWN, View, draw_close_up, draw_overview, rotated
+from vve_sumo.plotting.birds_eye import MARGIN, MAX_GAP_SHOWN, MapWindow, draw_close_up, draw_overview, rotated
 from vve_sumo.plotting.dated_traces import draw_dated_traces
 from vve_sumo.plotting.moment import draw_moment, moment_view, nearest_at_the_end, title_of
 from vve_sumo.plotting.page import (
@@ -64,7 +64,7 @@ def long_axis(x: Floats, y: Floats, heading: float) -> float:
     return angles[min(lying, key=lambda n: float((sides[n] + MARGIN).prod()))]
 
 
-def _overview(ticks: pa.Table) -> View:
+def _overview(ticks: pa.Table) -> MapWindow:
     """Return the window on the whole trace: its long axis to the right, its shape between FLATTEST and TALLEST."""
     x, y, heading = trace(ticks)
     angle = long_axis(x, y, float(heading[-1]))
@@ -74,21 +74,21 @@ def _overview(ticks: pa.Table) -> View:
     width = max(float(width), float(height) / TALLEST, MIN_OVERVIEW)
     ((right, up),) = (least + greatest)[None] / 2.0
     x, y = rotated(right, up, angle)[0]
-    return View(float(x), float(y), angle, width, max(float(height), FLATTEST * width))
+    return MapWindow(float(x), float(y), angle, width, max(float(height), FLATTEST * width))
 
 
-def _left_over(whole: View) -> float:
+def _left_over(whole: MapWindow) -> float:
     """Return height over width of the closer view that the overview leaves room for."""
     return (TOP - BOTTOM - BETWEEN) / LEFT_WIDTH - whole.height / whole.width
 
 
-def _close_up(ticks: pa.Table, bumper: float, gap: float, shape: float) -> View:
+def _close_up(ticks: pa.Table, bumper: float, gap: float, shape: float) -> MapWindow:
     """Return the window on the end: the ego drives to the right, the gap [m] before its bumper in the middle."""
     x, y, heading = (float(column[-1]) for column in trace(ticks))
     shown = gap if 0.0 <= gap <= MAX_GAP_SHOWN else 0.0
     ahead = bumper + shown / 2.0
     width = shown + 2.0 * CLOSE_UP
-    return View(x + ahead * math.cos(heading), y + ahead * math.sin(heading), heading, width, shape * width)
+    return MapWindow(x + ahead * math.cos(heading), y + ahead * math.sin(heading), heading, width, shape * width)
 
 
 def _from_above(figure: Figure, page: DrivePage) -> None:

@@ -21,7 +21,20 @@ from vve_sumo.metrics.table import axis_of
 from vve_sumo.plotting import drive_page
 from vve_sumo.plotting.drive_record import page_of
 from vve_sumo.plotting.page import INK, OBSTACLE, QUIET, SIZE, contact
-from vve_sumo.plotting.style import FIRST, LIMIT, OVER, SECOND, THIRD, UNDER, WIDTH, Look, explain, name, page, plain
+from vve_sumo.plotting.style import (
+    FIRST,
+    LIMIT,
+    OVER,
+    SECOND,
+    THIRD,
+    UNDER,
+    WIDTH,
+    SeriesStyle,
+    explain,
+    name,
+    page,
+    plain,
+)
 from vve_sumo.values import Floats
 
 if TYPE_CHECKING:
@@ -36,7 +49,7 @@ MAX_SAFE_RATIO: Final = 2.0
 #: drive time shown before and after something was ahead [s]
 TIME_MARGIN: Final = 1.0
 #: curves of a panel: column, how it is drawn, what it is called
-Curves = tuple[tuple[str, Look, str], ...]
+Curves = tuple[tuple[str, SeriesStyle, str], ...]
 
 
 def drive_overview(run: Run) -> Figure:

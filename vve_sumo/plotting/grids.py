@@ -20,7 +20,7 @@ from vve_sumo.analysis.survivors import contacts, with_contacts
 from vve_sumo.metrics.table import axis_of, label_of
 from vve_sumo.plotting.columns import cautions, is_truth, need, numbers
 from vve_sumo.plotting.page import INK, PAPER, QUIET
-from vve_sumo.plotting.parts import ACROSS, MAX_PANELS, Part, axis_said, outer, panels, parts_of, short, tall
+from vve_sumo.plotting.parts import ACROSS, MAX_PANELS, RowSubset, axis_said, outer, panels, parts_of, short, tall
 from vve_sumo.plotting.style import LIMIT, WIDTH, blank, explain, name, page, plain
 from vve_sumo.values import Floats
 
@@ -149,12 +149,12 @@ def heat_map(
         return drawn
 
 
-def _crossed(rows: pd.DataFrame, by: str | None, facet: str | None) -> list[Part]:
+def _crossed(rows: pd.DataFrame, by: str | None, facet: str | None) -> list[RowSubset]:
     """Return a part for each panel, row by row."""
     if by is None or facet is None:
         return parts_of(rows, by or facet, MAX_PANELS)
     return [
-        Part(f"{down.word}, {across.word}", down.which & across.which, across.look)
+        RowSubset(f"{down.word}, {across.word}", down.which & across.which, across.look)
         for down in parts_of(rows, facet, MAX_PANELS)
         for across in parts_of(rows, by, MAX_PANELS)
     ]
@@ -281,7 +281,7 @@ def distribution(
         return drawn
 
 
-def _curve(axes: Axes, values: Floats, part: Part) -> None:
+def _curve(axes: Axes, values: Floats, part: RowSubset) -> None:
     """Draw the share of values up to each of them; of very many some. An infinity is beyond all, NaN nowhere."""
     known = np.sort(values[~np.isnan(values)])
     ordered = known[np.isfinite(known)]

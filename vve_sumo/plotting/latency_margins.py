@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from vve_sumo.plotting.page import INK, PAPER, QUIET
-from vve_sumo.plotting.style import LIMIT, LINE_STYLES, OVER, WIDTH, Look, blank, explain, name, page, plain
+from vve_sumo.plotting.style import LIMIT, LINE_STYLES, OVER, WIDTH, SeriesStyle, blank, explain, name, page, plain
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -65,7 +65,7 @@ def _spread(count: int) -> list[int]:
     return sorted({round(place) for place in np.linspace(0, count - 1, min(count, len(LINE_STYLES)))})
 
 
-def _factor(upper: Axes, lower: Axes, steps: pd.DataFrame, look: Look, zero: float) -> None:
+def _factor(upper: Axes, lower: Axes, steps: pd.DataFrame, look: SeriesStyle, zero: float) -> None:
     """Draw what one noise factor comes to, and mark where its margin is zero [s], NaN for nowhere."""
     delay = MS * steps["delay_s"].to_numpy(np.float64)
     mean, least = (steps[f"{which}_margin_m"].to_numpy(np.float64) for which in ("mean", "least"))
@@ -79,7 +79,7 @@ def _factor(upper: Axes, lower: Axes, steps: pd.DataFrame, look: Look, zero: flo
     upper.plot(MS * zero, 0.0, look.mark, markeredgewidth=1.8, **ring)
 
 
-def _lateral(axes: Axes, steps: pd.DataFrame, look: Look) -> None:
+def _lateral(axes: Axes, steps: pd.DataFrame, look: SeriesStyle) -> None:
     """Draw how far from its path the car came in any run of a step."""
     deviation = np.maximum(steps["lateral_deviation_m"].to_numpy(np.float64), DEVIATIONS[0])
     style: dict[str, Any] = {"color": look.colour, "linestyle": look.stroke, "marker": look.mark, "markersize": 5.0}

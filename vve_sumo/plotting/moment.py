@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from vve_sumo.geometry import Box, Boxes, distance, vehicle_boxes
-from vve_sumo.metrics.moment import Measure, Moment
-from vve_sumo.plotting.birds_eye import View, draw_car, draw_map, rotated
+from vve_sumo.metrics.moment import Moment, MomentMeasure
+from vve_sumo.plotting.birds_eye import MapWindow, draw_car, draw_map, rotated
 from vve_sumo.plotting.page import ACTOR, EGO, INK, LEFT_WIDTH, OBSTACLE, PAPER, QUIET, DrivePage, halo, prefix
 from vve_sumo.plotting.placing import NO_POINTS, Rectangle, around, centred, freest
 from vve_sumo.values import Floats
@@ -42,7 +42,7 @@ DOT: Final = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Track:
+class ActorTrack:
     """Where an actor was, tick by tick."""
 
     time: Floats  #: drive time [s]
@@ -75,7 +75,7 @@ class Track:
         return self.x[rows], self.y[rows]
 
 
-def ego_track(page: DrivePage) -> Track:
+def ego_track(page: DrivePage) -> ActorTrack:
     """Return where the ego's body was."""
     names = (f"{prefix(page.ticks)}{name}" for name in ("x_m", "y_m", "heading_rad", "speed_mps"))
     x, y, heading, speed = (page.ticks[name].to_numpy() for name in names)
@@ -83,10 +83,10 @@ def ego_track(page: DrivePage) -> Track:
     x, y, heading, speed = x[known], y[known], heading[known], speed[known]
     boxes = vehicle_boxes(x, y, heading, speed, page.vehicle)
     time = page.ticks["time_s"].to_numpy()[known]
-    return Track(time, boxes[0], boxes[1], heading, speed, page.vehicle.length, page.vehicle.width, math.nan)
+    return ActorTrack(time, boxes[0], boxes[1], heading, speed, page.vehicle.length, page.vehicle.width, math.nan)
 
 
-def tracks(page: DrivePage) -> dict[str, Track]:
+def tracks(page: DrivePage) -> dict[str, ActorTrack]:
     """Return where every actor was, by its name, at the ticks of the record."""
     ticks, times = page.ticks["tick"].to_numpy(), page.ticks["time_s"].to_numpy()
     number = page.actors["tick"].to_numpy()
@@ -102,11 +102,11 @@ def tracks(page: DrivePage) -> dict[str, Track]:
         if len(rows):
             x, y, heading, speed, length, width, section = (column[rows] for column in values)
             sizes = (float(length[0]), float(width[0]), float(section[0]))
-            found[name] = Track(times[at[rows]], x, y, heading, speed, *sizes)
+            found[name] = ActorTrack(times[at[rows]], x, y, heading, speed, *sizes)
     return found
 
 
-def what_it_is(track: Track, ego: Track, time: float) -> str:
+def what_it_is(track: ActorTrack, ego: ActorTrack, time: float) -> str:
     """Return in words what an actor is at a drive time, as the ego's driver would say it."""
     row, own = track.row(time), ego.row(time)
     standing = track.speed[row] < STANDING
@@ -128,7 +128,7 @@ def what_it_is(track: Track, ego: Track, time: float) -> str:
     return "vehicle beside" if beside else "vehicle ahead"
 
 
-def called(page: DrivePage, actor: str, track: Track, ego: Track, time: float) -> str:
+def called(page: DrivePage, actor: str, track: ActorTrack, ego: ActorTrack, time: float) -> str:
     """Return what an actor is called in the picture: its name where it has one, else what it is at a drive time [s].
 
     The actor that mattered is called what it was at the moment, in whatever part of the picture it stands.
@@ -137,7 +137,7 @@ def called(page: DrivePage, actor: str, track: Track, ego: Track, time: float) -
     return page.name_of(actor) or what_it_is(track, ego, when)
 
 
-def _explained(page: DrivePage, actor: str, track: Track, ego: Track, time: float) -> str:
+def _explained(page: DrivePage, actor: str, track: ActorTrack, ego: ActorTrack, time: float) -> str:
     """Return what the legend says of an actor: what it is called, and what it is where its name does not say that."""
     word, kind = called(page, actor, track, ego, time), what_it_is(track, ego, time)
     return word if kind in word or word in kind else f"{word} ({kind})"
@@ -148,10 +148,12 @@ def title_of(page: DrivePage, moment: Moment) -> str:
     track = tracks(page).get(moment.actor)
     word = called(page, moment.actor, track, ego_track(page), moment.time) if track else "actor"
     return {
-        Measure.CONTACT: f"contact at {moment.time:.2f} s, with {word}",
-        Measure.TIME_TO_COLLISION: f"least time to collision (TTC) {moment.value:.2f} s at {moment.time:.2f} s: {word}",
-        Measure.GAP: f"closest at {moment.time:.2f} s: gap {moment.value:.2f} m, {word}",
-        Measure.DISTANCE: f"no conflict; nearest at {moment.time:.2f} s: {word}",
+        MomentMeasure.CONTACT: f"contact at {moment.time:.2f} s, with {word}",
+        MomentMeasure.TIME_TO_COLLISION: (
+            f"least time to collision (TTC) {moment.value:.2f} s at {moment.time:.2f} s: {word}"
+        ),
+        MomentMeasure.GAP: f"closest at {moment.time:.2f} s: gap {moment.value:.2f} m, {word}",
+        MomentMeasure.DISTANCE: f"no conflict; nearest at {moment.time:.2f} s: {word}",
     }[moment.measure]
 
 
@@ -171,7 +173,7 @@ def nearest_at_the_end(page: DrivePage) -> str:
     return f"; nearest at the end: {word}, {away:.1f} m" if away <= NEAR_AT_THE_END else ""
 
 
-def moment_view(page: DrivePage, moment: Moment, shape: float) -> View:
+def moment_view(page: DrivePage, moment: Moment, shape: float) -> MapWindow:
     """Return the window that holds both bodies and what they did next; the ego drives to the right.
 
     `shape` is the window's height over its width.
@@ -191,10 +193,10 @@ def moment_view(page: DrivePage, moment: Moment, shape: float) -> View:
     width = min(width, max(WIDEST, float(np.ptp(held[:, 0])) + 2.0 * MARGIN))
     middle = (least + greatest)[None] / 2.0
     ((x, y),) = rotated(middle[:, 0], middle[:, 1], box.heading)
-    return View(box.x + float(x), box.y + float(y), box.heading, width, shape * width)
+    return MapWindow(box.x + float(x), box.y + float(y), box.heading, width, shape * width)
 
 
-def draw_moment(axes: Axes, page: DrivePage, moment: Moment, view: View) -> None:
+def draw_moment(axes: Axes, page: DrivePage, moment: Moment, view: MapWindow) -> None:
     """Draw the window at the moment; the legend's names say what each actor is."""
     draw_map(axes, page, view, PAPER, end=moment.row)
     ego, others = ego_track(page), tracks(page)
@@ -216,7 +218,7 @@ def draw_moment(axes: Axes, page: DrivePage, moment: Moment, view: View) -> None
     _labels(axes, page, moment, view, ego, others)
 
 
-def _body(axes: Axes, view: View, box: Box, colour: str, name: str, unseen: bool) -> None:
+def _body(axes: Axes, view: MapWindow, box: Box, colour: str, name: str, unseen: bool) -> None:
     draw_car(axes, view, box, colour)
     if unseen:
         placed = view.place(*np.array(box.corners()).T)
@@ -227,7 +229,7 @@ def _body(axes: Axes, view: View, box: Box, colour: str, name: str, unseen: bool
     axes.plot(math.nan, math.nan, "s", color=colour, markeredgecolor=INK, markersize=7.0, label=label)
 
 
-def _next(axes: Axes, view: View, track: Track, time: float, colour: str) -> None:
+def _next(axes: Axes, view: MapWindow, track: ActorTrack, time: float, colour: str) -> None:
     """Draw where a body's middle goes in the next seconds, with a dot for each second, and where it came from."""
     came = view.place(*track.during(time - BEFORE, time))
     axes.plot(*came.T, color=colour, linewidth=1.2, linestyle=(0, (1, 1)), zorder=5)
@@ -241,7 +243,9 @@ def _next(axes: Axes, view: View, track: Track, time: float, colour: str) -> Non
         )
 
 
-def _labels(axes: Axes, page: DrivePage, moment: Moment, view: View, ego: Track, others: dict[str, Track]) -> None:
+def _labels(
+    axes: Axes, page: DrivePage, moment: Moment, view: MapWindow, ego: ActorTrack, others: dict[str, ActorTrack]
+) -> None:
     """Write the speeds beside the bodies, where they hide neither a body nor where one goes next."""
     time, inch = moment.time, view.width / LEFT_WIDTH
     shown = [ego, *(track for track in others.values() if np.abs(track.time - time).min() <= 0.03)]
@@ -265,7 +269,7 @@ def _labels(axes: Axes, page: DrivePage, moment: Moment, view: View, ego: Track,
         axes.text(x, y, words, fontsize=11, fontweight="bold", bbox=frame, **style)
 
 
-def _places(body: Rectangle, size: tuple[float, float], view: View, above: bool) -> list[Rectangle]:
+def _places(body: Rectangle, size: tuple[float, float], view: MapWindow, above: bool) -> list[Rectangle]:
     """Return where words of a size [m] may stand around a body in a window, the best first, all inside the window."""
     (wide, tall), apart = size, 0.06 * view.width / LEFT_WIDTH
     x, y = (body.left + body.right) / 2.0, (body.low + body.high) / 2.0

@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow as pa
 
 from vve_sumo.drive.reasons import in_words
-from vve_sumo.metrics.approach import Approach
+from vve_sumo.metrics.approach import StopApproach
 from vve_sumo.metrics.key_figures import braked_hardest_for, unmet
 from vve_sumo.metrics.lead_vehicle import LeadVehicle
 from vve_sumo.metrics.moment import Moment
@@ -67,7 +67,7 @@ class DrivePage:
     moment: Moment | None = None  #: the one that matters; None where no actor came near
     unseen: frozenset[str] = frozenset()  #: actors that the radar did not detect around the moment
     asked: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  #: least and greatest value of metrics
-    approach: Approach | None = None  #: of the last stop
+    approach: StopApproach | None = None  #: of the last stop
     setting: str = ""  #: what the scenario sets: values of its parameters, faults
     distance: Floats | None = None  #: between the bodies of the ego and of the actor that mattered, tick by tick [m]
     detected: tuple[float, float] | None = None  #: drive time [s] and range [m] of that actor's first radar detection

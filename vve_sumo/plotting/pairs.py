@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.table import label_of
 from vve_sumo.plotting.page import INK, PAPER, QUIET
-from vve_sumo.plotting.parts import Part, parts_of
+from vve_sumo.plotting.parts import RowSubset, parts_of
 from vve_sumo.plotting.style import LIMIT, WIDTH, blank, explain, finite, name, page, plain, widened
 from vve_sumo.values import Floats
 
@@ -65,7 +65,7 @@ def _counted(compared: PairedComparison, figure: str) -> str:
     return f"{counted}; median difference {row['median_difference']:.3g}, 95 % interval {low} to {high}"
 
 
-def _differences(axes: Axes, difference: Floats, part: Part) -> None:
+def _differences(axes: Axes, difference: Floats, part: RowSubset) -> None:
     """Draw the share of pairs up to each difference, of all pairs of a part."""
     ordered = np.sort(difference[np.isfinite(difference)])
     if len(ordered):

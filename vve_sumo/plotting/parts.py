@@ -16,7 +16,7 @@ from vve_sumo.analysis.effects import is_number
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.table import axis_of, label_of
 from vve_sumo.plotting.columns import need
-from vve_sumo.plotting.style import LINE_STYLES, Look
+from vve_sumo.plotting.style import LINE_STYLES, SeriesStyle
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,19 +25,19 @@ if TYPE_CHECKING:
 MAX_PANELS, ACROSS = 6, 2
 
 
-class Part(NamedTuple):
+class RowSubset(NamedTuple):
     """Some of the rows."""
 
     word: str  #: what they have in common; empty of all rows
     which: NDArray[np.bool_]  #: of every row (n) whether it is one of them
-    look: Look
+    look: SeriesStyle
 
     def says(self, word: str) -> str:
         """Return what a legend calls something that is drawn of this part."""
         return f"{self.word}: {word}" if self.word else word
 
 
-def parts_of(rows: pd.DataFrame, by: str | None, most: int = len(LINE_STYLES)) -> list[Part]:
+def parts_of(rows: pd.DataFrame, by: str | None, most: int = len(LINE_STYLES)) -> list[RowSubset]:
     """Return the parts of the rows by the values of a column, every row in one of them; all rows where `by` is None.
 
     Of more than `most` values, numbers are cut into portions of equal width, and the rarer texts are taken together.
@@ -46,12 +46,12 @@ def parts_of(rows: pd.DataFrame, by: str | None, most: int = len(LINE_STYLES)) -
     if by is not None:
         need(rows, by)
     if by is None or not len(rows):
-        return [Part("", np.ones(len(rows), bool), LINE_STYLES[0])]
+        return [RowSubset("", np.ones(len(rows), bool), LINE_STYLES[0])]
     place, words = _numbered(rows, by, most)
     if (place < 0).any():
         place, words = np.where(place < 0, len(words), place), [*words, f"without {label_of(by)}"]
     looks = (LINE_STYLES * (1 + len(words) // len(LINE_STYLES)))[: len(words)]
-    return [Part(word, place == n, look) for n, (word, look) in enumerate(zip(words, looks, strict=True))]
+    return [RowSubset(word, place == n, look) for n, (word, look) in enumerate(zip(words, looks, strict=True))]
 
 
 def _numbered(rows: pd.DataFrame, by: str, most: int) -> tuple[NDArray[np.intp], list[str]]:
@@ -90,7 +90,7 @@ def short(value: Any) -> str:
     return f"{value:.3g}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
 
 
-def panels(figure: Figure, rows: pd.DataFrame, facet: str | None, **shared: Any) -> list[tuple[Axes, Part]]:
+def panels(figure: Figure, rows: pd.DataFrame, facet: str | None, **shared: Any) -> list[tuple[Axes, RowSubset]]:
     """Return a panel for every part of the rows by a column, with the same axes; one panel where `facet` is None."""
     parts = parts_of(rows, facet, MAX_PANELS)
     across = min(ACROSS, len(parts))
@@ -112,7 +112,7 @@ def axis_said(rows: pd.DataFrame, column: str) -> str:
     return axis_of(column, rows.attrs.get("units")) if is_number(rows[column]) else label_of(column)
 
 
-def outer(drawn: list[tuple[Axes, Part]], x: str, y: str) -> None:
+def outer(drawn: list[tuple[Axes, RowSubset]], x: str, y: str) -> None:
     """Name the axes of panels where they stand at the left and below."""
     across = min(ACROSS, len(drawn))
     for number, (axes, _part) in enumerate(drawn):

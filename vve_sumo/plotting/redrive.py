@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from vve_sumo.drive.redrive import Comparison, numeric_column
+from vve_sumo.drive.redrive import ControllerComparison, numeric_column
 from vve_sumo.metrics.table import axis_of
 from vve_sumo.plotting.page import ALARM, DOTS_PER_INCH, EGO_PALE, INK, QUIET, SIZE, STYLE, say
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-class Panel(NamedTuple):
+class ColumnPanel(NamedTuple):
     """How one column is shown."""
 
     title: str
@@ -31,13 +31,13 @@ class Panel(NamedTuple):
     least: float  #: half of the axis at least, so that noise around nothing looks like nothing
 
 
-PANELS: Final[Mapping[str, Panel]] = {
-    "acceleration_mps2": Panel("acceleration asked", " m/s²", 1.0, 0.5),
-    "steering_rad": Panel("road-wheel angle asked, left positive", "°", math.degrees(1.0), 1.0),
+PANELS: Final[Mapping[str, ColumnPanel]] = {
+    "acceleration_mps2": ColumnPanel("acceleration asked", " m/s²", 1.0, 0.5),
+    "steering_rad": ColumnPanel("road-wheel angle asked, left positive", "°", math.degrees(1.0), 1.0),
 }
 
 
-def draw(table: pa.Table, comparison: Comparison, title: str, names: tuple[str, str], file: Path) -> None:
+def draw(table: pa.Table, comparison: ControllerComparison, title: str, names: tuple[str, str], file: Path) -> None:
     """Write the picture as a PNG file; `names` are those of the recorded controller and of the other one."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -57,7 +57,7 @@ def draw(table: pa.Table, comparison: Comparison, title: str, names: tuple[str, 
         figure.savefig(file)
 
 
-def _paint(axes: Axes, table: pa.Table, comparison: Comparison, name: str, names: tuple[str, str]) -> None:
+def _paint(axes: Axes, table: pa.Table, comparison: ControllerComparison, name: str, names: tuple[str, str]) -> None:
     panel, time = PANELS[name], numeric_column(table, "time_s")
     recorded, other = (panel.factor * numeric_column(table, f"{whose}_{name}") for whose in ("recorded", "other"))
     axes.set_title(f"{panel.title} [{panel.unit.strip()}]", loc="left", pad=5)

@@ -19,7 +19,7 @@ from vve_sumo.plotting.columns import cautions, is_truth, need, numbers
 from vve_sumo.plotting.crowd import MAX_POINTS, portions, thinned
 from vve_sumo.plotting.grids import said
 from vve_sumo.plotting.page import PAPER
-from vve_sumo.plotting.parts import Part, axis_said, outer, panels, parts_of, tall
+from vve_sumo.plotting.parts import RowSubset, axis_said, outer, panels, parts_of, tall
 from vve_sumo.plotting.style import blank, explain, name, page, plain, widened
 from vve_sumo.values import Floats
 
@@ -80,7 +80,7 @@ def _aside(levels: Floats, place: int, parts: int) -> float:
     return float(BESIDE * steps.min() * (place - (parts - 1) / 2.0)) if len(steps) else 0.0
 
 
-def _line(axes: Axes, levels: Floats, line: Floats, values: Floats, part: Part) -> None:
+def _line(axes: Axes, levels: Floats, line: Floats, values: Floats, part: RowSubset) -> None:
     """Draw the line of a part, and say how many of its runs have the figure."""
     known = int(np.isfinite(values).sum())
     count = f"{known:,} of {len(values):,} runs" if known < len(values) else f"{known:,} runs"
@@ -88,7 +88,7 @@ def _line(axes: Axes, levels: Floats, line: Floats, values: Floats, part: Part) 
     axes.plot(levels, line, look.mark, linestyle=look.stroke, color=look.colour, label=part.says(count))
 
 
-def _lacking(axes: Axes, at: Floats, values: Floats, part: Part, place: int) -> None:
+def _lacking(axes: Axes, at: Floats, values: Floats, part: RowSubset, place: int) -> None:
     """Mark the runs of a part that lack the figure along the lower edge, in the line number `place` from it."""
     low: dict[str, Any] = {"transform": axes.get_xaxis_transform(), "linestyle": "", "markersize": 6.0, "zorder": 4}
     low |= {"color": part.look.colour, "markerfacecolor": PAPER, "clip_on": False}

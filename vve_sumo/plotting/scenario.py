@@ -19,7 +19,7 @@ from vve_sumo.drive.no_brake_preview import NoBrakePreview, TriggeredEvent, prev
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.errors import ConfigError
 from vve_sumo.geometry import Box
-from vve_sumo.plotting.birds_eye import View, compass, draw_car, ribbon, rotated
+from vve_sumo.plotting.birds_eye import MapWindow, compass, draw_car, ribbon, rotated
 from vve_sumo.plotting.drive_page import long_axis
 from vve_sumo.plotting.page import (
     ACTOR,
@@ -89,7 +89,7 @@ class Page:
     seen: NoBrakePreview
     boxes: dict[str, Box]  #: of the obstacles
     lanes: Sequence[tuple[Floats, float]]
-    view: View
+    view: MapWindow
 
     @property
     def staged(self) -> bool:
@@ -174,7 +174,7 @@ def _path_points(resolved: ResolvedScenario) -> Floats:
     return np.array([resolved.path.at(float(s))[:2] for s in np.arange(0.0, resolved.path.length, 2.0)])
 
 
-def _view(resolved: ResolvedScenario, seen: NoBrakePreview, boxes: dict[str, Box]) -> View:
+def _view(resolved: ResolvedScenario, seen: NoBrakePreview, boxes: dict[str, Box]) -> MapWindow:
     """Return the window on what happens, the ego driving to the right; on the whole way where nothing does."""
     shown = _shown(seen, boxes)
     shape = HIGH / WIDE
@@ -191,7 +191,7 @@ def _view(resolved: ResolvedScenario, seen: NoBrakePreview, boxes: dict[str, Box
     width = min(max(width, height / shape, LEAST), most)
     ((right, up),) = (least + greatest)[None] / 2.0
     x, y = rotated(right, up, angle)[0]
-    return View(float(x), float(y), angle, width, shape * width)
+    return MapWindow(float(x), float(y), angle, width, shape * width)
 
 
 def _shown(seen: NoBrakePreview, boxes: dict[str, Box]) -> list[Box]:
@@ -238,7 +238,7 @@ def _street(axes: Axes, page: Page) -> None:
     _legend(axes, page)
 
 
-def _lanes(axes: Axes, page: Page, view: View, edge: str) -> None:
+def _lanes(axes: Axes, page: Page, view: MapWindow, edge: str) -> None:
     from matplotlib.collections import PolyCollection
 
     roads = [view.place(*ribbon(line, width).T) for line, width in page.lanes if len(line) > 1]
@@ -260,7 +260,7 @@ def _lines_of_motion(axes: Axes, page: Page) -> None:
             axes.annotate("", tuple(line[-1]), tuple(far), arrowprops=shape, zorder=5)
 
 
-def _body(axes: Axes, view: View, box: Box, colour: str, edge: str = INK) -> None:
+def _body(axes: Axes, view: MapWindow, box: Box, colour: str, edge: str = INK) -> None:
     """Draw a body as it is where that is large enough to be seen, else as a square."""
     if not view.holds(box.x, box.y):
         return
@@ -273,7 +273,7 @@ def _body(axes: Axes, view: View, box: Box, colour: str, edge: str = INK) -> Non
     axes.plot(x, y, "s", color=colour, markersize=MARK, markeredgecolor=edge, markeredgewidth=1.3, zorder=6)
 
 
-def _number(axes: Axes, view: View, box: Box, number: int, colour: str, side: tuple[float, float]) -> None:
+def _number(axes: Axes, view: MapWindow, box: Box, number: int, colour: str, side: tuple[float, float]) -> None:
     """Write an event's number beside a body, on that `side` of it (right, up)."""
     if not view.holds(box.x, box.y):
         return
@@ -396,7 +396,7 @@ def _whole_way(axes: Axes, page: Page) -> None:
     middle = (least + greatest) / 2.0
     size = np.maximum(greatest - least, 20.0) * 1.25
     width = float(max(size[0], size[1] * WAY_WIDTH / LOW_HEIGHT))
-    view = View(float(middle[0]), float(middle[1]), 0.0, width, width * LOW_HEIGHT / WAY_WIDTH)
+    view = MapWindow(float(middle[0]), float(middle[1]), 0.0, width, width * LOW_HEIGHT / WAY_WIDTH)
     _lanes(axes, page, view, ROAD)
     placed = view.place(*points.T)
     axes.plot(*placed.T, color=EGO, linewidth=1.8, zorder=3)

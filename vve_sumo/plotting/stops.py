@@ -20,7 +20,7 @@ from vve_sumo.metrics.table import axis_of
 from vve_sumo.plotting.columns import cautions, errors, holds, numbers, runs
 from vve_sumo.plotting.crowd import MAX_POINTS, bands, crowd, thinned
 from vve_sumo.plotting.page import INK, PAPER, QUIET, contact
-from vve_sumo.plotting.parts import Part, outer, panels, parts_of, tall
+from vve_sumo.plotting.parts import RowSubset, outer, panels, parts_of, tall
 from vve_sumo.plotting.style import BAD, FIRST, LIMIT, SECOND, blank, explain, finite, name, page, plain, widened
 from vve_sumo.values import Floats
 
@@ -147,7 +147,7 @@ def _gaps_at_rest(rows: pd.DataFrame, by: str | None, facet: str | None) -> Figu
         return figure
 
 
-def _without(axes: Axes, rows: pd.DataFrame, speed: Floats, gap: Floats, part: Part, place: int) -> None:
+def _without(axes: Axes, rows: pd.DataFrame, speed: Floats, gap: Floats, part: RowSubset, place: int) -> None:
     """Mark runs with a collision, and along the edge those that have no gap: with a collision, an error or no rest.
 
     The marks of each part of the rows stand in a line of their own, the number `place` from the edge.
@@ -253,7 +253,7 @@ def _broken(upper: Axes, lower: Axes, speed: Floats, distance: Floats, bound: Fl
     lower.margins(y=0.15)
 
 
-def _law(axes: Axes, fastest: float, demand: Floats, reaction: Floats, part: Part) -> None:
+def _law(axes: Axes, fastest: float, demand: Floats, reaction: Floats, part: RowSubset) -> None:
     """Draw the closed form for the demands that there are."""
     speeds = np.linspace(0.0, 1.05 * fastest, STEPS)
     delay = float(np.nanmedian(reaction)) if np.isfinite(reaction).any() else 0.0

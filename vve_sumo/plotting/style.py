@@ -32,7 +32,7 @@ IN_A_LINE: Final = 3
 LETTER, ENTRY, BESIDE = 0.083, 0.65, 0.9
 
 
-class Look(NamedTuple):
+class SeriesStyle(NamedTuple):
     """How one of several things is drawn; each part of it alone tells them apart."""
 
     colour: str
@@ -42,12 +42,12 @@ class Look(NamedTuple):
 
 #: first to last; in grey, strokes and marks still differ
 LINE_STYLES: Final = (
-    Look(EGO, "-", "o"),
-    Look(OBSTACLE, (0, (5, 2)), "s"),
-    Look(ACTOR, (0, (6, 2, 1.5, 2)), "^"),
-    Look(INK, (0, (1.2, 1.5)), "D"),
-    Look(ALARM, (0, (6, 2, 1.5, 2, 1.5, 2)), "v"),
-    Look(EGO_PALE, (0, (9, 3)), "P"),
+    SeriesStyle(EGO, "-", "o"),
+    SeriesStyle(OBSTACLE, (0, (5, 2)), "s"),
+    SeriesStyle(ACTOR, (0, (6, 2, 1.5, 2)), "^"),
+    SeriesStyle(INK, (0, (1.2, 1.5)), "D"),
+    SeriesStyle(ALARM, (0, (6, 2, 1.5, 2, 1.5, 2)), "v"),
+    SeriesStyle(EGO_PALE, (0, (9, 3)), "P"),
 )
 FIRST, SECOND, THIRD = LINE_STYLES[:3]
 #: widths of lines that lie upon each other: the first shows on both sides of the next

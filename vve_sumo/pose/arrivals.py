@@ -25,7 +25,7 @@ AGREEMENT: Final = 0.1  #: largest difference in lead within a run [s]: bursts a
 AGREEING_KEPT: Final = 10  #: most agreements with a minute or a day that count; more in a row must disagree
 
 
-class Judged(enum.Enum):
+class JudgedArrival(enum.Enum):
     """Judgement of a message's time."""
 
     NEWER = enum.auto()  #: newer than all accepted before
@@ -35,7 +35,7 @@ class Judged(enum.Enum):
 
 
 # Found once, for every message: Python looks members up in their class at the cost of a call.
-_NEWER: Final = Judged.NEWER
+_NEWER: Final = JudgedArrival.NEWER
 
 
 @dataclass(slots=True)
@@ -70,20 +70,20 @@ class Arrivals:
         """The newest time that was accepted [s]; -inf before the first."""
         return self._newest
 
-    def judge(self, received: float, time: float) -> Judged:
+    def judge(self, received: float, time: float) -> JudgedArrival:
         """Judge a message that arrived at `received` and carries `time` [s], each on its own clock."""
         if not math.isfinite(received + time):
-            return Judged.AHEAD
+            return JudgedArrival.AHEAD
         if not time > self._newest:
-            return Judged.NOT_NEWER
+            return JudgedArrival.NOT_NEWER
         lead, judged = time - received, _NEWER
         drifted = DRIFT * max(received - self._led_at, 0.0)
         ahead = lead - (self._lead + drifted)  # of a message as fast as the fastest; NaN before the first
         if ahead > 0.0 and ahead > self._tolerance(received):
             judged = self._go_on(received, time, lead, ahead)
-            if judged is Judged.AHEAD:
+            if judged is JudgedArrival.AHEAD:
                 return judged
-            self._lead = math.nan if judged is Judged.CHANGED else -math.inf
+            self._lead = math.nan if judged is JudgedArrival.CHANGED else -math.inf
         self._believe(received, time, lead, self._lead - drifted)
         return judged
 
@@ -97,19 +97,19 @@ class Arrivals:
             else max(self._least, min(EARLINESS_SHARE * self._interval, MAX_EARLINESS))
         )
 
-    def _go_on(self, received: float, time: float, lead: float, ahead: float) -> Judged:
+    def _go_on(self, received: float, time: float, lead: float, ahead: float) -> JudgedArrival:
         """Take a time that is ahead into the run; return whether the run is accepted now."""
         run = self._run
         if run is not None and time == run.newest:
-            return Judged.AHEAD
+            return JudgedArrival.AHEAD
         if run is None or not (time > run.newest and abs(lead - run.lead) <= AGREEMENT):
             self._run = _Run(received, time, lead)
-            return Judged.AHEAD
+            return JudgedArrival.AHEAD
         run.newest, run.lead, run.count = time, lead, run.count + 1
         lasting = min(self._interval, RUN_TIME) if ahead <= SMALL_JUMP else RUN_TIME
         if run.count < RUN_LENGTH or not (self._young(received) or received - run.since >= lasting):
-            return Judged.AHEAD
-        return Judged.NEWER if ahead <= SMALL_JUMP else Judged.CHANGED
+            return JudgedArrival.AHEAD
+        return JudgedArrival.NEWER if ahead <= SMALL_JUMP else JudgedArrival.CHANGED
 
     def _believe(self, received: float, time: float, lead: float, leaked: float) -> None:
         """Accept a time; `leaked` is the fastest lead, less what two clocks may have drifted apart since [s]."""

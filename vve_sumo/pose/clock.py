@@ -15,7 +15,7 @@ from itertools import combinations
 from statistics import median
 from typing import Final
 
-from vve_sumo.pose.arrivals import SMALL_JUMP, Arrivals, Judged
+from vve_sumo.pose.arrivals import SMALL_JUMP, Arrivals, JudgedArrival
 
 LEAK: Final = 100e-6  #: rate at which a larger delay is accepted; twice the drift of a common quartz
 LEARNING: Final = 2.0  #: for this long after the start a smaller delay is accepted at `LEARNING_SLEW` [s]
@@ -44,7 +44,7 @@ class ClockReport:
     jitter_p99: float  #: as jitter_p50
 
 
-class Clock:
+class PoseClock:
     """Maps the time of each fix to drive time, from nothing but the arrivals that it is given.
 
     `epoch` is the GNSS second that the drive calls 0 (any, where the offset is estimated; the true one where
@@ -75,12 +75,12 @@ class Clock:
         made = time - self._epoch
         before = self._arrivals.newest
         judged = self._arrivals.judge(received, made)
-        if judged is Judged.AHEAD:
+        if judged is JudgedArrival.AHEAD:
             return math.nan
-        if judged is Judged.NOT_NEWER:
+        if judged is JudgedArrival.NOT_NEWER:
             return made + self._offset
         lag = received - made
-        if before == -math.inf or judged is Judged.CHANGED:
+        if before == -math.inf or judged is JudgedArrival.CHANGED:
             self._begin(made, lag)
         elif not self._absolute:
             self._learn(made, made - before, lag - self._minimum_delay)

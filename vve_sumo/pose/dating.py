@@ -10,7 +10,7 @@ import math
 from dataclasses import replace
 from typing import NamedTuple
 
-from vve_sumo.pose.clock import Clock, ClockReport
+from vve_sumo.pose.clock import ClockReport, PoseClock
 from vve_sumo.values import Fix
 
 
@@ -35,9 +35,9 @@ class FixDater:
     def __init__(self, minimum_delay: float, epoch: float = math.nan, *, absolute: bool = False) -> None:
         self._minimum_delay, self._absolute = minimum_delay, absolute
         self._epoch = epoch
-        self._clock: Clock | None = None
+        self._clock: PoseClock | None = None
         if math.isfinite(epoch):
-            self._clock = Clock(epoch, minimum_delay, absolute=absolute)
+            self._clock = PoseClock(epoch, minimum_delay, absolute=absolute)
 
     @property
     def epoch(self) -> float:
@@ -59,7 +59,7 @@ class FixDater:
             if not (fix.locked is True and math.isfinite(fix.time)):
                 return Undated("status_not_locked")
             self._epoch = fix.time - (received - self._minimum_delay)
-            self._clock = Clock(self._epoch, self._minimum_delay, absolute=self._absolute)
+            self._clock = PoseClock(self._epoch, self._minimum_delay, absolute=self._absolute)
         clock = self._clock
         made = clock.step(received, fix.time) if fix.locked else clock.at(fix.time)
         if math.isnan(made):

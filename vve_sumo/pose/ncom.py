@@ -16,7 +16,7 @@ from collections.abc import Callable
 from typing import Final
 
 from vve_sumo.frames import wrap_angle
-from vve_sumo.pose.arrivals import Arrivals, Judged, Repeated
+from vve_sumo.pose.arrivals import Arrivals, JudgedArrival, Repeated
 from vve_sumo.values import Fix, FixQuality
 
 SYNC: Final = b"\xe7"
@@ -83,7 +83,7 @@ class Outcome(enum.StrEnum):
 
 # Members that nearly every packet needs, found once: Python looks them up in their class at the cost of a call.
 _FIX, _MINUTE_UNKNOWN = Outcome.FIX, Outcome.MINUTE_UNKNOWN
-_AHEAD, _NOT_NEWER = Judged.AHEAD, Judged.NOT_NEWER
+_AHEAD, _NOT_NEWER = JudgedArrival.AHEAD, JudgedArrival.NOT_NEWER
 _UNKNOWN = FixQuality.UNKNOWN
 
 

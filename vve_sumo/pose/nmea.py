@@ -21,7 +21,7 @@ from typing import Any, Final, NamedTuple
 import pynmea2
 
 from vve_sumo.physical_constants import GRAVITY
-from vve_sumo.pose.arrivals import Arrivals, Judged, Repeated
+from vve_sumo.pose.arrivals import Arrivals, JudgedArrival, Repeated
 from vve_sumo.values import Fix, FixQuality
 
 GPS_MINUS_UTC: Final = 18_000  #: leap seconds since 2017-01-01 (IERS Bulletin C 52 and all since) [ms]
@@ -41,7 +41,7 @@ KNOT: Final = 1852.0 / 3600.0  #: [m/s]
 
 #: Fix quality by the quality indicator of GGA; military PPS, estimated and others are unknown.
 QUALITIES: Final = {1: FixQuality.SINGLE, 2: FixQuality.DIFFERENTIAL, 4: FixQuality.RTK_FIXED, 5: FixQuality.RTK_FLOAT}
-NEW: Final = frozenset({Judged.NEWER, Judged.CHANGED})
+NEW: Final = frozenset({JudgedArrival.NEWER, JudgedArrival.CHANGED})
 NOT_MEASURED: Final = frozenset("NESM")  #: mode indicators: not valid, estimated, simulated, manual
 
 

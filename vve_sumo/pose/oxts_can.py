@@ -15,7 +15,7 @@ from typing import Final
 
 from vve_sumo.frames import wrap_angle
 from vve_sumo.physical_constants import GRAVITY
-from vve_sumo.pose.arrivals import Arrivals, Judged
+from vve_sumo.pose.arrivals import Arrivals, JudgedArrival
 from vve_sumo.pose.ncom import WRITERS, StatusChannels, quality_of
 from vve_sumo.values import Fix, Frame
 
@@ -135,12 +135,12 @@ class Decoder:
             return Outcome.WRONG_LENGTH, None
         clock = int.from_bytes(data[:6], "little", signed=True)
         judged = self._arrivals.judge(time_received, clock / 1000.0) if TIME_SET <= clock < TIME_LIMIT else None
-        if judged is Judged.AHEAD:
+        if judged is JudgedArrival.AHEAD:
             return Outcome.AHEAD, None
         cycle, self._cycle = self._cycle, {}
         if judged is None:
             return Outcome.NO_TIME, None
-        if judged is Judged.NOT_NEWER:
+        if judged is JudgedArrival.NOT_NEWER:
             self._behind += 1
             return Outcome.NOT_INCREASING, None
         step, self._clock = clock - self._clock, clock

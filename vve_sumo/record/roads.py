@@ -13,10 +13,10 @@ import pyarrow.parquet as pq
 
 from vve_sumo.record.layout import CLOSED_ENDING, ROADS, ROADS_SCHEMA
 from vve_sumo.record.reader import read_table
-from vve_sumo.world.network import Lane
+from vve_sumo.world.network import NetworkLane
 
 
-def roads_table(lanes: Sequence[Lane]) -> pa.Table:
+def roads_table(lanes: Sequence[NetworkLane]) -> pa.Table:
     """Return the table of these lanes."""
     columns = (
         [lane.name for lane in lanes],
@@ -31,7 +31,7 @@ def roads_table(lanes: Sequence[Lane]) -> pa.Table:
     )
 
 
-def write_roads(folder: Path, lanes: Sequence[Lane]) -> None:
+def write_roads(folder: Path, lanes: Sequence[NetworkLane]) -> None:
     """Write the table of these lanes into a record; raises OSError."""
     pq.write_table(roads_table(lanes), folder / f"{ROADS}{CLOSED_ENDING}", compression="zstd")
 

@@ -62,7 +62,7 @@ Row = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class SweepPlan:
     """The content of `sweep.json`."""
 
     spec: dict[str, Any]  #: the sweep as in its file
@@ -145,7 +145,7 @@ def _who(data: Mapping[str, Any]) -> str:
 _PLAIN = {"str": str, "int": int, "dict": dict, "list": list}
 
 
-def _wrong(data: Mapping[str, Any], plan: type[Plan]) -> str:
+def _wrong(data: Mapping[str, Any], plan: type[SweepPlan]) -> str:
     """Return what is wrong with the content of `sweep.json`, empty where nothing is."""
     for one in fields(plan):
         if type(data.get(one.name)) is not _PLAIN[str(one.type).partition("[")[0]]:
@@ -155,7 +155,7 @@ def _wrong(data: Mapping[str, Any], plan: type[Plan]) -> str:
     return "".join(f"got {name}" for name in (unknown + kinds)[:1])
 
 
-class Part(NamedTuple):
+class SweepPart(NamedTuple):
     """A file of finished runs with consecutive numbers."""
 
     file: Path
@@ -163,7 +163,7 @@ class Part(NamedTuple):
     runs: int
 
 
-def parts(folder: Path, columns: Mapping[str, Kind]) -> list[Part]:
+def parts(folder: Path, columns: Mapping[str, Kind]) -> list[SweepPart]:
     """Return the parts of a sweep's folder in the order of their runs; reads only the footer of each file.
 
     Raises ConfigError where a part cannot be read, has other columns, or shares runs with another part.
@@ -177,7 +177,7 @@ def parts(folder: Path, columns: Mapping[str, Kind]) -> list[Part]:
     return found
 
 
-def _part(file: Path, schema: pa.Schema) -> Part:
+def _part(file: Path, schema: pa.Schema) -> SweepPart:
     try:
         footer = pq.read_metadata(file)
         there = footer.schema.to_arrow_schema()
@@ -193,7 +193,7 @@ def _part(file: Path, schema: pa.Schema) -> Part:
     first, last = (min((int(span.min) for span in data), default=-1), max((int(span.max) for span in data), default=-1))
     if first < 0 or last - first + 1 != footer.num_rows:
         raise ConfigError(f"{file}: its runs do not follow each other: not a part that a sweep writes")
-    return Part(file, first, int(footer.num_rows))
+    return SweepPart(file, first, int(footer.num_rows))
 
 
 def unreadable(file: Path, error: Exception) -> ConfigError:
@@ -206,14 +206,14 @@ class Held:
     """A sweep's folder as it was at one instant; the sweep may go on meanwhile."""
 
     folder: Path
-    plan: Plan
-    parts: list[Part]  #: in the order of run numbers
+    plan: SweepPlan
+    parts: list[SweepPart]  #: in the order of run numbers
     rest: list[Row]  #: of runs that are in no part, in the order of run numbers
 
     @classmethod
     def of(cls, folder: Path) -> Self:
         """Read a folder; raises ConfigError where it holds no sweep, or one that cannot be read."""
-        plan = Plan.of(folder)
+        plan = SweepPlan.of(folder)
         # The journal is read first, because runs move from it into parts, never back: so no run is missed.
         noted = journal(folder)
         there = parts(folder, plan.columns())
@@ -268,7 +268,7 @@ class Held:
             raise unreadable(self.folder / "journal.jsonl", error) from None
 
 
-def _sealed(there: Sequence[Part], number: int) -> bool:
+def _sealed(there: Sequence[SweepPart], number: int) -> bool:
     """Return whether a run is in one of the parts."""
     at = bisect_right(there, number, key=lambda part: part.first) - 1
     return at >= 0 and number < there[at].first + there[at].runs

@@ -305,7 +305,7 @@ class MemoryRecorder:
         return _Table(schema)
 
 
-class Record(MemoryRecorder):
+class RecordWriter(MemoryRecorder):
     """Records one drive in a folder; every TICKS_PER_BATCH-th tick is written to disk."""
 
     ticks_per_batch = TICKS_PER_BATCH
@@ -354,7 +354,7 @@ class Record(MemoryRecorder):
         return _TableFile(self._own(f"{name}{OPEN_ENDING}"), schema)
 
 
-class LiveRecord(Record):
+class LiveRecord(RecordWriter):
     """Records a live drive, with two more tables; a part that cannot be written does not stop the others.
 
     The folder may already hold logs of the drive's processes.

@@ -24,9 +24,9 @@ from vve_sumo.metrics.table import PLAYBACK
 from vve_sumo.report import again, formatting, key_figures, pictures, settings, stops
 from vve_sumo.report.curves import curves
 from vve_sumo.report.formatting import NONE, integer, number, share, short
-from vve_sumo.report.page import Report, hashes, versions
+from vve_sumo.report.page import ReportPage, hashes, versions
 from vve_sumo.report.sources import open_street_map
-from vve_sumo.report.tables import Cell, Column, Row, Table, meanings, named, of_frame
+from vve_sumo.report.tables import Cell, Column, ReportTable, Row, meanings, named, of_frame
 from vve_sumo.report.verdict import altered, figures_of, of_drive
 
 Figures = Mapping[str, Any]
@@ -49,11 +49,11 @@ RADAR = (
 )
 
 
-def report(run: Run) -> Report:
+def report(run: Run) -> ReportPage:
     """Return the report of a drive, whole or cut short."""
     figures = figures_of(run)
     verdict, changed = of_drive(run, figures), altered_parts(run.folder)
-    return Report(
+    return ReportPage(
         template="drive.html.j2",
         kind=f"Report of a {kind_of(run, figures)}",
         title=run.title,
@@ -108,7 +108,7 @@ def _results(run: Run, figures: Figures) -> dict[str, object]:
     }
 
 
-def _figures(figures: Figures) -> Table:
+def _figures(figures: Figures) -> ReportTable:
     rows = [
         (named(key), _figure(key, figures))
         for key in ("outcome", *PER_DRIVE, *PLAYBACK)
@@ -118,7 +118,7 @@ def _figures(figures: Figures) -> Table:
         rows.append((Cell("vehicles removed where the car entered"), str(len(removed))))
     if standoffs := figures.get("removed_after_standoff"):
         rows.append((Cell("vehicles removed after a standoff with the car"), str(len(standoffs))))
-    return Table("figures of the drive", ("figure", Column("value", True)), rows)
+    return ReportTable("figures of the drive", ("figure", Column("value", True)), rows)
 
 
 def _figure(key: str, figures: Figures) -> str:
@@ -130,15 +130,15 @@ def _figure(key: str, figures: Figures) -> str:
     return formatting.figure(key, value)
 
 
-def _exposure(run: Run) -> Table:
+def _exposure(run: Run) -> ReportTable:
     rows = [
         (named(str(name)), share(value) if str(name).endswith("_share") else number(value, unit_of(str(name))))
         for name, value in exposure(over_time(run)).items()
     ]
-    return Table("exposure and comfort", ("measure", Column("value", True)), rows)
+    return ReportTable("exposure and comfort", ("measure", Column("value", True)), rows)
 
 
-def _latency(run: Run) -> Table | None:
+def _latency(run: Run) -> ReportTable | None:
     """Return the latency leg by leg; None where the record holds none."""
     if not run.holds("latency"):
         return None
@@ -175,7 +175,7 @@ def _drive_command(run: Run) -> str | None:
     return None if run.live or run.brain or _is_playback(run) else again.command(run, Path.cwd())
 
 
-def _origin(run: Run, figures: Figures, name: str) -> Table:
+def _origin(run: Run, figures: Figures, name: str) -> ReportTable:
     scenario = run.resolved["settings"]
     digest = str(figures.get("record_sha256") or "none: the drive was never finished")
     rows: list[Row] = [
@@ -187,7 +187,7 @@ def _origin(run: Run, figures: Figures, name: str) -> Table:
         ("ticks", f"{integer(len(run.time))} of {number(1000.0 * run.period, 'ms', 0)}"),
         *_machine_and_people(run),
     ]
-    return Table("provenance", ("what", "value"), rows)
+    return ReportTable("provenance", ("what", "value"), rows)
 
 
 def _machine_and_people(run: Run) -> list[Row]:

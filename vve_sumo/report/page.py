@@ -15,22 +15,22 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from vve_sumo.metrics.table import with_labels
 from vve_sumo.report.assets import assets_of
 from vve_sumo.report.key_figures import KeyFigure
-from vve_sumo.report.picture import Picture
-from vve_sumo.report.tables import Cell, Table
+from vve_sumo.report.picture import DrawnPlot
+from vve_sumo.report.tables import Cell, ReportTable
 from vve_sumo.report.text import printable
-from vve_sumo.report.verdict import Verdict
+from vve_sumo.report.verdict import ReportVerdict
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class ReportPage:
     """All that a report says."""
 
     template: str  #: of its sections
     kind: str  #: what it is a report of
     title: str
-    verdict: Verdict
+    verdict: ReportVerdict
     key_figures: Sequence[KeyFigure]  #: beside the verdict
-    pictures: Sequence[Picture]  #: the first one stands beside the verdict
+    pictures: Sequence[DrawnPlot]  #: the first one stands beside the verdict
     sources: Sequence[str]  #: whom its data is of
     content: Mapping[str, object]  #: of its sections, by the names that the template uses
     data: Mapping[str, Any] | None = None  #: what `page.js` draws; None for nothing
@@ -57,11 +57,11 @@ def _templates() -> Environment:
     return environment
 
 
-def hashes(digests: Sequence[tuple[str, str]], name: str) -> Table:
+def hashes(digests: Sequence[tuple[str, str]], name: str) -> ReportTable:
     """Return files or parts with their hashes."""
-    return Table(name, ("of", "SHA-256"), [(of, Cell(digest, kind="hash")) for of, digest in digests if digest])
+    return ReportTable(name, ("of", "SHA-256"), [(of, Cell(digest, kind="hash")) for of, digest in digests if digest])
 
 
-def versions(parts: Mapping[str, str]) -> Table:
+def versions(parts: Mapping[str, str]) -> ReportTable:
     """Return the versions of what decided how a drive went."""
-    return Table("versions", ("part", "version"), list(parts.items()))
+    return ReportTable("versions", ("part", "version"), list(parts.items()))

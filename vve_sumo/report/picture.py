@@ -21,7 +21,7 @@ PNG = {"compress_level": 3}
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class DrawnPlot:
     """A plot, drawn."""
 
     name: str  #: of its file, without the ending
@@ -36,7 +36,7 @@ class Picture:
         return used_in((*self.drawing.texts, self.caption))
 
 
-def picture_of(figure: Figure, name: str, alt: str, caption: str) -> Picture:
+def picture_of(figure: Figure, name: str, alt: str, caption: str) -> DrawnPlot:
     """Return a figure as a picture; the same figure gives the same bytes."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.text import Text
@@ -47,4 +47,4 @@ def picture_of(figure: Figure, name: str, alt: str, caption: str) -> Picture:
     # Not by `savefig`, which draws everything twice.
     canvas = FigureCanvasAgg(figure)
     canvas.print_png(out, metadata={"Software": None}, pil_kwargs=PNG)  # type: ignore[no-untyped-call]
-    return Picture(name, out.getvalue(), drawing_of(figure, name, alt), alt, caption)
+    return DrawnPlot(name, out.getvalue(), drawing_of(figure, name, alt), alt, caption)

@@ -14,9 +14,9 @@ import numpy as np
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.effects import chosen_axes
 from vve_sumo.analysis.run import Run
-from vve_sumo.metrics.moment import Measure, moment_of
+from vve_sumo.metrics.moment import MomentMeasure, moment_of
 from vve_sumo.metrics.table import label_of
-from vve_sumo.report.picture import Picture, picture_of
+from vve_sumo.report.picture import DrawnPlot, picture_of
 from vve_sumo.report.settings import varied_criteria
 
 if TYPE_CHECKING:
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 #: what the lower one of the two windows on the street shows, by what the moment was chosen; None for no moment
 WINDOW = {
-    Measure.CONTACT: "the first contact",
-    Measure.TIME_TO_COLLISION: "the moment of the least time to collision",
-    Measure.GAP: "the moment of the least gap",
-    Measure.DISTANCE: "the moment at which another actor was nearest",
+    MomentMeasure.CONTACT: "the first contact",
+    MomentMeasure.TIME_TO_COLLISION: "the moment of the least time to collision",
+    MomentMeasure.GAP: "the moment of the least gap",
+    MomentMeasure.DISTANCE: "the moment at which another actor was nearest",
     None: "the place where the drive ended",
 }
 DRIVE = (
@@ -70,7 +70,7 @@ def caption_of(run: Run) -> str:
     return DRIVE.format(window=WINDOW[moment.measure if moment else None])
 
 
-def of_drive(run: Run) -> tuple[Picture, ...]:
+def of_drive(run: Run) -> tuple[DrawnPlot, ...]:
     """Return the plots of a drive."""
     from vve_sumo import plotting
 
@@ -88,7 +88,7 @@ def of_drive(run: Run) -> tuple[Picture, ...]:
     return tuple(pictures)
 
 
-def of_sweep(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> tuple[Picture, ...]:
+def of_sweep(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> tuple[DrawnPlot, ...]:
     """Return the plots of a sweep; `figures` are those that matter, the most important one first."""
     from vve_sumo import plotting
 
@@ -111,7 +111,7 @@ def _differ(rows: pd.DataFrame) -> bool:
     return bool(speed.max() - speed.min() > MIN_SPREAD)
 
 
-def _search(sweep: Sweep) -> Iterator[Picture]:
+def _search(sweep: Sweep) -> Iterator[DrawnPlot]:
     from vve_sumo import plotting
 
     along = "along" in sweep.plan["spec"]["search"]
@@ -119,7 +119,7 @@ def _search(sweep: Sweep) -> Iterator[Picture]:
     yield picture_of(plotting.boundary(sweep), "search", alt, BOUNDARY if along else WORST)
 
 
-def _maps(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> Iterator[Picture]:
+def _maps(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> Iterator[DrawnPlot]:
     """Heat maps over the two numbers that explain most of a figure, where there are two; a panel each controller."""
     from vve_sumo import plotting
 
@@ -138,7 +138,7 @@ def _maps(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> Iterator[
         yield picture_of(picture, f"map_{figure}", f"{what} over {x} and {y}", caption)
 
 
-def _distribution(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> Iterator[Picture]:
+def _distribution(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> Iterator[DrawnPlot]:
     """Distribution of the figure that matters most, a line for each value of the first parameter."""
     from vve_sumo import plotting
 

@@ -16,7 +16,7 @@ from vve_sumo.analysis.survivors import contacts, without_contacts
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.report.formatting import integer, number, share, short
-from vve_sumo.report.tables import Cell, Column, Row, Table, cell, head_of, named
+from vve_sumo.report.tables import Cell, Column, ReportTable, Row, cell, head_of, named
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -69,7 +69,7 @@ def counts(sweep: Sweep, rows: pd.DataFrame) -> Counts:
     return Counts(sweep.asked, len(rows), int((passed == 1.0).sum()), int((passed == 0.0).sum()), errors)
 
 
-def overview(sweep: Sweep, of: Counts, search: bool) -> Table:
+def overview(sweep: Sweep, of: Counts, search: bool) -> ReportTable:
     """Return how many runs passed, with Wilson's interval of that share where chance alone made the runs differ."""
     (all_runs,) = sweep.grouped([], []).to_dict("records")
     low, high = all_runs["passed_low_share"], all_runs["passed_high_share"]
@@ -82,10 +82,10 @@ def overview(sweep: Sweep, of: Counts, search: bool) -> Table:
         ("failed", integer(of.failed), ""),
         ("with an error", integer(of.errors), "no figures, neither passed nor failed" if of.errors else ""),
     ]
-    return Table("runs", ("runs", Column("number", True), "share"), rows)
+    return ReportTable("runs", ("runs", Column("number", True), "share"), rows)
 
 
-def spread(rows: pd.DataFrame, figures: Sequence[str]) -> Table:
+def spread(rows: pd.DataFrame, figures: Sequence[str]) -> ReportTable:
     """Return the distributions of the figures over the runs that have them, and how many have not.
 
     A contact is beyond every gap, time to collision and DRAC: runs with one are counted beside these.
@@ -102,20 +102,20 @@ def spread(rows: pd.DataFrame, figures: Sequence[str]) -> Table:
             )
     numbers = [Column(head, True) for head in ("minimum", "5 %", "median", "95 %", "maximum")]
     counted_heads = [Column(head, True) for head in ("runs", "contacts", "without value")]
-    return Table("figures over all runs", ("figure", *numbers, "unit", *counted_heads), lines)
+    return ReportTable("figures over all runs", ("figure", *numbers, "unit", *counted_heads), lines)
 
 
-def combinations(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> Table:
+def combinations(sweep: Sweep, rows: pd.DataFrame, figures: Sequence[str]) -> ReportTable:
     """Return the results by combination of values, the worst first; no rows where each was driven once."""
     heads = ["runs", "passed", "share, 95 %", "collisions", *map(head_of, figures)]
     units = rows.attrs.get("units", {})
     columns = [Column(head, True) for head in (*(head_of(name, units) for name in sweep.parameters), *heads)]
     if not sweep.parameters or not 1 < len(rows[sweep.parameters].drop_duplicates()) < len(rows):
-        return Table("combinations", columns, ())
+        return ReportTable("combinations", columns, ())
     grouped = sweep.grouped(figures=list(figures))
     grouped = grouped.sort_values("passed_share", kind="stable", na_position="first")
     lines = [_combination(row, sweep.parameters, figures) for row in grouped.head(MAX_ROWS).to_dict("records")]
-    return Table("combinations", columns, lines, len(grouped))
+    return ReportTable("combinations", columns, lines, len(grouped))
 
 
 def _combination(row: Mapping[Hashable, Any], parameters: Sequence[str], figures: Sequence[str]) -> list[str]:
@@ -134,7 +134,7 @@ def _mean(row: Mapping[Hashable, Any], figure: str) -> str:
     return said if worst != worst else f"{said}, worst {number(worst)}"
 
 
-def failed_runs(rows: pd.DataFrame, parameters: Sequence[str], figures: Sequence[str]) -> Table:
+def failed_runs(rows: pd.DataFrame, parameters: Sequence[str], figures: Sequence[str]) -> ReportTable:
     """Return the runs that failed, the worst first; a row begins with the run's key."""
     failed = rows[rows["passed"].to_numpy(np.float64, na_value=np.nan) == 0.0]
     upwards = [*(PER_DRIVE[name].worse == "lower" for name in WORST_BY), True]
@@ -157,10 +157,10 @@ def failed_runs(rows: pd.DataFrame, parameters: Sequence[str], figures: Sequence
         )
         for row in ordered.fillna({"failed": ""}).astype(object).to_dict("records")
     ]
-    return Table("runs that failed", columns, lines, len(failed))
+    return ReportTable("runs that failed", columns, lines, len(failed))
 
 
-def errors(rows: pd.DataFrame) -> Table:
+def errors(rows: pd.DataFrame) -> ReportTable:
     """Return why runs have no figures, how often, and a key of each."""
     faulty = rows[rows["error"].fillna("") != ""]
     each = faulty.groupby("error", sort=False)["key"].agg(["size", "first"])
@@ -168,4 +168,4 @@ def errors(rows: pd.DataFrame) -> Table:
     lines = [
         (str(error), str(row["size"]), Cell(row["first"], kind="code")) for error, row in each.head(MAX_ROWS).iterrows()
     ]
-    return Table("errors", ("error", Column("runs", True), "one of them"), lines, len(each))
+    return ReportTable("errors", ("error", Column("runs", True), "one of them"), lines, len(each))

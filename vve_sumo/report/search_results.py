@@ -12,7 +12,7 @@ from vve_sumo.metrics.contacts import BEYOND
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.table import label_of
 from vve_sumo.report.formatting import NONE, SPACE, count, figure, short
-from vve_sumo.report.tables import Cell, Column, Row, Table, head_of
+from vve_sumo.report.tables import Cell, Column, ReportTable, Row, head_of
 
 #: combinations that the page shows at most
 MAX_ROWS = 200
@@ -90,19 +90,19 @@ def _contact(case: SearchResult) -> str:
     return f"a contact at {figure('impact_speed_mps', case.get('impact_speed_mps'))}"
 
 
-def table_of(result: SearchResult, units: Units) -> Table:
+def table_of(result: SearchResult, units: Units) -> ReportTable:
     """Return the result as a table; `units` are those of the parameters."""
     return _boundaries(result, units) if result["search"] == "boundary" else _worst_case(result, units)
 
 
-def _boundaries(result: SearchResult, units: Units) -> Table:
+def _boundaries(result: SearchResult, units: Units) -> ReportTable:
     lines: Sequence[SearchResult] = result["boundaries"]
     names = list(dict.fromkeys(name for line in lines for name in line["values"]))
     ends = (f"{head_of(result['along'], units)}, last met", "first not met", "first not met by the single seeds")
     heads = [*(head_of(name, units) for name in names), *ends]
     columns = [*(Column(head, True) for head in heads), Column("a run that fails")]
     rows = [row for line in lines for row in _boundary(line, names)]
-    return Table("boundaries", columns, rows[:MAX_ROWS], len(rows))
+    return ReportTable("boundaries", columns, rows[:MAX_ROWS], len(rows))
 
 
 def _boundary(line: SearchResult, names: Sequence[str]) -> list[Row]:
@@ -117,7 +117,7 @@ def _boundary(line: SearchResult, names: Sequence[str]) -> list[Row]:
     return [[*values, short(flip["meets"]), short(flip["fails"]), seeds, key] for flip in line["flips"]]
 
 
-def _worst_case(result: SearchResult, units: Units) -> Table:
+def _worst_case(result: SearchResult, units: Units) -> ReportTable:
     case, goal = result["worst"], result[_goal(result)]
     rows: list[Row] = []
     if case:
@@ -128,4 +128,4 @@ def _worst_case(result: SearchResult, units: Units) -> Table:
             ("passed", "yes" if case["passed"] else f"no: {case['failed']}"),
             ("key", Cell(case["key"], kind="code")),
         ]
-    return Table("worst case", ("what", "worst case"), rows)
+    return ReportTable("worst case", ("what", "worst case"), rows)

@@ -12,7 +12,7 @@ from typing import Any
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.report import formatting
 from vve_sumo.report.formatting import NONE, flatten, number, short
-from vve_sumo.report.tables import Cell, Column, Table, named
+from vve_sumo.report.tables import Cell, Column, ReportTable, named
 
 #: settings that a reader looks for first
 MAIN: dict[str, str] = {
@@ -32,7 +32,7 @@ ELSEWHERE = frozenset({"title", "description", "criteria", "parameters", "seed"}
 
 def main_settings(
     scenario: Mapping[str, Any], live: bool, more: Sequence[tuple[str, str]], varied: Collection[str] = ()
-) -> Table:
+) -> ReportTable:
     """Return the settings that matter most, `more` before them; those that a sweep `varied` are marked so.
 
     Settings of the simulated vehicle are left out of a `live` drive, whose rig says what its car is.
@@ -42,13 +42,13 @@ def main_settings(
     rows = [*more, *((name, _value(key, values[key], varied)) for key, name in shown)]
     if others := _others(scenario):
         rows.append(("on the road", others))
-    return Table("main settings", ("what", "value"), rows)
+    return ReportTable("main settings", ("what", "value"), rows)
 
 
-def every_setting(scenario: Mapping[str, Any], varied: Collection[str] = ()) -> Table:
+def every_setting(scenario: Mapping[str, Any], varied: Collection[str] = ()) -> ReportTable:
     """Return all settings; those that a sweep `varied` are marked so."""
     rows = [(Cell(key, kind="code"), _value(key, value, varied)) for key, value in _values(scenario).items()]
-    return Table("settings", ("key", "value"), rows)
+    return ReportTable("settings", ("key", "value"), rows)
 
 
 def varied_keys(scenario: Mapping[str, Any], parameters: Collection[str]) -> set[str]:
@@ -79,7 +79,7 @@ def _others(scenario: Mapping[str, Any]) -> str:
     return ", ".join(str(one.get("id", "")) for one in others if isinstance(one, Mapping))
 
 
-def parameters(scenario: Mapping[str, Any]) -> Table:
+def parameters(scenario: Mapping[str, Any]) -> ReportTable:
     """Return the parameters that a scenario declares, with their values."""
     values = dict(flatten(scenario))
     rows = []
@@ -87,10 +87,10 @@ def parameters(scenario: Mapping[str, Any]) -> Table:
         keys = declared.get("sets") or ()
         value = next((formatting.setting(key, values[key]) for key in keys if key in values), NONE)
         rows.append((Cell(name, str(declared.get("meaning") or ""), "code"), value, ", ".join(keys)))
-    return Table("parameters", ("parameter", Column("value", True), "sets"), rows)
+    return ReportTable("parameters", ("parameter", Column("value", True), "sets"), rows)
 
 
-def criteria(wanted: Mapping[str, Any], figures: Mapping[str, Any], judged: bool) -> Table:
+def criteria(wanted: Mapping[str, Any], figures: Mapping[str, Any], judged: bool) -> ReportTable:
     """Return the criteria: what was found, what each asks, and whether that meets it.
 
     `figures` hold `failed`, the lines of what was not met, where the drive was judged.
@@ -101,7 +101,7 @@ def criteria(wanted: Mapping[str, Any], figures: Mapping[str, Any], judged: bool
         for key, want in wanted.items()
         if want is not None
     ]
-    return Table("criteria", ("criterion", "found", "asked", "met"), rows)
+    return ReportTable("criteria", ("criterion", "found", "asked", "met"), rows)
 
 
 def _reached(key: str, value: object) -> str:

@@ -20,7 +20,7 @@ from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.stopping import AT_REST
 from vve_sumo.metrics.table import label_of
 from vve_sumo.report.formatting import count, integer, number
-from vve_sumo.report.tables import Cell, Column, Row, Table
+from vve_sumo.report.tables import Cell, Column, ReportTable, Row
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -57,7 +57,7 @@ def _hunting(run: Run) -> Cell | None:
     return Cell(text, kind="no")
 
 
-def _split(braking: Stop) -> Table:
+def _split(braking: Stop) -> ReportTable:
     parts = {
         "reaction": (braking.reaction, "until the car's deceleration begins to rise"),
         "build-up": (braking.build_up, "until it has risen"),
@@ -66,12 +66,12 @@ def _split(braking: Stop) -> Table:
     rows = [(Cell(name, text), number(part.duration), number(part.distance)) for name, (part, text) in parts.items()]
     time, distance = (sum(part[which] for part, _ in parts.values()) for which in (0, 1))
     rows.append((Cell("together", "from the first command to rest"), number(time), number(distance)))
-    return Table(
+    return ReportTable(
         "the stop split into its parts", ("part", Column("time [s]", True), Column("distance [m]", True)), rows
     )
 
 
-def _comfort(run: Run, braking: Stop) -> Table:
+def _comfort(run: Run, braking: Stop) -> ReportTable:
     felt = comfort(run, braking)
     figures = {
         label_of("mfdd_mps2"): (braking.mfdd, unit_of("mfdd_mps2")),
@@ -80,7 +80,7 @@ def _comfort(run: Run, braking: Stop) -> Table:
         f"{label_of('rms_jerk_mps3')} of the stop": (felt.rms_jerk_mps3, unit_of("_mps3")),
     }
     rows = [(name, number(value, unit)) for name, (value, unit) in figures.items()]
-    return Table("comfort of the stop", ("figure", Column("value", True)), rows)
+    return ReportTable("comfort of the stop", ("figure", Column("value", True)), rows)
 
 
 def bound_check(run: Run) -> dict[str, object]:
@@ -103,7 +103,7 @@ def bound_check(run: Run) -> dict[str, object]:
         *((f"… for {name}", number(term, "m")) for name, term in _terms(check).items()),
     ]
     return {
-        "bound_check": Table("stopping-bound check", ("what", Column("value", True)), rows),
+        "bound_check": ReportTable("stopping-bound check", ("what", Column("value", True)), rows),
         "distance": _distance(check),
         "answer": _answer(check),
         "answers": _answers(check),
@@ -149,7 +149,7 @@ def _answer(check: StoppingBoundCheck) -> Cell:
     return Cell(f"{text}; {number(1000.0 * LATE, 'ms', 0)} are tolerated.", kind="no" if late else "")
 
 
-def _answers(check: StoppingBoundCheck) -> Table:
+def _answers(check: StoppingBoundCheck) -> ReportTable:
     declared = (check.brake_delay, check.brake_lag, check.brake_delay + check.brake_lag)
     names = ("reaction: dead time", "build-up: lag", "together")
     rows = [
@@ -157,7 +157,7 @@ def _answers(check: StoppingBoundCheck) -> Table:
         for name, part, wanted in zip(names, check.answer, declared, strict=True)
     ]
     columns = ("part", Column("measured [ms]", True), Column("between [ms]", True), Column("declared [ms]", True))
-    return Table("how the brakes answered", columns, [] if math.isnan(check.answer.together.value) else rows)
+    return ReportTable("how the brakes answered", columns, [] if math.isnan(check.answer.together.value) else rows)
 
 
 def _ms(time: float) -> str:
@@ -185,5 +185,5 @@ def bound_checks(rows: pd.DataFrame) -> dict[str, object]:
     columns: tuple[Column | str, ...] = ("run", *(Column(head, True) for head in heads))
     return {
         "bound_checks": Cell(text, kind="" if broken.empty and not hunting else "no"),
-        "broken_bounds": Table("runs that broke their bound", columns, lines, len(broken)),
+        "broken_bounds": ReportTable("runs that broke their bound", columns, lines, len(broken)),
     }

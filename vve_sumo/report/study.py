@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.latency_margin import DELAY, NOISE, LatencyMargin, latency_margin_of
-from vve_sumo.report.picture import Picture, picture_of
+from vve_sumo.report.picture import DrawnPlot, picture_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,7 +45,7 @@ def in_ms(table: pd.DataFrame) -> pd.DataFrame:
     return shown
 
 
-def picture(margin: LatencyMargin) -> Picture:
+def picture(margin: LatencyMargin) -> DrawnPlot:
     """Return the plot of a latency margin."""
     from vve_sumo import plotting
 

@@ -18,11 +18,11 @@ from vve_sumo.drive.plugged_in import CONTROLLER
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.report import formatting, key_figures, pictures, runs, search_results, settings, stops, study
 from vve_sumo.report.formatting import count, integer, number, share, short
-from vve_sumo.report.page import Report, hashes, versions
+from vve_sumo.report.page import ReportPage, hashes, versions
 from vve_sumo.report.points import points
 from vve_sumo.report.sources import open_street_map
-from vve_sumo.report.tables import Cell, Column, Row, Table, meanings, named, of_frame
-from vve_sumo.report.verdict import Verdict, Word
+from vve_sumo.report.tables import Cell, Column, ReportTable, Row, meanings, named, of_frame
+from vve_sumo.report.verdict import ReportVerdict, Word
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,14 +31,14 @@ if TYPE_CHECKING:
 MAX_FIGURES = 5
 
 
-def report(sweep: Sweep) -> Report:
+def report(sweep: Sweep) -> ReportPage:
     """Return the report of a sweep, finished or not."""
     rows = runs.read(sweep)
     counted, margin = runs.counts(sweep, rows), study.study_of(sweep)
     drawn = (*([study.picture(margin)] if margin else []), *pictures.of_sweep(sweep, rows, _figures(sweep)))
     # Where all runs are alike in it, the map of the share that passed says nothing that the verdict does not.
     plots = sorted(drawn, key=lambda one: one.name == "map_passed" and rows["passed"].nunique() < 2)
-    return Report(
+    return ReportPage(
         template="sweep.html.j2",
         kind="Report of a study" if margin else ("Report of a search" if _search(sweep) else "Report of a sweep"),
         title=sweep.title,
@@ -56,7 +56,7 @@ def _search(sweep: Sweep) -> dict[str, Any] | None:
     return search
 
 
-def verdict(sweep: Sweep, rows: pd.DataFrame, counted: runs.Counts, margin: LatencyMargin | None) -> Verdict:
+def verdict(sweep: Sweep, rows: pd.DataFrame, counted: runs.Counts, margin: LatencyMargin | None) -> ReportVerdict:
     """Return the verdict on a sweep.
 
     It is `passed` where every run met its criteria. Where some did not, a sweep that varies nothing but the seed
@@ -67,14 +67,14 @@ def verdict(sweep: Sweep, rows: pd.DataFrame, counted: runs.Counts, margin: Late
     ends = (_driven(counted) if exploring else _judged(counted), *_extremes(rows))
     if _search(sweep) is not None:
         if sweep.found is None:
-            return Verdict("broken off", ("The search was stopped or still runs.", *ends))
-        return Verdict("explored", (search_results.sentence(sweep.found, rows.attrs.get("units", {})), *ends))
+            return ReportVerdict("broken off", ("The search was stopped or still runs.", *ends))
+        return ReportVerdict("explored", (search_results.sentence(sweep.found, rows.attrs.get("units", {})), *ends))
     if counted.finished < counted.planned:
         part = f"{integer(counted.finished)} of {count(counted.planned, 'run')} are finished"
-        return Verdict("broken off", (f"{part}: the sweep was stopped or still runs.", *ends))
+        return ReportVerdict("broken off", (f"{part}: the sweep was stopped or still runs.", *ends))
     if margin is not None:
-        return Verdict("explored", (*study.sentences(margin), *ends))
-    return Verdict(_word(counted, repeated=not sweep.parameters), ends)
+        return ReportVerdict("explored", (*study.sentences(margin), *ends))
+    return ReportVerdict(_word(counted, repeated=not sweep.parameters), ends)
 
 
 def _word(counted: runs.Counts, repeated: bool) -> Word:
@@ -140,7 +140,7 @@ def _settings(sweep: Sweep, rows: pd.DataFrame) -> dict[str, object]:
     }
 
 
-def _varied(sweep: Sweep, rows: pd.DataFrame) -> Table:
+def _varied(sweep: Sweep, rows: pd.DataFrame) -> ReportTable:
     declared = sweep.plan["table"].get("parameters") or {}
     units = rows.attrs.get("units", {})
     spec, compared = sweep.plan["spec"].get("parameters") or {}, sweep.plan["spec"].get("controllers") or []
@@ -152,7 +152,7 @@ def _varied(sweep: Sweep, rows: pd.DataFrame) -> Table:
             f"{_values(_of_controllers(compared, name) or _in_spec(spec, name))} {units.get(name) or unit_of(name)}"
         )
         lines.append((Cell(name, str(meaning), "code"), values.strip()))
-    return Table("what was varied", ("parameter", "values"), lines)
+    return ReportTable("what was varied", ("parameter", "values"), lines)
 
 
 def _of_controllers(compared: Sequence[Mapping[str, Any]], name: str) -> str:
@@ -184,7 +184,7 @@ def _values(spec: object) -> str:
     return f"between {short(spec.get('min'))} and {short(spec.get('max'))}{', logarithmic' if spec.get('log') else ''}"
 
 
-def _criteria(sweep: Sweep, rows: pd.DataFrame) -> Table:
+def _criteria(sweep: Sweep, rows: pd.DataFrame) -> ReportTable:
     stated = sweep.plan["table"].get("criteria") or {}
     varied = settings.varied_criteria(sweep.plan["table"], sweep.parameters)
     lines = []
@@ -196,7 +196,7 @@ def _criteria(sweep: Sweep, rows: pd.DataFrame) -> Table:
         wanted = "set by a parameter" if name in varied else formatting.criterion(name, stated.get(name, False))
         lines.append((named(name), result, wanted, share(good / judged) if judged else "none"))
     columns = ("criterion", Column("runs that met it", True), "asked", Column("share", True))
-    return Table("criteria", columns, lines)
+    return ReportTable("criteria", columns, lines)
 
 
 def _figures(sweep: Sweep) -> list[str]:
@@ -250,7 +250,7 @@ def _provenance(sweep: Sweep) -> dict[str, object]:
     ]
     files = [(role, digest) for role, digests in sweep.plan["files_sha256"].items() for digest in digests]
     return {
-        "provenance": Table("provenance", ("what", "value"), rows),
+        "provenance": ReportTable("provenance", ("what", "value"), rows),
         "rerun_command": f"vve-sumo sweep --rerun {shlex.quote(folder)}",
         "report_command": f"vve-sumo report {shlex.quote(folder)}",
         "spec": json.dumps(sweep.plan["spec"], indent=1, ensure_ascii=False),

@@ -42,7 +42,7 @@ Row = Sequence[Cell | str]
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class ReportTable:
     """A table; the first cell of a row is its head. One without rows is not shown."""
 
     name: str  #: read out to those who do not see the table
@@ -74,7 +74,7 @@ def named(key: str) -> Cell:
 
 def of_frame(
     frame: pd.DataFrame, name: str, first: str = "", keep: Sequence[str] = (), most: int = sys.maxsize
-) -> Table:
+) -> ReportTable:
     """Return a data frame as a table, its index as the first column under the head `first` if that is given.
 
     `keep` chooses columns, in their order; those that the frame has not are left out. `most` limits the rows.
@@ -89,7 +89,7 @@ def of_frame(
     if first:
         columns = [Column(first), *columns]
         rows = [[cell(key), *row] for key, row in zip(shown.index[:most].tolist(), rows, strict=True)]
-    return Table(name, columns, rows, len(frame))
+    return ReportTable(name, columns, rows, len(frame))
 
 
 def meanings(frame: pd.DataFrame) -> list[tuple[str, str]]:

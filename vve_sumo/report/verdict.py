@@ -26,7 +26,7 @@ SAME = 0.005
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class ReportVerdict:
     """The verdict at the top of the page."""
 
     word: Word
@@ -47,25 +47,25 @@ def figures_of(run: Run) -> dict[str, Any]:
     }
 
 
-def of_drive(run: Run, figures: Mapping[str, Any]) -> Verdict:
+def of_drive(run: Run, figures: Mapping[str, Any]) -> ReportVerdict:
     """Return the verdict on a drive; `figures` are those of `figures_of`."""
     outcome = figures.get("outcome")
     if outcome is None:
-        return Verdict("broken off", (_cut_short(run, figures), *_closest(figures)))
+        return ReportVerdict("broken off", (_cut_short(run, figures), *_closest(figures)))
     if outcome in ("broken", "interrupted"):
-        return Verdict("broken off", (_ending(run, outcome, figures), *_closest(figures)))
+        return ReportVerdict("broken off", (_ending(run, outcome, figures), *_closest(figures)))
     passed = figures.get("passed")
     word: Word = "not judged" if passed is None else ("passed" if passed else "FAILED")
     ending = _ending(run, outcome, figures)
-    return Verdict(
+    return ReportVerdict(
         word, (ending, *_hunting(figures), *_braked_for(figures, ending), *_closest(figures), *_unmet(figures))
     )
 
 
-def altered(verdict: Verdict, parts: Sequence[str]) -> Verdict:
+def altered(verdict: ReportVerdict, parts: Sequence[str]) -> ReportVerdict:
     """Return the verdict on a record of which `parts` are not as the drive left them, which makes it worth nothing."""
     warning = f"Changed since the drive: {', '.join(parts)}. The following is what the record says now."
-    return Verdict("altered", (warning, *verdict.sentences))
+    return ReportVerdict("altered", (warning, *verdict.sentences))
 
 
 def _hunting(figures: Mapping[str, Any]) -> tuple[str, ...]:

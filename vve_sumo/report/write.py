@@ -11,13 +11,13 @@ from pathlib import Path
 
 from vve_sumo.analysis.load import load
 from vve_sumo.analysis.run import Run
-from vve_sumo.report.page import Report
+from vve_sumo.report.page import ReportPage
 
 PAGE = "report.html"
 PICTURES = "report"
 
 
-def report_of(folder: Path) -> Report:
+def report_of(folder: Path) -> ReportPage:
     """Return the report of a drive's record or a sweep's dataset; writes nothing.
 
     Raises ConfigError in one line where the folder holds neither, or what cannot be read.
@@ -42,7 +42,7 @@ def write_report(folder: Path | str) -> Path:
     return save(report_of(Path(folder)), Path(folder))
 
 
-def save(report: Report, folder: Path) -> Path:
+def save(report: ReportPage, folder: Path) -> Path:
     """Write a report into a folder, the page last; return its path."""
     page = report.page().encode()
     if report.pictures:

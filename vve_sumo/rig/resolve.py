@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from vve_sumo.config_file import in_si
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, MapFrame, Mounting, local_frame
-from vve_sumo.lot.geofence import Geofence, Stop
+from vve_sumo.lot.geofence import Geofence, StopModel
 from vve_sumo.lot.polygon import Lot
 from vve_sumo.lot.turning import Turning
 from vve_sumo.physical_constants import GRAVITY
@@ -179,7 +179,7 @@ def geofence_of(rig: Rig, alignment: Alignment) -> Geofence:
     slope = math.atan(rig.lot.grade_percent / 100.0)
     grip = rig.lot.friction * GRAVITY * math.cos(slope)
     deceleration = min(limits.stop_deceleration, grip)
-    gateway = Stop(
+    gateway = StopModel(
         deceleration,
         SETPOINT_LIFETIME + NOTICED + vehicle.brake_delay + vehicle.brake_lag,
         deceleration / limits.stop_jerk,

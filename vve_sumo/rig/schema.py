@@ -17,11 +17,8 @@ from pydantic import AfterValidator, Field, create_model, model_validator
 from vve_sumo.config_file import Bitrate, Finite, Name, NotNegative, Positive, Short, Table
 from vve_sumo.pose.receivers.port import ReceiverTable
 from vve_sumo.pose.receivers.udp import Address, NetworkPort, Sender
-from vve_sumo.scenario.schema import DEFAULT_VEHICLE, Weather
-from vve_sumo.scenario.schema import Car as TrueCar
-from vve_sumo.scenario.schema import Lot as Start
-from vve_sumo.vehicle.schema import Calibration as ModelCalibration
-from vve_sumo.vehicle.schema import Declared, DriveByWire, Measured, Simulated
+from vve_sumo.scenario.schema import DEFAULT_VEHICLE, CarDifferences, StartPose, Weather
+from vve_sumo.vehicle.schema import Declared, DriveByWire, MeasuredImperfections, PedalCalibration, Simulated
 
 Date = datetime.date
 
@@ -63,7 +60,7 @@ def _only(table: Table, kind: str, keys: dict[str, tuple[str, ...]]) -> None:
             raise ValueError(f"{key} is missing, kind {kind!r} needs it")
 
 
-class Mounting(Table):
+class RigMounting(Table):
     """Where the receiver's output point sits on the car."""
 
     forward_m: Annotated[float, Field(ge=-5.0, le=8.0)] = Field(description="output point ahead of the rear axle")
@@ -74,7 +71,7 @@ class Mounting(Table):
     calibrated: Date | None = Field(default=None, description="day of the calibration")
 
 
-class Bus(Table):
+class RigBus(Table):
     """The bus that the car is commanded over."""
 
     interface: Name = Field(description="python-can's: `socketcan`, `pcan`, `kvaser`, `slcan`, …")
@@ -84,13 +81,13 @@ class Bus(Table):
     FORMER: ClassVar[Mapping[str, str]] = {"variant": "drive_by_wire.settings.variant"}
 
 
-class Vehicle(Declared):
+class RigVehicle(Declared):
     """The car: a vehicle model, and what was measured of this car in place of the model's numbers."""
 
     model: Name = Field(default=DEFAULT_VEHICLE, description="vehicle model: a name under vehicles/ or a file")
 
 
-class Calibration(ModelCalibration):
+class RigCalibration(PedalCalibration):
     """What was measured of the car's pedals and steering in place of the model's numbers."""
 
     date: Date | None = Field(default=None, description="day of the calibration")
@@ -99,7 +96,7 @@ class Calibration(ModelCalibration):
     )
 
 
-class Limits(Table):
+class RigLimits(Table):
     """What the gateway keeps to, where it differs from its defaults, and the lot's speed limit."""
 
     speed_mps: Annotated[float, Field(gt=0.0, le=40.0)] = Field(
@@ -122,7 +119,7 @@ class Limits(Table):
     critical_jerk_mps3: Jerk | None = Field(default=None, description="with which it sets in")
 
 
-class Lot(Table):
+class RigLot(Table):
     """The ground that the car may cover, as surveyed."""
 
     surveyed: Date = Field(description="day of the survey; an unsurveyed lot is refused")
@@ -143,7 +140,7 @@ class Lot(Table):
     )
 
 
-class Alignment(Table):
+class RigAlignment(Table):
     """How the lot lies on the virtual road."""
 
     kind: Literal["matched_start", "stored", "surveyed_pairs"] = Field(
@@ -229,7 +226,7 @@ class Operator(Table):
     )
 
 
-class View(Table):
+class RigView(Table):
     """The page that `--view` serves to browsers."""
 
     address: Address = Field(
@@ -298,7 +295,7 @@ PtyLink = Annotated[str, AfterValidator(_pty_link)]
 Place = Annotated[str, AfterValidator(_place)]
 
 
-class Output(Table):
+class RigOutput(Table):
     """An outgoing wire: what a virtual sensor says, for a control computer of somebody else's."""
 
     kind: Literal["ncom", "nmea", "radar", "esr", "ars408", "osi_view", "osi_data", "stop"] = Field(
@@ -379,7 +376,7 @@ class Brain(Table):
         return self
 
 
-class CarStart(Start, TrueCar):
+class CarStart(StartPose, CarDifferences):
     """The simulated vehicle: where it stands and how it differs from what the rig declares."""
 
     channel: Name | None = Field(
@@ -392,7 +389,7 @@ class CarStart(Start, TrueCar):
     )
 
 
-class InjectedFault(Table):
+class RigFault(Table):
     """A fault that is injected into the simulated vehicle."""
 
     kind: Name = Field(description="see the fault matrix")
@@ -416,25 +413,27 @@ class Rig(Table):
     title: Name
     car: Literal["real", "simulated"] = Field(description="`real` or `simulated`")
     pose: ReceiverTable
-    mounting: Mounting
-    bus: Bus
+    mounting: RigMounting
+    bus: RigBus
     drive_by_wire: DriveByWire
-    vehicle: Vehicle
-    calibration: Calibration
+    vehicle: RigVehicle
+    calibration: RigCalibration
     simulated: Simulated
-    measured: Measured | None = Field(default=None, description="as the vehicle model's, for `car_start.fidelity`")
-    limits: Limits
-    lot: Lot
-    alignment: Alignment = Alignment()
+    measured: MeasuredImperfections | None = Field(
+        default=None, description="as the vehicle model's, for `car_start.fidelity`"
+    )
+    limits: RigLimits
+    lot: RigLot
+    alignment: RigAlignment = RigAlignment()
     watchdog_test: WatchdogTest | None = None
     latency: Latency = Latency()
     operator: Operator = Operator()
-    view: View = View()
+    view: RigView = RigView()
     others: tuple[Other, ...] = Field(default=(), strict=False)
     brain: Brain = Brain()
-    outputs: tuple[Output, ...] = Field(default=(), strict=False)
+    outputs: tuple[RigOutput, ...] = Field(default=(), strict=False)
     car_start: CarStart | None = None
-    faults: tuple[InjectedFault, ...] = Field(default=(), strict=False)
+    faults: tuple[RigFault, ...] = Field(default=(), strict=False)
 
 
 @functools.cache

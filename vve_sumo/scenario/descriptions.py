@@ -9,7 +9,7 @@ from pydantic import BaseModel
 from vve_sumo.config_file import alternatives, inside, is_table
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.table import label_of
-from vve_sumo.scenario.schema import Actor, Band, Criteria, Event, Scenario, When
+from vve_sumo.scenario.schema import Actor, ActorEvent, Criteria, CriterionBand, Scenario, When
 
 CONDITIONS = {
     "drive_s": "{:g} s into the drive",
@@ -69,7 +69,7 @@ def _facing(turned: float) -> str:
     )
 
 
-def action(event: Event) -> str:
+def action(event: ActorEvent) -> str:
     """Return what an actor does in an event."""
     said = []
     if event.speed_mps is not None:
@@ -97,14 +97,14 @@ def passes(criteria: Criteria) -> str:
     """Return what a drive must come to, in one line."""
     said = [] if criteria.outcome is None else [f"outcome {criteria.outcome}"]
     for name, wanted in criteria:
-        if isinstance(wanted, Band):
+        if isinstance(wanted, CriterionBand):
             said.append(f"{label_of(name)} {_between(wanted)} {unit_of(name)}".rstrip())
         elif isinstance(wanted, bool):
             said.append(label_of(name) if wanted else f"no {label_of(name)}")
     return ", ".join(said) or "not judged"
 
 
-def _between(band: Band) -> str:
+def _between(band: CriterionBand) -> str:
     if band.min is None:
         return f"at most {band.max:g}" if band.max is not None else "measured"
     return f"at least {band.min:g}" if band.max is None else f"{band.min:g} to {band.max:g}"

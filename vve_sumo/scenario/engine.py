@@ -14,11 +14,11 @@ from typing import Final, NamedTuple, Protocol
 
 from vve_sumo.laws import clamp
 from vve_sumo.path import ReferencePath
-from vve_sumo.scenario.schema import Actor, Event, Kind, When
+from vve_sumo.scenario.schema import Actor, ActorEvent, Kind, When
 from vve_sumo.values import ActorState, Pose, Vehicle
 
 
-class Size(NamedTuple):
+class ActorSize(NamedTuple):
     """How much ground a road user covers."""
 
     length: float  #: along the way it faces [m]
@@ -28,15 +28,15 @@ class Size(NamedTuple):
 #: Where a scenario states no size. Cars, vans, lorries, buses and motorcycles of ordinary size, as SUMO's vehicle
 #: classes have them (a van as a Sprinter or Transit). The others are about as large as the dummies that Euro NCAP
 #: tests with: a bicycle with its rider, an adult and a child in mid-stride, the stride along the way they go.
-SIZES: Final[dict[Kind, Size]] = {
-    "car": Size(4.5, 1.8),
-    "van": Size(5.9, 2.0),
-    "truck": Size(7.1, 2.4),
-    "bus": Size(12.0, 2.5),
-    "motorcycle": Size(2.2, 0.9),
-    "bicycle": Size(1.9, 0.6),
-    "pedestrian": Size(0.6, 0.5),
-    "child": Size(0.5, 0.35),
+SIZES: Final[dict[Kind, ActorSize]] = {
+    "car": ActorSize(4.5, 1.8),
+    "van": ActorSize(5.9, 2.0),
+    "truck": ActorSize(7.1, 2.4),
+    "bus": ActorSize(12.0, 2.5),
+    "motorcycle": ActorSize(2.2, 0.9),
+    "bicycle": ActorSize(1.9, 0.6),
+    "pedestrian": ActorSize(0.6, 0.5),
+    "child": ActorSize(0.5, 0.35),
 }
 
 #: Acceleration of people who set off or stop on foot [m/s2], where a scenario states none and asks for measured ones:
@@ -63,7 +63,7 @@ STALE: Final = 0.5
 NEVER: Final = -math.inf
 
 
-class Course(Protocol):
+class ActorProgress(Protocol):
     """How far and how fast, from the moment it began."""
 
     def at(self, time: float) -> tuple[float, float]:
@@ -114,7 +114,7 @@ class SpeedChange:
         return distance, min(max(speed + rate * rest, low), high)
 
 
-class Recording:
+class RecordedSpeed:
     """A recorded speed, straight between its rows, from its first row on; its last speed holds."""
 
     def __init__(self, times: Sequence[float], speeds: Sequence[float]) -> None:
@@ -157,7 +157,7 @@ class Sidestep(NamedTuple):
         ), 30.0 * way * p * p * rest * rest / self.over
 
 
-class Line(Protocol):
+class ActorLine(Protocol):
     """The line that an actor moves along or beside."""
 
     @property
@@ -236,7 +236,7 @@ class Straight:
         return x, self._y + self._gone * self._sin + offset * self._cos, self._heading, 1.0
 
 
-class Ego(NamedTuple):
+class EgoMotion(NamedTuple):
     """What the triggers know of the ego."""
 
     station: float  #: of its front bumper on its path [m]
@@ -244,7 +244,7 @@ class Ego(NamedTuple):
     length: float  #: [m]
 
 
-class Between(NamedTuple):
+class RoomBetween(NamedTuple):
     """What lies between the ego and an actor, along the ego's path."""
 
     centre: float  #: from the ego's front bumper forward to the actor's centre [m]
@@ -257,7 +257,7 @@ def far(when: When) -> bool:
     return when.ego_within_m is not None or when.ttc_s is not None or when.ego_arrives_in_s is not None
 
 
-def fires(when: When, now: float, since: float, ego: Ego | None, between: Between | None) -> bool:
+def fires(when: When, now: float, since: float, ego: EgoMotion | None, between: RoomBetween | None) -> bool:
     """Return whether every condition that a trigger states holds.
 
     `now` is the drive's time, `since` the time that `after_s` counts from [s]; `ego` and `between` are None where
@@ -276,7 +276,7 @@ def fires(when: When, now: float, since: float, ego: Ego | None, between: Betwee
     return ego is not None and between is not None and _near(when, ego, between)
 
 
-def _near(when: When, ego: Ego, between: Between) -> bool:
+def _near(when: When, ego: EgoMotion, between: RoomBetween) -> bool:
     if when.ego_within_m is not None and not between.gap <= when.ego_within_m:
         return False
     if when.ttc_s is not None and not (between.closing > 0.0 and between.gap <= when.ttc_s * between.closing):
@@ -289,7 +289,7 @@ class ActorController:
     """One actor: it waits, enters, goes through its events, and leaves."""
 
     def __init__(
-        self, actor: Actor, ego_path: ReferencePath, path: ReferencePath, recordings: Mapping[str, Recording]
+        self, actor: Actor, ego_path: ReferencePath, path: ReferencePath, recordings: Mapping[str, RecordedSpeed]
     ) -> None:
         """`path` is the actor's own, or the ego's again; `recordings` are found by the names that its events use."""
         self._actor, self._ego_path, self._path, self._recordings = actor, ego_path, path, recordings
@@ -300,12 +300,12 @@ class ActorController:
         self._along = abs(actor.turned_deg) in (0.0, 180.0)
         walks = actor.fidelity == "measured" and actor.kind in ON_FOOT
         self._acceleration = WALKING_ACCELERATION if walks else math.inf
-        self._line: Line | None = None
+        self._line: ActorLine | None = None
         self._offset, self._rate, self._speed = 0.0, 0.0, actor.speed_mps
-        self._course: Course = SpeedChange(actor.speed_mps, actor.speed_mps)
+        self._course: ActorProgress = SpeedChange(actor.speed_mps, actor.speed_mps)
         self._side = Sidestep(0.0, 0.0)
         self._course_began = self._side_began = self._begun = self._covered = 0.0
-        self._waiting: list[Event] = list(reversed(actor.events))
+        self._waiting: list[ActorEvent] = list(reversed(actor.events))
         self._looked = (0.0, -math.inf)  # station on the ego's path, and when
         self.gone = False  #: whether it left for good
 
@@ -314,7 +314,7 @@ class ActorController:
         """How many of its events it has begun; -1 before it entered."""
         return -1 if self._line is None else len(self._actor.events) - len(self._waiting)
 
-    def step(self, now: float, ego: Ego | None) -> ActorState | None:
+    def step(self, now: float, ego: EgoMotion | None) -> ActorState | None:
         """Advance to a time [s] of the drive and return the actor; None while it is not on the street."""
         if self._line is None:
             self._enter(now, ego)
@@ -330,7 +330,7 @@ class ActorController:
             self._begin(event, now)
         return self._player(self._line)
 
-    def _enter(self, now: float, ego: Ego | None) -> None:
+    def _enter(self, now: float, ego: EgoMotion | None) -> None:
         when = self._actor.enters
         if not far(when) and not fires(when, now, 0.0, ego, None):
             return
@@ -340,7 +340,7 @@ class ActorController:
         self._line, self.gone = line, line.over
         self._begun = self._course_began = self._side_began = now
 
-    def _entrance(self, ego: Ego | None) -> Line | None:
+    def _entrance(self, ego: EgoMotion | None) -> ActorLine | None:
         """The line that it would move along if it entered now; its offset and its state are those of its entry."""
         actor = self._actor
         if actor.at_m is not None:
@@ -359,7 +359,7 @@ class ActorController:
         self._offset = 0.0
         return Straight(x, y, at.heading + self._turned)
 
-    def _move(self, now: float, line: Line) -> None:
+    def _move(self, now: float, line: ActorLine) -> None:
         covered, self._speed = self._course.at(now - self._course_began)
         before = self._offset
         self._offset, self._rate = self._side.at(now - self._side_began)
@@ -367,7 +367,7 @@ class ActorController:
         self._covered = covered
         self.gone = line.over
 
-    def _begin(self, event: Event, now: float) -> None:
+    def _begin(self, event: ActorEvent, now: float) -> None:
         self._begun = now
         if event.speed_mps is not None:
             rate = self._acceleration if event.acceleration_mps2 is None else event.acceleration_mps2
@@ -378,15 +378,15 @@ class ActorController:
             self._side, self._side_began = Sidestep(self._offset, event.offset_m, event.over_s or 0.0), now
             self._offset, self._rate = self._side.at(0.0)
 
-    def _take(self, course: Course, now: float) -> None:
+    def _take(self, course: ActorProgress, now: float) -> None:
         self._course, self._course_began = course, now
         self._covered, self._speed = course.at(0.0)
 
-    def _due(self, when: When, now: float, since: float, ego: Ego | None, line: Line) -> bool:
+    def _due(self, when: When, now: float, since: float, ego: EgoMotion | None, line: ActorLine) -> bool:
         between = self._between(now, ego, line) if ego is not None and far(when) else None
         return fires(when, now, since, ego, between)
 
-    def _between(self, now: float, ego: Ego, line: Line) -> Between:
+    def _between(self, now: float, ego: EgoMotion, line: ActorLine) -> RoomBetween:
         x, y, heading, _ = line.spot(self._offset)
         if isinstance(line, AlongPath) and self._path is self._ego_path:
             station, angle = line.station, self._turned
@@ -399,14 +399,14 @@ class ActorController:
         centre = station - ego.station
         ahead, behind = centre - half, -centre - half - ego.length
         if ahead > 0.0:
-            return Between(centre, ahead, ego.speed - along)
-        return Between(centre, behind, along - ego.speed) if behind > 0.0 else Between(centre, 0.0, NEVER)
+            return RoomBetween(centre, ahead, ego.speed - along)
+        return RoomBetween(centre, behind, along - ego.speed) if behind > 0.0 else RoomBetween(centre, 0.0, NEVER)
 
     def _half(self, angle: float) -> float:
         """Half of what the box covers of a line that it stands at an angle [rad] to [m]."""
         return 0.5 * (self._length * abs(math.cos(angle)) + self._width * abs(math.sin(angle)))
 
-    def _player(self, line: Line) -> ActorState:
+    def _player(self, line: ActorLine) -> ActorState:
         x, y, heading, side = line.spot(self._offset)
         turn = math.atan2(side * self._rate, max(self._speed, TURNING_SPEED)) if self._rate != 0.0 else 0.0
         speed = self._speed * math.cos(turn) + side * self._rate * math.sin(turn)
@@ -430,7 +430,7 @@ class ScenarioEngine:
         `path` is the ego's; `lines` and `recordings` (times [s], speeds [m/s]) are what the actors' names of paths
         and recorded speeds mean. Stations lie on their paths, sizes and times are as the schema allows.
         """
-        courses = {name: Recording(*columns) for name, columns in recordings.items()}
+        courses = {name: RecordedSpeed(*columns) for name, columns in recordings.items()}
         self._parts = [
             ActorController(one, path, path if one.path is None else lines[one.path], courses) for one in actors
         ]
@@ -458,8 +458,8 @@ class ScenarioEngine:
         self._players = tuple(player for player in stepped if player is not None)
         return self._players
 
-    def _ego(self, pose: Pose | None) -> Ego | None:
+    def _ego(self, pose: Pose | None) -> EgoMotion | None:
         if pose is None or not all(map(math.isfinite, (pose.x, pose.y, pose.speed))):
             return None
         self._station = self._path.project(pose.x, pose.y, self._station).s
-        return Ego(self._station, pose.speed, self._vehicle.length)
+        return EgoMotion(self._station, pose.speed, self._vehicle.length)

@@ -30,7 +30,7 @@ class Road(Table):
     )
 
 
-class Lot(Table):
+class StartPose(Table):
     """Where the real car stands at the start; the place that is joined to the start of the path."""
 
     latitude_deg: Annotated[float, Field(ge=-85.0, le=85.0)] = Field(description="rear axle, WGS84")
@@ -38,7 +38,7 @@ class Lot(Table):
     heading_deg: Annotated[float, Field(ge=0.0, lt=360.0)] = Field(description="clockwise from true north")
 
 
-class Car(Table):
+class CarDifferences(Table):
     """How the simulated vehicle differs from the car that is declared."""
 
     fidelity: Literal["ideal", "measured"] | None = Field(
@@ -69,7 +69,7 @@ class Car(Table):
     )
 
 
-class Ego(Table):
+class EgoSettings(Table):
     """What the ego drives and how fast."""
 
     vehicle: Name = Field(
@@ -83,8 +83,8 @@ class Ego(Table):
     speed_margin_mps: Positive = Field(
         default=2.0, description="a car faster than its speed by more than this is stopped"
     )
-    lot: Lot
-    car: Car = Car()
+    lot: StartPose
+    car: CarDifferences = CarDifferences()
 
 
 class Control(Table):
@@ -94,7 +94,7 @@ class Control(Table):
     tuning: dict[str, bool | Finite | int | str] = Field(default={}, description="handed to make(vehicle, tuning)")
 
 
-class Obstacle(Table):
+class ParkedObstacle(Table):
     """A parked vehicle on the ego's path."""
 
     id: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
@@ -133,7 +133,7 @@ class When(Table):
     ego_speed_mps: NotNegative | None = Field(default=None, description="the ego is at least so fast")
 
 
-class Event(Table):
+class ActorEvent(Table):
     """What an actor does once its trigger fires. Events are in order: each waits for the one before it to begin."""
 
     when: When = When()
@@ -202,7 +202,7 @@ class Actor(Table):
         "change theirs, where its kind walks",
     )
     enters: When = Field(default=When(), description="it is on the street from then on; left out: from the start")
-    events: tuple[Event, ...] = Field(default=(), strict=False)
+    events: tuple[ActorEvent, ...] = Field(default=(), strict=False)
 
     @model_validator(mode="after")
     def _placed_once(self) -> Self:
@@ -218,7 +218,7 @@ def _ordered(least: float | None, greatest: float | None) -> None:
         raise ValueError(f"least {least:g} is above greatest {greatest:g}")
 
 
-class Band(Table):
+class CriterionBand(Table):
     """An interval that a figure of the drive must lie in; either side may be open."""
 
     min: Finite | None = None
@@ -230,7 +230,7 @@ class Band(Table):
         return self
 
 
-class Judged(Table):
+class PassCriteria(Table):
     """What makes the drive pass; a criterion that is left out is not judged."""
 
     outcome: Literal["stopped", "arrived", "completed", "fault"] | None = Field(
@@ -240,18 +240,18 @@ class Judged(Table):
 
 def _criterion(metric: Metric) -> tuple[Any, Any]:
     """Return type and default of a metric as a criterion; contact alone is judged where nothing is said of it."""
-    annotation = (bool if metric.kind == "bool" else Band) | None
+    annotation = (bool if metric.kind == "bool" else CriterionBand) | None
     return annotation, Field(default=False if metric.name == "collision" else None, description=metric.meaning)
 
 
 if TYPE_CHECKING:
-    Criteria: TypeAlias = Judged
+    Criteria: TypeAlias = PassCriteria
 else:
     #: the end of a drive, and every metric of a drive that may be a criterion
     Criteria = create_model(
         "Criteria",
-        __base__=Judged,
-        __doc__=Judged.__doc__,
+        __base__=PassCriteria,
+        __doc__=PassCriteria.__doc__,
         **{name: _criterion(metric) for name, metric in PER_DRIVE.items() if metric.criterion},
     )
 
@@ -268,7 +268,7 @@ class EndTrigger(Table):
     ttc_s: Positive | None = Field(default=None, description="the time to collision has fallen below this")
 
 
-class Sensor(Table):
+class SensorSettings(Table):
     """A virtual sensor beside the radar of `[radar]`."""
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")] = Field(
@@ -320,12 +320,12 @@ class Scenario(Table):
         description="the drive is over when the car has been at rest this long; behind traffic a rest does not count",
     )
     road: Road
-    ego: Ego
+    ego: EgoSettings
     radar: RadarSettings = RadarSettings()
-    sensors: tuple[Sensor, ...] = Field(default=(), strict=False)
+    sensors: tuple[SensorSettings, ...] = Field(default=(), strict=False)
     controller: Control = Control()
     weather: Weather = Weather()
-    obstacles: tuple[Obstacle, ...] = Field(default=(), strict=False)
+    obstacles: tuple[ParkedObstacle, ...] = Field(default=(), strict=False)
     actors: tuple[Actor, ...] = Field(default=(), strict=False)
     criteria: Criteria = Criteria()
     end_trigger: EndTrigger = EndTrigger()

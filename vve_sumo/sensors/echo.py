@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from vve_sumo.sensors.visibility import Box, Sector, Sight, nearest_visible
+from vve_sumo.sensors.visibility import AntennaBox, Sector, Sight, nearest_visible
 from vve_sumo.values import Actors, Point, Pose, Vehicle
 
 _COLUMNS = ("x", "y", "heading", "length", "width", "speed", "lateral_speed", "radar_cross_section")
@@ -76,7 +76,7 @@ def echoes(antenna: Antenna, actors: Actors, sectors: Sequence[Sector]) -> tuple
 
 def _in_view(
     antenna: Antenna, actors: Actors, sectors: Sequence[Sector]
-) -> tuple[list[tuple[int, float, float, Box]], int]:
+) -> tuple[list[tuple[int, float, float, AntennaBox]], int]:
     """Row, speeds along and across, and box in the antenna's frame of every finite actor near the view.
 
     And how many actors are not finite.
@@ -85,7 +85,7 @@ def _in_view(
     cos, sin = math.cos(own_heading), math.sin(own_heading)
     slope = max(sector.slope_max for sector in sectors)
     farthest, secant = max(sector.range_max for sector in sectors), math.sqrt(1.0 + slope * slope)
-    found: list[tuple[int, float, float, Box]] = []
+    found: list[tuple[int, float, float, AntennaBox]] = []
     if not actors.ids:
         return found, 0
     refused = 0
@@ -99,12 +99,12 @@ def _in_view(
         reach = farthest + radius
         if ahead * ahead + aside * aside <= reach * reach and abs(aside) - slope * ahead <= secant * radius:
             turn = heading - own_heading
-            box = Box(ahead, aside, math.cos(turn), math.sin(turn), 0.5 * length, 0.5 * width)
+            box = AntennaBox(ahead, aside, math.cos(turn), math.sin(turn), 0.5 * length, 0.5 * width)
             found.append((row, speed, lateral, box))
     return found, refused
 
 
-def _echo(antenna: Antenna, sight: Sight, row: int, speed: float, lateral: float, box: Box) -> Echo:
+def _echo(antenna: Antenna, sight: Sight, row: int, speed: float, lateral: float, box: AntennaBox) -> Echo:
     _, x, y, sector = sight
     speed_x = speed * box.cos - lateral * box.sin - antenna.speed
     speed_y = speed * box.sin + lateral * box.cos - antenna.lateral_speed

@@ -122,7 +122,7 @@ class RadarConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class Scan:
+class RadarScan:
     """One cycle's result, with the truth that the record keeps and no controller may see."""
 
     detections: Detections  #: nearest first, dated when they were measured
@@ -175,14 +175,14 @@ class Radar:
         self._sectors = [Sector(mode.range_max, math.tan(mode.half_angle)) for mode in config.modes]
         self._period, self._latency = round(config.period * MICROSECONDS), round(config.latency * MICROSECONDS)
         self._next_due = 0
-        self._coming: deque[tuple[int, Scan]] = deque()
+        self._coming: deque[tuple[int, RadarScan]] = deque()
         self._seed = generator.bytes(32)
         self._luck: dict[str, CorrelatedNoise] = {}
         self._nothing = stream(self._seed, NO_ACTOR)
         self.output = BEFORE_FIRST_SCAN  #: the newest scan that came out
         self.refused = 0  #: rows of `Actors` that this tick's measuring left out: a value in them is not finite
 
-    def step(self, time: float, pose: Pose, actors: Actors) -> Scan | None:
+    def step(self, time: float, pose: Pose, actors: Actors) -> RadarScan | None:
         """Measure where a cycle begins, and return the scan that comes out at this tick; None where none does.
 
         A cycle begins with the first tick at or after each multiple of the period. Its scan is dated at that tick and
@@ -199,7 +199,7 @@ class Radar:
             self.output = out.detections
         return out
 
-    def _measure(self, time: float, now: int, pose: Pose, actors: Actors) -> Scan:
+    def _measure(self, time: float, now: int, pose: Pose, actors: Actors) -> RadarScan:
         antenna = antenna_at(pose, self._config.mount, self._vehicle)
         seen, self.refused = echoes(antenna, actors, self._sectors)
         found = [*self._measured(now, seen, actors), *self._false_alarms()]
@@ -249,7 +249,7 @@ def from_bumper(range_: float, azimuth: float, mount: Mount) -> tuple[float, flo
     return math.sqrt(x * x + y * y), math.atan2(y, x)
 
 
-def _scan(time: float, measured: Sequence[_Measurement]) -> Scan:
+def _scan(time: float, measured: Sequence[_Measurement]) -> RadarScan:
     ranges, azimuths, range_rates, modes, names = zip(*measured, strict=True) if measured else ((),) * 5
     detections = Detections(
         time,
@@ -261,7 +261,7 @@ def _scan(time: float, measured: Sequence[_Measurement]) -> Scan:
     # The record holds the arrays that the controller is given.
     for column in (detections.range, detections.azimuth, detections.range_rate, detections.mode):
         column.setflags(write=False)
-    return Scan(detections, names)
+    return RadarScan(detections, names)
 
 
 def _finite(pose: Pose) -> bool:

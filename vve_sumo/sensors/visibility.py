@@ -38,7 +38,7 @@ class Sector(NamedTuple):
     slope_max: float  #: tangent of the half angle, which is below 90 deg
 
 
-class Box(NamedTuple):
+class AntennaBox(NamedTuple):
     """A rectangle in the antenna's frame."""
 
     x: float  #: of the centre [m]
@@ -63,7 +63,7 @@ class _Outline:
     """How a box looks from the origin."""
 
     row: int  #: of the box
-    box: Box
+    box: AntennaBox
     front: float  #: least x of the box [m]
     back: float  #: greatest x [m]
     low: float  #: slope of the rightmost corner, or of the edge of the view
@@ -80,7 +80,7 @@ class _Outline:
 _FRONT = attrgetter("front")
 
 
-def nearest_visible(boxes: Sequence[Box], sectors: Sequence[Sector]) -> list[Sight]:
+def nearest_visible(boxes: Sequence[AntennaBox], sectors: Sequence[Sector]) -> list[Sight]:
     """Nearest point of each box that no other box hides and that one of the sectors covers, in the order of the boxes.
 
     At every direction the nearest surface wins, whether or not boxes overlap; where surfaces fall together either may.
@@ -101,7 +101,7 @@ def nearest_visible(boxes: Sequence[Box], sectors: Sequence[Sector]) -> list[Sig
     return [sight for outline in outlines if outline.seen and (sight := _sight(outline, sectors))]
 
 
-def _outline(row: int, box: Box, widest: float) -> _Outline:
+def _outline(row: int, box: AntennaBox, widest: float) -> _Outline:
     x, y, cos, sin, half_length, half_width = box
     ahead = _beyond(x * cos + y * sin, half_length)
     aside = _beyond(y * cos - x * sin, half_width)

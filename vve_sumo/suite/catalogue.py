@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.suite import euroncap, fmvss127, fmvss127_pedestrian, r152, r157
-from vve_sumo.suite.row import Row
+from vve_sumo.suite.row import SuiteRow
 from vve_sumo.vehicle.model import VehicleModel
 
 
@@ -18,7 +18,7 @@ class Suite(NamedTuple):
     """A suite before its rows are built."""
 
     title: str
-    rows: Callable[[VehicleModel], Iterator[Row]]
+    rows: Callable[[VehicleModel], Iterator[SuiteRow]]
 
 
 SUITES = {
@@ -39,7 +39,7 @@ def names() -> tuple[str, ...]:
     return tuple(SUITES)
 
 
-def rows(name: str, car: VehicleModel) -> list[Row]:
+def rows(name: str, car: VehicleModel) -> list[SuiteRow]:
     """Return a suite's rows for a car; raises ConfigError where there is no such suite."""
     if name not in SUITES:
         raise ConfigError(f"no suite named {name!r}; known: {', '.join(SUITES)}")

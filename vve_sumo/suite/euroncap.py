@@ -12,8 +12,8 @@ from collections.abc import Iterator
 
 from vve_sumo.suite import requirements
 from vve_sumo.suite.fmvss127 import braking_lead, braking_need, untouched
-from vve_sumo.suite.physics import Course, Need, full_braking, gap_used
-from vve_sumo.suite.row import Approach, Row
+from vve_sumo.suite.physics import BrakedMotion, Need, full_braking, gap_used
+from vve_sumo.suite.row import RequiredApproach, SuiteRow
 from vve_sumo.suite.track import KMH, TARGET, said, target
 from vve_sumo.vehicle.model import VehicleModel
 
@@ -22,7 +22,7 @@ TOLERANCE = 1.0 * KMH  #: of the test speed [m/s]; ours
 LENGTH = 4.0  #: of the target [m]; ours
 
 
-def rows(car: VehicleModel) -> Iterator[Row]:
+def rows(car: VehicleModel) -> Iterator[SuiteRow]:
     """Return the suite's rows."""
     overlap = min(requirements.EURO_NCAP_OVERLAPS, key=abs)
     for kmh in requirements.EURO_NCAP_CCRS:
@@ -32,7 +32,7 @@ def rows(car: VehicleModel) -> Iterator[Row]:
     yield from _braking(car)
     low, high = requirements.EURO_NCAP_CCRS_FCW[0], requirements.EURO_NCAP_CCRS_FCW[-1]
     why = "the warning is judged by a driver who brakes on it: an override hands over"
-    yield Row("CCRs_FCW", f"CCRs with warning, {low:g} to {high:g} km/h", "a warning", None, not_applicable=why)
+    yield SuiteRow("CCRs_FCW", f"CCRs with warning, {low:g} to {high:g} km/h", "a warning", None, not_applicable=why)
 
 
 def lateral_offset(overlap: float, width: float) -> float:
@@ -46,7 +46,7 @@ def lateral_offset(overlap: float, width: float) -> float:
     return math.copysign(aside, overlap)
 
 
-def closing(car: VehicleModel, kind: str, kmh: float, target_kmh: float, overlap: float) -> Row:
+def closing(car: VehicleModel, kind: str, kmh: float, target_kmh: float, overlap: float) -> SuiteRow:
     """Return the row of a `kind` of test at a speed [km/h] against a target's [km/h], at an overlap [%]."""
     speed, lead = kmh * KMH, target_kmh * KMH
     ahead = START * (speed - lead)
@@ -57,22 +57,22 @@ def closing(car: VehicleModel, kind: str, kmh: float, target_kmh: float, overlap
         "width_m": requirements.EURO_NCAP_TARGET_WIDTH,
         "length_m": LENGTH,
     }
-    id, need = f"{kind}_{kmh:g}", Need(gap_used(full_braking(car.vehicle, speed), Course(lead)), ahead)
-    approach = Approach(TARGET, speed, TOLERANCE, TOLERANCE)
+    id, need = f"{kind}_{kmh:g}", Need(gap_used(full_braking(car.vehicle, speed), BrakedMotion(lead)), ahead)
+    approach = RequiredApproach(TARGET, speed, TOLERANCE, TOLERANCE)
     return untouched(id, what, f"Euro NCAP: {what}", approach, START, [target(speed, ahead, **keys)], need)
 
 
-def _braking(car: VehicleModel) -> Iterator[Row]:
+def _braking(car: VehicleModel) -> Iterator[SuiteRow]:
     kmh = requirements.EURO_NCAP_CCRB
     speed, last = kmh * KMH, requirements.EURO_NCAP_CCRB_END * KMH
     for headway in requirements.EURO_NCAP_CCRB_HEADWAY:
         for deceleration in requirements.EURO_NCAP_CCRB_DECELERATION:
             what = f"CCRb, {kmh:g} km/h, headway {headway:g} m, -{deceleration:g} m/s2"
-            yield Row(
+            yield SuiteRow(
                 id=f"CCRb_{headway:g}m_{deceleration:g}",
                 what=what,
                 required=said(0.0),
                 scenario=braking_lead(f"Euro NCAP: {what}", speed, headway, deceleration, last),
-                approach=Approach(TARGET, speed, TOLERANCE, TOLERANCE),
+                approach=RequiredApproach(TARGET, speed, TOLERANCE, TOLERANCE),
                 need=braking_need(car, speed, headway, deceleration, last),
             )

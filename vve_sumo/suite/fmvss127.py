@@ -8,8 +8,8 @@ from typing import Any
 from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.suite import requirements
-from vve_sumo.suite.physics import Course, Need, full_braking, gap_used
-from vve_sumo.suite.row import Approach, Row
+from vve_sumo.suite.physics import BrakedMotion, Need, full_braking, gap_used
+from vve_sumo.suite.row import RequiredApproach, SuiteRow
 from vve_sumo.suite.track import (
     AEB,
     KMH,
@@ -31,7 +31,7 @@ NO_OVERRIDE = "a driver who brakes takes over: the override hands the car to him
 TOLERANCE = requirements.FMVSS_127_SPEED_TOLERANCE * KMH
 
 
-def lead_rows(car: VehicleModel) -> Iterator[Row]:
+def lead_rows(car: VehicleModel) -> Iterator[SuiteRow]:
     """Return the rows with a vehicle ahead."""
     for entry in requirements.FMVSS_127_LEAD:
         if entry.manual_brake:
@@ -39,43 +39,43 @@ def lead_rows(car: VehicleModel) -> Iterator[Row]:
             speeds = f"{low:g}" if low == high else f"{low:g} to {high:g}"
             id = f"{entry.kind}_{low:g}_manual_brake"
             what = f"lead {entry.kind}, {speeds} km/h, driver brakes"
-            yield Row(id, what, said(0.0), None, not_applicable=NO_OVERRIDE)
+            yield SuiteRow(id, what, said(0.0), None, not_applicable=NO_OVERRIDE)
         elif entry.headway is None or entry.deceleration is None:
             yield from _closing(car, entry)
         else:
             yield from _decelerating(car, entry.lead, entry.headway, entry.deceleration)
 
 
-def _closing(car: VehicleModel, entry: requirements.Lead) -> Iterator[Row]:
+def _closing(car: VehicleModel, entry: requirements.Lead) -> Iterator[SuiteRow]:
     low, high = entry.subject
     for number in range(round((high - low) / STEP) + 1):
         kmh = low + number * STEP
         speed, lead = kmh * KMH, entry.lead * KMH
         ahead = requirements.FMVSS_127_START * (speed - lead)
         what = f"lead {entry.kind}, {kmh:g} km/h" + (f" against {entry.lead:g}" if lead else "")
-        need = Need(gap_used(full_braking(car.vehicle, speed), Course(lead)), ahead)
+        need = Need(gap_used(full_braking(car.vehicle, speed), BrakedMotion(lead)), ahead)
         actors = [target(speed, ahead, speed_mps=lead)]
         id, start = f"{entry.kind}_{kmh:g}", requirements.FMVSS_127_START
         yield untouched(id, what, f"FMVSS 127: {what}", steady(speed), start, actors, need)
 
 
-def steady(speed: float) -> Approach:
+def steady(speed: float) -> RequiredApproach:
     """Return the approach at `speed` [m/s] that the standard wants."""
-    return Approach(TARGET, speed, TOLERANCE, TOLERANCE)
+    return RequiredApproach(TARGET, speed, TOLERANCE, TOLERANCE)
 
 
 def untouched(
     id: str,
     what: str,
     title: str,
-    approach: Approach,
+    approach: RequiredApproach,
     start: float,
     actors: list[dict[str, Any]],
     need: Need,
     end_trigger: dict[str, Any] | None = None,
-) -> Row:
+) -> SuiteRow:
     """Return a row that allows no contact: emergency braking alone, `start` [s] from the target."""
-    return Row(
+    return SuiteRow(
         id=id,
         what=what,
         required=said(0.0),
@@ -95,12 +95,12 @@ def untouched(
 
 def _decelerating(
     car: VehicleModel, kmh: float, headways: tuple[float, ...], decelerations: tuple[float, ...]
-) -> Iterator[Row]:
+) -> Iterator[SuiteRow]:
     speed = kmh * KMH
     for headway in headways:
         for share in decelerations:
             what = f"lead decelerating at {share:g} g, {kmh:g} km/h, headway {headway:g} m"
-            yield Row(
+            yield SuiteRow(
                 id=f"decelerating_{kmh:g}_{headway:g}m_{share:g}g",
                 what=what,
                 required=said(0.0),
@@ -126,11 +126,11 @@ def braking_lead(title: str, speed: float, headway: float, deceleration: float, 
 
 def braking_need(car: VehicleModel, speed: float, headway: float, deceleration: float, last: float) -> Need:
     """Return what `braking_lead` demands; to see the car ahead brake takes the time of a detection."""
-    lead = Course(speed, deceleration, build_up=RAMP, last_speed=last)
+    lead = BrakedMotion(speed, deceleration, build_up=RAMP, last_speed=last)
     return Need(gap_used(full_braking(car.vehicle, speed), lead), headway)
 
 
-def pass_through_rows(_car: VehicleModel) -> Iterator[Row]:
+def pass_through_rows(_car: VehicleModel) -> Iterator[SuiteRow]:
     """Return the rows of the tests for false activation."""
     speed, limit = requirements.FMVSS_127_PASS_SPEED * KMH, requirements.FMVSS_127_FALSE_ACTIVATION * GRAVITY
     ahead = requirements.FMVSS_127_START * speed
@@ -142,7 +142,7 @@ def pass_through_rows(_car: VehicleModel) -> Iterator[Row]:
         ("whole", "the whole controller", {}, speed),
     )
     for id, what, tuning, below in drivers:
-        yield Row(
+        yield SuiteRow(
             id=f"between_two_cars_{id}",
             what=f"between two cars {requirements.FMVSS_127_PASS_GAP:g} m apart, 80 km/h, {what}",
             required=required,
@@ -155,7 +155,7 @@ def pass_through_rows(_car: VehicleModel) -> Iterator[Row]:
                 criteria={"max_deceleration_mps2": {"max": limit}},
                 end_trigger=gone_by(speed, ahead),
             ),
-            approach=Approach(TARGET, speed, below, TOLERANCE),
+            approach=RequiredApproach(TARGET, speed, below, TOLERANCE),
         )
     plate = "the radar is geometric: it sees boxes of road users, and a plate in the road is none"
-    yield Row("steel_plate", "over a steel plate in the road, 80 km/h", required, None, not_applicable=plate)
+    yield SuiteRow("steel_plate", "over a steel plate in the road, 80 km/h", required, None, not_applicable=plate)

@@ -8,8 +8,8 @@ from typing import Any
 from vve_sumo.scenario.engine import SIZES
 from vve_sumo.suite import requirements
 from vve_sumo.suite.fmvss127 import STEP, steady, untouched
-from vve_sumo.suite.physics import Course, Need, full_braking, gap_used, seen_past
-from vve_sumo.suite.row import Row
+from vve_sumo.suite.physics import BrakedMotion, Need, full_braking, gap_used, seen_past
+from vve_sumo.suite.row import SuiteRow
 from vve_sumo.suite.track import KMH, WIDTH, gone_by, said, target
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.model import VehicleModel
@@ -18,14 +18,14 @@ PARKED_LENGTH = 4.5  #: of the cars that hide a pedestrian [m]
 DARK = "the radar is geometric: it knows no light, the rows above stand for darkness too"
 
 
-def rows(car: VehicleModel) -> Iterator[Row]:
+def rows(car: VehicleModel) -> Iterator[SuiteRow]:
     """Return the suite's rows."""
     for walk in requirements.FMVSS_127_WALKS:
         for kmh in speeds(walk.subject):
             yield (_crossing if walk.kind == "crossing" else _on_the_way)(car.vehicle, walk, kmh)
     for beam in ("lower", "upper"):
         what = f"every row in darkness, {beam} beam"
-        yield Row(f"dark_{beam}_beam", what, said(0.0), None, not_applicable=DARK)
+        yield SuiteRow(f"dark_{beam}_beam", what, said(0.0), None, not_applicable=DARK)
 
 
 def speeds(ends: tuple[float, float]) -> list[float]:
@@ -35,7 +35,7 @@ def speeds(ends: tuple[float, float]) -> list[float]:
     return steps if steps[-1] == high else [*steps, high]
 
 
-def _crossing(car: Vehicle, walk: requirements.Walk, kmh: float) -> Row:
+def _crossing(car: Vehicle, walk: requirements.Walk, kmh: float) -> SuiteRow:
     """Return the row of one who waits at the kerb, and sets out so that the car would hit him at the overlap."""
     speed, pace, kerb = kmh * KMH, walk.speed * KMH, requirements.KERBS[walk.side]
     ahead = requirements.FMVSS_127_WALK_START * speed
@@ -64,7 +64,7 @@ def _crossing(car: Vehicle, walk: requirements.Walk, kmh: float) -> Row:
     return _row(walk, kmh, [actor, *parked], Need(_needed(car, speed, 0.0), there), gone_by(speed, ahead))
 
 
-def _on_the_way(car: Vehicle, walk: requirements.Walk, kmh: float) -> Row:
+def _on_the_way(car: Vehicle, walk: requirements.Walk, kmh: float) -> SuiteRow:
     speed, pace = kmh * KMH, walk.speed * KMH
     ahead = requirements.FMVSS_127_WALK_START * (speed - pace)
     actor = target(speed, ahead, kind="pedestrian", speed_mps=pace, offset_m=aside(walk, car.width))
@@ -78,7 +78,7 @@ def aside(walk: requirements.Walk, width: float) -> float:
 
 
 def _needed(car: Vehicle, speed: float, pace: float) -> float:
-    return gap_used(full_braking(car, speed), Course(pace))
+    return gap_used(full_braking(car, speed), BrakedMotion(pace))
 
 
 def _parked(car: Vehicle, speed: float, ahead: float) -> list[dict[str, Any]]:
@@ -92,7 +92,9 @@ def _parked(car: Vehicle, speed: float, ahead: float) -> list[dict[str, Any]]:
     ]
 
 
-def _row(walk: requirements.Walk, kmh: float, actors: list[dict[str, Any]], need: Need, end: dict[str, Any]) -> Row:
+def _row(
+    walk: requirements.Walk, kmh: float, actors: list[dict[str, Any]], need: Need, end: dict[str, Any]
+) -> SuiteRow:
     id = f"{walk.kind}_{walk.side}_{walk.overlap:g}_{kmh:g}".replace(" ", "_")
     what = f"{walk.kind}" + (f" at {walk.speed:g} km/h" if walk.speed else "")
     what += f", {walk.side} {walk.overlap:g} %, {kmh:g} km/h"

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.suite.row import Outcome, Row, Verdict
+from vve_sumo.suite.row import RowOutcome, RowVerdict, SuiteRow
 from vve_sumo.vehicle.model import VehicleModel
 
 NAME = "journal.jsonl"
@@ -20,11 +20,11 @@ NAME = "journal.jsonl"
 PLAIN = ("why", "cut_in_ttc_s", "impact_mps", "least_gap_m", "deceleration_mps2", "demand_mps2", "cpu_s")
 
 
-class Journal:
+class SuiteJournal:
     """A journal that is open for what finishes next."""
 
     def __init__(
-        self, folder: Path, rows: Sequence[Row], *, resume: bool, car: VehicleModel | None = None, code: str = ""
+        self, folder: Path, rows: Sequence[SuiteRow], *, resume: bool, car: VehicleModel | None = None, code: str = ""
     ) -> None:
         """Begin a journal in `folder`, or go on with the one there; raises ConfigError where that is not of `rows`.
 
@@ -50,12 +50,12 @@ class Journal:
         """Close the file."""
         self._file.close()
 
-    def add(self, outcome: Outcome) -> None:
+    def add(self, outcome: RowOutcome) -> None:
         """Append a finished drive."""
         self._file.write(self._line(outcome))
         self._file.flush()
 
-    def _line(self, outcome: Outcome) -> str:
+    def _line(self, outcome: RowOutcome) -> str:
         fields: dict[str, Any] = {
             "row": outcome.row.id,
             "digest": self._digests[outcome.row.id],
@@ -68,7 +68,7 @@ class Journal:
         return json.dumps(fields | {name: getattr(outcome, name) for name in PLAIN}) + "\n"
 
 
-def digest(row: Row, car: VehicleModel | None = None) -> str:
+def digest(row: SuiteRow, car: VehicleModel | None = None) -> str:
     """Return what is another where the row's scenario is, what it demands, or the car that drives it."""
     scenario = None if row.scenario is None else row.scenario.model_dump(mode="json")
     whole = json.dumps(scenario, sort_keys=True) + repr((row.approach, row.cut_in, row.need, row.demand))
@@ -77,7 +77,7 @@ def digest(row: Row, car: VehicleModel | None = None) -> str:
     return hashlib.sha256(whole.encode()).hexdigest()
 
 
-def _read(file: Path, rows: dict[str, Row], digests: dict[str, str], code: str) -> list[Outcome]:
+def _read(file: Path, rows: dict[str, SuiteRow], digests: dict[str, str], code: str) -> list[RowOutcome]:
     """Return the drives of a journal up to its last whole line; none where there is no journal."""
     try:
         lines = file.read_bytes().split(b"\n")[:-1]  # what follows the last end of a line was torn
@@ -100,12 +100,12 @@ def _read(file: Path, rows: dict[str, Row], digests: dict[str, str], code: str) 
     return outcomes
 
 
-def _outcome(row: Row, fields: dict[str, Any]) -> Outcome:
+def _outcome(row: SuiteRow, fields: dict[str, Any]) -> RowOutcome:
     approach, record = fields["approach_mps"], fields["record"]
-    return Outcome(
+    return RowOutcome(
         row=row,
         seed=fields["seed"],
-        verdict=Verdict(fields["verdict"]),
+        verdict=RowVerdict(fields["verdict"]),
         approach_mps=None if approach is None else (approach[0], approach[1]),
         record=None if record is None else Path(record),
         **{name: fields[name] for name in PLAIN},

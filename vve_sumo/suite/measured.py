@@ -16,7 +16,7 @@ import pyarrow.compute as pc
 from vve_sumo.drive.resolved_scenario import read_resolved, recorded_model
 from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.record.reader import read_table
-from vve_sumo.suite.row import CutIn, Row
+from vve_sumo.suite.row import CutIn, SuiteRow
 from vve_sumo.values import Floats, Vehicle
 
 BRAKING = 0.15 * GRAVITY  #: the car brakes when it decelerates by more [m/s2]; FMVSS 127, S4 [P]
@@ -26,7 +26,7 @@ MOVING = 0.5  #: slower, brakes hold the car rather than slow it [m/s]
 EGO = ("x_m", "y_m", "heading_rad", "speed_mps")
 
 
-class Measured(NamedTuple):
+class RowMeasurement(NamedTuple):
     """What was found; None for what the row does not ask for, and where its target never entered."""
 
     approach: tuple[float, float] | None = None  #: least and greatest speed of it [m/s]
@@ -34,20 +34,20 @@ class Measured(NamedTuple):
     demand: float | None = None  #: the most asked of the service brakes, as a deceleration of the declared car [m/s2]
 
 
-def measure(row: Row, record: Path) -> Measured:
+def measure(row: SuiteRow, record: Path) -> RowMeasurement:
     """Return what the record of a row's drive says."""
     if row.approach is None:
-        return Measured()
+        return RowMeasurement()
     ticks, actors = read_table(record, "ticks"), read_table(record, "actors")
     seen = actors.filter(pc.equal(actors["actor"], row.approach.target))
     if not seen.num_rows:
-        return Measured()
+        return RowMeasurement()
     entry = int(seen["tick"][0].as_py()) - int(ticks["tick"][0].as_py())
     if entry >= ticks.num_rows:  # what the street held after the last tick: nothing was driven with it
-        return Measured()
+        return RowMeasurement()
     car = recorded_model(read_resolved(record)).vehicle
     cut, ttc = (None, None) if row.cut_in is None else _cut_in(row.cut_in, ticks, seen, car)
-    return Measured(_speeds(ticks, entry, cut), ttc, _demand(ticks, entry, car) if row.demand > 0.0 else None)
+    return RowMeasurement(_speeds(ticks, entry, cut), ttc, _demand(ticks, entry, car) if row.demand > 0.0 else None)
 
 
 def _demand(ticks: pa.Table, entry: int, car: Vehicle) -> float:

@@ -21,7 +21,7 @@ STEP = 0.001  #: of time, at which courses are compared [s]
 ROUNDING = 1e-9  #: two cars at rest may differ by so much [m/s]
 
 
-class Course(NamedTuple):
+class BrakedMotion(NamedTuple):
     """A motion: steady speed, after a delay a deceleration that builds up linearly, down to a last speed."""
 
     speed: float  #: at first [m/s]
@@ -72,13 +72,15 @@ def reaction_time(vehicle: Vehicle, detection: float = DETECTION) -> float:
     return detection + PERIOD + vehicle.brake_delay
 
 
-def full_braking(vehicle: Vehicle, speed: float, mass_factor: float = 1.0, detection: float = DETECTION) -> Course:
+def full_braking(
+    vehicle: Vehicle, speed: float, mass_factor: float = 1.0, detection: float = DETECTION
+) -> BrakedMotion:
     """Return the hardest braking of the car: its reaction time, and its declared lag and ceiling."""
     ceiling = vehicle.deceleration_limit / mass_factor
-    return Course(speed, ceiling, reaction_time(vehicle, detection), FIRST_ORDER_RAMP * vehicle.brake_lag)
+    return BrakedMotion(speed, ceiling, reaction_time(vehicle, detection), FIRST_ORDER_RAMP * vehicle.brake_lag)
 
 
-def gap_used(ego: Course, lead: Course, allowed: float = 0.0) -> float:
+def gap_used(ego: BrakedMotion, lead: BrakedMotion, allowed: float = 0.0) -> float:
     """Return the most that is gone of the gap [m] while it closes faster than `allowed` [m/s]."""
     times = np.arange(0.0, max(ego.duration(), lead.duration()) + 1.0, STEP)
     (own, speed), (others, other) = ego.at(times), lead.at(times)

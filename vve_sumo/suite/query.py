@@ -20,8 +20,8 @@ from vve_sumo.drive.resolved_scenario import braking_as_it_can, load_vehicle_mod
 from vve_sumo.errors import ConfigError
 from vve_sumo.scenario.schema import DEFAULT_VEHICLE
 from vve_sumo.suite import catalogue
-from vve_sumo.suite.journal import NAME, Journal
-from vve_sumo.suite.row import Judged, Outcome, Row, Verdict
+from vve_sumo.suite.journal import NAME, SuiteJournal
+from vve_sumo.suite.row import JudgedRow, RowOutcome, RowVerdict, SuiteRow
 from vve_sumo.suite.run import Done, drives, run
 from vve_sumo.sweep.engine import Local
 from vve_sumo.sweep.plan import rig_that_drives
@@ -29,7 +29,7 @@ from vve_sumo.sweep.progress import Tally
 from vve_sumo.vehicle.model import VehicleModel
 
 #: verdicts that fail a suite
-BAD = (Verdict.FAILED, Verdict.INVALID)
+BAD = (RowVerdict.FAILED, RowVerdict.INVALID)
 
 
 class SuiteCar(NamedTuple):
@@ -69,7 +69,7 @@ def car_of(query: SuiteQuery, working: Path) -> SuiteCar:
     return SuiteCar(model, rig.vehicle.model, file, note)
 
 
-def rows_of(name: str, query: SuiteQuery, car: SuiteCar, working: Path) -> list[Row]:
+def rows_of(name: str, query: SuiteQuery, car: SuiteCar, working: Path) -> list[SuiteRow]:
     """Return the rows that are to be driven; raises ConfigError where what is asked for cannot be driven."""
     rows = [with_vehicle(row, car.vehicle) for row in catalogue.rows(name, car.model)]
     if query.controller is not None:
@@ -80,7 +80,7 @@ def rows_of(name: str, query: SuiteQuery, car: SuiteCar, working: Path) -> list[
     return rows
 
 
-def driven_by(row: Row, controller: str) -> Row:
+def driven_by(row: SuiteRow, controller: str) -> SuiteRow:
     """Return a row with another controller, and without tuning, which would be no other's."""
     if row.scenario is None or row.scenario.controller.name == controller:
         return row
@@ -88,7 +88,7 @@ def driven_by(row: Row, controller: str) -> Row:
     return replace(row, scenario=row.scenario.model_copy(update={"controller": other}))
 
 
-def with_vehicle(row: Row, vehicle: str) -> Row:
+def with_vehicle(row: SuiteRow, vehicle: str) -> SuiteRow:
     """Return a row whose scenario names a vehicle model."""
     if row.scenario is None:
         return row
@@ -118,25 +118,25 @@ def _check(query: SuiteQuery) -> None:
 
 def drive(
     name: str,
-    rows: Sequence[Row],
+    rows: Sequence[SuiteRow],
     query: SuiteQuery,
     car: SuiteCar,
     working: Path,
     progress: Callable[[Tally], None],
-) -> list[Judged]:
+) -> list[JudgedRow]:
     """Drive what is not in the journal of the folder asked for; `progress` takes the tally after every drive."""
     engine = Local(query.workers if query.workers is not None else len(os.sched_getaffinity(0)))
     total = sum(1 for _ in drives(rows, query.seeds))
     if query.out is None:
         return run(name, rows, engine, working, done=_counted(total, [], progress), seeds=query.seeds, rig=car.rig)
     records = query.out / "records" if query.keep else None
-    with Journal(query.out, rows, resume=query.resume, car=car.model, code=code_of(rows, working)) as journal:
+    with SuiteJournal(query.out, rows, resume=query.resume, car=car.model, code=code_of(rows, working)) as journal:
         known = [outcome for outcome in journal.known if outcome.seed <= query.seeds]
         done = _counted(total, known, progress, journal.add)
         return run(name, rows, engine, working, records, done, seeds=query.seeds, known=known, rig=car.rig)
 
 
-def code_of(rows: Sequence[Row], working: Path) -> str:
+def code_of(rows: Sequence[SuiteRow], working: Path) -> str:
     """Return the hash of what drives rows: their controllers' and sensors' code, this program's, and the libraries'.
 
     Raises ConfigError for a controller that cannot be made.
@@ -151,14 +151,14 @@ def code_of(rows: Sequence[Row], working: Path) -> str:
 
 
 def _counted(
-    total: int, known: Sequence[Outcome], progress: Callable[[Tally], None], also: Done = lambda outcome: None
+    total: int, known: Sequence[RowOutcome], progress: Callable[[Tally], None], also: Done = lambda outcome: None
 ) -> Done:
     """Return what is to be called with every outcome: counts it and hands the tally on."""
     failed = sum(outcome.verdict in BAD for outcome in known)
     tally = Tally(total, finished=len(known), failed=failed, errors=0)
     progress(tally)
 
-    def done(outcome: Outcome) -> None:
+    def done(outcome: RowOutcome) -> None:
         also(outcome)
         tally.count(outcome.verdict not in BAD, "")
         progress(tally)

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from vve_sumo.suite import requirements
-from vve_sumo.suite.physics import Course, Need, full_braking, gap_used
-from vve_sumo.suite.row import Approach, Row
+from vve_sumo.suite.physics import BrakedMotion, Need, full_braking, gap_used
+from vve_sumo.suite.row import RequiredApproach, SuiteRow
 from vve_sumo.suite.track import (
     AEB,
     KMH,
@@ -30,7 +30,7 @@ from vve_sumo.vehicle.model import VehicleModel
 BELOW = 0.2
 
 
-def rows(car: VehicleModel) -> Iterator[Row]:
+def rows(car: VehicleModel) -> Iterator[SuiteRow]:
     """Return the rows of the 00 series."""
     moving = requirements.R152_MOVING_TARGET_SPEED
     for load in loads(car):
@@ -45,21 +45,21 @@ def rows(car: VehicleModel) -> Iterator[Row]:
     yield from _false_reaction()
 
 
-def rows_01(car: VehicleModel) -> Iterator[Row]:
+def rows_01(car: VehicleModel) -> Iterator[SuiteRow]:
     """Return what the 01 series changes."""
     for load in loads(car):
         for entry in requirements.R152_PEDESTRIAN_01:
             yield from _crossing(car, "child", requirements.R152_PEDESTRIAN_SPEED, entry, load)
 
 
-def rows_02(car: VehicleModel) -> Iterator[Row]:
+def rows_02(car: VehicleModel) -> Iterator[SuiteRow]:
     """Return what the 02 series adds."""
     for load in loads(car):
         for entry in requirements.R152_BICYCLE:
             yield from _crossing(car, "bicycle", requirements.R152_BICYCLE_SPEED, entry, load)
 
 
-def _car(car: VehicleModel, entry: requirements.Impact, load: str, target_kmh: float) -> Iterator[Row]:
+def _car(car: VehicleModel, entry: requirements.Impact, load: str, target_kmh: float) -> Iterator[SuiteRow]:
     ahead = requirements.R152_MIN_TTC * entry.speed * KMH
     actor = {"speed_mps": target_kmh * KMH}
     kind, what = "stationary", f"car stationary, {entry.speed:g} km/h"
@@ -68,7 +68,7 @@ def _car(car: VehicleModel, entry: requirements.Impact, load: str, target_kmh: f
     yield from _row(car, kind, what, entry, load, ahead, actor, lead=target_kmh * KMH)
 
 
-def _crossing(car: VehicleModel, kind: str, kmh: float, entry: requirements.Impact, load: str) -> Iterator[Row]:
+def _crossing(car: VehicleModel, kind: str, kmh: float, entry: requirements.Impact, load: str) -> Iterator[SuiteRow]:
     time, pace = requirements.R152_MIN_TTC, kmh * KMH
     ahead = time * entry.speed * KMH
     # From the right; it would be in the middle of the car's way when the car comes by.
@@ -77,14 +77,14 @@ def _crossing(car: VehicleModel, kind: str, kmh: float, entry: requirements.Impa
     yield from _row(car, kind, what, entry, load, ahead, actor, end_trigger=gone_by(entry.speed * KMH, ahead))
 
 
-def _false_reaction() -> Iterator[Row]:
+def _false_reaction() -> Iterator[SuiteRow]:
     """Return the rows in which nothing is in the way; the two cars stand as FMVSS 127 has them."""
     required = "no emergency braking"
     for kmh in requirements.R152_TEST_SPEEDS:
         speed = kmh * KMH
         ahead = requirements.R152_MIN_TTC * speed
         what = f"between two cars {requirements.FMVSS_127_PASS_GAP:g} m apart, {kmh:g} km/h"
-        yield Row(
+        yield SuiteRow(
             id=f"between_two_cars_{kmh:g}",
             what=what,
             required=required,
@@ -100,13 +100,13 @@ def _false_reaction() -> Iterator[Row]:
             approach=_approach(speed),
         )
     plate = "the radar is geometric: it sees boxes of road users, and a plate in the road is none"
-    yield Row("steel_plate", "over a steel plate in the road", required, None, not_applicable=plate)
+    yield SuiteRow("steel_plate", "over a steel plate in the road", required, None, not_applicable=plate)
     unknown = "how its road users stand and move is in none of our sources"
-    yield Row("false_reaction", "the other scenes of annex 3, appendix 2", required, None, not_applicable=unknown)
+    yield SuiteRow("false_reaction", "the other scenes of annex 3, appendix 2", required, None, not_applicable=unknown)
 
 
-def _approach(speed: float) -> Approach:
-    return Approach(TARGET, speed, *(limit * KMH for limit in requirements.R152_SPEED_TOLERANCE))
+def _approach(speed: float) -> RequiredApproach:
+    return RequiredApproach(TARGET, speed, *(limit * KMH for limit in requirements.R152_SPEED_TOLERANCE))
 
 
 def _row(
@@ -120,7 +120,7 @@ def _row(
     *,
     lead: float = 0.0,
     end_trigger: dict[str, Any] | None = None,
-) -> Iterator[Row]:
+) -> Iterator[SuiteRow]:
     """Return the row of an entry at a load, or none; `lead` is how fast the target drives away [m/s]."""
     allowed = entry.laden if load == "laden" else entry.unladen
     if allowed is None:
@@ -128,8 +128,8 @@ def _row(
     relative, speed = entry.speed * KMH, entry.speed * KMH + lead
     driven = speed - BELOW * KMH
     mass = loads(car)[load]
-    needed = gap_used(full_braking(car.vehicle, speed, mass), Course(lead), allowed * KMH)
-    yield Row(
+    needed = gap_used(full_braking(car.vehicle, speed, mass), BrakedMotion(lead), allowed * KMH)
+    yield SuiteRow(
         id=f"{kind}_{entry.speed:g}_{load}",
         what=f"{what}, {load}",
         required=said(allowed, requirements.R152_BRAKING_DEMAND),

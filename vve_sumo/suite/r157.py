@@ -9,8 +9,8 @@ import math
 from collections.abc import Iterator
 
 from vve_sumo.suite import requirements
-from vve_sumo.suite.physics import Course, Need, full_braking, gap_used
-from vve_sumo.suite.row import Approach, CutIn, Row
+from vve_sumo.suite.physics import BrakedMotion, Need, full_braking, gap_used
+from vve_sumo.suite.row import CutIn, RequiredApproach, SuiteRow
 from vve_sumo.suite.track import KMH, LANE_WIDTH, TARGET, impact_at_most, said, scenario, target, time_to_brake
 from vve_sumo.vehicle.model import VehicleModel
 
@@ -26,7 +26,7 @@ FASTER = 1.15  #: the car wants to drive, over the speed of the steady car ahead
 FOLLOWS = 20.0  #: a steady car for so long [s]
 
 
-def cut_in_rows(car: VehicleModel) -> Iterator[Row]:
+def cut_in_rows(car: VehicleModel) -> Iterator[SuiteRow]:
     """Return the rows with a car that cuts in."""
     for kmh in requirements.R157_CUT_IN_SPEEDS:
         relative, other = kmh * KMH, OTHER_SPEED * KMH
@@ -36,7 +36,7 @@ def cut_in_rows(car: VehicleModel) -> Iterator[Row]:
         event = {"when": {"after_s": BESIDE}, "offset_m": 0.0, "over_s": OVER}
         size = {"length_m": LENGTH, "width_m": WIDTH}
         what = f"cut-in, {kmh:g} km/h slower, {ttc:.2f} s before"
-        yield Row(
+        yield SuiteRow(
             id=f"cut_in_{kmh:g}",
             what=what,
             required=said(0.0),
@@ -48,10 +48,10 @@ def cut_in_rows(car: VehicleModel) -> Iterator[Row]:
                 criteria=impact_at_most(0.0),
                 end_trigger={"contact": True},
             ),
-            approach=Approach(TARGET, speed, SPEED_TOLERANCE, SPEED_TOLERANCE),
+            approach=RequiredApproach(TARGET, speed, SPEED_TOLERANCE, SPEED_TOLERANCE),
             cut_in=CutIn(TARGET, EDGE, ttc, EARLIER),
             # It has long been seen when it comes in: nothing is lost for a detection.
-            need=Need(gap_used(full_braking(car.vehicle, relative, detection=0.0), Course(0.0)), ttc * relative),
+            need=Need(gap_used(full_braking(car.vehicle, relative, detection=0.0), BrakedMotion(0.0)), ttc * relative),
         )
 
 
@@ -72,13 +72,13 @@ def intrusion(speed: float) -> tuple[float, float]:
     raise AssertionError("it never comes in")
 
 
-def following_rows(_car: VehicleModel) -> Iterator[Row]:
+def following_rows(_car: VehicleModel) -> Iterator[SuiteRow]:
     """Return the rows with a steady car ahead."""
     for entry in requirements.R157_FOLLOWING:
         lead = entry.speed * KMH
         speed = FASTER * lead
         what = f"behind a car at {entry.speed:g} km/h"
-        yield Row(
+        yield SuiteRow(
             id=f"following_{entry.speed:g}",
             what=what,
             required=f"gap >= {entry.distance:g} m",
@@ -91,5 +91,5 @@ def following_rows(_car: VehicleModel) -> Iterator[Row]:
                 end_trigger={"contact": True},
             ),
             # It may slow down before the car ahead as it likes; what matters is that there was one.
-            approach=Approach(TARGET, speed, speed, SPEED_TOLERANCE),
+            approach=RequiredApproach(TARGET, speed, speed, SPEED_TOLERANCE),
         )

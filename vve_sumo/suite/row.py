@@ -15,7 +15,7 @@ from vve_sumo.statistics import wilson
 from vve_sumo.suite.physics import Need
 
 
-class Approach(NamedTuple):
+class RequiredApproach(NamedTuple):
     """The speed at which the test wants the car from where its target enters to where the car brakes."""
 
     target: str  #: actor whose entry begins the test
@@ -34,7 +34,7 @@ class CutIn(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class SuiteRow:
     """One test; its scenario's criteria are what it demands."""
 
     id: str  #: unlike any other row's of the suite
@@ -42,13 +42,13 @@ class Row:
     required: str  #: the criteria in the standard's words and units
     scenario: Scenario | None  #: None where the row is not applicable
     not_applicable: str = ""  #: why not
-    approach: Approach | None = None
+    approach: RequiredApproach | None = None
     cut_in: CutIn | None = None
     need: Need | None = None  #: None where there is nothing to brake for
     demand: float = 0.0  #: braking that has to be asked of the service brakes, at least [m/s2]; 0: none
 
 
-class Verdict(enum.StrEnum):
+class RowVerdict(enum.StrEnum):
     """What is said of a row."""
 
     PASSED = "passed"
@@ -59,16 +59,16 @@ class Verdict(enum.StrEnum):
 
 
 #: verdicts of a row's drives, the one that decides the row's first
-DECIDING = (Verdict.INVALID, Verdict.FAILED, Verdict.UNAVOIDABLE, Verdict.PASSED)
+DECIDING = (RowVerdict.INVALID, RowVerdict.FAILED, RowVerdict.UNAVOIDABLE, RowVerdict.PASSED)
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class RowOutcome:
     """What came of one drive of a row; None where there is nothing to say."""
 
-    row: Row
+    row: SuiteRow
     seed: int  #: of the drive's noise
-    verdict: Verdict
+    verdict: RowVerdict
     why: str = ""  #: of what is not passed
     approach_mps: tuple[float, float] | None = None  #: least and greatest speed from the target's entry to the braking
     cut_in_ttc_s: float | None = None
@@ -81,22 +81,22 @@ class Outcome:
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class JudgedRow:
     """What came of a row: all of its drives, by seed; none where the row is not applicable."""
 
-    row: Row
-    drives: tuple[Outcome, ...] = ()
+    row: SuiteRow
+    drives: tuple[RowOutcome, ...] = ()
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> RowVerdict:
         """The first of DECIDING that a drive came to: a row is passed where every drive is."""
         came = {drive.verdict for drive in self.drives}
-        return next((verdict for verdict in DECIDING if verdict in came), Verdict.NOT_APPLICABLE)
+        return next((verdict for verdict in DECIDING if verdict in came), RowVerdict.NOT_APPLICABLE)
 
     @property
     def passed(self) -> int:
         """How many drives passed."""
-        return sum(drive.verdict is Verdict.PASSED for drive in self.drives)
+        return sum(drive.verdict is RowVerdict.PASSED for drive in self.drives)
 
     @property
     def why(self) -> str:
@@ -105,7 +105,7 @@ class Judged:
             return self.row.not_applicable
         why = next(drive.why for drive in self.drives if drive.verdict is self.verdict)
         driven = len(self.drives)
-        if driven == 1 or self.verdict is Verdict.PASSED:
+        if driven == 1 or self.verdict is RowVerdict.PASSED:
             return why
         share = wilson(self.passed, driven)
         return f"{why}; {self.passed} of {driven} drives passed (95 %: {share.low:.2f} to {share.high:.2f})"

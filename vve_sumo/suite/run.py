@@ -13,30 +13,30 @@ from dataclasses import replace
 from pathlib import Path
 
 from vve_sumo.suite.measured import measure
-from vve_sumo.suite.row import Judged, Outcome, Row, Verdict
+from vve_sumo.suite.row import JudgedRow, RowOutcome, RowVerdict, SuiteRow
 from vve_sumo.sweep.engine import Engine
-from vve_sumo.sweep.job import Job, Result
+from vve_sumo.sweep.job import Job, RunResult
 
 #: a row that takes longer has got stuck [s]
 TIME_LIMIT = 300.0
 #: how a row's drive may end; a car that is stopped by a fault has passed nothing
 ENDINGS = ("stopped", "contact", "completed", "timeout")
 
-Done = Callable[[Outcome], None]
+Done = Callable[[RowOutcome], None]
 
 
 def run(
     name: str,
-    rows: Sequence[Row],
+    rows: Sequence[SuiteRow],
     engine: Engine,
     working: Path,
     records: Path | None = None,
     done: Done | None = None,
     *,
     seeds: int = 1,
-    known: Iterable[Outcome] = (),
+    known: Iterable[RowOutcome] = (),
     rig: Path | None = None,
-) -> list[Judged]:
+) -> list[JudgedRow]:
     """Drive the rows of suite `name` with the seeds 1 to `seeds` and return what came of each, in their order.
 
     Drives that are `known` are not driven again. Records stay in `records`, a folder for each row and in it one for
@@ -47,7 +47,7 @@ def run(
     with tempfile.TemporaryDirectory(prefix="vve_suite_") as scratch:
         folder = Path(scratch) if records is None else records
 
-        def finished(job: Job, result: Result) -> None:
+        def finished(job: Job, result: RunResult) -> None:
             row, seed = wanted[job.key]
             record = record_of(folder, row, seed)
             outcome = judge(row, seed, result, record)
@@ -63,27 +63,29 @@ def run(
             (folder / row.id).mkdir(parents=True, exist_ok=True)
         engine.run([job_of(name, row, seed, working, folder, rig) for row, seed in wanted.values()], finished)
     return [
-        Judged(row, tuple(outcomes[row.id, seed] for seed in range(1, seeds + 1)) if row.scenario is not None else ())
+        JudgedRow(
+            row, tuple(outcomes[row.id, seed] for seed in range(1, seeds + 1)) if row.scenario is not None else ()
+        )
         for row in rows
     ]
 
 
-def drives(rows: Iterable[Row], seeds: int) -> Iterator[tuple[Row, int]]:
+def drives(rows: Iterable[SuiteRow], seeds: int) -> Iterator[tuple[SuiteRow, int]]:
     """Return every drive of the rows: a row and a seed, 1 and up."""
     return ((row, seed) for row in rows if row.scenario is not None for seed in range(1, seeds + 1))
 
 
-def key(row: Row, seed: int) -> str:
+def key(row: SuiteRow, seed: int) -> str:
     """Return what names a drive among those of its suite."""
     return f"{row.id}_seed_{seed}"
 
 
-def record_of(folder: Path, row: Row, seed: int) -> Path:
+def record_of(folder: Path, row: SuiteRow, seed: int) -> Path:
     """Return where a drive's record goes."""
     return folder / row.id / f"seed_{seed}"
 
 
-def job_of(name: str, row: Row, seed: int, working: Path, folder: Path, rig: Path | None = None) -> Job:
+def job_of(name: str, row: SuiteRow, seed: int, working: Path, folder: Path, rig: Path | None = None) -> Job:
     """Return the job of a row's drive, its record in `folder`; raises ValueError where there is nothing to drive."""
     if row.scenario is None:
         raise ValueError(f"{row.id}: expected a scenario, the row is not applicable")
@@ -99,15 +101,15 @@ def job_of(name: str, row: Row, seed: int, working: Path, folder: Path, rig: Pat
     )
 
 
-def judge(row: Row, seed: int, result: Result, record: Path) -> Outcome:
+def judge(row: SuiteRow, seed: int, result: RunResult, record: Path) -> RowOutcome:
     """Return what came of a row's drive."""
     if result.error:
-        return Outcome(row, seed, Verdict.FAILED, result.error, cpu_s=result.cpu_s)
+        return RowOutcome(row, seed, RowVerdict.FAILED, result.error, cpu_s=result.cpu_s)
     found = measure(row, record)
-    outcome = Outcome(
+    outcome = RowOutcome(
         row=row,
         seed=seed,
-        verdict=Verdict.PASSED,
+        verdict=RowVerdict.PASSED,
         approach_mps=found.approach,
         cut_in_ttc_s=found.ttc,
         impact_mps=_number(result, "impact_speed_mps"),
@@ -119,10 +121,10 @@ def judge(row: Row, seed: int, result: Result, record: Path) -> Outcome:
     )
     invalid = invalidity(row, found.approach, found.ttc)
     if invalid:
-        return replace(outcome, verdict=Verdict.INVALID, why=invalid)
+        return replace(outcome, verdict=RowVerdict.INVALID, why=invalid)
     ending = result.figures.get("outcome")
     if ending not in ENDINGS:
-        return replace(outcome, verdict=Verdict.FAILED, why=f"the drive ended by {ending}")
+        return replace(outcome, verdict=RowVerdict.FAILED, why=f"the drive ended by {ending}")
     unmet = "" if result.figures.get("passed") is True else str(result.figures.get("failed", ""))
     short = shortfall(row, found.demand)
     if result.figures.get("passed") is True and not short:
@@ -130,17 +132,17 @@ def judge(row: Row, seed: int, result: Result, record: Path) -> Outcome:
     # More way would not have let it ask for more: the closed form excuses an impact alone.
     excused = not short and row.need is not None and not row.need.avoidable
     why = "; ".join(filter(None, (unmet, short)))
-    return replace(outcome, verdict=Verdict.UNAVOIDABLE if excused else Verdict.FAILED, why=why)
+    return replace(outcome, verdict=RowVerdict.UNAVOIDABLE if excused else RowVerdict.FAILED, why=why)
 
 
-def shortfall(row: Row, demand: float | None) -> str:
+def shortfall(row: SuiteRow, demand: float | None) -> str:
     """Return what lacks of the braking that the row wants asked for; empty where nothing does."""
     if row.demand <= 0.0 or (demand is not None and demand >= row.demand):
         return ""
     return f"braking demand {demand or 0.0:.2f} m/s2, expected {row.demand:g} or more"
 
 
-def invalidity(row: Row, approach: tuple[float, float] | None, ttc: float | None) -> str:
+def invalidity(row: SuiteRow, approach: tuple[float, float] | None, ttc: float | None) -> str:
     """Return why the test was not driven as it must be; empty where it was."""
     wanted, cut_in = row.approach, row.cut_in
     if wanted is not None:
@@ -156,6 +158,6 @@ def invalidity(row: Row, approach: tuple[float, float] | None, ttc: float | None
     return ""
 
 
-def _number(result: Result, name: str) -> float | None:
+def _number(result: RunResult, name: str) -> float | None:
     value = result.figures.get(name)
     return float(value) if isinstance(value, int | float) and math.isfinite(value) else None

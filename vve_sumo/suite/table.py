@@ -12,14 +12,14 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from vve_sumo.suite.row import Judged, Verdict
+from vve_sumo.suite.row import JudgedRow, RowVerdict
 
 IN_KMH = 3.6  #: km/h in a m/s
 
 
-def record_of(judged: Judged) -> dict[str, Any]:
+def record_of(judged: JudgedRow) -> dict[str, Any]:
     """Return what came of a row as one flat row of plain values, the worst of its drives; None for nothing to say."""
-    row, need, worst = judged.row, judged.row.need, Worst.of(judged)
+    row, need, worst = judged.row, judged.row.need, WorstFigures.of(judged)
     return {
         "id": row.id,
         "what": row.what,
@@ -42,7 +42,7 @@ def record_of(judged: Judged) -> dict[str, Any]:
     }
 
 
-class Worst(NamedTuple):
+class WorstFigures(NamedTuple):
     """The worst figures of a row's drives, each for itself; None where no drive has one."""
 
     impact: float | None  #: greatest [m/s]
@@ -51,7 +51,7 @@ class Worst(NamedTuple):
     demand: float | None  #: least of what each asked for at most [m/s2]
 
     @classmethod
-    def of(cls, judged: Judged) -> Worst:
+    def of(cls, judged: JudgedRow) -> WorstFigures:
         """Return the worst of a row's drives."""
         drives = judged.drives
         return cls(
@@ -72,7 +72,7 @@ def greatest(values: Iterable[float | None]) -> float | None:
     return max((value for value in values if value is not None), default=None)
 
 
-def _approaches(judged: Judged) -> list[tuple[float, float]]:
+def _approaches(judged: JudgedRow) -> list[tuple[float, float]]:
     return [drive.approach_mps for drive in judged.drives if drive.approach_mps is not None]
 
 
@@ -84,9 +84,9 @@ def _rounded(value: float | None) -> float | None:
     return None if value is None else round(value, 3)
 
 
-def cells(judged: Judged) -> tuple[str, ...]:
+def cells(judged: JudgedRow) -> tuple[str, ...]:
     """Return a row's cells, in the order of HEADINGS."""
-    row, need, worst = judged.row, judged.row.need, Worst.of(judged)
+    row, need, worst = judged.row, judged.row.need, WorstFigures.of(judged)
     impact = None if worst.impact is None else IN_KMH * worst.impact
     numbers = (impact, worst.gap, worst.deceleration, worst.demand)
     way = ("", "") if need is None else (f"{need.way:.1f}", f"{need.there:.1f}")
@@ -107,7 +107,7 @@ HEADINGS = (
 NUMBERS = range(2, 9)  #: of the cells, those with numbers
 
 
-def whys(rows: Sequence[Judged]) -> list[str]:
+def whys(rows: Sequence[JudgedRow]) -> list[str]:
     """Say why rows were not passed, in a line for each reason."""
     named: dict[str, list[str]] = {}
     for judged in rows:
@@ -116,7 +116,7 @@ def whys(rows: Sequence[Judged]) -> list[str]:
     return [f"{', '.join(ids)}: {why}" for why, ids in named.items()]
 
 
-def markdown(rows: Sequence[Judged]) -> str:
+def markdown(rows: Sequence[JudgedRow]) -> str:
     """Return the rows as a table of a document, what is to be said of them below it."""
     rule = "|".join("---:" if number in NUMBERS else "---" for number in range(len(HEADINGS)))
     lines = [f"| {' | '.join(cells(judged))} |" for judged in rows]
@@ -124,15 +124,15 @@ def markdown(rows: Sequence[Judged]) -> str:
     return "\n".join([f"| {' | '.join(HEADINGS)} |", f"|{rule}|", *lines, "", f"{counted(rows)}.", "", *reasons])
 
 
-def counted(rows: Sequence[Judged]) -> str:
+def counted(rows: Sequence[JudgedRow]) -> str:
     """Say how many rows came to which verdict, and how many of their drives passed."""
     counts = Counter(judged.verdict for judged in rows)
-    said = (f"{counts[verdict]} {verdict}" for verdict in Verdict if counts[verdict])
+    said = (f"{counts[verdict]} {verdict}" for verdict in RowVerdict if counts[verdict])
     driven, passed = sum(len(judged.drives) for judged in rows), sum(judged.passed for judged in rows)
     return f"{len(rows)} rows: {', '.join(said)}; {passed} of {driven} drives passed"
 
 
-def write(name: str, rows: Sequence[Judged], folder: Path) -> tuple[Path, ...]:
+def write(name: str, rows: Sequence[JudgedRow], folder: Path) -> tuple[Path, ...]:
     """Write NAME.csv, NAME.json and NAME.md into `folder` and return their places."""
     folder.mkdir(parents=True, exist_ok=True)
     records = [record_of(judged) for judged in rows]

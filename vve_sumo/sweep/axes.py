@@ -66,7 +66,7 @@ class Steps:
 
 
 @dataclass(frozen=True, slots=True)
-class Between:
+class NumberRange:
     """A stretch of numbers to draw from; `log` draws evenly in the logarithm."""
 
     low: float
@@ -88,7 +88,7 @@ class Between:
         return (self.low, self.high)
 
 
-Axis = Choice | Steps | Between
+Axis = Choice | Steps | NumberRange
 
 
 def axes(raw: object) -> dict[str, Axis]:
@@ -186,7 +186,7 @@ def _exact(number: int | float) -> Fraction:
     return Fraction(repr(number))
 
 
-def _between(key: str, said: Mapping[str, Any]) -> Between:
+def _between(key: str, said: Mapping[str, Any]) -> NumberRange:
     low, high = _numbers(key, said, ("min", "max"), EXPECTED)
     log = said.get("log", False)
     if not isinstance(log, bool):
@@ -195,4 +195,4 @@ def _between(key: str, said: Mapping[str, Any]) -> Between:
         raise ValueError(f"{key}: min {low:g} is not below max {high:g}")
     if log and not low > 0:
         raise ValueError(f"{key}: min: expected a number above 0 for log, got {low:g}")
-    return Between(float(low), float(high), log)
+    return NumberRange(float(low), float(high), log)

@@ -24,7 +24,7 @@ from vve_sumo.drive.provenance import deciding
 from vve_sumo.errors import ConfigError, SimulationError, VveError
 from vve_sumo.sweep import remote
 from vve_sumo.sweep.engine import Done, check_room
-from vve_sumo.sweep.job import Job, Result, refused
+from vve_sumo.sweep.job import Job, RunResult, refused
 from vve_sumo.sweep.preflight import look
 from vve_sumo.sweep.remote import Site, refuse_mixed
 
@@ -201,7 +201,7 @@ class _Shift:
             self._sites[names] = Site(deciding(), seen[0].files_sha256, names) if fit else Site(deciding())
         return self._sites[names]
 
-    def _result(self, job: Job, future: Future[remote.Came]) -> Result:
+    def _result(self, job: Job, future: Future[remote.Came]) -> RunResult:
         from concurrent.futures import CancelledError
 
         from distributed import KilledWorker
@@ -209,20 +209,20 @@ class _Shift:
         try:
             came = future.result()
         except KilledWorker:
-            return Result(job.key, error=DIED)
+            return RunResult(job.key, error=DIED)
         except VveError:
             raise
         except (OSError, CancelledError):
             raise _lost(self._address) from None
         except Exception as error:
             raise SimulationError(f"cluster {self._address}: run {job.key}: {_line(error)}") from error
-        result = Result.from_json(came.result)
+        result = RunResult.from_json(came.result)
         if job.keep is not None:
             _place(job.keep, job.keep.with_name(came.record), result)
         return result
 
 
-def _place(keep: Path, aside: Path, result: Result) -> None:
+def _place(keep: Path, aside: Path, result: RunResult) -> None:
     """Put a run's record into its place and take away what other workers, that were given up, wrote of it."""
     if aside.is_dir():
         shutil.rmtree(keep, ignore_errors=True)

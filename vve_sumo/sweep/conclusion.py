@@ -12,12 +12,12 @@ from typing import Any
 from vve_sumo.metrics.table import NUMBERS
 from vve_sumo.record.sweep_folder import read_tables
 from vve_sumo.sweep.plan import MAX_RUNS, SweepQuery
-from vve_sumo.sweep.statistics import Group, Outcome, outcome
+from vve_sumo.sweep.statistics import Group, SweepOutcome, outcome
 
 COMBINATIONS, FOUND = "combinations.csv", "search.json"
 
 
-def conclude(folder: Path, query: SweepQuery) -> Outcome:
+def conclude(folder: Path, query: SweepQuery) -> SweepOutcome:
     """Return what a finished sweep came to; write `combinations.csv` beside its rows, unless it has very many."""
     parameters = list(query.plan.parameters) if query.cells.points < MAX_RUNS else []
     columns = [*parameters, "passed", "failed", "error", "collision", "outcome", *NUMBERS]
@@ -28,7 +28,7 @@ def conclude(folder: Path, query: SweepQuery) -> Outcome:
     return came
 
 
-def _write(file: Path, parameters: Sequence[str], came: Outcome) -> None:
+def _write(file: Path, parameters: Sequence[str], came: SweepOutcome) -> None:
     with file.open("w", encoding="utf-8", newline="") as out:
         lines = csv.writer(out, lineterminator="\n")
         heads = [f"{name}{which}" for name in NUMBERS for which in ("", "_half_width", "_worst", "_count")]

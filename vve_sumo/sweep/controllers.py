@@ -16,7 +16,7 @@ from pydantic import Field, PlainValidator
 from vve_sumo.config_file import Name, Table
 from vve_sumo.metrics.metric import Kind
 from vve_sumo.scenario.overrides import Value
-from vve_sumo.sweep.axes import Between, Choice, Steps, axes
+from vve_sumo.sweep.axes import Choice, NumberRange, Steps, axes
 
 #: keys of the scenario, and columns of a row, under which a controller's name and its tuning stand
 NAME: Final = "controller.name"
@@ -33,7 +33,7 @@ def _tuning(raw: object) -> Mapping[str, Choice | Steps]:
     for key, axis in axes(
         {key: said if isinstance(said, (list, dict)) else [said] for key, said in raw.items()}
     ).items():
-        if isinstance(axis, Between):
+        if isinstance(axis, NumberRange):
             raise ValueError(f"{key}: expected a value, a list, {{ from, to, step }} or {{ from, to, count }}")
         values = axis.values if isinstance(axis, Choice) else ()
         twice = next((value for at, value in enumerate(values) if value in values[:at]), None)

@@ -31,8 +31,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vve_sumo.errors import ConfigError, SimulationError
-from vve_sumo.record.sweep_folder import MACHINE_SCHEMA, Plan, Row, journal, parts
-from vve_sumo.sweep.job import Result
+from vve_sumo.record.sweep_folder import MACHINE_SCHEMA, Row, SweepPlan, journal, parts
+from vve_sumo.sweep.job import RunResult
 from vve_sumo.sweep.run_specs import RunSpec
 
 ROWS_PER_PART = 1000
@@ -41,7 +41,7 @@ ROWS_PER_PART = 1000
 NO_MATTER = frozenset({"title", "keep"})
 
 
-def refuse_mixed(folder: Path, there: Plan, versions: Mapping[str, str]) -> None:
+def refuse_mixed(folder: Path, there: SweepPlan, versions: Mapping[str, str]) -> None:
     """Raise ConfigError unless a sweep began with these versions of what decides how a drive goes."""
     for name in sorted({*there.versions, *versions}):
         began, now = there.versions.get(name, "none"), versions.get(name, "none")
@@ -49,7 +49,7 @@ def refuse_mixed(folder: Path, there: Plan, versions: Mapping[str, str]) -> None
             raise ConfigError(f"{folder}: mixed versions: its rows are of {name} {began}, and this is {now}")
 
 
-def refuse_other(folder: Path, there: Plan, here: Plan) -> None:
+def refuse_other(folder: Path, there: SweepPlan, here: SweepPlan) -> None:
     """Raise ConfigError, saying what differs, unless the sweep in a folder is the same as this one."""
     refuse_mixed(folder, there, here.versions)
     spec_there, spec_here = ({k: v for k, v in plan.spec.items() if k not in NO_MATTER} for plan in (there, here))
@@ -68,7 +68,7 @@ def refuse_other(folder: Path, there: Plan, here: Plan) -> None:
 class Dataset:
     """A sweep's folder, held by one sweep at a time; opening it mends what a kill left."""
 
-    def __init__(self, folder: Path, plan: Plan, *, resume: bool, rows_per_part: int = ROWS_PER_PART) -> None:
+    def __init__(self, folder: Path, plan: SweepPlan, *, resume: bool, rows_per_part: int = ROWS_PER_PART) -> None:
         """Open a folder for a plan.
 
         Raises ConfigError, and leaves everything as it is, where the folder is held, holds another sweep or something
@@ -135,7 +135,7 @@ class Dataset:
             for part in [part for part in self._finished_in if self._whole(part)]:
                 self._seal(part)
 
-    def add(self, cell: RunSpec, result: Result) -> Row:
+    def add(self, cell: RunSpec, result: RunResult) -> Row:
         """Take in a finished run and return its row; when this returns, no kill loses it.
 
         Raises SimulationError where nothing can be written; what was finished before stays so.
@@ -201,18 +201,18 @@ class Dataset:
             ) from None
 
 
-def row_of(plan: Plan, cell: RunSpec, result: Result) -> Row:
+def row_of(plan: SweepPlan, cell: RunSpec, result: RunResult) -> Row:
     """Return the row of a finished run; a figure that it has not is None."""
     machine = {"wall_s": result.wall_s, "cpu_s": result.cpu_s, "peak_mb": result.peak_mb, "said": result.said}
     said = {"number": cell.number, "key": cell.key, "seed": cell.seed, "error": result.error, **cell.values, **machine}
     return dict.fromkeys(plan.columns()) | {k: v for k, v in result.figures.items() if k in plan.columns()} | said
 
 
-def _claim(folder: Path, plan: Plan, *, resume: bool) -> None:
+def _claim(folder: Path, plan: SweepPlan, *, resume: bool) -> None:
     if folder.exists() and not folder.is_dir():
         raise ConfigError(f"{folder} is a file, expected a folder for the sweep")
     if (folder / "sweep.json").is_file():
-        refuse_other(folder, Plan.of(folder), plan)
+        refuse_other(folder, SweepPlan.of(folder), plan)
         if not resume:
             raise ConfigError(f"{folder}: holds this sweep already; --resume goes on with it")
         return

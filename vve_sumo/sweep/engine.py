@@ -11,10 +11,10 @@ from typing import Protocol
 
 from vve_sumo.drive.progress import DriveProgress
 from vve_sumo.errors import ConfigError
-from vve_sumo.sweep.job import DISK_FULL, Job, Result, refused
+from vve_sumo.sweep.job import DISK_FULL, Job, RunResult, refused
 from vve_sumo.sweep.worker import Worker
 
-Done = Callable[[Job, Result], None]
+Done = Callable[[Job, RunResult], None]
 
 
 class Engine(Protocol):
@@ -71,9 +71,9 @@ class Local:
                     _give(worker, driven, jobs, done)
 
 
-def run_one(job: Job, report: Callable[[DriveProgress], None] = lambda progress: None) -> Result:
+def run_one(job: Job, report: Callable[[DriveProgress], None] = lambda progress: None) -> RunResult:
     """Drive a single job on this machine and return what came of it; `report` takes its progress."""
-    results: list[Result] = []
+    results: list[RunResult] = []
     Local(1, report).run([job], lambda _job, result: results.append(result))
     return results[0]
 
@@ -101,7 +101,7 @@ def _spoken(driven: Iterable[Worker]) -> list[Worker]:
     return [by_descriptor[descriptor] for descriptor, _event in poll.poll()]
 
 
-def check_room(result: Result) -> None:
+def check_room(result: RunResult) -> None:
     """Raise ConfigError for a result that says that there is no room left, as every further one would."""
     if result.error.startswith(DISK_FULL):
         folder = result.error.removeprefix(f"{DISK_FULL}: ")

@@ -14,7 +14,7 @@ from vve_sumo.errors import ConfigError, SimulationError, VveError
 from vve_sumo.record.sweep_folder import read_tables
 from vve_sumo.sweep.dataset import Dataset
 from vve_sumo.sweep.engine import Engine, Local
-from vve_sumo.sweep.job import Job, Result
+from vve_sumo.sweep.job import Job, RunResult
 from vve_sumo.sweep.plan import SweepQuery, job_of
 from vve_sumo.sweep.progress import Tally
 from vve_sumo.sweep.run_specs import RunSpec
@@ -104,7 +104,7 @@ def _drive(
             under_way[run.key] = run
             yield job(run)
 
-    def done(job: Job, result: Result) -> None:
+    def done(job: Job, result: RunResult) -> None:
         run = under_way.pop(job.key)
         if result.error == "interrupted":
             return  # not finished: it is driven when the sweep goes on

@@ -66,7 +66,7 @@ class Job:
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
+class RunResult:
     """What came of a run."""
 
     key: str  #: the job's
@@ -109,12 +109,12 @@ def progress_of(line: str) -> DriveProgress | None:
     return DriveProgress(*map(float, line.split()[1:])) if line.startswith(AT) else None
 
 
-def refused(job: Job, error: ConfigError) -> Result:
+def refused(job: Job, error: ConfigError) -> RunResult:
     """Return the result of a job that cannot be driven, in words that do not tell in which folder it was tried."""
     said = str(error)
     for folder in (job.file.parent, job.working):
         said = said.replace(f"{folder}/", "")
-    return Result(job.key, error=f"{CONFIG}{said}")
+    return RunResult(job.key, error=f"{CONFIG}{said}")
 
 
 def _line(fields: dict[str, Any]) -> str:

@@ -17,17 +17,17 @@ from vve_sumo.drive.plugged_in import CONTROLLER
 from vve_sumo.drive.provenance import deciding
 from vve_sumo.errors import ConfigError, did_you_mean
 from vve_sumo.metrics.table import NUMBERS
-from vve_sumo.record.sweep_folder import COLUMNS, Plan
+from vve_sumo.record.sweep_folder import COLUMNS, SweepPlan
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.overrides import Value, apply_overrides, choose, places
 from vve_sumo.scenario.schema import Criteria, Scenario
 from vve_sumo.sweep import worst
 from vve_sumo.sweep.controllers import NAME, columns
 from vve_sumo.sweep.job import Job
-from vve_sumo.sweep.preflight import Look, look
+from vve_sumo.sweep.preflight import RunPreview, look
 from vve_sumo.sweep.run_specs import RunSpec, RunSpecs, cells_of
 from vve_sumo.sweep.search import least_runs
-from vve_sumo.sweep.spec import Boundary, Spec, Worst, fit, parse_spec, with_numbers
+from vve_sumo.sweep.spec import Boundary, Spec, WorstCase, fit, parse_spec, with_numbers
 
 #: runs that nobody starts by mistake
 MAX_RUNS = 100_000
@@ -35,7 +35,7 @@ MAX_RUNS = 100_000
 TRIED = 32
 
 Values = Mapping[str, Value]
-Judge = Callable[[Sequence[Values]], list[Look]]
+Judge = Callable[[Sequence[Values]], list[RunPreview]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class SweepQuery:
     """A sweep that was asked for, found to be in order."""
 
     spec: Spec
-    plan: Plan
+    plan: SweepPlan
     cells: RunSpecs
     notes: tuple[str, ...] = ()  #: what whoever asked should know before it is driven, a line each
 
@@ -101,7 +101,7 @@ def planned(
     if count >= MAX_RUNS and not yes:
         raise ConfigError(f"{file}: {count:,} runs; --yes drives that many")
     _sought(spec.search, criteria, file)
-    plan = Plan(
+    plan = SweepPlan(
         spec=said,
         scenario=cells.name,
         table=table,
@@ -151,7 +151,7 @@ def _scenario(name: str, file: Path, working: Path) -> tuple[Path, dict[str, Any
     return found, read_as(found, "scenario", Scenario)
 
 
-def job_of(plan: Plan, spec: Spec, cell: RunSpec, keep: Path | None) -> Job:
+def job_of(plan: SweepPlan, spec: Spec, cell: RunSpec, keep: Path | None) -> Job:
     """Return what a cell's run needs."""
     return Job(
         key=cell.key,
@@ -166,13 +166,13 @@ def job_of(plan: Plan, spec: Spec, cell: RunSpec, keep: Path | None) -> Job:
     )
 
 
-def _table(plan: Plan, values: Values) -> dict[str, Any]:
+def _table(plan: SweepPlan, values: Values) -> dict[str, Any]:
     """Return a run's scenario; the tuning in the scenario's file goes to the controller that the file names alone."""
     name = str(values[NAME]) if plan.spec.get("controllers") and NAME in values else None
     return apply_overrides(choose(plan.table, controller=name), values)
 
 
-def _sought(search: Boundary | Worst | None, criteria: list[str], file: Path) -> None:
+def _sought(search: Boundary | WorstCase | None, criteria: list[str], file: Path) -> None:
     """Raise ConfigError where a search looks for what no row says, or what it needs is not installed."""
     if isinstance(search, Boundary):
         known = dict.fromkeys(["passed", "collision", *criteria])
@@ -194,16 +194,16 @@ def _criteria(spec: Spec, scenario: Scenario, table: Mapping[str, Any]) -> list[
     return [name for name, wanted in scenario.criteria if wanted is not None or name in set_by_key]
 
 
-def _looked_at(plan: Plan, spec: Spec, cells: RunSpecs, file: Path) -> tuple[Plan, tuple[str, ...]]:
+def _looked_at(plan: SweepPlan, spec: Spec, cells: RunSpecs, file: Path) -> tuple[SweepPlan, tuple[str, ...]]:
     """Return the plan with the hashes of what its outermost runs read, and what is to be noted of them.
 
     Raises ConfigError where one is in no order.
     """
 
-    def read_only(runs: Sequence[Values]) -> list[Look]:
+    def read_only(runs: Sequence[Values]) -> list[RunPreview]:
         return [_read(plan, values) for values in runs]
 
-    def made(runs: Sequence[Values]) -> list[Look]:
+    def made(runs: Sequence[Values]) -> list[RunPreview]:
         return look([job_of(plan, spec, RunSpec(0, "trial", dict(values), cells.seeds[0]), None) for values in runs])
 
     trials, files, notes = list(_trials(spec, cells)), dict[str, set[str]](), dict[str, None]()
@@ -226,13 +226,13 @@ def _sorted(files: Mapping[str, set[str]]) -> dict[str, list[str]]:
     return {role: sorted(digests) for role, digests in sorted(files.items())}
 
 
-def _read(plan: Plan, values: Values) -> Look:
+def _read(plan: SweepPlan, values: Values) -> RunPreview:
     """Return what is wrong with a run's table, whatever the files that it names are like."""
     try:
         parse(_table(plan, values), Path(plan.file))
     except ConfigError as error:
-        return Look(str(error), {})
-    return Look("", {})
+        return RunPreview(str(error), {})
+    return RunPreview("", {})
 
 
 def _trials(spec: Spec, cells: RunSpecs) -> Iterator[Values]:
@@ -257,7 +257,7 @@ def _points(spec: Spec, cells: RunSpecs) -> Iterator[Values]:
         yield from (corner | {name: value} for value in axis.ends()[1:])
 
 
-def _blame(judge: Judge, values: Values, complaint: str, plan: Plan, spec: Spec, file: Path) -> str:
+def _blame(judge: Judge, values: Values, complaint: str, plan: SweepPlan, spec: Spec, file: Path) -> str:
     """Return what is wrong with a run, naming the parameter that it is wrong by, or the scenario if it is so itself."""
     controller = {NAME: values[NAME]} if spec.controllers else {}
     alone: list[Values] = [{}, *({**controller, name: value} for name, value in values.items())]

@@ -23,7 +23,7 @@ from vve_sumo.sweep.worker import search_path
 TIMEOUT = 60.0  #: for one run to be looked at [s]
 
 
-class Look(NamedTuple):
+class RunPreview(NamedTuple):
     """What is known of a run before it is driven."""
 
     complaint: str  #: why it could not be driven; empty if it can
@@ -31,7 +31,7 @@ class Look(NamedTuple):
     note: str = ""  #: what brakes the car less than declared; empty where nothing does
 
 
-def look(jobs: Sequence[Job]) -> list[Look]:
+def look(jobs: Sequence[Job]) -> list[RunPreview]:
     """Return what is known of each job, in order.
 
     There are fewer where a controller ended the process, or hung: what it then does to a drive is the row's to say.
@@ -50,7 +50,7 @@ def look(jobs: Sequence[Job]) -> list[Look]:
     try:
         with contextlib.suppress(BrokenPipeError), child.stdin:
             child.stdin.write(chunk.encode())
-        return [Look(*json.loads(line)) for line in _lines(child.stdout, len(jobs))]
+        return [RunPreview(*json.loads(line)) for line in _lines(child.stdout, len(jobs))]
     finally:
         child.kill()
         child.wait()
@@ -82,9 +82,9 @@ def main() -> None:
             resolved = resolve_job(job, cache)
             resolved.controller(job.working)
             rig = {} if job.rig is None else {"rig": hash_file(job.rig)}
-            seen = Look("", resolved.to_dict(job.working)["files_sha256"] | rig, resolved.note)
+            seen = RunPreview("", resolved.to_dict(job.working)["files_sha256"] | rig, resolved.note)
         except ConfigError as error:
-            seen = Look(str(error), {})
+            seen = RunPreview(str(error), {})
         answers.write(f"{json.dumps(seen)}\n")
         answers.flush()
 

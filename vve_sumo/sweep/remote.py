@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from vve_sumo.drive.provenance import deciding
 from vve_sumo.errors import ConfigError, SimulationError
-from vve_sumo.sweep.job import DISK_FULL, DISK_FULL_ERRNOS, Job, Result
+from vve_sumo.sweep.job import DISK_FULL, DISK_FULL_ERRNOS, Job, RunResult
 from vve_sumo.sweep.preflight import look
 from vve_sumo.sweep.worker import Worker
 
@@ -68,13 +68,13 @@ def drive(line: str, site: Site) -> Came:
     except OSError as error:
         if error.errno not in DISK_FULL_ERRNOS:
             raise SimulationError(f"worker {me.address}: {error}") from None
-        result = Result(job.key, error=f"{DISK_FULL}: {tempfile.gettempdir()}")
+        result = RunResult(job.key, error=f"{DISK_FULL}: {tempfile.gettempdir()}")
     if result.error.startswith(DISK_FULL):
         result = replace(result, error=f"{result.error}, seen from worker {me.address}")
     return Came(result.to_json(), aside.name if aside else "")
 
 
-def _driven(job: Job, me: distributed.Worker) -> Result:
+def _driven(job: Job, me: distributed.Worker) -> RunResult:
     import distributed
 
     key = me.get_current_task()

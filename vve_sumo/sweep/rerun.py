@@ -14,13 +14,13 @@ from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.run import Drive
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.table import NUMBERS
-from vve_sumo.record.sweep_folder import Plan, Row, read_tables
+from vve_sumo.record.sweep_folder import Row, SweepPlan, read_tables
 from vve_sumo.record.writer import claim
 from vve_sumo.scenario.load import parse
 from vve_sumo.sweep.dataset import refuse_mixed
 from vve_sumo.sweep.engine import run_one
 from vve_sumo.sweep.input_cache import InputCache, resolve_job
-from vve_sumo.sweep.job import Job, Result
+from vve_sumo.sweep.job import Job, RunResult
 from vve_sumo.sweep.plan import job_of
 from vve_sumo.sweep.preflight import look
 from vve_sumo.sweep.run_specs import RunSpec
@@ -33,7 +33,7 @@ class Rerun:
 
     job: Job
     row: Row  #: of the dataset
-    result: Result  #: now
+    result: RunResult  #: now
     folder: Path  #: of the record, where one was written
 
     @property
@@ -75,7 +75,7 @@ def rerun(folder: Path, key: str, out: Path | None, warn: Callable[[str], None])
     ConfigError where there is no such run, for other versions, for a controller or a sensor whose code is not
     the sweep's, and for a record that is there already.
     """
-    plan = Plan.of(folder)
+    plan = SweepPlan.of(folder)
     here = deciding()
     refuse_mixed(folder, plan, here | {"code": plan.versions.get("code", "none")})
     row = _row(folder, key)
@@ -101,7 +101,7 @@ def rerun(folder: Path, key: str, out: Path | None, warn: Callable[[str], None])
     return Rerun(job, row, run_one(job), record)
 
 
-def _recorded(plan: Plan, part: plugged_in.PluggedIn) -> Mapping[str, list[str]]:
+def _recorded(plan: SweepPlan, part: plugged_in.PluggedIn) -> Mapping[str, list[str]]:
     """Return the hashes of a plug-in's code: of a controller its own alone, as others drove other runs."""
     return plan.controllers_sha256.get(part.name, {}) if part.role == plugged_in.CONTROLLER else plan.files_sha256
 
@@ -115,7 +115,7 @@ def _row(folder: Path, key: str) -> Row:
     raise ConfigError(f"{folder}: no finished run has the key {key!r}; the column key of its rows lists them")
 
 
-def _changed_files(plan: Plan, job: Job) -> Iterator[str]:
+def _changed_files(plan: SweepPlan, job: Job) -> Iterator[str]:
     """Return the roles of the files that are not those that the sweep began with."""
     seen = look([job])
     files: Mapping[str, str] = seen[0].files_sha256 if seen else {}

@@ -20,7 +20,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.record.writer import claim as claim_folder
 from vve_sumo.scenario.schema import Criteria, Scenario
 from vve_sumo.sweep.input_cache import InputCache, resolve_job
-from vve_sumo.sweep.job import DISK_FULL, DISK_FULL_ERRNOS, Figure, Job, Result, finite, refused
+from vve_sumo.sweep.job import DISK_FULL, DISK_FULL_ERRNOS, Figure, Job, RunResult, finite, refused
 from vve_sumo.world.loaded_road import LoadedRoad
 
 #: of a summary, what says which drive it was, not how it went, or differs with the place where it was driven
@@ -38,7 +38,7 @@ def run_job(
     cache: InputCache,
     report: Callable[[DriveProgress], None] = lambda progress: None,
     loaded: LoadedRoad | None = None,
-) -> Result:
+) -> RunResult:
     """Drive a job in this process, which SUMO allows once, and return its figures, or the error that kept it from any.
 
     `scratch` is a folder of nobody else's for temporary files; `tidy` is to be called with it afterwards in any case.
@@ -60,14 +60,14 @@ def run_job(
     if summary["outcome"] == Outcome.BROKEN:
         return _broken(job, scratch, text)
     if summary["outcome"] == Outcome.INTERRUPTED:
-        return Result(job.key, error="interrupted")
-    return Result(job.key, figures_of(resolved.scenario, summary | {"text": text}))
+        return RunResult(job.key, error="interrupted")
+    return RunResult(job.key, figures_of(resolved.scenario, summary | {"text": text}))
 
 
-def _broken(job: Job, scratch: Path, text: str) -> Result:
+def _broken(job: Job, scratch: Path, text: str) -> RunResult:
     if any(f"[Errno {number}]" in text for number in DISK_FULL_ERRNOS):
-        return Result(job.key, error=f"{DISK_FULL}: {scratch.parent if job.keep is None else job.keep.parent}")
-    return Result(job.key, error=f"broken: {_told(text, scratch)}")
+        return RunResult(job.key, error=f"{DISK_FULL}: {scratch.parent if job.keep is None else job.keep.parent}")
+    return RunResult(job.key, error=f"broken: {_told(text, scratch)}")
 
 
 def figures_of(scenario: Scenario, summary: dict[str, Any]) -> dict[str, Figure]:

@@ -19,9 +19,9 @@ import numpy as np
 from vve_sumo.errors import ConfigError
 from vve_sumo.scenario.overrides import Value
 from vve_sumo.scenario.schema import Scenario
-from vve_sumo.sweep.axes import Axis, Between
+from vve_sumo.sweep.axes import Axis, NumberRange
 from vve_sumo.sweep.controllers import combinations
-from vve_sumo.sweep.spec import MAX_SEED, SAMPLED, Spec, Worst
+from vve_sumo.sweep.spec import MAX_SEED, SAMPLED, Spec, WorstCase
 
 #: points that are drawn at a time; a power of two, for Sobol's sequence
 CHUNK = 4096
@@ -63,11 +63,11 @@ class RunSpecs:
     @property
     def _points(self) -> int:
         """How many points the design has, each of which is driven with every controller."""
-        if isinstance(self.spec.search, Worst):
+        if isinstance(self.spec.search, WorstCase):
             return self.spec.search.points
         if self.spec.samples is not None:
             return self.spec.samples
-        counts = [axis.count for axis in self.spec.parameters.values() if not isinstance(axis, Between)]
+        counts = [axis.count for axis in self.spec.parameters.values() if not isinstance(axis, NumberRange)]
         return (counts or [1])[0] if self.spec.design == "list" else math.prod(counts)
 
     @property
@@ -107,20 +107,20 @@ class RunSpecs:
             return (point,) * len(self.spec.parameters)
         places = []
         for axis in reversed(tuple(self.spec.parameters.values())):
-            point, place = divmod(point, 1 if isinstance(axis, Between) else axis.count)
+            point, place = divmod(point, 1 if isinstance(axis, NumberRange) else axis.count)
             places.append(place)
         return tuple(reversed(places))
 
 
 def _listed(axis: Axis, place: int) -> Value:
-    if isinstance(axis, Between):
+    if isinstance(axis, NumberRange):
         raise TypeError("a stretch has no values to count")
     return axis[place]
 
 
 def drawn(axis: Axis, share: float) -> Value:
     """Return the value at a share of an axis, 0 to 1."""
-    if isinstance(axis, Between):
+    if isinstance(axis, NumberRange):
         return axis.at(share)
     return axis[min(int(share * axis.count), axis.count - 1)]
 

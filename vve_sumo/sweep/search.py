@@ -15,16 +15,16 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.contacts import BEYOND, at_contact
 from vve_sumo.scenario.overrides import Value
 from vve_sumo.sweep import boundary, worst
-from vve_sumo.sweep.axes import Axis, Between, Steps
+from vve_sumo.sweep.axes import Axis, NumberRange, Steps
 from vve_sumo.sweep.controllers import combinations
 from vve_sumo.sweep.run_specs import RunSpec, RunSpecs, drawn, key_of
-from vve_sumo.sweep.spec import Boundary, Spec, Worst
+from vve_sumo.sweep.spec import Boundary, Spec, WorstCase
 
 Row = Mapping[str, Any]
 Found = dict[str, Any]  #: what `search.json` holds
 
 
-class Point(NamedTuple):
+class SearchPoint(NamedTuple):
     """A run that is wanted."""
 
     values: dict[str, Value]
@@ -34,7 +34,7 @@ class Point(NamedTuple):
 class RunRequest(NamedTuple):
     """What a search wants next, and how far it has come, in a few words."""
 
-    points: list[Point]
+    points: list[SearchPoint]
     said: str
 
 
@@ -93,7 +93,7 @@ class AdaptiveSearch:
         self._rows[row["key"]] = row
         self._missing.discard(row["key"])
 
-    def _cell(self, point: Point) -> RunSpec:
+    def _cell(self, point: SearchPoint) -> RunSpec:
         """Return the cell of a point: one that was asked for before, one that was driven, or a new one."""
         key = key_of(self._name, *point)
         if key in self._asked:
@@ -114,10 +114,10 @@ def _boundary(cells: RunSpecs, search: Boundary) -> Course:
     axis, others = _along(cells.spec, search), _others(cells.spec, search)
     lines = [(values, seed) for values in others for seed in cells.seeds]
 
-    def point(ask: boundary.Ask) -> Point:
+    def point(ask: boundary.Ask) -> SearchPoint:
         values, seed = lines[ask.row]
         along = values | {search.along: axis[ask.place]}
-        return Point({name: along[name] for name in cells.spec.varied if name in along}, seed)
+        return SearchPoint({name: along[name] for name in cells.spec.varied if name in along}, seed)
 
     rows: dict[boundary.Ask, Row] = {}
     known: list[dict[int, bool]] = [{} for _ in lines]
@@ -200,11 +200,11 @@ def _others(spec: Spec, search: Boundary) -> list[dict[str, Value]]:
 
 
 def _every(axis: Axis) -> Iterator[Value]:
-    assert not isinstance(axis, Between)
+    assert not isinstance(axis, NumberRange)
     return (axis[number] for number in range(axis.count))
 
 
-def _worst(cells: RunSpecs, search: Worst) -> Course:
+def _worst(cells: RunSpecs, search: WorstCase) -> Course:
     axes, sign = cells.spec.parameters, 1.0 if search.highest is None else -1.0
     every: dict[str, Row] = {}
     choosing = worst.search(len(axes), search.points, search.batch, cells.spec.design_seed)
@@ -213,7 +213,7 @@ def _worst(cells: RunSpecs, search: Worst) -> Course:
         chosen = [{name: drawn(axis, at) for (name, axis), at in zip(axes.items(), one, strict=True)} for one in shares]
         best = min((_cost(row, search.figure, sign) for row in every.values()), default=math.inf)
         so_far = f"{search.figure} {sign * best:.3g} so far" if best < math.inf else "starting"
-        rows = yield RunRequest([Point(values, seed) for values in chosen for seed in cells.seeds], so_far)
+        rows = yield RunRequest([SearchPoint(values, seed) for values in chosen for seed in cells.seeds], so_far)
         every.update((row["key"], row) for row in rows)
         costs = [_cost(row, search.figure, sign) for row in rows]
         repeats = len(cells.seeds)
@@ -235,7 +235,7 @@ def _cost(row: Row, figure: str, sign: float) -> float:
     return math.inf if value is None else sign * float(value)
 
 
-def _case(cells: RunSpecs, search: Worst, sign: float, rows: list[Row]) -> Found:
+def _case(cells: RunSpecs, search: WorstCase, sign: float, rows: list[Row]) -> Found:
     """Return what a finished search for the worst case found."""
     least = min(rows, key=lambda row: _cost(row, search.figure, sign))
     with_it = [row for row in rows if _cost(row, search.figure, sign) < math.inf]

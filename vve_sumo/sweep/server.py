@@ -36,7 +36,7 @@ from vve_sumo.drive.provenance import deciding, software
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.sweep import process_tree
 from vve_sumo.sweep.input_cache import InputCache, resolve_job
-from vve_sumo.sweep.job import CHUNK, READY, Job, Result, progress_line
+from vve_sumo.sweep.job import CHUNK, READY, Job, RunResult, progress_line
 from vve_sumo.sweep.run import run_job, tidy
 from vve_sumo.sweep.shared_road import RoadFiles, SharedRoad
 from vve_sumo.vehicle import interface
@@ -104,7 +104,7 @@ def _drain(descriptor: int) -> bytes:
         return b""
 
 
-class Server:
+class ForkServer:
     """Forks a run for each job, watches its limits, and says what came of it."""
 
     def __init__(self, parent: int, scratch: Path, jobs: int, results: int) -> None:
@@ -142,7 +142,7 @@ class Server:
     def _put_back(self, line: str) -> None:
         self._waiting = f"{line}\n".encode() + self._waiting
 
-    def run(self, job: Job) -> Result:
+    def run(self, job: Job) -> RunResult:
         """Drive one job in a child and return what came of it; raises OrphanedError when the parent went away."""
         tidy(job, self._scratch, keep=False)
         if job.keep is not None:
@@ -319,7 +319,7 @@ def _held(child: Child) -> float:
     return process_tree.resident(child.pid) / 1e6 + child.others_mb
 
 
-def _result(job: Job, child: Child, status: int, limit: str) -> Result:
+def _result(job: Job, child: Child, status: int, limit: str) -> RunResult:
     """Return what a child that has ended came to."""
     if limit:
         error = limit
@@ -328,10 +328,10 @@ def _result(job: Job, child: Child, status: int, limit: str) -> Result:
         error = f"{'crashed' if name in OWN_ERROR else 'killed'}: {name}"
     else:
         with contextlib.suppress(ConfigError, UnicodeDecodeError):
-            result = Result.from_json(child.received.decode())
+            result = RunResult.from_json(child.received.decode())
             return result if not result.error else replace(result, said=_text(child.said))
         error = f"exited: {os.WEXITSTATUS(status)}"
-    return Result(job.key, error=error, said=_text(child.said))
+    return RunResult(job.key, error=error, said=_text(child.said))
 
 
 def _signal_name(number: int) -> str:
@@ -351,7 +351,7 @@ def _report(answers: int, progress: DriveProgress) -> None:
     os.write(answers, progress_line(progress).encode() + b"\n")
 
 
-def _live(drive: Callable[[], Result], server: int, answers: int, voices: int) -> NoReturn:
+def _live(drive: Callable[[], RunResult], server: int, answers: int, voices: int) -> NoReturn:
     """Be the child: drive, say what came of it, and end without a word to what the server left open."""
     code = 1
     try:
@@ -386,7 +386,7 @@ def main() -> None:
     results = os.dup(1)
     os.dup2(2, 1)
     try:
-        Server(parent, scratch, os.dup(0), results).serve()
+        ForkServer(parent, scratch, os.dup(0), results).serve()
     except OrphanedError:
         pass
     finally:

@@ -16,7 +16,7 @@ from vve_sumo.config_file import Name, Positive, Table, complaint
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.metric import Kind
 from vve_sumo.scenario.overrides import check_bounds, numbered, places, refuse_unknown
-from vve_sumo.sweep.axes import Axis, Between, Choice, Steps, axes, flattened
+from vve_sumo.sweep.axes import Axis, Choice, NumberRange, Steps, axes, flattened
 from vve_sumo.sweep.controllers import VariedController, columns, compared
 
 #: designs that draw `samples` points, and those that take every value that is listed
@@ -62,7 +62,7 @@ class Boundary(Table):
     )
 
 
-class Worst(Table):
+class WorstCase(Table):
     """Which values, of those that parameters may have, make a figure lowest or highest, of any seed."""
 
     lowest: Name | None = Field(default=None, description="the figure that is to be as low as can be")
@@ -90,7 +90,7 @@ def _kind_of_search(said: object) -> str:
 
 
 Search = Annotated[
-    Annotated[Boundary, Tag("boundary")] | Annotated[Worst, Tag("worst")], Discriminator(_kind_of_search)
+    Annotated[Boundary, Tag("boundary")] | Annotated[WorstCase, Tag("worst")], Discriminator(_kind_of_search)
 ]
 
 
@@ -143,13 +143,13 @@ class Spec(Table):
             self._listed()
         elif self.controllers:
             raise ValueError("controllers: a search for the worst case takes one, expected it in the scenario")
-        elif not any(isinstance(axis, Between) for axis in self.parameters.values()):
+        elif not any(isinstance(axis, NumberRange) for axis in self.parameters.values()):
             raise ValueError("search: expected a parameter with { min, max } to choose from")
 
     def _drawable(self) -> None:
         if self.samples is None:
             raise ValueError(f"design {self.design}: key 'samples' is missing")
-        if not any(isinstance(axis, Between) for axis in self.parameters.values()):
+        if not any(isinstance(axis, NumberRange) for axis in self.parameters.values()):
             raise ValueError(f"design {self.design}: expected a parameter with {{ min, max }} to draw from")
 
     def _listed(self) -> None:
@@ -158,9 +158,9 @@ class Spec(Table):
         if not self.parameters and not self.controllers and self.repeats < 2:
             raise ValueError(f"an empty {self.design}: nothing is varied, expected [parameters] or seeds")
         for key, axis in self.parameters.items():
-            if isinstance(axis, Between):
+            if isinstance(axis, NumberRange):
                 raise ValueError(f"parameters.{key}: min and max go with design {', '.join(SAMPLED)}")
-        counts = {key: axis.count for key, axis in self.parameters.items() if not isinstance(axis, Between)}
+        counts = {key: axis.count for key, axis in self.parameters.items() if not isinstance(axis, NumberRange)}
         if self.design == "list" and len(set(counts.values())) > 1:
             raise ValueError(f"design list: expected lists of one length, got {_said(counts)}")
 

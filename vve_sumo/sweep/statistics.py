@@ -67,7 +67,7 @@ class Group:
 
 
 @dataclass(slots=True)
-class Outcome:
+class SweepOutcome:
     """What a sweep came to."""
 
     all: Group = field(default_factory=Group)
@@ -86,9 +86,9 @@ class Outcome:
         return (f"{count} x {error}" for error, count in self.errors.most_common())
 
 
-def outcome(rows: Iterable[Mapping[str, Any]], parameters: Sequence[str], figures: Sequence[str]) -> Outcome:
+def outcome(rows: Iterable[Mapping[str, Any]], parameters: Sequence[str], figures: Sequence[str]) -> SweepOutcome:
     """Return what rows come to: pass rates and the means of `figures`, by combination of the parameters' values."""
-    came = Outcome()
+    came = SweepOutcome()
     for row in rows:
         values = tuple(row[name] for name in parameters)
         came.groups.setdefault(values, Group()).add(row, figures)

@@ -22,7 +22,7 @@ from typing import IO
 from vve_sumo.drive.progress import DriveProgress
 from vve_sumo.errors import SimulationError
 from vve_sumo.sweep import process_tree
-from vve_sumo.sweep.job import CHUNK, READY, Job, Result, progress_of
+from vve_sumo.sweep.job import CHUNK, READY, Job, RunResult, progress_of
 
 MAX_ATTEMPTS = 2  #: how often a job is begun: a server that is killed from outside is not the run's fault
 SHUTDOWN_TIMEOUT = 5.0  #: for a server to tidy up after its stdin was closed, before it is killed [s]
@@ -139,7 +139,7 @@ class Worker:
             while rest:
                 rest = rest[server.jobs.write(rest) :]
 
-    def result(self) -> Result | None:
+    def result(self) -> RunResult | None:
         """Return what came of the job, once there is something; None until then.
 
         A server that died is started anew with the same job, once. Raises SimulationError where it can't be started.
@@ -159,7 +159,7 @@ class Worker:
                 self._report(progress)
             else:
                 self._job = None
-                return Result.from_json(line.decode())
+                return RunResult.from_json(line.decode())
         return None
 
     def dismiss(self) -> None:
@@ -173,7 +173,7 @@ class Worker:
             self._server.end()
         self._server, self._job = None, None
 
-    def _died(self, server: _Server) -> Result | None:
+    def _died(self, server: _Server) -> RunResult | None:
         """Clear away a dead server; give its job to another one, or up."""
         job, code, word = self._job, server.process.wait(), server.last_word()
         self.kill()
@@ -185,4 +185,4 @@ class Worker:
             self._job = job
             self._tell(job.to_json())
             return None
-        return Result(job.key, error=f"killed: {signal.Signals(-code).name}" if code < 0 else f"server: {word}")
+        return RunResult(job.key, error=f"killed: {signal.Signals(-code).name}" if code < 0 else f"server: {word}")

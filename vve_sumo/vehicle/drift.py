@@ -41,7 +41,7 @@ def unseen_drift(distance: float) -> float:
     return (NOISE + RESIDUE) * (1.0 + distance / LEARNING_DISTANCE) + 2.0 * CHANGE * distance
 
 
-class Sample(NamedTuple):
+class DriftSample(NamedTuple):
     """Where the receiver and the car's own sensors say that the rear axle is, at the same time."""
 
     x: float  #: by the receiver [m]
@@ -97,13 +97,13 @@ class DriftCheck:
 
     def __init__(self, slip: float, wheel_speed_tolerance: float) -> None:
         self._slip, self._tolerance = slip, wheel_speed_tolerance
-        self._last: Sample | None = None
+        self._last: DriftSample | None = None
 
     def reset(self) -> None:
         """Begin anew: the way begins with the next sample."""
         self._last = None
 
-    def explain(self, sample: Sample) -> bool:
+    def explain(self, sample: DriftSample) -> bool:
         """Whether one value of each cause explains this sample and all before it; if not, the check begins anew."""
         last, self._last = self._last, sample
         if last is None:
@@ -134,7 +134,7 @@ class DriftCheck:
             self._last = None
         return explained
 
-    def _begin(self, sample: Sample) -> None:
+    def _begin(self, sample: DriftSample) -> None:
         self._across = FeasibleSet(MISALIGNMENT, SLIP_SHARE)  # misalignment [rad], share of the slip
         self._along = FeasibleSet(self._tolerance, DELAY)  # share of the way, delay [s]
         self._ahead = self._left = self._slipped = self._differs = self._driven = self._turned = 0.0

@@ -31,7 +31,7 @@ _SI: Final[Mapping[str, Callable[[float], float]]] = {
 _CODES: Final = {1: "B", 2: "H", 4: "I", 8: "Q"}  # of `struct`, by the number of bytes
 
 
-class Reading(NamedTuple):
+class FrameReading(NamedTuple):
     """How a frame is read in two steps: one that repeats the counts of the one before need not be understood again."""
 
     signals: struct.Struct  #: takes the bytes that are read out of a frame of this length
@@ -70,7 +70,7 @@ def reading(
     converters: Mapping[str, Any] | None = None,
     named: Iterable[str] = (),
     zero: Mapping[str, str] | None = None,
-) -> Reading:
+) -> FrameReading:
     """Return how a frame is read as a tuple of class `made`.
 
     `converters` holds functions that the number of a field goes through, for multiplexed signals one for each count of
@@ -87,7 +87,7 @@ def reading(
     words = [word for word in source.words if word in source.used]
     source.known |= {"made": made, "no_value": Malformed(message.id, "value"), "nan": math.nan}
     understand = source.function(", ".join(word.name for word in words), f"new(made, ({', '.join(values)},))")
-    return Reading(_struct(words, message.size), understand)
+    return FrameReading(_struct(words, message.size), understand)
 
 
 class _Word(NamedTuple):

@@ -17,7 +17,7 @@ from vve_sumo.laws import clamp
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint, Vehicle, resolve_fallback_path
 from vve_sumo.vehicle.actuation import Actuation, Pedals
-from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, Event, transition
+from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, ArmingEvent, transition
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.engagement import Engagement
 from vve_sumo.vehicle.fallback import FallbackTracker
@@ -270,7 +270,7 @@ class Gateway(Monitor):
     def _judge_idle(self, now: float, faults: list[str]) -> None:
         latching = [code for code in faults if code in _LATCHING]
         if latching:
-            self._apply_event(now, Event.FAULT, latching)
+            self._apply_event(now, ArmingEvent.FAULT, latching)
         if self._state is ArmingState.FAULT:
             taken = "driver_override" in self._causes
             attended = self._attended_long.step(now, self._reports.attended(now))
@@ -279,7 +279,7 @@ class Gateway(Monitor):
                 self._notes.append("driver_needed")
             return
         missing = faults + self._missing(now)
-        self._apply_event(now, Event.CONDITIONS_LOST if missing else Event.CONDITIONS_MET, [])
+        self._apply_event(now, ArmingEvent.CONDITIONS_LOST if missing else ArmingEvent.CONDITIONS_MET, [])
         self._notes += missing
 
     def _judge_commanded(self, now: float, faults: list[str]) -> None:
@@ -290,7 +290,7 @@ class Gateway(Monitor):
         overrides -= self._old_overrides
         if overrides:
             if self._foot_inferred or any(map(self._confirmed, overrides)):
-                self._apply_event(now, Event.OVERRIDE, ["driver_override", *faults])
+                self._apply_event(now, ArmingEvent.OVERRIDE, ["driver_override", *faults])
                 return
             # The word of one module alone, which may be wrong: a car that nobody brakes must not be let go.
             faults.append("override_unconfirmed")
@@ -301,9 +301,9 @@ class Gateway(Monitor):
             faults.append("speed_above_limit")
         faults += self._progress(now)
         if faults:
-            self._apply_event(now, Event.FAULT, faults)
+            self._apply_event(now, ArmingEvent.FAULT, faults)
         if self._state is _ENGAGED and not self._validator.valid(now):
-            self._apply_event(now, Event.EXPIRED, ["setpoint_expired"])
+            self._apply_event(now, ArmingEvent.EXPIRED, ["setpoint_expired"])
         self._judge_rest(now)
         self._call_the_driver("brake" in overrides, faults)
 
@@ -317,16 +317,16 @@ class Gateway(Monitor):
         under_way = self._state is _STOPPING or (self._state is _ENGAGED and self._engagement.going)
         signs = [*self._driver, "driver_inferred"] if self._foot_inferred else self._driver
         if under_way:
-            self._apply_event(now, Event.DRIVER, signs)
+            self._apply_event(now, ArmingEvent.DRIVER, signs)
 
     def _judge_rest(self, now: float) -> None:
         """Apply that the car stands, or is parked; call the driver where it is not certain that it stands."""
         standstill = self._standstill
         if standstill.at_rest:
-            self._apply_event(now, Event.AT_REST, [])
+            self._apply_event(now, ArmingEvent.AT_REST, [])
         stopped = self._state is _STOPPED
         if self._parked_long.step(now, stopped and standstill.certain and self._reports.in_park(now)):
-            self._apply_event(now, Event.PARKED, [])
+            self._apply_event(now, ArmingEvent.PARKED, [])
         doubted = self._reports.fastest_wheel < WHEEL_REST and not standstill.certain
         # A car that pulls away after a long stand contradicts for a moment: the receiver sees slow motion as rest.
         pulls_away = self._state is _ENGAGED and self._engagement.going
@@ -367,32 +367,32 @@ class Gateway(Monitor):
     def _apply_command(self, now: float, act: OperatorCommand) -> None:
         match act:
             case OperatorCommand.ENGAGE:
-                self._apply_event(now, Event.ENGAGE, [])
+                self._apply_event(now, ArmingEvent.ENGAGE, [])
             case OperatorCommand.GO if self._state is ArmingState.ENGAGED and self._engagement.going:
                 pass
             case OperatorCommand.GO if self._may_go():
-                self._apply_event(now, Event.GO, [])
+                self._apply_event(now, ArmingEvent.GO, [])
                 self._engagement.going = True
             case OperatorCommand.GO:
                 self._notes.append("go_too_early")
             case OperatorCommand.STOP:
-                self._apply_event(now, Event.STOP, ["stop_asked"])
+                self._apply_event(now, ArmingEvent.STOP, ["stop_asked"])
             case OperatorCommand.STOP_BY_PAGE:
-                self._apply_event(now, Event.STOP, ["stop_asked_by_page"])
+                self._apply_event(now, ArmingEvent.STOP, ["stop_asked_by_page"])
             case OperatorCommand.END:
-                self._apply_event(now, Event.STOP, ["drive_over"])
+                self._apply_event(now, ArmingEvent.STOP, ["drive_over"])
             case OperatorCommand.DISARM if self._state is ArmingState.STOPPED:
                 # Without brakes a car in drive creeps away, and the DBW watchdog brakes when EN drops in gear.
                 self._notes.append("not_in_park")
             case OperatorCommand.DISARM:
-                self._apply_event(now, Event.DISARM, ["disarm_asked"])
+                self._apply_event(now, ArmingEvent.DISARM, ["disarm_asked"])
 
     def _may_go(self) -> bool:
         """Whether a held car may be allowed to move: never without brakes."""
         held = self._state is _ENGAGED and not self._response_monitor.brakes_latched
         return held and self._engagement.may_go(self._driver)
 
-    def _apply_event(self, now: float, event: Event, causes: list[str]) -> None:
+    def _apply_event(self, now: float, event: ArmingEvent, causes: list[str]) -> None:
         """Apply `event` to the arming state, and keep the causes of what ends the drive."""
         before, after = self._state, transition(self._state, event)
         self._state = after
@@ -406,11 +406,11 @@ class Gateway(Monitor):
             self._engage(now)
         elif after is ArmingState.STOPPING:
             self._begin_stop()
-        elif event is Event.DISARM or event is Event.PARKED:
+        elif event is ArmingEvent.DISARM or event is ArmingEvent.PARKED:
             # The next drive may have another controller, whose sequence numbers start from zero again.
             self._validator = SetpointValidator()
             self._fallback_tracker.take(0.0, None)  # no path outlives the drive that it was worked out for
-            if event is Event.DISARM:
+            if event is ArmingEvent.DISARM:
                 self._causes.clear()
 
     def _engage(self, now: float) -> None:

@@ -39,7 +39,7 @@ _MAX_INTEGER: Final = (1 << 63) - 1
 _Message = TypeVar("_Message")
 
 
-class Malformed(NamedTuple):
+class MalformedMessage(NamedTuple):
     """Bytes that are no message."""
 
     reason: str  #: too_short, wrong_crc, wrong_magic, wrong_version, wrong_kind or wrong_content
@@ -71,7 +71,7 @@ def encode_setpoint(setpoint: Setpoint) -> bytes:
     return _sealed(_KIND_SETPOINT, b"".join(body))
 
 
-def decode_setpoint(data: bytes) -> Setpoint | Malformed:
+def decode_setpoint(data: bytes) -> Setpoint | MalformedMessage:
     """Return the setpoint in a datagram, bit for bit as it was sent."""
     return _decoded(_KIND_SETPOINT, data, _setpoint)
 
@@ -102,7 +102,7 @@ def encode_operator_command(act: OperatorCommand) -> bytes:
     return _sealed(_KIND_ACT, _text(act))
 
 
-def decode_operator_command(data: bytes) -> OperatorCommand | Malformed:
+def decode_operator_command(data: bytes) -> OperatorCommand | MalformedMessage:
     """Return the operator command in a datagram."""
     return _decoded(_KIND_ACT, data, lambda reader: OperatorCommand(reader.text()))
 
@@ -121,7 +121,7 @@ def encode_feedback(feedback: Feedback) -> bytes:
     return _sealed(_KIND_FEEDBACK, b"".join(body))
 
 
-def decode_feedback(data: bytes) -> Feedback | Malformed:
+def decode_feedback(data: bytes) -> Feedback | MalformedMessage:
     """Return the feedback in a datagram, bit for bit as it was sent."""
     return _decoded(_KIND_FEEDBACK, data, _feedback)
 
@@ -139,29 +139,29 @@ def _sealed(kind: int, body: bytes) -> bytes:
     return message + _CRC.pack(zlib.crc32(message))
 
 
-def _opened(kind: int, data: bytes) -> bytes | Malformed:
+def _opened(kind: int, data: bytes) -> bytes | MalformedMessage:
     """Return the body of a message of that kind."""
     if len(data) < _HEAD.size + _CRC.size:
-        return Malformed("too_short")
+        return MalformedMessage("too_short")
     if _CRC.unpack(data[-_CRC.size :]) != (zlib.crc32(data[: -_CRC.size]),):
-        return Malformed("wrong_crc")
+        return MalformedMessage("wrong_crc")
     magic, version, said = _HEAD.unpack_from(data)
     if magic != _MAGIC:
-        return Malformed("wrong_magic")
+        return MalformedMessage("wrong_magic")
     if version != VERSION:
-        return Malformed("wrong_version")
-    return data[_HEAD.size : -_CRC.size] if said == kind else Malformed("wrong_kind")
+        return MalformedMessage("wrong_version")
+    return data[_HEAD.size : -_CRC.size] if said == kind else MalformedMessage("wrong_kind")
 
 
-def _decoded(kind: int, data: bytes, read: Callable[[_Reader], _Message]) -> _Message | Malformed:
+def _decoded(kind: int, data: bytes, read: Callable[[_Reader], _Message]) -> _Message | MalformedMessage:
     body = _opened(kind, data)
-    if isinstance(body, Malformed):
+    if isinstance(body, MalformedMessage):
         return body
     reader = _Reader(body)
     try:
         return reader.finished(read(reader))
     except (struct.error, ValueError, IndexError):
-        return Malformed("wrong_content")
+        return MalformedMessage("wrong_content")
 
 
 def _whole(number: int) -> int:

@@ -15,8 +15,14 @@ from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.effective_deceleration import ROUNDING
 from vve_sumo.vehicle.interface import InterfaceConfig
 from vve_sumo.vehicle.model import FIX_PERIOD, IDEAL, Imperfections, SimulatedParameters, VehicleModel
-from vve_sumo.vehicle.schema import Calibration as CalibrationTable
-from vve_sumo.vehicle.schema import Declared, DriveByWire, Measured, Simulated, VehicleFile
+from vve_sumo.vehicle.schema import (
+    Declared,
+    DriveByWire,
+    MeasuredImperfections,
+    PedalCalibration,
+    Simulated,
+    VehicleFile,
+)
 
 
 def declared(table: Declared) -> Vehicle:
@@ -32,7 +38,7 @@ def declared(table: Declared) -> Vehicle:
     return vehicle
 
 
-def calibrated(table: CalibrationTable, vehicle: Vehicle) -> Calibration:
+def calibrated(table: PedalCalibration, vehicle: Vehicle) -> Calibration:
     """Return the longitudinal calibration of a vehicle; mass and torque limit are the vehicle's."""
     said = in_si(table, "sources", "date", "steering_wheel_bias_deg")
     return Calibration(mass=vehicle.mass, brake_torque_limit=vehicle.brake_torque_limit, **said)
@@ -43,7 +49,7 @@ def simulated(table: Simulated) -> SimulatedParameters:
     return SimulatedParameters(**in_si(table, "sources", "receiver_forward_m", "receiver_left_m"))
 
 
-def imperfections(table: Measured | None) -> Imperfections:
+def imperfections(table: MeasuredImperfections | None) -> Imperfections:
     """Return the simulated vehicle's imperfections, IDEAL where there is no table.
 
     Raises ConfigError, without the file's name, if they are impossible.

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint, Vehicle
-from vve_sumo.vehicle.arming import COMMANDING, Event, transition
+from vve_sumo.vehicle.arming import COMMANDING, ArmingEvent, transition
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.gateway import GatewayOutput, OperatorCommand
 from vve_sumo.vehicle.interface import VehicleInterface
@@ -90,7 +90,7 @@ class Observer(Monitor):
             missing.append("no_setpoint")
         if not self._standstill.certain:
             missing.append("not_standing")
-        self._apply_event(Event.CONDITIONS_LOST if missing else Event.CONDITIONS_MET, [])
+        self._apply_event(ArmingEvent.CONDITIONS_LOST if missing else ArmingEvent.CONDITIONS_MET, [])
         self._notes += missing
 
     def _judge_drive(self, now: float, faults: list[str]) -> None:
@@ -98,38 +98,38 @@ class Observer(Monitor):
         overrides = self._reports.overrides()
         self._old_overrides &= overrides
         if overrides - self._old_overrides:
-            self._apply_event(Event.OVERRIDE, ["driver_override", *faults])
+            self._apply_event(ArmingEvent.OVERRIDE, ["driver_override", *faults])
             return
         under_way = self._state is ArmingState.STOPPING or (self._state is ArmingState.ENGAGED and self._going)
         if under_way and (signs := self._reports.driver()):
-            self._apply_event(Event.DRIVER, signs)
+            self._apply_event(ArmingEvent.DRIVER, signs)
         if faults:
-            self._apply_event(Event.FAULT, faults)
+            self._apply_event(ArmingEvent.FAULT, faults)
         if self._state is ArmingState.ENGAGED and not self._validator.valid(now):
-            self._apply_event(Event.EXPIRED, ["setpoint_expired"])
+            self._apply_event(ArmingEvent.EXPIRED, ["setpoint_expired"])
         if self._standstill.at_rest:
-            self._apply_event(Event.AT_REST, [])
+            self._apply_event(ArmingEvent.AT_REST, [])
         if self._standing_long.step(now, self._state is ArmingState.STOPPED and self._standstill.at_rest):
-            self._apply_event(Event.PARKED, [])
+            self._apply_event(ArmingEvent.PARKED, [])
 
     def _apply_command(self, act: OperatorCommand) -> None:
         match act:
             case OperatorCommand.ENGAGE:
-                self._apply_event(Event.ENGAGE, [])
+                self._apply_event(ArmingEvent.ENGAGE, [])
             case OperatorCommand.GO if self._state is ArmingState.ENGAGED and not self._reports.driver():
                 self._going = True
             case OperatorCommand.GO:
                 self._notes += ["go_too_early", *self._reports.driver()]
             case OperatorCommand.STOP:
-                self._apply_event(Event.STOP, ["stop_asked"])
+                self._apply_event(ArmingEvent.STOP, ["stop_asked"])
             case OperatorCommand.STOP_BY_PAGE:
-                self._apply_event(Event.STOP, ["stop_asked_by_page"])
+                self._apply_event(ArmingEvent.STOP, ["stop_asked_by_page"])
             case OperatorCommand.END:
-                self._apply_event(Event.STOP, ["drive_over"])
+                self._apply_event(ArmingEvent.STOP, ["drive_over"])
             case OperatorCommand.DISARM:
-                self._apply_event(Event.DISARM, ["disarm_asked"])
+                self._apply_event(ArmingEvent.DISARM, ["disarm_asked"])
 
-    def _apply_event(self, event: Event, causes: list[str]) -> None:
+    def _apply_event(self, event: ArmingEvent, causes: list[str]) -> None:
         """Apply `event` to the arming state, and keep the causes of what ends the drive."""
         before, after = self._state, transition(self._state, event)
         self._state = after
@@ -142,5 +142,5 @@ class Observer(Monitor):
             self._has_been_engaged, self._going = True, False
             self._old_overrides = self._reports.overrides()
             self._standing_long.reset()
-        elif event is Event.DISARM:
+        elif event is ArmingEvent.DISARM:
             self._causes.clear()

@@ -15,7 +15,7 @@ from typing import Final
 from vve_sumo.frozen import fast_frozen
 from vve_sumo.values import Setpoint, Vehicle
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.drift import DELAY, DriftCheck, Sample
+from vve_sumo.vehicle.drift import DELAY, DriftCheck, DriftSample
 from vve_sumo.vehicle.setpoint_validation import Debounce
 
 # Allowed difference of satellite and wheel speed: this for the noise of both, plus the wheels' calibrated scale error
@@ -260,7 +260,7 @@ class Plausibility:
                 window.append(place)
             way = self._way - car.speed * (now - setpoint.time)
             explained = self._drift.explain(
-                Sample(setpoint.x, setpoint.y, setpoint.heading, setpoint.speed, car.speed, way)
+                DriftSample(setpoint.x, setpoint.y, setpoint.heading, setpoint.speed, car.speed, way)
             )
         reasons = self._compared(kept[0], place) if kept else []
         if not explained and "position_mismatch" not in reasons:

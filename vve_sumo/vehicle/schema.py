@@ -48,7 +48,7 @@ class Declared(Table):
     deceleration_limit_mps2: Strength = Field(description="reached at the torque limit, laden, on the level")
 
 
-class Calibration(Table):
+class PedalCalibration(Table):
     """What the pedals do: from brake torque and throttle opening to forces along the vehicle."""
 
     brake_gain_kgm: Positive = Field(description="brake torque for each m/s2 of deceleration")
@@ -81,7 +81,7 @@ class Simulated(Table):
     )
 
 
-class Measured(Table):
+class MeasuredImperfections(Table):
     """How the simulated vehicle's sensors, brakes, tyres and receiver differ from ideal ones: fidelity `measured`."""
 
     wheel_runout_front_left: Small = Field(
@@ -161,7 +161,7 @@ class SourcedDeclared(Declared, Sourced):
     """`[vehicle]` of a vehicle file."""
 
 
-class SourcedCalibration(Calibration, Sourced):
+class SourcedCalibration(PedalCalibration, Sourced):
     """`[calibration]` of a vehicle file."""
 
 
@@ -169,7 +169,7 @@ class SourcedSimulated(Simulated, Sourced):
     """`[simulated]` of a vehicle file."""
 
 
-class SourcedMeasured(Measured, Sourced):
+class SourcedMeasured(MeasuredImperfections, Sourced):
     """`[measured]` of a vehicle file."""
 
 

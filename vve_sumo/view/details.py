@@ -17,7 +17,7 @@ from vve_sumo.vehicle import link
 from vve_sumo.view.frames import Column, Frames, coded, pack, radar_scans
 from vve_sumo.view.lot_view import LotView
 from vve_sumo.view.scene import VERSION, radar_of, rig_of
-from vve_sumo.view.sight import View, Why, unseen
+from vve_sumo.view.sight import FieldOfView, Why, unseen
 
 #: ticks from one footprint to the next; the page shows each for at most FOOTPRINT_LIFE ticks
 FOOTPRINT_STEP: Final = 10
@@ -58,7 +58,7 @@ def details(run: Run) -> bytes:
 
 
 def _unseen(run: Run) -> _Unseen:
-    scans, view = radar_scans(run), View.of(radar_of(run.resolved), run.vehicle)
+    scans, view = radar_scans(run), FieldOfView.of(radar_of(run.resolved), run.vehicle)
     pose = _pose_at(run, scans.measured)
     looks = _looks(run)
     codes = {name: code for code, name in enumerate(run.data.actor_rows.names)}

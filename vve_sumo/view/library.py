@@ -33,7 +33,7 @@ MAX_OPEN: Final = 4
 PLOTTED_FIRST: Final = ("stop_gap_m", "min_gap_m", "min_ttc_s")
 
 
-class Record:
+class ViewedRecord:
     """A record for the page; what is computed is computed once."""
 
     def __init__(self, run: Run, name: str = "") -> None:
@@ -78,7 +78,7 @@ class Library:
             raise ConfigError("expected two drives' records to show side by side, got a sweep among them")
         names = names_apart(folders)
         self._open = {
-            str(number): Record(run, names[number]) for number, run in enumerate(held) if isinstance(run, Run)
+            str(number): ViewedRecord(run, names[number]) for number, run in enumerate(held) if isinstance(run, Run)
         }
         self._lock = threading.Lock()
         self._kept = frozenset(_kept(self.sweep)) if self.sweep is not None else frozenset()
@@ -97,7 +97,7 @@ class Library:
             "records": [],
         }
 
-    def record(self, key: str) -> Record | None:
+    def record(self, key: str) -> ViewedRecord | None:
         """Return a record by its key; None where there is none. Raises ConfigError for one that cannot be read."""
         with self._lock:
             if key in self._open:
@@ -106,7 +106,7 @@ class Library:
                 return None
             while len(self._open) >= MAX_OPEN:
                 self._open.pop(next(iter(self._open)))
-            self._open[key] = Record(self.sweep.run(key))
+            self._open[key] = ViewedRecord(self.sweep.run(key))
             return self._open[key]
 
     def table(self) -> bytes | None:

@@ -18,9 +18,9 @@ from vve_sumo.frames import move_point
 from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
 from vve_sumo.values import Actors, Floats, GatewayStatus, Point, Pose
 from vve_sumo.view.lot_view import LotView
-from vve_sumo.view.sample import Sample, Scan
+from vve_sumo.view.sample import ScanView, ViewSample
 from vve_sumo.view.scene import body, finite, path_of, radar_of, rig_of, vehicle_of
-from vve_sumo.view.sight import View, return_points, unseen
+from vve_sumo.view.sight import FieldOfView, return_points, unseen
 
 #: samples that are kept to find what a scan looked at: a radar's latency is at most a second
 MAX_KEPT: Final = 60
@@ -41,7 +41,7 @@ class LiveFrames:
     def __init__(self, resolved: Mapping[str, Any], wording: Wording) -> None:
         """`resolved` is the content of `scenario.json`; `wording` says in plain words what the console would say."""
         self._vehicle, self._path, self._wording = vehicle_of(resolved), path_of(resolved), wording
-        self._view = View.of(radar_of(resolved), self._vehicle)
+        self._view = FieldOfView.of(radar_of(resolved), self._vehicle)
         self._declared = declared_kinds(resolved["settings"])
         rig = rig_of(resolved)
         self._lot = None if rig is None else LotView(rig, resolved, self._vehicle)
@@ -49,14 +49,14 @@ class LiveFrames:
         self._scan: dict[str, Any] = {"returns": _NO_RETURNS, "unseen": {"id": [], "why": []}}
         self._footprint: tuple[float, list[list[float]] | None] = (-math.inf, None)
         self._engaged = False
-        self._before: Sample | None = None
+        self._before: ViewSample | None = None
         self._told: tuple[float, GatewayStatus] | None = None  # when the last event of the gateway was, and of what
         self._detected: set[str] = set()
         self.bodies: dict[str, dict[str, Any]] = {}  #: of every actor seen so far, as the scene has them
         self.events: deque[dict[str, Any]] = deque(maxlen=MAX_EVENTS)
-        self.newest: Sample | None = None
+        self.newest: ViewSample | None = None
 
-    def take(self, sample: Sample) -> list[dict[str, Any]]:
+    def take(self, sample: ViewSample) -> list[dict[str, Any]]:
         """Take a sample, none of which may be left out; return the events that it brings."""
         self._looks.append((sample.time, sample.pose, sample.actors))
         self._engaged |= sample.status.state in ("engaged", "stopping", "stopped")
@@ -94,7 +94,7 @@ class LiveFrames:
             **self._in_the_lot(sample),
         }
 
-    def _said(self, sample: Sample) -> str:
+    def _said(self, sample: ViewSample) -> str:
         return self._wording(
             {
                 "state": sample.status.state.value,
@@ -108,7 +108,7 @@ class LiveFrames:
         )
 
     @staticmethod
-    def _ego(sample: Sample, pose: Pose) -> dict[str, Any]:
+    def _ego(sample: ViewSample, pose: Pose) -> dict[str, Any]:
         return {
             "x": round(pose.x, 4),
             "y": round(pose.y, 4),
@@ -122,11 +122,11 @@ class LiveFrames:
             "yaw_rate": finite(pose.yaw_rate) or 0.0,
         }
 
-    def _gap(self, sample: Sample, pose: Pose) -> float | None:
+    def _gap(self, sample: ViewSample, pose: Pose) -> float | None:
         lead = lead_vehicle_now(pose, sample.s, sample.actors, self._path, self._vehicle)
         return finite(float(lead.gap[0]), 3)
 
-    def _in_the_lot(self, sample: Sample) -> dict[str, Any]:
+    def _in_the_lot(self, sample: ViewSample) -> dict[str, Any]:
         lot, pose = self._lot, sample.pose
         if lot is None or pose is None:
             return {"real": None, "to_edge": None, "footprint": None}
@@ -147,7 +147,7 @@ class LiveFrames:
                 kind = self._declared.get(name) or kind_of(name, float(actors.radar_cross_section[row]))
                 self.bodies[name] = body(kind, float(actors.length[row]), float(actors.width[row]))
 
-    def _look(self, scan: Scan) -> None:
+    def _look(self, scan: ScanView) -> None:
         """Place a scan's returns, and find the actors without one, from the tick at which it was measured."""
         look = min(self._looks, key=lambda one: abs(one[0] - scan.measured))
         _time, pose, actors = look
@@ -166,7 +166,7 @@ class LiveFrames:
             "unseen": {"id": list(missing), "why": [why.value for why in missing.values()]},
         }
 
-    def _happened(self, sample: Sample) -> list[dict[str, Any]]:
+    def _happened(self, sample: ViewSample) -> list[dict[str, Any]]:
         before, time, status = self._before, sample.time, sample.status
         found: list[dict[str, Any]] = []
         told = self._told
@@ -184,7 +184,7 @@ class LiveFrames:
             found.append(_event(time, "end", f"end: {sample.outcome}"))
         return found
 
-    def _first_detections(self, scan: Scan, time: float) -> list[dict[str, Any]]:
+    def _first_detections(self, scan: ScanView, time: float) -> list[dict[str, Any]]:
         found = []
         for name, far in zip(scan.actors, scan.range.tolist(), strict=True):
             if name and name not in self._detected:
@@ -213,7 +213,7 @@ def _rounded(values: Floats) -> list[float]:
     return rounded
 
 
-def _quality(sample: Sample) -> str:
+def _quality(sample: ViewSample) -> str:
     # Without any fix at all, the newest one is as good as it was, and old.
     stale = tuple(reason for reason in sample.faults if reason == "pose_stale")
     if sample.pose_reasons or stale:

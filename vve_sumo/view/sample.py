@@ -15,7 +15,7 @@ from vve_sumo.values import Actors, FallbackPath, FixQuality, Floats, GatewaySta
 
 
 @dataclass(frozen=True, slots=True)
-class Scan:
+class ScanView:
     """A scan of the radar that came out at a tick; an entry a detection."""
 
     measured: float  #: drive time at which it was measured [s]
@@ -25,7 +25,7 @@ class Scan:
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class ViewSample:
     """One tick of a live drive."""
 
     tick: int
@@ -51,18 +51,18 @@ class Sample:
     latency: float  #: of the newest completed tick, arrival of the bytes to the command frame [s]; NaN for none
     missed: int  #: ticks skipped so far
     actors: Actors  #: that the sensors saw
-    scan: Scan | None  #: of the radar, where one came out
+    scan: ScanView | None  #: of the radar, where one came out
     signals: Mapping[str, str]  #: what each traffic signal shows, SUMO's letter for each of its links
     outcome: str | None  #: of the drive, once it has one
 
 
-def encode(sample: Sample) -> bytes:
+def encode(sample: ViewSample) -> bytes:
     """Return a sample as a datagram."""
     return pickle.dumps(sample, pickle.HIGHEST_PROTOCOL)
 
 
-def decode(datagram: bytes) -> Sample:
+def decode(datagram: bytes) -> ViewSample:
     """Return the sample in a datagram of the drive, which the same program started: pickle is safe for no other."""
     sample: Any = pickle.loads(datagram)
-    assert isinstance(sample, Sample)
+    assert isinstance(sample, ViewSample)
     return sample

@@ -26,7 +26,7 @@ from starlette.routing import BaseRoute, Route
 from vve_sumo.errors import ConfigError, VveError
 from vve_sumo.view.assets import POLICY, file
 from vve_sumo.view.guard import BACKLOG, MAX_HEAD, Gate, GuardedConfig, GuardedConnection, GuardedSocket, Listener
-from vve_sumo.view.library import Library, Record
+from vve_sumo.view.library import Library, ViewedRecord
 
 LOOPBACK: Final = "127.0.0.1"
 #: a WebSocket's message from a page is not longer [bytes]: a page only acknowledges frames
@@ -57,7 +57,7 @@ class _Quiet(uvicorn.Server):
         yield
 
 
-class Server:
+class PageServer:
     """A server of one page; who connects before it serves waits for that."""
 
     def __init__(
@@ -210,13 +210,13 @@ def _binary(content: bytes) -> Response:
     return Response(content, headers=_HEADERS, media_type="application/octet-stream")
 
 
-_PARTS: Final[dict[str, Callable[[Record], Response]]] = {
+_PARTS: Final[dict[str, Callable[[ViewedRecord], Response]]] = {
     "scene.json": lambda record: _document(record.scene()),
     "frames.bin": lambda record: _binary(record.frames()),
     "details.bin": lambda record: _binary(record.details()),
 }
 
 
-def replay_server(folders: Sequence[Path], port: int = 0) -> Server:
+def replay_server(folders: Sequence[Path], port: int = 0) -> PageServer:
     """Return a server of one sweep, or of one or two records; raises ConfigError as `Library` does."""
-    return Server(library_routes(Library(folders)), port=port)
+    return PageServer(library_routes(Library(folders)), port=port)

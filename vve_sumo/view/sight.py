@@ -24,7 +24,7 @@ class Why(enum.StrEnum):
     MISSED = "missed"  #: it was in sight, and the scan did not detect it
 
 
-class View(NamedTuple):
+class FieldOfView(NamedTuple):
     """The radar's field of view and where its antenna is mounted."""
 
     sectors: tuple[Sector, ...]
@@ -32,7 +32,7 @@ class View(NamedTuple):
     vehicle: Vehicle
 
     @classmethod
-    def of(cls, config: RadarConfig, vehicle: Vehicle) -> View:
+    def of(cls, config: RadarConfig, vehicle: Vehicle) -> FieldOfView:
         """Return the field of view of a radar on a vehicle."""
         sectors = tuple(Sector(mode.range_max, float(np.tan(mode.half_angle))) for mode in config.modes)
         return cls(sectors, config.mount, vehicle)
@@ -43,7 +43,7 @@ class View(NamedTuple):
         return antenna_at(pose, self.mount, self.vehicle)
 
 
-def unseen(antenna: Antenna, actors: Actors, detected: Collection[str], view: View) -> dict[str, Why]:
+def unseen(antenna: Antenna, actors: Actors, detected: Collection[str], view: FieldOfView) -> dict[str, Why]:
     """Return the actors inside the field of view that a scan did not detect, each with the reason.
 
     An actor is inside where the radar would see it if it were alone; actors outside are left out.
@@ -57,7 +57,7 @@ def unseen(antenna: Antenna, actors: Actors, detected: Collection[str], view: Vi
     return found
 
 
-def _near(antenna: Antenna, actors: Actors, view: View) -> list[int]:
+def _near(antenna: Antenna, actors: Actors, view: FieldOfView) -> list[int]:
     """Return the rows of the actors that may reach into the field of view, by circles around them."""
     east, north, radius = actors.x - antenna.x, actors.y - antenna.y, 0.5 * (actors.length + actors.width)
     ahead = east * np.cos(antenna.heading) + north * np.sin(antenna.heading)

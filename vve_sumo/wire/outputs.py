@@ -15,7 +15,7 @@ from vve_sumo.pose import ncom
 from vve_sumo.values import Actors, Frame, Vehicle
 from vve_sumo.wire import ars408, datagrams, esr, nmea
 from vve_sumo.wire.numbering import Numbering
-from vve_sumo.wire.sample import NO_SCAN, Measured, Sample, no_fix
+from vve_sumo.wire.sample import NO_SCAN, Sample, SampleContent, no_fix
 
 #: how long a control computer may act on a radar datagram [s]
 LIFETIME: Final = 0.1
@@ -233,7 +233,7 @@ class _Objects:
         self._time = math.nan
         self._found: list[_Object] = []
 
-    def of(self, measured: Measured) -> list[_Object]:
+    def of(self, measured: SampleContent) -> list[_Object]:
         """Return the numbered detections of a sample's scan."""
         scan = measured.scan
         if scan.time != self._time:
@@ -253,7 +253,7 @@ def _over_ground(one: _Object, speed: float) -> float:
     return one.range_rate + speed * math.cos(one.azimuth)
 
 
-def _with_scan(sample: Sample) -> Measured | None:
+def _with_scan(sample: Sample) -> SampleContent | None:
     """Return what a sample carries, where it has a scan that is not too old; else None: the radar is invalid."""
     return sample.measured if sample.radar_valid else None
 

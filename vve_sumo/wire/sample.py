@@ -23,7 +23,7 @@ MAX_SCAN_AGE: Final = 0.3
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class SampleContent:
     """What a valid sample carries."""
 
     fix: Fix  #: of the receiver's output point at the virtual place, predicted to the sample's time
@@ -40,7 +40,7 @@ class Sample:
     sequence: int  #: `sequence_of` its tick: counts ticks up by one, also those that are skipped
     time: float  #: GNSS time [s since 1980-01-06, no leap seconds]
     drive_time: float  #: the same on the drive's clock [s]
-    measured: Measured | None  #: None: the outputs are invalid
+    measured: SampleContent | None  #: None: the outputs are invalid
 
     @property
     def valid(self) -> bool:

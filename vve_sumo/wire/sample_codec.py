@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from vve_sumo.values import Actors, Detections, Fix, FixQuality, Point, Pose
-from vve_sumo.wire.sample import Measured, Sample
+from vve_sumo.wire.sample import Sample, SampleContent
 
 
 def _columns(kind: type[Detections] | type[Actors]) -> tuple[str, ...]:
@@ -54,7 +54,7 @@ def unpack(data: bytes) -> Sample:
     *numbers, mode = scan[1:]
     columns = [*_unpacked(numbers), np.frombuffer(mode, np.int8)]
     found = Detections(scan[0], *columns)
-    measured = Measured(Fix(*fix), Pose(*pose), found, scan_age, _actors(street))
+    measured = SampleContent(Fix(*fix), Pose(*pose), found, scan_age, _actors(street))
     return Sample(sequence, time, drive_time, measured)
 
 

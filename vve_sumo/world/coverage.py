@@ -11,7 +11,7 @@ from typing import NamedTuple
 from vve_sumo.geometry import Corners
 
 
-class Band(NamedTuple):
+class RoadStrip(NamedTuple):
     """A straight strip of ground, such as one piece of a lane; a tuple, because a town has ten thousand."""
 
     x: float  #: start of its centre line [m]
@@ -22,7 +22,7 @@ class Band(NamedTuple):
     half_width: float  #: [m]
 
 
-def covered(corners: Sequence[tuple[float, float]], band: Band) -> tuple[float, float] | None:
+def covered(corners: Sequence[tuple[float, float]], band: RoadStrip) -> tuple[float, float] | None:
     """Return start and end, along a band [m], of the part that a convex shape covers; None if it covers none.
 
     The shape is clipped at the four sides of the band one after the other (I. E. Sutherland and

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from vve_sumo.frozen import fast_frozen
 from vve_sumo.geometry import Box, Corners
 from vve_sumo.values import Floats
-from vve_sumo.world.coverage import Band, covered
+from vve_sumo.world.coverage import RoadStrip, covered
 
 #: SUMO's link directions in the order in which the onward route prefers them: straight on first, a U-turn last.
 TURN_PREFERENCE = "sRLrlt"
@@ -48,7 +48,7 @@ class Lane:
     edge: str  #: the edge it belongs to
     index: int  #: 0 is the rightmost of its edge
     length: float  #: SUMO's length, on which its positions count [m]; not always the drawn length
-    bands: tuple[Band, ...]  #: its pieces, first to last
+    bands: tuple[RoadStrip, ...]  #: its pieces, first to last
     starts: tuple[float, ...]  #: drawn distance at which each piece starts [m]
 
     @property
@@ -86,14 +86,14 @@ def _read(name: str) -> Lane:
     for (x, y), (next_x, next_y) in pairwise(points):
         length = math.hypot(next_x - x, next_y - y)
         if length > 0.0:
-            bands.append(Band(x, y, (next_x - x) / length, (next_y - y) / length, length, half_width))
+            bands.append(RoadStrip(x, y, (next_x - x) / length, (next_y - y) / length, length, half_width))
             starts.append(total)
             total += length
     edge, _, index = name.rpartition("_")
     return Lane(name, edge, int(index), libsumo.lane.getLength(name), tuple(bands), tuple(starts))
 
 
-def holds(bands: Sequence[Band], x: float, y: float) -> bool:
+def holds(bands: Sequence[RoadStrip], x: float, y: float) -> bool:
     """Return whether a point lies on one of the pieces."""
     for band in bands:
         dx, dy = x - band.x, y - band.y
@@ -302,7 +302,7 @@ def cuts(box: Box, pieces: Iterable[tuple[Lane, int]]) -> dict[str, Cut]:
     return found
 
 
-def _part(box: Box, corners: Corners, cos: float, sin: float, band: Band) -> tuple[float, float] | None:
+def _part(box: Box, corners: Corners, cos: float, sin: float, band: RoadStrip) -> tuple[float, float] | None:
     """Return what `covered` returns; faster where the box lies wholly on the band or clear of it along its axes."""
     dx, dy = box.x - band.x, box.y - band.y
     middle, across = dx * band.cos + dy * band.sin, abs(dy * band.cos - dx * band.sin)

@@ -48,7 +48,7 @@ class Network:
 
 
 @dataclass(frozen=True, slots=True)
-class Lane:
+class NetworkLane:
     """A lane as it lies on the map, and where it leads."""
 
     name: str  #: SUMO's
@@ -86,7 +86,7 @@ def lane_shapes(path: Path, box: Box) -> list[tuple[Floats, float]]:
     return [(shape, width) for shape, width in shapes if meets(shape, width, box)]
 
 
-def lanes_near(path: Path, box: Box) -> list[Lane]:
+def lanes_near(path: Path, box: Box) -> list[NetworkLane]:
     """Return the lanes near the box, as `lane_shapes` does, with their names, kinds and successors.
 
     Pedestrian crossings are included, walking areas are not. Raises ConfigError as read_network does.
@@ -100,7 +100,7 @@ def lanes_near(path: Path, box: Box) -> list[Lane]:
             # A network lists its connections after all edges.
             leads.setdefault(start, []).append(element.get("via") or f"{element.get('to')}_{element.get('toLane')}")
     return [
-        Lane(name, kind, width, shape, tuple(dict.fromkeys(leads.get(name, ()))))
+        NetworkLane(name, kind, width, shape, tuple(dict.fromkeys(leads.get(name, ()))))
         for name, (kind, width, shape) in found.items()
     ]
 

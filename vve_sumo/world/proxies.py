@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 import libsumo
 
 from vve_sumo.geometry import Box, Corners
-from vve_sumo.world.coverage import Band
+from vve_sumo.world.coverage import RoadStrip
 from vve_sumo.world.lanes import Cut, Lane, Lanes, holds
 
 EGO_PROXY_TYPE = "ego_ghost"
@@ -48,7 +48,9 @@ class ProxyVehicles:
         self._by_lane: dict[str, str] = {}
         self._lengths: dict[str, float] = {}
         self._born = 0
-        self._held: list[tuple[Band, ...]] = [()] * 4  #: for each corner of the body the piece of the line it lay on
+        self._held: list[tuple[RoadStrip, ...]] = [
+            ()
+        ] * 4  #: for each corner of the body the piece of the line it lay on
 
     @property
     def ids(self) -> frozenset[str]:

@@ -28,7 +28,7 @@ PROTECTED_RADIUS: Final = 250.0  #: no vehicle nearer to the ego is removed [m];
 MIN_REMOVED_SHARE: Final = 0.1  #: smallest share of the vehicles that is removed at a time
 
 
-class Measure(enum.Enum):
+class TrafficMeasure(enum.Enum):
     """What is to be done about the traffic after a step."""
 
     NOTHING = enum.auto()
@@ -38,7 +38,7 @@ class Measure(enum.Enum):
 
 
 @dataclass(slots=True)
-class Summary:
+class StepTimeSummary:
     """SUMO's step times and the measures taken, for the record."""
 
     limit_s: float  #: longest step allowed
@@ -58,14 +58,14 @@ class StepTimeJudge:
 
     def __init__(self, limit: float = LIMIT) -> None:
         """Keep steps below `limit` [s]."""
-        self.summary = Summary(limit)
+        self.summary = StepTimeSummary(limit)
         self.closed = False  #: whether departures are refused
         self.share = 0.0  #: share of the vehicles that the next thinning removes
         self._times: deque[float] = deque(maxlen=WINDOW)
         self._since = 0  # steps since the last measure
         self._patience = WINDOW  # steps after a measure before the road may open again; doubles each time
 
-    def step(self, took: float) -> Measure:
+    def step(self, took: float) -> TrafficMeasure:
         """Take the duration of a step [s] and return the measure that is due."""
         self._times.append(took if took >= 0.0 else math.inf)  # NaN must not count as a short step
         self._since += 1
@@ -82,20 +82,20 @@ class StepTimeJudge:
         longest = sorted(self._times)[-RANK:]
         return longest[0] if len(longest) == RANK else 0.0
 
-    def _measure(self, judged: float) -> Measure:
+    def _measure(self, judged: float) -> TrafficMeasure:
         if not judged <= self.summary.limit_s and (self._since >= SETTLING_STEPS or not self.closed):
             return self._hold_back(judged)
         if self.closed and self._since >= self._patience and judged < RELAX_SHARE * self.summary.limit_s:
             self.closed, self._since = False, 0
             self._patience *= 2
-            return Measure.ADMIT
-        return Measure.NOTHING
+            return TrafficMeasure.ADMIT
+        return TrafficMeasure.NOTHING
 
-    def _hold_back(self, judged: float) -> Measure:
+    def _hold_back(self, judged: float) -> TrafficMeasure:
         """Close the road to departures first; thin its traffic where that was not enough."""
         if math.isnan(self.summary.before_s):
             self.summary.before_s = judged
-        measure = Measure.THIN if self.closed else Measure.REFUSE
+        measure = TrafficMeasure.THIN if self.closed else TrafficMeasure.REFUSE
         self.summary.refusals += not self.closed
         self.closed, self._since = True, 0
         # The time is about proportional to the number of vehicles.
@@ -133,7 +133,7 @@ class StepTimeBudget:
         self._stagger(budget.summary.steps, keep)
         if budget.closed:
             budget.summary.refused += _remove(_far(libsumo.simulation.getDepartedIDList(), x, y, keep))
-        if budget.step(took) is Measure.THIN:
+        if budget.step(took) is TrafficMeasure.THIN:
             everyone = libsumo.vehicle.getIDList()
             far = _far(everyone, x, y, keep)
             budget.summary.removed += _remove(far[: math.ceil(budget.share * (len(everyone) - len(keep)))])

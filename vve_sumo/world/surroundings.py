@@ -66,7 +66,7 @@ MAX_LATERAL_SPEED = 1.5
 MAX_TAIL_SWING = 15.0
 
 
-class Body(NamedTuple):
+class ActorBody(NamedTuple):
     """The constant properties of an actor."""
 
     length: float  #: [m]
@@ -94,7 +94,7 @@ class Surroundings:
             (one.id, box.x, box.y, box.heading, 0.0, box.length, box.width, cross_section(one.kind), 0.0)
             for one, box in obstacles
         ]
-        self._bodies: dict[str, Body] = {}
+        self._bodies: dict[str, ActorBody] = {}
         self._before: dict[str, Place] = {}
         self._time = math.nan
 
@@ -156,9 +156,9 @@ class Surroundings:
             rows.append((name, x, y, heading, values[libsumo.VAR_SPEED], *body, lateral))
         return rows
 
-    def _learn(self, name: str) -> Body:
+    def _learn(self, name: str) -> ActorBody:
         vehicle = libsumo.vehicle
-        body = Body(vehicle.getLength(name), vehicle.getWidth(name), cross_section(vehicle.getVehicleClass(name)))
+        body = ActorBody(vehicle.getLength(name), vehicle.getWidth(name), cross_section(vehicle.getVehicleClass(name)))
         self._bodies[name] = body
         return body
 
@@ -168,7 +168,7 @@ def _persons() -> Iterator[Row]:
     person = libsumo.person
     for name in person.getIDList():
         if person.getVehicle(name) == "":
-            body = Body(person.getLength(name), person.getWidth(name), RADAR_CROSS_SECTIONS["pedestrian"])
+            body = ActorBody(person.getLength(name), person.getWidth(name), RADAR_CROSS_SECTIONS["pedestrian"])
             x, y = person.getPosition(name)
             yield name, *_centre(x, y, heading_of(person.getAngle(name)), body), person.getSpeed(name), *body, 0.0
 
@@ -182,7 +182,7 @@ def followed(before: float, heading: float, most: float) -> float:
     return math.remainder(before + math.copysign(most, turn), math.tau) if abs(turn) > most else heading
 
 
-def _centre(front_x: float, front_y: float, heading: float, body: Body) -> Place:
+def _centre(front_x: float, front_y: float, heading: float, body: ActorBody) -> Place:
     """Return the centre of a body, which SUMO places by the middle of its front, and its heading."""
     half = 0.5 * body.length
     return front_x - half * math.cos(heading), front_y - half * math.sin(heading), heading

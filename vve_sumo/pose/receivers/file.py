@@ -13,7 +13,7 @@ from vve_sumo.pose.receivers.port import OpenBus, Receiver, ReceiverTable
 from vve_sumo.pose.trust import PLAYBACK, TrustProfile
 
 
-class Recording(ReceiverTable):
+class RecordedDrive(ReceiverTable):
     """A recorded drive, played in real time as NCOM."""
 
     profile: ClassVar[TrustProfile] = PLAYBACK
@@ -36,4 +36,4 @@ class Recording(ReceiverTable):
 
 def make() -> type[Receiver]:
     """Return the kind's class."""
-    return Recording
+    return RecordedDrive

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from vve_sumo.vehicle.dataspeed.layout import MESSAGES, OfVariant, Variant
 from vve_sumo.vehicle.dataspeed.pedals import pedal_to_throttle, pedal_to_torque
-from vve_sumo.vehicle.frame_codec import Reading, reading
+from vve_sumo.vehicle.frame_codec import FrameReading, reading
 from vve_sumo.vehicle.interface import (
     Accelerations,
     BrakeState,
@@ -38,8 +38,8 @@ _BRAKE: Final = {
 _THROTTLE: Final = {"driver_opening": pedal_to_throttle, "command": pedal_to_throttle}
 
 
-def _readings(variant: Variant) -> dict[int, Reading]:
-    def of(name: str, made: type, signals: str, **options: Any) -> tuple[int, Reading]:
+def _readings(variant: Variant) -> dict[int, FrameReading]:
+    def of(name: str, made: type, signals: str, **options: Any) -> tuple[int, FrameReading]:
         message = MESSAGES[variant][name]
         return message.id, reading(message, made, signals, **options)
 
