@@ -51,15 +51,6 @@ class Drive:
             assert self.step(told, gain) == []
 
 
-def test_figures():
-    """Weak brakes: 15 % more mass and 10 % less torque are 0.78. A grade of 1.5 % is 0.15 m/s2."""
-    assert (brake_monitor.BRAKE_SHARE, brake_monitor.ACCELERATION_MARGIN) == (0.75, 0.25)
-    assert (brake_monitor.PUSH_SHARE, brake_monitor.PUSH_MARGIN) == (1.5, 0.3)
-    assert (brake_monitor.SPEED_EXCESS, brake_monitor.SATELLITE_EXCESS) == (0.25, 0.1)
-    assert (brake_monitor.MIN_SPEED, brake_monitor.ACCELERATION_LAG) == (0.1, 0.1)
-    assert (brake_monitor.ROLL_SPEED, brake_monitor.ROLL_TIME) == (0.08, 0.1)
-
-
 @pytest.mark.parametrize(
     ("gain", "found"), [(-2.0, math.inf), (-1.26, math.inf), (-1.0, 1.0), (0.0, 0.2), (1.0, 0.25 / 2.25)]
 )

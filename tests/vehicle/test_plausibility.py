@@ -100,20 +100,6 @@ class Drive:
         return {"x": -metres * math.sin(self.heading), "y": metres * math.cos(self.heading)}
 
 
-def test_figures():
-    assert (plausibility.SPEED_DIFFERENCE, drift.DELAY) == (0.3, 0.3)
-    assert (plausibility.ACCELERATION_LAG, plausibility.DIFFERENCE_TIME) == (0.1, 0.5)
-    assert (plausibility.GROSS_FACTOR, plausibility.GROSS_TIME, plausibility.YAW_RATE_DIFFERENCE) == (3.0, 0.1, 0.1)
-    assert (plausibility.WINDOWS, plausibility.SAMPLE_PERIOD) == ((1.0, 3.0, 10.0), 0.1)
-    assert (plausibility.POSITION_DIFFERENCE, plausibility.LATERAL_SHARE) == (0.15, 0.008)
-    assert (plausibility.HEADING_DIFFERENCE, plausibility.TURN_SHARE) == (0.03, 0.02)
-    assert (plausibility.BIAS_LEARNT, plausibility.BIAS_UNKNOWN, plausibility.MAX_BIAS) == (0.001, 0.012, 0.05)
-    assert (plausibility.BIAS_TIME, plausibility.BIAS_MIN_TIME) == (10.0, 0.4)
-    assert (plausibility.STEERING_DIFFERENCE, plausibility.STEERING_SHARE) == (0.06, 0.2)
-    assert (plausibility.FROZEN_TIME, plausibility.FROZEN_SPEED_CHANGE) == (0.5, 0.2)
-    assert (plausibility.FROZEN_YAW_RATE_CHANGE, plausibility.FROZEN_STEERING_CHANGE) == (0.04, 0.03)
-
-
 @pytest.mark.parametrize("heading", [0.0, 1.0, 3.1, -2.0])
 @pytest.mark.parametrize("yaw_rate", [0.0, 0.3, -0.3])
 @pytest.mark.parametrize("speed", [1.0, 10.0])
