@@ -15,7 +15,7 @@ from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.sensing import braked_for_nothing, radar_statistics
 from vve_sumo.analysis.stopping_bound import StoppingBoundCheck, stopping_bound_check, stopping_bound_checks
 from vve_sumo.analysis.string_stability import headway_distribution, string_stability, time_gap_error_of
-from vve_sumo.metrics.drive_data import Motion
+from vve_sumo.metrics.drive_columns import Motion
 
 __all__ = [
     "Comfort",

@@ -13,9 +13,10 @@ from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.units import described
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.crossing import Encroachment, encroachment, time_to_collision_zone
-from vve_sumo.metrics.drive_data import ActorRows, Indices
+from vve_sumo.metrics.drive_columns import ActorRows
 from vve_sumo.metrics.exposure import EXPOSURE, Stretch
 from vve_sumo.metrics.per_tick import PER_TICK
+from vve_sumo.metrics.predicted_ways import Indices
 
 if TYPE_CHECKING:
     import pandas as pd

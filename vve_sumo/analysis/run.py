@@ -21,7 +21,8 @@ from vve_sumo.analysis import json_models
 from vve_sumo.analysis.units import described
 from vve_sumo.config_file import read_json
 from vve_sumo.errors import ConfigError, hint
-from vve_sumo.metrics.drive_data import DriveData, Motion
+from vve_sumo.metrics.drive_columns import Motion
+from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.lead_vehicle import LeadVehicle
 from vve_sumo.path import ReferencePath
 from vve_sumo.record.layout import (

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.units import described
 from vve_sumo.errors import ConfigError
-from vve_sumo.metrics.drive_data import Indices
 from vve_sumo.metrics.following import headway
+from vve_sumo.metrics.predicted_ways import Indices
 from vve_sumo.metrics.string_stability import GapError, speed_amplification, time_gap_error, time_shares
 from vve_sumo.values import Floats
 

@@ -28,7 +28,5 @@ def run(arguments: argparse.Namespace) -> int:
     """Print the script; return the exit code, 0."""
     import shtab
 
-    from vve_sumo.cli.dispatch import parser
-
-    print(shtab.complete(parser(), arguments.shell))
+    print(shtab.complete(arguments.command_line, arguments.shell))
     return 0

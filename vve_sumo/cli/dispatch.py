@@ -87,6 +87,8 @@ def parser() -> Parser:
         added = add_command(commands, name, command.SUMMARY, text, codes)
         added.set_defaults(run=getattr(command, "run", None))
         command.arguments(added)
+        if command is completion:
+            added.set_defaults(command_line=whole)
     return whole
 
 

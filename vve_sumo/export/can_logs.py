@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from vve_sumo.analysis.run import Run
 from vve_sumo.bus import written_log
 from vve_sumo.export.can_frames import frames_of
-from vve_sumo.export.formats import ExportPart
+from vve_sumo.export.part import ExportPart
 
 
 def asc_of_drive(run: Run) -> Iterator[ExportPart]:

@@ -16,7 +16,7 @@ from vve_sumo.analysis.over_time import over_time
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.units import described
 from vve_sumo.export.bodies import bodies
-from vve_sumo.export.formats import ExportPart
+from vve_sumo.export.part import ExportPart
 
 if TYPE_CHECKING:
     import pandas as pd

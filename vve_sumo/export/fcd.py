@@ -14,8 +14,8 @@ import numpy as np
 
 from vve_sumo.analysis.run import Run
 from vve_sumo.export.bodies import PERSONS, RecordedBody, bodies
-from vve_sumo.export.formats import ExportPart
 from vve_sumo.export.lanes import ON_FOOT, RecordedLane, lanes_of, places
+from vve_sumo.export.part import ExportPart
 
 HEAD = """\
 <?xml version="1.0" encoding="UTF-8"?>

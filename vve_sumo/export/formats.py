@@ -8,19 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
+
+from vve_sumo.export.part import ExportPart
 
 if TYPE_CHECKING:
     from vve_sumo.analysis.dataset import Sweep
     from vve_sumo.analysis.run import Run
-
-
-class ExportPart(NamedTuple):
-    """The content of one file of an export."""
-
-    name: str  #: what the file's name has before its ending; empty for the file that the export is named for
-    content: bytes
-    head: str = ""  #: what a convention puts before the file's name, which an underscore then joins
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from vve_sumo.analysis.run import Run
 from vve_sumo.errors import ConfigError
-from vve_sumo.export.formats import ExportPart
+from vve_sumo.export.part import ExportPart
 from vve_sumo.version import __version__
 
 if TYPE_CHECKING:

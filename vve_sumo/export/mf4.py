@@ -17,7 +17,7 @@ from vve_sumo.analysis.run import Run
 from vve_sumo.bus import LoggedFrame
 from vve_sumo.errors import ConfigError
 from vve_sumo.export.can_frames import frames_of
-from vve_sumo.export.formats import ExportPart
+from vve_sumo.export.part import ExportPart
 from vve_sumo.export.unix_time import MICROSECONDS, date_of, unix_of_drive
 from vve_sumo.version import __version__
 

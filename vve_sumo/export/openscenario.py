@@ -19,7 +19,7 @@ import numpy as np
 from vve_sumo.analysis.run import Run
 from vve_sumo.errors import ConfigError
 from vve_sumo.export.bodies import EGO, PERSONS, RecordedBody, bodies, obstacles
-from vve_sumo.export.formats import ExportPart
+from vve_sumo.export.part import ExportPart
 from vve_sumo.values import Vehicle
 
 if TYPE_CHECKING:

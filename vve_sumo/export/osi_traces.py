@@ -18,7 +18,7 @@ import numpy as np
 
 from vve_sumo.analysis.run import Run
 from vve_sumo.errors import ConfigError
-from vve_sumo.export.formats import ExportPart
+from vve_sumo.export.part import ExportPart
 from vve_sumo.export.unix_time import date_of, unix_of_drive
 from vve_sumo.record.layout import ACTOR_COLUMNS
 from vve_sumo.values import Actors, Detections, Point, Pose

@@ -11,7 +11,8 @@ from pathlib import Path
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.run import Run
 from vve_sumo.errors import ConfigError
-from vve_sumo.export.formats import FORMATS, ExportPart, Format
+from vve_sumo.export.formats import FORMATS, Format
+from vve_sumo.export.part import ExportPart
 
 
 def export(held: Run | Sweep, name: str, out: Path | str | None = None) -> list[Path]:

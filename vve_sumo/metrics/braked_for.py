@@ -6,14 +6,16 @@ is what the motion shows: the actor that called for the most deceleration while 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final, Protocol
 
 import numpy as np
 
-from vve_sumo.geometry import time_to_collision_2d
-
-if TYPE_CHECKING:
-    from vve_sumo.metrics.drive_data import DriveData
+from vve_sumo.geometry import Boxes, time_to_collision_2d
+from vve_sumo.metrics.drive_columns import ActorRows, Motion
+from vve_sumo.metrics.lead_vehicle import LeadVehicle
+from vve_sumo.metrics.stopping import Stop
+from vve_sumo.path import ReferencePath
+from vve_sumo.values import Floats
 
 #: a car that slows down by more than this is braked; drag and an idling engine do less [m/s2]
 BRAKED: Final = 0.5
@@ -23,12 +25,42 @@ SEEN_BEFORE: Final = 1.0
 LEAST_SHARE: Final = 0.2
 
 
-def last_stop_for(drive: DriveData) -> str:
+class BrakedDrive(Protocol):
+    """What is looked at of a drive."""
+
+    path: ReferencePath  #: where the ego was to drive
+
+    @property
+    def station(self) -> Floats:
+        """Where the ego's rear axle was along the path, an entry a tick [m]."""
+
+    @property
+    def motion(self) -> Motion:
+        """How the ego moved."""
+
+    @property
+    def ego_boxes(self) -> Boxes:
+        """The ego's body, an entry a tick."""
+
+    @property
+    def actor_rows(self) -> ActorRows:
+        """The rows of the actors."""
+
+    @property
+    def lead(self) -> LeadVehicle:
+        """What was ahead in the ego's way."""
+
+    @property
+    def stop(self) -> Stop | None:
+        """The last stop that was commanded."""
+
+
+def last_stop_for(drive: BrakedDrive) -> str:
     """Return the actor that the last commanded stop was for; empty for none, and where there was no such stop."""
     return _called_for(drive, drive.stop.onset, drive.stop.rest) if drive.stop else ""
 
 
-def hardest_braking_for(drive: DriveData) -> str:
+def hardest_braking_for(drive: BrakedDrive) -> str:
     """Return the actor that the car braked hardest for; empty for none, and where it hardly braked at all."""
     acceleration = drive.motion.acceleration
     known = np.flatnonzero(np.isfinite(acceleration))
@@ -41,7 +73,7 @@ def hardest_braking_for(drive: DriveData) -> str:
     return _called_for(drive, int(released[-1]) + 1 if len(released) else 0, hardest)
 
 
-def _called_for(drive: DriveData, begin: int, end: int) -> str:
+def _called_for(drive: BrakedDrive, begin: int, end: int) -> str:
     """Return the actor ahead in the car's strip that called for the most deceleration (DRAC) between two ticks.
 
     Where none called for enough, it is the actor that the car would have touched soonest at constant velocities, before
@@ -56,7 +88,7 @@ def _called_for(drive: DriveData, begin: int, end: int) -> str:
     return _first_touched(drive, seen, SEEN_BEFORE + float(drive.motion.speed[begin]) / braked) if braked > 0.0 else ""
 
 
-def _first_touched(drive: DriveData, ticks: slice, within: float) -> str:
+def _first_touched(drive: BrakedDrive, ticks: slice, within: float) -> str:
     """Return the actor ahead with the least time to collision of boxes at some ticks, if that is below `within` [s].
 
     Ahead is what has its centre before the middle of the car: nobody brakes for what comes from behind. A collision

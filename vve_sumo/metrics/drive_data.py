@@ -5,9 +5,8 @@ Knows the columns of a record's tables; neither files nor what any metric makes 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +17,7 @@ from vve_sumo.metrics.braked_for import last_stop_for
 from vve_sumo.metrics.conflict import HORIZON as PREDICTED
 from vve_sumo.metrics.conflict import Contacts, PredictedEgo, contacts
 from vve_sumo.metrics.course import PredictedCourse, starts
+from vve_sumo.metrics.drive_columns import ActorRows, Conflict, LeadMotion, Motion
 from vve_sumo.metrics.lanes import LaneGraph, along_lanes, fronts
 from vve_sumo.metrics.lead_vehicle import (
     BOX_COLUMNS,
@@ -30,7 +30,7 @@ from vve_sumo.metrics.lead_vehicle import (
     lead_vehicle,
     own_stations,
 )
-from vve_sumo.metrics.predicted_ways import PlacedWays, recorded_ways
+from vve_sumo.metrics.predicted_ways import Indices, PlacedWays, recorded_ways
 from vve_sumo.metrics.slope import slope
 from vve_sumo.metrics.stopping import MOVING, BrakingEpisode, Stop, braking_episodes, commanded_deceleration, last_stop
 from vve_sumo.metrics.string_stability import Amplification, settled_from, speed_amplification
@@ -41,51 +41,10 @@ from vve_sumo.values import Floats, Vehicle
 if TYPE_CHECKING:
     import pyarrow as pa
 
-Indices = NDArray[np.int64]
-
 #: a car follows another while both go faster [m/s]
 FOLLOWING_SPEED = 2.0
 #: of one leader, for a disturbance and its answer to be seen [s]
 MIN_FOLLOWED = 10.0
-
-
-@dataclass(frozen=True, slots=True)
-class Motion:
-    """How the rear axle moved: one entry a tick, NaN where nobody knows."""
-
-    true: bool  #: whether this is the truth, which only a simulated vehicle has; else the pipeline's estimate
-    time: Floats  #: drive time [s]
-    x: Floats  #: map [m]
-    y: Floats  #: map [m]
-    heading: Floats  #: [rad] counter-clockwise from the map's +x
-    speed: Floats  #: along the heading, forward positive [m/s]
-    acceleration: Floats  #: rate of change of speed [m/s2]
-
-
-class LeadMotion(NamedTuple):
-    """The lead vehicle's own size and motion, one entry a tick; NaN where there is none."""
-
-    length: Floats  #: [m]
-    speed: Floats  #: along the path, away from the ego positive [m/s]
-    acceleration: Floats  #: likewise [m/s2]
-
-
-class Conflict(NamedTuple):
-    """What ego and actors come to if all go on along their paths at their present speed: one entry a tick."""
-
-    time: Floats  #: until the ego's body meets an actor's, the least of all actors [s]; 0 at contact, NaN for none
-    deceleration: Floats  #: constant one of the ego that avoids that, the greatest of all actors [m/s2], capped
-    actor: list[str]  #: that it would meet first, empty for none
-
-
-class ActorRows(NamedTuple):
-    """The rows of the table of actors that belong to a tick of the record."""
-
-    rows: Indices  #: numbers of the rows in the table
-    at: Indices  #: index of the tick
-    code: Indices  #: number of the actor, an index of `names`
-    names: list[str]
-    boxes: Boxes  #: a row each
 
 
 class DriveData:
