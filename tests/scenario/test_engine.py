@@ -47,7 +47,7 @@ def ego(x: float, speed: float = 0.0, y: float = 0.0) -> Pose:
 def alone(one: Actor, times: Sequence[float], path: ReferencePath = EAST, **recordings: Any) -> list[ActorState]:
     """Where an actor is that no ego touches."""
     played = cast(one, path=path, **recordings)
-    return [player for time in times for player in played.step(time, ego(0.0))]
+    return [state for time in times for state in played.step(time, ego(0.0))]
 
 
 def ticks(seconds: float) -> list[float]:
@@ -61,11 +61,11 @@ def test_constant_deceleration_is_exact_at_every_tick():
     one = actor(
         at_m=50.0, speed_mps=15.0, events=[{"when": {"drive_s": 2.0}, "speed_mps": 0.0, "acceleration_mps2": 4.0}]
     )
-    for time, player in zip(ticks(8.0), alone(one, ticks(8.0)), strict=True):
+    for time, state in zip(ticks(8.0), alone(one, ticks(8.0)), strict=True):
         braking = min(max(time - 2.0, 0.0), 15.0 / 4.0)
-        assert player.x == pytest.approx(50.0 + 15.0 * min(time, 2.0) + 15.0 * braking - 2.0 * braking**2, abs=1e-9)
-        assert player.speed == pytest.approx(15.0 - 4.0 * braking, abs=1e-9)
-        assert (player.y, player.heading, player.length, player.width) == (0.0, 0.0, *SIZES["car"])
+        assert state.x == pytest.approx(50.0 + 15.0 * min(time, 2.0) + 15.0 * braking - 2.0 * braking**2, abs=1e-9)
+        assert state.speed == pytest.approx(15.0 - 4.0 * braking, abs=1e-9)
+        assert (state.y, state.heading, state.length, state.width) == (0.0, 0.0, *SIZES["car"])
 
 
 @pytest.mark.parametrize("kind", ["pedestrian", "child"])
@@ -131,16 +131,16 @@ def test_a_sidestep_has_the_least_jerk_form():
 
 def test_a_car_that_cuts_in_points_where_it_goes():
     one = actor(at_m=50.0, offset_m=3.5, speed_mps=12.0, events=[{"offset_m": 0.0, "over_s": 3.0}])
-    players = alone(one, ticks(5.0))
-    for last, now in pairwise(players):
+    states = alone(one, ticks(5.0))
+    for last, now in pairwise(states):
         way = math.hypot(now.x - last.x, now.y - last.y)
         assert way / TICK == pytest.approx(0.5 * (last.speed + now.speed), abs=1e-3)
         if way > 0.0:
             going = math.atan2(now.y - last.y, now.x - last.x)
             assert going == pytest.approx(0.5 * (last.heading + now.heading), abs=1e-3)
-    assert players[-1].y == 0.0
-    assert players[-1].heading == 0.0
-    assert players[-1].x == pytest.approx(110.0)
+    assert states[-1].y == 0.0
+    assert states[-1].heading == 0.0
+    assert states[-1].x == pytest.approx(110.0)
 
 
 @pytest.mark.parametrize(("turned", "sense"), [(0.0, 1.0), (180.0, -1.0), (-180.0, -1.0)])
@@ -148,22 +148,22 @@ def test_a_car_that_cuts_in_points_where_it_goes():
 def test_beside_a_bend_the_way_gone_is_the_actors_own(turned, sense, offset):
     """On a circle of radius R an actor at the offset o drives one of R - o, at its own speed, left positive."""
     one = actor(at_m=70.0, offset_m=offset, turned_deg=turned, speed_mps=8.0)
-    players = alone(one, ticks(5.0), path=ROUND)
-    for time, player in zip(ticks(5.0), players, strict=True):
+    states = alone(one, ticks(5.0), path=ROUND)
+    for time, state in zip(ticks(5.0), states, strict=True):
         angle = 70.0 / RADIUS + sense * 8.0 * time / (RADIUS - offset)
         x, y = (RADIUS - offset) * math.sin(angle), RADIUS - (RADIUS - offset) * math.cos(angle)
-        assert math.hypot(player.x - x, player.y - y) < 2e-3
+        assert math.hypot(state.x - x, state.y - y) < 2e-3
         facing = angle if sense > 0 else angle + math.pi
-        assert abs(math.remainder(player.heading - facing, math.tau)) < 1e-3
-        assert player.speed == 8.0
+        assert abs(math.remainder(state.heading - facing, math.tau)) < 1e-3
+        assert state.speed == 8.0
 
 
 @pytest.mark.parametrize(("turned", "offset"), [(0.0, 40.0), (0.0, 50.0), (180.0, 50.0), (180.0, 39.9)])
 def test_inside_a_bend_that_is_too_tight_for_its_line_it_still_comes_through(turned, offset):
     """No driver gets there; but no sweep's value may send an actor to the ends of the Earth or hold it for ever."""
-    players = alone(actor(at_m=80.0, offset_m=offset, turned_deg=turned, speed_mps=8.0), ticks(25.0), path=ROUND)
-    assert 80.0 / 8.0 / 5.0 / TICK <= len(players) < 25.0 / TICK
-    for last, now in pairwise(players):
+    states = alone(actor(at_m=80.0, offset_m=offset, turned_deg=turned, speed_mps=8.0), ticks(25.0), path=ROUND)
+    assert 80.0 / 8.0 / 5.0 / TICK <= len(states) < 25.0 / TICK
+    for last, now in pairwise(states):
         assert math.hypot(now.x - last.x, now.y - last.y) < 5.0 * 8.0 * TICK
 
 
@@ -172,11 +172,11 @@ def test_any_other_angle_is_a_straight_line_from_where_it_enters(turned):
     events = [{"when": {"drive_s": 2.0}, "offset_m": 1.0}]
     one = actor(kind="pedestrian", at_m=200.0, offset_m=-6.0, turned_deg=turned, speed_mps=1.4, events=events)
     along = math.radians(turned)
-    for time, player in zip(ticks(4.0), alone(one, ticks(4.0)), strict=True):
+    for time, state in zip(ticks(4.0), alone(one, ticks(4.0)), strict=True):
         left = 1.0 if time > 2.0 - 1e-9 else 0.0
-        assert player.x == pytest.approx(200.0 + 1.4 * time * math.cos(along) - left * math.sin(along), abs=1e-9)
-        assert player.y == pytest.approx(-6.0 + 1.4 * time * math.sin(along) + left * math.cos(along), abs=1e-9)
-        assert player.heading == pytest.approx(along)
+        assert state.x == pytest.approx(200.0 + 1.4 * time * math.cos(along) - left * math.sin(along), abs=1e-9)
+        assert state.y == pytest.approx(-6.0 + 1.4 * time * math.sin(along) + left * math.cos(along), abs=1e-9)
+        assert state.heading == pytest.approx(along)
 
 
 def test_a_recorded_speed_is_replayed_exactly_and_its_last_value_holds():
@@ -185,11 +185,11 @@ def test_a_recorded_speed_is_replayed_exactly_and_its_last_value_holds():
     fine = np.linspace(0.0, 6.0, 600001)
     speed = np.interp(fine, np.array(times) - times[0], speeds)
     way = np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * 1e-5)))
-    players = alone(one, ticks(6.0), leader=(times, speeds))
-    for time, player in zip(ticks(6.0), players, strict=True):
+    states = alone(one, ticks(6.0), leader=(times, speeds))
+    for time, state in zip(ticks(6.0), states, strict=True):
         since = max(time - 1.0, 0.0)
-        assert player.speed == pytest.approx(np.interp(since, fine, speed) if time > 1.0 - 1e-9 else 0.0, abs=1e-6)
-        assert player.x == pytest.approx(20.0 + np.interp(since, fine, way), abs=1e-6)
+        assert state.speed == pytest.approx(np.interp(since, fine, speed) if time > 1.0 - 1e-9 else 0.0, abs=1e-6)
+        assert state.x == pytest.approx(20.0 + np.interp(since, fine, way), abs=1e-6)
 
 
 changes = st.tuples(st.floats(0.0, 40.0), st.floats(0.05, 12.0), st.floats(0.0, 3.0), st.integers(1, 150))
@@ -213,8 +213,8 @@ def test_speed_is_never_negative_the_way_is_its_integral_and_steps_do_not_matter
     speeds = np.array([every[k].speed for k in range(last + 1)])
     assert speeds.min() >= 0.0
     stops = sorted({0, *begins, *(int(at) for at in np.cumsum(chunks) if at <= last)})
-    for k, player in zip(stops, alone(one, [k * TICK for k in stops]), strict=True):
-        assert tuple(player[2:]) == pytest.approx(tuple(every[k][2:]), abs=1e-8)
+    for k, state in zip(stops, alone(one, [k * TICK for k in stops]), strict=True):
+        assert tuple(state[2:]) == pytest.approx(tuple(every[k][2:]), abs=1e-8)
     quiet = range(begins[-1])  # beyond, it also goes sidewards
     way = [math.hypot(every[k].x, every[k].y) for k in quiet]
     steps = np.diff(way) - 0.5 * TICK * (speeds[: len(way) - 1] + speeds[1 : len(way)])
@@ -223,8 +223,8 @@ def test_speed_is_never_negative_the_way_is_its_integral_and_steps_do_not_matter
 
 def test_at_the_end_of_its_path_it_leaves_for_good():
     for turned, at, seconds in ((0.0, 480.0, 2.0), (180.0, 20.0, 2.0), (90.0, 490.0, 99.0)):
-        players = alone(actor(at_m=at, turned_deg=turned, speed_mps=10.0), ticks(10.0))
-        assert len(players) == pytest.approx(min(seconds, 10.0) / TICK + 1, abs=1)
+        states = alone(actor(at_m=at, turned_deg=turned, speed_mps=10.0), ticks(10.0))
+        assert len(states) == pytest.approx(min(seconds, 10.0) / TICK + 1, abs=1)
 
 
 def test_it_can_be_taken_off_and_is_then_gone():
@@ -236,8 +236,8 @@ def test_a_path_of_its_own_is_followed_at_its_own_stations():
     north = ReferencePath.from_points([100.0, 100.0], [-50.0, 50.0])
     played = cast(actor(path="north", at_m=10.0, offset_m=2.0, speed_mps=10.0), lines={"north": north})
     played.step(0.0, ego(0.0))
-    (player,) = played.step(3.0, ego(0.0))
-    assert (player.x, player.y, player.heading) == pytest.approx((98.0, -10.0, math.pi / 2))
+    (state,) = played.step(3.0, ego(0.0))
+    assert (state.x, state.y, state.heading) == pytest.approx((98.0, -10.0, math.pi / 2))
 
 
 def test_time_that_stands_or_is_no_number_moves_nobody():
@@ -256,8 +256,8 @@ def first(one: Actor, poses: Callable[[float], Pose | None], seconds: float = 10
     """When an actor enters, and where."""
     played = cast(one)
     for time in ticks(seconds):
-        if players := played.step(time, poses(time)):
-            return time, players[0]
+        if states := played.step(time, poses(time)):
+            return time, states[0]
     return None
 
 
@@ -283,10 +283,10 @@ def test_ahead_is_the_clear_distance_to_the_nearest_face_when_it_enters(table, x
 def test_until_it_enters_it_does_not_exist_and_its_acts_wait():
     events = [{"when": {"after_s": 1.0}, "speed_mps": 4.0}]
     one = actor(at_m=50.0, speed_mps=2.0, enters={"drive_s": 3.0}, events=events)
-    players = alone(one, ticks(5.0))
-    assert len(players) == 101
-    assert [player.speed for player in players] == [2.0] * 50 + [4.0] * 51
-    assert players[-1].x == pytest.approx(50.0 + 2.0 + 4.0)
+    states = alone(one, ticks(5.0))
+    assert len(states) == 101
+    assert [state.speed for state in states] == [2.0] * 50 + [4.0] * 51
+    assert states[-1].x == pytest.approx(50.0 + 2.0 + 4.0)
 
 
 # Triggers: an ego at 20 m/s whose bumper is at 20 t m, and an actor whose faces are at 197.75 and 202.25 m.
@@ -343,8 +343,8 @@ ASK_FOR_THE_EGO = [
 def test_no_trigger_that_asks_for_the_ego_fires_on_a_pose_that_is_none(when, spoilt):
     played = cast(actor(**NEAR, speed_mps=1.0, events=[{"when": when, "leaves": True}]))
     for time in ticks(4.0):
-        (player,) = played.step(time, spoilt)
-    assert player.x == pytest.approx(204.0)
+        (state,) = played.step(time, spoilt)
+    assert state.x == pytest.approx(204.0)
     assert played.step(4.02, ego(10.0, 9.0)) == ()
 
 
@@ -356,8 +356,8 @@ def test_acts_wait_for_the_one_before_them_and_several_may_begin_at_once():
     ]
     played = cast(actor(at_m=100.0, speed_mps=3.0, events=events))
     seen = [played.step(time, ego(20.0 * time, 20.0))[0] for time in ticks(4.0)]
-    assert [player.speed for player in seen] == [3.0] * 100 + [6.0] * 25 + [9.0] * 76
-    assert [player.y for player in seen] == [0.0] * 100 + [2.0] * 101
+    assert [state.speed for state in seen] == [3.0] * 100 + [6.0] * 25 + [9.0] * 76
+    assert [state.y for state in seen] == [0.0] * 100 + [2.0] * 101
 
 
 def test_on_a_path_of_its_own_the_ego_is_seen_from_where_it_is():

@@ -328,7 +328,7 @@ class ActorController:
                 self.gone = True
                 return None
             self._begin(event, now)
-        return self._player(self._line)
+        return self._state(self._line)
 
     def _enter(self, now: float, ego: EgoMotion | None) -> None:
         when = self._actor.enters
@@ -406,7 +406,7 @@ class ActorController:
         """Half of what the box covers of a line that it stands at an angle [rad] to [m]."""
         return 0.5 * (self._length * abs(math.cos(angle)) + self._width * abs(math.sin(angle)))
 
-    def _player(self, line: ActorLine) -> ActorState:
+    def _state(self, line: ActorLine) -> ActorState:
         x, y, heading, side = line.spot(self._offset)
         turn = math.atan2(side * self._rate, max(self._speed, TURNING_SPEED)) if self._rate != 0.0 else 0.0
         speed = self._speed * math.cos(turn) + side * self._rate * math.sin(turn)
@@ -437,7 +437,7 @@ class ScenarioEngine:
         self._path, self._vehicle = path, vehicle
         self._station: float | None = None
         self._now = -math.inf
-        self._players: tuple[ActorState, ...] = ()
+        self._states: tuple[ActorState, ...] = ()
 
     @property
     def begun(self) -> tuple[int, ...]:
@@ -451,12 +451,12 @@ class ScenarioEngine:
         on and no trigger that asks for the ego fires. A time that is not later than the last moves nobody.
         """
         if not self._parts or not math.isfinite(now):
-            return self._players
+            return self._states
         self._now = max(self._now, now)
         ego = self._ego(pose)
         stepped = [part.step(self._now, ego) for part in self._parts if not part.gone]
-        self._players = tuple(player for player in stepped if player is not None)
-        return self._players
+        self._states = tuple(state for state in stepped if state is not None)
+        return self._states
 
     def _ego(self, pose: Pose | None) -> EgoMotion | None:
         if pose is None or not all(map(math.isfinite, (pose.x, pose.y, pose.speed))):

@@ -104,11 +104,11 @@ class Surroundings:
         libsumo.vehicle.subscribeContext(EGO, libsumo.CMD_GET_VEHICLE_VARIABLE, reach, VARIABLES)
 
     def snapshot(
-        self, time: float, x: float, y: float, hidden: Set[str], players: Iterable[tuple[ActorState, float]] = ()
+        self, time: float, x: float, y: float, hidden: Set[str], actors: Iterable[tuple[ActorState, float]] = ()
     ) -> Actors:
         """Return the actors around x, y [m] at a drive time [s], without the vehicles in `hidden`.
 
-        Rows are vehicles by name, persons on foot, obstacles, and `players`: the scenario's actors, each with its radar
+        Rows are vehicles by name, persons on foot, obstacles, and `actors`: the scenario's actors, each with its radar
         cross section [m2]. A vehicle's lateral speed is the mean since the last snapshot. Its front is where SUMO has
         it; its heading follows SUMO's, limited by MAX_TAIL_SWING. Raises SUMO's errors.
         """
@@ -117,7 +117,7 @@ class Surroundings:
         found += self._obstacles
         found += [
             (one.id, one.x, one.y, one.heading, one.speed, one.length, one.width, section, 0.0)
-            for one, section in players
+            for one, section in actors
         ]
         limit = self._reach * self._reach
         return table(time, [row for row in found if (row[1] - x) ** 2 + (row[2] - y) ** 2 <= limit])

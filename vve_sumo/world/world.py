@@ -89,7 +89,7 @@ class World:
         self._cleared: tuple[str, ...] = ()
         self._standoff = Standoff()
         self._standoffs: tuple[str, ...] = ()
-        self._playing: Sequence[ActorState] = ()
+        self._asked: Sequence[ActorState] = ()
         self._signals = SignalStates()
 
     @property
@@ -149,13 +149,13 @@ class World:
                 raise SimulationError(f"SUMO does not let the ego in: {problem}") from problem
         self._pose = pose
 
-    def set_actors(self, players: Sequence[ActorState]) -> None:
+    def set_actors(self, actors: Sequence[ActorState]) -> None:
         """Have exactly these actors of the scenario on the road at the next tick, besides traffic and obstacles.
 
         They may be put anywhere. Where one enters, traffic that overlaps it or could not stop behind it is taken off
         the road. An actor whose numbers are not finite is left out.
         """
-        self._playing = players
+        self._asked = actors
 
     def step(self) -> EgoSyncReport:
         """Step the road to the next tick and compare SUMO's ego with the requested pose.
@@ -168,9 +168,9 @@ class World:
         try:
             if self._body is not None and self._pose is not None:
                 self._proxies.place(self._body, self._pose.speed if moving else 0.0, self._ego_sync.lane)
-            for entered in self._players.place(self._playing):
+            for entered in self._scenario_actors.place(self._asked):
                 self._cleared += _clear(box_of(entered), entered.speed, self._hidden())
-            self._players.show()
+            self._scenario_actors.show()
             self._end_standoffs()
             if self._ego_sync.entered():
                 self._surroundings.watch()
@@ -240,7 +240,7 @@ class World:
         self._ego_sync = EgoSync(lanes, vehicle, route)
         self._proxies = ProxyVehicles(lanes)
         self._obstacles = Obstacles(obstacles, lanes)
-        self._players = ScenarioActors(lanes)
+        self._scenario_actors = ScenarioActors(lanes)
         self._surroundings = Surroundings(reach, self._obstacles.declared)
 
     def _warm_up(self, duration: float) -> None:
@@ -269,7 +269,7 @@ class World:
                 self._standoffs += (name,)
 
     def _hidden(self) -> frozenset[str]:
-        return self._proxies.ids | self._players.ids | self._obstacles.proxies | {EGO}
+        return self._proxies.ids | self._scenario_actors.ids | self._obstacles.proxies | {EGO}
 
     def _time(self) -> float:
         return self._start + (self._steps - 1) * self._period
@@ -277,8 +277,8 @@ class World:
     def _look(self) -> Actors:
         if self._pose is None:
             return table(self._start, ())
-        x, y, players = self._pose.x, self._pose.y, self._players.seen()
-        return self._surroundings.snapshot(self._time(), x, y, self._hidden(), players)
+        x, y, seen = self._pose.x, self._pose.y, self._scenario_actors.seen()
+        return self._surroundings.snapshot(self._time(), x, y, self._hidden(), seen)
 
 
 def is_true(warning: str) -> bool:

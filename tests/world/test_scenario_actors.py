@@ -56,14 +56,14 @@ class Seen:
 def _run(world: World, track: Track, seconds: float) -> Seen:
     seen = Seen()
     for k in range(round(seconds / PERIOD)):
-        players = track(k * PERIOD)
+        states = track(k * PERIOD)
         world.place(pose(k * PERIOD, 100.0, 500.0, 0.0, 0.0))
-        world.set_actors(players)
+        world.set_actors(states)
         assert world.step().faults == ()
         actors, boxes = world.actors(), _boxes(world.actors())
         seen.ids |= set(actors.ids)
-        mine = {player.id: player for player in players}
-        seen.inexact += [name for name, player in mine.items() if _row(actors, name) != tuple(player[2:])]
+        mine = {state.id: state for state in states}
+        seen.inexact += [name for name, state in mine.items() if _row(actors, name) != tuple(state[2:])]
         for i, name in enumerate(actors.ids):
             if name in mine:
                 continue
@@ -98,7 +98,7 @@ def car(x: float, y: float, speed: float, heading: float = 0.0) -> ActorState:
 
 
 def _followed(folder: str, deceleration: float) -> Seen:
-    """A car at 15 m/s, 25 m behind a player at 15 m/s that brakes to a stand after 2 s; east_0 is at y = -4.8."""
+    """A car at 15 m/s, 25 m behind an actor at 15 m/s that brakes to a stand after 2 s; east_0 is at y = -4.8."""
     root = Path(folder)
 
     def track(time: float) -> tuple[ActorState, ...]:
@@ -110,7 +110,7 @@ def _followed(folder: str, deceleration: float) -> Seen:
         return _run(world, track, 12.0)
 
 
-def test_traffic_brakes_behind_a_player_that_brakes(tmp_path):
+def test_traffic_brakes_behind_a_scenario_actor_that_brakes(tmp_path):
     seen = isolated(_followed, str(tmp_path), 6.0)
     assert seen.touched == set()
     assert seen.inexact == []
@@ -166,7 +166,7 @@ def test_a_pedestrian_who_stands_on_a_lane_is_not_driven_over(tmp_path, until, w
 
 
 def _entered(folder: str, x: float, speed: float) -> Seen:
-    """A player appears after 2 s on a lane with a car under way at 15 m/s, then at 120 + 2 * 15 = 150 m."""
+    """An actor appears after 2 s on a lane with a car under way at 15 m/s, then at 120 + 2 * 15 = 150 m."""
     root = Path(folder)
 
     def track(time: float) -> tuple[ActorState, ...]:
@@ -180,14 +180,14 @@ def _entered(folder: str, x: float, speed: float) -> Seen:
     ("x", "speed", "cleared"),
     [(150.0, 15.0, ("driver",)), (165.0, 0.0, ("driver",)), (165.0, 15.0, ()), (220.0, 0.0, ())],
 )
-def test_traffic_that_could_not_avoid_a_player_is_taken_away_when_it_enters(tmp_path, x, speed, cleared):
+def test_traffic_that_could_not_avoid_a_scenario_actor_is_taken_away_when_it_enters(tmp_path, x, speed, cleared):
     seen = isolated(_entered, str(tmp_path), x, speed)
     assert seen.cleared == cleared
     assert seen.touched == set()
 
 
 def _yielded(folder: str, arrives: float) -> tuple[set[tuple[str, str]], float]:
-    """A player drives along the major road of a crossing at 10 m/s while a car comes from the minor one."""
+    """An actor drives along the major road of a crossing at 10 m/s while a car comes from the minor one."""
     root = Path(folder)
 
     def track(time: float) -> tuple[ActorState, ...]:
@@ -198,7 +198,7 @@ def _yielded(folder: str, arrives: float) -> tuple[set[tuple[str, str]], float]:
     return seen.touched, seen.slowest["minor"]
 
 
-def test_traffic_yields_to_a_player_on_the_major_road(tmp_path):
+def test_traffic_yields_to_a_scenario_actor_on_the_major_road(tmp_path):
     touched, slowest = isolated(_yielded, str(tmp_path), 10.0)
     assert touched == set()
     assert slowest < 3.0
@@ -207,7 +207,7 @@ def test_traffic_yields_to_a_player_on_the_major_road(tmp_path):
 def _spoilt(folder: str) -> tuple[list[tuple[str, ...]], list[str]]:
     root = Path(folder)
     good = car(300.0, -4.8, 10.0)
-    players = [
+    states = [
         (good,),
         (good._replace(x=math.nan),),
         (good._replace(heading=math.inf),),
@@ -220,7 +220,7 @@ def _spoilt(folder: str) -> tuple[list[tuple[str, ...]], list[str]]:
     ]
     ids, left = [], []
     with World(street(root), seed=1, period=PERIOD, vehicle=FUSION, range_of_interest=1000.0) as world:
-        for k, playing in enumerate(players):
+        for k, playing in enumerate(states):
             world.place(pose(k * PERIOD, 100.0, -1.6, 0.0, 0.0))
             world.set_actors(playing)
             assert world.step().faults == ()
@@ -245,7 +245,7 @@ def _touching(folder: str) -> list[tuple[str, ...]]:
     contacts = []
     with World(street(root), seed=1, period=PERIOD, vehicle=FUSION) as world:
         for y in (-2.6, -2.5):
-            # The ego's left side is at -1.6 - 0.926; the player's, turned across, reaches from its centre 2.25 m.
+            # The ego's left side is at -1.6 - 0.926; the actor's, turned across, reaches from its centre 2.25 m.
             world.place(pose(0.0, 100.0, -1.6, 0.0, 0.0))
             world.set_actors((car(98.0, y - 2.25, 0.0, 0.5 * math.pi),))
             world.step()
