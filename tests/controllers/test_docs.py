@@ -90,7 +90,7 @@ def test_a_car_parked_askew_is_seen_too_late(page):
 
 def test_the_design_table_has_units_in_its_heads(part):
     design = part("design")
-    head, row = design.table([design.Row(11.2, 9.0, 0.072, 16.8, 65.1, 0.431)]).splitlines()
+    head, row = design.table([design.SpeedRow(11.2, 9.0, 0.072, 16.8, 65.1, 0.431)]).splitlines()
     assert dict(zip(head.split(), map(float, row.split()), strict=True)) == {
         "speed_mps": 11.2,
         "look_ahead_m": 9.0,

@@ -44,15 +44,15 @@ from tests.test_docs import GENERATED
 from vve_sumo.drive.summary import unmet_criteria, summary_of
 from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.plotting.grids import distribution
-from vve_sumo.record.sweep_folder import COLUMNS, Plan
+from vve_sumo.record.sweep_folder import COLUMNS, SweepPlan
 from vve_sumo.report.tables import head_of, named
 from vve_sumo.scenario.load import load
-from vve_sumo.scenario.schema import Band, Criteria
+from vve_sumo.scenario.schema import CriterionBand, Criteria
 from vve_sumo.sweep.run import figures_of
 
 NAME = "max_yaw_rate_radps"
 scenario = load(Path("scenarios/parked_car.toml"))
-scenario = scenario.model_copy(update={"criteria": Criteria(**{NAME: Band(max=0.1)})})
+scenario = scenario.model_copy(update={"criteria": Criteria(**{NAME: CriterionBand(max=0.1)})})
 setting = types.SimpleNamespace(name="a drive", scenario=scenario, path=straight(), vehicle=CAR)
 ticks = ticks_of([{"yaw_rate_radps": -0.25}, {"yaw_rate_radps": 0.2}])
 summary = summary_of(setting, DriveEnd(Outcome.STOPPED, ()), ticks, actors_of([]), {})
@@ -60,7 +60,7 @@ assert summary[NAME] == 0.25
 assert summary["failed"] == [f"{NAME} is 0.250, expected at most 0.1"]
 row = figures_of(scenario, summary)
 assert (row[NAME], row[f"meets_{NAME}"]) == (0.25, False)
-plan = Plan({}, "a drive", {}, "", "", 1, {}, [NAME], {}, {})
+plan = SweepPlan({}, "a drive", {}, "", "", 1, {}, [NAME], {}, {})
 assert {NAME: "float", f"meets_{NAME}": "bool"}.items() <= plan.columns().items()
 assert COLUMNS[NAME].meaning == "greatest size at any tick"
 assert head_of(NAME) == "maximum yaw rate [rad/s]" and "greatest size at any tick" in str(named(NAME))

@@ -41,8 +41,8 @@ from vve_sumo.vehicle.interface import (
     GearState,
     InterfaceConfig,
     Malformed,
+    Measured,
     Report,
-    SensorMeasurements,
     SettingValue,
     SteeringState,
     ThrottleState,
@@ -59,7 +59,7 @@ import itertools
 
 STEP: Final = 0.005  # of the simulated end [s]
 PERIOD: Final = 0.02  # of the gateway [s]
-STANDING: Final = SensorMeasurements(
+STANDING: Final = Measured(
     0.0, 0.0, WheelSpeeds(0.0, 0.0, 0.0, 0.0), Accelerations(0.0, 0.0, 9.81), YawRate(0.0, 0.0), 0.0, 0.0
 )
 NEUTRAL: Final = ActuationCommand(0.0, 0.0, 0.0, 0.0, Gear.NONE, enable=False, clear=False)

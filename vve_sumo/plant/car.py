@@ -28,7 +28,7 @@ from vve_sumo.vehicle.interface import (
     DriverInputs,
     Gear,
     InterfaceConfig,
-    SensorMeasurements,
+    Measured,
     SimulatedInterface,
     load,
 )
@@ -78,7 +78,7 @@ class ActuatorFaults(NamedTuple):
 HEALTHY = ActuatorFaults()
 
 
-def as_measured(_time: float, measured: SensorMeasurements) -> SensorMeasurements:
+def as_measured(_time: float, measured: Measured) -> Measured:
     """What the sensors measure, as it is."""
     return measured
 
@@ -126,7 +126,7 @@ class Car:
         epoch: float,
         seeds: np.random.SeedSequence,
         alter: Callable[[Fix], Fix | None] = unaltered,
-        alter_measured: Callable[[float, SensorMeasurements], SensorMeasurements] = as_measured,
+        alter_measured: Callable[[float, Measured], Measured] = as_measured,
     ) -> None:
         vehicle, calibration = parameters.vehicle, parameters.calibration
         self._parameters = parameters

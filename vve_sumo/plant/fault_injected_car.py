@@ -16,7 +16,7 @@ from vve_sumo.plant.injectable import require_injectable
 from vve_sumo.plant.injected_faults import InjectedFault
 from vve_sumo.plant.receiver import unaltered
 from vve_sumo.values import Fix, Frame, Pose
-from vve_sumo.vehicle.interface import HANDS_OFF, SensorMeasurements
+from vve_sumo.vehicle.interface import HANDS_OFF, Measured
 
 
 class FaultInjectedCar:
@@ -69,7 +69,7 @@ class FaultInjectedCar:
         altered = self._alter(fix)
         return None if altered is None else self._injector.on_fix(altered)
 
-    def _on_measured(self, time: float, measured: SensorMeasurements) -> SensorMeasurements:
+    def _on_measured(self, time: float, measured: Measured) -> Measured:
         return self._injector.on_measured(time, measured)
 
     def _step(self, frames: Sequence[Frame]) -> CarOutput:

@@ -25,7 +25,7 @@ from vve_sumo.vehicle.interface import (
     DriverInputs,
     Gear,
     InterfaceConfig,
-    SensorMeasurements,
+    Measured,
     SimulatedInterface,
     load,
 )
@@ -86,7 +86,7 @@ class FaultInjector:
         """Return the fix to be sent in place of `fix`, or None; its `time_received` says when it was measured."""
         return self._fixes.alter(fix)
 
-    def on_measured(self, time: float, measured: SensorMeasurements) -> SensorMeasurements:
+    def on_measured(self, time: float, measured: Measured) -> Measured:
         """Return what the car's own sensors say at `time` in place of what they `measured`."""
         return self._sensors.alter(time, measured)
 

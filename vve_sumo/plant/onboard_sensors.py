@@ -13,7 +13,7 @@ from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.plant.acceleration_errors import AccelerationErrors
 from vve_sumo.plant.dynamics import Dynamics
 from vve_sumo.plant.wheel_errors import WheelErrors
-from vve_sumo.vehicle.interface import Accelerations, SensorMeasurements, WheelSpeeds, YawRate
+from vve_sumo.vehicle.interface import Accelerations, Measured, WheelSpeeds, YawRate
 
 
 class Axles(NamedTuple):
@@ -49,9 +49,7 @@ class OnboardSensors:
         self._white = white
         self._errors = errors
 
-    def measure(
-        self, motion: Dynamics, road_angle: float, wheel_angle: float, brake_torque: float
-    ) -> SensorMeasurements:
+    def measure(self, motion: Dynamics, road_angle: float, wheel_angle: float, brake_torque: float) -> Measured:
         """Return what is measured now, with the next errors.
 
         `road_angle` is the front wheels', `wheel_angle` the steering wheel's [rad], `brake_torque` the brakes' own
@@ -63,7 +61,7 @@ class OnboardSensors:
         accelerations = Accelerations(felt, motion.speed * motion.yaw_rate, GRAVITY)
         if (errors := self._errors) is not None:
             wheels, accelerations = errors.wheels.measured(wheels), errors.accelerations.measured(accelerations)
-        return SensorMeasurements(
+        return Measured(
             motion.speed,
             motion.acceleration,
             wheels,

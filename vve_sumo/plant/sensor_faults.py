@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from vve_sumo.plant.injected_faults import Due
-from vve_sumo.vehicle.interface import BrakeTorque, SensorMeasurements, WheelSpeeds, YawRate
+from vve_sumo.vehicle.interface import BrakeTorque, Measured, WheelSpeeds, YawRate
 
 #: Kinds of fault of a sensor, with the report through which each shows.
 SENSOR_KINDS: Final[dict[str, type]] = {
@@ -38,13 +38,13 @@ class SensorFaults:
         self._rates: YawRate | None = None  # frozen
         self._brake_torque: float | None = None  # frozen [N m]
 
-    def alter(self, time: float, measured: SensorMeasurements) -> SensorMeasurements:
+    def alter(self, time: float, measured: Measured) -> Measured:
         """Return what the sensors say at `time` in place of what they measured."""
         if not self._active:
             return measured
         return self._alter_brakes(time, self._alter_rates(time, self._alter_speeds(time, measured)))
 
-    def _alter_speeds(self, time: float, measured: SensorMeasurements) -> SensorMeasurements:
+    def _alter_speeds(self, time: float, measured: Measured) -> Measured:
         """Wheel speeds, and the vehicle's speed that is computed from them."""
         value, wheels, speed = self._due.value, measured.wheels, measured.speed
         stands = value("wheel_speeds_zero", time) is not None
@@ -61,7 +61,7 @@ class SensorFaults:
             wheels = self._wheels = self._wheels or wheels
         return measured._replace(wheels=wheels, speed=speed)
 
-    def _alter_rates(self, time: float, measured: SensorMeasurements) -> SensorMeasurements:
+    def _alter_rates(self, time: float, measured: Measured) -> Measured:
         rates = measured.rates
         if (bias := self._due.value("yaw_rate_biased", time)) is not None:
             rates = rates._replace(yaw=rates.yaw + bias)
@@ -71,7 +71,7 @@ class SensorFaults:
             rates = self._rates = self._rates or rates
         return measured._replace(rates=rates)
 
-    def _alter_brakes(self, time: float, measured: SensorMeasurements) -> SensorMeasurements:
+    def _alter_brakes(self, time: float, measured: Measured) -> Measured:
         torque = measured.brake_torque
         if (factor := self._due.value("brake_torque_scaled", time)) is not None:
             torque *= factor

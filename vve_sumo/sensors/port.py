@@ -34,7 +34,7 @@ class SensorColumn(NamedTuple):
     meaning: str  #: in words, for readers of the record
 
 
-class SensorReading(Protocol):
+class Reading(Protocol):
     """The output of a sensor at one tick, for the record."""
 
     def columns(self) -> tuple[Column, ...]:
@@ -55,7 +55,7 @@ class Sensor(Protocol):
         """Number of actors that the last step left out, because a value of theirs is not finite."""
         ...
 
-    def step(self, time: float, pose: Pose, actors: Actors) -> SensorReading | None:
+    def step(self, time: float, pose: Pose, actors: Actors) -> Reading | None:
         """Measure at drive time `time` [s] from the rear axle's pose; return the reading that comes out, if any."""
         ...
 

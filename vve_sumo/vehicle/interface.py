@@ -275,7 +275,7 @@ class Request(NamedTuple):
     wheel_angle: float  #: of the steering wheel [rad]; NaN while the steering is not controlled
 
 
-class SensorMeasurements(NamedTuple):
+class Measured(NamedTuple):
     """What the simulated vehicle's sensors measure."""
 
     speed: float  #: of the rear axle [m/s], forward positive
@@ -348,7 +348,7 @@ class SimulatedInterface(Protocol):
         """
         ...
 
-    def reports(self, measured: SensorMeasurements) -> list[Frame]:
+    def reports(self, measured: Measured) -> list[Frame]:
         """Return the report frames that are due; called 100 times a second."""
         ...
 

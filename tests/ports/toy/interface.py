@@ -24,9 +24,9 @@ from vve_sumo.vehicle.interface import (
     GearState,
     InterfaceFacts,
     Malformed,
+    Measured,
     Report,
     Request,
-    SensorMeasurements,
     SettingValue,
     SteeringState,
     ThrottleState,
@@ -200,7 +200,7 @@ class SimulatedToy:
             max(self._command.brake_torque, self.driver_brake_torque), self._command.throttle, self._angle
         )  # fmt: skip
 
-    def reports(self, measured: SensorMeasurements) -> list[Frame]:
+    def reports(self, measured: Measured) -> list[Frame]:
         self._spoken += 1
         wheels = measured.wheels
         mean, half = INVALID, 0

@@ -22,7 +22,7 @@ from vve_sumo.vehicle.dataspeed.messages import (
 )
 from vve_sumo.vehicle.dataspeed.pedals import THROTTLE_TRAVEL_END, pedal_to_torque, torque_to_pedal
 from vve_sumo.vehicle.dataspeed.report_faults import KINDS, ReportFaults
-from vve_sumo.vehicle.interface import PEDAL_REST, DriverInputs, Due, Gear, Request, SensorMeasurements
+from vve_sumo.vehicle.interface import PEDAL_REST, DriverInputs, Due, Gear, Measured, Request
 
 BRAKE_LIGHTS: Final = 520.0  # torque from which the brake lights are on [N m] (dbw_mkz_can)
 TORQUE_SENSOR_LIMIT: Final = 7.9  # of the driver's steering torque [N m]
@@ -86,7 +86,7 @@ class SimulatedDbw1:
         """Return what is sent at `time` in place of a report."""
         return self._faults.alter(time, frame, due)
 
-    def reports(self, measured: SensorMeasurements) -> list[Frame]:
+    def reports(self, measured: Measured) -> list[Frame]:
         """Return the frames that are due: the car's sensors at 100 Hz, the modules at 50, the shifter at 20."""
         self._hundredths += 1
         variant = self._variant
