@@ -83,6 +83,8 @@ def rig(folder: Path, ports: dict[str, int]) -> Path:
         port = probe.getsockname()[1]
     table: Any = tomlkit.parse((REPOSITORY / "rigs" / "simulated.toml").read_text(encoding="utf-8"))
     table["pose"]["port"] = port
+    # A burst of fixes says nothing of how fast the program is: the first of them is late by itself.
+    table["car_start"]["fidelity"] = "ideal"
     if ports:
         table["outputs"] = [{"kind": kind, "udp": f"127.0.0.1:{number}"} for kind, number in ports.items()]
     file = folder / "bench.toml"
