@@ -37,7 +37,7 @@ def test_a_long_vehicle_is_predicted_where_sumo_then_puts_it(drive: DriveData) -
     for code in np.unique(actors.code[boxes.length >= LONG]):
         rows = np.flatnonzero(actors.code == code)
         rows = rows[np.argsort(actors.at[rows])]
-        gone = np.cumsum(np.hypot(np.diff(ends.x[rows], prepend=ends.x[rows[0]]), np.diff(ends.y[rows], prepend=0.0)))
+        gone = np.append(0.0, np.cumsum(np.hypot(np.diff(ends.x[rows]), np.diff(ends.y[rows]))))
         for now, later in ((i, i + ticks) for ticks in (25, 75, 150) for i in range(0, len(rows) - ticks, 10)):
             one, other = rows[[now]], rows[[later]]
             if places.chord[one[0]] == 0.0 or actors.at[other[0]] - actors.at[one[0]] != later - now:

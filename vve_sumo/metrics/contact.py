@@ -18,10 +18,8 @@ from vve_sumo.values import Floats
 MIN_STEP = 0.05
 #: rate at which the velocity of one against the other turns at most, taken as 4 m/s2 across for each [m/s2]
 MAX_TURNING = 8.0
-#: rounds in which the moment of a contact is narrowed down at most, and which of them halves what is left
-ROUNDS, HALVED = 60, 3
-#: the moment of a contact is known to this [s], or bodies are no farther apart and overlap by no more than this [m]
-RESOLUTION, TOUCH = 1e-8, 1e-10
+#: the moment of a contact is known to this [s]
+RESOLUTION = 1e-8
 
 
 class Pairs(NamedTuple):
@@ -96,25 +94,13 @@ class Prediction:
         return apart, np.maximum(step, MIN_STEP)
 
     def _narrowed(self, pairs: Pairs, before: Floats, after: Floats) -> Floats:
-        """Return when the bodies touch, between two times: false position in the Illinois form, and halving.
+        """Return when the bodies touch, between two times, by halving.
 
-        False position alone may gain next to nothing where the nearest edges of the bodies change in between.
+        False position gains next to nothing where the nearest edges of the bodies change in between.
         """
-        low, high = self._apart(pairs, before)[0], self._apart(pairs, after)[0]
-        was_out, was_in = (np.zeros(len(before), np.bool_) for _ in range(2))
-        rows = np.arange(len(before))
-        for number in range(ROUNDS):
-            rows = rows[after[rows] - before[rows] > RESOLUTION]
-            if not len(rows):
-                break
-            share = 0.5 if number % HALVED == HALVED - 1 else low[rows] / (low[rows] - high[rows])
-            between = before[rows] + (after[rows] - before[rows]) * share
+        while len(rows := np.flatnonzero(after - before > RESOLUTION)):
+            between = 0.5 * (before[rows] + after[rows])
             apart, _ = self._apart(pairs.select(rows), between)
-            out, touches = apart > 0.0, np.abs(apart) <= TOUCH
-            # An end that stays for the second time counts half, else it would hold the other back.
-            low[rows] = np.where(out, apart, np.where(was_in[rows], 0.5 * low[rows], low[rows]))
-            high[rows] = np.where(out, np.where(was_out[rows], 0.5 * high[rows], high[rows]), apart)
-            before[rows] = np.where(out | touches, between, before[rows])
-            after[rows] = np.where(out & ~touches, after[rows], between)
-            was_out[rows], was_in[rows] = out, ~out
+            before[rows] = np.where(apart > 0.0, between, before[rows])
+            after[rows] = np.where(apart > 0.0, after[rows], between)
         return after
