@@ -45,6 +45,19 @@ def moving(speed: float) -> Weighed:
 def test_it_knows_nothing_at_first():
     subject = Standstill()
     assert (subject.certain, subject.settled, subject.at_rest, subject.moves, subject.contradicted) == (False,) * 5
+    assert not subject.may_move
+
+
+@pytest.mark.parametrize(("last", "may_move"), [((2.0, None), True), ((None, 2.0), True), ((0.0, 0.0), False)])
+def test_a_car_that_is_not_heard_may_still_do_what_it_did(last, may_move):
+    weighed = Weighed()
+    weighed.step(*last)
+    for _ in range(100):
+        assert weighed.step(None, None)[2] is False
+        assert weighed.subject.may_move is may_move
+    while weighed.step(0.0, 0.0)[2]:
+        assert weighed.now < 100 * STEP + 2.0 * FORGOTTEN
+    assert not weighed.subject.may_move, "until it is heard again"
 
 
 @pytest.mark.parametrize(

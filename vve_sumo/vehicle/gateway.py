@@ -274,7 +274,7 @@ class Gateway(Monitor):
         if self._state is ArmingState.FAULT:
             taken = "driver_override" in self._causes
             attended = self._attended_long.step(now, self._reports.attended(now))
-            alone = taken and self._standstill.moves and not attended
+            alone = taken and self._standstill.may_move and not attended
             if self._unattended_long.step(now, alone and self._has_been_engaged):
                 self._notes.append("driver_needed")
             return
