@@ -79,6 +79,16 @@ CONTACT: dict[str, Any] = {
     "markeredgewidth": 2.6,
 }
 NUMBERED: dict[str, Any] = {"boxstyle": "circle,pad=0.18", "facecolor": PAPER, "linewidth": 1.0}
+#: the lines of the triggers are not drawn through what a legend says
+OPAQUE_LEGEND: dict[str, Any] = {
+    "loc": "upper left",
+    "fontsize": 9,
+    "borderaxespad": 0.5,
+    "frameon": True,
+    "framealpha": 1.0,
+    "facecolor": PAPER,
+    "edgecolor": PAPER,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -369,7 +379,7 @@ def _along(axes: Axes, page: Page) -> None:
     axes.set_ylim(low, high + 0.4 * (high - low))
     axes.set_ylabel("along the path [m]")
     if page.resolved.scenario.actors or page.resolved.scenario.obstacles:
-        axes.legend(loc="upper left", fontsize=9, borderaxespad=0.1)
+        axes.legend(**OPAQUE_LEGEND)
 
 
 def _across(axes: Axes, page: Page) -> None:
@@ -386,7 +396,7 @@ def _across(axes: Axes, page: Page) -> None:
     axes.set_ylabel("beside the path,\nleft positive [m]")
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.5 * (high - low))
-    axes.legend(loc="upper left", fontsize=9, borderaxespad=0.1)
+    axes.legend(**OPAQUE_LEGEND)
 
 
 def _whole_way(axes: Axes, page: Page) -> None:

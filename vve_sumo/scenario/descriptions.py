@@ -17,7 +17,7 @@ CONDITIONS = {
     "ego_at_m": "the ego's bumper is at {:g} m",
     "ego_within_m": "the gap is {:g} m",
     "ttc_s": "the time to collision is {:g} s",
-    "ego_arrives_in_s": "the ego is {:g} s away",
+    "ego_arrives_in_s": "the ego would be there in {:g} s",
     "ego_speed_mps": "the ego drives {:g} m/s",
 }
 
