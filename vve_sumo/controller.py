@@ -11,9 +11,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import Final, Protocol, runtime_checkable
 
+from vve_sumo.commanded_path import flaw, plain
 from vve_sumo.errors import ConfigError, did_you_mean
 from vve_sumo.ports import Origin, Port, error_text
-from vve_sumo.values import ControlCommand, Observation, Vehicle
+from vve_sumo.values import CommandedPath, ControlCommand, Observation, Vehicle
 
 PORT: Final = Port("controller", "vve_sumo.controllers", "(vehicle, tuning)", library="vve_sumo.controllers")
 
@@ -97,7 +98,7 @@ def settle(
 class Guarded:
     """Calls a controller; returns its failures as reason codes instead of raising them.
 
-    Codes: controller_raised, controller_wrong_type, controller_not_finite.
+    Codes: controller_raised, controller_wrong_type, controller_not_finite, controller_path_invalid.
     """
 
     __slots__ = ("_controller", "text")
@@ -116,14 +117,17 @@ class Guarded:
             if not isinstance(command, ControlCommand) or not _has_types(command):
                 return self._refused("controller_wrong_type", f"got {command!r}, expected a ControlCommand of floats")
             steering, acceleration = float(command.steering), float(command.acceleration)
+            path, wrong = _checked(command.path, observation)
         except KeyboardInterrupt:
             raise
         except BaseException as error:
             return self._refused("controller_raised", error_text(error, __file__))
         if not (math.isfinite(steering) and math.isfinite(acceleration)):
             return self._refused("controller_not_finite", f"steering {steering}, acceleration {acceleration}")
+        if wrong:
+            return self._refused("controller_path_invalid", f"path: {wrong}")
         note = command.note if command.note.isascii() and command.note.isprintable() else ascii(command.note)
-        return ControlCommand(steering, acceleration, emergency=command.emergency, note=note), ()
+        return ControlCommand(steering, acceleration, emergency=command.emergency, note=note, path=path), ()
 
     def _refused(self, code: str, text: str) -> tuple[None, tuple[str, ...]]:
         self.text = text
@@ -136,4 +140,17 @@ def _has_types(command: ControlCommand) -> bool:
     flag: object = command.emergency
     note: object = command.note
     numbers = isinstance(steering, (float, int)) and isinstance(acceleration, (float, int))
-    return numbers and isinstance(flag, bool) and isinstance(note, str)
+    path: object = command.path
+    whole = path is None or isinstance(path, CommandedPath)
+    return numbers and isinstance(flag, bool) and isinstance(note, str) and whole
+
+
+def _checked(path: CommandedPath | None, observation: Observation) -> tuple[CommandedPath | None, str]:
+    """Return a command's path in plain floats, and in one line what is wrong with it."""
+    if path is None:
+        return None, ""
+    try:
+        checked = plain(path)
+    except (TypeError, ValueError, OverflowError) as error:
+        return None, f"x, y and speed must be sequences of numbers: {error}"
+    return checked, flaw(checked, observation.pose)

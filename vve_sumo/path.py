@@ -121,18 +121,21 @@ class ReferencePath:
         self._projected: tuple[tuple[float, float, float | None], Station] | None = None
 
     @classmethod
-    def from_points(cls, x: ArrayLike, y: ArrayLike, noise: float = 0.0) -> ReferencePath:
+    def from_points(
+        cls, x: ArrayLike, y: ArrayLike, noise: float = 0.0, rounds: int = ARC_LENGTH_ROUNDS
+    ) -> ReferencePath:
         """Lay a path through points in driving order.
 
         x, y: map [m], shape (n,), n >= 2. `noise` is the standard deviation of the points [m]: with 0 the path
         passes through every point, otherwise it is the smoothest curve within that noise (for recorded drives).
+        `rounds` is how often the spline is fitted again over its own arc length; with 0 its parameter is the chords'.
         Raises ConfigError for too few points, x and y of different lengths, and non-finite or repeated points.
         """
         xs, ys = _checked(x, y)
         if noise > 0.0:
             xs, ys = _smoothed(xs, ys, noise)
         spans = np.sqrt(np.diff(xs) ** 2 + np.diff(ys) ** 2)
-        for _ in range(ARC_LENGTH_ROUNDS):
+        for _ in range(rounds):
             pieces = _pieces(xs, spans), _pieces(ys, spans)
             spans = _arc_lengths(*pieces, spans)
         ends = np.cumsum(spans)

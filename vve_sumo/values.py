@@ -267,6 +267,19 @@ def resolve_fallback_path(fallback_path: FallbackPath | DeferredFallbackPath | N
 
 @fast_frozen
 @dataclass(frozen=True, slots=True)
+class CommandedPath:
+    """The path that a controller means to drive from here: 2 to 100 points of the rear axle, in driving order.
+
+    `vve_sumo.commanded_path` says what is checked of it. Any sequences of numbers will do; a checked one holds tuples.
+    """
+
+    x: tuple[float, ...]  #: of the rear axle, map [m]; the first point is where the car is
+    y: tuple[float, ...]  #: as x [m]
+    speed: tuple[float, ...]  #: that the controller means to have at each point [m/s], not negative
+
+
+@fast_frozen
+@dataclass(frozen=True, slots=True)
 class ControlCommand:
     """A controller's request for the car; the tick stamps it into a Setpoint."""
 
@@ -274,6 +287,8 @@ class ControlCommand:
     acceleration: float  #: along the heading [m/s2], braking negative
     emergency: bool = False  #: asks for the emergency envelope instead of the comfort one
     note: str = ""  #: the controller's reason, for the record
+    #: the path that the controller means to drive from here; None: the scenario's path
+    path: CommandedPath | None = None
 
 
 @fast_frozen

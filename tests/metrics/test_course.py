@@ -23,7 +23,7 @@ AHEAD = CAR.rear_axle_to_bumper - CAR.length / 2.0  #: middle of the ego before 
 
 
 def one(x: float, y: float, heading: float, curvature: float, leaves: bool = True) -> Starts:
-    return Starts(*(np.array([value]) for value in (x, x, y, heading, curvature)), np.array([leaves]))
+    return Starts(*(np.array([value]) for value in (x, x, y, heading, curvature)), np.array([leaves]), np.zeros(1, int))
 
 
 ARCS = {

@@ -21,6 +21,7 @@ from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.metrics.table import label_of
+from vve_sumo.record.layout import COMMANDED
 from vve_sumo.values import Floats
 
 if TYPE_CHECKING:
@@ -141,7 +142,9 @@ def _side(run: Run, true: bool) -> _Side:
         place = ticks.schema.get_field_index("true_x_m")
         ticks = ticks.set_column(place, ticks.schema.field(place), pa.array(np.full(ticks.num_rows, np.nan)))
     prefix = "true_" if true else ""
-    data = DriveData(ticks, run.arrow("actors"), run.path, run.vehicle, run.period, run.arrow("roads"))
+    data = DriveData(
+        ticks, run.arrow("actors"), run.path, run.vehicle, run.period, run.arrow("roads"), run.arrow(COMMANDED)
+    )
     signals = {
         "speed_mps": ticks[f"{prefix}speed_mps"].to_numpy(),
         "acceleration_mps2": ticks[f"{prefix}acceleration_mps2"].to_numpy(),

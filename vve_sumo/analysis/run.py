@@ -26,7 +26,9 @@ from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.lead_vehicle import LeadVehicle
 from vve_sumo.path import ReferencePath
 from vve_sumo.record.layout import (
+    COMMANDED,
     LIVE_SCHEMAS,
+    OPTIONAL_SCHEMAS,
     PROVENANCE,
     ROADS,
     ROADS_SCHEMA,
@@ -36,7 +38,7 @@ from vve_sumo.record.layout import (
     sensor_schemas,
     sensor_table,
 )
-from vve_sumo.record.reader import read_table
+from vve_sumo.record.reader import read_commanded, read_table
 from vve_sumo.record.roads import read_roads
 from vve_sumo.values import Floats, Vehicle
 
@@ -107,8 +109,8 @@ class Run:
         """Return a table of the record, read once.
 
         Tables are ticks, actors, readings, one of each sensor (`sensor_radar`), roads (the lanes around the path; no
-        rows in a record of an earlier layout), and of a live drive gateway, latency. Raises ConfigError where it is not
-        there or cannot be read.
+        rows in a record of an earlier layout), commanded_paths (no rows where no command carried one), and of a live
+        drive gateway, latency. Raises ConfigError where it is not there or cannot be read.
         """
         known: dict[str, pa.Table] = self.__dict__.setdefault("_tables", {})
         if name not in known:
@@ -154,7 +156,8 @@ class Run:
     def data(self) -> DriveData:
         """The tables as metrics read them."""
         tables = self.arrow("ticks"), self.arrow("actors")
-        return DriveData(*tables, self.path, self.vehicle, self.period, self.arrow("roads"))
+        lanes, commanded = self.arrow("roads"), self.arrow(COMMANDED)
+        return DriveData(*tables, self.path, self.vehicle, self.period, lanes, commanded)
 
     @property
     def motion(self) -> Motion:
@@ -183,10 +186,13 @@ class Run:
         return _last_whole(self._read("ticks"), self._read("actors"), self._read("readings"), sensors)
 
     def _read(self, name: str) -> pa.Table:
-        known = SCHEMAS | sensor_schemas(self.resolved) | LIVE_SCHEMAS | {ROADS: ROADS_SCHEMA}
+        always = SCHEMAS | sensor_schemas(self.resolved)
+        known = always | OPTIONAL_SCHEMAS | LIVE_SCHEMAS | {ROADS: ROADS_SCHEMA}
         if name not in known:
             raise ConfigError(f"{self.folder}: no table {name!r} in a record; {hint(name, known)}")
-        table = read_roads(self.folder) if name == ROADS else read_table(self.folder, name)
+        folder = self.folder
+        missing_is_empty = {ROADS: read_roads, COMMANDED: read_commanded}
+        table = missing_is_empty[name](folder) if name in missing_is_empty else read_table(folder, name)
         missing = [column for column in known[name].names if column not in table.schema.names]
         if missing:
             raise ConfigError(f"{self.folder}: its table {name} has no column {missing[0]}: another vve-sumo wrote it")

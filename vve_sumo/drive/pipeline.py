@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Protocol
 
+from vve_sumo.commanded_path import curve
 from vve_sumo.controller import Guarded
 from vve_sumo.frames import Placement, move_point
 from vve_sumo.frozen import fast_frozen
@@ -28,6 +29,7 @@ from vve_sumo.sensors.port import Column
 from vve_sumo.timing import SETPOINT_LIFETIME
 from vve_sumo.values import (
     Actors,
+    CommandedPath,
     ControlCommand,
     DeferredFallbackPath,
     FallbackPath,
@@ -70,6 +72,7 @@ class TickResult:
     pose_reasons: tuple[str, ...]  #: why the newest fix was not trusted
     shell_faults: tuple[str, ...]  #: faults that the shell and the virtual road handed in
     faults: tuple[str, ...]  #: all faults of this tick
+    commanded_path: CommandedPath | None  #: that the controller's command carries; None for none
 
 
 @fast_frozen
@@ -158,6 +161,9 @@ class Pipeline:
         self._prepared_for = -math.inf
         self._geofence_breach: tuple[str, ...] = ()
         self._requested: deque[float] = deque(maxlen=REQUESTS)  # road-wheel angles [rad]
+        # Of the newest command, and where along it the car is [m].
+        self._commanded: CommandedPath | None = None
+        self._commanded_s = 0.0
         self.newest_epoch = -math.inf  #: of the newest fix, trusted or not, as drive time [s]
 
     def receive(self, received: float, data: bytes) -> None:
@@ -207,7 +213,7 @@ class Pipeline:
         """
         sensed, pose = self._sensed, self._sensed.pose
         faults = shell_faults + sensed.faults
-        setpoint, s, d = None, math.nan, math.nan
+        setpoint, s, d, commanded = None, math.nan, math.nan, None
         if pose is not None:
             beside = self._path.project(pose.x, pose.y, self._s)
             self._s, s, d = beside.s, beside.s, beside.offset
@@ -224,6 +230,10 @@ class Pipeline:
         if pose is not None:
             command, failures = self._controller.step(self._observation(tick, now, pose, steering))
             faults += failures
+            if command is not None:
+                # A controller that fails leaves its last path in place: it is where the car was meant to go.
+                self._commanded, self._commanded_s = command.path, 0.0
+                commanded = command.path
             setpoint = self._stamped(command or _after_failure(steering), now, pose, faults)
             self._requested.append(setpoint.steering)
         return TickResult(
@@ -237,6 +247,7 @@ class Pipeline:
             pose_reasons=self._reasons,
             shell_faults=shell_faults,
             faults=faults,
+            commanded_path=commanded,
         )
 
     def _seen(self) -> SensorFrame | None:
@@ -249,19 +260,36 @@ class Pipeline:
         """Prepare the fallback path from the pose predicted to drive time `time` [s], and check it with the geofence.
 
         `steering` is the road-wheel angle that the car reports [rad]. The next setpoint carries path and fault code.
+        The fallback path leads along the path that the newest command carries, else along the scenario's. Where the
+        geofence refuses the commanded one, the car is stopped along the scenario's.
         """
         pose = self._predictor.at(time)
         self._fallback, self._geofence_breach, self._prepared_for = None, (), time
         if pose is None or self._s is None:
             return
-        self._fallback = self._fallback_rule(pose, steering, self._path, self._s, self._vehicle)
-        if self._geofence is not None:
-            requested = (min(self._requested), max(self._requested)) if self._requested else None
-            # The gateway compares the receiver with the car from the first setpoint on, however the car drives.
-            driven = max(self._s, self._way)
-            self._geofence_breach = self._geofence.check(
-                pose, steering, resolve_fallback_path(self._fallback), driven, requested
-            )
+        own, commanded = (self._path, self._s), self._commanded
+        along = own if commanded is None else self._along_command(pose, commanded)
+        self._fallback, self._geofence_breach = self._judged(pose, steering, *along)
+        if self._geofence_breach and commanded is not None:
+            self._fallback, _ = self._judged(pose, steering, *own)
+
+    def _along_command(self, pose: Pose, commanded: CommandedPath) -> tuple[ReferencePath, float]:
+        """Return the curve of a commanded path, and the pose's place along it [m]."""
+        path = curve(commanded)
+        self._commanded_s = path.project(pose.x, pose.y, self._commanded_s).s
+        return path, self._commanded_s
+
+    def _judged(
+        self, pose: Pose, steering: float, path: ReferencePath, s: float
+    ) -> tuple[FallbackPath | DeferredFallbackPath | None, tuple[str, ...]]:
+        """Return the fallback path from a pose at `s` [m] onto a path, and what the geofence says of it."""
+        fallback = self._fallback_rule(pose, steering, path, s, self._vehicle)
+        if self._geofence is None or self._s is None:
+            return fallback, ()
+        requested = (min(self._requested), max(self._requested)) if self._requested else None
+        # The gateway compares the receiver with the car from the first setpoint on, however the car drives.
+        driven = max(self._s, self._way)
+        return fallback, self._geofence.check(pose, steering, resolve_fallback_path(fallback), driven, requested)
 
     def front_bumper_at(self, time: float) -> Pose | None:
         """Return the front bumper's pose to request of SUMO for drive time `time` [s]; None before a trusted fix."""

@@ -19,6 +19,7 @@ DRIVE_REASONS: Final[dict[str, str]] = {
     "brain_silent": "no setpoint of the foreign brain is alive",
     "car_moves": "the receiver reports that the car moves",
     "controller_not_finite": "the controller asked for something that is not a number",
+    "controller_path_invalid": "the controller commanded a path that no car could drive from where it is",
     "controller_raised": "the controller raised an exception",
     "controller_wrong_type": "the controller returned something that is no setpoint",
     "drive_lost": "the drive's process ended before the drive did",

@@ -43,7 +43,7 @@ _SCHEMA: Final = pa.schema(
 )
 
 #: reason codes of a controller that gave no answer
-_FAILURES: Final = ("controller_raised", "controller_wrong_type", "controller_not_finite")
+_FAILURES: Final = ("controller_raised", "controller_wrong_type", "controller_not_finite", "controller_path_invalid")
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,7 @@ import numpy as np
 import pyarrow as pa
 
 from vve_sumo import bus
+from vve_sumo.commanded_path import by_tick
 from vve_sumo.drive import plugged_in, provenance
 from vve_sumo.drive.lockstep import ScriptedOperator, assemble
 from vve_sumo.drive.pipeline import Pipeline, TickResult
@@ -33,11 +34,11 @@ from vve_sumo.drive.snapshots import NO_ACTORS, snapshots
 from vve_sumo.drive.tick_rows import result_columns, status_columns
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.car_bus import with_direction
-from vve_sumo.record.layout import LIVE_SCHEMAS, SCHEMAS, recorded_brain, sensor_table
-from vve_sumo.record.reader import read_pose_chunks, read_table, sensor_tables
+from vve_sumo.record.layout import LIVE_SCHEMAS, OPTIONAL_SCHEMAS, SCHEMAS, recorded_brain, sensor_table
+from vve_sumo.record.reader import read_commanded, read_pose_chunks, read_table, sensor_tables
 from vve_sumo.scenario.load import parse
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import Actors, Frame
+from vve_sumo.values import Actors, CommandedPath, Frame
 from vve_sumo.vehicle.interface import DEFAULT, InterfaceConfig, load
 
 #: tolerance of a CAN log's times [s]: candump rounds to microseconds, and events lie milliseconds apart
@@ -70,6 +71,7 @@ class PipelineInputs:
     readings: dict[int, dict[str, RecordedReading]]  #: by tick and sensor; only readings whose rows are complete
     ticks: list[dict[str, Any]]  #: rows of the record, up to the last one whose inputs are complete
     torn: int  #: number of later rows, whose inputs did not reach the disk
+    commanded: dict[int, CommandedPath]  #: paths that commands carry, by tick
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +140,7 @@ def changed_code(folder: Path, working: Path, *, controller: bool = True) -> lis
 def read_rows(folder: Path, name: str) -> pa.Table:
     """Read a table of a record with all columns that a replay needs; raises ConfigError where one is missing."""
     table = read_table(folder, name)
-    wanted = (SCHEMAS | LIVE_SCHEMAS).get(name) or sensor_tables(folder)[name]
+    wanted = (SCHEMAS | LIVE_SCHEMAS | OPTIONAL_SCHEMAS).get(name) or sensor_tables(folder)[name]
     if (missing := next((column for column in wanted.names if column not in table.column_names), None)) is not None:
         raise ConfigError(f"{folder}: {name} has no column {missing}: written by another version of vve-sumo")
     return table
@@ -151,7 +153,9 @@ def read_pipeline_inputs(folder: Path) -> PipelineInputs:
     """
     ticks, actors = (read_rows(folder, name) for name in ("ticks", "actors"))
     pose = read_pose_chunks(folder / "pose.bin")
-    inputs = PipelineInputs(pose, snapshots(actors), _readings(folder), ticks.to_pylist(), 0)
+    inputs = PipelineInputs(
+        pose, snapshots(actors), _readings(folder), ticks.to_pylist(), 0, by_tick(read_commanded(folder))
+    )
     whole = _whole_ticks(inputs)
     return replace(inputs, ticks=inputs.ticks[:whole], torn=len(inputs.ticks) - whole)
 
@@ -249,19 +253,21 @@ def compare(number: int, row: dict[str, Any], mine: Mapping[str, Any]) -> Differ
 
 
 def compare_result(inputs: PipelineInputs, row: dict[str, Any], result: TickResult) -> Difference | None:
-    """Return the first difference between a tick's result and its recorded row and sensor readings."""
+    """Return the first difference between a tick's result and its recorded row, commanded path and readings."""
     tick = int(row["tick"])
     if (difference := compare(tick, row, result_columns(result))) is not None:
         return difference
+    if (then := inputs.commanded.get(tick)) != result.commanded_path:
+        return Difference(tick, "commanded path", repr(then), repr(result.commanded_path))
     recorded = inputs.readings.get(tick, {})
     for sensor, columns in result.readings.items():
         values = (column.tolist() if isinstance(column, np.ndarray) else column for column in columns)
         mine = RecordedReading(result.sensors[sensor].time, list(zip(*values, strict=True)))
-        if (then := recorded.get(sensor)) is None:
+        if (came := recorded.get(sensor)) is None:
             return Difference(tick, f"sensor {sensor}", "no reading", "a reading")
-        if then.measured != mine.measured:
-            return Difference(tick, f"sensor {sensor}: measured_s", repr(then.measured), repr(mine.measured))
-        for number, (one, other) in enumerate(zip_longest(then.rows, mine.rows)):
+        if came.measured != mine.measured:
+            return Difference(tick, f"sensor {sensor}: measured_s", repr(came.measured), repr(mine.measured))
+        for number, (one, other) in enumerate(zip_longest(came.rows, mine.rows)):
             if one != other:
                 return Difference(tick, f"sensor {sensor}: row {number}", repr(one), repr(other))
     return None

@@ -25,7 +25,7 @@ from vve_sumo.drive.summary import FOREIGN_BRAIN, summary_of
 from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.errors import ConfigError, RigError, SimulationError
 from vve_sumo.record.hashes import hash_files
-from vve_sumo.record.layout import PROVENANCE, ROADS
+from vve_sumo.record.layout import COMMANDED, PROVENANCE, ROADS
 from vve_sumo.record.roads import roads_table
 from vve_sumo.record.signals import SIGNALS, signals_text
 from vve_sumo.record.writer import MemoryRecorder, RecordWriter, claim
@@ -147,7 +147,7 @@ def run(
         shell.close()
     parts = record.close()
     tables, roads = record.tables, roads_table(resolved.lanes)
-    summary = summary_of(resolved, done, tables["ticks"], tables["actors"], parts, roads)
+    summary = summary_of(resolved, done, tables["ticks"], tables["actors"], parts, roads, tables.get(COMMANDED))
     if foreign:
         summary |= foreign | {"controller": FOREIGN_BRAIN}
     if isinstance(record, RecordWriter):

@@ -20,7 +20,7 @@ from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.metrics.table import label_of
 from vve_sumo.path import ReferencePath
 from vve_sumo.record.hashes import hash_files, whole
-from vve_sumo.record.reader import read_table
+from vve_sumo.record.reader import read_commanded, read_table
 from vve_sumo.record.roads import read_roads
 from vve_sumo.scenario.schema import Criteria, CriterionBand, Scenario
 from vve_sumo.timing import PERIOD
@@ -58,7 +58,7 @@ class DrivenScenario(Protocol):
 def summarise(driven: DrivenScenario, done: DriveEnd, folder: Path, parts: dict[str, str]) -> dict[str, Any]:
     """Return the content of `summary.json` for the record in `folder`; `parts` are the hashes of its parts."""
     ticks, actors = read_table(folder, "ticks"), read_table(folder, "actors")
-    summary = summary_of(driven, done, ticks, actors, parts, read_roads(folder))
+    summary = summary_of(driven, done, ticks, actors, parts, read_roads(folder), read_commanded(folder))
     return summary | {"record_files_sha256": hash_files(folder)}
 
 
@@ -69,10 +69,12 @@ def summary_of(
     actors: pa.Table,
     parts: dict[str, str],
     roads: pa.Table | None = None,
+    commanded: pa.Table | None = None,
 ) -> dict[str, Any]:
     """Return a drive's summary without the hashes of files.
 
-    `parts` are the hashes of the record's parts; without `roads` actors are expected to keep to no lane.
+    `parts` are the hashes of the record's parts; without `roads` actors are expected to keep to no lane. `commanded`
+    are the paths that commands carry, None for a drive without any.
     """
     summary: dict[str, Any] = {
         "scenario": driven.name,
@@ -81,7 +83,7 @@ def summary_of(
         "controller": driven.scenario.controller.name,
         "outcome": done.outcome.value,
         "reasons": list(done.reasons),
-        **PER_DRIVE.measure(DriveData(ticks, actors, driven.path, driven.vehicle, PERIOD, roads)),
+        **PER_DRIVE.measure(DriveData(ticks, actors, driven.path, driven.vehicle, PERIOD, roads, commanded)),
         **done.extra,
         "removed_at_entry": list(done.cleared),
         "removed_after_standoff": list(done.standoffs),

@@ -17,7 +17,7 @@ from vve_sumo.drive.virtual_road import VirtualRoad
 from vve_sumo.path import ReferencePath
 from vve_sumo.sensors.port import Column
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import Actors, Fix, GatewayStatus, Pose, Setpoint, TickRow
+from vve_sumo.values import Actors, CommandedPath, Fix, GatewayStatus, Pose, Setpoint, TickRow
 
 
 class DueTick(NamedTuple):
@@ -64,6 +64,10 @@ class TickRecorder(Protocol):
 
     def snapshot(self, tick: int, actors: Actors) -> None:
         """Record the actors that the sensors see at tick `tick`."""
+        ...
+
+    def commanded(self, tick: int, path: CommandedPath) -> None:
+        """Record the path that the command of a tick carries; not called for a command without one."""
         ...
 
     def ticked(self, row: TickRow) -> None:
@@ -122,6 +126,8 @@ class Tick:
         status = self._shell.hand_over(due.time, result.setpoint)
         # The setpoint is on its way: the rest runs in the slack.
         self._record_looks(due.number, result, actors)
+        if result.commanded_path is not None:
+            self._record.commanded(due.number, result.commanded_path)
         recorded = RecordedTick(due.number, due.time, self._portions, steering, result, status, truth)
         self._simulate(due, steering, recorded)
         return CompletedTick(result, status, actors, seen, decided)

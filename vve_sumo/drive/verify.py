@@ -27,8 +27,17 @@ from vve_sumo.drive.termination import END_REASONS, MOVING_SPEED, DriveEnd, Outc
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import ReferencePath
 from vve_sumo.record.hashes import hash_file, hash_part, hash_parts, hashed_files, whole
-from vve_sumo.record.layout import CLOSED_ENDING, LIVE_SCHEMAS, PROVENANCE, RAW_PARTS, SCHEMAS, UNHASHED, recorded_brain
-from vve_sumo.record.reader import read_table, sensor_tables
+from vve_sumo.record.layout import (
+    CLOSED_ENDING,
+    LIVE_SCHEMAS,
+    OPTIONAL_SCHEMAS,
+    PROVENANCE,
+    RAW_PARTS,
+    SCHEMAS,
+    UNHASHED,
+    recorded_brain,
+)
+from vve_sumo.record.reader import holds_table, read_commanded, read_table, sensor_tables
 from vve_sumo.record.roads import read_roads
 from vve_sumo.record.summary import SUMMARY_HASH_KEY, sealed
 from vve_sumo.scenario.load import parse
@@ -113,7 +122,8 @@ def _parts(folder: Path, summary: dict[str, Any]) -> Iterator[Alteration]:
     """Compare the hash of every part that a record of its kind has."""
     digests = _table(summary, "record_parts_sha256")
     gateway = [name for name in LIVE_SCHEMAS if name not in UNHASHED and _is_live(folder, summary)]
-    for name in (*RAW_PARTS, *SCHEMAS, *_sensor_tables(folder), *gateway):
+    optional = [name for name in OPTIONAL_SCHEMAS if name in digests or holds_table(folder, name)]
+    for name in (*RAW_PARTS, *SCHEMAS, *_sensor_tables(folder), *gateway, *optional):
         if name not in digests:
             yield Alteration(name, f"{SUMMARY} has no hash of it")
         elif not _is(digests[name], hash_part, folder, name):
@@ -210,7 +220,8 @@ def _figures(folder: Path, recorded: RecordedDrive, summary: dict[str, Any]) -> 
         tuple(summary["removed_after_standoff"]),
     )
     ticks, actors = read_table(folder, "ticks"), read_table(folder, "actors")
-    again = summary_of(recorded, done, ticks, actors, summary["record_parts_sha256"], read_roads(folder))
+    roads, commanded = read_roads(folder), read_commanded(folder)
+    again = summary_of(recorded, done, ticks, actors, summary["record_parts_sha256"], roads, commanded)
     resolved = read_resolved(folder)
     again |= {"versions": resolved["versions"]}
     if recorded_brain(resolved):

@@ -34,7 +34,7 @@ from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig
 from vve_sumo.sensors.port import Column
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import Actors, ArmingState, Frame, GatewayStatus, Pose, Setpoint, TickRow
+from vve_sumo.values import Actors, ArmingState, CommandedPath, Frame, GatewayStatus, Pose, Setpoint, TickRow
 from vve_sumo.vehicle.arming import COMMANDING, WAITING
 from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
 from vve_sumo.vehicle.interface import load
@@ -78,6 +78,9 @@ class NoRecord:
         """Keep nothing."""
 
     def snapshot(self, tick: int, actors: Actors) -> None:
+        """Keep nothing."""
+
+    def commanded(self, tick: int, path: CommandedPath) -> None:
         """Keep nothing."""
 
     def ticked(self, row: TickRow) -> None:

@@ -27,7 +27,9 @@ from vve_sumo.record.writer import LiveRecord
 FLUSH_INTERVAL: Final = 0.1
 
 #: methods of the record that a client may call
-METHODS: Final = frozenset({"received_pose", "saw_frames", "sensed", "snapshot", "ticked", "stepped", "timed"})
+METHODS: Final = frozenset(
+    {"received_pose", "saw_frames", "sensed", "snapshot", "commanded", "ticked", "stepped", "timed"}
+)
 
 #: makes a summary from the record's folder and the drive's message of how it ended (None if there was none)
 Summarise = Callable[[Path, dict[str, Any] | None], dict[str, Any]]

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from vve_sumo.live.channel import Channel
 from vve_sumo.sensors.port import Column
-from vve_sumo.values import Actors, Frame, GatewayRow, LatencyRow, TickRow
+from vve_sumo.values import Actors, CommandedPath, Frame, GatewayRow, LatencyRow, TickRow
 
 #: datagrams kept here while the recorder's queue is full; with one every 20 ms, 2 s beyond that queue
 MAX_BACKLOG: Final = 100
@@ -49,6 +49,10 @@ class RecorderClient:
     def snapshot(self, tick: int, actors: Actors) -> None:
         """Keep the actors that tick `tick` uses."""
         self._calls.append(("snapshot", (tick, actors)))
+
+    def commanded(self, tick: int, path: CommandedPath) -> None:
+        """Keep the path that the command of a tick carries."""
+        self._calls.append(("commanded", (tick, path)))
 
     def ticked(self, row: TickRow) -> None:
         """Keep the row of a tick."""

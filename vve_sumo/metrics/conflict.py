@@ -20,6 +20,7 @@ from vve_sumo.metrics.course import PredictedCourse, Starts
 from vve_sumo.metrics.following import MAX_DECELERATION
 from vve_sumo.metrics.lead_vehicle import AT_REST, SAME_WAY
 from vve_sumo.metrics.predicted_ways import SPACING, Indices, WayPlaces, Ways
+from vve_sumo.metrics.routes import OWN_PATH
 from vve_sumo.path import swept_half_widths
 from vve_sumo.values import Floats
 
@@ -38,6 +39,8 @@ CROSSING_SAMPLES, ZOOM_SAMPLES, ZOOMS = 33, 9, 9
 PIECES = 2
 #: an actor that touches the band by no more than this is in it [m]
 TOUCH = 1e-9
+#: along a commanded path crossings are looked for so far ahead [m]
+SEARCHED = 200.0
 #: pairs whose crossings are looked at together: bounds the memory
 CHUNK = 500
 #: distances [m], speeds [m/s] and times [s] are not divided by less
@@ -93,11 +96,11 @@ class _Search:
 
     @cached_property
     def _sweep(self) -> tuple[Floats, Floats]:
-        """How far the ego's body reaches to the left and right of its path, at every sample of the path [m]."""
+        """How far the ego's body reaches to the left and right of its paths, at every sample of its routes [m]."""
         from scipy.ndimage import maximum_filter1d
 
-        path, vehicle = self.prediction.course.path, self.prediction.course.vehicle
-        left, right = swept_half_widths(path.samples.curvature, vehicle.rear_axle_to_bumper, vehicle.width)
+        routes, vehicle = self.prediction.course.routes, self.prediction.course.vehicle
+        left, right = swept_half_widths(routes.samples.curvature, vehicle.rear_axle_to_bumper, vehicle.width)
         size = 2 * math.ceil(vehicle.length) + 1
         return maximum_filter1d(left, size), maximum_filter1d(right, size)
 
@@ -151,8 +154,9 @@ class _Search:
         """Return the greatest sweep to the left and right [m] and curvature [1/m] within a reach of each sample."""
         from scipy.ndimage import maximum_filter1d
 
-        size = 2 * math.ceil(reach) + 1
-        columns = (*self._sweep, np.abs(self.prediction.course.path.samples.curvature))
+        size, table = 2 * math.ceil(reach) + 1, self.prediction.course.path.samples
+        # The scenario's path is the first of the routes.
+        columns = (*(side[: len(table.s)] for side in self._sweep), np.abs(table.curvature))
         left, right, curvature = (maximum_filter1d(column, size) for column in columns)
         return left, right, curvature
 
@@ -162,8 +166,8 @@ class _Search:
         speed = np.where(speed < AT_REST, 0.0, speed)
         other = np.where(np.abs(self._boxes.speed) < MIN_ROOM, 0.0, np.abs(self._boxes.speed))
         first, last = (edge[self._places.way] - self._places.along for edge in self._reach)
-        # Of an ego that has left its path nothing is known beforehand.
-        first, last = np.where(start.leaves, -np.inf, first), np.where(start.leaves, np.inf, last)
+        # Of an ego that goes elsewhere than along the scenario's path nothing is known beforehand.
+        first, last = np.where(start.elsewhere, -np.inf, first), np.where(start.elsewhere, np.inf, last)
         left = ego.course.end(start)
         with np.errstate(divide="ignore", invalid="ignore"):
             begin = np.where(other > 0.0, first / other, np.where(first <= 0.0, 0.0, np.inf))
@@ -263,13 +267,27 @@ class _Search:
         row = np.rint((each.place.along + each.other_speed * time) / SPACING).astype(np.int64)
         way, start = each.place.way, each.start
         sample = self._nearest[ways.first[way] + np.clip(row, 0, ways.count[way] - 1)]
-        ahead, beside = course.project(start, *corners, course.path.samples.s[sample] - start.station)
+        near = course.path.samples.s[sample] - start.station
+        commanded = np.flatnonzero((start.route != OWN_PATH) & ~start.leaves)
+        near[commanded] = self._near(
+            start.select(commanded), *(column[:, commanded].mean(axis=0) for column in corners)
+        )
+        sample[commanded] = course.routes.row(start.route, start.station + near)[commanded]
+        ahead, beside = course.project(start, *corners, near)
         vehicle = course.vehicle
         arcs = swept_half_widths(start.curvature, vehicle.rear_axle_to_bumper, vehicle.width)
         left, right = (
             np.where(start.leaves, of_arc, side[sample]) for of_arc, side in zip(arcs, self._sweep, strict=True)
         )
         return _Crossers(start, corners, ahead, beside, (right, left), start.leaves | (sample >= 0))
+
+    def _near(self, start: Starts, x: Floats, y: Floats) -> Floats:
+        """Return how far ahead along commanded paths points are, about [m]."""
+        course, near = self.prediction.course, np.zeros(len(x))
+        for rows in np.split(np.arange(len(x)), np.arange(CHUNK, len(x), CHUNK)):
+            ahead = np.full(len(rows), 0.5 * SEARCHED)
+            near[rows], _, _ = course.find(start.select(rows), x[rows], y[rows], ahead, 0.5 * SEARCHED + ZONE)
+        return near
 
 
 def _touch(moments: Floats, clearance: Floats, inside: Indices, outside: Indices) -> Floats:

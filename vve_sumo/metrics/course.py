@@ -1,6 +1,7 @@
 """Where the ego goes on from a tick: along its path while it keeps to it, else along the arc that it moves on.
 
-Lengths count from the rear axle's place at that tick. Knows poses and the path; neither records nor actors.
+Its path is the one that its controller's command carries at that tick, else the scenario's. Lengths count from the rear
+axle's place at that tick. Knows poses and paths; neither records nor actors.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vve_sumo.geometry import Boxes, vehicle_boxes
+from vve_sumo.metrics.routes import OWN_PATH, Routes
 from vve_sumo.path import ReferencePath
 from vve_sumo.values import Floats, Vehicle
 
@@ -37,46 +39,55 @@ class Starts(NamedTuple):
     heading: Floats  #: [rad]
     curvature: Floats  #: of the arc that it moves on [1/m], left positive
     leaves: NDArray[np.bool_]  #: whether it goes along that arc, because it has left its path
+    route: Indices  #: number of its path: OWN_PATH for the scenario's, else one that a command carries
+
+    @property
+    def elsewhere(self) -> NDArray[np.bool_]:
+        """Whether it goes on along another line than the scenario's path."""
+        elsewhere: NDArray[np.bool_] = self.leaves | (self.route != OWN_PATH)
+        return elsewhere
 
     def select(self, rows: Any) -> Starts:
         """Return the starts of these rows."""
         station, x, y, heading, curvature = (column[rows] for column in self[:5])
-        return Starts(station, x, y, heading, curvature, self.leaves[rows])
+        return Starts(station, x, y, heading, curvature, self.leaves[rows], self.route[rows])
 
 
 def starts(
     station: Floats, x: Floats, y: Floats, heading: Floats, speed: Floats, yaw_rate: Floats, path_heading: Floats,
-    deviation: Floats,
+    deviation: Floats, route: Indices | None = None,
 ) -> Starts:  # fmt: skip
     """Return where predictions of the ego start.
 
     It has left its path where its rear axle is more than MAX_DEVIATION from it, or its heading differs by more than
     MAX_HEADING_ERROR from the path's. path_heading [rad] is the path's at `station`, deviation [m] the rear axle's
-    from it.
+    from it. `route` is the number of its path, by default the scenario's.
     """
     error = np.arctan2(np.sin(heading - path_heading), np.cos(heading - path_heading))
     curvature = np.where(np.isfinite(yaw_rate), yaw_rate, 0.0) / np.maximum(np.abs(speed), MIN_SPEED)
     leaves = (np.abs(deviation) > MAX_DEVIATION) | (np.abs(error) > MAX_HEADING_ERROR)
-    return Starts(station, x, y, heading, curvature, leaves)
+    if route is None:
+        route = np.full(len(station), OWN_PATH)
+    return Starts(station, x, y, heading, curvature, leaves, route)
 
 
 class PredictedCourse:
     """The ego's predicted courses, one from every start."""
 
-    def __init__(self, path: ReferencePath, vehicle: Vehicle, starts: Starts) -> None:
+    def __init__(self, path: ReferencePath, vehicle: Vehicle, starts: Starts, routes: Routes | None = None) -> None:
+        """`routes` are the paths that starts name by number, by default the scenario's alone."""
         self.path, self.vehicle, self.starts = path, vehicle, starts
-        table = path.samples
-        self._heading = np.unwrap(np.arctan2(table.tangent_y, table.tangent_x))
+        self.routes = Routes.from_paths(path) if routes is None else routes
 
     def end(self, start: Starts) -> Floats:
         """Return how far courses go [m]: to the path's end, and by MAX_ARC at most along an arc."""
-        left = self.path.length - start.station
+        left = self.routes.length[start.route] - start.station
         with np.errstate(divide="ignore"):
             return np.where(start.leaves, np.minimum(left, MAX_ARC / np.abs(start.curvature)), left)
 
     def body(self, start: Starts, gone: Floats, speed: Floats) -> Boxes:
         """Return the ego's boxes when its rear axle has gone so far [m]."""
-        x, y, heading = self._on_path(start.station + gone)
+        x, y, heading = self.routes.at(start.route, start.station + gone)
         half = 0.5 * start.curvature * gone
         chord = gone * np.sinc(half / np.pi)
         x = np.where(start.leaves, start.x + chord * np.cos(start.heading + half), x)
@@ -84,24 +95,12 @@ class PredictedCourse:
         heading = np.where(start.leaves, start.heading + 2.0 * half, heading)
         return vehicle_boxes(x, y, heading, np.broadcast_to(speed, x.shape), self.vehicle)
 
-    def _on_path(self, station: Floats) -> tuple[Floats, Floats, Floats]:
-        table, row = self.path.samples, self._row(station)
-        arc, bend, tx, ty = station - table.s[row], table.curvature[row], table.tangent_x[row], table.tangent_y[row]
-        sagitta = 0.5 * bend * arc * arc
-        x, y = table.x[row] + arc * tx - sagitta * ty, table.y[row] + arc * ty + sagitta * tx
-        return x, y, self._heading[row] + bend * arc
-
-    def _row(self, station: Floats) -> Indices:
-        table = self.path.samples
-        row = np.rint((station - table.s[0]) / (table.s[1] - table.s[0]))
-        return np.clip(np.where(np.isfinite(row), row, 0.0), 0, len(table.s) - 1).astype(np.int64)
-
     def find(self, start: Starts, x: Floats, y: Floats, near: Floats, window: float) -> tuple[Floats, Floats, Floats]:
         """Return how far ahead and beside (left positive) [m] points are, shape (n,), and the course's heading there.
 
         On the path they are looked for within `window` [m] of `near` [m ahead].
         """
-        ahead, beside, heading = self.path.project_many(x, y, start.station + near, window)
+        ahead, beside, heading = self.routes.search(start.route, x, y, start.station + near, window)
         off = np.flatnonzero(start.leaves)
         ahead -= start.station
         arc = start.select(off)
@@ -112,7 +111,7 @@ class PredictedCourse:
     def project(self, start: Starts, x: Floats, y: Floats, near: Floats) -> tuple[Floats, Floats]:
         """Return how far ahead and beside (left positive) [m] points are that are metres from `near` [m ahead]."""
         for _ in range(2):
-            station, beside, _ = self.path.samples.project(x, y, self._row(start.station + near))
+            station, beside, _ = self.routes.samples.project(x, y, self.routes.row(start.route, start.station + near))
             near = station - start.station
         if not start.leaves.any():
             return near, beside

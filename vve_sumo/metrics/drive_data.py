@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from vve_sumo.commanded_path import by_tick, curve
 from vve_sumo.geometry import Boxes, time_to_collision_2d, vehicle_boxes
 from vve_sumo.metrics.approach import StopApproach, approach_of, brakings
 from vve_sumo.metrics.braked_for import last_stop_for
@@ -31,12 +32,13 @@ from vve_sumo.metrics.lead_vehicle import (
     own_stations,
 )
 from vve_sumo.metrics.predicted_ways import Indices, PlacedWays, recorded_ways
+from vve_sumo.metrics.routes import OWN_PATH, Routes
 from vve_sumo.metrics.slope import slope
 from vve_sumo.metrics.stopping import MOVING, BrakingEpisode, Stop, braking_episodes, commanded_deceleration, last_stop
 from vve_sumo.metrics.string_stability import Amplification, settled_from, speed_amplification
 from vve_sumo.metrics.tracking import WINDOW, Tracking, track
 from vve_sumo.path import ReferencePath
-from vve_sumo.values import Floats, Vehicle
+from vve_sumo.values import CommandedPath, Floats, Vehicle
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -58,10 +60,14 @@ class DriveData:
         vehicle: Vehicle,
         period: float,
         roads: pa.Table | None = None,
+        commanded: pa.Table | None = None,
     ) -> None:
-        """`period` is a tick's [s]; `roads` are the lanes around the path, without which actors keep to no lane."""
+        """`period` is a tick's [s]; `roads` are the lanes around the path, without which actors keep to no lane.
+
+        `commanded` are the paths that commands carry, None for none.
+        """
         self.ticks, self.actors, self.path, self.vehicle, self.period = ticks, actors, path, vehicle, period
-        self.roads = roads
+        self.roads, self.commanded = roads, commanded
 
     def column(self, name: str) -> Floats:
         """Return a column of the ticks."""
@@ -97,8 +103,31 @@ class DriveData:
             turned = slope(motion.time, heading, self.period)
             rate = np.where(np.isfinite(turned), turned, rate)
         place = motion.x, motion.y, motion.heading
-        start = starts(self.station, *place, motion.speed, rate, track.path_heading, track.lateral_deviation)
-        return PredictedCourse(self.path, self.vehicle, start)
+        routes, route = self.routes
+        station, deviation, along = self.station.copy(), track.lateral_deviation.copy(), track.path_heading.copy()
+        own = np.flatnonzero((route != OWN_PATH) & np.isfinite(motion.x))
+        own_place = motion.x[own], motion.y[own], np.zeros(len(own))
+        station[own], deviation[own], along[own] = routes.search(route[own], *own_place, WINDOW)
+        start = starts(station, *place, motion.speed, rate, along, deviation, route)
+        return PredictedCourse(self.path, self.vehicle, start, routes)
+
+    @cached_property
+    def routes(self) -> tuple[Routes, Indices]:
+        """The paths that the ego was to go along, the scenario's and the commanded ones, and which one at each tick."""
+        route = np.full(self.ticks.num_rows, OWN_PATH)
+        if self.commanded is None or self.commanded.num_rows == 0:
+            return Routes.from_paths(self.path), route
+        numbers: dict[CommandedPath, int] = {}
+        paths, stations = [], self.station
+        index = {tick: at for at, tick in enumerate(self.ticks["tick"].to_pylist())}
+        for tick, path in by_tick(self.commanded).items():
+            if (at := index.get(tick)) is None:
+                continue
+            if path not in numbers:
+                numbers[path] = len(numbers) + 1
+                paths.append((curve(path), float(stations[at])))
+            route[at] = numbers[path]
+        return Routes.from_paths(self.path, paths), route
 
     @cached_property
     def _in_strip(self) -> InStrip:
@@ -121,7 +150,7 @@ class DriveData:
         since = np.full(len(actors.names), len(self.station))
         np.minimum.at(since, actors.code[met], actors.at[met])
         conflicting[actors.rows] = actors.at >= since[actors.code]
-        counted = in_the_way(self._in_strip, self.path, self.vehicle, conflicting)
+        counted = in_the_way(self._in_strip, self.vehicle, conflicting)
         return lead_vehicle(counted, self.actors, self.motion.speed)
 
     @cached_property

@@ -1,6 +1,7 @@
 """The lead vehicle: which actor is ahead in the strip that the ego covers along its course, and how far.
 
-The course is the path while the ego keeps to it, else the arc that it moves on.
+The course is the path while the ego keeps to it (the one that its controller commands, else the scenario's), else the
+arc that it moves on.
 
 Of a whole drive, either every actor in the strip counts, or those alone that the ego may come to: before the path's
 end, and on the ego's way or in conflict with the ego.
@@ -92,14 +93,15 @@ class InStrip(NamedTuple):
     at: Indices  #: index of the tick
     gap: Floats  #: from the ego's front bumper to the nearest point of the box in the strip, along the course [m]
     begins: Floats  #: station of that point [m]
+    ends: Floats  #: station of the path's end [m]
     along: Floats  #: cosine of the box's heading against the course's
     speed: Floats  #: of the box along its heading [m/s]
 
     def select(self, chosen: NDArray[np.bool_]) -> InStrip:
         """Return those that are chosen."""
         row, at, *rest = self
-        gap, begins, along, speed = (column[chosen] for column in rest)
-        return InStrip(row[chosen], at[chosen], gap, begins, along, speed)
+        gap, begins, ends, along, speed = (column[chosen] for column in rest)
+        return InStrip(row[chosen], at[chosen], gap, begins, ends, along, speed)
 
 
 def in_strip(ticks: pa.Table, actors: pa.Table, course: PredictedCourse, ego: Boxes) -> InStrip:
@@ -110,13 +112,13 @@ def in_strip(ticks: pa.Table, actors: pa.Table, course: PredictedCourse, ego: Bo
     return found._replace(row=rows[found.row])
 
 
-def in_the_way(strip: InStrip, path: ReferencePath, vehicle: Vehicle, conflicting: NDArray[np.bool_]) -> InStrip:
+def in_the_way(strip: InStrip, vehicle: Vehicle, conflicting: NDArray[np.bool_]) -> InStrip:
     """Return what the ego may come to: before its path's end, and on its way or in conflict with it.
 
     conflicting: of every row of the table of actors. On the ego's way is what stands or goes the same way.
     """
     counts = (strip.along > math.cos(SAME_WAY)) | (np.abs(strip.speed) < AT_REST) | conflicting[strip.row]
-    return strip.select(counts & (strip.begins < path.length + vehicle.rear_axle_to_bumper))
+    return strip.select(counts & (strip.begins < strip.ends + vehicle.rear_axle_to_bumper))
 
 
 def lead_vehicle(strip: InStrip, actors: pa.Table, speed: Floats) -> LeadVehicle:
@@ -167,7 +169,8 @@ def _boxes_in_strip(at: Indices, boxes: Boxes, course: PredictedCourse, ego: Box
     begins = nearest_in_band(corners, ahead, project, -edge, edge, PIECES)
     gap = _body_gap(begins - bumper, ego.select(at), boxes)
     along, counts = np.cos(boxes.heading - heading), (centre > middle) | (begins > middle)
-    found = InStrip(rows, at, gap, start.station + bumper + gap, along, boxes.speed)
+    ends = course.routes.length[start.route]
+    found = InStrip(rows, at, gap, start.station + bumper + gap, ends, along, boxes.speed)
     return found.select(counts & (gap < HORIZON))
 
 
@@ -221,7 +224,7 @@ def _rows_near(ticks: pa.Table, actors: pa.Table, course: PredictedCourse) -> tu
     far = np.full(len(centres), np.inf)
     far[known], _ = tree.query(centres[known], distance_upper_bound=CLOSE_TO_PATH)
     off = known.copy()
-    off[known] = start.leaves[at[known]]
+    off[known] = start.elsewhere[at[known]]
     apart = np.hypot(centres[off, 0] - start.x[at[off]], centres[off, 1] - start.y[at[off]])
     far[off] = np.where(apart < HORIZON + 2.0 * CLOSE_TO_PATH, apart, np.inf)
     rows = np.flatnonzero(np.isfinite(far))

@@ -19,6 +19,7 @@ from vve_sumo.record.layout import (
     CLOSED_ENDING,
     LIVE_SCHEMAS,
     NUMPY_KINDS,
+    OPTIONAL_SCHEMAS,
     PROVENANCE,
     RAW_PARTS,
     ROADS,
@@ -65,8 +66,9 @@ def hash_parts(folder: Path) -> dict[str, str]:
 
     Raises ConfigError where a part is missing or unreadable.
     """
-    live = [name for name in LIVE_SCHEMAS if name not in UNHASHED and any(folder.glob(f"{name}.*"))]
-    return {name: hash_part(folder, name) for name in (*RAW_PARTS, *SCHEMAS, *sensor_tables(folder), *live)}
+    names = (*OPTIONAL_SCHEMAS, *(name for name in LIVE_SCHEMAS if name not in UNHASHED))
+    there = [name for name in names if any(folder.glob(f"{name}.*"))]
+    return {name: hash_part(folder, name) for name in (*RAW_PARTS, *SCHEMAS, *sensor_tables(folder), *there)}
 
 
 def hash_part(folder: Path, name: str) -> str:
@@ -93,7 +95,7 @@ def hash_files(folder: Path) -> dict[str, str]:
 
 def hashed_files(folder: Path) -> list[Path]:
     """Return the files that `hash_files` covers."""
-    tables = [folder / f"{name}{CLOSED_ENDING}" for name in (*SCHEMAS, *LIVE_SCHEMAS, ROADS)]
+    tables = [folder / f"{name}{CLOSED_ENDING}" for name in (*SCHEMAS, *OPTIONAL_SCHEMAS, *LIVE_SCHEMAS, ROADS)]
     files = [*tables, *sorted(folder.glob(f"{SENSOR_TABLE}*{CLOSED_ENDING}")), folder / PROVENANCE]
     return [file for file in files if file.is_file()]
 

@@ -74,6 +74,20 @@ SCHEMAS: dict[str, pa.Schema] = {
 #: Columns of the actors' table that hold numbers, as `Actors` orders them.
 ACTOR_COLUMNS: Final = tuple(SCHEMAS["actors"].names[2:])
 
+#: name of the table of the paths that commands carry
+COMMANDED: Final = "commanded_paths"
+#: Tables of records of which not every drive writes any row; such a drive's record has no file of theirs and no hash.
+OPTIONAL_SCHEMAS: Final[dict[str, pa.Schema]] = {
+    COMMANDED: described_schema(
+        [
+            ("tick", pa.int64(), "number of the tick whose command carries the path"),
+            ("x_m", pa.float64(), "point of the path, in driving order: rear axle, map"),
+            ("y_m", pa.float64(), "as x_m"),
+            ("speed_mps", pa.float64(), "that the controller means to have there"),
+        ]
+    )
+}
+
 #: name of the table of the lanes around the path
 ROADS: Final = "roads"
 #: its columns. It is written once, when the drive begins. The record's hash leaves it out, because it follows from

@@ -12,7 +12,16 @@ import pyarrow.parquet as pq
 
 from vve_sumo.config_file import read_json
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.layout import CHUNK_HEAD, CLOSED_ENDING, LIVE_SCHEMAS, OPEN_ENDING, SCHEMAS, sensor_schemas
+from vve_sumo.record.layout import (
+    CHUNK_HEAD,
+    CLOSED_ENDING,
+    COMMANDED,
+    LIVE_SCHEMAS,
+    OPEN_ENDING,
+    OPTIONAL_SCHEMAS,
+    SCHEMAS,
+    sensor_schemas,
+)
 
 
 def read_pose_chunks(file: Path) -> list[tuple[float, bytes]]:
@@ -49,6 +58,21 @@ def read_table(folder: Path, name: str) -> pa.Table:
     return table
 
 
+def holds_table(folder: Path, name: str) -> bool:
+    """Return whether a record has a table of that name, finished or left open."""
+    return any((folder / f"{name}{ending}").is_file() for ending in (CLOSED_ENDING, OPEN_ENDING))
+
+
+def read_commanded(folder: Path) -> pa.Table:
+    """Return the table of the paths that commands carry, without a row where the drive had none.
+
+    Raises ConfigError as `read_table` does.
+    """
+    return (
+        read_table(folder, COMMANDED) if holds_table(folder, COMMANDED) else OPTIONAL_SCHEMAS[COMMANDED].empty_table()
+    )
+
+
 def sensor_tables(folder: Path) -> dict[str, pa.Schema]:
     """Return the schema of each sensor's table, by the table's name; raises ConfigError as `sensor_schemas` does."""
     resolved = read_json(folder / "scenario.json", "a drive", "sensors")
@@ -59,7 +83,7 @@ def sensor_tables(folder: Path) -> dict[str, pa.Schema]:
 
 
 def _schema_of(folder: Path, name: str) -> pa.Schema:
-    known = SCHEMAS | LIVE_SCHEMAS
+    known = SCHEMAS | OPTIONAL_SCHEMAS | LIVE_SCHEMAS
     schema = known.get(name) or sensor_tables(folder).get(name)
     if schema is None:
         raise ConfigError(f"{folder}: scenario.json declares no table {name}")

@@ -28,9 +28,11 @@ from vve_sumo.record.hashes import ColumnHashes, hash_parts
 from vve_sumo.record.layout import (
     CHUNK_HEAD,
     CLOSED_ENDING,
+    COMMANDED,
     LIVE_SCHEMAS,
     NUMPY_KINDS,
     OPEN_ENDING,
+    OPTIONAL_SCHEMAS,
     RAW_PARTS,
     SCHEMAS,
     UNHASHED,
@@ -39,7 +41,7 @@ from vve_sumo.record.layout import (
 )
 from vve_sumo.record.summary import write_summary
 from vve_sumo.sensors.port import Column
-from vve_sumo.values import Actors, Frame, GatewayRow, LatencyRow, TickRow
+from vve_sumo.values import Actors, CommandedPath, Frame, GatewayRow, LatencyRow, TickRow
 
 #: Returns a text's bytes; most texts of a record are names and codes that come at every tick.
 _encoded = lru_cache(maxsize=4096)(str.encode)
@@ -269,6 +271,22 @@ class MemoryRecorder:
         )
         self._tables["actors"].extend(tick, len(actors.ids), columns)
 
+    def commanded(self, tick: int, path: CommandedPath) -> None:
+        """Record the path that the command of tick `tick` carries."""
+        if COMMANDED not in self._tables:
+            self._begin_commanded()
+        columns = (np.array(path.x), np.array(path.y), np.array(path.speed))
+        self._tables[COMMANDED].extend(tick, len(path.x), columns)
+
+    def _begin_commanded(self) -> None:
+        """Open the table of commanded paths, which a drive without any does not have.
+
+        It is flushed before all others: a kill between two flushes never leaves a tick whose path is missing.
+        """
+        table = self._table(COMMANDED, OPTIONAL_SCHEMAS[COMMANDED])
+        self._tables[COMMANDED] = table
+        self._parts = {COMMANDED: table, **self._parts}
+
     def ticked(self, row: TickRow) -> None:
         """Record the row of a tick; every `ticks_per_batch`-th tick flushes."""
         self._tables["ticks"].append(_as_tuple(row))
@@ -370,6 +388,15 @@ class LiveRecord(RecordWriter):
     def ticked(self, row: TickRow) -> None:
         """Record the row of a tick without flushing; the owner of the record decides when to flush."""
         self._tables["ticks"].append(_as_tuple(row))
+
+    def commanded(self, tick: int, path: CommandedPath) -> None:
+        """Record the path that the command of a tick carries; where its table cannot be opened, note it in `broken`."""
+        if COMMANDED in self.broken and COMMANDED not in self._tables:
+            return
+        try:
+            super().commanded(tick, path)
+        except OSError:
+            self.broken.add(COMMANDED)
 
     def attach(self, name: str, text: str) -> None:
         """Write a text to a file of that name; where that fails, note the name in `broken`."""
