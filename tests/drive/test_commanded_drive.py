@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -10,16 +11,21 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import shapely
+from matplotlib.figure import Figure
 
 from tests.drive.street import REPOSITORY, recorded
 from tests.isolated import isolated
+from tests.view.made import taken_apart
 from vve_sumo import cli
 from vve_sumo.analysis.run import Run
 from vve_sumo.drive.replay import read_car_frames, read_pipeline_inputs, recorded_scenario, replay
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
 from vve_sumo.drive.verify import alterations
+from vve_sumo.plotting.birds_eye import MapWindow, draw_map
+from vve_sumo.plotting.drive_record import page_of
 from vve_sumo.record.hashes import hash_parts
 from vve_sumo.record.reader import read_commanded
+from vve_sumo.view.frames import Frames
 
 #: where the setpoints end, in the middle of the swerve [m]
 MIDDLE = 40.0
@@ -85,6 +91,32 @@ def test_who_goes_around_what_stands_had_no_conflict_with_it(record: Path, tmp_p
     assert not silent.holds("commanded_paths")
     assert "commanded_paths" not in hash_parts(silent.folder)
     assert "parked_car" in silent.data.conflict.actor
+
+
+def test_the_picture_draws_the_path_at_the_moment_shown(record: Path) -> None:
+    run = Run(record)
+    page = page_of(run)
+    assert page.moment is not None
+    path = read_pipeline_inputs(record).commanded[run.ticks.tick[page.moment.row]]
+    assert page.commanded.tolist() == [[x, y] for x, y in zip(path.x, path.y, strict=True)]
+    axes, view = Figure().add_subplot(), MapWindow(path.x[0], path.y[0], 0.3, 100.0, 50.0)
+    draw_map(axes, page, view, "#ffffff", end=page.moment.row)
+    (drawn,) = (line for line in axes.get_lines() if line.get_label() == "commanded path")
+    np.testing.assert_allclose(drawn.get_xydata(), view.place(np.array(path.x), np.array(path.y)))
+    whole = Figure().add_subplot()
+    draw_map(whole, page, view, "#ffffff")
+    assert "commanded path" not in [line.get_label() for line in whole.get_lines()]
+
+
+def test_the_page_gets_the_path_of_every_tick(record: Path) -> None:
+    _head, columns = taken_apart(Frames(Run(record)).packed())
+    paths = read_pipeline_inputs(record).commanded
+    ticks = pq.read_table(record / "ticks.parquet")["tick"].to_pylist()
+    assert [ticks[at] for at in columns["commanded_tick"].tolist()] == list(paths)
+    bounds = pairwise(columns["commanded_first"].tolist())
+    for (begin, end), path in zip(bounds, paths.values(), strict=True):
+        np.testing.assert_allclose(columns["commanded_x"][begin:end], path.x, atol=5e-4)
+        np.testing.assert_allclose(columns["commanded_y"][begin:end], path.y, atol=5e-4)
 
 
 class Deaf:

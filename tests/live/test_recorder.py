@@ -25,7 +25,7 @@ from vve_sumo.live.summary import summarise
 from vve_sumo.record.hashes import hash_parts, whole
 from vve_sumo.record.reader import read_pose_chunks, read_table
 from vve_sumo.record.writer import LiveRecord, RecordWriter
-from vve_sumo.values import Frame, GatewayRow, LatencyRow
+from vve_sumo.values import CommandedPath, Frame, GatewayRow, LatencyRow
 
 KINDS = {"int": 0, "float": 0.5, "bool": False, "str": "", "bytes": b"\x00\xff"}
 COLUMNS = (np.array([9.0]), np.array([0.1]), np.array([-2.0]), np.array([1], np.int8), ("car0",))
@@ -41,6 +41,8 @@ def say_tick(tap: RecorderClient | LiveRecord | RecordWriter, tick: int, boxes: 
     tap.received_pose(0.02 * tick, bytes([tick % 256] * 72))
     tap.sensed(tick, "radar", 0.02 * tick, COLUMNS)
     tap.snapshot(tick, actors(boxes))
+    if tick % 2:
+        tap.commanded(tick, CommandedPath((0.1 * tick, 9.0), (0.0, 0.5), (8.0, 7.0)))
     tap.ticked(row(tick))
 
 

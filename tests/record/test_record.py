@@ -18,11 +18,12 @@ from tests.drive.street import drive_once
 from tests.isolated import isolated
 from tests.killed import killed_at
 from tests.record.declared import RESOLVED
+from vve_sumo.commanded_path import by_tick
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.hashes import hash_parts, whole
-from vve_sumo.record.reader import read_pose_chunks, read_table
-from vve_sumo.record.writer import TICKS_PER_BATCH, MemoryRecorder, RecordWriter
-from vve_sumo.values import Actors, Frame, TickRow
+from vve_sumo.record.reader import read_commanded, read_pose_chunks, read_table
+from vve_sumo.record.writer import TICKS_PER_BATCH, LiveRecord, MemoryRecorder, RecordWriter
+from vve_sumo.values import Actors, CommandedPath, Frame, TickRow
 
 KINDS = {"int": 0, "float": 0.5, "bool": False, "str": ""}
 
@@ -233,3 +234,31 @@ def test_the_summary_carries_what_it_promises(tmp_path: Path) -> None:
     assert written["passed"] is False
     assert written["record_sha256"] == summary["record_sha256"]
     assert not list((tmp_path / "record").glob("*.arrows"))
+
+
+def test_paths_are_on_the_disk_before_the_ticks_that_they_belong_to(tmp_path: Path) -> None:
+    """A drive that is killed at any write leaves no tick whose path is missing."""
+    record, path = RecordWriter(tmp_path / "r", RESOLVED, 0.0), CommandedPath((1.0, 2.0), (0.0, 0.1), (5.0, 5.0))
+    for tick in range(25):
+        if tick >= 5:
+            record.commanded(tick, path)
+        record.ticked(row(tick))
+    ticks, paths = record._parts["ticks"], record._parts["commanded_paths"]
+    assert [*record._parts.values()].index(paths) < [*record._parts.values()].index(ticks)
+    assert read_commanded(tmp_path / "r")["tick"].to_pylist() == [tick for tick in range(5, 20) for _ in path.x]
+    assert read_table(tmp_path / "r", "ticks").num_rows == 20
+    parts = record.close()
+    assert hash_parts(tmp_path / "r") == parts
+    assert by_tick(read_commanded(tmp_path / "r")) == dict.fromkeys(range(5, 25), path)
+
+
+def test_a_live_record_whose_paths_cannot_be_written_goes_on(tmp_path: Path) -> None:
+    path = CommandedPath((1.0, 2.0), (0.0, 0.1), (5.0, 5.0))
+    (tmp_path / "commanded_paths.arrows").mkdir()  # no file can be opened there
+    record = LiveRecord(tmp_path, RESOLVED, 0.0)
+    for tick in range(3):
+        record.commanded(tick, path)
+        record.ticked(row(tick))
+    assert record.broken == {"commanded_paths"}
+    record.flush()
+    assert read_table(tmp_path, "ticks").num_rows == 3

@@ -48,7 +48,7 @@ def sample(tick: int, count: int = 5, x: float = 1379.0, y: float = 1176.0) -> V
     scan = ScanView(drive_time, np.array([20.0]), np.array([0.05]), ("sedan.0",)) if tick % 3 == 0 else None
     return ViewSample(
         tick=tick, time=drive_time, wall=time.time(), pose=pose, s=10.0, d=0.0, wished=-1.0, wished_steering=0.0,
-        note="cruise", fallback_path=None, faults=(), details={}, pose_reasons=(),
+        note="cruise", fallback_path=None, commanded_path=None, faults=(), details={}, pose_reasons=(),
         quality=FixQuality.RTK_FIXED, sigma=0.01,
         status=ENGAGED, status_age=0.01, steering=0.01, wheel_speed=10.0, gear="drive", latency=0.002, missed=0,
         actors=crowd(count, pose.x, pose.y, drive_time), scan=scan, signals={"crossing": "rG"}, outcome=None,

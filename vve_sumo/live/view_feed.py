@@ -70,6 +70,7 @@ def _sample(done: CompletedTick, beside: SampleContext) -> ViewSample:
         wished_steering=setpoint.steering if setpoint else math.nan,
         note=setpoint.note if setpoint else "",
         fallback_path=resolve_fallback_path(setpoint.fallback_path) if setpoint else None,
+        commanded_path=result.commanded_path,
         faults=result.faults,
         details=beside.details,
         pose_reasons=result.pose_reasons,

@@ -133,7 +133,8 @@ def _actors(page: DrivePage) -> list[DrawnCar]:
 def draw_map(axes: Axes, page: DrivePage, view: MapWindow, edge: str, end: int | None = None) -> None:
     """Draw lanes, path and trace in a turned window; `edge` is the colour between two lanes.
 
-    The trace ends at the row `end` of the ticks, else at the last.
+    The trace ends at the row `end` of the ticks, else at the last; with such an end, which is the moment's, the path
+    that the command carried there is drawn too.
     """
     from matplotlib.collections import PolyCollection
 
@@ -143,6 +144,8 @@ def draw_map(axes: Axes, page: DrivePage, view: MapWindow, edge: str, end: int |
     axes.plot(*view.place(*points.T).T, color=INK, linewidth=1.0, linestyle=(0, (4, 3)), zorder=2, label="path")
     x, y, _ = trace(page.ticks if end is None else page.ticks.slice(0, end + 1))
     axes.plot(*view.place(x, y).T, color=EGO, linewidth=2.2, zorder=3, label="ego, rear axle")
+    if end is not None and page.commanded is not None:
+        axes.plot(*view.place(*page.commanded.T).T, color=EGO, linewidth=1.0, zorder=3, label="commanded path")
     axes.set(xlim=(-view.width / 2.0, view.width / 2.0), ylim=(-view.height / 2.0, view.height / 2.0))
     axes.set(xticks=(), yticks=())
     compass(axes, view, LEFT_WIDTH)

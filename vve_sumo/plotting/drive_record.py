@@ -15,6 +15,7 @@ from vve_sumo.analysis.run import Run
 from vve_sumo.metrics.moment import Moment, moment_of
 from vve_sumo.plotting.drive_page import draw
 from vve_sumo.plotting.page import DrivePage, said
+from vve_sumo.record.layout import COMMANDED
 from vve_sumo.scenario.overrides import value_at
 from vve_sumo.values import Floats
 
@@ -46,6 +47,7 @@ def page_of(run: Run) -> DrivePage:
         lanes=[(np.column_stack((x, y)), width) for x, y, width in roads],
         approach=run.data.approach,
         moment=moment,
+        commanded=_commanded(run, moment) if moment else None,
         unseen=_unseen(run, moment) if moment else frozenset(),
         setting=_setting(run),
         distance=_distance(run, moment.actor) if moment else None,
@@ -55,6 +57,13 @@ def page_of(run: Run) -> DrivePage:
         deviation_limit=_deviation_limit(run),
         asked={name: bound for name, bound in (run.resolved["settings"].get("criteria") or {}).items() if bound},
     )
+
+
+def _commanded(run: Run, moment: Moment) -> Floats | None:
+    """Return the points of the path that the command carried at the moment (n x 2) [m]; None where it had none."""
+    table = run.arrow(COMMANDED)
+    own = table.filter(pc.field("tick") == run.arrow("ticks")["tick"][moment.row])
+    return np.column_stack((own["x_m"], own["y_m"])) if own.num_rows else None
 
 
 def _setting(run: Run) -> str:

@@ -65,6 +65,7 @@ class DrivePage:
     vehicle: Vehicle
     lanes: Sequence[tuple[Floats, float]]  #: centre line (n x 2) [m] and width [m] of each lane
     moment: Moment | None = None  #: the one that matters; None where no actor came near
+    commanded: Floats | None = None  #: path that the command carries at the moment (n x 2) [m]; None for none
     unseen: frozenset[str] = frozenset()  #: actors that the radar did not detect around the moment
     asked: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  #: least and greatest value of metrics
     approach: StopApproach | None = None  #: of the last stop

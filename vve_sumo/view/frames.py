@@ -23,6 +23,7 @@ from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.drive.latency_monitor import DATAGRAM
 from vve_sumo.export.bodies import declared_kinds, kind_of
 from vve_sumo.metrics.lead_vehicle import index_of_tick
+from vve_sumo.record.layout import COMMANDED
 from vve_sumo.record.signals import read_signals
 from vve_sumo.values import Floats
 from vve_sumo.view.events import events_of
@@ -73,7 +74,7 @@ class Frames:
     @cached_property
     def columns(self) -> dict[str, Column]:
         """Every column by its name."""
-        return {**self._ego, **self._codes, **self._actors, **self._returns}
+        return {**self._ego, **self._codes, **self._actors, **self._returns, **self._commanded}
 
     @cached_property
     def texts(self) -> dict[str, list[str]]:
@@ -174,6 +175,19 @@ class Frames:
             "actor_y": _single(boxes.y),
             "actor_heading": _single(boxes.heading),
             "actor_speed": _single(boxes.speed),
+        }
+
+    @property
+    def _commanded(self) -> dict[str, Column]:
+        """Paths that commands carried: tick of each, and its points, those of path k from commanded_first[k] on."""
+        table = self._run.arrow(COMMANDED)
+        at = index_of_tick(self._run.arrow("ticks"), table)
+        tick, first = np.unique(at[at >= 0], return_index=True)
+        return {
+            "commanded_tick": tick.astype(np.int32),
+            "commanded_first": np.append(first, np.count_nonzero(at >= 0)).astype(np.int32),
+            "commanded_x": _single(table["x_m"].to_numpy()[at >= 0]),
+            "commanded_y": _single(table["y_m"].to_numpy()[at >= 0]),
         }
 
     @property

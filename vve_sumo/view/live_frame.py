@@ -16,7 +16,7 @@ from vve_sumo.drive.reasons import in_words
 from vve_sumo.export.bodies import declared_kinds, kind_of
 from vve_sumo.frames import move_point
 from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
-from vve_sumo.values import Actors, Floats, GatewayStatus, Point, Pose
+from vve_sumo.values import Actors, CommandedPath, Floats, GatewayStatus, Point, Pose
 from vve_sumo.view.lot_view import LotView
 from vve_sumo.view.sample import ScanView, ViewSample
 from vve_sumo.view.scene import body, finite, path_of, radar_of, rig_of, vehicle_of
@@ -86,6 +86,7 @@ class LiveFrames:
             "deviation": finite(sample.d, 3),
             "quality": _quality(sample),
             "actors": _columns(sample.actors),
+            "commanded": _line(sample.commanded_path),
             "gap": None if pose is None else self._gap(sample, pose),
             "latency": finite(sample.latency),
             "latencies": None,
@@ -198,6 +199,11 @@ _NO_RETURNS: Final[dict[str, Any]] = {"x": [], "y": [], "seen": [], "measured": 
 
 def _event(time: float, kind: str, text: str) -> dict[str, Any]:
     return {"time": round(time, 3), "kind": kind, "text": text}
+
+
+def _line(path: CommandedPath | None) -> list[list[float]] | None:
+    """Return the points of a commanded path as the page draws them."""
+    return None if path is None else [[round(x, 3), round(y, 3)] for x, y in zip(path.x, path.y, strict=True)]
 
 
 def _columns(actors: Actors) -> dict[str, Any]:

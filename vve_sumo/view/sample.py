@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from vve_sumo.values import Actors, FallbackPath, FixQuality, Floats, GatewayStatus, Pose
+from vve_sumo.values import Actors, CommandedPath, FallbackPath, FixQuality, Floats, GatewayStatus, Pose
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +38,7 @@ class ViewSample:
     wished_steering: float  #: road-wheel angle likewise [rad]; NaN for none
     note: str  #: the controller's own word for what it does
     fallback_path: FallbackPath | None  #: the fallback path that the setpoint carries
+    commanded_path: CommandedPath | None  #: the path that the controller's command carries
     faults: tuple[str, ...]  #: all reason codes of the tick
     details: dict[str, str]  #: the numbers behind some of them, in words
     pose_reasons: tuple[str, ...]  #: why the newest fix was not trusted

@@ -83,6 +83,7 @@ export class Frames {
       quality: text("quality"),
       actors: this.#actors(k),
       returns: this.#returns(scan),
+      commanded: this.#commanded(k),
       latency: known(c.latency[k]),
       latencies: null,
       signals: this.#signals(c.t[k]),
@@ -129,6 +130,18 @@ export class Frames {
   #signals(time) {
     if (!this.signals.length) return null;
     return Object.fromEntries(this.signals.map(([name, [times, states]]) => [name, states[lastNotAfter(times, time + 1e-9)] ?? ""]));
+  }
+
+  /** The path that the command of tick number k carried, as points; null for none. */
+  #commanded(k) {
+    const c = this.columns;
+    const place = lastNotAfter(c.commanded_tick, k);
+    if (place < 0 || c.commanded_tick[place] !== k) return null;
+    const points = [];
+    for (let row = c.commanded_first[place]; row < c.commanded_first[place + 1]; row += 1) {
+      points.push([c.commanded_x[row], c.commanded_y[row]]);
+    }
+    return points;
   }
 
   #returns(scan) {

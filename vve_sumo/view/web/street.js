@@ -106,6 +106,7 @@ export class Street {
     );
     this.drawRoad(context, view);
     this.drawWay(context);
+    if (frame?.commanded) this.drawCommanded(context, frame.commanded);
     if (frame?.ego) this.drawRadar(context, ego);
     if (frame) this.drawTraffic(context, frame, view);
     this.drawEgo(context, ego, Boolean(frame?.ego));
@@ -153,6 +154,13 @@ export class Street {
     context.moveTo(stop.x - across[0], stop.y - across[1]);
     context.lineTo(stop.x + across[0], stop.y + across[1]);
     context.stroke();
+  }
+
+  /** The path that the controller means to drive from here. */
+  drawCommanded(context, points) {
+    context.lineWidth = Math.max(0.12, 1.5 / this.zoom);
+    context.strokeStyle = colour("ego");
+    context.stroke(line(points));
   }
 
   drawRadar(context, ego) {
