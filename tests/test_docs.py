@@ -35,7 +35,7 @@ from vve_sumo.plant import injected_faults
 from vve_sumo.pose import trust
 from vve_sumo.pose.receivers.port import PORT, ReceiverTable
 from vve_sumo.pose.receivers.port import load as load_receiver
-from vve_sumo.record.layout import ROADS, ROADS_SCHEMA
+from vve_sumo.record.layout import COMMANDED, OPTIONAL_SCHEMAS, ROADS, ROADS_SCHEMA
 from vve_sumo.report import glossary
 from vve_sumo.rig.load import MODEL_TABLES
 from vve_sumo.rig.load import parse as parse_rig
@@ -95,7 +95,7 @@ def _codes(reasons: Mapping[str, str]) -> str:
 
 
 def _schema(table: str) -> str:
-    schema = (LIVE_TABLES | {ROADS: ROADS_SCHEMA})[table]
+    schema = (LIVE_TABLES | OPTIONAL_SCHEMAS | {ROADS: ROADS_SCHEMA})[table]
     rows = (f"| `{f.name}` | {_type(f)} | {f.metadata[b'meaning'].decode()} |" for f in schema)
     return "\n".join(["| column | type | meaning |", "|---|---|---|", *rows])
 
@@ -191,6 +191,7 @@ GENERATED = {
     ("record.md", "reading columns"): lambda: _schema("readings"),
     ("record.md", "detection columns"): lambda: _schema("sensor_radar"),
     ("record.md", "actor columns"): lambda: _schema("actors"),
+    ("record.md", "commanded path columns"): lambda: _schema(COMMANDED),
     ("record.md", "road columns"): lambda: _schema("roads"),
     ("record.md", "gateway columns"): lambda: _schema("gateway"),
     ("record.md", "latency columns"): lambda: _schema("latency"),

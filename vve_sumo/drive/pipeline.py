@@ -45,6 +45,8 @@ from vve_sumo.values import (
 
 #: greatest difference of a tick's time from the time for which its fallback path was prepared [s]; else prepared anew
 PREPARED_TOLERANCE = 0.01
+#: below it the car stands, and a commanded path that was refused is judged anew [m/s]
+STANDSTILL = 0.1
 #: of how many setpoints the requested angles are kept for the geofence: those that a car may not have answered yet
 REQUESTS = 10
 
@@ -164,6 +166,7 @@ class Pipeline:
         # Of the newest command, and where along it the car is [m].
         self._commanded: CommandedPath | None = None
         self._commanded_s = 0.0
+        self._refused: tuple[str, ...] = ()  # what the geofence said of a commanded path, until the car stands
         self.newest_epoch = -math.inf  #: of the newest fix, trusted or not, as drive time [s]
 
     def receive(self, received: float, data: bytes) -> None:
@@ -261,17 +264,24 @@ class Pipeline:
 
         `steering` is the road-wheel angle that the car reports [rad]. The next setpoint carries path and fault code.
         The fallback path leads along the path that the newest command carries, else along the scenario's. Where the
-        geofence refuses the commanded one, the car is stopped along the scenario's.
+        geofence refuses the commanded one, the car is stopped along the scenario's, all the way: a shorter and shorter
+        piece of a path that leads out of the lot lies inside.
         """
         pose = self._predictor.at(time)
         self._fallback, self._geofence_breach, self._prepared_for = None, (), time
         if pose is None or self._s is None:
             return
-        own, commanded = (self._path, self._s), self._commanded
-        along = own if commanded is None else self._along_command(pose, commanded)
-        self._fallback, self._geofence_breach = self._judged(pose, steering, *along)
-        if self._geofence_breach and commanded is not None:
-            self._fallback, _ = self._judged(pose, steering, *own)
+        commanded = self._commanded
+        if commanded is None or abs(pose.speed) < STANDSTILL:
+            self._refused = ()
+        if commanded is not None:
+            along = self._along_command(pose, commanded)
+            if not self._refused:
+                self._fallback, self._refused = self._judged(pose, steering, *along)
+            if not self._refused:
+                return
+        self._fallback, breach = self._judged(pose, steering, self._path, self._s)
+        self._geofence_breach = breach or self._refused
 
     def _along_command(self, pose: Pose, commanded: CommandedPath) -> tuple[ReferencePath, float]:
         """Return the curve of a commanded path, and the pose's place along it [m]."""
