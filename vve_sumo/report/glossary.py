@@ -55,6 +55,7 @@ TERMS: tuple[Term, ...] = (
         "censored value",
         "a value of which only one side is known: a collision is beyond every gap, time to collision and DRAC",
     ),
+    Term("commanded path", "the path that a controller's command carries where it means to leave the scenario's"),
     Term("controller", "the system under test: gets an observation each tick, returns a control command"),
     Term("control command", "what a controller asks for: steering (road-wheel angle) and acceleration"),
     Term(
