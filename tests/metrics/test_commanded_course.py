@@ -12,11 +12,13 @@ import shapely
 from tests.drive.swerve import over_and_back
 from tests.metrics.tables import CAR, PERIOD, actors_of, straight, ticks_of
 from tests.metrics.test_course import body
+from vve_sumo.commanded_path import by_tick
 from vve_sumo.metrics.drive_data import DriveData
+from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
 from vve_sumo.metrics.routes import Routes
 from vve_sumo.path import ReferencePath
 from vve_sumo.record.layout import COMMANDED, OPTIONAL_SCHEMAS
-from vve_sumo.values import Floats
+from vve_sumo.values import Actors, Floats, Point, Pose
 
 SPEED = 10.0  #: [m/s]
 TICKS = 20
@@ -146,3 +148,17 @@ def test_who_has_left_the_commanded_path_goes_along_an_arc() -> None:
 def test_only_ticks_with_a_path_go_by_it() -> None:
     half = ways().filter(pa.compute.greater_equal(ways()["tick"], 10))
     assert drive([PARKED], half).conflict.actor == ["parked"] * 10 + [""] * 10
+
+
+def test_while_the_drive_goes_on_the_gap_is_along_the_newest_command() -> None:
+    """As the record says it afterwards of what is in the strip."""
+    at = np.zeros(1)
+    actors = Actors(0.0, ("struck",), at + 70.0, at + 3.2, at, at, at + 4.8, at + 2.0, at, at)
+    ego = Pose(0.0, Point.REAR_AXLE, 10.0, 0.0, 0.0, SPEED, 0.0, 0.0, 0.0, 0.0)
+    path = by_tick(ways(90.0))[0]
+    without, said = (lead_vehicle_now(ego, 10.0, actors, straight(), CAR, one) for one in (None, path))
+    assert without.actor == [""]
+    assert said.actor == ["struck"]
+    afterwards = drive([STRUCK], ways(90.0)).strip_lead
+    assert said.gap[0] == pytest.approx(afterwards.gap[0], abs=1e-9)
+    assert said.time_to_collision[0] == pytest.approx(afterwards.time_to_collision[0], abs=1e-9)

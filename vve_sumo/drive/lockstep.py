@@ -236,7 +236,7 @@ class Lockstep:
             place = path.project(truth.x, truth.y, s)
             bumper, deviation = place.s + vehicle.rear_axle_to_bumper, place.offset
         if wanted.ttc_s is not None:
-            lead = lead_vehicle_now(truth, s, ticked.actors, path, vehicle)
+            lead = lead_vehicle_now(truth, s, ticked.actors, path, vehicle, ticked.result.commanded_path)
             ttc = float(lead.time_to_collision[0])
         return end_reason(wanted, bool(self._road.contacts), bumper, deviation, ttc)
 

@@ -18,12 +18,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vve_sumo.commanded_path import curve
 from vve_sumo.geometry import Boxes, distance, separation, vehicle_boxes
 from vve_sumo.metrics import following
 from vve_sumo.metrics.clipping import nearest_in_band
 from vve_sumo.metrics.course import PredictedCourse, starts
+from vve_sumo.metrics.routes import OWN_PATH, Routes
 from vve_sumo.path import ReferencePath
-from vve_sumo.values import Actors, Floats, Pose, Vehicle
+from vve_sumo.values import Actors, CommandedPath, Floats, Pose, Vehicle
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -131,17 +133,30 @@ def lead_vehicle(strip: InStrip, actors: pa.Table, speed: Floats) -> LeadVehicle
     return LeadVehicle(gap, closing, names)
 
 
-def lead_vehicle_now(ego: Pose, station: float, actors: Actors, path: ReferencePath, vehicle: Vehicle) -> LeadVehicle:
+def lead_vehicle_now(
+    ego: Pose,
+    station: float,
+    actors: Actors,
+    path: ReferencePath,
+    vehicle: Vehicle,
+    commanded: CommandedPath | None = None,
+) -> LeadVehicle:
     """Return the lead vehicle of one tick while the drive goes on: one entry, the nearest of every actor in the strip.
 
     While the drive goes on nothing is known of what actors do later, so nothing is judged by predicted paths here.
     `ego` is the rear axle's pose on the street, `station` [m] near its own, NaN where nobody knows it yet.
+    `commanded` is the path that the newest command carries, which then is the ego's in place of `path`.
     """
     if not math.isfinite(station):
         return LeadVehicle(np.full(1, np.nan), np.full(1, np.nan), [""])
     x, y, heading, speed, rate = (np.array([value]) for value in (ego.x, ego.y, ego.heading, ego.speed, ego.yaw_rate))
-    own, deviation, path_heading = path.project_many(x, y, np.array([station]), WINDOW)
-    course = PredictedCourse(path, vehicle, starts(own, x, y, heading, speed, rate, path_heading, deviation))
+    routes = Routes.from_paths(path, () if commanded is None else [(curve(commanded), station)])
+    route, near = np.array([OWN_PATH]), np.array([station])
+    if commanded is not None:
+        route, near = route + 1, np.zeros(1)
+    own, deviation, path_heading = routes.search(route, x, y, near, WINDOW)
+    start = starts(own, x, y, heading, speed, rate, path_heading, deviation, route)
+    course = PredictedCourse(path, vehicle, start, routes)
     boxes = Boxes(actors.x, actors.y, actors.heading, actors.length, actors.width, actors.speed)
     at, body = np.zeros(len(actors.ids), np.int64), vehicle_boxes(x, y, heading, speed, vehicle)
     strip = _boxes_in_strip(at, boxes, course, body)

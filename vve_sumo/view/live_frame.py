@@ -124,7 +124,7 @@ class LiveFrames:
         }
 
     def _gap(self, sample: ViewSample, pose: Pose) -> float | None:
-        lead = lead_vehicle_now(pose, sample.s, sample.actors, self._path, self._vehicle)
+        lead = lead_vehicle_now(pose, sample.s, sample.actors, self._path, self._vehicle, sample.commanded_path)
         return finite(float(lead.gap[0]), 3)
 
     def _in_the_lot(self, sample: ViewSample) -> dict[str, Any]:
