@@ -119,6 +119,7 @@ def test_the_shipped_path_is_what_the_recorder_gives(repository, linden, tmp_pat
     assert survey.edges[-1] == MAIN[1]
 
 
+@pytest.mark.slow
 def test_a_drive_back_to_its_start_is_closed_and_smooth_across_the_seam(linden, tmp_path):
     survey, first = isolated(_record_block, linden, tmp_path / "block.csv")
     points = _points(linden, tmp_path / "block.csv")
