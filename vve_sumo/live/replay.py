@@ -32,6 +32,7 @@ from vve_sumo.drive.tick_rows import status_columns
 from vve_sumo.errors import ConfigError
 from vve_sumo.live.assembly import from_dict, pipeline_of
 from vve_sumo.live.gateway import build_gateway
+from vve_sumo.messages import MalformedMessage
 from vve_sumo.rig.resolve import mounting_of
 from vve_sumo.values import Frame, GatewayStatus, Setpoint
 from vve_sumo.vehicle import link
@@ -132,7 +133,7 @@ def replay_gateway(inputs: LiveInputs) -> Difference | None:
     for step, row in enumerate(inputs.steps):
         received, sent = list(islice(frames, row["frames_received"])), list(islice(frames, row["frames_sent"]))
         setpoint = link.decode_setpoint(row["setpoint"]) if row["setpoint"] else None
-        if isinstance(setpoint, link.MalformedMessage):
+        if isinstance(setpoint, MalformedMessage):
             return Difference(step, "setpoint", row["setpoint"].hex(), f"no setpoint: {setpoint.reason}")
         act = OperatorCommand(row["operator_command"]) if row["operator_command"] else None
         output = gateway.step(row["time_s"], setpoint, received, act, reason_codes(row["process_faults"]))
