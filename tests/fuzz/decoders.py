@@ -31,6 +31,7 @@ from typing import Any, Final
 
 from tests.fixes import GOOD
 from tests.fuzz.invariant import Violation, hold
+from vve_sumo.messages import MalformedMessage
 from vve_sumo.pose import ncom, nmea, oxts_can
 from vve_sumo.pose.trust import DRIVE, TrustGate
 from vve_sumo.values import ArmingState, FallbackPath, Fix, FixQuality, Frame, GatewayStatus, Setpoint
@@ -304,7 +305,7 @@ def _links(chance: random.Random, told: list[object]) -> None:
             spoilt = spoilt[:-4] + struct.pack("<I", zlib.crc32(spoilt[:-4]))
         told[:] = [message, spoilt]
         taken = decode(spoilt)
-        if isinstance(taken, link.MalformedMessage):
+        if isinstance(taken, MalformedMessage):
             continue
         hold(6, len(spoilt) > 4 and struct.unpack("<I", spoilt[-4:])[0] == zlib.crc32(spoilt[:-4]), taken)
         if LEAST not in repr(taken):

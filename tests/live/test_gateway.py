@@ -30,6 +30,7 @@ from vve_sumo.live.gateway import (
     dbw_is_gone,
     next_step_time,
 )
+from vve_sumo.live.messages import decode
 from vve_sumo.live.priority import NEVER_KILLED
 from vve_sumo.record.reader import read_table
 from vve_sumo.timing import MAX_STEP_INTERVAL, MIN_STEP_INTERVAL
@@ -417,9 +418,9 @@ def test_the_kernel_is_told_to_take_the_gateway_last(bench: Open) -> None:
 def test_a_bus_that_cannot_be_opened_is_one_line_and_the_rigs_exit_code(bench: Open) -> None:
     b = bench(sender=False, bus={"interface": "slcan", "channel": "/dev/none", "bitrate": 500_000})
     assert b.gateway.wait(30.0) == 3
-    (told,) = [json.loads(data) for data in b.console.receive()]
-    assert told["exit_code"] == 3
-    assert told["refused"].startswith("CAN bus slcan:/dev/none cannot be opened: ")
+    (told,) = map(decode, b.console.receive())
+    assert told.exit_code == 3
+    assert told.text.startswith("CAN bus slcan:/dev/none cannot be opened: ")
 
 
 def told_after(b: Bench, moment: float) -> list[Heard]:

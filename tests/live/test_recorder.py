@@ -137,6 +137,16 @@ def test_the_hash_covers_every_column_of_the_gateway(field: str, tmp_path: Path)
     assert hashes[0] != hashes[1]
 
 
+def test_bytes_that_are_no_batch_are_told_and_stand_in_the_summary(desk: Desk) -> None:
+    assert desk.to_drive.send(b"no batch")
+    until(lambda: (desk.gateway.flush(), desk.gateway.failure)[1] == "record_failed")
+    say_step(desk.gateway, 0)
+    desk.gateway.flush()
+    summary = desk.hang_up()
+    assert summary["record_broken"] == ["messages"]
+    assert summary["gateway_steps"] == 1, "what comes well is written all the same"
+
+
 def test_a_drive_that_never_said_how_it_ended_was_lost(desk: Desk) -> None:
     say_tick(desk.drive, 0)
     desk.drive.flush()

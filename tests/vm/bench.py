@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-import json
 import math
 import pickle
 import select
@@ -18,6 +17,7 @@ from tests.vm.sender import PERIOD, Sender
 from tests.vm.wires import FRAME, Heard, Wire, Witness, open_raw
 from vve_sumo.frames import MapFrame
 from vve_sumo.live.channel import pair
+from vve_sumo.live.messages import Ready, decode
 from vve_sumo.live.simulated_vehicle import CarConfig
 from vve_sumo.live.spawn import start
 from vve_sumo.values import ArmingState, Frame, GatewayRow
@@ -58,8 +58,8 @@ class LiveCar:
         self.console, theirs = pair()
         self._process = start("simulated_vehicle", config.to_dict(), {"console": theirs})
         assert select.select([self.console], [], [], 30.0)[0], "the car says that it is ready"
-        said = json.loads(self.console.receive()[0])
-        assert said["kind"] == "car_ready", said
+        said = decode(self.console.receive()[0])
+        assert isinstance(said, Ready), said
 
     def truth(self, since: float) -> list[tuple[float, float, float]]:
         """Drive time [s], x [m] along the start's heading and speed [m/s], since a drive time."""

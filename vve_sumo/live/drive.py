@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import json
 import math
 import select
 import sys
@@ -29,7 +28,7 @@ from vve_sumo.drive.tick import CompletedTick, DueTick, Tick
 from vve_sumo.drive.tick_scheduler import ScheduledTick, TickScheduler
 from vve_sumo.drive.virtual_road import open_world, scenario_engine
 from vve_sumo.errors import VveError
-from vve_sumo.live import signals, spawn, start_pose
+from vve_sumo.live import messages, signals, spawn, start_pose
 from vve_sumo.live.assembly import from_dict, pipeline_of, source_of
 from vve_sumo.live.brain_link import ChannelLink, key_of, open_setpoints
 from vve_sumo.live.calm import JitterWait, gateway_lateness
@@ -249,7 +248,7 @@ class LiveDrive:
             return
         self._calm.observe(now, max(late, gateway_late))
         if news := self._calm.news():
-            self._console.send(json.dumps({"said": news}).encode())
+            self._console.send(messages.encode(messages.News(news)))
 
     def hand_over(self, now: float, setpoint: Setpoint | None) -> GatewayStatus:
         """Send a setpoint to the gateway; return the gateway's newest status, which is of an earlier step.
@@ -387,23 +386,23 @@ class LiveDrive:
             return
         self._status_sent_at = now
         pose, ranges = result.pose, newest_scan(result.sensors).range
-        status = {
-            "tick": begun.tick,
-            "time_s": now,
-            "faults": list(result.faults),
-            "details": self._details(result),
-            "pose_reasons": list(result.pose_reasons),
-            "speed_mps": pose.speed if pose else None,
-            "to_go_m": self._resolved.path.length - result.s if pose else None,
-            "deviation_m": result.d if pose else None,
-            "range_m": float(ranges.min()) if len(ranges) else None,
-            "note": result.setpoint.note if result.setpoint else "",
-            "latency": self._latency.screen(),
-            "missed": self._scheduler.missed,
-            "clock": self._clock_report,
-            "outcome": None if self._outcome is None else self._outcome.value,
-        }
-        self._console.send(json.dumps(status).encode())
+        status = messages.DriveStatus(
+            tick=begun.tick,
+            time_s=now,
+            faults=result.faults,
+            details=self._details(result),
+            pose_reasons=result.pose_reasons,
+            speed_mps=pose.speed if pose else None,
+            to_go_m=self._resolved.path.length - result.s if pose else None,
+            deviation_m=result.d if pose else None,
+            range_m=float(ranges.min()) if len(ranges) else None,
+            note=result.setpoint.note if result.setpoint else "",
+            latency=self._latency.screen(),
+            missed=self._scheduler.missed,
+            clock=self._clock_report,
+            outcome=None if self._outcome is None else self._outcome.value,
+        )
+        self._console.send(messages.encode(status))
 
     def _end(self) -> None:
         """Finish the record and close everything, after the gateway's process has gone."""
@@ -432,7 +431,7 @@ def main() -> int:
     try:
         LiveDrive(config, channels).run()
     except VveError as error:
-        channels["console"].send(json.dumps({"refused": str(error), "exit_code": error.exit_code}).encode())
+        channels["console"].send(messages.refusal(error))
         return error.exit_code
     except Exception:
         # A bug: the gateway stops the car as soon as this process is gone; the traceback goes to the record's folder.

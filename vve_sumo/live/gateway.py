@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import json
 import math
 import select
 import sys
@@ -20,7 +19,7 @@ from typing import Any, Final, NamedTuple
 
 from vve_sumo.bus import Bus
 from vve_sumo.errors import RigError, VveError
-from vve_sumo.live import signals
+from vve_sumo.live import messages, signals
 from vve_sumo.live.channel import ALIVE, Channel
 from vve_sumo.live.priority import GATEWAY_PRIORITY, NEVER_KILLED, raise_priority, set_oom_score
 from vve_sumo.live.recorder_client import RecorderClient
@@ -370,7 +369,7 @@ def main() -> int:
         bus = Bus(bus_config["interface"], bus_config["channel"], bus_config["bitrate"])
     except VveError as error:
         _say(str(error))
-        channels["console"].send(json.dumps({"refused": str(error), "exit_code": error.exit_code}).encode())
+        channels["console"].send(messages.refusal(error))
         return error.exit_code
     with bus:
         process = GatewayProcess(config, channels, bus)

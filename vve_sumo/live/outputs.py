@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import json
 import select
 import sys
 import time
@@ -20,7 +19,7 @@ from typing import Any, Final, NamedTuple
 
 from vve_sumo.bus import Bus
 from vve_sumo.errors import VveError
-from vve_sumo.live import signals
+from vve_sumo.live import messages, signals
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.priority import DRIVE_NICE, KILLED_SECOND, raise_priority, set_oom_score
 from vve_sumo.live.pty_bus import PREFIX, PtyOutlet
@@ -184,9 +183,9 @@ def main() -> int:
         wires = opened(config["outputs"], _context(config))
     except VveError as error:
         _say(str(error))
-        channels["console"].send(json.dumps({"refused": str(error), "exit_code": error.exit_code}).encode())
+        channels["console"].send(messages.refusal(error))
         return error.exit_code
-    channels["console"].send(json.dumps({"kind": "outputs_ready"}).encode())
+    channels["console"].send(messages.encode(messages.Ready()))
     raise_priority(DRIVE_NICE)
     gc.collect()
     gc.freeze()

@@ -32,6 +32,7 @@ from vve_sumo.drive.tick_rows import status_columns
 from vve_sumo.errors import ConfigError
 from vve_sumo.live.assembly import from_dict, pipeline_of
 from vve_sumo.live.gateway import build_gateway
+from vve_sumo.messages import MalformedMessage
 from vve_sumo.rig.resolve import mounting_of
 from vve_sumo.values import Frame, GatewayStatus, Setpoint
 from vve_sumo.vehicle import link
@@ -123,7 +124,7 @@ def _setpoints(steps: list[dict[str, Any]]) -> dict[int, bytes]:
 def replay_gateway(inputs: LiveInputs) -> Difference | None:
     """Return the first step at which the gateway's part differs: in its status or in the frames that it sent.
 
-    Raises ConfigError where this version does not understand the record's gateway configuration.
+    Raises ConfigError where this version does not understand the record's gateway configuration or setpoints.
     """
     try:
         gateway, frames = build_gateway(inputs.scenario_content["gateway"]), iter(inputs.frames)
@@ -132,7 +133,9 @@ def replay_gateway(inputs: LiveInputs) -> Difference | None:
     for step, row in enumerate(inputs.steps):
         received, sent = list(islice(frames, row["frames_received"])), list(islice(frames, row["frames_sent"]))
         setpoint = link.decode_setpoint(row["setpoint"]) if row["setpoint"] else None
-        if isinstance(setpoint, link.MalformedMessage):
+        if setpoint == MalformedMessage("wrong_version"):
+            raise ConfigError("gateway: its setpoints are encoded as another version of vve-sumo did it")
+        if isinstance(setpoint, MalformedMessage):
             return Difference(step, "setpoint", row["setpoint"].hex(), f"no setpoint: {setpoint.reason}")
         act = OperatorCommand(row["operator_command"]) if row["operator_command"] else None
         output = gateway.step(row["time_s"], setpoint, received, act, reason_codes(row["process_faults"]))

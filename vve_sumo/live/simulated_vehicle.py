@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import json
 import math
 import signal
 import socket
@@ -25,6 +24,7 @@ import numpy as np
 
 from vve_sumo.errors import RigError, VveError
 from vve_sumo.frames import MapFrame
+from vve_sumo.live import messages
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.priority import VEHICLE_PRIORITY, raise_priority
 from vve_sumo.live.slcan import Adapter
@@ -282,13 +282,13 @@ def main() -> int:
         with contextlib.ExitStack() as stack:
             run(config, console, ending, stack)
     except VveError as error:
-        console.send(json.dumps({"kind": "car_failed", "text": str(error)}).encode())
+        console.send(messages.refusal(error))
         return error.exit_code
     return 0
 
 
 def run(config: CarConfig, console: Channel, ending: EndCondition, stack: contextlib.ExitStack) -> None:
-    """Run the car until it is time to end; sends `car_ready` to the console, with the bus that others can open."""
+    """Run the car until it is time to end; sends `Ready` to the console, with the bus that others can open."""
     wire, bus = _wire(config, stack)
     file = None if config.truth is None else stack.enter_context(config.truth.open("wb", buffering=0))
     car = SimulatedVehicle(config, wire, TruthFile(file))
@@ -296,7 +296,7 @@ def run(config: CarConfig, console: Channel, ending: EndCondition, stack: contex
     gc.collect()
     gc.freeze()
     raise_priority(VEHICLE_PRIORITY)
-    console.send(json.dumps({"kind": "car_ready", "interface": bus[0], "channel": bus[1]}).encode())
+    console.send(messages.encode(messages.Ready(bus)))
     while not ending.due(car.time, car.at_rest):
         for _ in range(STEPS_PER_POLL):
             car.step()

@@ -6,18 +6,18 @@ Knows the rig's tables and the car's process; no scenario, no gateway. Nothing i
 from __future__ import annotations
 
 import contextlib
-import json
 import select
 import subprocess
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from vve_sumo.errors import RigError
-from vve_sumo.live import assembly, spawn
+from vve_sumo.live import assembly, messages, spawn
 from vve_sumo.live.channel import Channel, pair
 from vve_sumo.live.simulated_vehicle import CarConfig
+from vve_sumo.messages import MalformedMessage
 from vve_sumo.plant.parameters import DRY, perturbed
 from vve_sumo.pose.receivers.ncom_udp import NcomUdp
 from vve_sumo.rig import resolve as meaning
@@ -52,10 +52,13 @@ def start(
     process = spawn.start("simulated_vehicle", config | log, {"console": theirs}, own_session=True)
     stack.callback(_end, process)
     stack.callback(ours.close)
-    said = _first_word(ours)
-    if said.get("kind") != "car_ready":
-        raise RigError(f"the simulated vehicle: {said.get('text', said)}")
-    return SimulatedVehicleProcess(process, ours, (said["interface"], said["channel"]))
+    match _first_message(ours):
+        case messages.Ready((interface, channel)):
+            return SimulatedVehicleProcess(process, ours, (interface, channel))
+        case messages.Refused(text):
+            raise RigError(f"the simulated vehicle: {text}")
+        case message:
+            raise RigError(f"the simulated vehicle: {message}")
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
@@ -95,11 +98,10 @@ def _uncalibrated(model: VehicleModel) -> VehicleModel:
     return replace(model, steering_wheel_bias=0.0, mounting=replace(model.mounting, heading_misalignment=0.0))
 
 
-def _first_word(channel: Channel) -> dict[str, Any]:
+def _first_message(channel: Channel) -> messages.ConsoleMessage | MalformedMessage:
     deadline = time.monotonic() + START_TIMEOUT
     while (left := deadline - time.monotonic()) > 0.0 and not channel.closed:
         select.select([channel], [], [], left)
         for data in channel.receive():
-            said: dict[str, Any] = json.loads(data)
-            return said
+            return messages.decode(data)
     raise RigError(f"the simulated vehicle did not come up within {START_TIMEOUT:.0f} s")
