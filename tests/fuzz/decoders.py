@@ -299,7 +299,7 @@ def _links(chance: random.Random, told: list[object]) -> None:
         message = made(chance)
         data = encode(message)
         told[:] = [message, data]
-        hold(6, repr(decode(data)) == repr(message), (message, decode(data)))
+        hold(6, repr(decode(data)) == repr(message).replace(r"\ud800", "?"), (message, decode(data)))
         spoilt = _spoilt(chance, data, data)
         if chance.random() < 0.7 and len(spoilt) > 4:
             spoilt = spoilt[:-4] + struct.pack("<I", zlib.crc32(spoilt[:-4]))

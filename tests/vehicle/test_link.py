@@ -152,6 +152,11 @@ def test_what_no_text_can_hold_comes_back_as_a_question_mark():
     said = complete(0.0, 0.0, note="a\ud800b", faults=("\udfff",))
     back = link.decode_setpoint(link.encode_setpoint(said))
     assert (back.note, back.faults) == ("a?b", ("?",))
+    status = GatewayStatus(ArmingState.FAULT, ("\ud800",), 0.0, 0.0, ("x\ud800",), 0.0, 0.0)
+    feedback = link.decode_feedback(
+        link.encode_feedback(link.Feedback(0.0, 1, math.nan, status, 0.0, 0.0, "\ud800", 1))
+    )
+    assert (feedback.status.reasons, feedback.status.limited, feedback.gear) == (("?",), ("x?",), "?")
 
 
 def test_what_is_too_long_goes_out_cut_short_and_a_way_that_is_too_long_stays_so():

@@ -96,9 +96,11 @@ def decode_operator_command(data: bytes) -> OperatorCommand | MalformedMessage:
 def encode_feedback(feedback: Feedback) -> bytes:
     """Return the datagram of a feedback; lists of codes are cut at 64, each at 255 characters."""
     status = feedback.status
-    if len(status.reasons) > MAX_CODES:
-        status = dataclasses.replace(status, reasons=status.reasons[:MAX_CODES])
-    return _FEEDBACK.encode(feedback._replace(status=status, sequence=_whole(feedback.sequence)))
+    reasons, limited = _texts(status.reasons), _texts(status.limited)
+    if (reasons, limited) != (status.reasons, status.limited):
+        status = dataclasses.replace(status, reasons=reasons, limited=limited)
+    sent = feedback._replace(status=status, gear=_text(feedback.gear), sequence=_whole(feedback.sequence))
+    return _FEEDBACK.encode(sent)
 
 
 def decode_feedback(data: bytes) -> Feedback | MalformedMessage:
