@@ -142,5 +142,5 @@ class Observer(Monitor):
             self._has_been_engaged, self._going = True, False
             self._old_overrides = self._reports.overrides()
             self._standing_long.reset()
-        elif event is ArmingEvent.DISARM:
+        elif event is ArmingEvent.DISARM and after is ArmingState.DISARMED:
             self._causes.clear()
