@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from tests.setpoints import setpoint as complete
 from vve_sumo.values import ArmingState, FallbackPath, GatewayStatus, Setpoint
 from vve_sumo.vehicle import link
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.fallback import well_formed
-from vve_sumo.vehicle.gateway import OperatorCommand
 
 FLOATS = st.integers(0, 2**64 - 1).map(lambda bits: struct.unpack("<d", struct.pack("<Q", bits))[0]) | st.floats()
 SHORT = st.text(st.characters(), max_size=60)  # surrogates too; at most four bytes each

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from tests.setpoints import setpoint
 from tests.vehicle.car import CALIBRATION, FUSION, PERIOD, Car
 from vve_sumo.values import ArmingState, Frame, GatewayStatus
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
-from vve_sumo.vehicle.gateway import OperatorCommand
 from vve_sumo.vehicle.interface import ActuationCommand, Gear
 from vve_sumo.vehicle.observer import Observer
 
@@ -136,7 +136,7 @@ def test_reports_that_stop_end_the_drive():
     watched = Watched().driving()
     watched.car.silent = set(range(0x60, 0x80))
     assert "wheel_speeds_stale" in watched.run(0.3).reasons
-    assert watched.observer.last_dbw_report < watched.tick * PERIOD - 0.2
+    assert watched.observer.monitor.last_dbw_report < watched.tick * PERIOD - 0.2
 
 
 def test_nothing_is_asked_of_the_car():

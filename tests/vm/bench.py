@@ -22,9 +22,9 @@ from vve_sumo.live.simulated_vehicle import CarConfig
 from vve_sumo.live.spawn import start
 from vve_sumo.values import ArmingState, Frame, GatewayRow
 from vve_sumo.vehicle import link
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed import layout
 from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
-from vve_sumo.vehicle.gateway import OperatorCommand
 from vve_sumo.vehicle.interface import ActuationCommand, Gear
 from vve_sumo.vehicle.limits import Limits
 

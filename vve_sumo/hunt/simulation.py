@@ -36,7 +36,8 @@ from vve_sumo.sensors.port import Column
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Actors, ArmingState, Frame, GatewayStatus, Pose, Setpoint, TickRow
 from vve_sumo.vehicle.arming import COMMANDING, WAITING
-from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.arming_machine import OperatorCommand
+from vve_sumo.vehicle.gateway import Gateway
 from vve_sumo.vehicle.interface import load
 
 #: how long a nominal operator waits with the go, and with the end of the drive once the car is at rest [s]
@@ -237,7 +238,7 @@ class EpisodeDrive:
         number, now = self.number, self.now
         truth = self._car.truth()
         due = DueTick(number, now, now + PERIOD)
-        done = self._tick.step(due, self.gateway.measured_steering)
+        done = self._tick.step(due, self.gateway.monitor.measured_steering)
         self.s = done.result.s
         self._watch_for_the_end(now, truth, done.actors)
         sample = self._sample(now, truth)
@@ -269,7 +270,7 @@ class EpisodeDrive:
             "reasons": status.reasons,
             "engaged": self.operator.engaged,
             "went": self.operator.went,
-            "gear": self.gateway.gear,
+            "gear": self.gateway.monitor.gear,
         }
         return TruthSample(
             time=now,

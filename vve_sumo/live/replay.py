@@ -35,7 +35,8 @@ from vve_sumo.live.gateway import build_gateway
 from vve_sumo.rig.resolve import mounting_of
 from vve_sumo.values import Frame, GatewayStatus, Setpoint
 from vve_sumo.vehicle import link
-from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.arming_machine import OperatorCommand
+from vve_sumo.vehicle.gateway import Gateway
 from vve_sumo.vehicle.observer import Observer
 
 #: the keys that scenario.json must hold for a live drive to be assembled again
@@ -146,11 +147,12 @@ def replay_gateway(inputs: LiveInputs) -> Difference | None:
 
 def _gateway_columns(step: int, gateway: Gateway | Observer, status: GatewayStatus) -> dict[str, Any]:
     """Return the gateway's results of a step, by the record's columns."""
+    monitor = gateway.monitor
     return {
         "step": step,
         **status_columns(status),
-        "sequence": gateway.sequence,
-        "measured_steering_rad": gateway.measured_steering,
-        "wheel_speed_mps": gateway.wheel_speed,
-        "gear": gateway.gear,
+        "sequence": monitor.sequence,
+        "measured_steering_rad": monitor.measured_steering,
+        "wheel_speed_mps": monitor.wheel_speed,
+        "gear": monitor.gear,
     }

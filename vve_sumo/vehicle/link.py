@@ -13,8 +13,8 @@ from operator import attrgetter
 from typing import Any, Final, NamedTuple, TypeVar
 
 from vve_sumo.values import ArmingState, FallbackPath, GatewayStatus, Setpoint, resolve_fallback_path
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.fallback import MAX_KNOTS
-from vve_sumo.vehicle.gateway import OperatorCommand
 
 VERSION: Final = 2
 MAX_TEXT: Final = 255  # bytes of a string
