@@ -217,6 +217,10 @@ def test_an_override_from_before_the_drive_counts_once_it_was_reset_or_all_is_se
 # What the operator's commands do.
 
 
+def test_commands_have_the_names_that_records_hold():
+    assert [act.value for act in Act] == ["engage", "go", "stop", "stop_by_page", "end", "disarm"]
+
+
 @pytest.mark.parametrize("state", S)
 def test_commands_lead_where_the_table_says_and_give_their_reasons(state):
     events = {Act.ENGAGE: E.ENGAGE, Act.GO: E.GO, Act.DISARM: E.DISARM} | dict.fromkeys(ENDS, E.STOP)
