@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from vve_sumo.drive.assembly import LotAlignment
-from vve_sumo.drive.brain import ExternalController, NoController, Publisher, SetpointController, virtual_placement
+from vve_sumo.drive.brain import ExternalController, external_controller
 from vve_sumo.drive.latency_monitor import LatencyMonitor
 from vve_sumo.drive.pipeline import TickResult
 from vve_sumo.drive.rest import RestObserver
@@ -45,7 +45,6 @@ from vve_sumo.values import ArmingState, GatewayStatus, LatencyRow, Setpoint, ne
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING, DRIVER_SIGNS, ENDING, WAITING
 from vve_sumo.wire.outputs import KINDS
-from vve_sumo.wire.setpoints import SetpointInbox
 
 #: between two status messages to the console [s]
 STATUS_PERIOD: Final = 0.1
@@ -113,15 +112,8 @@ class LiveDrive:
             setpoints = open_setpoints(said, key)
         actors = any(KINDS[table.kind].tells_actors for table in rig.outputs)
         link_ = ChannelLink(outputs, setpoints, self._t0, actors=actors)
-        placement = virtual_placement(self._resolved.map_frame, mounting_of(rig), lot.epoch)
-        publisher = Publisher(link_.send, placement, lot.epoch, held=said.kind == "external")
-        controller: SetpointController | NoController | None = None
-        if said.kind == "setpoints":
-            inbox = SetpointInbox(lot.epoch, key)
-            controller = SetpointController(publisher, link_.receive, inbox, waits=False)
-        elif said.kind == "external":
-            controller = NoController()
-        return link_, ExternalController(publisher, controller)
+        mounting = mounting_of(rig)
+        return link_, external_controller(said.kind, link_, self._resolved.map_frame, mounting, lot.epoch, key)
 
     def run(self) -> None:
         """Tick until the gateway is gone: a moving car needs fallback paths even if the console is gone."""

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from vve_sumo import bus
 from vve_sumo.drive.assembly import LotAlignment
-from vve_sumo.drive.brain import ExternalController, NoController, Publisher, virtual_placement
+from vve_sumo.drive.brain import NoLink, external_controller
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.replay import (
     Difference,
@@ -96,8 +96,7 @@ def rebuilt_pipeline(scenario_content: dict[str, Any], working: Path, controller
     lot = LotAlignment.from_dict(scenario_content)
     brain = None
     if rig.brain.kind == "external" and controller is None:
-        placement = virtual_placement(resolved.map_frame, mounting_of(rig), lot.epoch)
-        brain = ExternalController(Publisher(lambda _sample: None, placement, lot.epoch), NoController())
+        brain = external_controller(rig.brain.kind, NoLink(), resolved.map_frame, mounting_of(rig), lot.epoch)
     return pipeline_of(resolved, rig, lot, working, brain)
 
 
