@@ -20,7 +20,8 @@ from vve_sumo.frames import MapFrame
 from vve_sumo.live.channel import pair
 from vve_sumo.live.simulated_vehicle import CarConfig
 from vve_sumo.live.spawn import start
-from vve_sumo.values import ArmingState, Frame, GatewayRow
+from vve_sumo.record.rows import GatewayRow
+from vve_sumo.values import ArmingState, Frame
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed import layout

@@ -30,11 +30,12 @@ from vve_sumo.plant.fault_injected_car import FaultInjectedCar
 from vve_sumo.plant.injected_faults import KINDS, START_SPEED, VALUES
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.trust import DRIVE
+from vve_sumo.record.rows import TickRow
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig
 from vve_sumo.sensors.port import Column
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import Actors, ArmingState, Frame, GatewayStatus, Pose, Setpoint, TickRow
+from vve_sumo.values import Actors, ArmingState, Frame, GatewayStatus, Pose, Setpoint
 from vve_sumo.vehicle.arming import COMMANDING, WAITING
 from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.gateway import Gateway

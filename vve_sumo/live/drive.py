@@ -21,12 +21,10 @@ from typing import Any, Final
 
 from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.drive.brain import ExternalController, external_controller
-from vve_sumo.drive.latency_monitor import LatencyMonitor
 from vve_sumo.drive.pipeline import TickResult
 from vve_sumo.drive.rest import RestObserver
 from vve_sumo.drive.termination import Outcome, TerminationMonitor
 from vve_sumo.drive.tick import CompletedTick, DueTick, Tick
-from vve_sumo.drive.tick_scheduler import ScheduledTick, TickScheduler
 from vve_sumo.drive.virtual_road import open_world, scenario_engine
 from vve_sumo.errors import VveError
 from vve_sumo.live import signals, spawn, start_pose
@@ -34,14 +32,17 @@ from vve_sumo.live.assembly import from_dict, pipeline_of, source_of
 from vve_sumo.live.brain_link import ChannelLink, key_of, open_setpoints
 from vve_sumo.live.calm import JitterWait, gateway_lateness
 from vve_sumo.live.channel import Channel
+from vve_sumo.live.latency_monitor import LatencyMonitor
 from vve_sumo.live.priority import DRIVE_NICE, DRIVE_PRIORITY, KILLED_SECOND, UrgentPart, raise_priority, set_oom_score
 from vve_sumo.live.recorder_client import RecorderClient
 from vve_sumo.live.road import LiveRoad
+from vve_sumo.live.tick_scheduler import ScheduledTick, TickScheduler
 from vve_sumo.live.view_feed import SampleContext, ViewFeed
+from vve_sumo.record.rows import LatencyRow
 from vve_sumo.rig.resolve import mounting_of
 from vve_sumo.rig.schema import Rig
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import ArmingState, GatewayStatus, LatencyRow, Setpoint, newest_scan
+from vve_sumo.values import ArmingState, GatewayStatus, Setpoint, newest_scan
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING, DRIVER_SIGNS, ENDING, WAITING
 from vve_sumo.wire.outputs import KINDS

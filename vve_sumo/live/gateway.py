@@ -25,8 +25,9 @@ from vve_sumo.live.channel import ALIVE, Channel
 from vve_sumo.live.priority import GATEWAY_PRIORITY, NEVER_KILLED, raise_priority, set_oom_score
 from vve_sumo.live.recorder_client import RecorderClient
 from vve_sumo.live.spawn import receive_config
+from vve_sumo.record.rows import GatewayRow
 from vve_sumo.timing import LONE_STEP_INTERVAL, MAX_STEP_INTERVAL, MIN_STEP_INTERVAL
-from vve_sumo.values import ArmingState, Frame, GatewayRow, GatewayStatus, Setpoint, Vehicle
+from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint, Vehicle
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING
 from vve_sumo.vehicle.arming_machine import STOPS, OperatorCommand
