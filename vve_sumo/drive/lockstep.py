@@ -28,11 +28,11 @@ from vve_sumo.lot.fallback import deferred_fallback_path
 from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
 from vve_sumo.plant.car import Car, CarParameters
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
-from vve_sumo.plant.parameters import perturbed
 from vve_sumo.plant.receiver import unaltered
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.trust import DRIVE
 from vve_sumo.record.writer import MemoryRecorder
+from vve_sumo.rig.car_parameters import perturbed
 from vve_sumo.scenario.schema import EndTrigger
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Actors, ArmingState, Fix, Frame, GatewayStatus, Pose, Setpoint
