@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from tests.vehicle.car import CALIBRATION, FUSION, PERIOD, Car, Rig
 from vve_sumo.values import ArmingState, FallbackPath, Frame, Setpoint
 from vve_sumo.vehicle import (
+    arming_machine,
     brake_monitor,
     engagement,
     gateway,
@@ -925,6 +926,7 @@ def test_every_reason_it_can_give_has_plain_words():
     given_codes = set()
     for module in (
         gateway,
+        arming_machine,
         monitor,
         setpoint_validation,
         engagement,
