@@ -35,7 +35,7 @@ from starlette.routing import BaseRoute, Route
 
 from benchmarks.latency import REPOSITORY, rig, scenario
 from tests.drive.street import drive_once
-from vve_sumo.drive.latency_monitor import quantile
+from vve_sumo.record.latencies import quantile
 from vve_sumo.record.reader import read_table
 from vve_sumo.view.frames import pack
 from vve_sumo.view.server import FRAMES, PageServer, json_route, page_routes, replay_server

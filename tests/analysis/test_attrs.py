@@ -21,8 +21,8 @@ from tests.sweep.test_dataset import COUNT, PLAN, cell, fill, result
 from vve_sumo import analysis
 from vve_sumo.analysis import LatencyMargin, Run, Sweep
 from vve_sumo.analysis.latency_margin import DELAY, NOISE, edges_of, steps_of
+from vve_sumo.record.rows import GatewayRow, LatencyRow
 from vve_sumo.sweep.dataset import Dataset
-from vve_sumo.values import GatewayRow, LatencyRow
 
 TICKS = 200
 DECLARED = {"speed": {"sets": ["ego.speed_mps"], "meaning": "of the ego before it slows down"}}

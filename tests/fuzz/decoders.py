@@ -36,8 +36,8 @@ from vve_sumo.pose import ncom, nmea, oxts_can
 from vve_sumo.pose.trust import DRIVE, TrustGate
 from vve_sumo.values import ArmingState, FallbackPath, Fix, FixQuality, Frame, GatewayStatus, Setpoint
 from vve_sumo.vehicle import link
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed import codec
-from vve_sumo.vehicle.gateway import OperatorCommand
 
 INPUTS: Final = 1000  # of a run
 PATIENCE: Final = 1.0  # processor time of one input [s]

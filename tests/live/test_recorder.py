@@ -24,8 +24,9 @@ from vve_sumo.live.spawn import start
 from vve_sumo.live.summary import summarise
 from vve_sumo.record.hashes import hash_parts, whole
 from vve_sumo.record.reader import read_pose_chunks, read_table
+from vve_sumo.record.rows import GatewayRow, LatencyRow
 from vve_sumo.record.writer import LiveRecord, RecordWriter
-from vve_sumo.values import Frame, GatewayRow, LatencyRow
+from vve_sumo.values import Frame
 
 KINDS = {"int": 0, "float": 0.5, "bool": False, "str": "", "bytes": b"\x00\xff"}
 COLUMNS = (np.array([9.0]), np.array([0.1]), np.array([-2.0]), np.array([1], np.int8), ("car0",))

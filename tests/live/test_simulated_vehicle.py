@@ -30,7 +30,8 @@ from vve_sumo.live.spawn import start
 from vve_sumo.plant.injected_faults import InjectedFault
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.values import ArmingState, Fix, Frame, GatewayStatus
-from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.arming_machine import OperatorCommand
+from vve_sumo.vehicle.gateway import Gateway
 from vve_sumo.vehicle.interface import InterfaceConfig
 
 LOT = MapFrame("+proj=tmerc +lat_0=40 +lon_0=-81 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs")

@@ -26,7 +26,7 @@ from vve_sumo.metrics.moment import Moment, MomentMeasure
 from vve_sumo.path import ReferencePath
 from vve_sumo.plotting import birds_eye, drive_page, page
 from vve_sumo.record.layout import SCHEMAS
-from vve_sumo.values import TickRow
+from vve_sumo.record.rows import TickRow
 
 CAR = vehicles.FUSION.vehicle
 PLAIN = {"int": 0, "float": 0.0, "bool": False, "str": ""}

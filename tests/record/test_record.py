@@ -21,8 +21,9 @@ from tests.record.declared import RESOLVED
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.hashes import hash_parts, whole
 from vve_sumo.record.reader import read_pose_chunks, read_table
+from vve_sumo.record.rows import TickRow
 from vve_sumo.record.writer import TICKS_PER_BATCH, MemoryRecorder, RecordWriter
-from vve_sumo.values import Actors, Frame, TickRow
+from vve_sumo.values import Actors, Frame
 
 KINDS = {"int": 0, "float": 0.5, "bool": False, "str": ""}
 

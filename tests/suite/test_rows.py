@@ -11,6 +11,7 @@ import pytest
 from tests import vehicles
 from vve_sumo import laws
 from vve_sumo.errors import ConfigError
+from vve_sumo.network_tools.proving_ground import TEST_TRACK
 from vve_sumo.scenario.engine import SIZES
 from vve_sumo.scenario.schema import Actor, Scenario
 from vve_sumo.suite import catalogue, requirements
@@ -18,7 +19,6 @@ from vve_sumo.suite.physics import DETECTION, BrakedMotion, full_braking, gap_us
 from vve_sumo.suite.row import SuiteRow
 from vve_sumo.suite.track import loads
 from vve_sumo.timing import PERIOD
-from vve_sumo.world.proving_ground import TEST_TRACK
 
 KMH = 1.0 / 3.6
 CAR, LOADS = vehicles.FUSION.vehicle, loads(vehicles.FUSION)

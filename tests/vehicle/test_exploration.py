@@ -19,9 +19,10 @@ from tests.setpoints import setpoint as complete
 from tests.vehicle.car import CALIBRATION, FUSION
 from vve_sumo.values import ArmingState, Frame
 from vve_sumo.vehicle.arming import COMMANDING
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.messages import BrakeReportKind
-from vve_sumo.vehicle.gateway import Gateway, GatewayOutput, OperatorCommand
+from vve_sumo.vehicle.gateway import Gateway, GatewayOutput
 from vve_sumo.vehicle.interface import Gear
 
 S = ArmingState
@@ -113,22 +114,22 @@ class Explored:
 
     @property
     def state(self) -> ArmingState:
-        return self.gateway._state
+        return self.gateway._arming.state
 
     @property
     def going(self) -> bool:
-        return self.gateway._engagement.going
+        return self.gateway._arming.going
 
     @property
     def key(self) -> tuple[object, ...]:
         """What decides what can happen next."""
-        gateway, handover = self.gateway, self.gateway._engagement
+        gateway, handover, arming = self.gateway, self.gateway._engagement, self.gateway._arming
         in_command = self.state in COMMANDING
         return (
             self.state,
-            in_command and (handover.enabled, handover.in_drive, handover.going, bool(gateway._old_overrides)),
-            gateway._standstill.certain,
-            gateway._standstill.at_rest,
+            in_command and (handover.enabled, handover.in_drive, arming.going, bool(arming._old_overrides)),
+            gateway.monitor.standstill.certain,
+            gateway.monitor.standstill.at_rest,
             gateway.done,
         )
 

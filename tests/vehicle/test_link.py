@@ -15,8 +15,8 @@ from tests.setpoints import setpoint as complete
 from vve_sumo.messages import MalformedMessage
 from vve_sumo.values import ArmingState, FallbackPath, GatewayStatus, Setpoint
 from vve_sumo.vehicle import link
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.fallback import well_formed
-from vve_sumo.vehicle.gateway import OperatorCommand
 
 FLOATS = st.integers(0, 2**64 - 1).map(lambda bits: struct.unpack("<d", struct.pack("<Q", bits))[0]) | st.floats()
 SHORT = st.text(st.characters(codec="utf-8"), max_size=60)

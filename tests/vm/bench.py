@@ -20,11 +20,12 @@ from vve_sumo.live.channel import pair
 from vve_sumo.live.messages import Ready, decode
 from vve_sumo.live.simulated_vehicle import CarConfig
 from vve_sumo.live.spawn import start
-from vve_sumo.values import ArmingState, Frame, GatewayRow
+from vve_sumo.record.rows import GatewayRow
+from vve_sumo.values import ArmingState, Frame
 from vve_sumo.vehicle import link
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed import layout
 from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
-from vve_sumo.vehicle.gateway import OperatorCommand
 from vve_sumo.vehicle.interface import ActuationCommand, Gear
 from vve_sumo.vehicle.limits import Limits
 

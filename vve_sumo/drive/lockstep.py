@@ -28,16 +28,17 @@ from vve_sumo.lot.fallback import deferred_fallback_path
 from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
 from vve_sumo.plant.car import Car, CarParameters
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
-from vve_sumo.plant.parameters import perturbed
 from vve_sumo.plant.receiver import unaltered
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.trust import DRIVE
 from vve_sumo.record.writer import MemoryRecorder
+from vve_sumo.rig.car_parameters import perturbed
 from vve_sumo.scenario.schema import EndTrigger
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Actors, ArmingState, Fix, Frame, GatewayStatus, Pose, Setpoint
 from vve_sumo.vehicle.arming import WAITING
-from vve_sumo.vehicle.gateway import Gateway, GatewayOutput, OperatorCommand
+from vve_sumo.vehicle.arming_machine import OperatorCommand
+from vve_sumo.vehicle.gateway import Gateway, GatewayOutput
 from vve_sumo.vehicle.interface import load
 from vve_sumo.vehicle.model import VehicleModel
 from vve_sumo.world.loaded_road import LoadedRoad
@@ -193,7 +194,7 @@ class Lockstep:
             for number in count():
                 truth = self._alignment.apply(self._car.truth())
                 due = DueTick(number, number * PERIOD, (number + 1) * PERIOD)
-                done = tick.step(due, self._gateway.measured_steering, truth)
+                done = tick.step(due, self._gateway.monitor.measured_steering, truth)
                 output = bus.output
                 yield LockstepTick(done.result, output, truth, done.actors)
                 came = self._car.step(due.next_time, output.frames)

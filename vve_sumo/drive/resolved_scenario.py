@@ -27,8 +27,8 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.frames import MapFrame
 from vve_sumo.path import ReferencePath
 from vve_sumo.path_feasibility import find_reversal, refuse_tight_bend
-from vve_sumo.plant.parameters import imperfections_of
 from vve_sumo.record.layout import LAYOUT, check_layout
+from vve_sumo.rig.car_parameters import imperfections_of
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.sensors.port import SensorSettings, configured
 from vve_sumo.timing import PERIOD

@@ -18,7 +18,6 @@ import numpy as np
 import pyarrow as pa
 
 from vve_sumo.drive import provenance
-from vve_sumo.drive.latency_monitor import latency_summary
 from vve_sumo.drive.resolved_scenario import read_resolved
 from vve_sumo.drive.rest import RestObserver
 from vve_sumo.drive.snapshots import NO_ACTORS, snapshots
@@ -27,6 +26,7 @@ from vve_sumo.drive.termination import END_REASONS, MOVING_SPEED, DriveEnd, Outc
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import ReferencePath
 from vve_sumo.record.hashes import hash_file, hash_part, hash_parts, hashed_files, whole
+from vve_sumo.record.latencies import latency_summary
 from vve_sumo.record.layout import CLOSED_ENDING, LIVE_SCHEMAS, PROVENANCE, RAW_PARTS, SCHEMAS, UNHASHED, recorded_brain
 from vve_sumo.record.reader import read_table, sensor_tables
 from vve_sumo.record.roads import read_roads

@@ -30,13 +30,15 @@ from vve_sumo.plant.fault_injected_car import FaultInjectedCar
 from vve_sumo.plant.injected_faults import KINDS, START_SPEED, VALUES
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.trust import DRIVE
+from vve_sumo.record.rows import TickRow
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig
 from vve_sumo.sensors.port import Column
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import Actors, ArmingState, Frame, GatewayStatus, Pose, Setpoint, TickRow
+from vve_sumo.values import Actors, ArmingState, Frame, GatewayStatus, Pose, Setpoint
 from vve_sumo.vehicle.arming import COMMANDING, WAITING
-from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.arming_machine import OperatorCommand
+from vve_sumo.vehicle.gateway import Gateway
 from vve_sumo.vehicle.interface import load
 
 #: how long a nominal operator waits with the go, and with the end of the drive once the car is at rest [s]
@@ -237,7 +239,7 @@ class EpisodeDrive:
         number, now = self.number, self.now
         truth = self._car.truth()
         due = DueTick(number, now, now + PERIOD)
-        done = self._tick.step(due, self.gateway.measured_steering)
+        done = self._tick.step(due, self.gateway.monitor.measured_steering)
         self.s = done.result.s
         self._watch_for_the_end(now, truth, done.actors)
         sample = self._sample(now, truth)
@@ -269,7 +271,7 @@ class EpisodeDrive:
             "reasons": status.reasons,
             "engaged": self.operator.engaged,
             "went": self.operator.went,
-            "gear": self.gateway.gear,
+            "gear": self.gateway.monitor.gear,
         }
         return TruthSample(
             time=now,

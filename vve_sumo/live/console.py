@@ -27,7 +27,7 @@ from vve_sumo.live.wording import Guard, answer, doctor_overridden, why
 from vve_sumo.values import ArmingState
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING, ENDING, WAITING
-from vve_sumo.vehicle.gateway import OperatorCommand
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 
 #: longest wait between two passes of the loop [s]
 POLL_INTERVAL: Final = 0.05

@@ -19,13 +19,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from vve_sumo.drive.assembly import LotAlignment
-from vve_sumo.drive.brain import ExternalController, NoController, Publisher, SetpointController, virtual_placement
-from vve_sumo.drive.latency_monitor import LatencyMonitor
+from vve_sumo.drive.brain import ExternalController, external_controller
 from vve_sumo.drive.pipeline import TickResult
 from vve_sumo.drive.rest import RestObserver
 from vve_sumo.drive.termination import Outcome, TerminationMonitor
 from vve_sumo.drive.tick import CompletedTick, DueTick, Tick
-from vve_sumo.drive.tick_scheduler import ScheduledTick, TickScheduler
 from vve_sumo.drive.virtual_road import open_world, scenario_engine
 from vve_sumo.errors import VveError
 from vve_sumo.live import messages, signals, spawn, start_pose
@@ -33,18 +31,20 @@ from vve_sumo.live.assembly import from_dict, pipeline_of, source_of
 from vve_sumo.live.brain_link import ChannelLink, key_of, open_setpoints
 from vve_sumo.live.calm import JitterWait, gateway_lateness
 from vve_sumo.live.channel import Channel
+from vve_sumo.live.latency_monitor import LatencyMonitor
 from vve_sumo.live.priority import DRIVE_NICE, DRIVE_PRIORITY, KILLED_SECOND, UrgentPart, raise_priority, set_oom_score
 from vve_sumo.live.recorder_client import RecorderClient
 from vve_sumo.live.road import LiveRoad
+from vve_sumo.live.tick_scheduler import ScheduledTick, TickScheduler
 from vve_sumo.live.view_feed import SampleContext, ViewFeed
+from vve_sumo.record.rows import LatencyRow
 from vve_sumo.rig.resolve import mounting_of
 from vve_sumo.rig.schema import Rig
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import ArmingState, GatewayStatus, LatencyRow, Setpoint, newest_scan
+from vve_sumo.values import ArmingState, GatewayStatus, Setpoint, newest_scan
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING, DRIVER_SIGNS, ENDING, WAITING
 from vve_sumo.wire.outputs import KINDS
-from vve_sumo.wire.setpoints import SetpointInbox
 
 #: between two status messages to the console [s]
 STATUS_PERIOD: Final = 0.1
@@ -112,15 +112,8 @@ class LiveDrive:
             setpoints = open_setpoints(said, key)
         actors = any(KINDS[table.kind].tells_actors for table in rig.outputs)
         link_ = ChannelLink(outputs, setpoints, self._t0, actors=actors)
-        placement = virtual_placement(self._resolved.map_frame, mounting_of(rig), lot.epoch)
-        publisher = Publisher(link_.send, placement, lot.epoch, held=said.kind == "external")
-        controller: SetpointController | NoController | None = None
-        if said.kind == "setpoints":
-            inbox = SetpointInbox(lot.epoch, key)
-            controller = SetpointController(publisher, link_.receive, inbox, waits=False)
-        elif said.kind == "external":
-            controller = NoController()
-        return link_, ExternalController(publisher, controller)
+        mounting = mounting_of(rig)
+        return link_, external_controller(said.kind, link_, self._resolved.map_frame, mounting, lot.epoch, key)
 
     def run(self) -> None:
         """Tick until the gateway is gone: a moving car needs fallback paths even if the console is gone."""

@@ -24,9 +24,9 @@ from vve_sumo.live.channel import Channel
 from vve_sumo.live.priority import DRIVE_NICE, KILLED_SECOND, raise_priority, set_oom_score
 from vve_sumo.live.pty_bus import PREFIX, PtyOutlet
 from vve_sumo.live.spawn import receive_config
-from vve_sumo.outlets import CanOutlet, Outlet, SerialOutlet, TcpOutlet, UdpOutlet
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Vehicle
+from vve_sumo.wire.outlets import CanOutlet, Outlet, SerialOutlet, TcpOutlet, UdpOutlet
 from vve_sumo.wire.outputs import KINDS, Context, Output
 from vve_sumo.wire.sample import Sample, sequence_of
 from vve_sumo.wire.sample_codec import unpack

@@ -14,8 +14,9 @@ from msgspec import Struct, field
 
 from vve_sumo.live.channel import Channel
 from vve_sumo.messages import MessageCodec, MessageKind
+from vve_sumo.record.rows import GatewayRow, LatencyRow, TickRow
 from vve_sumo.sensors.port import Column
-from vve_sumo.values import Actors, Frame, GatewayRow, LatencyRow, TickRow
+from vve_sumo.values import Actors, Frame
 
 #: datagrams kept here while the recorder's queue is full; with one every 20 ms, 2 s beyond that queue
 MAX_BACKLOG: Final = 100

@@ -18,9 +18,9 @@ from vve_sumo.live import assembly, messages, spawn
 from vve_sumo.live.channel import Channel, pair
 from vve_sumo.live.simulated_vehicle import CarConfig
 from vve_sumo.messages import MalformedMessage
-from vve_sumo.plant.parameters import DRY, perturbed
 from vve_sumo.pose.receivers.ncom_udp import NcomUdp
 from vve_sumo.rig import resolve as meaning
+from vve_sumo.rig.car_parameters import DRY, perturbed
 from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.validation import PTY
 from vve_sumo.vehicle.model import VehicleModel

@@ -16,8 +16,8 @@ import pyarrow as pa
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.columns import described_schema
+from vve_sumo.record.rows import GatewayRow, LatencyRow, TickRow
 from vve_sumo.sensors.port import SensorColumn
-from vve_sumo.values import GatewayRow, LatencyRow, TickRow
 
 #: Version of a record's layout. Layout 2 added path and car; 3 added provenance.json and the summary's hash of itself;
 #: 4 added the actors' lateral speed and the time of measurement of a scan; 5 added, for live drives, the actors of

@@ -37,9 +37,10 @@ from vve_sumo.record.layout import (
     sensor_schemas,
     sensor_table,
 )
+from vve_sumo.record.rows import GatewayRow, LatencyRow, TickRow
 from vve_sumo.record.summary import write_summary
 from vve_sumo.sensors.port import Column
-from vve_sumo.values import Actors, Frame, GatewayRow, LatencyRow, TickRow
+from vve_sumo.values import Actors, Frame
 
 #: Returns a text's bytes; most texts of a record are names and codes that come at every tick.
 _encoded = lru_cache(maxsize=4096)(str.encode)

@@ -13,8 +13,8 @@ import msgspec
 
 from vve_sumo.messages import MalformedMessage, MessageCodec, MessageKind
 from vve_sumo.values import FallbackPath, GatewayStatus, Setpoint, resolve_fallback_path
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.fallback import MAX_KNOTS
-from vve_sumo.vehicle.gateway import OperatorCommand
 
 MAX_TEXT: Final = 255  # characters of a string
 MAX_CODES: Final = 64  # strings in a list

@@ -18,11 +18,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vve_sumo.analysis.bodies import declared_kinds, kind_of
 from vve_sumo.analysis.run import Run
 from vve_sumo.drive.assembly import LotAlignment
-from vve_sumo.drive.latency_monitor import DATAGRAM
-from vve_sumo.export.bodies import declared_kinds, kind_of
 from vve_sumo.metrics.lead_vehicle import index_of_tick
+from vve_sumo.record.latencies import DATAGRAM
 from vve_sumo.record.signals import read_signals
 from vve_sumo.values import Floats
 from vve_sumo.view.events import events_of

@@ -12,8 +12,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from vve_sumo.analysis.bodies import declared_kinds, kind_of
 from vve_sumo.drive.reasons import in_words
-from vve_sumo.export.bodies import declared_kinds, kind_of
 from vve_sumo.frames import move_point
 from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
 from vve_sumo.values import Actors, Floats, GatewayStatus, Point, Pose

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from vve_sumo.analysis.bodies import TYPICAL
 from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.errors import VveError
-from vve_sumo.export.openscenario import TYPICAL
 from vve_sumo.lot.geofence import Geofence
 from vve_sumo.path import ReferencePath
 from vve_sumo.rig import load as rigs

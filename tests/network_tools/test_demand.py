@@ -12,7 +12,7 @@ import sumolib
 from tests.exhaustive import with_slow
 from tests.isolated import isolated
 from vve_sumo.errors import ConfigError
-from vve_sumo.world.demand import DRIVERS, LEVELS, TYPES, _type, write_demand
+from vve_sumo.network_tools.demand import DRIVERS, LEVELS, TYPES, _type, write_demand
 
 TIMES = (0.0, 30.0, 60.0, 120.0)
 PATHS = ("linden_17th", "linden_loop")

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vve_sumo.errors import ConfigError
+from vve_sumo.network_tools.build import ATTRIBUTION
 from vve_sumo.path import ReferencePath
 from vve_sumo.path_feasibility import refuse_tight_bend
-from vve_sumo.world.build import ATTRIBUTION
 from vve_sumo.world.network import Network, Roads
 
 Floats = NDArray[np.float64]

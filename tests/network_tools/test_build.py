@@ -15,7 +15,7 @@ import sumolib
 
 from tests.isolated import isolated
 from vve_sumo.errors import ConfigError
-from vve_sumo.world.build import ATTRIBUTION, build_network
+from vve_sumo.network_tools.build import ATTRIBUTION, build_network
 from vve_sumo.world.network import read_network
 
 SIGNALS = ("229685447", "229810925")  # Cleveland x 17th and Cleveland x Hudson
