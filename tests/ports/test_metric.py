@@ -446,8 +446,8 @@ def test_a_sweep_has_a_column_of_it_and_resumes_with_the_same_code_alone(
     assert sweep(lab, text) == 0
     rows = load_rows(lab / "rows")
     assert rows["fastest_mps"].tolist() == rows["max_speed_mps"].tolist()
-    assert rows.attrs["meanings"]["fastest_mps"] == "greatest speed"
     opened = load_record(lab / "rows")
+    assert opened.rows().attrs["meanings"]["fastest_mps"] == "greatest speed"  # type: ignore[union-attr]
     assert "fastest_mps" in opened.figures  # type: ignore[union-attr]
     grouped = opened.grouped(figures=["fastest_mps"])  # type: ignore[union-attr]
     assert grouped["worst_fastest_mps"].tolist() == grouped["greatest_fastest_mps"].tolist()
@@ -460,7 +460,7 @@ def test_a_sweep_has_a_column_of_it_and_resumes_with_the_same_code_alone(
 
 
 def test_a_search_looks_for_its_worst(lab: Path) -> None:
-    pytest.importorskip("botorch", reason="a search for the worst case needs the extra `search`")
+    pytest.importorskip("optuna", reason="a search for the worst case needs the extra `search`")
     assert sweep(lab, f'[search]\nhighest = "fastest_mps"\npoints = 2\nbatch = 2\n{RANGE}') == 0
     found = json.loads((lab / "rows" / "search.json").read_text(encoding="utf-8"))
     assert found["worst"]["fastest_mps"] == load_rows(lab / "rows")["fastest_mps"].max()

@@ -99,6 +99,7 @@ def planned(
     rig_file = "" if rig is None else str(_rig(rig, vehicle, spec, table, file, working))
     criteria = _criteria(spec, settings, table)
     fit(spec, file, table, frozenset(COLUMNS) | {f"meets_{name}" for name in (*Criteria.model_fields, *criteria)})
+    _refuse_varied_metrics(spec, table, file)
     cells = cells_of(spec, scenario_file.name.removesuffix(".toml"), settings)
     count = least_runs(cells)
     if count >= MAX_RUNS and not yes:
@@ -121,7 +122,7 @@ def planned(
     plan, notes = _looked_at(plan, spec, cells, file)
     enter(plan.own())
     _sought(spec.search, plan, file)
-    _refuse_taken(spec, plan, file)
+    _refuse_taken(plan, file)
     return SweepQuery(spec, plan, cells, notes)
 
 
@@ -135,17 +136,19 @@ def _with_metrics(table: Mapping[str, Any], spec: Spec) -> dict[str, Any]:
     return {**table, "metrics": list(dict.fromkeys([*named, *added]))} if added else dict(table)
 
 
-def _refuse_taken(spec: Spec, plan: SweepPlan, file: Path) -> None:
-    """Raise ConfigError where a parameter has the name of a user's metric, or varies which ones are measured."""
+def _refuse_varied_metrics(spec: Spec, table: Mapping[str, Any], file: Path) -> None:
+    """Raise ConfigError where a parameter varies which metrics are measured: all rows have the same columns."""
     for key in spec.parameters:
-        if key in plan.own():
-            raise ConfigError(
-                f"{file}: parameters.{key}: a metric has that name; declare it in the scenario by another"
-            )
-        if any(place.partition(".")[0] == "metrics" for place in places(plan.table, key)):
-            raise ConfigError(
-                f"{file}: parameters.{key}: metrics are the same of every run, expected [metrics] of the sweep"
-            )
+        if any(place.partition(".")[0] == "metrics" for place in places(table, key)):
+            raise ConfigError(f"{file}: parameters.{key}: metrics are the same of every run, expected metrics = [ … ]")
+
+
+def _refuse_taken(plan: SweepPlan, file: Path) -> None:
+    """Raise ConfigError where a parameter has the name of a user's metric."""
+    if taken := [name for name in plan.parameters if name in plan.own()]:
+        raise ConfigError(
+            f"{file}: parameters.{taken[0]}: a metric has that name; declare it in the scenario by another"
+        )
 
 
 def _rig(name: str, vehicle: str | None, spec: Spec, table: Mapping[str, Any], file: Path, working: Path) -> Path:
