@@ -114,7 +114,7 @@ class ClosedLoop:
         self, tick: int, now: float, heard: CarOutput, act: OperatorCommand | None
     ) -> tuple[Ticked, tuple[Frame, ...]]:
         pipeline, gateway = self.pipeline, self.gateway
-        for time, data in heard.ncom:
+        for time, data in heard.packets:
             pipeline.receive(time, data)
         steering = gateway.measured_steering
         pipeline.see(now, NOBODY)
