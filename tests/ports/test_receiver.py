@@ -345,7 +345,6 @@ PLACE = (40.002, -82.98, 300.0)
 SPOKEN = [
     {"kind": "ncom_udp"},
     {"kind": "nmea_udp", **SIGMAS},
-    {"kind": "nmea_tcp", **SIGMAS},
     {"kind": f"{TOY}:make", "heading_sigma_deg": 0.2},
 ]
 

@@ -7,10 +7,9 @@ from typing import ClassVar
 from pydantic import Field
 
 from vve_sumo.pose import sources
-from vve_sumo.pose.far_ends import TcpFarEnd
 from vve_sumo.pose.receivers.nmea import NmeaReceiver
 from vve_sumo.pose.receivers.port import OpenBus, Receiver
-from vve_sumo.pose.receivers.udp import Address, NetworkPort, not_loopback
+from vve_sumo.pose.receivers.udp import Address, NetworkPort
 
 
 class NmeaTcp(NmeaReceiver):
@@ -24,14 +23,6 @@ class NmeaTcp(NmeaReceiver):
     def open(self, _open_bus: OpenBus) -> sources.Source:
         """Connect; raises RigError naming the key."""
         return sources.open_tcp(self.address, self.port)
-
-    def far_end(self) -> TcpFarEnd:
-        """Serve the port."""
-        return TcpFarEnd(self.address, self.port)
-
-    def not_simulated(self) -> str:
-        """Return why the simulated vehicle cannot send as this receiver: it serves a loopback alone."""
-        return super().not_simulated() or not_loopback(self.address)
 
     def place(self) -> str:
         """Return address and port."""

@@ -33,7 +33,7 @@ Sender = Annotated[str, AfterValidator(_sender)]
 NetworkPort = Annotated[int, Field(ge=1, le=65535)]
 
 
-def not_loopback(address: str) -> str:
+def _not_loopback(address: str) -> str:
     """Return why the simulated vehicle cannot be heard on an address of another machine, or of all; else ""."""
     if ipaddress.ip_address(address).is_loopback:
         return ""
@@ -86,7 +86,7 @@ class UdpReceiver(ReceiverTable):
 
     def not_simulated(self) -> str:
         """Return why the simulated vehicle cannot send as this receiver: also, it is heard on a loopback alone."""
-        return super().not_simulated() or not_loopback(self.address)
+        return super().not_simulated() or _not_loopback(self.address)
 
     def place(self) -> str:
         """Return address and port."""
