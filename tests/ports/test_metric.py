@@ -34,6 +34,8 @@ from vve_sumo.record.sweep_folder import COLUMNS
 from vve_sumo.report.drive import report
 from vve_sumo.scenario.load import check_criteria, parse
 from vve_sumo.scenario.schema import Criteria, CriterionBand, Scenario
+from vve_sumo.sweep.plan import with_metrics
+from vve_sumo.sweep.spec import parse_spec
 
 TOY = Path(__file__).parent / "toy"
 COMFORT = f"{TOY / 'lateral_comfort.py'}:make"
@@ -180,6 +182,12 @@ def test_an_installed_metric_needs_no_more_than_a_criterion(plugin: Path) -> Non
     assert parse(scenario.model_dump(mode="json"), Path("mine.toml")) == scenario
     with pytest.raises(ConfigError, match=r"^metric broken: its entry point raised AttributeError"):
         load_own(["broken"])
+
+
+def test_a_search_for_an_installed_metric_measures_it(plugin: Path) -> None:
+    axis = {"ego.speed_mps": {"min": 1.0, "max": 2.0}}
+    spec = parse_spec({"scenario": "s", "search": {"lowest": "mine_m"}, "parameters": axis}, Path("sweep.toml"))
+    assert with_metrics({"metrics": ["a.py:make"]}, spec)["metrics"] == ["a.py:make", "mine_m"]
 
 
 def test_the_command_lists_shipped_installed_and_own_ones(plugin: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -457,6 +465,21 @@ def test_a_sweep_has_a_column_of_it_and_resumes_with_the_same_code_alone(
     capsys.readouterr()
     assert sweep(lab, text, "--resume") == 2
     assert "the file of metric_0:fast has changed since that sweep began" in capsys.readouterr().err
+
+
+def test_a_criterion_on_it_is_varied_and_one_that_fails_says_why_in_its_row(lab: Path) -> None:
+    assert sweep(lab, "[parameters]\ncriteria.fastest_mps.max = [0.001, 9.0]\n") == 0
+    rows = load_rows(lab / "rows")
+    assert rows["meets_fastest_mps"].tolist() == [False, True]
+    assert rows["passed"].tolist() == [False, True]
+    (lab / "fast.py").write_text(MEASURE.replace("drive.motion", "drive.emotion"), encoding="utf-8")
+    (lab / "mine.toml").write_text('scenario = "second"\nmetrics = ["fast.py:make"]\nseeds = 2\n', encoding="utf-8")
+    assert cli.main(["sweep", "mine.toml", "--out", "broken", "--workers", "1", "--quiet"]) == 0
+    rows = load_rows(lab / "broken")
+    assert rows["fastest_mps"].isna().all()
+    assert rows["max_speed_mps"].notna().all()
+    said = "metric fast.py:make: fastest_mps raised AttributeError: 'DriveData' object has no attribute 'emotion'"
+    assert rows["text"].tolist() == [f"{said} (fast.py, line 6)"] * 2
 
 
 def test_a_search_looks_for_its_worst(lab: Path) -> None:

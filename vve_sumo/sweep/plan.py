@@ -92,7 +92,7 @@ def planned(
     if search and spec.search is None:
         raise ConfigError(f"{file}: --search: expected a table [search] that says what to look for")
     scenario_file, table = given if given is not None else _scenario(spec.scenario, file, working)
-    table = _with_metrics(table, spec)
+    table = with_metrics(table, spec)
     settings = parse(table, scenario_file)
     if vehicle is not None:
         table = choose(table, vehicle=vehicle)
@@ -126,7 +126,7 @@ def planned(
     return SweepQuery(spec, plan, cells, notes)
 
 
-def _with_metrics(table: Mapping[str, Any], spec: Spec) -> dict[str, Any]:
+def with_metrics(table: Mapping[str, Any], spec: Spec) -> dict[str, Any]:
     """Return a scenario's table with the metrics that a sweep adds: those it names, and an installed one it seeks."""
     named = table.get("metrics", [])
     if not isinstance(named, (list, tuple)):
@@ -224,7 +224,8 @@ def _criteria(spec: Spec, scenario: Scenario, table: Mapping[str, Any]) -> list[
     """Return the criteria that a run may be judged by."""
     varied = (place.split(".") for name in spec.parameters for place in places(table, name))
     set_by_key = {keys[1] for keys in varied if keys[0] == "criteria"}
-    return [name for name, wanted in scenario.criteria if wanted is not None or name in set_by_key]
+    stated = [name for name, wanted in scenario.criteria if wanted is not None or name in set_by_key]
+    return [*stated, *sorted(set_by_key - {*stated})]  # those of a user's metrics stand nowhere before a run sets them
 
 
 def _looked_at(plan: SweepPlan, spec: Spec, cells: RunSpecs, file: Path) -> tuple[SweepPlan, tuple[str, ...]]:
