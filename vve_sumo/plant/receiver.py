@@ -55,8 +55,7 @@ class SimulatedReceiver:
     """Measures and sends one packet each `PERIOD`.
 
     `alter` sits between measuring and encoding: a fault is a function from fix to fix, or to None for a lost packet.
-    `epoch` is the GNSS second of drive time 0. The `encoder` is the
-    standard receiver's without another.
+    `epoch` is the GNSS second of drive time 0. The `encoder` is the standard receiver's without another.
     """
 
     def __init__(
