@@ -49,7 +49,7 @@ def configuration(truth: Path | None, port: int, **changes: Any) -> CarConfig:
         epoch=EPOCH,
         t0=time.monotonic(),
         seed=7,
-        target=("127.0.0.1", port),
+        receiver={"kind": "ncom_udp", "port": port, "minimum_delay_ms": 10.0},
         truth=truth,
     )
     return replace(config, **changes)

@@ -82,7 +82,7 @@ class CalibrationDrive:
 
     def _tick(self, tick: int, heard: CarOutput) -> tuple[Frame, ...]:
         now = tick * PERIOD
-        for time, data in heard.ncom:
+        for time, data in heard.packets:
             self._chunks.append(struct.pack("<dI", time, len(data)) + data)
             for fix in self._decoder.feed(data, time):
                 self._predictor.update(self._placement.place(fix))

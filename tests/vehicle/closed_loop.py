@@ -115,7 +115,7 @@ class ClosedLoop:
         self, tick: int, now: float, heard: CarOutput, act: OperatorCommand | None
     ) -> tuple[Ticked, tuple[Frame, ...]]:
         pipeline, gateway = self.pipeline, self.gateway
-        for time, data in heard.ncom:
+        for time, data in heard.packets:
             pipeline.receive(time, data)
         steering = gateway.monitor.measured_steering
         pipeline.see(now, NOBODY)

@@ -27,7 +27,7 @@ class CutOff(Car):
 
     def step(self, until: float, frames: tuple[Frame, ...], driver: DriverInputs = HANDS_OFF) -> CarOutput:
         output = super().step(until, () if self.cut else frames, driver)
-        return CarOutput([], output.ncom) if self.cut else output
+        return CarOutput([], output.packets) if self.cut else output
 
 
 def cut_off_car() -> WholeCar:

@@ -51,7 +51,7 @@ class LiveCar:
             EPOCH,
             self.t0,
             1,
-            NOBODY,
+            {"kind": "ncom_udp", "address": NOBODY[0], "port": NOBODY[1], "minimum_delay_ms": 10.0},
             ("socketcan", wire.car),
             (),
             self.truth_file,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib.metadata import version
 from itertools import pairwise
@@ -25,10 +25,12 @@ from vve_sumo.drive import plugged_in
 from vve_sumo.drive.actor_paths import Speeds, find_actor_paths
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import MapFrame
+from vve_sumo.metrics.own import OwnMetrics, load_own
 from vve_sumo.path import ReferencePath
 from vve_sumo.path_feasibility import find_reversal, refuse_tight_bend
 from vve_sumo.record.layout import LAYOUT, check_layout
 from vve_sumo.rig.car_parameters import imperfections_of
+from vve_sumo.scenario.load import check_criteria
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.sensors.port import SensorSettings, configured
 from vve_sumo.timing import PERIOD
@@ -99,6 +101,8 @@ class ResolvedScenario:
     file: Path  #: the scenario's own
     faults: tuple[InjectedFault, ...] = ()  #: that are injected into the simulated vehicle
     note: str = ""  #: what brakes the car less than declared, in one line; empty where nothing does
+    #: the scenario's metrics once they are loaded, so that those that are recorded are those that measure
+    _own: dict[tuple[str, ...], OwnMetrics] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def vehicle(self) -> Vehicle:
@@ -108,12 +112,15 @@ class ResolvedScenario:
     def to_dict(self, working: Path) -> dict[str, Any]:
         """Return what the record keeps: scenario, path, car, hashes of the files, and versions.
 
-        The hashed code of a plug-in is that of the instance made last. Raises ConfigError as `sensors` does.
+        The hashed code of a plug-in is that of the instance made last. Raises ConfigError as `sensors` and
+        `own_metrics` do.
         """
         sensors = {name: [*map(list, settings.columns)] for name, settings in self.sensors().items()}
         parts = [*plugged_in.of_scenario(self.scenario, working)]
         parts.append(plugged_in.vehicle_interface(self.model.interface.name))
-        noted = {"braking_note": self.note} if self.note else {}
+        noted: dict[str, Any] = {"braking_note": self.note} if self.note else {}
+        if own := self.own_metrics().declared:
+            noted["metrics"] = own.to_dict()
         files = self.files | {role: file for part in parts for role, file in part.files().items()}
         model = self.model.to_dict()
         return {
@@ -147,6 +154,22 @@ class ResolvedScenario:
             except ConfigError as error:
                 raise ConfigError(f"{self.file}: sensors.{sensor.name}: {error}") from None
         return made
+
+    def own_metrics(self) -> OwnMetrics:
+        """Return the metrics that the scenario's `metrics` name, loaded once, and make them known by name.
+
+        Raises ConfigError naming the file that is wrong, and for a criterion that no metric brings.
+        """
+        named = self.scenario.metrics
+        if named not in self._own:
+            try:
+                own = load_own(named)
+            except ConfigError as error:
+                raise ConfigError(f"{self.file}: metrics: {error}") from None
+            check_criteria(self.scenario, own.declared, self.file)
+            own.declared.enter()
+            self._own[named] = own
+        return self._own[named]
 
     def driven_by(self, name: str) -> ResolvedScenario:
         """Return the same scenario with another controller and default tuning; tuning belongs to one controller."""

@@ -28,7 +28,7 @@ from vve_sumo.hunt.truth import TruthSample, WitnessedInterface
 from vve_sumo.live.wording import phase
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
 from vve_sumo.plant.injected_faults import KINDS, START_SPEED, VALUES
-from vve_sumo.pose.ncom import Decoder
+from vve_sumo.pose.receivers.port import standard
 from vve_sumo.pose.trust import DRIVE
 from vve_sumo.record.rows import TickRow
 from vve_sumo.rig import resolve as meaning
@@ -160,7 +160,7 @@ class EpisodeDrive:
         )
         placement = Placement(frame, self.alignment, resolved.model.mounting, DEFAULT_EPOCH)
         geofence = meaning.geofence_of(rig, self.alignment)
-        pose = PoseInput(Decoder(), DRIVE, placement, DEFAULT_EPOCH, geofence=geofence)
+        pose = PoseInput(standard().decoder(), DRIVE, placement, DEFAULT_EPOCH, geofence=geofence)
         pipeline = build_pipeline(resolved, pose, course.working, around=self._around)
         model = resolved.model
         self.parameters = car_parameters(resolved)
@@ -245,7 +245,7 @@ class EpisodeDrive:
         sample = self._sample(now, truth)
         came = self._car.step((number + 1) * PERIOD, self._frames)
         self._reports = [frame for _time, frame in came.reports]
-        for time, data in came.ncom:
+        for time, data in came.packets:
             self._tick.receive(time, data)
         self.number += 1
         if math.isnan(self.moved) and abs(truth.speed) > START_SPEED:

@@ -432,7 +432,8 @@ def _summary(plan: DrivePlan, why: tuple[str, ...], notify: Notify) -> dict[str,
         summary.get("text", ""),
         tuple(summary.get("standoffs", ())),
     )
-    full = summarise_drive(plan.resolved, done, plan.folder, summary.get("record_parts_sha256", {}))
+    parts, own = summary.get("record_parts_sha256", {}), plan.resolved.own_metrics()
+    full = summarise_drive(plan.resolved, done, plan.folder, parts, own)
     extra = {
         key: summary[key]
         for key in summary

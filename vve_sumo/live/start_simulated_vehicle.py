@@ -18,7 +18,6 @@ from vve_sumo.live import assembly, messages, spawn
 from vve_sumo.live.channel import Channel, pair
 from vve_sumo.live.simulated_vehicle import CarConfig
 from vve_sumo.messages import MalformedMessage
-from vve_sumo.pose.receivers.ncom_udp import NcomUdp
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.car_parameters import DRY, perturbed
 from vve_sumo.rig.schema import Rig
@@ -72,8 +71,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 def _config(rig: Rig, t0: float, seed: int, folder: Path | None, friction: float) -> CarConfig:
     start, pose = rig.car_start, rig.pose
-    assert start is not None  # the rig's validation ensures it, and the receiver that the car simulates
-    assert isinstance(pose, NcomUdp)
+    assert start is not None  # the rig's validation ensures it, and a receiver that can be simulated
     wire = rig.bus.interface, start.channel or rig.bus.channel
     return CarConfig(
         parameters=perturbed(_uncalibrated(meaning.model_of(rig)), start, friction),
@@ -84,7 +82,7 @@ def _config(rig: Rig, t0: float, seed: int, folder: Path | None, friction: float
         epoch=assembly.wall_epoch(t0),
         t0=t0,
         seed=seed,
-        target=(pose.address, pose.port),
+        receiver=pose.model_dump(mode="json", exclude_unset=True),
         bus=None if rig.bus.channel == PTY else wire,
         faults=meaning.faults_of(rig),
         truth=None if folder is None else folder / "truth.csv",

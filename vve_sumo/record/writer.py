@@ -280,6 +280,9 @@ class MemoryRecorder:
     def attach(self, name: str, text: str) -> None:
         """Record a text that belongs to the drive but not to its hash; without a folder it is dropped."""
 
+    def attach_table(self, name: str, table: pa.Table) -> None:
+        """Record a table that belongs to the drive but not to its hash; without a folder it is dropped."""
+
     def flush(self) -> None:
         """Hash and store everything that is buffered."""
         for part in self._parts.values():

@@ -6,7 +6,7 @@ Reads a record through the analysis and nothing else; must not know how the page
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -95,7 +95,7 @@ def _settings(run: Run, figures: Figures) -> dict[str, object]:
 def _results(run: Run, figures: Figures) -> dict[str, object]:
     radar = radar_statistics(run)
     return {
-        "figures": _figures(figures),
+        "figures": _figures(figures, run.own_metrics.per_drive),
         **stops.stop(run),
         **stops.bound_check(run),
         **stops.status(run),
@@ -108,10 +108,10 @@ def _results(run: Run, figures: Figures) -> dict[str, object]:
     }
 
 
-def _figures(figures: Figures) -> ReportTable:
+def _figures(figures: Figures, own: Iterable[str]) -> ReportTable:
     rows = [
         (named(key), _figure(key, figures))
-        for key in ("outcome", *PER_DRIVE, *PLAYBACK)
+        for key in ("outcome", *PER_DRIVE, *PLAYBACK, *own)
         if key in figures and key not in STOP
     ]
     if removed := figures.get("removed_at_entry"):
@@ -123,6 +123,8 @@ def _figures(figures: Figures) -> ReportTable:
 
 def _figure(key: str, figures: Figures) -> str:
     value = figures[key]
+    if failed := (figures.get("metric_errors") or {}).get(key):
+        return f"{NONE}: {failed}"
     if key == "emergency_used":
         return emergency_layer(figures)
     if value is None or (key == "impact_speed_mps" and not figures.get("collision")):

@@ -16,7 +16,6 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.lot.swept_area import Body, as_pairs, fan
 from vve_sumo.physical_constants import EARTH_RADIUS
 from vve_sumo.pose import oxts_can
-from vve_sumo.pose.receivers.ncom_udp import NcomUdp
 from vve_sumo.pose.receivers.udp import UdpReceiver
 from vve_sumo.rig import stop_figures
 from vve_sumo.rig.dates import day_to_come, expired_day
@@ -113,10 +112,8 @@ def _of_a_simulated_vehicle(rig: Rig) -> Iterator[str]:
         return
     if start.fidelity == "measured" and rig.measured is None:
         yield f"car_start.fidelity: expected 'ideal', for {rig.vehicle.model} has no table [measured], got 'measured'"
-    if not isinstance(pose, NcomUdp):
-        yield f"pose.kind: the simulated vehicle speaks 'ncom_udp', got {pose.kind!r}"
-    elif not ipaddress.ip_address(pose.address).is_loopback:
-        yield f"pose.address: the simulated vehicle is heard on a loopback address only, got {pose.address!r}"
+    if why := pose.not_simulated():
+        yield f"pose.{why}"
     if (bus.interface, bus.channel) == ("slcan", PTY):
         if start.channel is not None:
             yield "car_start.channel: the car makes its own end of a pty"

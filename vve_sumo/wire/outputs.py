@@ -11,9 +11,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal, Protocol
 
-from vve_sumo.pose import ncom
+from vve_sumo.pose import ncom, nmea_encoder
 from vve_sumo.values import Actors, Frame, Vehicle
-from vve_sumo.wire import ars408, datagrams, esr, nmea
+from vve_sumo.wire import ars408, datagrams, esr
 from vve_sumo.wire.numbering import Numbering
 from vve_sumo.wire.sample import NO_SCAN, Sample, SampleContent, no_fix
 
@@ -95,7 +95,7 @@ class NmeaOutput:
         measured, second = sample.measured, math.floor(round(sample.time, 3))
         dated, self._second = second != self._second, second
         fix = measured.fix if measured else no_fix(sample.time, sample.drive_time)
-        return (nmea.encode(fix, dated=dated),)
+        return (nmea_encoder.encode(fix, dated=dated),)
 
 
 class RadarOutput:
