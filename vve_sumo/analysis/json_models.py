@@ -96,6 +96,12 @@ class _Actor(JsonModel):
     kind: Text
 
 
+class _Sensor(JsonModel):
+    name: Text
+    kind: Text
+    settings: dict[str, Any] = {}
+
+
 class _Settings(_Asked):
     """What a record keeps of it: all of it."""
 
@@ -105,6 +111,7 @@ class _Settings(_Asked):
     radar: RadarSettings
     obstacles: Annotated[tuple[_Obstacle, ...], Field(strict=False)] = ()
     actors: Annotated[tuple[_Actor, ...], Field(strict=False)] = ()
+    sensors: Annotated[tuple[_Sensor, ...], Field(strict=False)] = ()
 
 
 class _Latency(JsonModel):
@@ -140,6 +147,7 @@ class RecordModel(JsonModel):
     versions: dict[str, Text]
     settings: _Settings
     sensors: dict[str, _Columns]
+    drawings: dict[str, dict[str, Any]] = {}
     rig: _Rig | None = None
     faults: Annotated[tuple[_Fault, ...], Field(strict=False)] = ()
 

@@ -58,7 +58,7 @@ class PluggedIn(NamedTuple):
 
 
 def of_scenario(scenario: Scenario, working: Path) -> Iterator[PluggedIn]:
-    """Yield the plug-ins that a scenario names: its controller, and its sensors apart from the radar."""
+    """Yield the plug-ins that a scenario names: its controller, and the sensors of its list."""
     yield PluggedIn(controller.PORT, scenario.controller.name, CONTROLLER, workspace.controller_folders(working))
     for sensor in scenario.sensors:
         yield PluggedIn(sensors.PORT, sensor.kind, f"{SENSOR}{sensor.name}:")

@@ -28,9 +28,10 @@ from vve_sumo.frames import MapFrame
 from vve_sumo.path import ReferencePath
 from vve_sumo.path_feasibility import find_reversal, refuse_tight_bend
 from vve_sumo.plant.parameters import imperfections_of
+from vve_sumo.record import drawings
 from vve_sumo.record.layout import LAYOUT, check_layout
 from vve_sumo.scenario.schema import Scenario
-from vve_sumo.sensors.port import SensorSettings, configured
+from vve_sumo.sensors.port import STANDARD, SensorSettings, configured
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Floats, Vehicle
 from vve_sumo.vehicle.effective_deceleration import limited_to, of_model
@@ -110,7 +111,7 @@ class ResolvedScenario:
 
         The hashed code of a plug-in is that of the instance made last. Raises ConfigError as `sensors` does.
         """
-        sensors = {name: [*map(list, settings.columns)] for name, settings in self.sensors().items()}
+        sensors = self.sensors()
         parts = [*plugged_in.of_scenario(self.scenario, working)]
         parts.append(plugged_in.vehicle_interface(self.model.interface.name))
         noted = {"braking_note": self.note} if self.note else {}
@@ -124,7 +125,8 @@ class ResolvedScenario:
             "path_m": [f"{x} {y}" for x, y in self.path.points],
             "vehicle": model.pop("vehicle"),
             "vehicle_model": model,
-            "sensors": sensors,
+            "sensors": {name: [*map(list, settings.columns)] for name, settings in sensors.items()},
+            **self._drawings(sensors),
             "files_sha256": plugged_in.digests(files),
             "versions": versions(),
             **({"faults": [fault.to_dict() for fault in self.faults]} if self.faults else {}),
@@ -136,17 +138,24 @@ class ResolvedScenario:
         return load(control.name, self.vehicle, dict(control.tuning), workspace.controller_folders(working))
 
     def sensors(self) -> dict[str, SensorSettings]:
-        """Return the settings of every sensor by its name, the radar first.
+        """Return the settings of every sensor by its name, that of every scenario first.
 
         Raises ConfigError, naming the sensor, for an unknown kind of sensor and for a key that its kind does not have.
         """
-        made: dict[str, SensorSettings] = {"radar": self.scenario.radar}
+        made: dict[str, SensorSettings] = {STANDARD: self.scenario.radar}
         for sensor in self.scenario.sensors:
             try:
                 made[sensor.name] = configured(sensor.kind, sensor.settings)
             except ConfigError as error:
                 raise ConfigError(f"{self.file}: sensors.{sensor.name}: {error}") from None
         return made
+
+    def _drawings(self, sensors: Mapping[str, SensorSettings]) -> dict[str, Any]:
+        kinds = {STANDARD: STANDARD} | {sensor.name: sensor.kind for sensor in self.scenario.sensors}
+        try:
+            return drawings.recorded(kinds, sensors, self.vehicle)
+        except ConfigError as error:
+            raise ConfigError(f"{self.file}: {error}") from None
 
     def driven_by(self, name: str) -> ResolvedScenario:
         """Return the same scenario with another controller and default tuning; tuning belongs to one controller."""

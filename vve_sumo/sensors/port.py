@@ -1,7 +1,7 @@
 """The port of sensors: the interface of a kind of virtual sensor, and how a kind is found by its name.
 
-A kind is one class: the keys that a scenario may set, the columns of its table in the record, the observation that the
-controller is handed, and how a sensor is made from all this. Knows neither SUMO nor the controller, and names no
+A kind is one class: the keys that a scenario may set, the columns of its table in the record, how its rows are drawn,
+the observation that the controller is handed, and how a sensor is made from all this. Knows neither SUMO nor the controller, and names no
 sensor but in the table of shipped kinds. `tests/ports/sensor.py` tests any kind.
 """
 
@@ -16,11 +16,14 @@ from pydantic import ValidationError
 
 from vve_sumo.config_file import Table, complaint
 from vve_sumo.errors import ConfigError
-from vve_sumo.ports import Port
+from vve_sumo.ports import Port, error_text
+from vve_sumo.sensors.drawing import Drawing, wrong
 from vve_sumo.values import Actors, Pose, SensorOutput, Vehicle
 
 #: Every kind is found by a name of this table, as `file.py:function` or by entry point; `make()` returns its class.
 PORT: Final = Port("sensor", "vve_sumo.sensors", "()", {"radar": "vve_sumo.sensors.radar_settings"})
+#: kind and name of the sensor that every scenario has; the scenario's table of that name sets it
+STANDARD: Final = "radar"
 
 Column = Sequence[Any] | NDArray[Any]
 ColumnKind = Literal["float", "int", "int8", "bool", "str"]
@@ -68,6 +71,10 @@ class SensorSettings(Table):
     #: class of `Sensor.output`: a frozen dataclass of its date, numbers and arrays of numbers, all finite
     observation: ClassVar[type]
 
+    def drawing(self, vehicle: Vehicle, /) -> Drawing | None:
+        """Return how the rows are drawn on a vehicle; None, the default, where they have no place on the road."""
+        return None
+
     def max_age(self) -> float:
         """Return how old the output may be at a tick [s]; with an older one the drive is stopped."""
         raise NotImplementedError
@@ -94,6 +101,17 @@ def configured(kind: str, settings: Mapping[str, Any]) -> SensorSettings:
         return model.model_validate(dict(settings))
     except ValidationError as error:
         raise ConfigError(complaint(f"sensor {kind}", error, model)) from None
+
+
+def drawing_of(settings: SensorSettings, vehicle: Vehicle) -> Drawing | None:
+    """Return how a sensor's rows are drawn on a vehicle; raises ConfigError where that does not fit its columns."""
+    try:
+        drawing = settings.drawing(vehicle)
+    except (Exception, SystemExit) as error:
+        raise ConfigError(f"drawing raised {error_text(error, __file__)}") from error
+    if drawing is not None and (why := wrong(drawing, settings.columns)):
+        raise ConfigError(f"drawing: {why}")
+    return drawing
 
 
 def _wrong(kind: type[SensorSettings]) -> str:
