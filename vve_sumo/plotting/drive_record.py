@@ -24,7 +24,7 @@ from vve_sumo.geometry import distance
 from vve_sumo.metrics.metric import unit_of
 
 PICTURE = "drive.png"
-#: an actor that no reading within this time of the moment is of is drawn as not seen [s]; sensors miss it in single ones
+#: an actor in no reading within this time of the moment is drawn as not seen [s]; sensors miss it in single readings
 READINGS_AROUND: Final = 0.3
 #: an actor of which no sensor has a reading for longer than this was lost [s]; what is far away is missed for less
 LOST_AFTER: Final = 1.0

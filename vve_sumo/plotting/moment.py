@@ -255,7 +255,7 @@ def _sensed(axes: Axes, page: DrivePage, view: MapWindow) -> None:
     for number, (sensor, shape, placed) in enumerate(page.sensed):
         marker, colour = SENSED[number % len(SENSED)]
         shown = any(view.holds(x, y) for x, y in zip(placed.x.tolist(), placed.y.tolist(), strict=True))
-        label = f"measured by {plain_name(sensor)}" if shown else "_"
+        label = f"sensor {plain_name(sensor)}" if shown else "_"
         points = view.place(placed.x, placed.y)
         if shape == "boxes":
             for corners in placed.corners():

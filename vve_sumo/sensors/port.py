@@ -1,8 +1,8 @@
 """The port of sensors: the interface of a kind of virtual sensor, and how a kind is found by its name.
 
 A kind is one class: the keys that a scenario may set, the columns of its table in the record, how its rows are drawn,
-the observation that the controller is handed, and how a sensor is made from all this. Knows neither SUMO nor the controller, and names no
-sensor but in the table of shipped kinds. `tests/ports/sensor.py` tests any kind.
+the observation that the controller is handed, and how a sensor is made from all this. Knows neither SUMO nor the
+controller, and names no sensor but in the table of shipped kinds. `tests/ports/sensor.py` tests any kind.
 """
 
 from __future__ import annotations
