@@ -34,6 +34,7 @@ from vve_sumo.values import Actors, Pose
 
 TOY = Path(__file__).parent / "toy"
 FINDER = f"{TOY / 'range_finder.py'}:make"
+LISTER = f"{TOY / 'object_list.py'}:make"
 AHEAD = {"name": "ahead", "kind": FINDER, "settings": {"sigma_m": 0.05}}
 GAP = 6.0
 SCENE = actors([car(30.0, 0.0)])
@@ -51,6 +52,15 @@ class TestIdealRadar(SensorConformance):
 class TestRangeFinder(SensorConformance):
     kind = FINDER
     settings: ClassVar[dict[str, Any]] = {"width_m": 1.2}
+
+
+class TestObjectList(SensorConformance):
+    kind = LISTER
+
+
+class TestObjectListByRays(SensorConformance):
+    kind = LISTER
+    settings: ClassVar[dict[str, Any]] = {"rays": True}
 
 
 def test_the_toy_measures_what_another_geometry_says() -> None:
