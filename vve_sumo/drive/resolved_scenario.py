@@ -38,6 +38,7 @@ from vve_sumo.vehicle.effective_deceleration import limited_to, of_model
 from vve_sumo.vehicle.load import load as load_vehicle
 from vve_sumo.vehicle.model import VehicleModel
 from vve_sumo.version import __version__
+from vve_sumo.wire.outputs import KINDS
 from vve_sumo.world.network import Network, NetworkLane, lanes_near, read_network
 
 if TYPE_CHECKING:
@@ -150,6 +151,21 @@ class ResolvedScenario:
                 raise ConfigError(f"{self.file}: sensors.{sensor.name}: {error}") from None
         return made
 
+    def _check_outputs(self, rig: Rig) -> None:
+        sensors = self.sensors() if any(output.sensor is not None for output in rig.outputs) else {}
+        for number, output in enumerate(rig.outputs):
+            content, name = KINDS[output.kind].content, output.sensor
+            if name is None or content is None:
+                continue
+            if name not in sensors:
+                raise ConfigError(
+                    f"outputs.{number}.sensor: the scenario has no sensor {name!r}, expected {' or '.join(sensors)}"
+                )
+            if content not in sensors[name].serves:
+                raise ConfigError(
+                    f"outputs.{number}.sensor: {name!r} serves no {content}, which {output.kind!r} carries"
+                )
+
     def _drawings(self, sensors: Mapping[str, SensorSettings]) -> dict[str, Any]:
         kinds = {STANDARD: STANDARD} | {sensor.name: sensor.kind for sensor in self.scenario.sensors}
         try:
@@ -168,11 +184,13 @@ class ResolvedScenario:
     def with_rig(self, rig: Rig, working: Path) -> ResolvedScenario:
         """Return the same scenario with a rig's car and the faults that are injected into it.
 
-        Raises ConfigError where the rig's vehicle model is not found, and where the car cannot follow the path.
+        Raises ConfigError where the rig's vehicle model is not found, where the car cannot follow the path, and where
+        an outgoing wire is of a sensor that the scenario does not have or that does not serve it.
         """
         # Imported here: it loads the lot's geometry, which only rigs need.
         from vve_sumo.rig.resolve import faults_of, model_of
 
+        self._check_outputs(rig)
         file, model = workspace.find("vehicle", rig.vehicle.model, working), model_of(rig)
         refuse_tight_bend(self.path, model.vehicle.tightest_curvature, str(self.files["path"]))
         ego = self.scenario.ego.model_copy(update={"vehicle": rig.vehicle.model})

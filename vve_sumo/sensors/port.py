@@ -18,7 +18,7 @@ from vve_sumo.config_file import Table, complaint
 from vve_sumo.errors import ConfigError
 from vve_sumo.ports import Port, error_text
 from vve_sumo.sensors.drawing import Drawing, wrong
-from vve_sumo.values import Actors, Pose, SensorOutput, Vehicle
+from vve_sumo.values import Actors, Detections, Pose, SensorOutput, Vehicle
 
 #: Every kind is found by a name of this table, as `file.py:function` or by entry point; `make()` returns its class.
 PORT: Final = Port("sensor", "vve_sumo.sensors", "()", {"radar": "vve_sumo.sensors.radar_settings"})
@@ -26,6 +26,8 @@ PORT: Final = Port("sensor", "vve_sumo.sensors", "()", {"radar": "vve_sumo.senso
 STANDARD: Final = "radar"
 
 Column = Sequence[Any] | NDArray[Any]
+#: what of a sensor's output an outgoing wire can carry: an output of `detections` is a `vve_sumo.values.Detections`
+Content = Literal["detections"]
 ColumnKind = Literal["float", "int", "int8", "bool", "str"]
 
 
@@ -68,6 +70,8 @@ class SensorSettings(Table):
 
     #: of the sensor's table in the record, after `tick`
     columns: ClassVar[tuple[SensorColumn, ...]]
+    #: what outgoing wires can carry of its output, whatever their format
+    serves: ClassVar[tuple[Content, ...]] = ()
     #: class of `Sensor.output`: a frozen dataclass of its date, numbers and arrays of numbers, all finite
     observation: ClassVar[type]
 
@@ -131,6 +135,10 @@ def _wrong(kind: type[SensorSettings]) -> str:
         return "columns: expected one or more, each name once and none of them 'tick'"
     if strange := [column for column in columns if not all(isinstance(part, str) for part in column)]:
         return f"columns: expected texts, got {strange[0]!r}"
+    if strange := [content for content in kind.serves if content not in get_args(Content)]:
+        return f"serves {strange[0]!r}, expected {', '.join(get_args(Content))}"
+    if "detections" in kind.serves and not issubclass(kind.observation, Detections):
+        return f"serves 'detections' with an observation of {kind.observation.__name__}, expected Detections"
     kinds = get_args(ColumnKind)
     if strange := [column for column in columns if column.kind not in kinds]:
         return f"column {strange[0].name!r} is of kind {strange[0].kind!r}, expected {', '.join(kinds)}"

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from vve_sumo.sensors.drawing import Drawing, FieldOfView, Mounting, Points, Polar, ViewSector, front_bumper
-from vve_sumo.sensors.port import Sensor, SensorColumn, SensorSettings
+from vve_sumo.sensors.port import Content, Sensor, SensorColumn, SensorSettings
 from vve_sumo.sensors.radar import COLUMNS, Radar, RadarConfig, RadarMode
 from vve_sumo.values import Detections, Vehicle
 
@@ -20,6 +20,7 @@ class RadarSettings(SensorSettings):
     """The virtual radar, where it differs from the Delphi ESR defaults."""
 
     columns: ClassVar[tuple[SensorColumn, ...]] = COLUMNS
+    serves: ClassVar[tuple[Content, ...]] = ("detections",)
     observation: ClassVar[type] = Detections
 
     ideal: bool = Field(
