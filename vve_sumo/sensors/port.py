@@ -135,8 +135,8 @@ def _wrong(kind: type[SensorSettings]) -> str:
         return "columns: expected one or more, each name once and none of them 'tick'"
     if strange := [column for column in columns if not all(isinstance(part, str) for part in column)]:
         return f"columns: expected texts, got {strange[0]!r}"
-    if strange := [content for content in kind.serves if content not in get_args(Content)]:
-        return f"serves {strange[0]!r}, expected {', '.join(get_args(Content))}"
+    if unknown := [content for content in kind.serves if content not in get_args(Content)]:
+        return f"serves {unknown[0]!r}, expected {', '.join(get_args(Content))}"
     if "detections" in kind.serves and not issubclass(kind.observation, Detections):
         return f"serves 'detections' with an observation of {kind.observation.__name__}, expected Detections"
     kinds = get_args(ColumnKind)

@@ -62,7 +62,8 @@ def _packed(scan: Detections) -> list[Any]:
 
 def _scan(packed: list[Any]) -> Detections:
     *numbers, mode = packed[1:]
-    return Detections(packed[0], *_unpacked(numbers), np.frombuffer(mode, np.int8))
+    columns = [*_unpacked(numbers), np.frombuffer(mode, np.int8)]
+    return Detections(packed[0], *columns)
 
 
 def _unpacked(columns: list[bytes]) -> list[Any]:
