@@ -26,7 +26,7 @@ WINDOW_TICKS: Final = 250  #: newest ticks, from which the screen's percentiles 
 
 #: Legs in order, each from the end of the one before. The first begins when the fix's bytes arrive or, where the
 #: deadline woke the tick, when the tick begins.
-LEGS: Final = ("wake", "decode", "radar", "control", "hand_over", "frame")
+LEGS: Final = ("wake", "decode", "sensors", "control", "hand_over", "frame")
 TOTAL: Final = "total"
 DATAGRAM: Final = "datagram"
 

@@ -29,9 +29,7 @@ class SampleContent:
 
     fix: Fix  #: of the receiver's output point at the virtual place, predicted to the sample's time
     pose: Pose  #: of the rear axle on the street, predicted to the sample's time
-    scan: (
-        Detections  #: the newest of the sensor that every scenario has; its `time` counts in drive time, -inf for none
-    )
+    scan: Detections  #: the newest of the sensor that every scenario has, in drive time, which is -inf before the first
     scan_age: float  #: since the scan was measured [s]; inf before the first
     actors: Actors  #: on the street, as the sensors saw them
     others: Mapping[str, Detections] = field(default_factory=dict)  #: the newest of each other sensor of detections
