@@ -28,6 +28,7 @@ from tests.view.feed import sample
 from vve_sumo.analysis import sensor_statistics
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.sensed import pose_at
+from vve_sumo.errors import ConfigError
 from vve_sumo.export.write import export
 from vve_sumo.plotting import drive_page, drive_record, page
 from vve_sumo.report.drive import report
@@ -228,6 +229,10 @@ def test_the_report_has_a_section_of_each_that_says_whom_it_saw(run: Run) -> Non
     shown = sensor_statistics(run, "ahead")
     assert shown.loc[PARKED, "scans_detected"] == len(run.sensor("ahead"))
     assert not {"scans_visible", "range_error_mean_m", "range_rate_error_mean_mps"} & {*shown.columns}
+    with pytest.raises(
+        ConfigError, match=r"^sensor 'fan' does not say whom it saw, expected radar or ahead or around$"
+    ):
+        sensor_statistics(run, "fan")
     # The list is exact; where a middle is, is farther than the nearest point of the body by half a length.
     around = sensor_statistics(run, "around")
     assert around.loc[PARKED, "detected_share"] == 1.0

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.sensed import SensedTable
 from vve_sumo.analysis.units import described
+from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.lead_vehicle import CLOSING_FLOOR
 from vve_sumo.metrics.metric import Metric
 from vve_sumo.metrics.stopping import AT_REST
@@ -135,11 +136,16 @@ def sensor_statistics(run: Run, sensor: str = STANDARD) -> pd.DataFrame:
     true pose (without a truth: the pipeline's estimate) and the recorded actors at the tick at which the scan was
     measured; errors are measured against that point. A detection of an actor that is not visible from there has no
     error. The columns' meanings are in `attrs`. What a sensor does not declare has no column: without a field of view
-    nothing is known to be visible. Raises KeyError for a sensor that does not say whom it saw (`watching`).
+    nothing is known to be visible. Raises ConfigError for a sensor that does not say whom it saw (`watching`).
     """
     import pandas as pd
 
-    table = watching(run)[sensor]
+    sensors = watching(run)
+    if sensor not in sensors:
+        raise ConfigError(
+            f"sensor {sensor!r} does not say whom it saw, expected {' or '.join(sensors) or 'another drive'}"
+        )
+    table = sensors[sensor]
     scans, drawing = _scans(run, table), table.drawing
     truth = pd.DataFrame(_truths(run, scans, drawing), columns=["tick", "actor", "true_range", "true_rate"])
     looks = truth.merge(_detections(run, table, scans), on=["tick", "actor"], how="outer")
