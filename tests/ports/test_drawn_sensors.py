@@ -233,8 +233,8 @@ def test_the_report_has_a_section_of_each_that_says_whom_it_saw(run: Run) -> Non
         ConfigError, match=r"^sensor 'fan' does not say whom it saw, expected radar or ahead or around$"
     ):
         sensor_statistics(run, "fan")
-    # The list is exact; where a middle is, is farther than the nearest point of the body by half a length.
+    # Of boxes the middle is measured, and no error can be held against the nearest point.
     around = sensor_statistics(run, "around")
     assert around.loc[PARKED, "detected_share"] == 1.0
-    assert 1.0 < around.loc[PARKED, "range_error_mean_m"] < 3.5
-    assert "range_rate_error_mean_mps" not in around
+    assert not {"range_error_mean_m", "range_rate_error_mean_mps"} & {*around.columns}
+    assert {"range_error_mean_m", "range_rate_error_mean_mps"} <= {*sensor_statistics(run, "radar").columns}

@@ -22,7 +22,7 @@ from vve_sumo.metrics.metric import Metric
 from vve_sumo.metrics.stopping import AT_REST
 from vve_sumo.metrics.table import rows
 from vve_sumo.record.layout import ACTOR_COLUMNS
-from vve_sumo.sensors.drawing import Drawing, FieldOfView, Mounting
+from vve_sumo.sensors.drawing import Boxes, Drawing, FieldOfView, Mounting
 from vve_sumo.sensors.echo import Mount, antenna_at, echoes
 from vve_sumo.sensors.port import STANDARD
 from vve_sumo.sensors.visibility import Sector
@@ -91,15 +91,10 @@ STATISTICS = rows(
     ),
 )
 
-#: of them those that need the field of view, and those that need the range rate, that not every sensor declares
-_OF_VIEW = (
-    "first_ttc_s",
-    "scans_visible",
-    "detected_share",
-    "dropouts_hidden",
-    "range_error_mean_m",
-    "range_error_std_m",
-)
+#: of them those that need a field of view, points, a range rate, which not every sensor declares: a box is measured by
+#: its middle, and the truth is of the nearest point
+_OF_VIEW = ("first_ttc_s", "scans_visible", "detected_share", "dropouts_hidden")
+_OF_POINTS = ("range_error_mean_m", "range_error_std_m")
 _OF_RANGE_RATE = ("range_rate_error_mean_mps", "range_rate_error_std_mps")
 
 BRAKED_MEANINGS = {
@@ -151,10 +146,16 @@ def sensor_statistics(run: Run, sensor: str = STANDARD) -> pd.DataFrame:
     looks = truth.merge(_detections(run, table, scans), on=["tick", "actor"], how="outer")
     looks = looks.sort_values("tick", kind="stable")
     found = {str(actor): _row(looked, scans) for actor, looked in looks.groupby("actor", sort=False)}
-    unknown = _OF_VIEW + _OF_RANGE_RATE if drawing.view is None else () if drawing.range_rate else _OF_RANGE_RATE
-    statistics = {name: metric for name, metric in STATISTICS.items() if name not in unknown}
+    statistics = {name: metric for name, metric in STATISTICS.items() if name not in _unknown(drawing)}
     made = pd.DataFrame.from_dict(found, orient="index", columns=list(STATISTICS))[[*statistics]]
     return described(made.rename_axis("actor"), statistics)
+
+
+def _unknown(drawing: Drawing) -> tuple[str, ...]:
+    """Return the statistics that a sensor cannot have, for what it does not declare."""
+    if drawing.view is None:
+        return _OF_VIEW + _OF_POINTS + _OF_RANGE_RATE
+    return (_OF_POINTS if isinstance(drawing, Boxes) else ()) + (() if drawing.range_rate else _OF_RANGE_RATE)
 
 
 def watching(run: Run) -> dict[str, SensedTable]:
