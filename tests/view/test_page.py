@@ -207,11 +207,12 @@ def test_a_record_that_is_spoilt_says_so_on_the_page(
 def test_an_old_scan_is_not_shown(browser: Any, replay: PageServer) -> None:
     with opened(browser, replay.address) as page:
         page.evaluate("vveSumo.shown.seek(18.2)")
-        pictures = page.evaluate("""() => { const [view] = vveSumo.shown.views, { frame } = view, { returns } = frame;
+        pictures = page.evaluate("""() => { const [view] = vveSumo.shown.views;
+          const { frame } = view, [reading] = frame.sensed;
           const drawn = (made) => { view.street.draw(made); return view.street.canvas.toDataURL(); };
-          const nothing = { x: [], y: [], seen: [], measured: null }, unseen = { id: [], why: [] };
-          return [frame, { ...frame, returns: { ...returns, measured: frame.t - 2 } },
-            { ...frame, returns: nothing, unseen }].map(drawn); }""")
+          const nothing = { x: [], y: [], seen: [], measured: null, unseen: { id: [], why: [] } };
+          return [frame, { ...frame, sensed: [{ ...reading, measured: frame.t - 2 }] },
+            { ...frame, sensed: [nothing] }].map(drawn); }""")
         fresh, old, none = pictures
         assert fresh != none
         assert old == none

@@ -79,7 +79,7 @@ def test_pictures_know_the_gap_and_what_was_not_detected(made: Made) -> None:
     with Pictures(run, "street", 64, 64) as pictures:
         frame = pictures.evaluate(f"pictures.frames.frame({k})")
     assert frame["gap"] == pytest.approx(float(run.data.strip_lead.gap[k]), abs=1e-4)
-    assert {*frame["unseen"]} == {"id", "why"}
+    assert {*frame["sensed"][0]["unseen"]} == {"id", "why"}
 
 
 def test_views_differ_from_each_other(drawn: dict[str, Drawn]) -> None:

@@ -99,6 +99,12 @@ class _Actor(JsonModel):
     kind: Text
 
 
+class _Sensor(JsonModel):
+    name: Text
+    kind: Text
+    settings: dict[str, Any] = {}
+
+
 class _Settings(_Asked):
     """What a record keeps of it: all of it."""
 
@@ -108,6 +114,7 @@ class _Settings(_Asked):
     radar: RadarSettings
     obstacles: Annotated[tuple[_Obstacle, ...], Field(strict=False)] = ()
     actors: Annotated[tuple[_Actor, ...], Field(strict=False)] = ()
+    sensors: Annotated[tuple[_Sensor, ...], Field(strict=False)] = ()
 
 
 class _Latency(JsonModel):
@@ -143,6 +150,7 @@ class RecordModel(JsonModel):
     versions: dict[str, Text]
     settings: _Settings
     sensors: dict[str, _Columns]
+    drawings: dict[str, dict[str, Any]] = {}
     rig: _Rig | None = None
     faults: Annotated[tuple[_Fault, ...], Field(strict=False)] = ()
 

@@ -31,7 +31,7 @@ MEANINGS: Final = {
             (
                 "arrival of the bytes to the tick's begin",
                 "bytes decoded, judged, placed and predicted",
-                "radar scan",
+                "all sensors stepped",
                 "controller",
                 "setpoint handed to the gateway",
                 "gateway and bus, to the return of the last command frame's send",

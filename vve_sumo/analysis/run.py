@@ -18,6 +18,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from vve_sumo.analysis import json_models
+from vve_sumo.analysis.sensed import SensedTable, sensed
 from vve_sumo.analysis.units import described
 from vve_sumo.config_file import read_json
 from vve_sumo.errors import ConfigError, hint
@@ -42,6 +43,7 @@ from vve_sumo.record.layout import (
 )
 from vve_sumo.record.reader import read_table
 from vve_sumo.record.roads import read_roads
+from vve_sumo.sensors.port import STANDARD
 from vve_sumo.values import Floats, Vehicle
 
 if TYPE_CHECKING:
@@ -112,7 +114,7 @@ class Run:
     def arrow(self, name: str) -> pa.Table:
         """Return a table of the record, read once.
 
-        Tables are ticks, actors, readings, one of each sensor (`sensor_radar`), roads (the lanes around the path; no
+        Tables are ticks, actors, readings, one of each sensor (`sensor_NAME`), roads (the lanes around the path; no
         rows in a record of an earlier layout), of a live drive gateway, latency, and of a drive with metrics of a
         user's that say something of every tick metrics. Raises ConfigError where it is not there or cannot be read.
         """
@@ -148,8 +150,13 @@ class Run:
 
     @cached_property
     def detections(self) -> pd.DataFrame:
-        """A row a radar detection."""
-        return self.sensor("radar")
+        """A row a detection of the sensor that every scenario has."""
+        return self.sensor(STANDARD)
+
+    @cached_property
+    def sensed(self) -> dict[str, SensedTable]:
+        """What each sensor that declares how it is drawn measured, in the map, by the sensor's name."""
+        return sensed(self)
 
     @cached_property
     def actors(self) -> pd.DataFrame:

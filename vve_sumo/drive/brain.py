@@ -16,7 +16,7 @@ from vve_sumo.controller import Controller
 from vve_sumo.drive.pipeline import SensorFrame
 from vve_sumo.errors import RigError
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
-from vve_sumo.values import ControlCommand, Observation, newest_scan
+from vve_sumo.values import ControlCommand, Detections, Observation, newest_scan
 from vve_sumo.wire.sample import Sample, SampleContent, sequence_of, virtual_fix
 from vve_sumo.wire.setpoints import SILENT, SetpointInbox
 
@@ -90,7 +90,13 @@ class Publisher:
     def _measured(self, now: float, seen: SensorFrame) -> SampleContent:
         scan = newest_scan(seen.sensors)
         age = now - scan.time if math.isfinite(scan.time) else math.inf
-        return SampleContent(virtual_fix(seen.pose, self._placement, seen.fix), seen.pose, scan, age, seen.actors)
+        others = {
+            name: output
+            for name, output in seen.sensors.items()
+            if output is not scan and isinstance(output, Detections)
+        }
+        fix = virtual_fix(seen.pose, self._placement, seen.fix)
+        return SampleContent(fix, seen.pose, scan, age, seen.actors, others)
 
 
 class SetpointController:

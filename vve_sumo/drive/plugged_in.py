@@ -62,7 +62,7 @@ class PluggedIn(NamedTuple):
 
 
 def of_scenario(scenario: Scenario, working: Path) -> Iterator[PluggedIn]:
-    """Yield the plug-ins that a scenario names: its controller, its sensors apart from the radar, its metrics."""
+    """Yield the plug-ins that a scenario names: its controller, the sensors of its list, its metrics."""
     yield PluggedIn(controller.PORT, scenario.controller.name, CONTROLLER, workspace.controller_folders(working))
     for sensor in scenario.sensors:
         yield PluggedIn(sensors.PORT, sensor.kind, f"{SENSOR}{sensor.name}:")

@@ -28,17 +28,19 @@ from vve_sumo.frames import MapFrame
 from vve_sumo.metrics.own import OwnMetrics, load_own
 from vve_sumo.path import ReferencePath
 from vve_sumo.path_feasibility import find_reversal, refuse_tight_bend
+from vve_sumo.record import drawings
 from vve_sumo.record.layout import LAYOUT, check_layout
 from vve_sumo.rig.car_parameters import imperfections_of
 from vve_sumo.scenario.load import check_criteria
 from vve_sumo.scenario.schema import Scenario
-from vve_sumo.sensors.port import SensorSettings, configured
+from vve_sumo.sensors.port import STANDARD, SensorSettings, configured
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Floats, Vehicle
 from vve_sumo.vehicle.effective_deceleration import limited_to, of_model
 from vve_sumo.vehicle.load import load as load_vehicle
 from vve_sumo.vehicle.model import VehicleModel
 from vve_sumo.version import __version__
+from vve_sumo.wire.outputs import KINDS
 from vve_sumo.world.network import Network, NetworkLane, lanes_near, read_network
 
 if TYPE_CHECKING:
@@ -115,7 +117,7 @@ class ResolvedScenario:
         The hashed code of a plug-in is that of the instance made last. Raises ConfigError as `sensors` and
         `own_metrics` do.
         """
-        sensors = {name: [*map(list, settings.columns)] for name, settings in self.sensors().items()}
+        sensors = self.sensors()
         parts = [*plugged_in.of_scenario(self.scenario, working)]
         parts.append(plugged_in.vehicle_interface(self.model.interface.name))
         noted: dict[str, Any] = {"braking_note": self.note} if self.note else {}
@@ -131,7 +133,8 @@ class ResolvedScenario:
             "path_m": [f"{x} {y}" for x, y in self.path.points],
             "vehicle": model.pop("vehicle"),
             "vehicle_model": model,
-            "sensors": sensors,
+            "sensors": {name: [*map(list, settings.columns)] for name, settings in sensors.items()},
+            **self._drawings(sensors),
             "files_sha256": plugged_in.digests(files),
             "versions": versions(),
             **({"faults": [fault.to_dict() for fault in self.faults]} if self.faults else {}),
@@ -143,11 +146,11 @@ class ResolvedScenario:
         return load(control.name, self.vehicle, dict(control.tuning), workspace.controller_folders(working))
 
     def sensors(self) -> dict[str, SensorSettings]:
-        """Return the settings of every sensor by its name, the radar first.
+        """Return the settings of every sensor by its name, that of every scenario first.
 
         Raises ConfigError, naming the sensor, for an unknown kind of sensor and for a key that its kind does not have.
         """
-        made: dict[str, SensorSettings] = {"radar": self.scenario.radar}
+        made: dict[str, SensorSettings] = {STANDARD: self.scenario.radar}
         for sensor in self.scenario.sensors:
             try:
                 made[sensor.name] = configured(sensor.kind, sensor.settings)
@@ -171,6 +174,28 @@ class ResolvedScenario:
             self._own[named] = own
         return self._own[named]
 
+    def _check_outputs(self, rig: Rig) -> None:
+        sensors = self.sensors() if any(output.sensor is not None for output in rig.outputs) else {}
+        for number, output in enumerate(rig.outputs):
+            content, name = KINDS[output.kind].content, output.sensor
+            if name is None or content is None:
+                continue
+            if name not in sensors:
+                raise ConfigError(
+                    f"outputs.{number}.sensor: the scenario has no sensor {name!r}, expected {' or '.join(sensors)}"
+                )
+            if content not in sensors[name].serves:
+                raise ConfigError(
+                    f"outputs.{number}.sensor: {name!r} serves no {content}, which {output.kind!r} carries"
+                )
+
+    def _drawings(self, sensors: Mapping[str, SensorSettings]) -> dict[str, Any]:
+        kinds = {STANDARD: STANDARD} | {sensor.name: sensor.kind for sensor in self.scenario.sensors}
+        try:
+            return drawings.recorded(kinds, sensors, self.vehicle)
+        except ConfigError as error:
+            raise ConfigError(f"{self.file}: {error}") from None
+
     def driven_by(self, name: str) -> ResolvedScenario:
         """Return the same scenario with another controller and default tuning; tuning belongs to one controller."""
         control = self.scenario.controller
@@ -182,11 +207,13 @@ class ResolvedScenario:
     def with_rig(self, rig: Rig, working: Path) -> ResolvedScenario:
         """Return the same scenario with a rig's car and the faults that are injected into it.
 
-        Raises ConfigError where the rig's vehicle model is not found, and where the car cannot follow the path.
+        Raises ConfigError where the rig's vehicle model is not found, where the car cannot follow the path, and where
+        an outgoing wire is of a sensor that the scenario does not have or that does not serve it.
         """
         # Imported here: it loads the lot's geometry, which only rigs need.
         from vve_sumo.rig.resolve import faults_of, model_of
 
+        self._check_outputs(rig)
         file, model = workspace.find("vehicle", rig.vehicle.model, working), model_of(rig)
         refuse_tight_bend(self.path, model.vehicle.tightest_curvature, str(self.files["path"]))
         ego = self.scenario.ego.model_copy(update={"vehicle": rig.vehicle.model})

@@ -24,10 +24,11 @@ from vve_sumo.live.channel import Channel
 from vve_sumo.live.priority import DRIVE_NICE, KILLED_SECOND, raise_priority, set_oom_score
 from vve_sumo.live.pty_bus import PREFIX, PtyOutlet
 from vve_sumo.live.spawn import receive_config
+from vve_sumo.sensors.port import STANDARD
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Vehicle
 from vve_sumo.wire.outlets import CanOutlet, Outlet, SerialOutlet, TcpOutlet, UdpOutlet
-from vve_sumo.wire.outputs import KINDS, Context, Output
+from vve_sumo.wire.outputs import KINDS, Context, OfOtherSensor, Output
 from vve_sumo.wire.sample import Sample, sequence_of
 from vve_sumo.wire.sample_codec import unpack
 from vve_sumo.wire.signature import signed
@@ -65,7 +66,9 @@ def _wire(name: str, table: Mapping[str, Any], context: Context) -> OutputWire:
     hear = outlet.receive if table["host"] == "bus" and isinstance(outlet, CanOutlet | PtyOutlet) else None
     of_this = replace(context, hear=hear, stop_id=table["can_id"])
     try:
-        return OutputWire(name, KINDS[table["kind"]].make(of_this), outlet)
+        output = KINDS[table["kind"]].make(of_this)
+        sensor = table.get("sensor") or STANDARD
+        return OutputWire(name, output if sensor == STANDARD else OfOtherSensor(output, sensor), outlet)
     except VveError:
         outlet.close()
         raise

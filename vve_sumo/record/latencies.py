@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 #: Legs in order, each from the end of the one before. The first begins when the fix's bytes arrive or, where the
 #: deadline woke the tick, when the tick begins.
-LEGS: Final = ("wake", "decode", "radar", "control", "hand_over", "frame")
+LEGS: Final = ("wake", "decode", "sensors", "control", "hand_over", "frame")
 TOTAL: Final = "total"
 DATAGRAM: Final = "datagram"
 

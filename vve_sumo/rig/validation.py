@@ -31,7 +31,9 @@ from vve_sumo.rig.resolve import (
     vehicle_of,
 )
 from vve_sumo.rig.schema import Corner, Rig
+from vve_sumo.sensors.port import STANDARD
 from vve_sumo.vehicle.interface import VehicleInterface, load
+from vve_sumo.wire.outputs import KINDS
 
 #: interfaces of python-can that anyone on the network can send into
 OPEN_INTERFACES: Final = ("udp_multicast", "socketcand", "can_remote")
@@ -158,6 +160,11 @@ def _of_the_brain(rig: Rig) -> Iterator[str]:
         yield f"outputs: a brain of kind {kind!r} needs one at least, or it sees nothing"
     elif kind == "setpoints" and "radar" not in told:
         yield "outputs: expected one of kind 'radar': a setpoint of the brain names the radar datagram that it answers"
+    for number, output in enumerate(rig.outputs):
+        if output.sensor is not None and KINDS[output.kind].content is None:
+            yield f"outputs.{number}.sensor: kind {output.kind!r} carries nothing of a sensor"
+        elif output.sensor not in (None, STANDARD) and kind == "setpoints" and output.kind == "radar":
+            yield f"outputs.{number}.sensor: a setpoint answers the datagrams of {STANDARD!r}, expected no other sensor"
 
 
 def _of_outputs(rig: Rig) -> Iterator[str]:

@@ -42,10 +42,10 @@ def parse(table: dict[str, Any], file: Path) -> Scenario:
     if twice is not None:
         where = "obstacles" if twice in (one.id for one in scenario.obstacles) else "actors"
         raise ConfigError(f"{file}: {where}: id {twice!r} stands twice, expected each once")
-    called = ["radar", *(sensor.name for sensor in scenario.sensors)]
+    called = [sensors.STANDARD, *(sensor.name for sensor in scenario.sensors)]
     if len({*called}) < len(called):
         twice = next(name for name in called if called.count(name) > 1)
-        whose = ", that of the table [radar]" if twice == "radar" else ""
+        whose = f", that of the table [{sensors.STANDARD}]" if twice == sensors.STANDARD else ""
         raise ConfigError(f"{file}: sensors: name {twice!r} stands twice{whose}, expected each once")
     for name, parameter in scenario.parameters.items():
         for place in parameter.sets:
