@@ -34,8 +34,8 @@ def cut_in_rows(car: VehicleModel) -> Iterator[SuiteRow]:
         speed, ttc = relative + other, requirements.cut_in_time(relative) + EARLIER
         changing, reach = intrusion(other)
         ahead = relative * (ttc + BESIDE + changing) + reach - 0.5 * LENGTH
-        # By the time to collision and not by the clock: the car under test drives a little faster or slower than it shall,
-        # and both are seen at ticks alone, on average half a tick late.
+        # By the time to collision and not by the clock: the car under test drives a little faster than it shall. A
+        # trigger fires at a tick, on average half a tick late.
         begins = ttc + changing + (reach - 0.5 * LENGTH) / relative + 0.5 * PERIOD
         event = {"when": {"ttc_s": begins}, "offset_m": 0.0, "over_s": OVER}
         size = {"length_m": LENGTH, "width_m": WIDTH}
