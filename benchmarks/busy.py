@@ -31,8 +31,8 @@ REPOSITORY = Path(__file__).parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
 from benchmarks.latency import rig  # noqa: E402
-from vve_sumo.drive.latency_monitor import TOTAL, latency_summary  # noqa: E402
 from vve_sumo.errors import VveError  # noqa: E402
+from vve_sumo.record.latencies import TOTAL, latency_summary  # noqa: E402
 from vve_sumo.record.reader import read_table  # noqa: E402
 
 PROCESSORS = len(os.sched_getaffinity(0))

@@ -21,7 +21,7 @@ from tests.conftest import SHARED_DATA
 from vve_sumo.plant.actuators import Lagged
 from vve_sumo.plant.car import STEP, chassis
 from vve_sumo.plant.dynamics import Dynamics
-from vve_sumo.plant.parameters import parameters
+from vve_sumo.rig.car_parameters import parameters
 from vve_sumo.vehicle.load import load
 from vve_sumo.workspace import shipped_root
 

@@ -33,9 +33,9 @@ REPOSITORY = Path(__file__).parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
 from benchmarks.tick import demand  # noqa: E402
-from vve_sumo.drive.latency_monitor import LEGS, TOTAL, latency_summary  # noqa: E402
 from vve_sumo.pose.ncom import Decoder  # noqa: E402
 from vve_sumo.pose.sources import Source, open_udp  # noqa: E402
+from vve_sumo.record.latencies import LEGS, TOTAL, latency_summary  # noqa: E402
 from vve_sumo.record.reader import read_table  # noqa: E402
 from vve_sumo.wire.datagrams import decode_radar  # noqa: E402
 

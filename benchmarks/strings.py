@@ -22,8 +22,8 @@ from pathlib import Path
 
 os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")
 
-from vve_sumo.world.build import netconvert
-from vve_sumo.world.demand import DRIVER, TYPES
+from vve_sumo.network_tools.build import netconvert
+from vve_sumo.network_tools.demand import DRIVER, TYPES
 from vve_sumo.world.simulation import OPTIONS
 
 STEP = 0.02  #: [s]

@@ -35,7 +35,7 @@ from starlette.routing import BaseRoute, Route
 
 from benchmarks.latency import REPOSITORY, rig, scenario
 from tests.drive.street import drive_once
-from vve_sumo.drive.latency_monitor import quantile
+from vve_sumo.record.latencies import quantile
 from vve_sumo.record.reader import read_table
 from vve_sumo.view.frames import pack
 from vve_sumo.view.server import FRAMES, PageServer, json_route, page_routes, replay_server
@@ -50,8 +50,9 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 DRAWING = """async ([base, lanes, actors, factor, seconds]) => {
   const { DriveView } = await import(base + "drive.js");
   const ids = actors.x.map((_, row) => `sedan.${row}`);
-  const scene = { source: "live", lanes, path: [[0, 0], [3000, 3000]], stop_line: null, lot: null, radar: {
-    forward: 3.7, sectors: [{ range: 174, half_angle: 0.17 }, { range: 60, half_angle: 0.78 }] }, events: [],
+  const scene = { source: "live", lanes, path: [[0, 0], [3000, 3000]], stop_line: null, lot: null, sensors: [{
+    name: "radar", shape: "points", names_actors: true, view: { forward: 3.7, left: 0, yaw: 0 },
+    sectors: [{ range: 174, half_angle: 0.17 }, { range: 60, half_angle: 0.78 }] }], events: [],
     ego: { length: 4.87, width: 1.85, rear_overhang: 1.03, wheelbase: 2.85, steering_ratio: 14.8,
       steering_limit: 0.55 },
     actors: Object.fromEntries(ids.map((id) => [id, { kind: "car", length: 4.5, width: 1.8 }])),
@@ -64,8 +65,8 @@ DRAWING = """async ([base, lanes, actors, factor, seconds]) => {
   while (performance.now() - begun < 1000 * seconds) {
     const t = drawn / 50;
     view.show({ t, state: "engaged", said: "driving", note: "cruise", quality: "RTK fixed", gap: 20, latency: 0.002,
-      to_edge: null, footprint: null, real: null, unseen: { id: [], why: [] },
-      returns: { x: [1000], y: [1000], seen: [ids[0]] },
+      to_edge: null, footprint: null, real: null,
+      sensed: [{ x: [1000], y: [1000], seen: [ids[0]], measured: t, unseen: { id: [], why: [] } }],
       ego: { x: 1300 + 10 * t, y: 1200, heading: 0.2 * Math.sin(t), speed: 10, acceleration: 0, wished: 0,
         steering: 0 },
       actors: { id: ids, x: actors.x.map((x) => x + t), y: actors.y, heading: actors.heading } });

@@ -57,7 +57,8 @@ class Emergency:
 
     def _is_urgent(self, target: Target, speed: float, early: float) -> bool:
         """Tell whether full braking must begin within `early` [s]."""
-        return speed > target.speed and self.way(speed, target) + MARGIN + early * speed >= target.gap
+        closing = speed - target.speed
+        return closing > 0.0 and self.way(speed, target) + MARGIN + early * closing >= target.gap
 
     def way(self, speed: float, target: Target) -> float:
         """Gap to a target that full braking from a speed [m/s] uses up [m] until nothing closes any more.

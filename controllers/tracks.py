@@ -15,6 +15,7 @@ import numpy as np
 from vve_sumo.path import Corridor, ReferencePath, Station
 from vve_sumo.values import Observation, Pose, Vehicle
 
+from .assignment import assign
 from .bank import LANE_CHANGERS, WALKERS, Bank
 from .crossing import (
     COMES_OVER,
@@ -28,6 +29,7 @@ from .crossing import (
     will_be_in,
     will_have_left,
 )
+from .lane_keeping import KeptPlace
 from .parting import goes_past
 from .trend import Trend
 
@@ -48,6 +50,7 @@ CHANGE, JERK = 3.0, 1.5  #: of a target's acceleration: to begin with [m/s2], it
 BRAKES = 3.0  #: standard deviations of acceleration that tell braking from noise
 HARDER = 2.0  #: standard deviations by which one who brakes may do so harder than it seems
 ONCOMING = -2.0  #: what comes nearer than this along the path is judged by where it is, not by where it will be [m/s]
+FLANK, ASIDE = 3.0, math.tan(math.radians(40.0))  #: of a car seen so far to the side the point slides by so much [m]
 GATE = 3.5  #: standard deviations within which a detection belongs to a track
 LANE = 8.0  #: detections farther beside the path are left alone [m]
 HORIZON = 150.0  #: detections farther along the path are left alone [m]
@@ -58,6 +61,9 @@ MARGIN = 0.3  #: kept on both sides of the swept body [m]
 HYSTERESIS = 0.3  #: a target that is in the way must clear the band by this much to be out of it [m]
 #: probability from which one who crosses, and a car that cuts in, is braked for; below which it is no longer
 CROSSING_FROM, CUT_IN_FROM, FORESEEN_UNTIL = 0.5, 0.6, 0.3
+#: a car that has left the place where it kept its lane by so much [m] is braked for partly from this probability on
+WANDERS, LEAVES_FROM = 0.45, 0.25
+KNOWN_LANE = 0.2  #: standard deviation within which that place must be known [m]
 CUTS_IN = 1.3  #: a car that cuts in counts from so long before it is in the band [s]
 BANK_COVERS = 4.5  #: who crosses faster than this is judged by the one filter on place and speed, not by the bank [m/s]
 PASSES = 0.2  #: for so long from the car's arrival on its front would meet one who crosses [s]
@@ -136,8 +142,8 @@ class Track:
     """
 
     __slots__ = (
-        "across", "bank", "foreseen", "hits", "in_way", "offset", "offset_variance", "p_s", "p_sv", "p_v", "pace",
-        "part_until", "probability", "s", "seen", "slide", "speed", "time",
+        "across", "bank", "foreseen", "hits", "in_way", "lane", "offset", "offset_variance", "p_s", "p_sv", "p_v",
+        "pace", "part_until", "probability", "s", "seen", "slide", "speed", "time",
     )  # fmt: skip
 
     def __init__(self, time: float, sighting: Sighting) -> None:
@@ -146,6 +152,7 @@ class Track:
         self.speed = 0.0 if math.isnan(sighting.speed) else sighting.speed
         self.across = Trend(sighting.offset, sighting.offset_variance, LATERAL_SPEED**2, LATERAL_AGILITY)
         self.bank = Bank(sighting.offset, sighting.offset_variance, WALKERS)
+        self.lane = KeptPlace(time, sighting.offset, sighting.offset_variance)
         self.slide = sighting.slide
         self.foreseen, self.probability = False, 1.0  # as `Target` has them
         self.p_s, self.p_sv = RANGE_SIGMA**2, 0.0
@@ -170,21 +177,30 @@ class Track:
         self.bank.predict(dt, self.slide)
         self.pace.predict(dt)
 
-    def distance(self, sighting: Sighting) -> float:
-        """Return the greatest of the differences to a sighting, in standard deviations; the first beyond the gate."""
-        off_s = abs(sighting.s - self.s) / math.sqrt(self.p_s + RANGE_SIGMA**2)
-        if not off_s < GATE:
-            return off_s
+    def cost(self, sighting: Sighting) -> float:
+        """Return how badly a sighting fits: twice the negative logarithm of its likelihood, but for a constant.
+
+        Infinite beyond the gate, which each of the differences to the track must be within.
+        """
+        place_variance = self.p_s + self._place_variance(sighting)
+        off_s = (sighting.s - self.s) ** 2 / place_variance
+        if not off_s < GATE**2:
+            return math.inf
         across = self.across
-        off_side = abs(sighting.offset - across.value) / math.sqrt(across.variance + sighting.offset_variance)
-        if off_side >= GATE:
+        side_variance = across.variance + sighting.offset_variance
+        off_side = (sighting.offset - across.value) ** 2 / side_variance
+        if off_side >= GATE**2:
             # One who sets out or stops is where the bank has it before it is where the one filter has it.
             place, variance = self.bank.spread()
-            off_side = abs(sighting.offset - place) / math.sqrt(variance + sighting.offset_variance)
-        if math.isnan(sighting.speed):
-            return max(off_s, off_side)
-        off_speed = abs(sighting.speed - sighting.skew * across.rate - self.speed)
-        return max(off_s, off_side, off_speed / math.sqrt(self.p_v + self._rate_variance(sighting)))
+            side_variance = variance + sighting.offset_variance
+            off_side = (sighting.offset - place) ** 2 / side_variance
+        speed_variance, off_speed = self.p_v + RATE_SIGMA**2, 0.0
+        if not math.isnan(sighting.speed):
+            speed_variance = self.p_v + self._rate_variance(sighting)
+            off_speed = (sighting.speed - sighting.skew * across.rate - self.speed) ** 2 / speed_variance
+        if max(off_side, off_speed) >= GATE**2:
+            return math.inf
+        return off_s + off_side + off_speed + math.log(place_variance * side_variance * speed_variance)
 
     def update(self, sighting: Sighting) -> None:
         """Take a sighting in."""
@@ -195,7 +211,9 @@ class Track:
         self.offset_variance *= 1.0 - gain
         self.across.update(sighting.offset, sighting.offset_variance)
         self.bank.update(sighting.offset, NOISE_SHARE * sighting.offset_variance)
-        gain_s, gain_v = self.p_s / (self.p_s + RANGE_SIGMA**2), self.p_sv / (self.p_s + RANGE_SIGMA**2)
+        self.lane.update(self.time, sighting.offset, sighting.offset_variance)
+        total = self.p_s + self._place_variance(sighting)
+        gain_s, gain_v = self.p_s / total, self.p_sv / total
         self._correct(sighting.s - self.s, gain_s, gain_v, self.p_s, self.p_sv)
         if not math.isnan(sighting.speed):
             speed, variance = sighting.speed - sighting.skew * self.across.rate, self._rate_variance(sighting)
@@ -220,6 +238,13 @@ class Track:
         near = math.hypot(sighting.s - self.s, sighting.offset - self.across.value) < BUS
         moves = math.hypot(self.speed, self.across.rate) > DRIVES and not self.drives
         return near and (self.time < self.part_until or (self.hits >= CONFIRMED and moves))
+
+    def _place_variance(self, sighting: Sighting) -> float:
+        """Of the station that a sighting stands for [m2]: of a car far to the side the seen point is on its flank.
+
+        The field of view ends there, and the point that is nearest of what is left goes along with the own car.
+        """
+        return RANGE_SIGMA**2 + (FLANK**2 if self.drives and abs(sighting.skew) > ASIDE else 0.0)
 
     def _rate_variance(self, sighting: Sighting) -> float:
         """Of the speed along the path that a sighting stands for [m2/s2]: how fast it crosses is known only so well."""
@@ -281,12 +306,12 @@ class Tracker:
     def _take_in(self, time: float, sightings: list[Sighting]) -> None:
         for track in self._tracks:
             track.predict(time)
-        free = list(self._tracks)
-        for sighting in sightings:
-            near = min(free, key=lambda track: track.distance(sighting), default=None)
-            if near is not None and near.distance(sighting) < GATE:
-                near.update(sighting)
-                free.remove(near)
+        known = list(self._tracks)
+        costs = [{number: track.cost(sighting) for number, track in enumerate(known)} for sighting in sightings]
+        taken = assign([{number: cost for number, cost in row.items() if cost < math.inf} for row in costs])
+        for number, sighting in enumerate(sightings):
+            if number in taken:
+                known[taken[number]].update(sighting)
             else:
                 self._tracks.append(self._begun(time, sighting))
 
@@ -376,11 +401,19 @@ def _endangers(track: Track, path: ReferencePath, corridor: Corridor, bumper: fl
 
 
 def _cuts_in(track: Track, left: float, right: float, within: float, was_foreseen: bool) -> bool:
-    """Tell whether a car that goes along will probably come into the band within a time [s]; sets its probability."""
+    """Tell whether a car that goes along will probably come into the band within a time [s]; sets its probability.
+
+    A car that comes over begins slowly, and one that stays sways: within a second the bank takes the one for the other.
+    So less probability is enough for one that has left the place where it kept its lane by more than drivers wander.
+    """
     if track.time - track.seen >= FRESH:
         return False
     track.probability = probability_of_cutting_in(track.bank, left, right, within, track.speed)
-    return track.probability >= (FORESEEN_UNTIL if was_foreseen else CUT_IN_FROM)
+    if track.probability >= (FORESEEN_UNTIL if was_foreseen else CUT_IN_FROM):
+        return True
+    lane = track.lane
+    leaves = lane.variance < KNOWN_LANE**2 and lane.left_towards_path(track.across.value) > WANDERS
+    return leaves and track.probability >= LEAVES_FROM
 
 
 def _walks_in(track: Track, left: float, right: float, arrival: float, was_foreseen: bool) -> bool:

@@ -41,6 +41,19 @@ TABLES: dict[str, tuple[str, int]] = {
     "worst_case": (r"(cut_in|noisy_cut_in|steps_out) +(ours|evolution|sobol)( +-\d+\.\d\d){3}", 9),
 }
 BROWSER = pytest.mark.skipif(not any(map(shutil.which, BROWSERS)), reason="no browser is installed")
+#: these run in seconds; the others, which drive or draw much, wait for `./check slow`
+QUICK = {
+    "bus_load",
+    "false_alarms_recorded",
+    "identify_fusion",
+    "latency",
+    "long_idle",
+    "lot",
+    "stopping_bound",
+    "strings",
+    "suites",
+    "tick",
+}
 MARKS = {
     "busy": [pytest.mark.live],
     "latency": [pytest.mark.live],
@@ -49,11 +62,16 @@ MARKS = {
 }
 
 
+def marks(name: str) -> list[pytest.MarkDecorator]:
+    """Return the marks of a benchmark's test."""
+    return [*MARKS.get(name, ()), *([] if name in QUICK else [pytest.mark.slow])]
+
+
 def test_every_benchmark_has_a_table_here() -> None:
     assert sorted(TABLES) == NAMES
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=MARKS.get(name, ())) for name in NAMES])
+@pytest.mark.parametrize("name", [pytest.param(name, marks=marks(name)) for name in NAMES])
 def test_it_runs_and_prints_its_table(name: str) -> None:
     command = [sys.executable, "-m", f"benchmarks.{name}", "--smoke"]
     done = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, check=False)

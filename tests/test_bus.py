@@ -11,7 +11,7 @@ from tests.vehicle.car import Rig
 from vve_sumo.bus import Bus, candump_line, read_log
 from vve_sumo.errors import ConfigError, RigError
 from vve_sumo.values import Frame
-from vve_sumo.vehicle.gateway import OperatorCommand
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 
 FRAMES = st.builds(Frame, st.integers(0, 0x7FF), st.binary(max_size=8))
 

@@ -36,6 +36,7 @@ from vve_sumo.pose import trust
 from vve_sumo.pose.receivers.port import PORT, ReceiverTable
 from vve_sumo.pose.receivers.port import load as load_receiver
 from vve_sumo.record.layout import COMMANDED, OPTIONAL_SCHEMAS, ROADS, ROADS_SCHEMA
+from vve_sumo.record.rows import TickRow
 from vve_sumo.report import glossary
 from vve_sumo.rig.load import MODEL_TABLES
 from vve_sumo.rig.load import parse as parse_rig
@@ -45,7 +46,6 @@ from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Scenario, When
 from vve_sumo.sweep.controllers import VariedController
 from vve_sumo.sweep.spec import Boundary, Spec, WorstCase, parse_spec
-from vve_sumo.values import TickRow
 from vve_sumo.vehicle import arming, diagram
 from vve_sumo.vehicle.interface import INTERFACE_KINDS
 from vve_sumo.vehicle.schema import VehicleFile

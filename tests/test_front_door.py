@@ -266,6 +266,7 @@ def test_the_listing_is_the_command_lines(working: Path) -> None:
     assert re.search(r"(?m)^cut_in +A car cuts in from the left lane$", repr(listed))
 
 
+@pytest.mark.slow
 def test_a_sweep_in_code_is_one_of_a_file_and_goes_on_where_it_was(working: Path) -> None:
     scenario = vve.Scenario("delay_probe").replace(NEAR)
     speeds, braked = np.array([5.0, 8.0]), "controller.tuning.deceleration_m_s2"

@@ -122,6 +122,7 @@ def test_the_papers_drive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     assert gap == pytest.approx(told["stop_gap_m"], abs=0.0051)
 
 
+@pytest.mark.slow
 def test_a_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     book = run("2_stopping_over_a_sweep", tmp_path, monkeypatch)
     assert figures(book) == 3
@@ -137,6 +138,7 @@ def test_a_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert (np.abs(stopped["stop_distance_m"] - by_hand) < 0.02 * stopped["stop_onset_speed_mps"]).all()
 
 
+@pytest.mark.slow
 def test_the_latency_cliff(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     book = run("3_latency_cliff", tmp_path, monkeypatch)
     assert figures(book) == 1
@@ -160,6 +162,7 @@ def test_a_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert most == pytest.approx(told["prediction_error_100ms_max_m"], abs=0.00051)
 
 
+@pytest.mark.slow
 def test_a_real_recording(tmp_path: Path, shared_data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The first 12 s of a minute in California: it drives through the car that brakes ahead, for nobody obeys."""
     whole = recordings.comma2k19(shared_data, tmp_path / "whole.csv").read_text(encoding="utf-8").splitlines()
@@ -174,6 +177,7 @@ def test_a_real_recording(tmp_path: Path, shared_data: Path, monkeypatch: pytest
     assert mean < 0.05 * held
 
 
+@pytest.mark.slow
 def test_two_controllers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With 36 drives instead of 200; four plots in fewer than 40 lines of code."""
     book = run("5_two_controllers", tmp_path, monkeypatch, ("points = 5", "points = 3"))

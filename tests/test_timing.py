@@ -77,7 +77,7 @@ def test_no_other_module_says_one_of_these_times() -> None:
             for name, value in _said_in(node):
                 if isinstance(value, ast.Constant) and (name.lstrip("_"), value.value) in SAID.items():
                     elsewhere.append(f"{file.relative_to(REPOSITORY)}: {name}")
-    assert set(elsewhere) <= {"vve_sumo/world/survey.py: PERIOD"}, "that one is between two samples of a track"
+    assert set(elsewhere) <= {"vve_sumo/network_tools/survey.py: PERIOD"}, "that one is between two samples of a track"
 
 
 def _said_in(node: ast.AST) -> list[tuple[str, ast.expr | None]]:

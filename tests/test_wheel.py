@@ -23,10 +23,14 @@ SHIPPED = "vve_sumo/shipped"
 LINK = re.compile(r"\]\((?!https?:)([^)#\s]+)")
 #: subclasses of the suites as a page shows them, for the toys that are shipped beside
 MINE = """
+from tests.ports.metric import MetricConformance
 from tests.ports.sensor import SensorConformance
 
 class TestMine(SensorConformance):
     kind = "tests/ports/toy/range_finder.py:make"
+
+class TestMyMetrics(MetricConformance):
+    name = "tests/ports/toy/lateral_comfort.py:make"
 """
 
 
@@ -41,7 +45,7 @@ def imported(file: Path) -> Iterator[str]:
 
 def test_the_suites_come_with_all_that_they_import() -> None:
     shipped = [file for file in CONFORMANCE_SUITES if file.endswith(".py")]
-    assert {f"tests/ports/{name}.py" for name in ("receiver", "sensor", "vehicle_interface")} <= {*shipped}
+    assert {f"tests/ports/{name}.py" for name in ("metric", "receiver", "sensor", "vehicle_interface")} <= {*shipped}
     assert {place for file in shipped for place in imported(REPOSITORY / file)} <= {*shipped}
     assert all(f"{Path(file).parent}/__init__.py" in shipped for file in shipped)
 

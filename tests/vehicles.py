@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Final
 
-from vve_sumo.plant import parameters as plant
 from vve_sumo.plant.car import CarParameters
+from vve_sumo.rig import car_parameters
 from vve_sumo.vehicle.load import load
 from vve_sumo.vehicle.model import VehicleModel
 
@@ -17,5 +17,5 @@ MKZ: Final = load(_SHIPPED / "lincoln_mkz.toml")
 
 
 def parameters(*mounting: Any, model: VehicleModel = FUSION, **perturbations: Any) -> CarParameters:
-    """A simulated vehicle, the Fusion unless told otherwise, with the perturbations of `plant.parameters`."""
-    return plant.parameters(model, *mounting, **perturbations)
+    """A simulated vehicle, the Fusion unless told otherwise, with the perturbations of `rig.car_parameters`."""
+    return car_parameters.parameters(model, *mounting, **perturbations)

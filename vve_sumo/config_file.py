@@ -71,6 +71,8 @@ class Table(BaseModel):
 
     #: keys of former versions, and what each is called now
     FORMER: ClassVar[Mapping[str, str]] = {}
+    #: what any other key may hold, in a table that takes others; None where it takes none
+    OTHERS: ClassVar[Any] = None
 
 
 def in_si(table: Table, *left_out: str) -> dict[str, float]:
@@ -161,17 +163,20 @@ def complaint(file: Path | str, error: ValidationError, model: type[BaseModel]) 
         former = {old: new for kind in kinds for old, new in getattr(kind, "FORMER", {}).items()}
         if place[-1] in former:
             return f"{file}: key {key!r} is now {former[place[-1]]!r}"
-        meant = _meant(str(place[-1]), [name for kind in kinds for name in kind.model_fields])
-        without = dimension_of(meant) is not None and meant.rpartition("_")[0] == str(place[-1])
-        needs = (
-            f' A key without its unit takes a text with one: {place[-1]} = "5 {meant_unit(meant)}"' if without else ""
-        )
-        return f"{file}: unknown key {key!r}" + (f", did you mean {meant!r}?{needs}" if meant else "")
+        return f"{file}: {unknown_key(key, str(place[-1]), [name for kind in kinds for name in kind.model_fields])}"
     if first["type"] == "missing":
         return f"{file}: key {key!r} is missing"
     # Where a value may be of several kinds there is a complaint of each; together they say what is allowed.
     said = dict.fromkeys(_expected(one) for one in complaints if _walk(one, model)[0] == place)
     return f"{file}: {key}: {' or '.join(said).replace(' or expected ', ' or ')}{_came(first)}"
+
+
+def unknown_key(key: str, last: str, known: list[str]) -> str:
+    """Say that a key is unknown, and which of the `known` ones its `last` part was probably meant to be."""
+    meant = _meant(last, known)
+    without = dimension_of(meant) is not None and meant.rpartition("_")[0] == last
+    needs = f' A key without its unit takes a text with one: {last} = "5 {meant_unit(meant)}"' if without else ""
+    return f"unknown key {key!r}" + (f", did you mean {meant!r}?{needs}" if meant else "")
 
 
 def _expected(complaint: ErrorDetails) -> str:
@@ -219,7 +224,8 @@ def inside(kind: Any, part: int | str) -> Iterator[Any]:
     arguments = [one for one in get_args(kind) if one is not Ellipsis]
     if is_table(kind):
         field = kind.model_fields.get(str(part))
-        yield from () if field is None else (field.annotation,)
+        annotation = getattr(kind, "OTHERS", None) if field is None else field.annotation
+        yield from () if annotation is None else (annotation,)
     elif get_origin(kind) is dict:
         yield arguments[1]
     elif get_origin(kind) is tuple and isinstance(part, int):

@@ -34,10 +34,14 @@ WORKSPACE_FOLDERS = (
     "sweeps",
     "vehicles",
 )
-#: suites that any receiver, sensor and drive-by-wire interface must pass, with what they import, and examples of each
+#: suites that any receiver, sensor, drive-by-wire interface and file of metrics must pass, with what they import, and
+#: examples of each
 CONFORMANCE_SUITES = (
     "tests/__init__.py",
+    "tests/metrics/__init__.py",
+    "tests/metrics/tables.py",
     "tests/ports/__init__.py",
+    "tests/ports/metric.py",
     "tests/ports/receiver.py",
     "tests/ports/sensor.py",
     "tests/ports/toy",

@@ -17,8 +17,8 @@ import pyarrow.parquet as pq
 from tests import vehicles
 from tests.record.declared import LIVE_TABLES, RESOLVED, TABLES
 from vve_sumo.record.layout import LAYOUT
+from vve_sumo.record.rows import TickRow
 from vve_sumo.record.summary import write_summary
-from vve_sumo.values import TickRow
 
 CAR = vehicles.FUSION.vehicle
 PERIOD = 0.02

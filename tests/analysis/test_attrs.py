@@ -21,8 +21,8 @@ from tests.sweep.test_dataset import COUNT, PLAN, cell, fill, result
 from vve_sumo import analysis
 from vve_sumo.analysis import LatencyMargin, Run, Sweep
 from vve_sumo.analysis.latency_margin import DELAY, NOISE, edges_of, steps_of
+from vve_sumo.record.rows import GatewayRow, LatencyRow
 from vve_sumo.sweep.dataset import Dataset
-from vve_sumo.values import GatewayRow, LatencyRow
 
 TICKS = 200
 DECLARED = {"speed": {"sets": ["ego.speed_mps"], "meaning": "of the ego before it slows down"}}
@@ -70,7 +70,7 @@ OF_A_RUN: dict[str, Callable[[Run], Mapping[str, Any]]] = {
     "zone_times": lambda run: {"zone times": analysis.zone_times(run, "parked")},
     "latency_breakdown": lambda run: {"latencies": analysis.latency_breakdown(run)},
     "legs_over_time": lambda run: {"legs": analysis.legs_over_time(run)},
-    "radar_statistics": lambda run: {"radar statistics": analysis.radar_statistics(run)},
+    "sensor_statistics": lambda run: {"radar statistics": analysis.sensor_statistics(run)},
     "braked_for_nothing": lambda run: {"braked for nothing": analysis.braked_for_nothing(run)},
     "string_stability": lambda run: {"string": analysis.string_stability(run)},
     "headway_distribution": lambda run: {"headways": analysis.headway_distribution(run)},

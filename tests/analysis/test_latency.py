@@ -12,9 +12,10 @@ import pytest
 from tests.analysis.made import PERIOD, moving, put, write
 from vve_sumo.analysis.latency import MEANINGS, latency_breakdown, legs_over_time
 from vve_sumo.analysis.run import Run
-from vve_sumo.drive.latency_monitor import LEGS, TOTAL, LatencyMonitor
+from vve_sumo.live.latency_monitor import LatencyMonitor
+from vve_sumo.record.latencies import LEGS, TOTAL
+from vve_sumo.record.rows import LatencyRow
 from vve_sumo.report.drive import report
-from vve_sumo.values import LatencyRow
 
 TICKS = 400
 #: what each leg takes at least [ms]

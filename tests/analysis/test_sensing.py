@@ -10,7 +10,7 @@ import pytest
 
 from tests.analysis.made import BOX, CAR, PERIOD, moving, put, put_scans, write
 from vve_sumo.analysis.run import Run
-from vve_sumo.analysis.sensing import braked_for_nothing, drop_outs, radar_statistics
+from vve_sumo.analysis.sensing import braked_for_nothing, drop_outs, sensor_statistics
 
 SPEED = 10.0
 TICKS = 500
@@ -69,7 +69,7 @@ def record(tmp_path: Path) -> Path:
 
 
 def test_first_detection_drop_outs_and_errors_are_the_closed_form(record: Path) -> None:
-    table = radar_statistics(Run(record))
+    table = sensor_statistics(Run(record))
     parked = table.loc["parked"]
     first = next(tick for tick in SCANS if bumper_gap(tick) < 150.0)
     found = sum(bumper_gap(tick) < 150.0 for tick in SCANS) - len(MISSED)
@@ -91,7 +91,7 @@ def test_first_detection_drop_outs_and_errors_are_the_closed_form(record: Path) 
 
 
 def test_what_is_hidden_or_out_of_the_field_is_no_row_and_a_ghost_is_one(record: Path) -> None:
-    table = radar_statistics(Run(record))
+    table = sensor_statistics(Run(record))
     assert list(table.index) == ["parked", ""]
     assert table["ghosts"].to_dict() == {"parked": 0, "": 1}
     ghost = table.loc[""]
@@ -103,17 +103,17 @@ def test_what_is_hidden_or_out_of_the_field_is_no_row_and_a_ghost_is_one(record:
 def test_where_a_killed_drives_actors_end_nobody_is_a_ghost(record: Path) -> None:
     actors = Run(record).actors
     put(record, "actors", actors[actors["tick"] < 300].to_dict("records"))
-    table = radar_statistics(Run(record))
+    table = sensor_statistics(Run(record))
     assert list(table.index) == ["parked"]
     assert table.loc["parked", "ghosts"] == 0
     (record / "summary.json").write_text('{"outcome": "stopped"}', encoding="utf-8")
-    assert radar_statistics(Run(record)).loc["parked", "ghosts"] > 50
+    assert sensor_statistics(Run(record)).loc["parked", "ghosts"] > 50
 
 
 def test_a_blinder_radar_has_less_to_see(record: Path) -> None:
     run = Run(record)
     run.resolved["settings"]["radar"]["range_limit_m"] = 120.0
-    assert radar_statistics(run).loc["parked", "scans_visible"] == sum(bumper_gap(t) + 0.1 <= 120.0 for t in SCANS)
+    assert sensor_statistics(run).loc["parked", "scans_visible"] == sum(bumper_gap(t) + 0.1 <= 120.0 for t in SCANS)
 
 
 def test_a_street_without_anybody_is_an_empty_table(tmp_path: Path) -> None:
@@ -121,7 +121,7 @@ def test_a_street_without_anybody_is_an_empty_table(tmp_path: Path) -> None:
     folder = write(tmp_path / "record", rows)
     put_scans(folder, range(5))
     run = Run(folder)
-    assert radar_statistics(run).empty
+    assert sensor_statistics(run).empty
     assert braked_for_nothing(run).empty
 
 

@@ -58,6 +58,7 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, pd.DataFrame
     return folder, pd.DataFrame.from_dict(isolated(_drive, folder), orient="index")
 
 
+@pytest.mark.slow
 def test_the_car_as_declared_keeps_its_bound_and_any_other_breaks_it(driven: tuple[Path, pd.DataFrame]) -> None:
     folder, rows = driven
     told = stopping_bound_checks(rows)

@@ -97,6 +97,7 @@ def minimal(folder: Path, *more: str, rig: str | None = None) -> subprocess.Pope
     )
 
 
+@pytest.mark.slow
 def test_a_brain_by_radar_alone_is_certified_also_after_an_interrupt(tmp_path: Path) -> None:
     cases = ["--cases", "radar_invalid,gnss_drop_out,radar_delay,radar_bend_mirrored"]
     first = minimal(tmp_path, *cases)

@@ -131,3 +131,11 @@ def test_another_sweep_is_no_study(tmp_path: Path) -> None:
     fill(tmp_path).close()
     with pytest.raises(ConfigError, match="no study of delay and noise: it varied"):
         latency_margin_of(Sweep(tmp_path))
+
+
+def test_a_sensor_beside_the_ideal_radar_is_left_to_chance(tmp_path: Path) -> None:
+    """Nobody knows what another sensor draws, so a study drives more than one seed of it."""
+    (tmp_path / "scenarios").mkdir()
+    noisy = 'sensors = [{ name = "noisy", kind = "radar" }]'
+    (tmp_path / "scenarios" / "two.toml").write_text(SHORT + noisy, encoding="utf-8")
+    assert cliff_study("two", tmp_path).plan.cells == 3 * len(DELAYS_MS)

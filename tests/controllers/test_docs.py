@@ -79,6 +79,7 @@ def test_the_example_takes_tuning_and_names_a_wrong_key(example):
         load("mine", FUSION, {"gap": 6.0}, [example.parent])
 
 
+@pytest.mark.slow
 def test_a_car_parked_askew_is_seen_too_late(page):
     """The limit that the page admits of the shipped controller; when this fails, the page is to be rewritten."""
     aside, turned = told(page, r"a car (\S+) m left of the path and turned by (\S+)°")

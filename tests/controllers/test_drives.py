@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.controllers.street import FUSION, Drive, Flaws, Obstacle, drive
+from tests.exhaustive import with_slow
 from vve_sumo.path import ReferencePath
 
 MPH = 0.44704
@@ -140,7 +141,9 @@ def test_it_passes_between_two_parked_cars(make, seed):
     assert done.acceleration[: int(np.argmax(passed))].min() > -0.3
 
 
-@pytest.mark.parametrize(("speed", "seed"), [(8.0, 1), (8.0, 2), (11.2, 0), (11.2, 1), (14.0, 0)])
+@pytest.mark.parametrize(
+    ("speed", "seed"), with_slow([(8.0, 1), (8.0, 2), (11.2, 0), (11.2, 1), (14.0, 0)], lambda one: one[1] == 0)
+)
 def test_cars_parked_along_bends_do_not_stop_it(make, speed, seed):
     """As the ego comes round a bend, the nearest point of a parked car's rear slides across like one who walks."""
     path = bends(speed)

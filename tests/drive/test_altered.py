@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from tests.drive.street import drive_once
+from tests.exhaustive import with_slow
 from tests.isolated import isolated
 from vve_sumo import cli
 
@@ -96,7 +97,7 @@ def other(value: Any) -> Any:
 
 
 @pytest.mark.parametrize("file", ["summary.json", "scenario.json"])
-@pytest.mark.parametrize("how", ["changed", "gone"])
+@pytest.mark.parametrize("how", with_slow(["changed", "gone"], lambda how: how == "changed"))
 def test_every_key_counts(driven: Path, record: Path, file: str, how: str, capsys: pytest.CaptureFixture[str]) -> None:
     text = (record / file).read_text(encoding="utf-8")
     told = json.loads(text)

@@ -26,8 +26,8 @@ from vve_sumo.plant.injected_faults import START_SPEED, InjectedFault, Shape
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import ArmingState, ControlCommand, Frame, Observation
 from vve_sumo.vehicle.arming import CRITICAL
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed import codec
-from vve_sumo.vehicle.gateway import OperatorCommand
 
 DESIRED: Final = 5.0  #: speed, as of the live rows [m/s]
 STANDING: Final = 0.05  #: slower is rest [m/s]

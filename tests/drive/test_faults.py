@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from tests.drive.street import REPOSITORY, altered
+from tests.exhaustive import with_slow
 from tests.isolated import isolated
 from vve_sumo.values import Fix, FixQuality
 
@@ -112,7 +113,7 @@ def drive_with(kind: str) -> tuple[dict[str, Any], list[float], list[str]]:
         return summary, ticks["true_speed_mps"].to_pylist(), ticks["state"].to_pylist()
 
 
-@pytest.mark.parametrize("kind", REASONS)
+@pytest.mark.parametrize("kind", with_slow(REASONS, lambda kind: kind in ("lost", "flipped", "drifting_speed")))
 def test_a_receiver_that_goes_wrong_stops_the_car(kind: str) -> None:
     summary, speeds, states = isolated(drive_with, kind)
     assert summary["outcome"] == "fault"

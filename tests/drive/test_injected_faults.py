@@ -65,6 +65,7 @@ def summary_of(folder: Path) -> dict[str, Any]:
     return summary
 
 
+@pytest.mark.slow
 def test_every_fault_changes_the_record(driven: dict[str, Path]) -> None:
     hashes = {name: summary_of(folder)["record_sha256"] for name, folder in driven.items()}
     assert len(set(hashes.values())) == len(FAULTS)

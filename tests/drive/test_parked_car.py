@@ -55,7 +55,7 @@ def check(summary: dict[str, Any], tolerance: float) -> None:
     assert summary["ego_sync_speed_error_mps"] <= 1e-6
 
 
-@pytest.mark.parametrize("seed", with_slow(range(20), lambda seed: seed < 3))
+@pytest.mark.parametrize("seed", with_slow(range(20), lambda seed: seed in (1, 8)))
 def test_stops_at_the_gap_for_every_seed(seed: int) -> None:
     mph, changes = for_seed(seed)
     summary = isolated(drive_once, changes)
@@ -64,7 +64,7 @@ def test_stops_at_the_gap_for_every_seed(seed: int) -> None:
     assert not summary["emergency_used"]
 
 
-@pytest.mark.parametrize(("speed", "seed"), with_slow([(5.0, 12), (5.0, 19), (13.4, 5)], lambda drive: drive[1] == 12))
+@pytest.mark.parametrize(("speed", "seed"), with_slow([(5.0, 12), (5.0, 19), (13.4, 5)], lambda drive: drive[1] == 5))
 def test_its_traffic_calls_for_no_emergency(speed: float, seed: int) -> None:
     """As shipped. With traffic that had the right of way over the path the first two met a car in a junction."""
     summary = isolated(drive_once, {"seed": seed, "ego.speed_mps": speed})
@@ -75,9 +75,17 @@ def test_its_traffic_calls_for_no_emergency(speed: float, seed: int) -> None:
 
 ERRORS = [
     pytest.param({"grade_percent": 3.0, "mass_factor": 1.15, "brake_gain_factor": 0.9}, id="uphill-heavy-weak"),
-    pytest.param({"grade_percent": -3.0, "mass_factor": 1.15, "brake_gain_factor": 0.9}, id="downhill-heavy-weak"),
+    pytest.param(
+        {"grade_percent": -3.0, "mass_factor": 1.15, "brake_gain_factor": 0.9},
+        id="downhill-heavy-weak",
+        marks=pytest.mark.slow,
+    ),
     pytest.param({"grade_percent": -3.0, "mass_factor": 0.85, "brake_gain_factor": 1.1}, id="downhill-light-strong"),
-    pytest.param({"grade_percent": 3.0, "mass_factor": 0.85, "brake_gain_factor": 1.1}, id="uphill-light-strong"),
+    pytest.param(
+        {"grade_percent": 3.0, "mass_factor": 0.85, "brake_gain_factor": 1.1},
+        id="uphill-light-strong",
+        marks=pytest.mark.slow,
+    ),
 ]
 
 
@@ -116,6 +124,7 @@ def test_the_end_of_the_path_is_a_stop_line() -> None:
     assert summary["max_deceleration_mps2"] <= COMFORT
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steering", with_slow(["pure_pursuit", "stanley", "lqr"], lambda law: law == "stanley"))
 def test_the_other_steering_laws_keep_the_path_too(steering: str) -> None:
     """Every shipped law drives the whole way within a lane's margin."""

@@ -10,7 +10,7 @@ import pytest
 
 from tests.drive.street import REPOSITORY, drive_once
 from tests.isolated import isolated
-from vve_sumo.analysis import load, radar_statistics
+from vve_sumo.analysis import load, sensor_statistics
 from vve_sumo.analysis.run import Run
 from vve_sumo.drive.replay import read_car_frames, read_pipeline_inputs, recorded_scenario, replay
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
@@ -46,7 +46,7 @@ def test_false_alarms_are_recorded_as_nobody(run: Run) -> None:
     names = run.detections["actor"].tolist()
     assert scans > 1000
     assert names.count(NO_ACTOR) == pytest.approx(RATE * scans, abs=5.0 * (RATE * scans) ** 0.5)
-    assert radar_statistics(run).loc[NO_ACTOR, "ghosts"] == names.count(NO_ACTOR)
+    assert sensor_statistics(run).loc[NO_ACTOR, "ghosts"] == names.count(NO_ACTOR)
 
 
 def test_every_scan_came_out_at_the_first_tick_after_its_latency(run: Run) -> None:
@@ -59,7 +59,7 @@ def test_every_scan_came_out_at_the_first_tick_after_its_latency(run: Run) -> No
 
 def test_ranges_are_those_of_the_time_at_which_they_were_measured(run: Run) -> None:
     """Against where the car was when they came out, ranges to the parked car would be too long by a metre and more."""
-    parked = radar_statistics(run).loc["parked_car"]
+    parked = sensor_statistics(run).loc["parked_car"]
     assert abs(parked["range_error_mean_m"]) < 0.1
     assert parked["ghosts"] == 0
 

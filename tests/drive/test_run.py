@@ -22,8 +22,9 @@ from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.trust import PLAYBACK, TrustGate
 from vve_sumo.record.writer import RecordWriter
 from vve_sumo.values import ArmingState, ControlCommand
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed import codec, messages
-from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.gateway import Gateway
 from vve_sumo.world.surroundings import table
 
 
@@ -104,7 +105,7 @@ def test_the_playback_profile_can_never_arm() -> None:
         pose = pose_at_rest(0.0, 0.0, 0.0)
         pipeline.accept(now, dataclasses.replace(placement.unplace(pose), time=now, pitch=0.0, altitude=0.0))
         pipeline.see(now, table(now, ()))
-        decided = pipeline.decide(tick, now, gateway.measured_steering)
+        decided = pipeline.decide(tick, now, gateway.monitor.measured_steering)
         output = gateway.step(now, decided.setpoint, reports, OperatorCommand.ENGAGE)
         assert output.status.state is not ArmingState.ENGAGED
         assert "profile_may_not_arm" in decided.faults

@@ -50,6 +50,7 @@ def resolved(folder: Path) -> dict[str, Any]:
     return dict(json.loads((folder / "scenario.json").read_text(encoding="utf-8")))
 
 
+@pytest.mark.slow
 def test_the_mkz_drives_the_papers_drive(tmp_path: Path) -> None:
     summary = isolated(drive, str(tmp_path / "mkz"), "lincoln_mkz")
     assert summary["failed"] == []

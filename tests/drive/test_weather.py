@@ -13,7 +13,7 @@ from tests.plant.test_car import EPOCH, LOT, ride
 from vve_sumo.drive.lockstep import car_parameters
 from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.plant.car import Car, CarParameters
-from vve_sumo.plant.parameters import DRY
+from vve_sumo.rig.car_parameters import DRY
 
 
 def braking(parameters: CarParameters) -> tuple[float, float]:

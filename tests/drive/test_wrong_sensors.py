@@ -12,6 +12,7 @@ import pytest
 
 from controllers import follow_and_stop
 from tests import vehicles
+from tests.exhaustive import with_slow
 from tests.live.matrix import GATEWAY, HALF, OPEN_THROTTLE, PERIOD, PUSH, PUSHED, Layer, Right, Row, bound
 from tests.vehicle.closed_loop import Came, ClosedLoop, Slowing, came_of, straight, winding
 from vve_sumo.path import ReferencePath
@@ -71,7 +72,7 @@ def farthest_way(came: Came, stops: Layer, push: float = 0.0) -> float:
     return bound(Row("", "", Right.REST, stops=stops, notice=came.noticed + PERIOD, push=push), came.speed, 0.0)
 
 
-@pytest.mark.parametrize("speed", SPEEDS)
+@pytest.mark.parametrize("speed", with_slow(SPEEDS, lambda speed: speed == SPEEDS[0]))
 @pytest.mark.parametrize("promised", PROMISED, ids=lambda promised: promised.kind)
 def test_a_fault_that_no_report_confesses_is_noticed_and_stops_the_car(promised: Noticed, speed: float) -> None:
     came = driven(promised.kind, speed, promised.path, promised.value)
@@ -82,7 +83,7 @@ def test_a_fault_that_no_report_confesses_is_noticed_and_stops_the_car(promised:
     assert came.let_go == 0.0, "a car that moves is neither held to stand nor let go"
 
 
-@pytest.mark.parametrize("speed", SPEEDS)
+@pytest.mark.parametrize("speed", with_slow(SPEEDS, lambda speed: speed == SPEEDS[0]))
 @pytest.mark.parametrize("kind", ["pose_minute_wrong", "pose_ahead_once", "pose_forged"])
 def test_packets_that_cannot_be_from_when_they_say_are_ridden_through(kind: str, speed: float) -> None:
     came = driven(kind, speed, winding())
@@ -93,7 +94,7 @@ def test_packets_that_cannot_be_from_when_they_say_are_ridden_through(kind: str,
 # Faults of what pushes and brakes, and of speeds that do not change: they show when something is asked for.
 
 
-@pytest.mark.parametrize("speed", SPEEDS)
+@pytest.mark.parametrize("speed", with_slow(SPEEDS, lambda speed: speed == SPEEDS[0]))
 def test_brakes_that_give_half_are_noticed_within_one_stop(speed: float) -> None:
     came = driven("brakes_weak", speed, straight(), brakes=2.0)
     assert came.reasons[0] == "brake_not_following"
@@ -103,7 +104,7 @@ def test_brakes_that_give_half_are_noticed_within_one_stop(speed: float) -> None
     assert came.way <= way
 
 
-@pytest.mark.parametrize("speed", SPEEDS)
+@pytest.mark.parametrize("speed", with_slow(SPEEDS, lambda speed: speed == SPEEDS[0]))
 def test_brakes_that_give_nothing_are_noticed_soon_and_never_taken_for_rest(speed: float) -> None:
     came = driven("brakes_weak", speed, straight(), value=0.0, brakes=2.0)
     assert came.reasons[0] == "brake_not_following"
@@ -112,7 +113,7 @@ def test_brakes_that_give_nothing_are_noticed_soon_and_never_taken_for_rest(spee
     assert came.ended == "stopping", "nothing that the gateway has stops this car"
 
 
-@pytest.mark.parametrize("speed", SPEEDS)
+@pytest.mark.parametrize("speed", with_slow(SPEEDS, lambda speed: speed == SPEEDS[0]))
 def test_an_engine_that_pushes_unasked_is_noticed_and_braked_down(speed: float) -> None:
     came = driven("drive_unasked", speed, straight(), value=OPEN_THROTTLE)
     assert came.reasons[0] in ("brake_not_following", "drive_not_following")
@@ -121,7 +122,7 @@ def test_an_engine_that_pushes_unasked_is_noticed_and_braked_down(speed: float) 
     assert came.way <= farthest_way(came, PUSHED, PUSH)
 
 
-@pytest.mark.parametrize("speed", SPEEDS)
+@pytest.mark.parametrize("speed", with_slow(SPEEDS, lambda speed: speed == SPEEDS[0]))
 def test_wheel_speeds_that_are_frozen_show_as_soon_as_the_speed_changes(speed: float) -> None:
     came = driven("wheel_speeds_frozen", speed, straight(), brakes=2.0)
     assert not set(came.reasons).isdisjoint(("wheel_speeds_frozen", "speed_mismatch", "position_mismatch"))

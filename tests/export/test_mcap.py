@@ -122,7 +122,7 @@ def test_the_file_is_indexed_in_compressed_chunks_and_says_what_it_is(file: Path
     assert file.name == "mine.mcap"
     assert {index.compression for index in summary.chunk_indexes} == {"zstd"}
     assert {summary.channels[number].topic for number in summary.channels} == {
-        "/tf", "/ego/pose", "/ego/pose_estimated", "/ego/fix", "/roads", "/scene", "/radar", "/gateway/log",
+        "/tf", "/ego/pose", "/ego/pose_estimated", "/ego/fix", "/roads", "/scene", "/sensor_radar", "/gateway/log",
         "/signals", "/states", "/can",
     }  # fmt: skip
     with file.open("rb") as source:
@@ -158,7 +158,7 @@ def test_transforms_lead_from_the_map_to_the_bumper(read: dict[str, list[Sent]])
     for one, x, y, heading in zip(read["/tf"], X, Y, HEADING, strict=True):
         ego, radar = one.content.transforms
         assert (ego.parent_frame_id, ego.child_frame_id) == ("map", "ego")
-        assert (radar.parent_frame_id, radar.child_frame_id) == ("ego", "radar")
+        assert (radar.parent_frame_id, radar.child_frame_id) == ("ego", "sensor_radar")
         assert (ego.translation.x, ego.translation.y) == (x, y)
         assert math.cos(heading_of(ego.rotation) - heading) == pytest.approx(1.0, abs=1e-12)
         ahead = 4.872 - 1.032  # of the Ford Fusion: length less rear overhang
@@ -215,10 +215,10 @@ def test_roads_are_drawn_by_both_bounds_once(read: dict[str, list[Sent]]) -> Non
 
 
 def test_a_scan_is_a_cloud_of_its_detections(read: dict[str, list[Sent]]) -> None:
-    assert [one.seconds for one in read["/radar"]] == pytest.approx([tick * PERIOD for tick in SCANS], abs=1e-6)
-    for tick, one in zip(SCANS, read["/radar"], strict=True):
+    assert [one.seconds for one in read["/sensor_radar"]] == pytest.approx([tick * PERIOD for tick in SCANS], abs=1e-6)
+    for tick, one in zip(SCANS, read["/sensor_radar"], strict=True):
         cloud = one.content
-        assert cloud.frame_id == "radar"
+        assert cloud.frame_id == "sensor_radar"
         assert seconds(cloud.timestamp) == pytest.approx(tick * PERIOD, abs=1e-6)
         offsets = {field.name: (field.offset, {2: "i1", 8: "<f8"}[field.type]) for field in cloud.fields}
         expected = [row for row in DETECTIONS if row["tick"] == tick]

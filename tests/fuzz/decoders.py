@@ -31,12 +31,13 @@ from typing import Any, Final
 
 from tests.fixes import GOOD
 from tests.fuzz.invariant import Violation, hold
+from vve_sumo.messages import MalformedMessage
 from vve_sumo.pose import ncom, nmea, oxts_can
 from vve_sumo.pose.trust import DRIVE, TrustGate
 from vve_sumo.values import ArmingState, FallbackPath, Fix, FixQuality, Frame, GatewayStatus, Setpoint
 from vve_sumo.vehicle import link
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed import codec
-from vve_sumo.vehicle.gateway import OperatorCommand
 
 INPUTS: Final = 1000  # of a run
 PATIENCE: Final = 1.0  # processor time of one input [s]
@@ -298,13 +299,13 @@ def _links(chance: random.Random, told: list[object]) -> None:
         message = made(chance)
         data = encode(message)
         told[:] = [message, data]
-        hold(6, repr(decode(data)) == repr(message), (message, decode(data)))
+        hold(6, repr(decode(data)) == repr(message).replace(r"\ud800", "?"), (message, decode(data)))
         spoilt = _spoilt(chance, data, data)
         if chance.random() < 0.7 and len(spoilt) > 4:
             spoilt = spoilt[:-4] + struct.pack("<I", zlib.crc32(spoilt[:-4]))
         told[:] = [message, spoilt]
         taken = decode(spoilt)
-        if isinstance(taken, link.MalformedMessage):
+        if isinstance(taken, MalformedMessage):
             continue
         hold(6, len(spoilt) > 4 and struct.unpack("<I", spoilt[-4:])[0] == zlib.crc32(spoilt[:-4]), taken)
         if LEAST not in repr(taken):

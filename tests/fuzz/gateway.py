@@ -38,9 +38,10 @@ from tests import vehicles
 from tests.fuzz.invariant import Violation, hold
 from vve_sumo.values import ArmingState, FallbackPath, Frame, Setpoint
 from vve_sumo.vehicle.arming import COMMANDING
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
-from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.gateway import Gateway
 
 STEPS: Final = 600  # of a drive
 PERIOD: Final = 0.02  # [s]
@@ -416,7 +417,7 @@ class Drive:
         moved, rate = abs(steering - self.steering), VEHICLE.steering_rate_limit
         rise, fall = acceleration - self.acceleration, min(self.acceleration, 0.0) - acceleration
         if before is after is STATE.ENGAGED and self.going:
-            speed = abs(self.gateway.wheel_speed)
+            speed = abs(self.gateway.monitor.wheel_speed)
             rate = min(rate, 5.0 * VEHICLE.wheelbase / max(speed * speed, 1e-9))
             hold(12, moved <= rate * elapsed + 1e-9, f"steering moved by {moved:g} in {elapsed:g} s")
             jerk = 30.0 if self.emergency_until >= self.now - 2e-6 else 10.0

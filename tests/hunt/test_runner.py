@@ -43,7 +43,7 @@ def test_an_exception_in_the_program_is_a_finding(monkeypatch: pytest.MonkeyPatc
     def fails(*_arguments: object) -> None:
         raise RuntimeError("a bug")
 
-    monkeypatch.setattr("vve_sumo.vehicle.gateway.Gateway._apply_event", fails)
+    monkeypatch.setattr("vve_sumo.vehicle.arming_machine.ArmingMachine.apply", fails)
     (result,) = run_many(course(), EPISODES[:1], Tolerances())
     assert result.broken == ("exception",)
     assert "RuntimeError: a bug" in result.failure

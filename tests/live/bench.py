@@ -28,8 +28,8 @@ from vve_sumo.live.slcan import Adapter
 from vve_sumo.live.spawn import start
 from vve_sumo.values import ArmingState, Frame, Setpoint
 from vve_sumo.vehicle import link
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed import codec, layout
-from vve_sumo.vehicle.gateway import OperatorCommand
 from vve_sumo.vehicle.limits import Limits
 
 EPOCH = 1000.0

@@ -50,7 +50,7 @@ def _driven(folder: Path, name: str) -> tuple[tuple[bytes, ...], float]:
     "program",
     [
         "stop_for_parked.py",
-        "minimal.py",
+        pytest.param("minimal.py", marks=pytest.mark.slow),
         pytest.param("minimal.c", marks=pytest.mark.skipif(CC is None, reason="needs a C compiler")),
     ],
 )
@@ -65,6 +65,7 @@ def test_brain_of_another_process_drives_and_its_record_is_the_same_every_time(p
     assert len(set(records)) == 1
 
 
+@pytest.mark.slow
 def test_the_record_says_that_a_foreign_brain_decided_and_cannot_be_asked_again(tmp_path: Path) -> None:
     ports = write_rig(tmp_path)
     with running(_commands("minimal.py", tmp_path, ports), ports[1]):
@@ -83,6 +84,7 @@ def test_the_record_says_that_a_foreign_brain_decided_and_cannot_be_asked_again(
     assert "--controller follow_and_stop" not in page
 
 
+@pytest.mark.slow
 def test_minimal_brains_of_both_languages_drive_the_same(tmp_path: Path) -> None:
     if CC is None:
         pytest.skip("needs a C compiler")
@@ -97,8 +99,10 @@ def test_minimal_brains_of_both_languages_drive_the_same(tmp_path: Path) -> None
     "program",
     [
         "stop_for_parked.py",
-        "minimal.py",
-        pytest.param("minimal.c", marks=pytest.mark.skipif(CC is None, reason="needs a C compiler")),
+        pytest.param("minimal.py", marks=pytest.mark.slow),
+        pytest.param(
+            "minimal.c", marks=[pytest.mark.slow, pytest.mark.skipif(CC is None, reason="needs a C compiler")]
+        ),
     ],
 )
 def test_a_brain_with_the_key_drives_and_one_without_it_is_not_heard(program: str, tmp_path: Path) -> None:
@@ -123,6 +127,7 @@ def _key(program: str, file: Path) -> list[str]:
     return [str(file)] if program.startswith("minimal") else ["--key", str(file)]
 
 
+@pytest.mark.slow
 def test_a_stray_datagram_before_the_brain_does_not_lock_it_out(tmp_path: Path) -> None:
     ports = write_rig(tmp_path)
     words = _commands("minimal.py", tmp_path, ports)

@@ -30,14 +30,16 @@ from vve_sumo.live.gateway import (
     dbw_is_gone,
     next_step_time,
 )
+from vve_sumo.live.messages import decode
 from vve_sumo.live.priority import NEVER_KILLED
 from vve_sumo.record.reader import read_table
 from vve_sumo.timing import MAX_STEP_INTERVAL, MIN_STEP_INTERVAL
 from vve_sumo.values import ArmingState, Frame, Setpoint
 from vve_sumo.vehicle import link
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed import codec, layout, messages
 from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
-from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.gateway import Gateway
 from vve_sumo.vehicle.interface import Gear
 
 Open = Callable[..., Bench]
@@ -167,12 +169,12 @@ def test_a_bus_that_babbles_is_no_word_of_the_kit(frames: list[Frame]) -> None:
     """Only what its four modules report counts, and only where that can be understood."""
     core = Gateway(FUSION, CALIBRATION, period=PERIOD)
     core.step(5.0, None, [])
-    assert core.last_dbw_report == -math.inf
+    assert core.monitor.last_dbw_report == -math.inf
     core.step(5.0 + PERIOD, None, frames)
     understood = [frame for frame in frames if not isinstance(codec.decode(frame), codec.Malformed)]
-    assert (core.last_dbw_report > 0.0) is any(frame.id in IDS for frame in understood)
+    assert (core.monitor.last_dbw_report > 0.0) is any(frame.id in IDS for frame in understood)
     core.step(5.0 + 2 * PERIOD, None, [Frame(0x3FF, b"babble!!")] * 40)
-    assert core.last_dbw_report <= 5.0 + PERIOD
+    assert core.monitor.last_dbw_report <= 5.0 + PERIOD
 
 
 @pytest.mark.parametrize("number", IDS)
@@ -180,7 +182,7 @@ def test_each_module_of_the_kit_is_heard(number: int) -> None:
     core = Gateway(FUSION, CALIBRATION, period=PERIOD)
     (report,) = [frame for frame in LiveCar().reports() if frame.id == number]
     core.step(7.0, None, [report])
-    assert core.last_dbw_report == 7.0
+    assert core.monitor.last_dbw_report == 7.0
 
 
 # The process.
@@ -417,9 +419,9 @@ def test_the_kernel_is_told_to_take_the_gateway_last(bench: Open) -> None:
 def test_a_bus_that_cannot_be_opened_is_one_line_and_the_rigs_exit_code(bench: Open) -> None:
     b = bench(sender=False, bus={"interface": "slcan", "channel": "/dev/none", "bitrate": 500_000})
     assert b.gateway.wait(30.0) == 3
-    (told,) = [json.loads(data) for data in b.console.receive()]
-    assert told["exit_code"] == 3
-    assert told["refused"].startswith("CAN bus slcan:/dev/none cannot be opened: ")
+    (told,) = map(decode, b.console.receive())
+    assert told.exit_code == 3
+    assert told.text.startswith("CAN bus slcan:/dev/none cannot be opened: ")
 
 
 def told_after(b: Bench, moment: float) -> list[Heard]:

@@ -10,7 +10,7 @@ from vve_sumo.live.console import Console
 from vve_sumo.live.keys import KeyCommand
 from vve_sumo.values import ArmingState, GatewayStatus
 from vve_sumo.vehicle import link
-from vve_sumo.vehicle.gateway import OperatorCommand
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 
 
 class At:

@@ -24,8 +24,9 @@ from vve_sumo.live.spawn import start
 from vve_sumo.live.summary import summarise
 from vve_sumo.record.hashes import hash_parts, whole
 from vve_sumo.record.reader import read_pose_chunks, read_table
+from vve_sumo.record.rows import GatewayRow, LatencyRow
 from vve_sumo.record.writer import LiveRecord, RecordWriter
-from vve_sumo.values import CommandedPath, Frame, GatewayRow, LatencyRow
+from vve_sumo.values import CommandedPath, Frame
 
 KINDS = {"int": 0, "float": 0.5, "bool": False, "str": "", "bytes": b"\x00\xff"}
 COLUMNS = (np.array([9.0]), np.array([0.1]), np.array([-2.0]), np.array([1], np.int8), ("car0",))
@@ -137,6 +138,16 @@ def test_the_hash_covers_every_column_of_the_gateway(field: str, tmp_path: Path)
         record.stepped(plain(GatewayRow, **changes))
         hashes.append(whole(record.close()))
     assert hashes[0] != hashes[1]
+
+
+def test_bytes_that_are_no_batch_are_told_and_stand_in_the_summary(desk: Desk) -> None:
+    assert desk.to_drive.send(b"no batch")
+    until(lambda: (desk.gateway.flush(), desk.gateway.failure)[1] == "record_failed")
+    say_step(desk.gateway, 0)
+    desk.gateway.flush()
+    summary = desk.hang_up()
+    assert summary["record_broken"] == ["messages"]
+    assert summary["gateway_steps"] == 1, "what comes well is written all the same"
 
 
 def test_a_drive_that_never_said_how_it_ended_was_lost(desk: Desk) -> None:

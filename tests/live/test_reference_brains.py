@@ -40,7 +40,9 @@ BRAINS = (
 
 
 @pytest.mark.parametrize("seed", with_slow([1, 2, 3], lambda seed: seed == 1))
-@pytest.mark.parametrize("brain", BRAINS, ids=lambda brain: brain.program)
+@pytest.mark.parametrize(
+    "brain", with_slow(BRAINS, lambda brain: brain.program == "stop_by_esr.py"), ids=lambda brain: brain.program
+)
 def test_it_stops_before_the_parked_car(brain: Reference, seed: int, tmp_path: Path) -> None:
     if "osi" in brain.program and importlib.util.find_spec("osi3") is None:
         pytest.skip("needs osi-python")

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import REPOSITORY
+from tests.exhaustive import with_slow
 
 CONFTEST = """
 import contextlib, time
@@ -59,7 +60,10 @@ def test_it(shared):
 
 @pytest.mark.parametrize(
     ("stands_still", "passes_at", "runs", "passes"),
-    [(True, 1, 1, True), (True, 3, 3, True), (True, 4, 3, False), (False, 2, 1, False)],
+    with_slow(
+        [(True, 1, 1, True), (True, 3, 3, True), (True, 4, 3, False), (False, 2, 1, False)],
+        lambda case: case[1] in (3, 2),
+    ),
 )
 def test_a_failure_counts_unless_the_machine_stood_still(tmp_path: Path, stands_still, passes_at, runs, passes) -> None:
     (tmp_path / "conftest.py").write_text(CONFTEST)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -32,6 +33,7 @@ from vve_sumo.drive.lockstep import DriveEnd
 from vve_sumo.drive.summary import summarise
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.drive.verify import altered_parts
+from vve_sumo.errors import ConfigError
 from vve_sumo.live.assembly import from_dict
 from vve_sumo.live.replay import read_live_inputs, replay_drive, replay_gateway
 from vve_sumo.plotting.drive_record import draw_drive
@@ -302,6 +304,15 @@ def test_a_changed_setpoint_is_found_at_its_step(copy: Path) -> None:
     difference = replay_drive(inputs, REPOSITORY)
     assert difference is not None
     assert difference.what == "setpoint"
+
+
+def test_setpoints_of_another_encoding_are_told_as_that(copy: Path) -> None:
+    inputs = read_live_inputs(copy)
+    step = next(number for number, row in enumerate(inputs.steps) if row["setpoint"])
+    older = b"VV\x02\x01and what version 2 has there"
+    inputs.steps[step]["setpoint"] = older + zlib.crc32(older).to_bytes(4, "little")
+    with pytest.raises(ConfigError, match=r"its setpoints are encoded as another version of vve-sumo did it"):
+        replay_gateway(inputs)
 
 
 def test_another_seed_is_another_drive(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -23,7 +23,7 @@ from tests.setpoints import setpoint as complete
 from vve_sumo.pose.ncom import Encoder
 from vve_sumo.record.reader import read_table
 from vve_sumo.vehicle import link
-from vve_sumo.vehicle.gateway import OperatorCommand
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 
 pytestmark = pytest.mark.live
 

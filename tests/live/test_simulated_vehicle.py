@@ -24,12 +24,14 @@ from tests.setpoints import setpoint as complete
 from vve_sumo.bus import Bus
 from vve_sumo.frames import Alignment, MapFrame, Placement
 from vve_sumo.live.channel import Channel, pair
+from vve_sumo.live.messages import decode
 from vve_sumo.live.simulated_vehicle import CarConfig, PythonCanWire, TruthFile
 from vve_sumo.live.spawn import start
 from vve_sumo.plant.injected_faults import InjectedFault
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.values import ArmingState, Fix, Frame, GatewayStatus
-from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.arming_machine import OperatorCommand
+from vve_sumo.vehicle.gateway import Gateway
 from vve_sumo.vehicle.interface import InterfaceConfig
 
 LOT = MapFrame("+proj=tmerc +lat_0=40 +lon_0=-81 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs")
@@ -47,7 +49,7 @@ def configuration(truth: Path | None, port: int, **changes: Any) -> CarConfig:
         epoch=EPOCH,
         t0=time.monotonic(),
         seed=7,
-        target=("127.0.0.1", port),
+        receiver={"kind": "ncom_udp", "port": port, "minimum_delay_ms": 10.0},
         truth=truth,
     )
     return replace(config, **changes)
@@ -61,7 +63,7 @@ class Running:
     console: Channel
     ears: socket.socket
     config: CarConfig
-    ready: dict[str, Any] = field(default_factory=dict)
+    ready: Any = None
     packets: list[tuple[float, bytes]] = field(default_factory=list)  # drive time of taking them, bytes
     statuses: list[GatewayStatus] = field(default_factory=list)
     tick: int = 0
@@ -137,7 +139,7 @@ def launch(tmp_path) -> Iterator[Callable[..., Running]]:
         car = Running(start("simulated_vehicle", config.to_dict(), {"console": theirs}), ours, ears, config)
         running.append(car)
         assert select.select([ours], [], [], 20.0)[0], "the car says that it is ready"
-        car.ready = json.loads(ours.receive()[0])
+        car.ready = decode(ours.receive()[0])
         return car
 
     yield begin
@@ -214,9 +216,8 @@ def test_a_bus_that_is_down_is_a_silent_one():
 @pytest.mark.live
 def test_a_gateway_on_the_pty_drives_it_and_brakes_it_to_rest(launch):
     car = launch()
-    assert car.ready["kind"] == "car_ready"
-    assert car.ready["interface"] == "slcan"
-    with Bus(car.ready["interface"], car.ready["channel"]) as bus:
+    assert car.ready.address[0] == "slcan"
+    with Bus(*car.ready.address) as bus:
         gateway = gateway_of(car)
         car.drive(bus, gateway, 4.5, engaging(2.0))
         assert car.statuses[-1].state is ArmingState.ENGAGED, car.statuses[-1].reasons
@@ -252,7 +253,7 @@ def assert_fixes_tell_the_truth(car: Running, rows: list[dict[str, str]]) -> Non
 @pytest.mark.live
 def test_it_outlives_console_and_gateway_and_comes_to_rest_by_its_own_watchdog(launch):
     car = launch(faults=(InjectedFault("pose_lost", 0.5, 0.5),))
-    with Bus(car.ready["interface"], car.ready["channel"]) as bus:
+    with Bus(*car.ready.address) as bus:
         car.drive(bus, gateway_of(car), 4.5, engaging(2.0))
         for ignored in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
             car.process.send_signal(ignored)
@@ -302,6 +303,5 @@ def test_after_a_stall_it_has_lived_through_and_says_nothing_stale(launch):
 
 def test_a_bus_that_cannot_be_opened_is_one_line_and_an_exit_code(launch):
     car = launch(bus=("socketcan", "vve_none0"))
-    assert car.ready["kind"] == "car_failed"
-    assert car.ready["text"].startswith("CAN bus socketcan:vve_none0 cannot be opened: ")
+    assert car.ready.text.startswith("CAN bus socketcan:vve_none0 cannot be opened: ")
     assert car.process.wait(5.0) == 3

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +12,7 @@ import pytest
 
 from vve_sumo.errors import RigError
 from vve_sumo.live import session, spawn
+from vve_sumo.live.messages import Ready, encode
 from vve_sumo.rig.schema import RigView
 
 
@@ -21,7 +21,7 @@ def test_a_stop_beside_the_word_that_the_page_is_ready_ends_the_start(
     stops: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def start(_name: str, _config: Any, channels: Any, **_more: Any) -> subprocess.Popen[bytes]:
-        for said in (json.dumps({"kind": "view_ready", "address": "here"}).encode(), *[b"stop"] * stops):
+        for said in (encode(Ready(("here",))), *[b"stop"] * stops):
             channels["console"].send(said)
         return subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
 

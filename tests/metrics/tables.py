@@ -12,7 +12,7 @@ from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.lead_vehicle import LeadVehicle
 from vve_sumo.path import ReferencePath
 from vve_sumo.record.layout import SCHEMAS
-from vve_sumo.values import TickRow
+from vve_sumo.record.rows import TickRow
 
 PERIOD = 0.02
 CAR = FUSION.vehicle

@@ -48,6 +48,7 @@ SUBJECTS: Final[dict[str, Subject]] = {
         "figures.py",
         "gateway.py::test_every_reason_it_can_give_has_plain_words",
     ),
+    "arming_machine": _vehicle("arming_machine", "arming_machine.py"),
     "setpoint_validation": _vehicle("setpoint_validation", "setpoint_validation.py", "figures.py"),
     "engagement": _vehicle("engagement", "engagement.py", "safety_constants.py"),
     "reports": _vehicle("reports", "reports.py", "driver_reports.py", "safety_constants.py"),

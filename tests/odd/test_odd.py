@@ -57,6 +57,7 @@ def test_an_ego_that_backs_into_a_standing_driver_is_not_the_drivers_fault():
     assert not verdict.avoidable
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", with_slow([6, 13], lambda seed: seed == 6))
 def test_traffic_does_not_drive_through_an_ego_that_creeps_through_a_left_turn(seed: int) -> None:
     """On 17th Avenue into Joyce: its body lies on lanes of the junction that SUMO does not map it to."""

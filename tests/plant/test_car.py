@@ -66,7 +66,7 @@ def town(time: float) -> Command:
 def test_two_rides_with_one_seed_are_the_same_to_the_bit() -> None:
     first, second, other = ([*ride(make(seed=seed), 12.0, town)] for seed in (1, 1, 2))
     assert first == second
-    assert [output.ncom for output in first] != [output.ncom for output in other]
+    assert [output.packets for output in first] != [output.packets for output in other]
 
 
 def test_truth_does_not_depend_on_the_noise() -> None:
@@ -85,7 +85,7 @@ def test_reports_come_at_their_rates() -> None:
 
 def test_what_is_said_is_said_in_order_and_within_its_step() -> None:
     for tick, output in enumerate(ride(make(), 2.0, town)):
-        for said in (output.reports, output.ncom):
+        for said in (output.reports, output.packets):
             times = [time for time, _ in said]
             assert times == sorted(times)
             assert all(tick * TICK - 1e-9 < time <= (tick + 1) * TICK + 1e-9 for time in times)
@@ -119,7 +119,7 @@ def test_ncom_placed_with_the_declared_mounting_is_the_truth() -> None:
     car = make(vehicles.parameters(mounting, noise=0.0, delay=0.0, grade=0.02))
     decoder, placement = Decoder(), Placement(LOT, Alignment(), mounting, EPOCH)
     for output in ride(car, 10.0, town):
-        fixes = [fix for time, data in output.ncom for fix in decoder.feed(data, time)]
+        fixes = [fix for time, data in output.packets for fix in decoder.feed(data, time)]
         pose, truth = placement.place(fixes[-1]), car.truth()
         assert pose.time == pytest.approx(truth.time, abs=1e-6)
         assert math.hypot(pose.x - truth.x, pose.y - truth.y) < 1e-5
@@ -250,7 +250,7 @@ def test_imperfections_leave_every_other_noise_as_it_is() -> None:
     for car in (ideal, other):
         outputs = [*ride(car, 6.0, town)]
         frames = [frame for output in outputs for _, frame in output.reports if frame.id == layout.YAW_RATE]
-        said.append((frames, [packet for output in outputs for _, packet in output.ncom]))
+        said.append((frames, [packet for output in outputs for _, packet in output.packets]))
     (rates, packets), (other_rates, other_packets) = said
     assert rates == other_rates
     assert other_packets == packets[: len(other_packets)]

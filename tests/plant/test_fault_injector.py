@@ -93,7 +93,7 @@ class Ride:
         if truth.speed > START_SPEED:
             self.began = min(self.began, until)
         self.truths[round(until, 3)] = truth
-        self.packets += output.ncom
+        self.packets += output.packets
         self.frames += output.reports
         self.enabled.append((until, tuple(module.enabled for module in self.car.interface.controller.modules)))
 

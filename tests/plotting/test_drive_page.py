@@ -26,7 +26,7 @@ from vve_sumo.metrics.moment import Moment, MomentMeasure
 from vve_sumo.path import ReferencePath
 from vve_sumo.plotting import birds_eye, drive_page, page
 from vve_sumo.record.layout import SCHEMAS
-from vve_sumo.values import TickRow
+from vve_sumo.record.rows import TickRow
 
 CAR = vehicles.FUSION.vehicle
 PLAIN = {"int": 0, "float": 0.0, "bool": False, "str": ""}
@@ -255,6 +255,7 @@ def test_a_drive_with_a_moment_writes_every_word_on_the_page_and_none_over_anoth
         content,
         moment=Moment(150, 3.0, MomentMeasure.TIME_TO_COLLISION, 2.5, "other"),
         unseen=frozenset({"other"}),
+        watching=["radar"],
         asked={"stop_gap_m": {"min": 4.5, "max": 6.5}, "max_lateral_deviation_m": {"max": 0.15}},
     )
     with mpl.rc_context(page.STYLE):
@@ -265,7 +266,7 @@ def test_a_drive_with_a_moment_writes_every_word_on_the_page_and_none_over_anoth
         words = [text for axes in figure.axes for text in (*axes.texts, axes._left_title, axes._right_title)]
         legends = [text for axes in figure.axes if axes.get_legend() for text in axes.get_legend().get_texts()]
         boxes = {text.get_text(): text.get_window_extent(renderer) for text in (*words, *legends) if text.get_text()}
-    assert {"standing vehicle", "not seen by the radar"} <= {*boxes}
+    assert {"standing vehicle", "not seen by radar"} <= {*boxes}
     assert any(word.startswith("least time to collision (TTC) 2.50 s at 3.00 s") for word in boxes)
     assert {"ego 8.0 m/s", "standing vehicle 0.0 m/s", "±0.15 m", "middle 1, 2, 3 s later"} <= {
         word.removeprefix("required: ") for word in boxes

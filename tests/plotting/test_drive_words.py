@@ -75,7 +75,11 @@ PARKED = {"actor": "other", "x_m": 230.0}
 
 
 def test_the_time_in_which_the_radar_lost_the_actor_is_hatched_and_said_and_no_mark_crosses_the_words() -> None:
-    seen = {"detected": (0.5, 100.0), "lost": [(1.0, 2.5), (3.5, 3.8)], "distance": np.full(TICKS, 8.0)}
+    seen = {
+        "sighted": [page.FirstSighting("radar", 0.5, 100.0)],
+        "lost": [(1.0, 2.5), (3.5, 3.8)],
+        "distance": np.full(TICKS, 8.0),
+    }
     gap = panel(painted(content(PARKED, **seen), placed=True), "gap")
     hatched = [patch.get_window_extent() for patch in gap.patches if isinstance(patch, Rectangle) and patch.get_hatch()]
     spans = [gap.transData.inverted().transform(box.get_points())[:, 0].tolist() for box in hatched]

@@ -26,13 +26,13 @@ from vve_sumo.analysis.comparison import compare
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.paired import compare_rows
 from vve_sumo.analysis.run import Run
-from vve_sumo.drive import latency_monitor
 from vve_sumo.errors import ConfigError
 from vve_sumo.plotting import crowd, latencies, parts, style
 from vve_sumo.plotting.page import SIZE
+from vve_sumo.record.latencies import LEGS as LEG_NAMES
+from vve_sumo.record.rows import LatencyRow
 from vve_sumo.record.sweep_folder import SweepPlan
 from vve_sumo.report import write_report
-from vve_sumo.values import LatencyRow
 
 SPEED, BRAKING, GAP = 12.0, 3.0, 40.0
 TIME = np.arange(0.0, 6.0, PERIOD)
@@ -577,7 +577,7 @@ def test_a_search_that_goes_on_shows_its_runs_alone(tmp_path: Path) -> None:
 
 def test_the_latency_plot_stacks_the_legs_of_the_slowest_ticks(figures: dict[str, Figure]) -> None:
     figure = figures["latency"]
-    names = ("wake", "decode", "radar", "control", "hand over", "frame")
+    names = ("wake", "decode", "sensors", "control", "hand over", "frame")
     stacked = {one.get_label(): one.get_paths()[0].vertices for one in figure.axes[0].collections}
     at = WORST * PERIOD
     for leg, usual, slow in zip(names, np.cumsum(LEGS), np.cumsum(LEGS) + 20.0 * (np.arange(6) > 0), strict=True):
@@ -694,10 +694,10 @@ def test_a_contact_from_the_side_is_in_the_picture(tmp_path: Path) -> None:
 
 def test_a_leg_that_did_not_happen_is_not_another_ticks() -> None:
     """Of a portion's slowest tick nothing is known of the radar; the others took 1 ms for it."""
-    legs = {f"{leg}_ms": [1.0, 1.0] for leg in latency_monitor.LEGS} | {"total_ms": [6.0, 9.0], "time_s": [0.0, 0.0]}
-    _edges, shown = latencies.slowest(pd.DataFrame(legs | {"radar_ms": [1.0, math.nan]}))
+    legs = {f"{leg}_ms": [1.0, 1.0] for leg in LEG_NAMES} | {"total_ms": [6.0, 9.0], "time_s": [0.0, 0.0]}
+    _edges, shown = latencies.slowest(pd.DataFrame(legs | {"sensors_ms": [1.0, math.nan]}))
     assert shown["total_ms"].dropna().tolist() == [9.0]
-    assert not shown["radar_ms"].notna().any()
+    assert not shown["sensors_ms"].notna().any()
 
 
 def test_the_overview_is_of_the_drives_own_size_and_says_what_came_of_it(tmp_path: Path, run: Run) -> None:

@@ -8,7 +8,11 @@
         def portions(self):
             return [(arrival_s, bytes_as_sent), …]  # a drive of some seconds that a car could be driven on
 
-A kind is judged by the fixes that come of its bytes; nothing here knows a format.
+A kind is judged by the fixes that come of its bytes; nothing here knows a format. One with an encoder, as which the
+simulated vehicle can speak, names how finely its messages say each field:
+
+        resolution = {"latitude": 1e-9, …}  # of `fix` [its unit]; a field that is left out is not in the messages
+        warm_up = 20  # fixes until all of that is known
 """
 
 from __future__ import annotations
@@ -27,6 +31,8 @@ from pathlib import Path
 from typing import Any, ClassVar, Final, NamedTuple
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from vve_sumo.pose.receivers.port import FixDecoder, FrameBus, OpenBus, Receiver, ReceiverTable, load
@@ -41,6 +47,44 @@ PATIENCE: Final = 20.0  # for bytes that were sent to arrive [s]
 OPENED: Final = 40  # portions that are sent to an open receiver
 #: what a car cannot be driven without
 NEEDED: Final = ("time", "latitude", "longitude", "heading", "velocity_north", "velocity_east", "yaw_rate")
+
+
+#: between the fixes of an encoder's test [s]
+INTERVAL: Final = 0.02
+ANGLES: Final = ("heading", "pitch", "roll")
+#: of a car that stands in Columbus in 2026, to the whole second
+STEADY: Final = Fix(
+    time=1_451_260_818.0, time_received=0.0, latitude=math.radians(40.0), longitude=math.radians(-83.0),
+    altitude=220.0, heading=0.1, pitch=0.01, roll=-0.01, velocity_north=0.0, velocity_east=0.0, velocity_down=0.0,
+    yaw_rate=0.0, acceleration=0.0, locked=True, quality=FixQuality.RTK_FIXED, position_sigma=0.02,
+    velocity_sigma=0.03, heading_sigma=0.002, differential_age=1.0,
+)  # fmt: skip
+
+
+def steady_fixes() -> st.SearchStrategy[Fix]:
+    """Return the strategy of first fixes of steady drives, anywhere a car is driven."""
+    return st.builds(
+        Fix,
+        time=st.integers(1_300_000_000, 1_600_000_000).map(float),
+        time_received=st.just(0.0),
+        latitude=st.floats(math.radians(-80.0), math.radians(80.0)),
+        longitude=st.floats(-math.pi, math.pi, exclude_min=True, exclude_max=True),
+        altitude=st.floats(-400.0, 5000.0),
+        heading=st.floats(-math.pi, math.pi),
+        pitch=st.floats(-0.3, 0.3),
+        roll=st.floats(-0.3, 0.3),
+        velocity_north=st.just(0.0),
+        velocity_east=st.just(0.0),
+        velocity_down=st.floats(-2.0, 2.0),
+        yaw_rate=st.floats(-1.0, 1.0),
+        acceleration=st.floats(-9.0, 9.0),
+        locked=st.just(True),
+        quality=st.sampled_from([FixQuality.SINGLE, FixQuality.RTK_FLOAT, FixQuality.RTK_FIXED]),
+        position_sigma=st.floats(0.005, 5.0),
+        velocity_sigma=st.floats(0.005, 0.6),
+        heading_sigma=st.floats(0.0005, 0.05),
+        differential_age=st.floats(0.0, 30.0),
+    )
 
 
 class FarEnd(NamedTuple):
@@ -71,6 +115,9 @@ class ReceiverConformance:
 
     table: ClassVar[dict[str, Any]]  #: `[pose]` of a rig
     grain: ClassVar[int] = 1  #: bytes that the source never cuts: 1, or those of a frame
+    resolution: ClassVar[dict[str, float]] = {}  #: of the fields that the encoder's messages hold
+    warm_up: ClassVar[int] = 20  #: fixes until the decoder knows all of them
+    says_locked: ClassVar[bool] = True  #: whether the messages tell a fix that is not locked
 
     def portions(self) -> Portions:
         """Return arrivals [s] and bytes of a drive of some seconds that a car could be driven on."""
@@ -184,6 +231,92 @@ class ReceiverConformance:
                 muddled[k - 1 : k + 1] = muddled[k], muddled[k - 1]
         arrivals = [portions[min(k, len(portions) - 1)][0] for k in range(len(muddled))]
         _trusted(self.receiver(), self.fixes(list(zip(arrivals, muddled, strict=True))))
+
+    # --- the encoder -------------------------------------------------------------------------------------------------
+
+    @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.differing_executors])
+    @given(fix=steady_fixes(), north=st.floats(-30.0, 30.0), east=st.floats(-30.0, 30.0))
+    def test_what_is_encoded_is_decoded_to_the_wires_resolution(self, fix: Fix, north: float, east: float) -> None:
+        """Of a drive at constant velocity and rates: every fix, once the decoder knows all that the messages hold."""
+        encoder, decoder = self.receiver().encoder(), self.receiver().decoder()
+        if encoder is None:
+            pytest.skip("this receiver brings no encoder")
+        assert {"time", *NEEDED} - {"yaw_rate"} <= {*self.resolution}
+        fix = dataclasses.replace(fix, velocity_north=north, velocity_east=east)
+        sent, found = {}, 0
+        for number in range(self.warm_up + 10):
+            now = dataclasses.replace(fix, time=fix.time + INTERVAL * number, time_received=INTERVAL * number)
+            sent[number] = now
+            for got in decoder.feed(encoder.encode(now), INTERVAL * number):
+                number_of = round((got.time - fix.time) / INTERVAL)
+                assert got.time == pytest.approx(sent[number_of].time, abs=self.resolution["time"])
+                if number_of >= self.warm_up:
+                    self.hold(got, sent[number_of])
+                    found += 1
+        assert found >= 5
+
+    def hold(self, got: Fix, sent: Fix) -> None:
+        """Hold a decoded fix to the one that was sent; an angle may be a turn off."""
+        assert got.locked is sent.locked
+        assert got.quality is sent.quality
+        for name, step in self.resolution.items():
+            off = getattr(got, name) - getattr(sent, name)
+            off = math.remainder(off, math.tau) if name in ANGLES else off
+            assert abs(off) <= 0.51 * step + 1e-12 * abs(getattr(sent, name)), (name, got, sent)
+
+    def test_a_fix_that_a_car_cannot_be_driven_on_is_none_after_the_wire(self) -> None:
+        """Not locked, without a place, without a heading: sent after good ones, none is trusted."""
+        receiver = self.receiver()
+        if receiver.encoder() is None:
+            pytest.skip("this receiver brings no encoder")
+        good = Fix(**{**dataclasses.asdict(STEADY), "time_received": 0.0})
+        changes: list[dict[str, Any]] = [{"latitude": math.nan}, {"heading": math.nan}]
+        for change in [*changes, {"locked": False}] if self.says_locked else changes:
+            encoder, decoder, gate = receiver.encoder(), receiver.decoder(), TrustGate(receiver.profile, good.time)
+            assert encoder is not None
+            trusted = []
+            for number in range(self.warm_up + 120):
+                bad = change if number >= self.warm_up + 80 else {}
+                now = dataclasses.replace(good, time=good.time + INTERVAL * number, **bad)
+                fixes = decoder.feed(encoder.encode(now), INTERVAL * number)
+                trusted += [one.time for one in fixes if gate.step(one.time_received, one).trusted]
+            assert trusted, "the good ones are"
+            assert max(trusted) < good.time + INTERVAL * (self.warm_up + 79.5), change
+
+    def test_who_can_be_simulated_says_so(self) -> None:
+        receiver = self.receiver()
+        if why := receiver.not_simulated():
+            assert why.isprintable()
+            assert receiver.encoder() is None or receiver.far_end() is None or ":" in why
+            return
+        assert receiver.encoder() is not None
+
+    def test_what_the_far_end_sends_arrives(self) -> None:
+        """Over the receiver's own wire on this machine, to its own source."""
+        with socket.socket() as taken:
+            taken.bind(("127.0.0.1", 0))
+            port = taken.getsockname()[1]
+        if self.receiver().not_simulated():
+            pytest.skip("this receiver cannot be simulated")
+        receiver = self.receiver(port=port)
+        encoder, far, arrived = receiver.encoder(), receiver.far_end(), b""
+        assert encoder is not None
+        assert far is not None
+        source = receiver.open(no_bus)
+        try:
+            begun, sent = time.monotonic(), b""
+            while len(arrived) < 1000 and time.monotonic() < begun + PATIENCE:
+                number = len(sent)
+                data = encoder.encode(dataclasses.replace(STEADY, time=STEADY.time + INTERVAL * number))
+                far.send(data)
+                sent += data
+                select.select([source], [], [], 0.05)
+                arrived += b"".join(portion for _stamp, portion in source.receive())
+        finally:
+            source.close()
+            far.close()
+        assert len(arrived) >= 1000
+        assert arrived in sent
 
     # --- the wire ----------------------------------------------------------------------------------------------------
 

@@ -22,14 +22,18 @@ import pytest
 
 from tests.sensors.scenes import FUSION, actors, car, rear_axle
 from vve_sumo.errors import ConfigError
+from vve_sumo.geometry import Box
+from vve_sumo.sensors.drawing import from_dict, placed, quantities, to_dict
 from vve_sumo.sensors.guarded import GuardedSensor
-from vve_sumo.sensors.port import Column, Sensor, SensorSettings, configured
+from vve_sumo.sensors.port import Column, Sensor, SensorSettings, configured, drawing_of
 from vve_sumo.values import Actors
 
 PERIOD: Final = 0.02
 TICKS: Final = 200
 #: of a step, in the mean: a tick has 20 ms for all that it does [s]
 MEAN_STEP: Final = 0.005
+#: a row of an actor is drawn no farther than this from the actor's body, in the median [m]
+DRAWN_WITHIN: Final = 2.0
 
 Steps = list[tuple[tuple[Column, ...] | None, tuple[str, ...]]]
 
@@ -77,6 +81,34 @@ class SensorConformance:
             assert name.isidentifier()
             assert name == name.lower()
             assert kind != "float" or "_" in name, f"{name} has no unit"
+
+    def test_a_drawing_fits_the_columns_and_survives_its_record(self) -> None:
+        drawing = drawing_of(self.configured(), FUSION)
+        if drawing is not None:
+            assert from_dict(json.loads(json.dumps(to_dict(drawing)))) == drawing
+
+    def test_what_is_drawn_lies_where_something_is(self) -> None:
+        """From a car that is turned and away from the origin, so that a wrong frame shows."""
+        drawing = drawing_of(self.configured(), FUSION)
+        if drawing is None:
+            return
+        x, y, heading = 40.0, -15.0, 0.7
+        turned, sensor, far = _turned(self.scene(), x, y, heading), self.guarded(), []
+        names = [column.name for column in self.configured().columns]
+        for tick in range(TICKS):
+            columns = sensor.step(PERIOD * tick, rear_axle(x, y, heading), turned)
+            if columns is None or not len(columns[0]):
+                continue
+            table = dict(zip(names, columns, strict=True))
+            numbers = {name: np.asarray(table[name], float) for name in quantities(drawing).values()}
+            shapes = placed(drawing, numbers, x, y, heading)
+            whose = [""] * len(columns[0]) if drawing.actor is None else table[drawing.actor]
+            for row, name in enumerate(whose):
+                rows = [turned.ids.index(name)] if name in turned.ids else range(len(turned.ids))
+                if name or drawing.actor is None:
+                    far.append(min(_away(turned, one, shapes.x[row], shapes.y[row]) for one in rows))
+        assert far, "nothing of the scene was drawn"
+        assert np.median(far) < DRAWN_WITHIN
 
     # --- what it measures ---------------------------------------------------------------------------------------------
 
@@ -135,6 +167,25 @@ class SensorConformance:
         sensor, begun = self.guarded(), time.process_time()
         self.steps(sensor, self.scene())
         assert (time.process_time() - begun) / TICKS < MEAN_STEP
+
+
+def _turned(scene: Actors, x: float, y: float, heading: float) -> Actors:
+    """Return a scene as a car at another place sees it that looks along another heading."""
+    cos, sin = math.cos(heading), math.sin(heading)
+    return replace(
+        scene,
+        x=x + scene.x * cos - scene.y * sin,
+        y=y + scene.x * sin + scene.y * cos,
+        heading=scene.heading + heading,
+    )
+
+
+def _away(scene: Actors, row: int, x: float, y: float) -> float:
+    """Return the distance of a point from an actor's box [m], 0 inside."""
+    box = Box(*(float(getattr(scene, name)[row]) for name in ("x", "y", "heading", "length", "width")))
+    cos, sin = math.cos(box.heading), math.sin(box.heading)
+    along, across = (x - box.x) * cos + (y - box.y) * sin, (y - box.y) * cos - (x - box.x) * sin
+    return math.hypot(max(abs(along) - 0.5 * box.length, 0.0), max(abs(across) - 0.5 * box.width, 0.0))
 
 
 def _told(steps: Steps) -> list[Any]:

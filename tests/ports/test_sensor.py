@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import shutil
+import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -17,6 +19,7 @@ import pytest
 from shapely import affinity
 from shapely.geometry import LineString, box
 
+from tests.conftest import REPOSITORY
 from tests.drive.forge import change_json, seal_again
 from tests.drive.street import altered, drive_once
 from tests.isolated import isolated
@@ -25,15 +28,21 @@ from tests.sensors.scenes import BUMPER, FUSION, actors, car, rear_axle
 from vve_sumo import cli
 from vve_sumo.analysis.load import load as load_record
 from vve_sumo.drive.assembly import seed_of
+from vve_sumo.drive.brain import Publisher, virtual_placement
+from vve_sumo.drive.pipeline import SensorFrame
 from vve_sumo.drive.reasons import DRIVE_REASONS
 from vve_sumo.errors import ConfigError
+from vve_sumo.frames import Mounting, local_frame
+from vve_sumo.rig.load import parse as parse_rig
 from vve_sumo.scenario.load import parse
 from vve_sumo.sensors.guarded import GuardedSensor
 from vve_sumo.sensors.port import PORT, SensorColumn, SensorSettings, load
-from vve_sumo.values import Actors, Pose
+from vve_sumo.values import Actors, Detections, Pose
+from vve_sumo.wire.sample import Sample, no_fix
 
 TOY = Path(__file__).parent / "toy"
 FINDER = f"{TOY / 'range_finder.py'}:make"
+LISTER = f"{TOY / 'object_list.py'}:make"
 AHEAD = {"name": "ahead", "kind": FINDER, "settings": {"sigma_m": 0.05}}
 GAP = 6.0
 SCENE = actors([car(30.0, 0.0)])
@@ -51,6 +60,15 @@ class TestIdealRadar(SensorConformance):
 class TestRangeFinder(SensorConformance):
     kind = FINDER
     settings: ClassVar[dict[str, Any]] = {"width_m": 1.2}
+
+
+class TestObjectList(SensorConformance):
+    kind = LISTER
+
+
+class TestObjectListByRays(SensorConformance):
+    kind = LISTER
+    settings: ClassVar[dict[str, Any]] = {"rays": True}
 
 
 def test_the_toy_measures_what_another_geometry_says() -> None:
@@ -297,6 +315,66 @@ def test_nobody_can_write_to_what_was_measured() -> None:
         columns[0][0] = 0.0  # type: ignore[index]
 
 
+# --- what of one goes out on wires ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("member", "value", "said"),
+    [
+        ("serves", ("tracks",), "serves 'tracks', expected detections"),
+        ("observation", Number, "serves 'detections' with an observation of Number, expected Detections"),
+    ],
+)
+def test_a_kind_that_serves_what_it_does_not_have_is_refused(
+    member: str, value: Any, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from vve_sumo.sensors.radar_settings import RadarSettings
+
+    monkeypatch.setattr(RadarSettings, member, value)
+    with pytest.raises(ConfigError, match=said):
+        load("radar")
+
+
+NOISY = {"name": "noisy", "kind": "radar", "settings": {"false_alarms": 3.0}}
+
+
+@pytest.mark.parametrize(
+    ("sensor", "said"),
+    [
+        ("noisy", ""),
+        ("radar", ""),
+        ("ahead", "outputs.2.sensor: 'ahead' serves no detections, which 'osi_data' carries"),
+        ("absent", "outputs.2.sensor: the scenario has no sensor 'absent', expected radar or ahead or noisy"),
+    ],
+)
+def test_a_wire_is_of_a_sensor_that_the_scenario_has_and_that_serves_it(sensor: str, said: str) -> None:
+    table = tomllib.loads((REPOSITORY / "rigs" / "foreign.toml").read_text(encoding="utf-8"))
+    table["outputs"] = [*table["outputs"][:2], {"kind": "osi_data", "udp": "127.0.0.1:5077", "sensor": sensor}]
+    rig = parse_rig(table, Path("rig.toml"))
+    resolved = altered({"sensors": [AHEAD, NOISY]})
+    if not said:
+        assert resolved.with_rig(rig, REPOSITORY).scenario.sensors == resolved.scenario.sensors
+        return
+    with pytest.raises(ConfigError, match="^" + re.escape(said)):
+        resolved.with_rig(rig, REPOSITORY)
+
+
+def test_the_sample_of_a_tick_carries_every_sensor_s_detections() -> None:
+    sent: list[Sample] = []
+    scan = Detections(4.9, *(np.array([value]) for value in (30.0, 0.1, -5.0)), np.zeros(1, np.int8))
+    other = replace(scan, time=4.95, range=np.array([12.5]))
+    publisher = Publisher(sent.append, virtual_placement(local_frame(0.7, -1.4), Mounting(0.0, 0.0), 0.0), 0.0)
+    seen = {"radar": scan, "noisy": other, "ahead": Number(4.9, 3.0)}
+    publisher.publish(5.0, SensorFrame(rear_axle(), no_fix(5.0, 5.0), SCENE, seen), ())
+    (sample,) = sent
+    assert sample.measured is not None
+    assert sample.measured.scan is scan
+    assert dict(sample.measured.others) == {"noisy": other}
+    as_noisy = sample.seen_by("noisy").measured
+    assert as_noisy is not None
+    assert (as_noisy.scan, as_noisy.scan_age) == (other, pytest.approx(0.05))
+
+
 # --- how one drives ---------------------------------------------------------------------------------------------------
 
 
@@ -405,7 +483,7 @@ def test_another_sensor_changes_neither_the_radar_nor_the_car(tmp_path: Path) ->
 
 BROKEN = """
 from vve_sumo.sensors.port import SensorColumn, SensorSettings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 

@@ -26,7 +26,8 @@ from vve_sumo.plant.injectable import injectable_kinds, require_injectable
 from vve_sumo.plant.injected_faults import KINDS, FaultClock, InjectedFault
 from vve_sumo.timing import MAX_GEAR_REPORT_AGE, MAX_REPORT_AGE
 from vve_sumo.values import ArmingState, Frame, Setpoint
-from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.arming_machine import OperatorCommand
+from vve_sumo.vehicle.gateway import Gateway
 from vve_sumo.vehicle.interface import (
     HANDS_OFF,
     INTERFACE_KINDS,
@@ -468,9 +469,9 @@ class VehicleInterfaceConformance:
         drive.engage()
         drive.run(4.0, 1.5)
         assert drive.speed > 3.0
-        assert drive.gateway.wheel_speed == pytest.approx(drive.speed, abs=0.1)
+        assert drive.gateway.monitor.wheel_speed == pytest.approx(drive.speed, abs=0.1)
         drive.run(1.0, 0.0, steering=0.05)
-        assert drive.gateway.measured_steering == pytest.approx(0.05, abs=0.005)
+        assert drive.gateway.monitor.measured_steering == pytest.approx(0.05, abs=0.005)
         drive.run(5.0, -2.0)
         assert drive.speed == 0.0
         assert drive.state is ArmingState.ENGAGED

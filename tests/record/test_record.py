@@ -22,8 +22,9 @@ from vve_sumo.commanded_path import by_tick
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.hashes import hash_parts, whole
 from vve_sumo.record.reader import read_commanded, read_pose_chunks, read_table
+from vve_sumo.record.rows import TickRow
 from vve_sumo.record.writer import TICKS_PER_BATCH, LiveRecord, MemoryRecorder, RecordWriter
-from vve_sumo.values import Actors, CommandedPath, Frame, TickRow
+from vve_sumo.values import Actors, CommandedPath, Frame
 
 KINDS = {"int": 0, "float": 0.5, "bool": False, "str": ""}
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from tests.exhaustive import with_slow
 from tests.isolated import REPOSITORY, isolated
 from vve_sumo.analysis.run import Run
 from vve_sumo.report import again
@@ -47,7 +48,7 @@ OTHERWISE: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("name", OTHERWISE)
+@pytest.mark.parametrize("name", with_slow(OTHERWISE, lambda name: name in ("settings", "controller")))
 def test_the_printed_command_makes_the_same_record(name: str, tmp_path: Path) -> None:
     options = OTHERWISE[name]
     options = options | {"values": options.get("values", {}) | {"duration_s": 3.0}}

@@ -19,9 +19,10 @@ from matplotlib.figure import Figure
 from tests.report.test_page import contrast
 from vve_sumo.plotting import heat_map
 from vve_sumo.plotting.page import ACTOR, ALARM, EGO, EGO_PALE, INK, OBSTACLE, QUIET
-from vve_sumo.report.assets import LIBRARY, LIBRARY_LICENCE, LIBRARY_STYLE, assets_of
+from vve_sumo.report.assets import assets_of
 from vve_sumo.report.picture import DrawnPlot, picture_of
 from vve_sumo.report.theme import in_the_dark, themed, variables
+from vve_sumo.uplot import LICENCE, SCRIPT, STYLE, read
 
 DARK_PAPER = "#17191b"
 
@@ -138,13 +139,13 @@ def test_colours_that_are_values_are_the_same_in_both_schemes() -> None:
 
 def test_the_library_is_the_published_one_and_its_licence_goes_with_it() -> None:
     """Hashes of the files of the npm package uplot 1.6.32."""
-    folder = resources.files("vve_sumo.report") / "templates"
-    hashes = {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in (LIBRARY, LIBRARY_STYLE)}
+    folder = resources.files("vve_sumo.uplot")
+    hashes = {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in (SCRIPT, STYLE)}
     assert hashes == {
-        LIBRARY: "19c8d4c6ad88929a79f4ae49d6f7161566dfd0ba3d15cc495e974f787eb78f1f",
-        LIBRARY_STYLE: "df630c6a8d6f8eeaff264b50f73ce5b114f646ffd9a0bb74f049b0a00135fa04",
+        SCRIPT: "19c8d4c6ad88929a79f4ae49d6f7161566dfd0ba3d15cc495e974f787eb78f1f",
+        STYLE: "df630c6a8d6f8eeaff264b50f73ce5b114f646ffd9a0bb74f049b0a00135fa04",
     }
-    assert "Permission is hereby granted" in (folder / LIBRARY_LICENCE).read_text()
+    assert "Permission is hereby granted" in read(LICENCE)
     carried = assets_of([], interactive=True).scripts
     assert "Permission is hereby granted" in carried[0]
     assert "Permission is hereby granted" not in "".join(assets_of([], interactive=False).scripts)

@@ -80,6 +80,8 @@ def test_a_brain_that_is_not_known_or_not_heard_is_refused(brain: dict[str, Any]
             for all_of_them in ("0.0.0.0", "224.0.0.1", "239.255.7.7", "255.255.255.255")
         ),
         ([RADAR, {"kind": "ncom", "tcp": "0.0.0.0:5001"}], "outputs.1.tcp: 0.0.0.0 is everyone's"),
+        ([RADAR, {"kind": "ncom", "udp": "127.0.0.1:5009", "sensor": "noisy"}], "outputs.1.sensor: kind 'ncom'"),
+        ([RADAR | {"sensor": "noisy"}], "outputs.0.sensor: a setpoint answers the datagrams of 'radar'"),
         ([RADAR | {"host": "bus"}], "host says nothing for kind 'radar'"),
         ([RADAR, *2 * [{"kind": "nmea", "device": "/dev/ttyS1"}]], "outputs.2.device: /dev/ttyS1 is the line of"),
         ([RADAR, {"kind": "nmea", "device": "pty"}], "outputs.1.device: pty is the line of bus"),

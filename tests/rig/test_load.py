@@ -29,6 +29,8 @@ WATCHDOG = {"date": DAY, "armed": True, "deceleration_mps2": 2.5, "delay_s": 0.2
 #: the same where the watchdog did not brake
 ROLLED = WATCHDOG | {"armed": False, "deceleration_mps2": 0.3}
 NMEA_UDP = {"kind": "nmea_udp", "velocity_sigma_mps": 0.05, "heading_sigma_deg": 0.2, "minimum_delay_ms": 20.0}
+ON_CAN = {"kind": "oxts_can", "interface": "socketcan", "channel": "vcan1", "minimum_delay_ms": 10.0}
+RECORDED = {"kind": "file", "file": "a.ncom"}
 HEARD_BY_ALL = {"kind": "ncom_udp", "address": "0.0.0.0", "source": "127.0.0.1", "minimum_delay_ms": 10.0}
 #: an approximate square of 220 m, one of its corners being the first
 CORNER = (40.003, -83.020)
@@ -321,7 +323,8 @@ def test_what_no_real_car_is_driven_with(change: Change, words: str) -> None:
             put("pose", HEARD_BY_ALL),
             "pose.address: the simulated vehicle is heard on a loopback address only",
         ),
-        (put("pose", NMEA_UDP), "pose.kind: the simulated vehicle speaks 'ncom_udp'"),
+        (put("pose", ON_CAN), "pose.kind: receiver 'oxts_can' has no far_end to be simulated by"),
+        (put("pose", RECORDED), "pose.kind: receiver 'file' has no encoder and no far_end to be simulated by"),
         (put("car_start.latitude_deg", 40.0036), "car_start: the car does not stand inside the lot"),
         (put("car_start.latitude_deg", 41.0), "car_start: lies 111 km from the lot"),
         (

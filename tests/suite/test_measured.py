@@ -41,3 +41,32 @@ def test_the_approach_is_measured_from_the_entry_on(tmp_path: Path) -> None:
     record = made(tmp_path / "r", speeds)
     put(record, "actors", [BOX | {"actor": ROW.approach.target, "x_m": 40.0, "tick": tick} for tick in range(1, 5)])
     assert measure(ROW, record).approach == (5.0, 5.5)
+
+
+def cuts_in(folder: Path, brakes: int) -> RowMeasurement:
+    """Measure a car at 20 m/s that brakes from a tick on with 5 m/s2; another at 10 m/s comes over from 3.1 m aside.
+
+    The other's near side is 1 m beside its middle: at 2 m/s it is over the edge at 2 m aside after 0.05 s.
+    """
+    assert ROW.approach is not None
+    period, ego, x = 0.02, [], 0.0
+    for tick in range(20):
+        late = max(tick - brakes, 0) * period
+        braked = {"true_acceleration_mps2": -5.0} if tick >= brakes else {}
+        ego.append({"true_x_m": x - 2.5 * late * late, "true_speed_mps": 20.0 - 5.0 * late} | braked)
+        x += 20.0 * period
+    model = FUSION.to_dict()
+    record = write(folder, ego, vehicle_model=model, vehicle=model.pop("vehicle"))
+    target = BOX | {"actor": ROW.approach.target, "speed_mps": 10.0}
+    places = [{"tick": i, "x_m": 30.0 + 10.0 * i * period, "y_m": 3.1 - 2.0 * i * period} for i in range(20)]
+    put(record, "actors", [target | place for place in places])
+    return measure(replace(ROW, cut_in=CutIn(ROW.approach.target, 2.0, 1.0, 0.1)), record)
+
+
+@pytest.mark.parametrize("brakes", [0, 1, 2, 19])
+def test_a_cut_in_is_placed_by_how_the_other_car_drives_not_by_how_early_it_is_braked_for(
+    tmp_path: Path, brakes: int
+) -> None:
+    """The moment lies between two ticks: after 0.05 s the gap is 0.5 m less than the first one."""
+    gap = 30.0 - 0.5 * BOX["length_m"] - FUSION.vehicle.rear_axle_to_bumper
+    assert cuts_in(tmp_path / "r", brakes).ttc == pytest.approx((gap - 0.5) / 10.0)

@@ -69,7 +69,7 @@ SAMPLE = {
 }
 
 
-@pytest.mark.parametrize("name", with_slow(sorted(SAMPLE), lambda name: name in ("fmvss127", "r152_02")))
+@pytest.mark.parametrize("name", with_slow(sorted(SAMPLE), lambda name: name == "r152_02"))
 def test_the_shipped_controller_passes_some_rows_of_every_suite(name):
     rows = [row for row in suite_rows(name) if row.id in SAMPLE[name]]
     assert len(rows) == len(SAMPLE[name])
@@ -84,6 +84,7 @@ def test_the_shipped_controller_passes_some_rows_of_every_suite(name):
             assert outcome.demand_mps2 == pytest.approx(CAR.deceleration_limit, rel=0.03)
 
 
+@pytest.mark.slow
 def test_one_overlap_stands_for_all_since_the_radar_tells_none_from_another():
     rows = [
         replace(euroncap.closing(vehicles.FUSION, "CCRs", 30.0, 0.0, overlap), id=f"{overlap:g}")
@@ -114,6 +115,7 @@ def test_a_hidden_child_is_seen_where_the_closed_form_says(tmp_path):
     assert along - CAR.rear_axle_to_bumper == pytest.approx(row.need.there, abs=0.05 * speed + 0.1)
 
 
+@pytest.mark.slow
 def test_seeds_are_drives_of_their_own_and_the_same_each_time():
     row = next(row for row in suite_rows("fmvss127") if row.id == "stopped_20")
     (first,), (again,) = (run("seeds", [row], Local(2), REPOSITORY, seeds=2) for _ in range(2))

@@ -110,6 +110,7 @@ def collected(
     return results
 
 
+@pytest.mark.slow
 def test_rows_are_the_same_when_a_worker_is_killed_and_one_stalls(machines: Machines, tmp_path: Path) -> None:
     jobs = [seeded(str(number), number) for number in range(5)]
     kept = dataclasses.replace(jobs[4], keep=tmp_path / "records" / "4")

@@ -157,6 +157,7 @@ def test_a_key_set_twice_is_refused(toys: Path) -> None:
             asked(toys, f"[parameters]\ncontroller.{key}\n[[controllers]]\nname = 'hard'\ntuning = {{ force = 2.0 }}\n")
 
 
+@pytest.mark.slow
 def test_from_python_without_a_file_to_a_row_each_and_one_driven_again(toys: Path) -> None:
     short = vve.Scenario("delay_probe").replace({"end_trigger.ego_at_m": 15.0, "ego.speed_mps": 8.0})
     (toys / "elsewhere").mkdir()

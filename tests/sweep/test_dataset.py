@@ -178,6 +178,7 @@ def _interrupted_at_each(scratch: Path) -> int:
     raise AssertionError("it never came to an end")
 
 
+@pytest.mark.slow
 def test_what_counts_as_finished_is_what_the_folder_holds_whenever_it_is_interrupted(tmp_path: Path) -> None:
     assert isolated(_interrupted_at_each, tmp_path) > 80
 

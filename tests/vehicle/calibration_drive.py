@@ -22,7 +22,8 @@ from vve_sumo.plant.car import Car, CarOutput, CarParameters
 from vve_sumo.pose.ncom import Decoder
 from vve_sumo.pose.predict import Predictor
 from vve_sumo.values import ArmingState, Detections, Frame, Observation, Setpoint
-from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.arming_machine import OperatorCommand
+from vve_sumo.vehicle.gateway import Gateway
 
 REPOSITORY = Path(__file__).parent.parent.parent
 PERIOD, EPOCH = 0.02, 1_451_260_818.0
@@ -81,7 +82,7 @@ class CalibrationDrive:
 
     def _tick(self, tick: int, heard: CarOutput) -> tuple[Frame, ...]:
         now = tick * PERIOD
-        for time, data in heard.ncom:
+        for time, data in heard.packets:
             self._chunks.append(struct.pack("<dI", time, len(data)) + data)
             for fix in self._decoder.feed(data, time):
                 self._predictor.update(self._placement.place(fix))
@@ -104,7 +105,7 @@ class CalibrationDrive:
         if pose is None:
             self.notes.append("")
             return None
-        steering = self._gateway.measured_steering
+        steering = self._gateway.monitor.measured_steering
         wish = self._controller.step(Observation(tick, now, pose, self.path, SPEED, {"radar": NOTHING}, steering))
         self.notes.append(wish.note)
         return setpoint(

@@ -11,10 +11,11 @@ from dataclasses import dataclass, field
 from tests import vehicles
 from tests.setpoints import setpoint as complete
 from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed import codec, messages
 from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
 from vve_sumo.vehicle.dataspeed.pedals import torque_to_pedal
-from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.gateway import Gateway
 from vve_sumo.vehicle.interface import Gear
 
 PERIOD = 0.02

@@ -31,7 +31,8 @@ from vve_sumo.sensors.guarded import GuardedSensor
 from vve_sumo.sensors.radar_settings import RadarSettings
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Actors, ArmingState, ControlCommand, Frame, GatewayStatus, Observation, Pose
-from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.arming_machine import OperatorCommand
+from vve_sumo.vehicle.gateway import Gateway
 
 LOT = local_frame(math.radians(40.0), math.radians(-82.98))
 NOBODY = Actors(0.0, (), *(np.zeros(0) for _ in range(8)))
@@ -114,9 +115,9 @@ class ClosedLoop:
         self, tick: int, now: float, heard: CarOutput, act: OperatorCommand | None
     ) -> tuple[Ticked, tuple[Frame, ...]]:
         pipeline, gateway = self.pipeline, self.gateway
-        for time, data in heard.ncom:
+        for time, data in heard.packets:
             pipeline.receive(time, data)
-        steering = gateway.measured_steering
+        steering = gateway.monitor.measured_steering
         pipeline.see(now, NOBODY)
         decided = pipeline.decide(tick, now, steering)
         setpoint = decided.setpoint if now < self.silent_from else None

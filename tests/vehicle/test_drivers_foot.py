@@ -9,9 +9,9 @@ import pytest
 from tests.vehicle.foot import Alter, Course, Frozen, bits_at_zero, foot_comes, foot_unseen, under_way
 from tests.vehicle.whole_car import PARAMETERS, PERIOD, WholeCar
 from vve_sumo.values import ArmingState, Frame
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed import layout
 from vve_sumo.vehicle.dataspeed.pedals import pedal_to_torque
-from vve_sumo.vehicle.gateway import OperatorCommand
 from vve_sumo.vehicle.interface import HANDS_OFF, DriverInputs
 
 S = ArmingState

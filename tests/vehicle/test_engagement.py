@@ -36,7 +36,7 @@ def begun(shadow: bool = False) -> Engagement:
 @pytest.mark.parametrize("shadow", [False, True])
 def test_nothing_is_handed_over_before_it_begins(shadow):
     subject = Engagement(LAG, shadow)
-    assert (subject.enabled, subject.in_drive, subject.going) == (False, False, False)
+    assert (subject.enabled, subject.in_drive) == (False, False)
     assert not subject.settled(100.0)
     assert subject.dropped_out(reports(enabled=False)) == []
     assert not subject.may_go([])
@@ -105,9 +105,8 @@ def test_the_steering_may_lag_by_a_tenth_and_its_own_lag_for_half_a_second(sign,
 def test_engaging_anew_forgets_what_was():
     subject = begun()
     subject.follow(BEGUN, reports(), 1.0)
-    subject.going = True
     subject.begin(BEGUN + 0.3)
-    assert (subject.enabled, subject.in_drive, subject.going) == (False, False, False)
+    assert (subject.enabled, subject.in_drive) == (False, False)
     assert subject.follow(BEGUN + 0.6, reports(), 1.0) == [], "differs for 0.3 s of this drive"
     assert subject.follow(BEGUN + 1.1, reports(), 1.0) == ["steering_not_following"]
 

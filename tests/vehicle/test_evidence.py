@@ -11,8 +11,8 @@ import pytest
 
 from tests.vehicle.car import FUSION, PERIOD, Car, Rig
 from vve_sumo.values import ArmingState, Frame
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed import codec, layout
-from vve_sumo.vehicle.gateway import OperatorCommand
 from vve_sumo.vehicle.interface import Gear
 
 S = ArmingState

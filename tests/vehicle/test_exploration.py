@@ -14,13 +14,15 @@ from typing import NamedTuple
 
 import pytest
 
+from tests.exhaustive import with_slow
 from tests.setpoints import setpoint as complete
 from tests.vehicle.car import CALIBRATION, FUSION
 from vve_sumo.values import ArmingState, Frame
 from vve_sumo.vehicle.arming import COMMANDING
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed import codec
 from vve_sumo.vehicle.dataspeed.messages import BrakeReportKind
-from vve_sumo.vehicle.gateway import Gateway, GatewayOutput, OperatorCommand
+from vve_sumo.vehicle.gateway import Gateway, GatewayOutput
 from vve_sumo.vehicle.interface import Gear
 
 S = ArmingState
@@ -49,13 +51,19 @@ FAULTS = [
     World(enabled=False),
     World(gear=Gear.NEUTRAL),
 ]
-WORLDS = [
+EVERY_WORLD = [
     World(*choice)
     for choice in itertools.product(
         (False, True), (Gear.PARK, Gear.DRIVE, Gear.NEUTRAL), (0.0, 5.0), ("", "brake", "throttle"), (False, True),
         ("good", "none", "fault"),
     )
 ]  # fmt: skip
+#: those that lead to every state; the others add ways between states
+FEW_WORLDS = [
+    world
+    for world in EVERY_WORLD
+    if world.gear is not Gear.NEUTRAL and world.driver != "throttle" and world.said != "none"
+]
 
 
 @cache
@@ -106,22 +114,22 @@ class Explored:
 
     @property
     def state(self) -> ArmingState:
-        return self.gateway._state
+        return self.gateway._arming.state
 
     @property
     def going(self) -> bool:
-        return self.gateway._engagement.going
+        return self.gateway._arming.going
 
     @property
     def key(self) -> tuple[object, ...]:
         """What decides what can happen next."""
-        gateway, handover = self.gateway, self.gateway._engagement
+        gateway, handover, arming = self.gateway, self.gateway._engagement, self.gateway._arming
         in_command = self.state in COMMANDING
         return (
             self.state,
-            in_command and (handover.enabled, handover.in_drive, handover.going, bool(gateway._old_overrides)),
-            gateway._standstill.certain,
-            gateway._standstill.at_rest,
+            in_command and (handover.enabled, handover.in_drive, arming.going, bool(arming._old_overrides)),
+            gateway.monitor.standstill.certain,
+            gateway.monitor.standstill.at_rest,
             gateway.done,
         )
 
@@ -164,10 +172,11 @@ def watched(before: Explored, world: World, act: OperatorCommand | None) -> None
     assert gear.gear is not Gear.DRIVE or state is S.ENGAGED
 
 
-def successors(place: Explored) -> Iterator[Explored]:
-    """Where one gateway can get: by every act in every world, and by every world that goes on for long."""
-    for world in WORLDS:
-        for act in (None, *OperatorCommand):
+def successors(place: Explored, worlds: list[World]) -> Iterator[Explored]:
+    """Where one gateway can get: by every act in each of the worlds, and by each that goes on for long."""
+    alike = {OperatorCommand.STOP_BY_PAGE, OperatorCommand.END} if worlds is FEW_WORLDS else set()
+    for world in worlds:
+        for act in (None, *(act for act in OperatorCommand if act not in alike)):
             after = place.copy()
             watched(after, world, act)
             yield after
@@ -178,31 +187,36 @@ def successors(place: Explored) -> Iterator[Explored]:
             yield after
 
 
-@pytest.fixture(scope="module")
-def reached() -> dict[tuple[object, ...], Explored]:
-    """Every state that there is, each with a gateway in it."""
+class Reached(NamedTuple):
+    """The worlds that a gateway went through, and every state that it came to, each with a gateway in it."""
+
+    worlds: list[World]
+    states: dict[tuple[object, ...], Explored]
+
+
+@pytest.fixture(scope="module", params=with_slow([FEW_WORLDS, EVERY_WORLD], lambda worlds: worlds is FEW_WORLDS))
+def reached(request) -> Reached:
     first = Explored(Gateway(FUSION, CALIBRATION, period=PERIOD))
     first.step(World(enabled=False, gear=Gear.PARK))
     found, frontier = {first.key: first}, [first]
     while frontier:
-        for after in successors(frontier.pop()):
+        for after in successors(frontier.pop(), request.param):
             if after.key not in found:
                 found[after.key] = after
                 frontier.append(after)
-    return found
+    return Reached(request.param, found)
 
 
-@pytest.mark.slow
 def test_every_state_and_every_stage_of_the_handover_is_reached(reached):
-    assert {key[0] for key in reached} == set(S)
-    stages = {key[1][:3] for key in reached if key[0] is S.ENGAGED}
+    assert {key[0] for key in reached.states} == set(S)
+    stages = {key[1][:3] for key in reached.states if key[0] is S.ENGAGED}
     assert stages == {(False, False, False), (True, False, False), (True, True, False), (True, True, True)}
-    assert len(reached) > 20
+    assert len(reached.states) > 20
 
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_from_every_state_every_fault_leads_to_rest(reached, fault):
-    for place in reached.values():
+    for place in reached.states.values():
         after = place.copy()
         commanded = after.state in COMMANDING
         for _ in range(LONG):
@@ -219,7 +233,7 @@ def test_from_every_state_every_fault_leads_to_rest(reached, fault):
 
 
 def test_from_every_state_the_driver_gets_the_car(reached):
-    for place in reached.values():
+    for place in reached.states.values():
         after = place.copy()
         commanded = after.state in COMMANDING
         # An override from before the act counts only once it has been seen to be gone.
@@ -230,7 +244,7 @@ def test_from_every_state_the_driver_gets_the_car(reached):
 
 
 def test_from_every_state_an_override_that_nothing_confirms_leads_to_rest(reached):
-    for place in reached.values():
+    for place in reached.states.values():
         after = place.copy()
         commanded = after.state in COMMANDING
         after.step(World())
@@ -242,11 +256,11 @@ def test_from_every_state_an_override_that_nothing_confirms_leads_to_rest(reache
 
 def test_no_run_without_the_act_of_engaging_ever_engages(reached):
     """All that is reached from where nothing is commanded, leaving that act out, commands nothing."""
-    idle = [place for key, place in reached.items() if key[0] not in COMMANDING]
+    idle = [place for key, place in reached.states.items() if key[0] not in COMMANDING]
     seen = {place.key for place in idle}
     while idle:
         place = idle.pop()
-        for world in WORLDS:
+        for world in reached.worlds:
             for act in (None, OperatorCommand.GO, OperatorCommand.STOP, OperatorCommand.DISARM):
                 after = place.copy()
                 after.step(world, act)

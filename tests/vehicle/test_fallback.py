@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from tests.vehicle.car import FUSION, PERIOD, Rig
 from tests.vehicle.whole_car import VEHICLE, WholeCar
 from vve_sumo.values import ArmingState, DeferredFallbackPath, FallbackPath
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.vehicle.fallback import FallbackTracker, well_formed
-from vve_sumo.vehicle.gateway import OperatorCommand
 
 S = ArmingState
 #: A car that steers at once and neutrally, so that the wheel angle tells the curvature and nothing else.
@@ -284,7 +284,7 @@ def test_where_the_car_is_not_where_it_is_believed_to_be_the_measured_angle_is_h
     arguments = step | ({"found": car["found"]} if "found" in car else {})
     while reason not in rig.step(0.0, 0.05, fallback_path=FallbackPath(1.0, (-0.05,)), **arguments).reasons:
         pass
-    measured = rig.gateway.measured_steering
+    measured = rig.gateway.monitor.measured_steering
     rig.run(0.1, fallback_path=FallbackPath(1.0, (-0.05,)), **arguments)  # the limits hold on the way there
     statuses = rig.run(2.0, fallback_path=FallbackPath(1.0, (-0.05,)), **arguments)
     assert [status.steering for status in statuses] == pytest.approx([measured] * len(statuses), abs=1e-3)
@@ -298,7 +298,8 @@ def test_at_rest_the_wheels_stay_where_they_are():
     while rig.step(None).state is not S.STOPPED:
         pass
     statuses = rig.run(0.8, fallback_path=FallbackPath(1.0, (-0.05,)))
-    assert [status.steering for status in statuses] == pytest.approx([rig.gateway.measured_steering] * 40, abs=1e-3)
+    measured = rig.gateway.monitor.measured_steering
+    assert [status.steering for status in statuses] == pytest.approx([measured] * 40, abs=1e-3)
 
 
 def test_the_limits_have_the_last_word():

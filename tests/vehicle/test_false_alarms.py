@@ -10,6 +10,7 @@ import pytest
 
 from controllers import follow_and_stop
 from tests import vehicles
+from tests.exhaustive import with_slow
 from tests.vehicle.closed_loop import ClosedLoop, Slowing, straight, winding
 from vve_sumo.controller import Controller
 from vve_sumo.timing import PERIOD
@@ -39,7 +40,7 @@ CARS = {
 }
 
 
-@pytest.mark.parametrize("car", CARS)
+@pytest.mark.parametrize("car", with_slow(CARS, lambda car: car.startswith("heavy")))
 @pytest.mark.parametrize(("speed", "period", "deceleration"), [(8.0, 14.0, 3.4), (5.0, 9.0, 1.5)])
 def test_a_minute_of_stop_and_go_is_without_an_event(car, speed, period, deceleration):
     parameters = vehicles.parameters(**CARS[car])

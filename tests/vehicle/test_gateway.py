@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from tests.vehicle.car import CALIBRATION, FUSION, PERIOD, Car, Rig
 from vve_sumo.values import ArmingState, FallbackPath, Frame, Setpoint
 from vve_sumo.vehicle import (
+    arming_machine,
     brake_monitor,
     engagement,
     gateway,
@@ -27,8 +28,9 @@ from vve_sumo.vehicle import (
     setpoint_validation,
 )
 from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, REASONS
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed import codec, layout, messages
-from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.gateway import Gateway
 from vve_sumo.vehicle.interface import Gear
 from vve_sumo.vehicle.standstill import REST_TIME
 
@@ -701,11 +703,11 @@ def test_after_parking_another_controller_may_count_from_zero():
     rig.step(act=OperatorCommand.STOP)
     rig.run(3.0)
     rig.sequence = -1
-    assert rig.gateway.sequence > 100
+    assert rig.gateway.monitor.sequence > 100
     rig.step(act=OperatorCommand.DISARM)
-    assert rig.gateway.sequence == -1
+    assert rig.gateway.monitor.sequence == -1
     rig.run(0.1)
-    assert rig.gateway.sequence == rig.sequence
+    assert rig.gateway.monitor.sequence == rig.sequence
     rig.engage()
     assert not rig.gateway.done
     rig.run(1.0, acceleration=1.0)
@@ -924,6 +926,7 @@ def test_every_reason_it_can_give_has_plain_words():
     given_codes = set()
     for module in (
         gateway,
+        arming_machine,
         monitor,
         setpoint_validation,
         engagement,
@@ -952,7 +955,7 @@ def test_a_calibrated_wheel_bias_is_taken_off_the_report_and_put_onto_the_comman
     gateway = Gateway(FUSION, CALIBRATION, wheel_bias=bias)
     report = codec.encode(codec.SteeringReport(bias, math.nan, 0.0, 0.0, enabled=False))
     output = gateway.step(0.0, None, [report])
-    assert gateway.measured_steering == pytest.approx(0.0, abs=math.radians(0.05) / FUSION.steering_ratio)
+    assert gateway.monitor.measured_steering == pytest.approx(0.0, abs=math.radians(0.05) / FUSION.steering_ratio)
     command = codec.decode(output.frames[2], codec.Variant.DBW1_2024)
     assert isinstance(command, codec.SteeringCommand)
     assert command.wheel_angle == pytest.approx(bias, abs=math.radians(0.06))

@@ -8,7 +8,8 @@ import pytest
 
 from tests.vehicle.car import CALIBRATION, FUSION, PERIOD, Car, Rig
 from vve_sumo.values import ArmingState
-from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.arming_machine import OperatorCommand
+from vve_sumo.vehicle.gateway import Gateway
 from vve_sumo.vehicle.interface import Gear
 from vve_sumo.vehicle.limits import Limits
 from vve_sumo.vehicle.standstill import REST_TIME, WHEEL_REST
@@ -18,33 +19,33 @@ S = ArmingState
 
 def test_before_the_first_report_nothing_is_known():
     gateway = Gateway(FUSION, CALIBRATION, period=PERIOD)
-    assert math.isnan(gateway.wheel_speed)
-    assert math.isnan(gateway.measured_steering)
-    assert (gateway.gear, gateway.sequence, gateway.last_dbw_report) == ("none", -1, -math.inf)
+    assert math.isnan(gateway.monitor.wheel_speed)
+    assert math.isnan(gateway.monitor.measured_steering)
+    assert (gateway.monitor.gear, gateway.monitor.sequence, gateway.monitor.last_dbw_report) == ("none", -1, -math.inf)
     assert gateway.done is False
 
 
 def test_speed_steering_gear_and_sequence_are_those_of_the_newest_reports():
     rig = Rig()
     rig.step()
-    assert rig.gateway.gear == "park"
+    assert rig.gateway.monitor.gear == "park"
     rig.cruise(5.0)
     rig.run(2.0, steering=0.05)
     reported = rig.car.speed, rig.car.wheel_angle / FUSION.steering_ratio
     rig.step(steering=0.05)
-    assert (rig.gateway.wheel_speed, rig.gateway.measured_steering) == pytest.approx(reported, abs=0.01)
-    assert rig.gateway.gear == "drive"
-    assert rig.gateway.sequence == rig.sequence
+    assert (rig.gateway.monitor.wheel_speed, rig.gateway.monitor.measured_steering) == pytest.approx(reported, abs=0.01)
+    assert rig.gateway.monitor.gear == "drive"
+    assert rig.gateway.monitor.sequence == rig.sequence
 
 
 def test_the_kit_was_last_heard_when_its_last_report_came():
     rig = Rig()
     rig.cruise(5.0)
     heard = rig.now
-    assert rig.gateway.last_dbw_report == pytest.approx(heard)
+    assert rig.gateway.monitor.last_dbw_report == pytest.approx(heard)
     rig.car.silent |= {frame.id for frame in rig.car.reports()}
     rig.run(0.5)
-    assert rig.gateway.last_dbw_report == pytest.approx(heard)
+    assert rig.gateway.monitor.last_dbw_report == pytest.approx(heard)
 
 
 def test_in_shadow_every_status_says_so_and_no_other_does():

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from tests.vehicle.whole_car import LOT, PARAMETERS, PERIOD, WholeCar
 from vve_sumo.plant.car import ActuatorFaults, Car, CarOutput
 from vve_sumo.values import ArmingState, Frame
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.brake_monitor import ROLL_SPEED, ROLL_TIME, SATELLITE_ROLL_SPEED, SATELLITE_ROLL_TIME, HoldMonitor
-from vve_sumo.vehicle.gateway import OperatorCommand
 from vve_sumo.vehicle.interface import HANDS_OFF, DriverInputs
 
 S = ArmingState
@@ -27,7 +27,7 @@ class CutOff(Car):
 
     def step(self, until: float, frames: tuple[Frame, ...], driver: DriverInputs = HANDS_OFF) -> CarOutput:
         output = super().step(until, () if self.cut else frames, driver)
-        return CarOutput([], output.ncom) if self.cut else output
+        return CarOutput([], output.packets) if self.cut else output
 
 
 def cut_off_car() -> WholeCar:

@@ -15,6 +15,7 @@ import pytest
 
 from controllers import follow_and_stop
 from tests import vehicles
+from tests.exhaustive import with_slow
 from tests.vehicle.closed_loop import ClosedLoop, straight
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.resolved_scenario import PERIOD
@@ -100,7 +101,7 @@ def beside(offset: float, slant: float = 0.0) -> Lot:
     return Lot([(-20.0, -60.0), (180.0, -60.0), (180.0, max(far, -50.0)), (-20.0, offset)], margin=1.0)
 
 
-@pytest.mark.parametrize("speed", [2.0, 5.0, 8.0])
+@pytest.mark.parametrize("speed", with_slow([2.0, 5.0, 8.0], lambda speed: speed == 5.0))
 @pytest.mark.parametrize(
     "play",
     [
@@ -117,7 +118,7 @@ def test_full_throttle_towards_a_wall_stays_inside() -> None:
     assert_inside(lambda t: (2.0, 0.0), 5.0, Lot([(-20.0, -30.0), (110.0, -30.0), (110.0, 30.0), (-20.0, 30.0)]))
 
 
-@pytest.mark.parametrize("onset", [0.0, 0.04, 0.08, 0.12, 0.16, 0.2])
+@pytest.mark.parametrize("onset", with_slow([0.0, 0.04, 0.08, 0.12, 0.16, 0.2], lambda onset: onset == 0.08))
 def test_a_throttle_that_a_rig_lets_jump_keeps_its_room_before_a_wall(onset: float) -> None:
     """Full throttle within 0.1 s, again and again at other moments; the receiver does not drift."""
     wall = Lot([(-20.0, -30.0), (60.0, -30.0), (60.0, 30.0), (-20.0, 30.0)])
@@ -130,7 +131,7 @@ def test_a_throttle_that_a_rig_lets_jump_keeps_its_room_before_a_wall(onset: flo
     assert stopped < math.inf, "the geofence never stopped this brain"
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", with_slow(range(3), lambda seed: seed == 0))
 def test_random_brains_towards_a_slanting_edge_stay_inside(seed: int) -> None:
     random = np.random.default_rng(seed)
     steering, acceleration = random.uniform(-FULL, FULL, 200), random.uniform(-1.0, 4.0, 200)

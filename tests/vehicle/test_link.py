@@ -12,13 +12,14 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tests.setpoints import setpoint as complete
+from vve_sumo.messages import MalformedMessage
 from vve_sumo.values import ArmingState, FallbackPath, GatewayStatus, Setpoint
 from vve_sumo.vehicle import link
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.fallback import well_formed
-from vve_sumo.vehicle.gateway import OperatorCommand
 
 FLOATS = st.integers(0, 2**64 - 1).map(lambda bits: struct.unpack("<d", struct.pack("<Q", bits))[0]) | st.floats()
-SHORT = st.text(st.characters(), max_size=60)  # surrogates too; at most four bytes each
+SHORT = st.text(st.characters(codec="utf-8"), max_size=60)
 CODES = st.lists(SHORT, max_size=64).map(tuple)
 PROFILES = st.builds(FallbackPath, FLOATS, st.lists(FLOATS, max_size=65).map(tuple))
 SETPOINTS = st.builds(
@@ -85,34 +86,38 @@ def test_an_act_comes_back(act):
 
 
 def test_the_layout_on_the_wire():
-    """Written down by hand, so that both ends may be built at different times."""
-    message = struct.pack("<2sBB", b"VV", 2, 1)
-    message += struct.pack("<ddqdddddddd", 0.1, -2.0, 7, 1.5, 1.6, 3.0, 4.0, 0.7, 8.0, 0.2, 0.01) + b"\x01"
-    message += b"\x03why" + b"\x02\x01a\x02bb" + b"\x01" + struct.pack("<dB2d", 0.5, 2, 0.03, 0.04)
+    """Written down by hand from MessagePack's specification: arrays 0x90 + n, texts 0xa0 + n, doubles 0xcb."""
+
+    def double(number: float) -> bytes:
+        return b"\xcb" + struct.pack(">d", number)
+
+    numbers = b"".join(map(double, (1.5, 1.6, 3.0, 4.0, 0.7, 8.0, 0.2, 0.01)))
+    message = b"VV\x03\x01\x9f" + double(0.1) + double(-2.0) + b"\xc3\xa3why\x07" + numbers
+    message += b"\x92\xa1a\xa2bb" + b"\x92" + double(0.5) + b"\x92" + double(0.03) + double(0.04)
     setpoint = Setpoint(
         0.1, -2.0, True, "why", 7, 1.5, 1.6, 3.0, 4.0, 0.7, 8.0, 0.2, 0.01, ("a", "bb"), FallbackPath(0.5, (0.03, 0.04))
     )  # fmt: skip
     assert link.encode_setpoint(setpoint) == sealed(message)
     assert link.decode_setpoint(sealed(message)) == setpoint
-    assert link.encode_operator_command(OperatorCommand.GO) == sealed(b"VV\x02\x02\x02go")
+    assert link.encode_operator_command(OperatorCommand.GO) == sealed(b"VV\x03\x02\xa2go")
 
 
 @given(st.binary(max_size=300))
 @example(b"")
-@example(sealed(b"VV\x02"))
+@example(sealed(b"VV\x03"))
 def test_no_bytes_break_it(data):
     for decode in DECODERS:
-        assert isinstance(decode(data), link.MalformedMessage)
+        assert isinstance(decode(data), MalformedMessage)
 
 
 @given(st.sampled_from([1, 2, 3]), st.binary(max_size=400))
 def test_no_body_breaks_it_even_under_a_right_sum(kind, body):
     for decode, own in zip(DECODERS, (1, 2, 3), strict=True):
-        message = decode(sealed(b"VV\x02" + bytes((kind,)) + body))
+        message = decode(sealed(b"VV\x03" + bytes((kind,)) + body))
         if kind != own:
-            assert message == link.MalformedMessage("wrong_kind")
+            assert message == MalformedMessage("wrong_kind")
         else:
-            assert isinstance(message, (link.MalformedMessage, Setpoint, link.Feedback, OperatorCommand))
+            assert isinstance(message, (MalformedMessage, Setpoint, link.Feedback, OperatorCommand))
 
 
 @given(st.one_of(SETPOINTS.map(link.encode_setpoint), FEEDBACKS.map(link.encode_feedback)), st.data())
@@ -120,8 +125,8 @@ def test_a_right_message_cut_short_or_made_longer_under_a_right_sum_is_none(data
     body = data[:-4]
     cut = draws.draw(st.integers(4, len(body) - 1))
     for decode in DECODERS:
-        assert isinstance(decode(sealed(body[:cut])), link.MalformedMessage)
-        assert isinstance(decode(sealed(body + b"\0")), link.MalformedMessage)
+        assert isinstance(decode(sealed(body[:cut])), MalformedMessage)
+        assert isinstance(decode(sealed(body + b"\0")), MalformedMessage)
 
 
 @given(SETPOINTS, st.data())
@@ -129,18 +134,29 @@ def test_a_flipped_bit_is_found(setpoint, draws):
     data = bytearray(link.encode_setpoint(setpoint))
     place = draws.draw(st.integers(0, 8 * len(data) - 1))
     data[place // 8] ^= 1 << place % 8
-    assert link.decode_setpoint(bytes(data)) == link.MalformedMessage("wrong_crc")
+    assert link.decode_setpoint(bytes(data)) == MalformedMessage("wrong_crc")
 
 
 def test_what_is_wrong_is_said():
     right = link.encode_operator_command(OperatorCommand.STOP)
-    assert link.decode_operator_command(right[:7]) == link.MalformedMessage("too_short")
-    assert link.decode_operator_command(right[:-1]) == link.MalformedMessage("wrong_crc")
-    assert link.decode_operator_command(sealed(b"VX\x01\x02\x04stop")) == link.MalformedMessage("wrong_magic")
-    assert link.decode_operator_command(sealed(b"VV\x01\x02\x04stop")) == link.MalformedMessage("wrong_version")
-    assert link.decode_operator_command(sealed(b"VV\x02\x01\x04stop")) == link.MalformedMessage("wrong_kind")
-    assert link.decode_operator_command(sealed(b"VV\x02\x02\x04fly!")) == link.MalformedMessage("wrong_content")
-    assert link.decode_operator_command(sealed(b"VV\x02\x02\x04stop!")) == link.MalformedMessage("wrong_content")
+    assert link.decode_operator_command(right[:7]) == MalformedMessage("too_short")
+    assert link.decode_operator_command(right[:-1]) == MalformedMessage("wrong_crc")
+    assert link.decode_operator_command(sealed(b"VX\x03\x02\xa4stop")) == MalformedMessage("wrong_magic")
+    assert link.decode_operator_command(sealed(b"VV\x02\x02\xa4stop")) == MalformedMessage("wrong_version")
+    assert link.decode_operator_command(sealed(b"VV\x03\x01\xa4stop")) == MalformedMessage("wrong_kind")
+    assert link.decode_operator_command(sealed(b"VV\x03\x02\xa4fly!")) == MalformedMessage("wrong_content")
+    assert link.decode_operator_command(sealed(b"VV\x03\x02\xa4stop!")) == MalformedMessage("wrong_content")
+
+
+def test_what_no_text_can_hold_comes_back_as_a_question_mark():
+    said = complete(0.0, 0.0, note="a\ud800b", faults=("\udfff",))
+    back = link.decode_setpoint(link.encode_setpoint(said))
+    assert (back.note, back.faults) == ("a?b", ("?",))
+    status = GatewayStatus(ArmingState.FAULT, ("\ud800",), 0.0, 0.0, ("x\ud800",), 0.0, 0.0)
+    feedback = link.decode_feedback(
+        link.encode_feedback(link.Feedback(0.0, 1, math.nan, status, 0.0, 0.0, "\ud800", 1))
+    )
+    assert (feedback.status.reasons, feedback.status.limited, feedback.gear) == (("?",), ("x?",), "?")
 
 
 def test_what_is_too_long_goes_out_cut_short_and_a_way_that_is_too_long_stays_so():
@@ -150,7 +166,7 @@ def test_what_is_too_long_goes_out_cut_short_and_a_way_that_is_too_long_stays_so
     data = link.encode_setpoint(said)
     assert len(data) < 20_000
     back = link.decode_setpoint(data)
-    assert back.note == "ä" * 127
+    assert back.note == "ä" * 255
     assert back.faults == ("x" * 255,) * 64
     assert not well_formed(back.fallback_path)
     status = GatewayStatus(ArmingState.FAULT, ("y",) * 1000, 0.0, 0.0, (), 0.0, 0.0)

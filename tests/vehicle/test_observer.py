@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from tests.setpoints import setpoint
 from tests.vehicle.car import CALIBRATION, FUSION, PERIOD, Car
 from vve_sumo.values import ArmingState, Frame, GatewayStatus
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
-from vve_sumo.vehicle.gateway import OperatorCommand
 from vve_sumo.vehicle.interface import ActuationCommand, Gear
 from vve_sumo.vehicle.observer import Observer
 
@@ -78,6 +78,15 @@ def test_a_drive_from_ready_to_its_end_with_the_car_in_drive_all_the_time(act, r
     assert status.reasons[0] == reason
 
 
+def test_an_operator_who_disarms_a_car_under_way_is_named_as_what_ended_the_drive():
+    watched = Watched().driving()
+    status = watched.step(Act.DISARM)
+    assert (status.state, status.reasons) == (S.STOPPING, ("disarm_asked", "external_brain"))
+    watched.car.speed = 0.0
+    assert watched.run(2.5).reasons[0] == "disarm_asked"
+    assert watched.step(Act.DISARM).reasons == ("external_brain",), "disarmed, it begins anew"
+
+
 def test_every_fault_ends_the_drive_and_is_kept_as_its_reason():
     for found, faults, reason in (
         (("bus_down",), (), "bus_down"),
@@ -127,7 +136,7 @@ def test_reports_that_stop_end_the_drive():
     watched = Watched().driving()
     watched.car.silent = set(range(0x60, 0x80))
     assert "wheel_speeds_stale" in watched.run(0.3).reasons
-    assert watched.observer.last_dbw_report < watched.tick * PERIOD - 0.2
+    assert watched.observer.monitor.last_dbw_report < watched.tick * PERIOD - 0.2
 
 
 def test_nothing_is_asked_of_the_car():

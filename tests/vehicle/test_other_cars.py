@@ -10,9 +10,10 @@ import pytest
 from tests.vehicle.car import CALIBRATION, FUSION, PERIOD, Car, Rig
 from vve_sumo.errors import ConfigError
 from vve_sumo.values import ArmingState, Vehicle
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
 from vve_sumo.vehicle.dataspeed.layout import WHEEL_ANGLE_LIMIT, WHEEL_RATE_LIMIT, Variant
-from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.gateway import Gateway
 from vve_sumo.vehicle.interface import InterfaceFacts
 from vve_sumo.vehicle.limits import Limits
 

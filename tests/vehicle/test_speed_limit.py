@@ -14,7 +14,8 @@ from tests.vehicle.car import CALIBRATION, FUSION, PERIOD, Rig
 from tests.vehicle.whole_car import LOT, VEHICLE, WholeCar
 from vve_sumo.plant.car import ActuatorFaults, Car
 from vve_sumo.values import ArmingState
-from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.arming_machine import OperatorCommand
+from vve_sumo.vehicle.gateway import Gateway
 from vve_sumo.vehicle.limits import SPEED_LIMIT_BRAKING, SPEED_LIMIT_MARGIN, SPEED_LIMIT_TIME, Limiter, Limits
 
 S = ArmingState

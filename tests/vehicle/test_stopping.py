@@ -8,9 +8,10 @@ from tests.vehicle.car import CALIBRATION, FUSION, PERIOD, Car, Rig
 from tests.vehicle.test_evidence import wheels
 from tests.vehicle.test_waiting import IN_THE_BEND, stopping_in_a_bend
 from vve_sumo.values import ArmingState, Frame
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
-from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.gateway import Gateway
 from vve_sumo.vehicle.interface import Gear
 from vve_sumo.vehicle.limits import EmergencyBraking, Limits
 

@@ -12,7 +12,7 @@ import pytest
 from tests.vehicle.car import FUSION, PERIOD, Car, Rig
 from tests.vehicle.test_evidence import wheels
 from vve_sumo.values import ArmingState, FallbackPath
-from vve_sumo.vehicle.gateway import OperatorCommand
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.interface import Gear
 
 S = ArmingState
@@ -70,7 +70,7 @@ def test_frozen_wheels_tell_no_speed_and_no_way_along_the_path():
     rig.car.forged = wheels(rig.car.speed)
     while rig.step(0.0, speed=rig.car.speed, fallback_path=fallback_path).state is S.ENGAGED:
         pass
-    held = rig.gateway.measured_steering
+    held = rig.gateway.monitor.measured_steering
     statuses = rig.run(1.0, fallback_path=fallback_path)
     assert statuses[-1].reasons[0] == "wheel_speeds_frozen"
     assert statuses[-1].brake_torque >= unknown_speed(rig, statuses[-1].acceleration) * (1.0 - 1e-9)
@@ -134,7 +134,7 @@ def stopping_in_a_bend() -> Rig:
     rig.car.steering_stuck, rig.car.wheel_angle = True, 0.0
     rig.step(act=OperatorCommand.STOP, fallback_path=BEND)
     assert rig.run(0.5, None)[-1].steering == pytest.approx(IN_THE_BEND, abs=0.02)
-    while not rig.gateway._standstill.certain:
+    while not rig.gateway.monitor.standstill.certain:
         rig.step(None)
     return rig
 
@@ -190,7 +190,7 @@ def driven_and_parked() -> Rig:
     rig = Rig(Car(grade=0.04))
     rig.cruise(3.0)
     rig.step(act=OperatorCommand.STOP)
-    while rig.gateway._state is not S.DISARMED:
+    while rig.gateway._arming.state is not S.DISARMED:
         rig.step(0.0)
     rig.run(1.0)
     return rig
@@ -213,7 +213,7 @@ def test_after_parking_the_next_controller_may_count_from_zero():
         pass
     rig.sequence = -1
     assert rig.step().state is S.READY
-    assert rig.gateway.sequence == 0
+    assert rig.gateway.monitor.sequence == 0
 
 
 def test_a_fault_before_the_next_drive_says_nothing_of_the_last_one():

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from tests.vehicle.whole_car import PARAMETERS, PERIOD, VEHICLE, WholeCar
 from vve_sumo.values import ArmingState, FallbackPath
 from vve_sumo.vehicle.arming import COMMANDING
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed import codec
-from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.gateway import Gateway
 from vve_sumo.vehicle.interface import HANDS_OFF, DriverInputs, Gear
 
 S = ArmingState

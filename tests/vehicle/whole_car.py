@@ -13,7 +13,8 @@ from tests.setpoints import setpoint as complete
 from vve_sumo.frames import MapFrame
 from vve_sumo.plant.car import Car
 from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint
-from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.arming_machine import OperatorCommand
+from vve_sumo.vehicle.gateway import Gateway
 from vve_sumo.vehicle.interface import HANDS_OFF, DriverInputs
 
 PERIOD = 0.02

@@ -22,7 +22,7 @@ from vve_sumo.values import Actors, ArmingState, FixQuality, GatewayStatus, Poin
 from vve_sumo.view.guard import STOP_PATH
 from vve_sumo.view.hub import Hub
 from vve_sumo.view.live_frame import LiveFrames
-from vve_sumo.view.sample import ScanView, ViewSample, decode, encode
+from vve_sumo.view.sample import ReadingView, ViewSample, decode, encode
 from vve_sumo.view.scene import scene_of
 from vve_sumo.view.server import NO_FRAMES, PageServer, json_route, page_routes
 
@@ -45,13 +45,14 @@ def sample(tick: int, count: int = 5, x: float = 1379.0, y: float = 1176.0) -> V
     """A tick of a car that drives east at 10 m/s."""
     drive_time = PERIOD * tick
     pose = Pose(drive_time, Point.REAR_AXLE, x + 10.0 * drive_time % 100.0, y, 0.0, 10.0, 0.0, 0.0, 0.1, 0.0)
-    scan = ScanView(drive_time, np.array([20.0]), np.array([0.05]), ("sedan.0",)) if tick % 3 == 0 else None
+    columns = (np.array([20.0]), np.array([0.05]), np.array([0.0]), np.array([0]), ("sedan.0",))
+    readings = {"radar": ReadingView(drive_time, columns)} if tick % 3 == 0 else {}
     return ViewSample(
         tick=tick, time=drive_time, wall=time.time(), pose=pose, s=10.0, d=0.0, wished=-1.0, wished_steering=0.0,
         note="cruise", fallback_path=None, commanded_path=None, faults=(), details={}, pose_reasons=(),
         quality=FixQuality.RTK_FIXED, sigma=0.01,
         status=ENGAGED, status_age=0.01, steering=0.01, wheel_speed=10.0, gear="drive", latency=0.002, missed=0,
-        actors=crowd(count, pose.x, pose.y, drive_time), scan=scan, signals={"crossing": "rG"}, outcome=None,
+        actors=crowd(count, pose.x, pose.y, drive_time), readings=readings, signals={"crossing": "rG"}, outcome=None,
     )  # fmt: skip
 
 

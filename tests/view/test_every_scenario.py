@@ -20,8 +20,8 @@ from vve_sumo.view.browser import BrowserError, find_browser
 #: a drive's end [s]: by then the ego moves in every scenario
 ENDS = 12.0
 EMPTY = "calibration"
-#: with nobody on the street, with obstacles and traffic, with signals
-USUAL = (EMPTY, "parked_car", "crossing_at_signal")
+#: with nobody on the street, with signals
+USUAL = (EMPTY, "crossing_at_signal")
 SCENARIOS = sorted(file.stem for file in (REPOSITORY / "scenarios").glob("*.toml"))
 
 

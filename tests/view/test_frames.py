@@ -72,13 +72,13 @@ def test_returns_lie_on_what_they_are_of(made: Made, frames: Frames) -> None:
     boxes: dict[tuple[int, str], dict[str, float]] = {
         (row["tick"], row["actor"]): row for row in pq.read_table(made.traffic / "actors.parquet").to_pylist()
     }
-    measured = columns["scan_measured"].astype(float)
+    measured = columns["sensed0_measured"].astype(float)
     far = []
-    for scan, (begin, end) in enumerate(pairwise(columns["return_first"].tolist())):
+    for scan, (begin, end) in enumerate(pairwise(columns["sensed0_first"].tolist())):
         tick = ticks["tick"][int(np.argmin(np.abs(np.array(ticks["time_s"]) - measured[scan])))]
         for row in range(begin, end):
-            box = boxes[tick, head["texts"]["actor"][int(columns["return_code"][row])]]
-            east, north = columns["return_x"][row] - box["x_m"], columns["return_y"][row] - box["y_m"]
+            box = boxes[tick, head["texts"]["actor"][int(columns["sensed0_code"][row])]]
+            east, north = columns["sensed0_x"][row] - box["x_m"], columns["sensed0_y"][row] - box["y_m"]
             cos, sin = math.cos(box["heading_rad"]), math.sin(box["heading_rad"])
             along, across = abs(east * cos + north * sin), abs(north * cos - east * sin)
             outside = math.hypot(max(along - box["length_m"] / 2, 0.0), max(across - box["width_m"] / 2, 0.0))
@@ -98,16 +98,16 @@ def test_a_seen_actor_is_not_among_the_unseen_and_why_is_found_by_rays(made: Mad
     vehicle = Run(made.traffic).vehicle
     ahead = vehicle.rear_axle_to_bumper - 0.1
     reasons: Counter[str] = Counter()
-    for scan, (begin, end) in enumerate(pairwise(found["unseen_first"].tolist())):
-        at = int(np.argmin(np.abs(np.array(ticks["time_s"]) - columns["scan_measured"][scan])))
+    for scan, (begin, end) in enumerate(pairwise(found["unseen0_first"].tolist())):
+        at = int(np.argmin(np.abs(np.array(ticks["time_s"]) - columns["sensed0_measured"][scan])))
         heading = ticks["heading_rad"][at]
         antenna = (ticks["x_m"][at] + ahead * math.cos(heading), ticks["y_m"][at] + ahead * math.sin(heading))
         rays = lit(antenna, heading, actors.get(ticks["tick"][at], []))
-        here = slice(columns["return_first"][scan], columns["return_first"][scan + 1])
-        seen = {head["texts"]["actor"][code] for code in columns["return_code"][here].tolist()}
+        here = slice(columns["sensed0_first"][scan], columns["sensed0_first"][scan + 1])
+        seen = {head["texts"]["actor"][code] for code in columns["sensed0_code"][here].tolist()}
         for row in range(begin, end):
-            name = head["texts"]["actor"][found["unseen_code"][row]]
-            reason = why["texts"]["why"][found["unseen_why"][row]]
+            name = head["texts"]["actor"][found["unseen0_code"][row]]
+            reason = why["texts"]["why"][found["unseen0_why"][row]]
             assert name not in seen
             reasons[reason] += 1
             # A ray every 0.01 degree may pass a body that is seen through a gap narrower than that.
@@ -153,7 +153,10 @@ def test_the_scene_says_what_stands_still(made: Made, frames: Frames) -> None:
     assert math.dist((line["x"], line["y"]), path[-1]) == pytest.approx(front, abs=0.01)
     assert scene["actors"]["child"]["kind"] == "child"
     assert scene["lot"] is None
-    assert scene["radar"]["sectors"] == [
+    (sensor,) = scene["sensors"]
+    assert sensor["name"] == "radar"
+    assert sensor["view"] == {"forward": pytest.approx(front - 0.1), "left": 0.0, "yaw": 0.0}
+    assert sensor["sectors"] == [
         {"range": 174.0, "half_angle": pytest.approx(math.radians(10.0))},
         {"range": 60.0, "half_angle": pytest.approx(math.radians(45.0))},
     ]

@@ -10,6 +10,7 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
+from tests.exhaustive import with_slow
 from tests.live.patience import until
 from tests.report.made import CODE
 from tests.report.test_page import CONTRAST, DESK, LOOKS, PHONE, READABLE, TARGET, contrast
@@ -51,7 +52,10 @@ def ticks(record: Path) -> dict[str, list[Any]]:
     return dict(pq.read_table(record / "ticks.parquet").to_pydict())
 
 
-@pytest.mark.parametrize(("scheme", "size"), [("light", PHONE), ("dark", DESK), ("light", DESK)])
+@pytest.mark.parametrize(
+    ("scheme", "size"),
+    with_slow([("light", PHONE), ("dark", DESK), ("light", DESK)], lambda one: one == ("light", PHONE)),
+)
 def test_the_page_can_be_read(browser: Any, replay: PageServer, scheme: str, size: dict[str, int]) -> None:
     with opened(browser, replay.address, viewport=size, color_scheme=scheme) as page:
         page.evaluate("vveSumo.shown.seek(18.2)")
@@ -118,6 +122,7 @@ def test_time_goes_by_keys_buttons_events_and_by_itself(browser: Any, made: Made
         assert shown(page) == stopped
 
 
+@pytest.mark.slow
 def test_two_records_run_in_step(browser: Any, made: Made) -> None:
     with serving(replay_server([made.drive, made.traffic])) as server, opened(browser, server.address) as page:
         page.evaluate("vveSumo.shown.seek(9.0)")
@@ -202,11 +207,12 @@ def test_a_record_that_is_spoilt_says_so_on_the_page(
 def test_an_old_scan_is_not_shown(browser: Any, replay: PageServer) -> None:
     with opened(browser, replay.address) as page:
         page.evaluate("vveSumo.shown.seek(18.2)")
-        pictures = page.evaluate("""() => { const [view] = vveSumo.shown.views, { frame } = view, { returns } = frame;
+        pictures = page.evaluate("""() => { const [view] = vveSumo.shown.views;
+          const { frame } = view, [reading] = frame.sensed;
           const drawn = (made) => { view.street.draw(made); return view.street.canvas.toDataURL(); };
-          const nothing = { x: [], y: [], seen: [], measured: null }, unseen = { id: [], why: [] };
-          return [frame, { ...frame, returns: { ...returns, measured: frame.t - 2 } },
-            { ...frame, returns: nothing, unseen }].map(drawn); }""")
+          const nothing = { x: [], y: [], seen: [], measured: null, unseen: { id: [], why: [] } };
+          return [frame, { ...frame, sensed: [{ ...reading, measured: frame.t - 2 }] },
+            { ...frame, sensed: [nothing] }].map(drawn); }""")
         fresh, old, none = pictures
         assert fresh != none
         assert old == none

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.exhaustive import with_slow
 from tests.view.made import Made
 from vve_sumo.analysis.run import Run
 from vve_sumo.cli import main
@@ -78,7 +79,7 @@ def test_pictures_know_the_gap_and_what_was_not_detected(made: Made) -> None:
     with Pictures(run, "street", 64, 64) as pictures:
         frame = pictures.evaluate(f"pictures.frames.frame({k})")
     assert frame["gap"] == pytest.approx(float(run.data.strip_lead.gap[k]), abs=1e-4)
-    assert {*frame["unseen"]} == {"id", "why"}
+    assert {*frame["sensed"][0]["unseen"]} == {"id", "why"}
 
 
 def test_views_differ_from_each_other(drawn: dict[str, Drawn]) -> None:
@@ -100,7 +101,7 @@ def test_a_picture_is_written_and_none_replaced(
     assert (tmp_path / "drive.png").read_bytes() == before
 
 
-@pytest.mark.parametrize("form", ["gif", "webp"])
+@pytest.mark.parametrize("form", with_slow(["gif", "webp"], lambda form: form == "webp"))
 def test_a_moving_picture_has_a_frame_for_each_time(made: Made, tmp_path: Path, form: str) -> None:
     file = tmp_path / f"moving.{form}"
     span = ["--from", "5", "--to", "6", "--fps", "5"]
@@ -130,6 +131,7 @@ def test_a_gif_takes_as_long_as_the_drive(tmp_path: Path) -> None:
     assert lasting == 1000
 
 
+@pytest.mark.slow
 def test_a_film_is_h264_of_the_length_that_was_asked_for(made: Made, tmp_path: Path) -> None:
     try:
         ffmpeg = movie.find_ffmpeg()

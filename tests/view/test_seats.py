@@ -51,6 +51,7 @@ def test_the_third_dimension_is_loaded_when_somebody_asks_for_it(page: Any) -> N
     assert not page.locator("canvas.world").is_visible()
 
 
+@pytest.mark.slow
 def test_the_key_goes_round_the_seats(page: Any) -> None:
     for seat in ("driver", "chase", "above"):
         page.keyboard.press("v")
@@ -69,6 +70,7 @@ def test_the_camera_goes_along_with_the_replay(page: Any) -> None:
         assert abs(math.remainder(pose["heading"] - ego["heading"], 2.0 * math.pi)) < math.radians(0.1)
 
 
+@pytest.mark.slow
 def test_a_drag_turns_the_head_and_a_double_click_turns_it_back(page: Any) -> None:
     page.click(".seats button:has-text('driver')")
     seated(page, "driver")

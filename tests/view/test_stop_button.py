@@ -97,6 +97,7 @@ def test_the_next_drive_at_the_same_address_is_shown_anew(browser: Any, made: Ma
     context.close()
 
 
+@pytest.mark.slow
 def test_a_headset_shows_the_present_or_nothing(browser: Any, fed: Live) -> None:
     device = (Path(__file__).parent / "vendor" / "iwer.min.js").read_text(encoding="utf-8")
     context = browser.new_context(viewport={"width": 600, "height": 500})

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-import json
 import math
 import pickle
 import select
@@ -18,13 +17,15 @@ from tests.vm.sender import PERIOD, Sender
 from tests.vm.wires import FRAME, Heard, Wire, Witness, open_raw
 from vve_sumo.frames import MapFrame
 from vve_sumo.live.channel import pair
+from vve_sumo.live.messages import Ready, decode
 from vve_sumo.live.simulated_vehicle import CarConfig
 from vve_sumo.live.spawn import start
-from vve_sumo.values import ArmingState, Frame, GatewayRow
+from vve_sumo.record.rows import GatewayRow
+from vve_sumo.values import ArmingState, Frame
 from vve_sumo.vehicle import link
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed import layout
 from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
-from vve_sumo.vehicle.gateway import OperatorCommand
 from vve_sumo.vehicle.interface import ActuationCommand, Gear
 from vve_sumo.vehicle.limits import Limits
 
@@ -50,7 +51,7 @@ class LiveCar:
             EPOCH,
             self.t0,
             1,
-            NOBODY,
+            {"kind": "ncom_udp", "address": NOBODY[0], "port": NOBODY[1], "minimum_delay_ms": 10.0},
             ("socketcan", wire.car),
             (),
             self.truth_file,
@@ -58,8 +59,8 @@ class LiveCar:
         self.console, theirs = pair()
         self._process = start("simulated_vehicle", config.to_dict(), {"console": theirs})
         assert select.select([self.console], [], [], 30.0)[0], "the car says that it is ready"
-        said = json.loads(self.console.receive()[0])
-        assert said["kind"] == "car_ready", said
+        said = decode(self.console.receive()[0])
+        assert isinstance(said, Ready), said
 
     def truth(self, since: float) -> list[tuple[float, float, float]]:
         """Drive time [s], x [m] along the start's heading and speed [m/s], since a drive time."""

@@ -26,8 +26,8 @@ from vve_sumo.bus import Bus
 from vve_sumo.errors import RigError
 from vve_sumo.values import ArmingState, Frame
 from vve_sumo.vehicle import link
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed import codec, layout
-from vve_sumo.vehicle.gateway import OperatorCommand
 from vve_sumo.vehicle.interface import Gear
 
 LINK_DOWN = 0.5  # [s]

@@ -13,8 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vve_sumo.pose import ncom
+from vve_sumo.pose import nmea_encoder as nmea
 from vve_sumo.values import FixQuality, Frame
-from vve_sumo.wire import ars408, esr, faults, nmea
+from vve_sumo.wire import ars408, esr, faults
 from vve_sumo.wire.datagrams import RadarDatagram, Target, decode_radar, encode_radar
 from vve_sumo.wire.sample import no_fix
 

@@ -12,9 +12,10 @@ import pytest
 
 from tests.vehicles import FUSION
 from vve_sumo.values import Actors, Detections, Frame, Point, Pose
-from vve_sumo.wire import esr
-from vve_sumo.wire.outputs import KINDS, Context
+from vve_sumo.wire import datagrams, esr
+from vve_sumo.wire.outputs import KINDS, Context, OfOtherSensor
 from vve_sumo.wire.sample import Sample, SampleContent, no_fix
+from vve_sumo.wire.sample_codec import pack, unpack
 
 CONTEXT = Context(FUSION.vehicle, "")
 SPEED = 9.0
@@ -26,6 +27,21 @@ NOBODY = Actors(0.0, (), *(np.zeros(0) for _ in range(8)))
 def sample(time: float, *, valid: bool = True) -> Sample:
     measured = SampleContent(no_fix(time, time), replace(POSE, time=time), SCAN, 0.02, NOBODY)
     return Sample(round(time / 0.02), 1.4e9 + time, time, measured if valid else None)
+
+
+def test_a_wire_of_another_sensor_carries_that_one_s_scan_and_is_invalid_without_one() -> None:
+    """The project's own datagram, read back: the target of the sensor named, its age, and none of the other's."""
+    now, other = sample(10.0), replace(SCAN, time=9.95, range=np.array([12.5]))
+    assert now.measured is not None
+    now = replace(now, measured=replace(now.measured, others={"noisy": other}))
+    for sensor, ranges, made in (("noisy", [12.5], now.time - 0.05), ("absent", [], 0.0)):
+        (data,) = OfOtherSensor(KINDS["radar"].make(CONTEXT), sensor).step(unpack(pack(now, actors=False)))
+        assert isinstance(data, bytes)
+        read = datagrams.decode_radar(data)
+        assert read is not None
+        assert read.valid == bool(ranges)
+        assert [target.range for target in read.targets] == ranges
+        assert read.measured == pytest.approx(made, abs=1e-6)
 
 
 class Bus:

@@ -179,12 +179,14 @@ def test_far_traffic_is_taken_off_until_the_steps_fit(tmp_path):
     assert sum(name.startswith("obstacle") for name in found["kept"]) == 2
 
 
+@pytest.mark.slow
 def test_while_the_street_is_closed_who_departs_far_away_is_turned_away(tmp_path):
     found = isolated(_crowded, str(tmp_path), 0.0002, 500)
     assert found["summary"]["refusals"] == 1
     assert found["summary"]["refused"] > 5
 
 
+@pytest.mark.slow
 def test_where_the_steps_fit_nobody_is_touched(tmp_path):
     found = isolated(_crowded, str(tmp_path), 0.00001, 400)
     assert found["fits"]

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.world.buildings import HEIGHT, STOREY, buildings_file, buildings_near
+from vve_sumo.network_tools.buildings import HEIGHT, STOREY, buildings_file, buildings_near
 from vve_sumo.world.network import read_network
 from vve_sumo.world.street_geometry import BEHIND, StreetGeometry, street_geometry
 

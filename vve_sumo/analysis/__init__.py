@@ -12,7 +12,7 @@ from vve_sumo.analysis.load import load
 from vve_sumo.analysis.over_time import encroachment_of, exposure, over_time, zone_times
 from vve_sumo.analysis.paired import PairedComparison, compare_each, compare_rows, compare_sweeps, compare_within
 from vve_sumo.analysis.run import Run
-from vve_sumo.analysis.sensing import braked_for_nothing, radar_statistics
+from vve_sumo.analysis.sensing import braked_for_nothing, sensor_statistics
 from vve_sumo.analysis.stopping_bound import StoppingBoundCheck, stopping_bound_check, stopping_bound_checks
 from vve_sumo.analysis.string_stability import headway_distribution, string_stability, time_gap_error_of
 from vve_sumo.metrics.drive_columns import Motion
@@ -42,7 +42,7 @@ __all__ = [
     "legs_over_time",
     "load",
     "over_time",
-    "radar_statistics",
+    "sensor_statistics",
     "stop_of",
     "stopping_bound_check",
     "stopping_bound_checks",

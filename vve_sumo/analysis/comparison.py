@@ -18,7 +18,7 @@ from vve_sumo.analysis.similarity import pearson, rms, shift_of, theil_u
 from vve_sumo.analysis.units import described
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.drive_data import DriveData
-from vve_sumo.metrics.metric import unit_of
+from vve_sumo.metrics.metric import Metric, unit_of
 from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.metrics.table import label_of
 from vve_sumo.record.layout import COMMANDED
@@ -276,8 +276,17 @@ def _came_to(side: _Side) -> dict[str, float | str]:
     return {
         "outcome": str(run.summary["outcome"]) if run.summary else "killed",
         **{name: _in_words(value) for name, value in PER_DRIVE.measure(side.data).items()},
+        **{name: _in_words(_recorded(run, row)) for name, row in run.own_metrics.per_drive.items()},
         "first_motion_s": side.begin,
     }
+
+
+def _recorded(run: Run, row: Metric) -> float | bool | str:
+    """Return what a user's metric said of a drive when it was driven; NaN or no text for nothing."""
+    value: float | bool | str | None = None if run.summary is None else run.summary[row.name]
+    if value is None:
+        return math.nan if row.kind == "float" else ""
+    return value
 
 
 def _in_words(value: float | bool | str) -> float | str:

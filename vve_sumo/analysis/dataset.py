@@ -23,7 +23,6 @@ from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.units import described
 from vve_sumo.config_file import read_json
 from vve_sumo.errors import ConfigError, hint
-from vve_sumo.metrics.table import NUMBERS
 from vve_sumo.record.sweep_folder import Held
 
 if TYPE_CHECKING:
@@ -69,7 +68,7 @@ class Sweep:
     @property
     def figures(self) -> list[str]:
         """What was measured, as far as it has a mean: names of columns."""
-        return list(NUMBERS)
+        return list(self._held.plan.numbers())
 
     @property
     def columns(self) -> list[str]:

@@ -6,6 +6,7 @@ Knows keys and kinds alone. What else such files hold is let be, so that those o
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -14,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationErr
 
 from vve_sumo.config_file import Finite, Positive, complaint
 from vve_sumo.errors import ConfigError
+from vve_sumo.metrics.metric import Metric
 from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.sensors.port import ColumnKind
 from vve_sumo.sensors.radar_settings import RadarSettings
@@ -72,6 +74,7 @@ class _Control(JsonModel):
 class _Asked(JsonModel):
     road: _Road | None = None
     ego: _Ego | None = None
+    metrics: Annotated[tuple[Text, ...], Field(strict=False)] = ()
     criteria: dict[str, bool | Text | _Band | None] = Field(default={})
     parameters: dict[str, _Parameter] = Field(default={})
 
@@ -96,6 +99,12 @@ class _Actor(JsonModel):
     kind: Text
 
 
+class _Sensor(JsonModel):
+    name: Text
+    kind: Text
+    settings: dict[str, Any] = {}
+
+
 class _Settings(_Asked):
     """What a record keeps of it: all of it."""
 
@@ -105,6 +114,7 @@ class _Settings(_Asked):
     radar: RadarSettings
     obstacles: Annotated[tuple[_Obstacle, ...], Field(strict=False)] = ()
     actors: Annotated[tuple[_Actor, ...], Field(strict=False)] = ()
+    sensors: Annotated[tuple[_Sensor, ...], Field(strict=False)] = ()
 
 
 class _Latency(JsonModel):
@@ -140,6 +150,7 @@ class RecordModel(JsonModel):
     versions: dict[str, Text]
     settings: _Settings
     sensors: dict[str, _Columns]
+    drawings: dict[str, dict[str, Any]] = {}
     rig: _Rig | None = None
     faults: Annotated[tuple[_Fault, ...], Field(strict=False)] = ()
 
@@ -175,11 +186,15 @@ class Provenance(JsonModel):
     doctor: _Doctor | None = None
 
 
-#: what was measured of a drive; null where it held nothing to measure
 _TYPES = {"float": float, "int": int, "bool": bool, "str": str}
-_Figures: Any = create_model(
-    "_Figures", __base__=JsonModel, **{name: (_TYPES[metric.kind] | None, None) for name, metric in PER_DRIVE.items()}
-)  # type: ignore[call-overload]
+
+
+def _figures(metrics: Mapping[str, Metric]) -> dict[str, Any]:
+    """Return the fields of what was measured of a drive; null where it held nothing to measure."""
+    return {name: (_TYPES[metric.kind] | None, None) for name, metric in metrics.items()}
+
+
+_Figures: Any = create_model("_Figures", __base__=JsonModel, **_figures(PER_DRIVE))
 
 
 class SummaryModel(_Figures):  # type: ignore[misc]
@@ -193,6 +208,13 @@ class SummaryModel(_Figures):  # type: ignore[misc]
     record_sha256: Text = ""
     record_parts_sha256: dict[str, Text] = Field(default={})
     record_files_sha256: dict[str, Text] = Field(default={})
+    metric_errors: dict[str, Text] = Field(default={})
+
+
+def summary_model(own: Mapping[str, Metric]) -> type[JsonModel]:
+    """Return what `summary.json` says of a drive of which metrics of a user's were measured, too."""
+    made: type[JsonModel] = create_model("SummaryModel", __base__=SummaryModel, **_figures(own))
+    return made if own else SummaryModel
 
 
 class _Along(JsonModel):

@@ -12,10 +12,10 @@ import numpy as np
 
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.units import described
-from vve_sumo.drive.latency_monitor import DATAGRAM, LEGS, TOTAL, legs, percentiles, rows_of
 from vve_sumo.metrics.metric import Metric
 from vve_sumo.metrics.table import rows
-from vve_sumo.values import LatencyRow
+from vve_sumo.record.latencies import DATAGRAM, LEGS, TOTAL, legs, percentiles, rows_of
+from vve_sumo.record.rows import LatencyRow
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,7 +31,7 @@ MEANINGS: Final = {
             (
                 "arrival of the bytes to the tick's begin",
                 "bytes decoded, judged, placed and predicted",
-                "radar scan",
+                "all sensors stepped",
                 "controller",
                 "setpoint handed to the gateway",
                 "gateway and bus, to the return of the last command frame's send",

@@ -17,6 +17,7 @@ from vve_sumo.metrics.drive_columns import ActorRows
 from vve_sumo.metrics.exposure import EXPOSURE, Stretch
 from vve_sumo.metrics.per_tick import PER_TICK
 from vve_sumo.metrics.predicted_ways import Indices
+from vve_sumo.record.layout import TICK_METRICS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -27,12 +28,18 @@ def over_time(run: Run) -> pd.DataFrame:
 
     NaN wherever a metric has nothing to say: nothing ahead, nothing that closes in, no pose. `ttc_s` and `drac_mps2`
     are those of the drive's own figures, so that their extremes are `min_ttc_s` and `max_drac_mps2` of the summary.
-    `attrs["deceleration_limit_mps2"]` is what was declared of the car.
+    `attrs["deceleration_limit_mps2"]` is what was declared of the car. Columns of a user's metrics follow the shipped
+    ones, as the drive recorded them.
     """
     import pandas as pd
 
     index = pd.Index(run.arrow("ticks")["tick"].to_numpy(), name="tick")
-    frame = described(pd.DataFrame(PER_TICK.measure(run.data), index=index), PER_TICK)
+    frame = pd.DataFrame(PER_TICK.measure(run.data), index=index)
+    if run.own_metrics.per_tick and run.holds(TICK_METRICS):
+        recorded = run.arrow(TICK_METRICS).to_pandas().set_index("tick")
+        own = [name for name in run.own_metrics.per_tick if name in recorded]
+        frame = frame.join(recorded[own])
+    frame = described(frame, {**PER_TICK, **run.own_metrics.per_tick})
     frame.attrs["deceleration_limit_mps2"] = run.vehicle.deceleration_limit
     return frame
 

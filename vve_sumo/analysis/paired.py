@@ -18,7 +18,7 @@ from vve_sumo.analysis.resampling import bootstrap_median, sign_test
 from vve_sumo.analysis.survivors import ordered, without_contacts
 from vve_sumo.analysis.units import described
 from vve_sumo.errors import ConfigError, hint
-from vve_sumo.metrics.table import METRICS, NUMBERS, label_of, meaning_of
+from vve_sumo.metrics.table import METRICS, NUMBERS, OWN_METRICS, label_of, meaning_of
 from vve_sumo.values import Floats
 
 if TYPE_CHECKING:
@@ -155,7 +155,8 @@ def compare_rows(
     keys = list(dict.fromkeys([*by, SEED]))
     for name, rows in ((one_name, one), (other_name, other)):
         _once(rows, keys, name)
-    wanted = [name for name in (NUMBERS if figures is None else figures) if name in one and name in other]
+    numbers = [*NUMBERS, *(name for name, row in OWN_METRICS.items() if row.kind == "float")]
+    wanted = [name for name in (numbers if figures is None else figures) if name in one and name in other]
     judged = [name for name in one.columns if _is_verdict(name) and name in other]
     kept = list(dict.fromkeys([*wanted, *judged]))  # `collision` among them, where the runs tell
     sides = [

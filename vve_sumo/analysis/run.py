@@ -18,12 +18,14 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from vve_sumo.analysis import json_models
+from vve_sumo.analysis.sensed import SensedTable, sensed
 from vve_sumo.analysis.units import described
 from vve_sumo.config_file import read_json
 from vve_sumo.errors import ConfigError, hint
 from vve_sumo.metrics.drive_columns import Motion
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.lead_vehicle import LeadVehicle
+from vve_sumo.metrics.own import DeclaredMetrics
 from vve_sumo.path import ReferencePath
 from vve_sumo.record.layout import (
     COMMANDED,
@@ -33,13 +35,17 @@ from vve_sumo.record.layout import (
     ROADS,
     ROADS_SCHEMA,
     SCHEMAS,
+    TICK_METRICS,
     check_layout,
     recorded_brain,
+    recorded_metrics,
     sensor_schemas,
     sensor_table,
+    tick_metrics_schema,
 )
 from vve_sumo.record.reader import read_commanded, read_table
 from vve_sumo.record.roads import read_roads
+from vve_sumo.sensors.port import STANDARD
 from vve_sumo.values import Floats, Vehicle
 
 if TYPE_CHECKING:
@@ -56,7 +62,9 @@ class Run:
         """
         self.folder = folder
         self.resolved = _resolved(folder)  #: content of `scenario.json`
-        self.summary = _summary(folder)  #: content of `summary.json`; None of a drive that was killed
+        #: rows of the user's metrics that were measured beside the shipped ones
+        self.own_metrics = _own_metrics(folder, self.resolved)
+        self.summary = _summary(folder, self.own_metrics)  #: content of `summary.json`; None of a drive that was killed
         if self.arrow("ticks").num_rows == 0:
             raise ConfigError(f"{folder}: the record holds no tick: the drive ended before its first")
 
@@ -108,9 +116,10 @@ class Run:
     def arrow(self, name: str) -> pa.Table:
         """Return a table of the record, read once.
 
-        Tables are ticks, actors, readings, one of each sensor (`sensor_radar`), roads (the lanes around the path; no
-        rows in a record of an earlier layout), commanded_paths (no rows where no command carried one), and of a live
-        drive gateway, latency. Raises ConfigError where it is not there or cannot be read.
+        Tables are ticks, actors, readings, one of each sensor (`sensor_NAME`), roads (the lanes around the path; no
+        rows in a record of an earlier layout), commanded_paths (no rows where no command carried one), of a live drive
+        gateway, latency, and of a drive with metrics of a user's that say something of every tick metrics. Raises
+        ConfigError where it is not there or cannot be read.
         """
         known: dict[str, pa.Table] = self.__dict__.setdefault("_tables", {})
         if name not in known:
@@ -144,8 +153,13 @@ class Run:
 
     @cached_property
     def detections(self) -> pd.DataFrame:
-        """A row a radar detection."""
-        return self.sensor("radar")
+        """A row a detection of the sensor that every scenario has."""
+        return self.sensor(STANDARD)
+
+    @cached_property
+    def sensed(self) -> dict[str, SensedTable]:
+        """What each sensor that declares how it is drawn measured, in the map, by the sensor's name."""
+        return sensed(self)
 
     @cached_property
     def actors(self) -> pd.DataFrame:
@@ -188,6 +202,7 @@ class Run:
     def _read(self, name: str) -> pa.Table:
         always = SCHEMAS | sensor_schemas(self.resolved)
         known = always | OPTIONAL_SCHEMAS | LIVE_SCHEMAS | {ROADS: ROADS_SCHEMA}
+        known |= {TICK_METRICS: tick_metrics_schema({})} if self.own_metrics.per_tick else {}
         if name not in known:
             raise ConfigError(f"{self.folder}: no table {name!r} in a record; {hint(name, known)}")
         folder = self.folder
@@ -231,12 +246,21 @@ def _resolved(folder: Path) -> dict[str, Any]:
     return resolved
 
 
-def _summary(folder: Path) -> dict[str, Any] | None:
+def _own_metrics(folder: Path, resolved: dict[str, Any]) -> DeclaredMetrics:
+    try:
+        own = recorded_metrics(resolved)
+    except ConfigError as error:
+        raise ConfigError(f"{folder}: {error}") from None
+    own.enter()
+    return own
+
+
+def _summary(folder: Path, own: DeclaredMetrics) -> dict[str, Any] | None:
     file = folder / "summary.json"
     if not file.exists():
         return None
     summary = read_json(file, "a drive", "outcome")
-    json_models.check(summary, json_models.SummaryModel, file)
+    json_models.check(summary, json_models.summary_model(own.per_drive), file)
     return summary
 
 

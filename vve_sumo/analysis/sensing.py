@@ -1,4 +1,4 @@
-"""What the radar showed of each actor, against what there was to be seen.
+"""What each sensor showed of each actor, against what there was to be seen.
 
 Knows a record and plane geometry; must not know what a controller makes of a detection.
 """
@@ -11,21 +11,22 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from vve_sumo.analysis.run import Run
+from vve_sumo.analysis.sensed import SensedTable
 from vve_sumo.analysis.units import described
+from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.lead_vehicle import CLOSING_FLOOR
 from vve_sumo.metrics.metric import Metric
 from vve_sumo.metrics.stopping import AT_REST
 from vve_sumo.metrics.table import rows
 from vve_sumo.record.layout import ACTOR_COLUMNS
-from vve_sumo.sensors.echo import antenna_at, echoes
-from vve_sumo.sensors.radar import from_bumper
-from vve_sumo.sensors.radar_settings import RadarSettings
+from vve_sumo.sensors.drawing import Boxes, Drawing, FieldOfView, Mounting
+from vve_sumo.sensors.echo import Mount, antenna_at, echoes
+from vve_sumo.sensors.port import STANDARD
 from vve_sumo.sensors.visibility import Sector
-from vve_sumo.values import Actors, Floats, Point, Pose
+from vve_sumo.values import Actors, Floats, Point, Pose, Vehicle
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,12 +36,14 @@ Truths = NDArray[np.bool_]
 #: an acceleration asked for that is harder than this counts as braking [m/s2]; lifting the foot is not braking
 BRAKING = -1.0
 
-#: what the radar showed of an actor
+#: what a sensor showed of an actor; its readings are called scans here
 STATISTICS = rows(
     Metric("first_tick", "first tick", "tick at which the first detection came out", kind="int"),
     Metric("first_s", "first seen", "drive time of that tick"),
     Metric(
-        "first_range_m", "first range", "range of the first detection as measured, from the middle of the front bumper"
+        "first_range_m",
+        "first range",
+        "range of the first detection as measured, from the sensor's frame",
     ),
     Metric(
         "first_ttc_s",
@@ -88,6 +91,12 @@ STATISTICS = rows(
     ),
 )
 
+#: of them those that need a field of view, points, a range rate, which not every sensor declares: a box is measured by
+#: its middle, and the truth is of the nearest point
+_OF_VIEW = ("first_ttc_s", "scans_visible", "detected_share", "dropouts_hidden")
+_OF_POINTS = ("range_error_mean_m", "range_error_std_m")
+_OF_RANGE_RATE = ("range_rate_error_mean_mps", "range_rate_error_std_mps")
+
 BRAKED_MEANINGS = {
     "begin_s": "drive time of the first tick of the stretch",
     "duration_s": "of the stretch, its last tick's period included",
@@ -100,7 +109,7 @@ BRAKED_MEANINGS = {
 
 @dataclass(frozen=True, slots=True)
 class _Scans:
-    """The scans, in the order in which they came out."""
+    """The readings of a sensor, in the order in which they came out."""
 
     tick: NDArray[np.int64]  #: at which each came out
     time: Floats  #: drive time of that [s]
@@ -115,34 +124,53 @@ class DropOuts(NamedTuple):
     longest: float  #: from the detection before to the one after [s]; 0 without any, NaN without any detection
 
 
-def radar_statistics(run: Run) -> pd.DataFrame:
-    """Return a row for each actor that ever was in the radar's field of view or was detected, the first seen first.
+def sensor_statistics(run: Run, sensor: str = STANDARD) -> pd.DataFrame:
+    """Return a row for each actor that ever was in a sensor's field of view or was detected, the first seen first.
 
     Visible is the nearest point of its box that lies in the field and that no other box hides, from the rear axle's
     true pose (without a truth: the pipeline's estimate) and the recorded actors at the tick at which the scan was
     measured; errors are measured against that point. A detection of an actor that is not visible from there has no
-    error. The columns' meanings are in `attrs`.
+    error. The columns' meanings are in `attrs`. What a sensor does not declare has no column: without a field of view
+    nothing is known to be visible. Raises ConfigError for a sensor that does not say whom it saw (`watching`).
     """
     import pandas as pd
 
-    scans = _scans(run)
-    truth = pd.DataFrame(_truths(run, scans), columns=["tick", "actor", "true_range", "true_rate"])
-    looks = truth.merge(_detections(run, scans), on=["tick", "actor"], how="outer").sort_values("tick", kind="stable")
+    sensors = watching(run)
+    if sensor not in sensors:
+        raise ConfigError(
+            f"sensor {sensor!r} does not say whom it saw, expected {' or '.join(sensors) or 'another drive'}"
+        )
+    table = sensors[sensor]
+    scans, drawing = _scans(run, table), table.drawing
+    truth = pd.DataFrame(_truths(run, scans, drawing), columns=["tick", "actor", "true_range", "true_rate"])
+    looks = truth.merge(_detections(run, table, scans), on=["tick", "actor"], how="outer")
+    looks = looks.sort_values("tick", kind="stable")
     found = {str(actor): _row(looked, scans) for actor, looked in looks.groupby("actor", sort=False)}
-    table = pd.DataFrame.from_dict(found, orient="index", columns=list(STATISTICS))
-    return described(table.rename_axis("actor"), STATISTICS)
+    statistics = {name: metric for name, metric in STATISTICS.items() if name not in _unknown(drawing)}
+    made = pd.DataFrame.from_dict(found, orient="index", columns=list(STATISTICS))[[*statistics]]
+    return described(made.rename_axis("actor"), statistics)
 
 
-def _scans(run: Run) -> _Scans:
-    scans = run.arrow("readings").filter(pc.field("sensor") == "radar")
-    at = np.searchsorted(run.arrow("ticks")["tick"].to_numpy(), scans["tick"].to_numpy())
+def _unknown(drawing: Drawing) -> tuple[str, ...]:
+    """Return the statistics that a sensor cannot have, for what it does not declare."""
+    if drawing.view is None:
+        return _OF_VIEW + _OF_POINTS + _OF_RANGE_RATE
+    return (_OF_POINTS if isinstance(drawing, Boxes) else ()) + (() if drawing.range_rate else _OF_RANGE_RATE)
+
+
+def watching(run: Run) -> dict[str, SensedTable]:
+    """Return the sensors of a drive that say whom they saw, by name."""
+    return {name: table for name, table in run.sensed.items() if table.actors is not None}
+
+
+def _scans(run: Run, table: SensedTable) -> _Scans:
     # Halfway to the next tick: a time that was written is not looked for by its last bit.
-    measured = np.searchsorted(run.time, scans["measured_s"].to_numpy() - 0.5 * run.period)
-    return _Scans(scans["tick"].to_numpy(), run.time[at], measured)
+    measured = np.searchsorted(run.time, table.measured - 0.5 * run.period)
+    return _Scans(run.arrow("ticks")["tick"].to_numpy()[table.at], table.time, measured)
 
 
 def braked_for_nothing(run: Run) -> pd.DataFrame:
-    """Return a row for each stretch in which the controller braked, the radar showed something, and the way was free.
+    """Return a row for each stretch in which the controller braked, a sensor showed something, and the way was free.
 
     Braking is an emergency, or less than BRAKING asked for, of an engaged car that moves; free is a way without an
     actor in the strip that the ego covers (`DriveData.strip_lead`). It is a list to look at and no verdict: a car
@@ -153,7 +181,7 @@ def braked_for_nothing(run: Run) -> pd.DataFrame:
     columns = ("acceleration_setpoint_mps2", "emergency", "note")
     wanted, emergency, notes = (run.arrow("ticks")[name].to_numpy(zero_copy_only=False) for name in columns)
     alone = np.array([actor == "" for actor in run.data.strip_lead.actor], bool)
-    names = _newest_scan(run)
+    names = _newest_readings(run)
     tempted = alone & np.array([bool(seen) for seen in names], bool)
     braked = run.engaged() & (run.motion.speed > AT_REST) & tempted & (emergency.astype(bool) | (wanted < BRAKING))
     found = [
@@ -188,11 +216,11 @@ def stretches(flags: Truths) -> Iterator[tuple[int, int]]:
 
 def _row(looked: pd.DataFrame, scans: _Scans) -> dict[str, Any]:
     """The figures of one actor, from a row a scan in which it was visible or detected."""
-    found = looked[looked["range_m"].notna()]
+    found = looked[looked["range"].notna()]
     visible = looked[looked["true_range"].notna()]
     detected_at, visible_at = (np.isin(scans.tick, table["tick"]) for table in (found, visible))
     out = drop_outs(detected_at, visible_at, scans.time)
-    range_error, rate_error = found["range_m"] - found["true_range"], found["range_rate_mps"] - found["true_rate"]
+    range_error, rate_error = found["range"] - found["true_range"], found["rate"] - found["true_rate"]
     visible_scans = int(visible_at.sum())
     return {
         **_first(found, scans),
@@ -219,35 +247,56 @@ def _first(found: pd.DataFrame, scans: _Scans) -> dict[str, Any]:
     return {
         "first_tick": int(first["tick"]),
         "first_s": float(scans.time[np.searchsorted(scans.tick, first["tick"])]),
-        "first_range_m": float(first["range_m"]),
+        "first_range_m": float(first["range"]),
         "first_ttc_s": float(first["true_range"]) / closing if closing > CLOSING_FLOOR else math.nan,
     }
 
 
-def _detections(run: Run, scans: _Scans) -> pd.DataFrame:
+def _detections(run: Run, table: SensedTable, scans: _Scans) -> pd.DataFrame:
     """Every detection of the scans, and whether the street had an actor of its name when they were measured."""
-    found = run.detections[["tick", "actor", "range_m", "range_rate_mps"]]
-    found = found[found["tick"].isin(scans.tick)]
-    measured = run.arrow("ticks")["tick"].to_numpy()[scans.measured]
-    found = found.assign(looked=measured[np.searchsorted(scans.tick, found["tick"])])
+    import pandas as pd
+
+    rate = table.drawing.range_rate
+    rows = np.diff(table.first)
+    columns = {
+        "tick": np.repeat(scans.tick, rows),
+        "actor": table.rows[str(table.drawing.actor)].to_pandas(),
+        "range": table.range,
+        "rate": np.full(len(table.range), np.nan) if rate is None else table.rows[rate].to_numpy(),
+        "looked": np.repeat(run.arrow("ticks")["tick"].to_numpy()[scans.measured], rows),
+    }
     there = run.actors[["tick", "actor"]].drop_duplicates().rename(columns={"tick": "looked"}).assign(there=True)
-    joined = found.merge(there, on=["looked", "actor"], how="left")
+    joined = pd.DataFrame(columns).merge(there, on=["looked", "actor"], how="left")
     return joined.assign(there=joined["there"].notna())
 
 
-def _truths(run: Run, scans: _Scans) -> Iterator[tuple[int, str, float, float]]:
-    """Scan's tick, actor, range from the bumper [m] and range rate [m/s] of every actor that it could see."""
-    radar = RadarSettings.model_validate(run.resolved["settings"]["radar"]).config()
-    sectors = [Sector(mode.range_max, math.tan(mode.half_angle)) for mode in radar.modes]
+def _truths(run: Run, scans: _Scans, drawing: Drawing) -> Iterator[tuple[int, str, float, float]]:
+    """Scan's tick, actor, range from the sensor's frame [m] and range rate [m/s] of every actor that it could see."""
+    view = drawing.view
+    if view is None:
+        return
+    mount = _mount(view.frame, run.vehicle)
+    sectors = [Sector(sector.range_m, math.tan(sector.half_angle_rad)) for sector in view.sectors]
     looked = run.arrow("ticks")["tick"].to_numpy()[scans.measured]
     looks = zip(scans.tick.tolist(), _poses(run, scans.measured), _snapshots(run, looked), strict=True)
     for tick, pose, actors in looks:
         if not all(math.isfinite(value) for value in (pose.x, pose.y, pose.heading, pose.speed, pose.yaw_rate)):
             continue
-        seen, _refused = echoes(antenna_at(pose, radar.mount, run.vehicle), actors, sectors)
+        seen, _refused = echoes(antenna_at(pose, mount, run.vehicle), actors, sectors)
         for echo in seen:
-            range_, _azimuth = from_bumper(echo.range, echo.azimuth, radar.mount)
-            yield tick, actors.ids[echo.row], range_, echo.range_rate
+            yield tick, actors.ids[echo.row], _from_frame(drawing, view, echo.range, echo.azimuth), echo.range_rate
+
+
+def _mount(frame: Mounting, vehicle: Vehicle) -> Mount:
+    return Mount(frame.x_m - vehicle.rear_axle_to_bumper, frame.y_m, frame.yaw_rad)
+
+
+def _from_frame(drawing: Drawing, view: FieldOfView, range_: float, azimuth: float) -> float:
+    """Return how far from the origin of a drawing's frame a point is [m] that its field of view has at these."""
+    seen_from, direction = view.frame, azimuth + view.frame.yaw_rad
+    x = seen_from.x_m - drawing.frame.x_m + range_ * math.cos(direction)
+    y = seen_from.y_m - drawing.frame.y_m + range_ * math.sin(direction)
+    return math.hypot(x, y)
 
 
 def _poses(run: Run, at: NDArray[np.intp]) -> Iterator[Pose]:
@@ -269,12 +318,11 @@ def _snapshots(run: Run, ticks: NDArray[np.int64]) -> Iterator[Actors]:
         yield Actors(0.0, tuple(names[i:j]), *(value[i:j] for value in values))
 
 
-def _newest_scan(run: Run) -> list[frozenset[str]]:
-    """The names in the newest scan, tick by tick."""
-    found = run.detections.groupby("tick")["actor"].agg(frozenset).to_dict()
-    newest, names = frozenset[str](), []
-    scanned = set(_scans(run).tick.tolist())
-    for tick in run.arrow("ticks")["tick"].to_pylist():
-        newest = found.get(tick, frozenset()) if tick in scanned else newest
-        names.append(newest)
-    return names
+def _newest_readings(run: Run) -> list[frozenset[str]]:
+    """The names in the newest readings of all sensors together, tick by tick."""
+    newest: list[frozenset[str]] = [frozenset()] * len(run.time)
+    for table in run.sensed.values():
+        seen = [frozenset[str](), *table.seen()]
+        readings = np.searchsorted(table.at, np.arange(len(run.time)), "right").tolist()
+        newest = [names | seen[reading] for names, reading in zip(newest, readings, strict=True)]
+    return newest

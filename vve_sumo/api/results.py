@@ -13,7 +13,7 @@ from vve_sumo.analysis.effects import chosen_axes
 from vve_sumo.analysis.load import open_folder
 from vve_sumo.metrics.key_figures import key_figures
 from vve_sumo.metrics.metric import unit_of
-from vve_sumo.metrics.table import NUMBERS, label_of
+from vve_sumo.metrics.table import label_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -166,7 +166,7 @@ class Sweep(dataset.Sweep):
 
     def _shown_figures(self) -> Sequence[str]:
         """Return the figures that the scenario's criteria ask for, as far as they are numbers, or the usual ones."""
-        return [name for name in self.plan["criteria"] if name in NUMBERS][:4] or USUAL_FIGURES
+        return [name for name in self.plan["criteria"] if name in self.figures][:4] or USUAL_FIGURES
 
     def _combinations(self) -> pd.DataFrame:
         """Return a row a combination of what was varied, its columns by label and unit."""

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from vve_sumo.certify.phantoms import ScanFault
-from vve_sumo.outlets import Outlet
 from vve_sumo.pose.sources import Source
 from vve_sumo.wire.datagrams import SetpointDatagram, decode_setpoint
 from vve_sumo.wire.faults import WireFault
+from vve_sumo.wire.outlets import Outlet
 from vve_sumo.wire.outputs import Output
 from vve_sumo.wire.sample import Sample
 from vve_sumo.wire.signature import without_tag

@@ -32,17 +32,14 @@ from vve_sumo.certify.places import Place
 from vve_sumo.certify.pool import Pool
 from vve_sumo.certify.results import BrainUnderTest, CaseDrive, CaseResult, CaseVerdict, Certificate
 from vve_sumo.drive import provenance
-from vve_sumo.drive.brain import ExternalController, Publisher, SetpointController, virtual_placement
-from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
+from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.run import resolve_by_name
 from vve_sumo.drive.run import run as run_drive
 from vve_sumo.errors import ConfigError, SimulationError
-from vve_sumo.live.brain_link import key_of, open_setpoints
-from vve_sumo.live.outputs import opened
+from vve_sumo.live.brain_link import key_of
+from vve_sumo.live.foreign_lockstep import brain_over, open_wires
 from vve_sumo.rig.load import load as load_rig
 from vve_sumo.rig.schema import Rig
-from vve_sumo.wire.outputs import Context
-from vve_sumo.wire.setpoints import SetpointInbox
 
 #: a brain that nobody can look at is taken to be quiet after so long [s]
 UNSEEN_QUIET: Final = 0.1
@@ -142,18 +139,18 @@ class Bench:
         folder = kept.folder_of(self.query.out, job.case, job.seed)
         kept.clear(folder)
         folder.mkdir(parents=True)
-        inbox = SetpointInbox(DEFAULT_EPOCH, self._key)
         with self._brain(case, place, folder) as (quiet, deaf), ExitStack() as stack:
             link = self._link(case, resolved, job, place, quiet)
             stack.callback(link.close)
-            done = run_drive(resolved, folder / "record", self.working, brain=_driven(resolved, link, inbox))
+            brain = brain_over(link, place.rig, resolved, self.working)
+            done = run_drive(resolved, folder / "record", self.working, brain=brain)
         if done.summary["outcome"] in BROKEN:
             if done.summary["outcome"] == "interrupted":
                 kept.clear(folder)
                 raise KeyboardInterrupt
             raise SimulationError(f"case {case.name}: {done.summary['text'] or done.summary['reasons']}")
         begins = None if job.window is None else job.window.begins
-        kept.keep(folder, link.answers, kept.Told(begins, dict(inbox.counts), inbox.taken, deaf))
+        kept.keep(folder, link.answers, kept.Told(begins, brain.refused, brain.taken, deaf))
 
     @contextmanager
     def _brain(self, case: Case, place: Place, folder: Path) -> Iterator[tuple[Callable[[], bool], tuple[str, ...]]]:
@@ -173,17 +170,8 @@ class Bench:
     def _link(
         self, case: Case, resolved: ResolvedScenario, job: CaseJob, place: Place, quiet: Callable[[], bool]
     ) -> FaultLink:
-        said, context = (
-            place.rig.brain,
-            Context(resolved.vehicle, resolved.map_frame.projection, resolved.map_frame.offset, key=self._key),
-        )
-        wires = opened([output.model_dump(mode="json") for output in place.rig.outputs], context)
-        try:
-            setpoints = open_setpoints(said, self._key)
-        except BaseException:
-            for wire in wires:
-                wire.outlet.close()
-            raise
+        wires, setpoints = open_wires(place.rig, resolved, self._key)
+        assert setpoints is not None  # a rig without setpoints is refused
         chance = Random(f"{case.name} {resolved.scenario.seed}")
         scene = None if job.window is None or case.show is None else self._scene(job.seed, job.window)
         faulty = [
@@ -195,7 +183,7 @@ class Bench:
             )
             for kind, wire in zip(self.kinds, wires, strict=True)
         ]
-        return FaultLink(faulty, setpoints, job.window, quiet, said.deadline_s, self._key)
+        return FaultLink(faulty, setpoints, job.window, quiet, place.rig.brain.deadline_s, self._key)
 
     def _scene(self, seed: int, window: Window) -> Scene:
         nominal = self.course(CaseJob(NOMINAL, seed, None))
@@ -215,12 +203,6 @@ class Bench:
 
 NOMINAL: Final = CASES[0].name
 CASE: Final[Mapping[str, Case]] = {case.name: case for case in CASES}
-
-
-def _driven(resolved: ResolvedScenario, link: FaultLink, inbox: SetpointInbox) -> ExternalController:
-    placement = virtual_placement(resolved.map_frame, resolved.model.mounting, DEFAULT_EPOCH)
-    publisher = Publisher(link.send, placement, DEFAULT_EPOCH)
-    return ExternalController(publisher, SetpointController(publisher, link.receive, inbox, waits=True))
 
 
 def _unseen() -> bool:

@@ -52,5 +52,7 @@ def show_drive(drive: Drive, picture: Path | None) -> None:
         console.print(f"picture: {picture}", highlight=False, markup=False)
     for line in summary["failed"]:
         console.print(f"failed: {line}", highlight=False, markup=False)
+    for line in summary.get("metric_errors", {}).values():
+        console.print(f"not measured: {line}", highlight=False, markup=False)
     if summary["text"]:
         console.print(f"what went wrong, in its own words: {summary['text']}", highlight=False, markup=False)

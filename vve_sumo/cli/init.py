@@ -12,9 +12,9 @@ EXIT_CODES = OF_FILES
 SUMMARY = "lay out a workspace of your own"
 TEXT = """\
 Copy the shipped controllers, networks, notebooks, rigs, routes, scenarios, sweeps and vehicles into a
-folder, with examples of foreign brains (examples/brains) and the suites that a receiver, a sensor and a
-drive-by-wire interface of your own must pass (tests/ports). Run vve-sumo from there: your files win over
-shipped ones of the same name.
+folder, with examples of foreign brains (examples/brains) and the suites that a receiver, a sensor, a
+drive-by-wire interface and metrics of your own must pass (tests/ports). Run vve-sumo from there: your files
+win over shipped ones of the same name.
 """
 
 

@@ -99,8 +99,8 @@ def latitude_longitude(text: str) -> tuple[float, float]:
 
 def _build(arguments: argparse.Namespace) -> int:
     """Build a network from an extract; return the exit code, 0."""
+    from vve_sumo.network_tools.build import build_network
     from vve_sumo.workspace import shared_file
-    from vve_sumo.world.build import build_network
 
     speeds = arguments.speeds or shared_file("networks", "us_speeds.typ.xml", Path.cwd())
     built = build_network(
@@ -132,8 +132,8 @@ def _edges(arguments: argparse.Namespace) -> int:
 
 def _demand(arguments: argparse.Namespace) -> int:
     """Write seeded traffic for a network; return the exit code, 0."""
+    from vve_sumo.network_tools.demand import write_demand
     from vve_sumo.workspace import find
-    from vve_sumo.world.demand import write_demand
 
     drawn = write_demand(
         find("network", arguments.network, Path.cwd()),

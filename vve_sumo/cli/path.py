@@ -46,9 +46,9 @@ def arguments(parser: Parser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Record a path from edge to edge and write it; return the exit code, 0."""
+    from vve_sumo.network_tools.survey import record_path
     from vve_sumo.vehicle.load import load
     from vve_sumo.workspace import find
-    from vve_sumo.world.survey import record_path
 
     max_curvature = load(find("vehicle", arguments.vehicle, Path.cwd())).vehicle.tightest_curvature
     survey = record_path(

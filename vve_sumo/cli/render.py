@@ -25,7 +25,7 @@ EXIT_CODES = """exit codes:
 SUMMARY = "make pictures and moving pictures of a drive, without a screen"
 TEXT = """\
 Draw a drive's record as the page of `vve-sumo view` does: from the driver's seat, from behind the car, from
-above, or the page's street with the radar. A headless Chromium draws; no screen and no graphics card is
+above, or the page's street with what the sensors measured. A headless Chromium draws; no screen and no graphics card is
 needed. Only drive time counts, so the same record gives the same pictures.
 
 examples:

@@ -178,9 +178,8 @@ def _table(query: SweepQuery, came: SweepOutcome) -> Table:
     from rich import box
     from rich.table import Table
 
-    from vve_sumo.metrics.table import NUMBERS
-
-    said = [name for name in query.plan.criteria if name in NUMBERS]
+    numbers = query.plan.numbers()
+    said = [name for name in query.plan.criteria if name in numbers]
     figures = (said or list(USUAL_FIGURES))[:MAX_FIGURES]
     title = query.spec.title or query.plan.scenario
     table = Table(title=title, title_justify="left", box=box.SIMPLE)

@@ -25,10 +25,10 @@ from vve_sumo.pose.predict import Predictor
 from vve_sumo.pose.receivers.port import FixDecoder
 from vve_sumo.pose.trust import TrustGate, TrustProfile
 from vve_sumo.sensors.guarded import GuardedSensor
-from vve_sumo.sensors.port import PORT, SensorSettings
+from vve_sumo.sensors.port import PORT, STANDARD, SensorSettings
 
 #: Consumers of random numbers whose streams keep the numbers that they had before streams had names.
-_NUMBERED: Final = {"vehicle": 0, "radar": 1}
+_NUMBERED: Final = {"vehicle": 0, STANDARD: 1}
 #: First number in the key of any other stream. The bytes of its name follow, so that no two names share a stream.
 _NAMED_STREAM: Final = 2
 
@@ -85,7 +85,7 @@ def sensors_of(resolved: ResolvedScenario) -> dict[str, GuardedSensor]:
     """Return the scenario's sensors by name, each with its own random number generator; raises ConfigError."""
 
     def made(name: str, settings: SensorSettings) -> GuardedSensor:
-        seeds = seed_of(resolved.scenario.seed, name if name == "radar" else f"sensor {name}")
+        seeds = seed_of(resolved.scenario.seed, name if name == STANDARD else f"sensor {name}")
         return GuardedSensor(name, settings, resolved.vehicle, np.random.default_rng(seeds))
 
     return {name: PORT.make(name, made, name, settings) for name, settings in resolved.sensors().items()}

@@ -1,7 +1,8 @@
 """A foreign control computer beside or in the place of the controller: samples go out to it, setpoints come back.
 
-It knows samples and setpoints; it must not know what carries them. Time is the drive's: in lockstep the brain is waited
-for at every tick, live it is not.
+It knows samples and setpoints; it must not know what carries them, which is a `Link`. `external_controller` makes the
+one object that every drive has of a foreign brain, in lockstep, live, certified or replayed. Time is the drive's: in
+lockstep the brain is waited for at every tick, live it is not.
 """
 
 from __future__ import annotations
@@ -9,13 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal, Protocol
 
 from vve_sumo.controller import Controller
 from vve_sumo.drive.pipeline import SensorFrame
 from vve_sumo.errors import RigError
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
-from vve_sumo.values import ControlCommand, Observation, newest_scan
+from vve_sumo.values import ControlCommand, Detections, Observation, newest_scan
 from vve_sumo.wire.sample import Sample, SampleContent, sequence_of, virtual_fix
 from vve_sumo.wire.setpoints import SILENT, SetpointInbox
 
@@ -25,11 +26,34 @@ _NOTHING: Final = "no foreign setpoint"
 #: reason code of a brain that has let its whole time pass in lockstep
 OVERDUE: Final = "brain_overdue"
 
-#: sends a sample on all outgoing wires; neither waits nor raises
-Send = Callable[[Sample], None]
-#: returns the datagrams that have come by a drive time [s], each with its time of arrival [s]; where it is asked to
-#: wait, it may raise TimeoutError with one line that says for how long nothing came
-Receive = Callable[[float, bool], Sequence[tuple[float, bytes]]]
+#: who decides: the scenario's own controller, whose sensors a foreign computer only sees; a foreign brain by setpoints;
+#: one that commands the car by itself
+Decider = Literal["own", "setpoints", "external"]
+
+
+class Link(Protocol):
+    """The way to a foreign brain and back."""
+
+    def send(self, sample: Sample) -> None:
+        """Send a sample on all outgoing wires; neither waits nor raises."""
+
+    def receive(self, now: float, wait: bool) -> Sequence[tuple[float, bytes]]:
+        """Return the datagrams that have come by drive time `now` [s], each with its time of arrival [s].
+
+        With `wait`, those until the first; raises TimeoutError, with one line that says for how long nothing came, for
+        a brain that lets its time pass.
+        """
+
+
+class NoLink:
+    """The way to nobody, of a drive whose brain cannot be asked again."""
+
+    def send(self, sample: Sample) -> None:
+        """Send nothing."""
+
+    def receive(self, now: float, wait: bool) -> Sequence[tuple[float, bytes]]:
+        """Return nothing, at once."""
+        return ()
 
 
 def virtual_placement(frame: MapFrame, mounting: Mounting, epoch: float) -> Placement:
@@ -40,7 +64,9 @@ def virtual_placement(frame: MapFrame, mounting: Mounting, epoch: float) -> Plac
 class Publisher:
     """Makes the sample of every tick and sends it."""
 
-    def __init__(self, send: Send, placement: Placement, epoch: float, *, held: bool = False) -> None:
+    def __init__(
+        self, send: Callable[[Sample], None], placement: Placement, epoch: float, *, held: bool = False
+    ) -> None:
         """`placement` is `virtual_placement`'s; `epoch` is the GNSS second of drive time 0.
 
         `held`: nothing is valid until the drive begins, for a brain that would drive off by what it sees.
@@ -64,21 +90,28 @@ class Publisher:
     def _measured(self, now: float, seen: SensorFrame) -> SampleContent:
         scan = newest_scan(seen.sensors)
         age = now - scan.time if math.isfinite(scan.time) else math.inf
-        return SampleContent(virtual_fix(seen.pose, self._placement, seen.fix), seen.pose, scan, age, seen.actors)
+        others = {
+            name: output
+            for name, output in seen.sensors.items()
+            if output is not scan and isinstance(output, Detections)
+        }
+        fix = virtual_fix(seen.pose, self._placement, seen.fix)
+        return SampleContent(fix, seen.pose, scan, age, seen.actors, others)
 
 
 class SetpointController:
     """Answers an observation with the newest foreign setpoint that is alive."""
 
-    def __init__(self, publisher: Publisher, receive: Receive, inbox: SetpointInbox, *, waits: bool) -> None:
+    def __init__(self, publisher: Publisher, link: Link, inbox: SetpointInbox, *, waits: bool) -> None:
         """`waits`: whether a tick waits for the setpoint that answers its sample."""
-        self._publisher, self._receive, self._inbox, self._waits = publisher, receive, inbox, waits
+        self._publisher, self._link, self._waits = publisher, link, waits
+        self.inbox = inbox  #: what has come, and why of it what was refused
         self.faults: tuple[str, ...] = (SILENT,)  #: reason codes for the next tick
         self.overdue = ""  #: one line, set when the brain has let its time pass: it is never waited for again
 
     def step(self, observation: Observation) -> ControlCommand:
         """Return what the newest setpoint asks for; a brain that asks for nothing is a fault of the next tick."""
-        now, publisher, inbox = observation.time, self._publisher, self._inbox
+        now, publisher, inbox = observation.time, self._publisher, self.inbox
         inbox.asked(publisher.sequence)
         try:
             self._take(now)
@@ -91,12 +124,12 @@ class SetpointController:
         return command or ControlCommand(_held(observation), 0.0, note=_NOTHING)
 
     def _take(self, now: float) -> None:
-        publisher, inbox = self._publisher, self._inbox
+        publisher, inbox = self._publisher, self.inbox
         while True:
             # No brain needs to answer what is invalid.
             owed = self._waits and not self.overdue and publisher.radar_valid
             owed = owed and not inbox.answered(publisher.sequence)
-            came = self._receive(now, owed)
+            came = self._link.receive(now, owed)
             for received, data in came:
                 inbox.take(received, data)
             if not (came and owed):
@@ -104,8 +137,8 @@ class SetpointController:
 
     def check_begun(self) -> None:
         """Raise RigError where the brain has let its time pass before its first setpoint: it is not there."""
-        if self.overdue and not self._inbox.taken:
-            refused = ", ".join(f"{count} x {code}" for code, count in sorted(self._inbox.counts.items()))
+        if self.overdue and not self.inbox.taken:
+            refused = ", ".join(f"{count} x {code}" for code, count in sorted(self.inbox.counts.items()))
             was = f"of its answers none was taken ({refused})" if refused else "start it before the drive"
             raise RigError(f"the brain does not answer, {self.overdue}: {was}")
 
@@ -141,6 +174,16 @@ class ExternalController:
         return () if self.controller is None else self.controller.faults
 
     @property
+    def refused(self) -> dict[str, int]:
+        """Answers that were not taken: how many, by reason code."""
+        return dict(self.controller.inbox.counts) if isinstance(self.controller, SetpointController) else {}
+
+    @property
+    def taken(self) -> int:
+        """How many setpoints were taken."""
+        return self.controller.inbox.taken if isinstance(self.controller, SetpointController) else 0
+
+    @property
     def overdue(self) -> str:
         """One line on a brain that has let its time pass in lockstep; else empty."""
         return "" if self.controller is None else self.controller.overdue
@@ -153,3 +196,27 @@ class ExternalController:
     def in_place_of(self, own: Callable[[], Controller]) -> Controller:
         """Return the controller of the drive; the scenario's own is made only where it drives."""
         return own() if self.controller is None else self.controller
+
+
+def external_controller(
+    decides: Decider,
+    link: Link,
+    frame: MapFrame,
+    mounting: Mounting,
+    epoch: float,
+    key: bytes = b"",
+    *,
+    waits: bool = False,
+) -> ExternalController:
+    """Return what a drive has of the brain that a link leads to, as `brain.kind` of a rig says who `decides`.
+
+    `frame` is the street's map, `mounting` the receiver's, `epoch` the GNSS second of drive time 0, `key` signs
+    setpoints. `waits`: whether a tick waits for the setpoint that answers its sample.
+    """
+    # A brain that commands the car by itself would drive off by what it sees: it sees nothing before the go.
+    publisher = Publisher(link.send, virtual_placement(frame, mounting, epoch), epoch, held=decides == "external")
+    if decides == "setpoints":
+        return ExternalController(
+            publisher, SetpointController(publisher, link, SetpointInbox(epoch, key), waits=waits)
+        )
+    return ExternalController(publisher, NoController() if decides == "external" else None)

@@ -1,7 +1,7 @@
 """The lockstep shell: runs simulated vehicle, virtual road and pipeline on one simulated clock, as fast as possible.
 
 Time is `tick * PERIOD`; nothing here reads a real clock. The wire formats are the real ones: the simulated vehicle
-sends NCOM bytes and CAN frames, and the gateway answers with CAN frames.
+sends pose bytes and CAN frames, and the gateway answers with CAN frames.
 """
 
 from __future__ import annotations
@@ -28,16 +28,17 @@ from vve_sumo.lot.fallback import deferred_fallback_path
 from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
 from vve_sumo.plant.car import Car, CarParameters
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
-from vve_sumo.plant.parameters import perturbed
 from vve_sumo.plant.receiver import unaltered
-from vve_sumo.pose.ncom import Decoder
+from vve_sumo.pose.receivers.port import standard
 from vve_sumo.pose.trust import DRIVE
 from vve_sumo.record.writer import MemoryRecorder
+from vve_sumo.rig.car_parameters import perturbed
 from vve_sumo.scenario.schema import EndTrigger
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Actors, ArmingState, Fix, Frame, GatewayStatus, Pose, Setpoint
 from vve_sumo.vehicle.arming import WAITING
-from vve_sumo.vehicle.gateway import Gateway, GatewayOutput, OperatorCommand
+from vve_sumo.vehicle.arming_machine import OperatorCommand
+from vve_sumo.vehicle.gateway import Gateway, GatewayOutput
 from vve_sumo.vehicle.interface import load
 from vve_sumo.vehicle.model import VehicleModel
 from vve_sumo.world.loaded_road import LoadedRoad
@@ -108,7 +109,7 @@ def assemble(resolved: ResolvedScenario, working: Path, brain: ExternalControlle
     start, begin = pose_at_rest(0.0, 0.0, math.radians(90.0 - lot.heading_deg)), resolved.path.at(0.0)
     alignment = Alignment.from_matched_start(start, pose_at_rest(begin.x, begin.y, begin.heading))
     placement = Placement(frame, alignment, resolved.model.mounting, DEFAULT_EPOCH)
-    pose = PoseInput(Decoder(), DRIVE, placement, DEFAULT_EPOCH)
+    pose = PoseInput(standard().decoder(), DRIVE, placement, DEFAULT_EPOCH)
     # The gateway is in this process and cannot outlive the tick: a fallback path is computed when a stop needs it.
     pipeline = build_pipeline(resolved, pose, working, brain, deferred_fallback_path)
     return LockstepParts(pipeline, gateway_of(resolved.model), frame, alignment, start)
@@ -193,12 +194,12 @@ class Lockstep:
             for number in count():
                 truth = self._alignment.apply(self._car.truth())
                 due = DueTick(number, number * PERIOD, (number + 1) * PERIOD)
-                done = tick.step(due, self._gateway.measured_steering, truth)
+                done = tick.step(due, self._gateway.monitor.measured_steering, truth)
                 output = bus.output
                 yield LockstepTick(done.result, output, truth, done.actors)
                 came = self._car.step(due.next_time, output.frames)
                 bus.reported(came.reports)
-                for time, data in came.ncom:
+                for time, data in came.packets:
                     tick.receive(time, data)
         finally:
             tick.finish()

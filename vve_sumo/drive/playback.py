@@ -22,7 +22,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, Mounting, Placement, local_frame
 from vve_sumo.lot.fallback import deferred_fallback_path
 from vve_sumo.pose import recording
-from vve_sumo.pose.ncom import Decoder
+from vve_sumo.pose.receivers.port import standard
 from vve_sumo.pose.trust import PLAYBACK, TrustGate
 from vve_sumo.record.writer import MemoryRecorder
 from vve_sumo.timing import PERIOD
@@ -75,7 +75,7 @@ class Playback:
         self.lot = LotAlignment(frame.projection, alignment, epoch)
         self._resolved, self._begin = resolved, first.time - epoch
         placement = Placement(frame, alignment, AT_REAR_AXLE, epoch)
-        pose_input = PoseInput(Decoder(), PLAYBACK, placement, epoch)
+        pose_input = PoseInput(standard().decoder(), PLAYBACK, placement, epoch)
         self._pipeline = build_pipeline(resolved, pose_input, working, fallback=deferred_fallback_path)
         self._gateway = gateway_of(resolved.model)
         self._road = VirtualRoad(open_world(resolved, loaded=loaded), scenario_engine(resolved))

@@ -1,6 +1,7 @@
 """Lists the plug-ins of a drive and the files of their code, and finds the files that changed since a record.
 
-A plug-in is a controller, a sensor, a receiver or a drive-by-wire interface. No code of a plug-in is run here.
+A plug-in is a controller, a sensor, a file of metrics, a receiver or a drive-by-wire interface. No code of a plug-in is
+run here.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from vve_sumo import controller, workspace
+from vve_sumo.metrics import port as metrics
 from vve_sumo.ports import Port
 from vve_sumo.pose.receivers import port as receivers
 from vve_sumo.scenario.schema import Scenario
@@ -23,7 +25,9 @@ INTERFACE: Final = "interface_"
 RECEIVER: Final = "receiver_"
 #: for a sensor, the sensor's name follows, then a colon and the name of the module
 SENSOR: Final = "sensor_"
-PREFIXES: Final = (CONTROLLER, INTERFACE, RECEIVER, SENSOR)
+#: for a file of metrics, its number in the scenario's `metrics` follows, then a colon and the name of the module
+METRIC: Final = "metric_"
+PREFIXES: Final = (CONTROLLER, INTERFACE, RECEIVER, SENSOR, METRIC)
 
 
 class PluggedIn(NamedTuple):
@@ -58,10 +62,12 @@ class PluggedIn(NamedTuple):
 
 
 def of_scenario(scenario: Scenario, working: Path) -> Iterator[PluggedIn]:
-    """Yield the plug-ins that a scenario names: its controller, and its sensors apart from the radar."""
+    """Yield the plug-ins that a scenario names: its controller, the sensors of its list, its metrics."""
     yield PluggedIn(controller.PORT, scenario.controller.name, CONTROLLER, workspace.controller_folders(working))
     for sensor in scenario.sensors:
         yield PluggedIn(sensors.PORT, sensor.kind, f"{SENSOR}{sensor.name}:")
+    for number, name in enumerate(scenario.metrics):
+        yield PluggedIn(metrics.PORT, name, f"{METRIC}{number}:")
 
 
 def vehicle_interface(name: str) -> PluggedIn:

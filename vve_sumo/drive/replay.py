@@ -117,7 +117,7 @@ def changed_code(folder: Path, working: Path, *, controller: bool = True) -> lis
     """Return a line for every file of the recorded plug-ins' code that has changed; none of that code is run.
 
     The plug-ins are the sensors, the drive-by-wire interface, a live drive's receiver, and the controller unless
-    `controller` is false. Raises ConfigError where a plug-in no longer exists.
+    `controller` is false; no metric is measured again. Raises ConfigError where a plug-in no longer exists.
     """
     file, resolved = folder / "scenario.json", read_resolved(folder)
     try:
@@ -129,7 +129,8 @@ def changed_code(folder: Path, working: Path, *, controller: bool = True) -> lis
     except (AttributeError, KeyError, TypeError) as error:
         raise ConfigError(f"{file}: it does not say what plugged in: {error!r}") from None
     foreign = recorded_brain(resolved) if controller else ""
-    asked = (part for part in parts if part.role != plugged_in.CONTROLLER or (controller and not foreign))
+    run = (part for part in parts if not part.role.startswith(plugged_in.METRIC))
+    asked = (part for part in run if part.role != plugged_in.CONTROLLER or (controller and not foreign))
     lines = [line for part in asked for line in part.changed(recorded)]
     # An external brain's commands are in the record, as frames of the car's bus; setpoints are not.
     if foreign == "setpoints":

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib.metadata import version
 from itertools import pairwise
@@ -25,18 +25,22 @@ from vve_sumo.drive import plugged_in
 from vve_sumo.drive.actor_paths import Speeds, find_actor_paths
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import MapFrame
+from vve_sumo.metrics.own import OwnMetrics, load_own
 from vve_sumo.path import ReferencePath
 from vve_sumo.path_feasibility import find_reversal, refuse_tight_bend
-from vve_sumo.plant.parameters import imperfections_of
+from vve_sumo.record import drawings
 from vve_sumo.record.layout import LAYOUT, check_layout
+from vve_sumo.rig.car_parameters import imperfections_of
+from vve_sumo.scenario.load import check_criteria
 from vve_sumo.scenario.schema import Scenario
-from vve_sumo.sensors.port import SensorSettings, configured
+from vve_sumo.sensors.port import STANDARD, SensorSettings, configured
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Floats, Vehicle
 from vve_sumo.vehicle.effective_deceleration import limited_to, of_model
 from vve_sumo.vehicle.load import load as load_vehicle
 from vve_sumo.vehicle.model import VehicleModel
 from vve_sumo.version import __version__
+from vve_sumo.wire.outputs import KINDS
 from vve_sumo.world.network import Network, NetworkLane, lanes_near, read_network
 
 if TYPE_CHECKING:
@@ -99,6 +103,8 @@ class ResolvedScenario:
     file: Path  #: the scenario's own
     faults: tuple[InjectedFault, ...] = ()  #: that are injected into the simulated vehicle
     note: str = ""  #: what brakes the car less than declared, in one line; empty where nothing does
+    #: the scenario's metrics once they are loaded, so that those that are recorded are those that measure
+    _own: dict[tuple[str, ...], OwnMetrics] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def vehicle(self) -> Vehicle:
@@ -108,12 +114,15 @@ class ResolvedScenario:
     def to_dict(self, working: Path) -> dict[str, Any]:
         """Return what the record keeps: scenario, path, car, hashes of the files, and versions.
 
-        The hashed code of a plug-in is that of the instance made last. Raises ConfigError as `sensors` does.
+        The hashed code of a plug-in is that of the instance made last. Raises ConfigError as `sensors` and
+        `own_metrics` do.
         """
-        sensors = {name: [*map(list, settings.columns)] for name, settings in self.sensors().items()}
+        sensors = self.sensors()
         parts = [*plugged_in.of_scenario(self.scenario, working)]
         parts.append(plugged_in.vehicle_interface(self.model.interface.name))
-        noted = {"braking_note": self.note} if self.note else {}
+        noted: dict[str, Any] = {"braking_note": self.note} if self.note else {}
+        if own := self.own_metrics().declared:
+            noted["metrics"] = own.to_dict()
         files = self.files | {role: file for part in parts for role, file in part.files().items()}
         model = self.model.to_dict()
         return {
@@ -124,7 +133,8 @@ class ResolvedScenario:
             "path_m": [f"{x} {y}" for x, y in self.path.points],
             "vehicle": model.pop("vehicle"),
             "vehicle_model": model,
-            "sensors": sensors,
+            "sensors": {name: [*map(list, settings.columns)] for name, settings in sensors.items()},
+            **self._drawings(sensors),
             "files_sha256": plugged_in.digests(files),
             "versions": versions(),
             **({"faults": [fault.to_dict() for fault in self.faults]} if self.faults else {}),
@@ -136,17 +146,55 @@ class ResolvedScenario:
         return load(control.name, self.vehicle, dict(control.tuning), workspace.controller_folders(working))
 
     def sensors(self) -> dict[str, SensorSettings]:
-        """Return the settings of every sensor by its name, the radar first.
+        """Return the settings of every sensor by its name, that of every scenario first.
 
         Raises ConfigError, naming the sensor, for an unknown kind of sensor and for a key that its kind does not have.
         """
-        made: dict[str, SensorSettings] = {"radar": self.scenario.radar}
+        made: dict[str, SensorSettings] = {STANDARD: self.scenario.radar}
         for sensor in self.scenario.sensors:
             try:
                 made[sensor.name] = configured(sensor.kind, sensor.settings)
             except ConfigError as error:
                 raise ConfigError(f"{self.file}: sensors.{sensor.name}: {error}") from None
         return made
+
+    def own_metrics(self) -> OwnMetrics:
+        """Return the metrics that the scenario's `metrics` name, loaded once, and make them known by name.
+
+        Raises ConfigError naming the file that is wrong, and for a criterion that no metric brings.
+        """
+        named = self.scenario.metrics
+        if named not in self._own:
+            try:
+                own = load_own(named)
+            except ConfigError as error:
+                raise ConfigError(f"{self.file}: metrics: {error}") from None
+            check_criteria(self.scenario, own.declared, self.file)
+            own.declared.enter()
+            self._own[named] = own
+        return self._own[named]
+
+    def _check_outputs(self, rig: Rig) -> None:
+        sensors = self.sensors() if any(output.sensor is not None for output in rig.outputs) else {}
+        for number, output in enumerate(rig.outputs):
+            content, name = KINDS[output.kind].content, output.sensor
+            if name is None or content is None:
+                continue
+            if name not in sensors:
+                raise ConfigError(
+                    f"outputs.{number}.sensor: the scenario has no sensor {name!r}, expected {' or '.join(sensors)}"
+                )
+            if content not in sensors[name].serves:
+                raise ConfigError(
+                    f"outputs.{number}.sensor: {name!r} serves no {content}, which {output.kind!r} carries"
+                )
+
+    def _drawings(self, sensors: Mapping[str, SensorSettings]) -> dict[str, Any]:
+        kinds = {STANDARD: STANDARD} | {sensor.name: sensor.kind for sensor in self.scenario.sensors}
+        try:
+            return drawings.recorded(kinds, sensors, self.vehicle)
+        except ConfigError as error:
+            raise ConfigError(f"{self.file}: {error}") from None
 
     def driven_by(self, name: str) -> ResolvedScenario:
         """Return the same scenario with another controller and default tuning; tuning belongs to one controller."""
@@ -159,11 +207,13 @@ class ResolvedScenario:
     def with_rig(self, rig: Rig, working: Path) -> ResolvedScenario:
         """Return the same scenario with a rig's car and the faults that are injected into it.
 
-        Raises ConfigError where the rig's vehicle model is not found, and where the car cannot follow the path.
+        Raises ConfigError where the rig's vehicle model is not found, where the car cannot follow the path, and where
+        an outgoing wire is of a sensor that the scenario does not have or that does not serve it.
         """
         # Imported here: it loads the lot's geometry, which only rigs need.
         from vve_sumo.rig.resolve import faults_of, model_of
 
+        self._check_outputs(rig)
         file, model = workspace.find("vehicle", rig.vehicle.model, working), model_of(rig)
         refuse_tight_bend(self.path, model.vehicle.tightest_curvature, str(self.files["path"]))
         ego = self.scenario.ego.model_copy(update={"vehicle": rig.vehicle.model})

@@ -21,13 +21,14 @@ from vve_sumo.drive.brain import ExternalController
 from vve_sumo.drive.lockstep import Lockstep, Watch
 from vve_sumo.drive.playback import Playback
 from vve_sumo.drive.resolved_scenario import ResolvedScenario, resolve_scenario
-from vve_sumo.drive.summary import FOREIGN_BRAIN, summary_of
+from vve_sumo.drive.summary import FOREIGN_BRAIN, measure, summary_of
 from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.errors import ConfigError, RigError, SimulationError
 from vve_sumo.record.hashes import hash_files
-from vve_sumo.record.layout import COMMANDED, PROVENANCE, ROADS
+from vve_sumo.record.layout import COMMANDED, PROVENANCE, ROADS, TICK_METRICS
 from vve_sumo.record.roads import roads_table
 from vve_sumo.record.signals import SIGNALS, signals_text
+from vve_sumo.record.tick_metrics import tick_metrics_table
 from vve_sumo.record.writer import MemoryRecorder, RecordWriter, claim
 from vve_sumo.scenario import overrides
 from vve_sumo.scenario.load import parse
@@ -146,8 +147,13 @@ def run(
     finally:
         shell.close()
     parts = record.close()
-    tables, roads = record.tables, roads_table(resolved.lanes)
-    summary = summary_of(resolved, done, tables["ticks"], tables["actors"], parts, roads, tables.get(COMMANDED))
+    tables, roads, own = record.tables, roads_table(resolved.lanes), resolved.own_metrics()
+    commanded = tables.get(COMMANDED)
+    measured = measure(resolved, own, tables["ticks"], tables["actors"], roads, commanded)
+    table = tick_metrics_table(own.declared.per_tick, measured.per_tick, tables["ticks"])
+    if table is not None:
+        record.attach_table(TICK_METRICS, table)
+    summary = summary_of(resolved, done, tables["ticks"], tables["actors"], parts, roads, measured, commanded)
     if foreign:
         summary |= foreign | {"controller": FOREIGN_BRAIN}
     if isinstance(record, RecordWriter):

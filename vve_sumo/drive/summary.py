@@ -16,17 +16,22 @@ from vve_sumo.drive.reasons import in_words
 from vve_sumo.drive.resolved_scenario import versions
 from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.metrics.drive_data import DriveData
+from vve_sumo.metrics.own import Measured, OwnMetrics
 from vve_sumo.metrics.per_drive import PER_DRIVE
-from vve_sumo.metrics.table import label_of
+from vve_sumo.metrics.table import METRICS, label_of
 from vve_sumo.path import ReferencePath
 from vve_sumo.record.hashes import hash_files, whole
+from vve_sumo.record.layout import TICK_METRICS
 from vve_sumo.record.reader import read_commanded, read_table
 from vve_sumo.record.roads import read_roads
+from vve_sumo.record.tick_metrics import tick_metrics_table, write_tick_metrics
 from vve_sumo.scenario.schema import Criteria, CriterionBand, Scenario
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.arming import DRIVER_SIGNS
 
+NOTHING: Final = Measured()
+NO_METRICS: Final = OwnMetrics()
 #: what stands in the place of the controller's name where a foreign brain decided
 FOREIGN_BRAIN: Final = "foreign_brain"
 
@@ -55,11 +60,38 @@ class DrivenScenario(Protocol):
         ...
 
 
-def summarise(driven: DrivenScenario, done: DriveEnd, folder: Path, parts: dict[str, str]) -> dict[str, Any]:
-    """Return the content of `summary.json` for the record in `folder`; `parts` are the hashes of its parts."""
+def summarise(
+    driven: DrivenScenario, done: DriveEnd, folder: Path, parts: dict[str, str], own: OwnMetrics = NO_METRICS
+) -> dict[str, Any]:
+    """Return the content of `summary.json` for the record in `folder`; `parts` are the hashes of its parts.
+
+    What the user's metrics `own` say of every tick becomes a table of the record; where it cannot be written, the
+    metrics have failed.
+    """
     ticks, actors = read_table(folder, "ticks"), read_table(folder, "actors")
-    summary = summary_of(driven, done, ticks, actors, parts, read_roads(folder), read_commanded(folder))
+    roads, commanded = read_roads(folder), read_commanded(folder)
+    measured = measure(driven, own, ticks, actors, roads, commanded)
+    try:
+        write_tick_metrics(folder, tick_metrics_table(own.declared.per_tick, measured.per_tick, ticks))
+    except OSError as error:
+        lost = dict.fromkeys(measured.per_tick, f"{TICK_METRICS} cannot be written: {error.strerror}")
+        measured = measured._replace(errors={**measured.errors, **lost})
+    summary = summary_of(driven, done, ticks, actors, parts, roads, measured, commanded)
     return summary | {"record_files_sha256": hash_files(folder)}
+
+
+def measure(
+    driven: DrivenScenario,
+    own: OwnMetrics,
+    ticks: pa.Table,
+    actors: pa.Table,
+    roads: pa.Table | None,
+    commanded: pa.Table | None = None,
+) -> Measured:
+    """Return what a user's metrics say of a drive; they get tables of their own, so that they change no others'."""
+    if not own.parts:
+        return Measured()
+    return own.measure(DriveData(ticks, actors, driven.path, driven.vehicle, PERIOD, roads, commanded))
 
 
 def summary_of(
@@ -69,12 +101,14 @@ def summary_of(
     actors: pa.Table,
     parts: dict[str, str],
     roads: pa.Table | None = None,
+    measured: Measured = NOTHING,
     commanded: pa.Table | None = None,
 ) -> dict[str, Any]:
     """Return a drive's summary without the hashes of files.
 
-    `parts` are the hashes of the record's parts; without `roads` actors are expected to keep to no lane. `commanded`
-    are the paths that commands carry, None for a drive without any.
+    `parts` are the hashes of the record's parts; without `roads` actors are expected to keep to no lane. `measured` is
+    what the user's metrics say of the drive. `commanded` are the paths that commands carry, None for a drive without
+    any.
     """
     summary: dict[str, Any] = {
         "scenario": driven.name,
@@ -84,6 +118,8 @@ def summary_of(
         "outcome": done.outcome.value,
         "reasons": list(done.reasons),
         **PER_DRIVE.measure(DriveData(ticks, actors, driven.path, driven.vehicle, PERIOD, roads, commanded)),
+        **measured.per_drive,
+        **({"metric_errors": dict(measured.errors)} if measured.errors else {}),
         **done.extra,
         "removed_at_entry": list(done.cleared),
         "removed_after_standoff": list(done.standoffs),
@@ -138,8 +174,11 @@ def disturbances(criteria: Criteria, summary: Mapping[str, Any]) -> list[str]:
 def _unmet(name: str, wanted: Any, summary: Mapping[str, Any]) -> str:
     """Return what a drive shows of a criterion that it does not meet; empty where it meets it."""
     got = summary[name]
-    if isinstance(wanted, CriterionBand):
-        met = _within(wanted, PER_DRIVE[name].absent if math.isnan(got) else got)
+    band = isinstance(wanted, CriterionBand)
+    if failed := (summary.get("metric_errors") or {}).get(name):
+        return f"{name} is none ({failed}), expected {_band(wanted) if band else wanted}"
+    if band:
+        met = _within(wanted, METRICS[name].absent if math.isnan(got) else got)
         return "" if met else f"{name} is {_found(name, got, summary)}, expected {_band(wanted)}"
     return "" if got == wanted else f"{name} is {got}{_why(name, summary)}, expected {wanted}"
 
@@ -150,7 +189,7 @@ def _within(band: CriterionBand, value: float) -> bool:
 
 def _found(name: str, value: float, summary: Mapping[str, Any]) -> str:
     """Return the value of a figure that missed its band, with whom it is about, or with what it means to have none."""
-    metric = PER_DRIVE[name]
+    metric = METRICS[name]
     if math.isnan(value):
         return f"none ({metric.missing or 'nothing was measured'})"
     about = summary.get(metric.actor) if metric.actor else ""

@@ -15,9 +15,10 @@ from vve_sumo.drive.pipeline import Pipeline, TickResult
 from vve_sumo.drive.tick_rows import RecordedTick, tick_row
 from vve_sumo.drive.virtual_road import VirtualRoad
 from vve_sumo.path import ReferencePath
+from vve_sumo.record.rows import TickRow
 from vve_sumo.sensors.port import Column
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import Actors, CommandedPath, Fix, GatewayStatus, Pose, Setpoint, TickRow
+from vve_sumo.values import Actors, CommandedPath, Fix, GatewayStatus, Pose, Setpoint
 
 
 class DueTick(NamedTuple):

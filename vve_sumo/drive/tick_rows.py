@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 from vve_sumo.drive.pipeline import TickResult
 from vve_sumo.drive.virtual_road import VirtualRoad
 from vve_sumo.path import ReferencePath
-from vve_sumo.values import ControlCommand, GatewayStatus, Point, Pose, TickRow
+from vve_sumo.record.rows import TickRow
+from vve_sumo.values import ControlCommand, GatewayStatus, Point, Pose
 from vve_sumo.world.ego_sync import EgoSyncReport
 
 _NAN = math.nan

@@ -18,15 +18,16 @@ import numpy as np
 import pyarrow as pa
 
 from vve_sumo.drive import provenance
-from vve_sumo.drive.latency_monitor import latency_summary
 from vve_sumo.drive.resolved_scenario import read_resolved
 from vve_sumo.drive.rest import RestObserver
 from vve_sumo.drive.snapshots import NO_ACTORS, snapshots
 from vve_sumo.drive.summary import FOREIGN_BRAIN, summary_of, unjudged
 from vve_sumo.drive.termination import END_REASONS, MOVING_SPEED, DriveEnd, Outcome, TerminationMonitor
 from vve_sumo.errors import ConfigError
+from vve_sumo.metrics.own import Measured
 from vve_sumo.path import ReferencePath
 from vve_sumo.record.hashes import hash_file, hash_part, hash_parts, hashed_files, whole
+from vve_sumo.record.latencies import latency_summary
 from vve_sumo.record.layout import (
     CLOSED_ENDING,
     LIVE_SCHEMAS,
@@ -34,8 +35,10 @@ from vve_sumo.record.layout import (
     PROVENANCE,
     RAW_PARTS,
     SCHEMAS,
+    TICK_METRICS,
     UNHASHED,
     recorded_brain,
+    recorded_metrics,
 )
 from vve_sumo.record.reader import holds_table, read_commanded, read_table, sensor_tables
 from vve_sumo.record.roads import read_roads
@@ -137,7 +140,8 @@ def _files(folder: Path, summary: dict[str, Any]) -> Iterator[Alteration]:
     told, broken = _table(summary, "record_files_sha256"), summary.get("record_broken") or ()
     always = (*SCHEMAS, *_sensor_tables(folder))
     tables = [f"{name}{CLOSED_ENDING}" for name in (*always, *LIVE_SCHEMAS)]
-    for name in dict.fromkeys((*tables, PROVENANCE, *(file.name for file in hashed_files(folder)))):
+    own = [name for name in told if name == f"{TICK_METRICS}{CLOSED_ENDING}"]
+    for name in dict.fromkeys((*tables, *own, PROVENANCE, *(file.name for file in hashed_files(folder)))):
         part = name.removesuffix(CLOSED_ENDING)
         missing = not (folder / name).exists()
         needed = part in (*always, PROVENANCE) or _is_live(folder, summary)
@@ -221,8 +225,9 @@ def _figures(folder: Path, recorded: RecordedDrive, summary: dict[str, Any]) -> 
     )
     ticks, actors = read_table(folder, "ticks"), read_table(folder, "actors")
     roads, commanded = read_roads(folder), read_commanded(folder)
-    again = summary_of(recorded, done, ticks, actors, summary["record_parts_sha256"], roads, commanded)
     resolved = read_resolved(folder)
+    said = _measured(resolved, summary)
+    again = summary_of(recorded, done, ticks, actors, summary["record_parts_sha256"], roads, said, commanded)
     again |= {"versions": resolved["versions"]}
     if recorded_brain(resolved):
         again |= {"controller": FOREIGN_BRAIN}
@@ -235,6 +240,16 @@ def _figures(folder: Path, recorded: RecordedDrive, summary: dict[str, Any]) -> 
     for key, value in again.items():
         if not _same(summary.get(key), value):
             yield f"{key} is {summary.get(key)!r}, the tables come to {value!r}"
+
+
+def _measured(resolved: dict[str, Any], summary: dict[str, Any]) -> Measured:
+    """Return what the user's metrics said of the drive, by the summary itself: their code is not run."""
+    own = recorded_metrics(resolved)
+    own.enter()
+    rows = own.per_drive
+    values = {name: summary[name] for name in rows}
+    missing = {name: math.nan for name, row in rows.items() if row.kind == "float" and values[name] is None}
+    return Measured(values | missing, {}, _table(summary, "metric_errors"))
 
 
 def _same(said: object, again: object) -> bool:

@@ -18,9 +18,9 @@ from typing import Final
 
 import numpy as np
 
+from vve_sumo.analysis.bodies import RecordedBody, bodies, obstacles
 from vve_sumo.analysis.run import Run
 from vve_sumo.errors import ConfigError
-from vve_sumo.export.bodies import RecordedBody, bodies, obstacles
 from vve_sumo.export.lanes import ON_FOOT, RecordedLane, lanes_of
 from vve_sumo.export.part import ExportPart
 from vve_sumo.values import Floats

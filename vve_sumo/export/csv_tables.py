@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from vve_sumo.analysis.bodies import bodies
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.over_time import over_time
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.units import described
-from vve_sumo.export.bodies import bodies
 from vve_sumo.export.part import ExportPart
 
 if TYPE_CHECKING:

@@ -115,7 +115,7 @@ FORMATS: dict[str, Format] = {
             needs="openscenario",
         ),
         Format(
-            "mcap", "poses, scene, radar, signals and CAN for Foxglove and Lichtblick", ".mcap", _mcap, needs="mcap"
+            "mcap", "poses, scene, sensors, signals and CAN for Foxglove and Lichtblick", ".mcap", _mcap, needs="mcap"
         ),
         Format("osi", "ASAM OSI 3.8 traces: ground truth, radar detections", ".osi", _osi, needs="osi"),
         Format("osi-mcap", "the same two as one multi-channel trace", ".mcap", _osi_mcap, needs="osi"),

@@ -1,8 +1,9 @@
 """The topics of a drive for Foxglove and Lichtblick: their names, their schemas, their messages over time.
 
-Poses, places, scene and radar are messages of Foxglove's own schemas as protobuf; what those have no schema for (CAN
-frames, signals, states) is JSON with a schema of its own, which says of every field its unit and its meaning. The
-frames are `map` (the street's), `ego` (rear axle, on the ground) and `radar` (middle of the front bumper).
+Poses, places, scene and sensors' readings are messages of Foxglove's own schemas as protobuf; what those have no schema
+for (CAN frames, signals, states) is JSON with a schema of its own, which says of every field its unit and its meaning.
+The frames are `map` (the street's), `ego` (rear axle, on the ground) and one of each sensor that declares how it is
+drawn, by the name of its table in the record.
 """
 
 from __future__ import annotations
@@ -13,12 +14,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-import numpy as np
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from foxglove_schemas_protobuf.Log_pb2 import Log
-from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.Pose_pb2 import Pose
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
@@ -31,23 +30,13 @@ from vve_sumo.analysis.run import Run
 from vve_sumo.bus import LoggedFrame
 from vve_sumo.export.can_frames import frames_of
 from vve_sumo.export.csv_tables import tick_table
+from vve_sumo.export.foxglove_clouds import clouds, frame_of, shapes
 from vve_sumo.export.foxglove_scene import NANOSECONDS, roads, scene, stamp, turned
 from vve_sumo.export.unix_time import MICROSECONDS, unix_of_drive
 from vve_sumo.frames import Alignment, MapFrame
 from vve_sumo.values import ArmingState, Floats
 
-MAP, EGO, RADAR = "map", "ego", "radar"
-#: what a point of the radar's cloud holds: x, y, z [m] in the frame `radar`, and the columns of the record
-POINT: Final = np.dtype(
-    {
-        "names": ["x", "y", "z", "range_m", "azimuth_rad", "range_rate_mps", "mode"],
-        "formats": ["<f8"] * 6 + ["i1"],
-    }
-)
-FIELDS: Final = [
-    PackedElementField(name=name, offset=8 * number, type=PackedElementField.FLOAT64)
-    for number, name in enumerate(("x", "y", "z", "range_m", "azimuth_rad", "range_rate_mps"))
-] + [PackedElementField(name="mode", offset=48, type=PackedElementField.INT8)]
+MAP, EGO = "map", "ego"
 CAN_FRAME: Final = {
     "timestamp": {
         "type": "object",
@@ -95,8 +84,10 @@ def topics_of(run: Run) -> Iterator[Topic]:
     yield _of("/ego/fix", LocationFix, _fixes(run, times, estimate))
     yield _of("/roads", SceneUpdate, [(times[0], roads(run, stamp(times[0]), MAP))])
     yield _of("/scene", SceneUpdate, ((times[at], update) for at, update in scene(run, times, MAP)))
-    if "radar" in run.resolved["sensors"]:
-        yield _of("/radar", PointCloud, _scans(run, times))
+    for number, table in enumerate(run.sensed.values()):
+        yield _of(f"/{frame_of(table.name)}", PointCloud, clouds(run, table, times))
+        if table.drawing.shape != "points":
+            yield _of(f"/{frame_of(table.name)}/shapes", SceneUpdate, shapes(run, table, times, number))
     yield _of("/gateway/log", Log, _changes(run, times))
     yield from _columns(run, times)
     yield Topic("/can", _json_schema("CanFrame", "a CAN frame", CAN_FRAME), _can(frames_of(run)))
@@ -121,16 +112,23 @@ def _known(times: list[int], places: tuple[Floats, ...]) -> Iterator[tuple[int, 
 
 
 def _transforms(run: Run, times: list[int], places: tuple[Floats, ...]) -> Iterator[tuple[int, Message]]:
-    bumper = Vector3(x=run.vehicle.rear_axle_to_bumper)
+    frames = {frame_of(table.name): table.drawing.frame for table in run.sensed.values()}
     for time, x, y, heading in _known(times, places):
         at, turn = stamp(time), turned(heading)
         ego = FrameTransform(
             timestamp=at, parent_frame_id=MAP, child_frame_id=EGO, translation=Vector3(x=x, y=y), rotation=turn
         )
-        radar = FrameTransform(
-            timestamp=at, parent_frame_id=EGO, child_frame_id=RADAR, translation=bumper, rotation=turned(0.0)
-        )
-        yield time, FrameTransforms(transforms=[ego, radar])
+        sensors = [
+            FrameTransform(
+                timestamp=at,
+                parent_frame_id=EGO,
+                child_frame_id=name,
+                translation=Vector3(x=frame.x_m, y=frame.y_m),
+                rotation=turned(frame.yaw_rad),
+            )
+            for name, frame in frames.items()
+        ]
+        yield time, FrameTransforms(transforms=[ego, *sensors])
 
 
 def _poses(times: list[int], places: tuple[Floats, ...]) -> Iterator[tuple[int, Message]]:
@@ -158,39 +156,6 @@ def _fixes(run: Run, times: list[int], places: tuple[Floats, ...]) -> Iterator[t
                 heading=(0.5 * math.pi - from_east) % math.tau,
             ),
         )
-
-
-def _scans(run: Run, times: list[int]) -> Iterator[tuple[int, Message]]:
-    """Yield a cloud for each scan, an empty one too, at the tick at which it came out, with its time of measurement."""
-    found = _points(run)
-    at = dict(zip(run.arrow("ticks")["tick"].to_pylist(), times, strict=True))
-    begin = 0
-    for row in run.arrow("readings").to_pylist():
-        if row["sensor"] != "radar":
-            continue
-        end = begin + row["rows"]
-        yield (
-            at[row["tick"]],
-            PointCloud(
-                timestamp=stamp(1000 * unix_of_drive(run, row["measured_s"])),
-                frame_id=RADAR,
-                pose=Pose(orientation=turned(0.0)),
-                point_stride=POINT.itemsize,
-                fields=FIELDS,
-                data=found[begin:end].tobytes(),
-            ),
-        )
-        begin = end
-
-
-def _points(run: Run) -> np.ndarray[Any, Any]:
-    table = run.arrow("sensor_radar")
-    points = np.zeros(table.num_rows, POINT)
-    for name in ("range_m", "azimuth_rad", "range_rate_mps", "mode"):
-        points[name] = table[name].to_numpy()
-    points["x"] = points["range_m"] * np.cos(points["azimuth_rad"])
-    points["y"] = points["range_m"] * np.sin(points["azimuth_rad"])
-    return points
 
 
 def _changes(run: Run, times: list[int]) -> Iterator[tuple[int, Message]]:

@@ -21,11 +21,10 @@ from foxglove_schemas_protobuf.TextPrimitive_pb2 import TextPrimitive
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
 
+from vve_sumo.analysis.bodies import EGO, PERSONS, TYPICAL, RecordedBody, bodies
 from vve_sumo.analysis.run import Run
-from vve_sumo.export.bodies import EGO, PERSONS, RecordedBody, bodies
 from vve_sumo.export.commonroad import bounds
 from vve_sumo.export.lanes import lanes_of
-from vve_sumo.export.openscenario import TYPICAL
 from vve_sumo.values import Floats
 
 # Colours of Okabe and Ito (2008), which people who are colour-blind tell apart.

@@ -12,13 +12,13 @@ import datetime
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from vve_sumo.analysis.bodies import EGO, PERSONS, TYPICAL, RecordedBody, bodies, obstacles
 from vve_sumo.analysis.run import Run
 from vve_sumo.errors import ConfigError
-from vve_sumo.export.bodies import EGO, PERSONS, RecordedBody, bodies, obstacles
 from vve_sumo.export.part import ExportPart
 from vve_sumo.values import Vehicle
 
@@ -32,25 +32,6 @@ POINT_PERIOD: Final = 0.1
 MIN_POINTS: Final = 2
 #: of a file whose record does not say when the drive was
 NO_DATE: Final = "1980-01-06T00:00:00+00:00"
-
-
-class Typical(NamedTuple):
-    """What a record does not hold of a kind of body."""
-
-    height: float  #: [m]
-    mass: float  #: [kg]
-
-
-TYPICAL: Final = {
-    "car": Typical(1.5, 1500.0),
-    "van": Typical(2.3, 2500.0),
-    "truck": Typical(3.5, 8000.0),
-    "bus": Typical(3.2, 12000.0),
-    "motorcycle": Typical(1.6, 280.0),
-    "bicycle": Typical(1.7, 90.0),
-    "pedestrian": Typical(1.7, 75.0),
-    "child": Typical(1.2, 25.0),
-}
 #: OpenSCENARIO's name of a kind of vehicle, where it is another
 CATEGORIES: Final = {"motorcycle": "motorbike"}
 MAX_SPEED: Final = 70.0  #: of any vehicle [m/s]

@@ -20,7 +20,8 @@ from vve_sumo.analysis.run import Run
 from vve_sumo.errors import ConfigError
 from vve_sumo.export.part import ExportPart
 from vve_sumo.export.unix_time import date_of, unix_of_drive
-from vve_sumo.record.layout import ACTOR_COLUMNS
+from vve_sumo.record.layout import ACTOR_COLUMNS, sensor_table
+from vve_sumo.sensors.port import STANDARD
 from vve_sumo.values import Actors, Detections, Point, Pose
 from vve_sumo.version import __version__
 from vve_sumo.wire.osi import VERSION, Encoder
@@ -83,7 +84,7 @@ def _traces(run: Run) -> list[Trace]:
     # A record does not hold the projection of the street's map.
     encoder, epoch = Encoder(run.vehicle, projection=""), float(run.resolved["epoch_gnss_s"])
     views = Trace("sv", "ground_truth", "ego and actors on the street, every tick", [*_views(run, encoder, epoch)])
-    scans = [*_scans(run, encoder, epoch)] if "radar" in run.resolved["sensors"] else []
+    scans = [*_scans(run, encoder, epoch)] if STANDARD in run.resolved["sensors"] else []
     return [views, Trace("sd", "radar", "detections of the radar, every scan", scans)] if scans else [views]
 
 
@@ -106,10 +107,10 @@ def _views(run: Run, encoder: Encoder, epoch: float) -> Iterator[Message]:
 def _scans(run: Run, encoder: Encoder, epoch: float) -> Iterator[Message]:
     """Yield every scan, an empty one too, at the tick at which it came out."""
     time_of = dict(zip(run.arrow("ticks")["tick"].to_pylist(), run.time.tolist(), strict=True))
-    columns = [run.arrow("sensor_radar")[name].to_numpy() for name in DETECTED]
+    columns = [run.arrow(sensor_table(STANDARD))[name].to_numpy() for name in DETECTED]
     begin = 0
     for row in run.arrow("readings").to_pylist():
-        if row["sensor"] == "radar":
+        if row["sensor"] == STANDARD:
             end, now = begin + row["rows"], time_of[row["tick"]]
             scan = Detections(row["measured_s"], *(column[begin:end] for column in columns))
             yield encoder.sensor_data(epoch + now, scan, now - row["measured_s"])

@@ -6,7 +6,7 @@ import datetime
 from typing import Final
 
 from vve_sumo.analysis.run import Run
-from vve_sumo.wire.nmea import LEAP_SECONDS
+from vve_sumo.pose.nmea_encoder import LEAP_SECONDS
 
 #: of GNSS time 0, 1980-01-06, as Unix time [s]
 GNSS_EPOCH: Final = 315_964_800

@@ -14,7 +14,7 @@ from typing import Any, Final
 from vve_sumo.errors import ConfigError
 from vve_sumo.hunt.brains import BEHAVIOURS
 from vve_sumo.plant.injected_faults import DRIVER_ACTIONS, KINDS, FaultClock, InjectedFault, Shape
-from vve_sumo.vehicle.gateway import OperatorCommand
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 
 
 class EpisodePhase(enum.StrEnum):

@@ -28,15 +28,17 @@ from vve_sumo.hunt.truth import TruthSample, WitnessedInterface
 from vve_sumo.live.wording import phase
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
 from vve_sumo.plant.injected_faults import KINDS, START_SPEED, VALUES
-from vve_sumo.pose.ncom import Decoder
+from vve_sumo.pose.receivers.port import standard
 from vve_sumo.pose.trust import DRIVE
+from vve_sumo.record.rows import TickRow
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig
 from vve_sumo.sensors.port import Column
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import Actors, ArmingState, CommandedPath, Frame, GatewayStatus, Pose, Setpoint, TickRow
+from vve_sumo.values import Actors, ArmingState, CommandedPath, Frame, GatewayStatus, Pose, Setpoint
 from vve_sumo.vehicle.arming import COMMANDING, WAITING
-from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.arming_machine import OperatorCommand
+from vve_sumo.vehicle.gateway import Gateway
 from vve_sumo.vehicle.interface import load
 
 #: how long a nominal operator waits with the go, and with the end of the drive once the car is at rest [s]
@@ -161,7 +163,7 @@ class EpisodeDrive:
         )
         placement = Placement(frame, self.alignment, resolved.model.mounting, DEFAULT_EPOCH)
         geofence = meaning.geofence_of(rig, self.alignment)
-        pose = PoseInput(Decoder(), DRIVE, placement, DEFAULT_EPOCH, geofence=geofence)
+        pose = PoseInput(standard().decoder(), DRIVE, placement, DEFAULT_EPOCH, geofence=geofence)
         pipeline = build_pipeline(resolved, pose, course.working, around=self._around)
         model = resolved.model
         self.parameters = car_parameters(resolved)
@@ -240,13 +242,13 @@ class EpisodeDrive:
         number, now = self.number, self.now
         truth = self._car.truth()
         due = DueTick(number, now, now + PERIOD)
-        done = self._tick.step(due, self.gateway.measured_steering)
+        done = self._tick.step(due, self.gateway.monitor.measured_steering)
         self.s = done.result.s
         self._watch_for_the_end(now, truth, done.actors)
         sample = self._sample(now, truth)
         came = self._car.step((number + 1) * PERIOD, self._frames)
         self._reports = [frame for _time, frame in came.reports]
-        for time, data in came.ncom:
+        for time, data in came.packets:
             self._tick.receive(time, data)
         self.number += 1
         if math.isnan(self.moved) and abs(truth.speed) > START_SPEED:
@@ -272,7 +274,7 @@ class EpisodeDrive:
             "reasons": status.reasons,
             "engaged": self.operator.engaged,
             "went": self.operator.went,
-            "gear": self.gateway.gear,
+            "gear": self.gateway.monitor.gear,
         }
         return TruthSample(
             time=now,

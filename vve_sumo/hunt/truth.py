@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from vve_sumo.values import ArmingState, Frame, Pose
-from vve_sumo.vehicle.gateway import OperatorCommand
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.interface import (
     ActuationCommand,
     Commanded,

@@ -6,8 +6,6 @@ anything that moves the car. The console engages and goes by itself only with a 
 
 from __future__ import annotations
 
-import contextlib
-import json
 import math
 import select
 import subprocess
@@ -16,8 +14,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+import msgspec
+
 from vve_sumo.drive.lockstep import ScriptedOperator
 from vve_sumo.drive.reasons import in_words
+from vve_sumo.live import messages
 from vve_sumo.live.calm import PATIENCE
 from vve_sumo.live.channel import ALIVE, Channel
 from vve_sumo.live.keys import KeyCommand, OperatorInput
@@ -26,7 +27,7 @@ from vve_sumo.live.wording import Guard, answer, doctor_overridden, why
 from vve_sumo.values import ArmingState
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING, ENDING, WAITING
-from vve_sumo.vehicle.gateway import OperatorCommand
+from vve_sumo.vehicle.arming_machine import OperatorCommand
 
 #: longest wait between two passes of the loop [s]
 POLL_INTERVAL: Final = 0.05
@@ -92,7 +93,7 @@ class ProcessGroup:
         if self.view is None or self.to_view is None:
             return
         if verdict is not None:
-            self.to_view.send(json.dumps({"kind": "verdict", "verdict": verdict}).encode())
+            self.to_view.send(messages.encode(messages.Verdict(dict(verdict))))
         self.to_view.close()
         _end(self.view, VIEW_TIMEOUT)
 
@@ -127,7 +128,7 @@ class Console:
         if overridden:
             screen.say(doctor_overridden(overridden))
         self.why: tuple[str, ...] = ()  #: the gateway's last reasons for stopping the car, or for letting go of it
-        self.refused: tuple[str, int] | None = None  #: why the drive never began, and the exit code for that
+        self.refused: messages.Refused | None = None  #: why the drive never began, and the exit code for that
 
     def run(self) -> None:
         """Serve the operator until the gateway's process ends."""
@@ -238,13 +239,13 @@ class Console:
         if self.processes.to_drive.closed:
             return
         for data in self.processes.to_drive.receive():
-            message = json.loads(data)
-            if "refused" in message:
-                self.refused = (message["refused"], message["exit_code"])
-            elif "said" in message:
-                self._screen.say(message["said"])
-            else:
-                self._status |= message
+            match messages.decode(data):
+                case messages.Refused() as refused:
+                    self.refused = refused
+                case messages.News(text):
+                    self._screen.say(text)
+                case messages.DriveStatus() as status:
+                    self._status |= msgspec.structs.asdict(status)
 
     def _read_gateway(self) -> None:
         if self.processes.to_gateway.closed:
@@ -277,9 +278,8 @@ class Console:
 
     def _read_refusal(self, data: bytes) -> None:
         """Take the refusal of a gateway that cannot open its bus."""
-        with contextlib.suppress(ValueError):
-            message = json.loads(data)
-            self.refused = (message["refused"], message["exit_code"])
+        if isinstance(message := messages.decode(data), messages.Refused):
+            self.refused = message
 
     def _judge(self) -> None:
         """End a drive that has its outcome, and refuse one that cannot begin."""
@@ -297,5 +297,5 @@ class Console:
 
     def _refuse(self, why: str, exit_code: int) -> None:
         self._read_drive()
-        self.refused = self.refused or (why, exit_code)
+        self.refused = self.refused or messages.Refused(why, exit_code)
         self._leave()

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import json
 import math
 import select
 import sys
@@ -20,32 +19,32 @@ from pathlib import Path
 from typing import Any, Final
 
 from vve_sumo.drive.assembly import LotAlignment
-from vve_sumo.drive.brain import ExternalController, NoController, Publisher, SetpointController, virtual_placement
-from vve_sumo.drive.latency_monitor import LatencyMonitor
+from vve_sumo.drive.brain import ExternalController, external_controller
 from vve_sumo.drive.pipeline import TickResult
 from vve_sumo.drive.rest import RestObserver
 from vve_sumo.drive.termination import Outcome, TerminationMonitor
 from vve_sumo.drive.tick import CompletedTick, DueTick, Tick
-from vve_sumo.drive.tick_scheduler import ScheduledTick, TickScheduler
 from vve_sumo.drive.virtual_road import open_world, scenario_engine
 from vve_sumo.errors import VveError
-from vve_sumo.live import signals, spawn, start_pose
+from vve_sumo.live import messages, signals, spawn, start_pose
 from vve_sumo.live.assembly import from_dict, pipeline_of, source_of
 from vve_sumo.live.brain_link import ChannelLink, key_of, open_setpoints
 from vve_sumo.live.calm import JitterWait, gateway_lateness
 from vve_sumo.live.channel import Channel
+from vve_sumo.live.latency_monitor import LatencyMonitor
 from vve_sumo.live.priority import DRIVE_NICE, DRIVE_PRIORITY, KILLED_SECOND, UrgentPart, raise_priority, set_oom_score
 from vve_sumo.live.recorder_client import RecorderClient
 from vve_sumo.live.road import LiveRoad
+from vve_sumo.live.tick_scheduler import ScheduledTick, TickScheduler
 from vve_sumo.live.view_feed import SampleContext, ViewFeed
+from vve_sumo.record.rows import LatencyRow
 from vve_sumo.rig.resolve import mounting_of
 from vve_sumo.rig.schema import Rig
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import ArmingState, GatewayStatus, LatencyRow, Setpoint, newest_scan
+from vve_sumo.values import ArmingState, GatewayStatus, Setpoint, newest_scan
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING, DRIVER_SIGNS, ENDING, WAITING
 from vve_sumo.wire.outputs import KINDS
-from vve_sumo.wire.setpoints import SetpointInbox
 
 #: between two status messages to the console [s]
 STATUS_PERIOD: Final = 0.1
@@ -113,15 +112,8 @@ class LiveDrive:
             setpoints = open_setpoints(said, key)
         actors = any(KINDS[table.kind].tells_actors for table in rig.outputs)
         link_ = ChannelLink(outputs, setpoints, self._t0, actors=actors)
-        placement = virtual_placement(self._resolved.map_frame, mounting_of(rig), lot.epoch)
-        publisher = Publisher(link_.send, placement, lot.epoch, held=said.kind == "external")
-        controller: SetpointController | NoController | None = None
-        if said.kind == "setpoints":
-            inbox = SetpointInbox(lot.epoch, key)
-            controller = SetpointController(publisher, link_.receive, inbox, waits=False)
-        elif said.kind == "external":
-            controller = NoController()
-        return link_, ExternalController(publisher, controller)
+        mounting = mounting_of(rig)
+        return link_, external_controller(said.kind, link_, self._resolved.map_frame, mounting, lot.epoch, key)
 
     def run(self) -> None:
         """Tick until the gateway is gone: a moving car needs fallback paths even if the console is gone."""
@@ -249,7 +241,7 @@ class LiveDrive:
             return
         self._calm.observe(now, max(late, gateway_late))
         if news := self._calm.news():
-            self._console.send(json.dumps({"said": news}).encode())
+            self._console.send(messages.encode(messages.News(news)))
 
     def hand_over(self, now: float, setpoint: Setpoint | None) -> GatewayStatus:
         """Send a setpoint to the gateway; return the gateway's newest status, which is of an earlier step.
@@ -387,23 +379,23 @@ class LiveDrive:
             return
         self._status_sent_at = now
         pose, ranges = result.pose, newest_scan(result.sensors).range
-        status = {
-            "tick": begun.tick,
-            "time_s": now,
-            "faults": list(result.faults),
-            "details": self._details(result),
-            "pose_reasons": list(result.pose_reasons),
-            "speed_mps": pose.speed if pose else None,
-            "to_go_m": self._resolved.path.length - result.s if pose else None,
-            "deviation_m": result.d if pose else None,
-            "range_m": float(ranges.min()) if len(ranges) else None,
-            "note": result.setpoint.note if result.setpoint else "",
-            "latency": self._latency.screen(),
-            "missed": self._scheduler.missed,
-            "clock": self._clock_report,
-            "outcome": None if self._outcome is None else self._outcome.value,
-        }
-        self._console.send(json.dumps(status).encode())
+        status = messages.DriveStatus(
+            tick=begun.tick,
+            time_s=now,
+            faults=result.faults,
+            details=self._details(result),
+            pose_reasons=result.pose_reasons,
+            speed_mps=pose.speed if pose else None,
+            to_go_m=self._resolved.path.length - result.s if pose else None,
+            deviation_m=result.d if pose else None,
+            range_m=float(ranges.min()) if len(ranges) else None,
+            note=result.setpoint.note if result.setpoint else "",
+            latency=self._latency.screen(),
+            missed=self._scheduler.missed,
+            clock=self._clock_report,
+            outcome=None if self._outcome is None else self._outcome.value,
+        )
+        self._console.send(messages.encode(status))
 
     def _end(self) -> None:
         """Finish the record and close everything, after the gateway's process has gone."""
@@ -432,7 +424,7 @@ def main() -> int:
     try:
         LiveDrive(config, channels).run()
     except VveError as error:
-        channels["console"].send(json.dumps({"refused": str(error), "exit_code": error.exit_code}).encode())
+        channels["console"].send(messages.refusal(error))
         return error.exit_code
     except Exception:
         # A bug: the gateway stops the car as soon as this process is gone; the traceback goes to the record's folder.

@@ -6,54 +6,38 @@ what is on the wires, takes the place of `open_link`'s.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Protocol
 
-from vve_sumo.drive.brain import ExternalController, Publisher, SetpointController, virtual_placement
+from vve_sumo.drive.brain import ExternalController, Link, external_controller
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
 from vve_sumo.errors import ConfigError
 from vve_sumo.live.brain_link import WiredLink, key_of, open_setpoints
-from vve_sumo.live.outputs import opened
+from vve_sumo.live.outputs import OutputWire, opened
+from vve_sumo.pose.sources import Source
 from vve_sumo.rig.schema import Rig
 from vve_sumo.wire.outputs import Context
-from vve_sumo.wire.sample import Sample
-from vve_sumo.wire.setpoints import SetpointInbox
 
 
-class Link(Protocol):
-    """The way to a foreign brain and back."""
-
-    def send(self, sample: Sample) -> None:
-        """Send a sample on all outgoing wires; neither waits nor raises."""
-
-    def receive(self, now: float, wait: bool) -> Sequence[tuple[float, bytes]]:
-        """Return the datagrams that have come by drive time `now` [s], each with its time of arrival [s].
-
-        With `wait`, those until the first; raises TimeoutError, with one line, for a brain that lets its time pass.
-        """
-
-    def close(self) -> None:
-        """Close all that is open."""
-
-
-def open_link(rig: Rig, resolved: ResolvedScenario, key: bytes) -> WiredLink:
-    """Open all wires of a rig, and the port of setpoints; raises VveError naming what cannot be opened.
+def open_wires(rig: Rig, resolved: ResolvedScenario, key: bytes) -> tuple[list[OutputWire], Source | None]:
+    """Open all wires of a rig, and the port of setpoints if it has one; raises VveError naming what cannot be opened.
 
     `key` is that of `key_of`.
     """
     context = Context(resolved.vehicle, resolved.map_frame.projection, resolved.map_frame.offset, key=key)
     wires = opened([output.model_dump(mode="json") for output in rig.outputs], context)
-    said, setpoints = rig.brain, None
     try:
-        if said.kind == "setpoints":
-            setpoints = open_setpoints(said, key)
+        return wires, open_setpoints(rig.brain, key) if rig.brain.kind == "setpoints" else None
     except BaseException:
         for wire in wires:
             wire.outlet.close()
         raise
-    return WiredLink(wires, setpoints, said.deadline_s)
+
+
+def open_link(rig: Rig, resolved: ResolvedScenario, key: bytes) -> WiredLink:
+    """Open the link of a rig, as `open_wires` does."""
+    return WiredLink(*open_wires(rig, resolved, key), rig.brain.deadline_s)
 
 
 def brain_over(link: Link, rig: Rig, resolved: ResolvedScenario, working: Path) -> ExternalController:
@@ -61,12 +45,8 @@ def brain_over(link: Link, rig: Rig, resolved: ResolvedScenario, working: Path) 
 
     Raises ConfigError for a key file that cannot be read.
     """
-    placement = virtual_placement(resolved.map_frame, resolved.model.mounting, DEFAULT_EPOCH)
-    publisher = Publisher(link.send, placement, DEFAULT_EPOCH)
-    if rig.brain.kind == "own":
-        return ExternalController(publisher)
-    inbox = SetpointInbox(DEFAULT_EPOCH, key_of(rig.brain, working))
-    return ExternalController(publisher, SetpointController(publisher, link.receive, inbox, waits=True))
+    key, mounting = key_of(rig.brain, working), resolved.model.mounting
+    return external_controller(rig.brain.kind, link, resolved.map_frame, mounting, DEFAULT_EPOCH, key, waits=True)
 
 
 @contextmanager

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import json
 import math
 import select
 import sys
@@ -20,17 +19,19 @@ from typing import Any, Final, NamedTuple
 
 from vve_sumo.bus import Bus
 from vve_sumo.errors import RigError, VveError
-from vve_sumo.live import signals
+from vve_sumo.live import messages, signals
 from vve_sumo.live.channel import ALIVE, Channel
 from vve_sumo.live.priority import GATEWAY_PRIORITY, NEVER_KILLED, raise_priority, set_oom_score
 from vve_sumo.live.recorder_client import RecorderClient
 from vve_sumo.live.spawn import receive_config
+from vve_sumo.record.rows import GatewayRow
 from vve_sumo.timing import LONE_STEP_INTERVAL, MAX_STEP_INTERVAL, MIN_STEP_INTERVAL
-from vve_sumo.values import ArmingState, Frame, GatewayRow, GatewayStatus, Setpoint, Vehicle
+from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint, Vehicle
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING
+from vve_sumo.vehicle.arming_machine import STOPS, OperatorCommand
 from vve_sumo.vehicle.calibration import Calibration
-from vve_sumo.vehicle.gateway import STOPS, Gateway, GatewayOutput, OperatorCommand
+from vve_sumo.vehicle.gateway import Gateway, GatewayOutput
 from vve_sumo.vehicle.interface import InterfaceConfig, load
 from vve_sumo.vehicle.limits import EmergencyBraking, Envelope, Limits
 from vve_sumo.vehicle.observer import Observer
@@ -162,7 +163,7 @@ class GatewayProcess:
             self._has_engaged |= status.state in COMMANDING
             if self._gateway.done or (self._console.closed and not self._has_engaged):
                 break
-            if self._has_engaged and dbw_is_gone(self._last, self._gateway.last_dbw_report):
+            if self._has_engaged and dbw_is_gone(self._last, self._gateway.monitor.last_dbw_report):
                 _say(f"no report of the DBW controller for {DBW_SILENCE_LIMIT:.0f} s: there is nothing to command")
                 break
         # Closed first, so that the console raises no alarm for the silence from here on.
@@ -277,16 +278,16 @@ class GatewayProcess:
 
     def _tell(self, now: float, sent: float, output: GatewayOutput) -> None:
         """Send feedback to the drive at every step, to the console at every change and every STATUS_INTERVAL."""
-        gateway = self._gateway
+        monitor = self._gateway.monitor
         word = link.encode_feedback(
             link.Feedback(
                 time=now,
-                sequence=gateway.sequence,
+                sequence=monitor.sequence,
                 sent=sent,
                 status=output.status,
-                measured_steering=gateway.measured_steering,
-                wheel_speed=gateway.wheel_speed,
-                gear=gateway.gear,
+                measured_steering=monitor.measured_steering,
+                wheel_speed=monitor.wheel_speed,
+                gear=monitor.gear,
                 steps=self._steps,
             )
         )
@@ -300,7 +301,7 @@ class GatewayProcess:
         self, now: float, taken: StepInputs, found: tuple[str, ...], received: int, sent: int, output: GatewayOutput
     ) -> None:  # fmt: skip
         """Hand the step to the recorder."""
-        gateway, status = self._gateway, output.status
+        monitor, status = self._gateway.monitor, output.status
         self._recorder_client.saw_frames(now, CAR_BUS, output.frames[:sent])
         self._recorder_client.stepped(
             GatewayRow(
@@ -311,7 +312,7 @@ class GatewayProcess:
                 process_faults="+".join(found),
                 frames_received=received,
                 frames_sent=sent,
-                sequence=gateway.sequence,
+                sequence=monitor.sequence,
                 state=status.state.value,
                 reasons="+".join(status.reasons),
                 limited="+".join(status.limited),
@@ -319,9 +320,9 @@ class GatewayProcess:
                 granted_acceleration_mps2=status.acceleration,
                 brake_torque_nm=status.brake_torque,
                 throttle_percent=100.0 * status.throttle,
-                measured_steering_rad=gateway.measured_steering,
-                wheel_speed_mps=gateway.wheel_speed,
-                gear=gateway.gear,
+                measured_steering_rad=monitor.measured_steering,
+                wheel_speed_mps=monitor.wheel_speed,
+                gear=monitor.gear,
             )
         )
         self._recorder_client.flush()
@@ -370,7 +371,7 @@ def main() -> int:
         bus = Bus(bus_config["interface"], bus_config["channel"], bus_config["bitrate"])
     except VveError as error:
         _say(str(error))
-        channels["console"].send(json.dumps({"refused": str(error), "exit_code": error.exit_code}).encode())
+        channels["console"].send(messages.refusal(error))
         return error.exit_code
     with bus:
         process = GatewayProcess(config, channels, bus)

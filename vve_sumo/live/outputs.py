@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import json
 import select
 import sys
 import time
@@ -20,15 +19,16 @@ from typing import Any, Final, NamedTuple
 
 from vve_sumo.bus import Bus
 from vve_sumo.errors import VveError
-from vve_sumo.live import signals
+from vve_sumo.live import messages, signals
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.priority import DRIVE_NICE, KILLED_SECOND, raise_priority, set_oom_score
 from vve_sumo.live.pty_bus import PREFIX, PtyOutlet
 from vve_sumo.live.spawn import receive_config
-from vve_sumo.outlets import CanOutlet, Outlet, SerialOutlet, TcpOutlet, UdpOutlet
+from vve_sumo.sensors.port import STANDARD
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Vehicle
-from vve_sumo.wire.outputs import KINDS, Context, Output
+from vve_sumo.wire.outlets import CanOutlet, Outlet, SerialOutlet, TcpOutlet, UdpOutlet
+from vve_sumo.wire.outputs import KINDS, Context, OfOtherSensor, Output
 from vve_sumo.wire.sample import Sample, sequence_of
 from vve_sumo.wire.sample_codec import unpack
 from vve_sumo.wire.signature import signed
@@ -66,7 +66,9 @@ def _wire(name: str, table: Mapping[str, Any], context: Context) -> OutputWire:
     hear = outlet.receive if table["host"] == "bus" and isinstance(outlet, CanOutlet | PtyOutlet) else None
     of_this = replace(context, hear=hear, stop_id=table["can_id"])
     try:
-        return OutputWire(name, KINDS[table["kind"]].make(of_this), outlet)
+        output = KINDS[table["kind"]].make(of_this)
+        sensor = table.get("sensor") or STANDARD
+        return OutputWire(name, output if sensor == STANDARD else OfOtherSensor(output, sensor), outlet)
     except VveError:
         outlet.close()
         raise
@@ -184,9 +186,9 @@ def main() -> int:
         wires = opened(config["outputs"], _context(config))
     except VveError as error:
         _say(str(error))
-        channels["console"].send(json.dumps({"refused": str(error), "exit_code": error.exit_code}).encode())
+        channels["console"].send(messages.refusal(error))
         return error.exit_code
-    channels["console"].send(json.dumps({"kind": "outputs_ready"}).encode())
+    channels["console"].send(messages.encode(messages.Ready()))
     raise_priority(DRIVE_NICE)
     gc.collect()
     gc.freeze()

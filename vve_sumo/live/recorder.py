@@ -6,7 +6,6 @@ write.
 
 from __future__ import annotations
 
-import pickle
 import select
 import time
 from collections.abc import Callable
@@ -16,8 +15,10 @@ from typing import Any, Final
 from vve_sumo.live import signals
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.priority import KILLED_FIRST, lower_priority, set_oom_score
+from vve_sumo.live.recorder_client import RECORD, RecordBatch
 from vve_sumo.live.spawn import receive_config
 from vve_sumo.live.summary import summarise
+from vve_sumo.messages import MalformedMessage
 from vve_sumo.record.layout import PROVENANCE
 from vve_sumo.record.signals import SIGNALS, signals_text
 from vve_sumo.record.summary import write_summary
@@ -26,10 +27,8 @@ from vve_sumo.record.writer import LiveRecord
 #: between two writes [s]; a kill loses at most the last 0.2 s, messages on their way included
 FLUSH_INTERVAL: Final = 0.1
 
-#: methods of the record that a client may call
-METHODS: Final = frozenset(
-    {"received_pose", "saw_frames", "sensed", "snapshot", "commanded", "ticked", "stepped", "timed"}
-)
+#: methods of the record that a client's batch has arguments for
+METHODS: Final = tuple(name for name in RecordBatch.__struct_fields__ if name != "ended")
 
 #: makes a summary from the record's folder and the drive's message of how it ended (None if there was none)
 Summarise = Callable[[Path, dict[str, Any] | None], dict[str, Any]]
@@ -62,12 +61,14 @@ class Recorder:
 
     def _take(self, channel: Channel) -> None:
         for datagram in channel.receive():
-            # pickle is safe here: only processes that this drive has started hold the other ends.
-            for verb, arguments in pickle.loads(datagram):
-                if verb == "ended":
-                    (self.ended,) = arguments
-                elif verb in METHODS:
-                    getattr(self._record, verb)(*arguments)
+            batch = RECORD.decode(datagram)
+            if isinstance(batch, MalformedMessage):
+                self._record.broken.add("messages")
+                continue
+            for method in METHODS:
+                for arguments in getattr(batch, method):
+                    getattr(self._record, method)(*arguments)
+            self.ended = batch.ended or self.ended
 
     def _flush(self) -> None:
         self._record.flush()

@@ -1,24 +1,44 @@
-"""Sends a live process's data to the recorder: calls of the record's methods, gathered into one datagram.
+"""Sends a live process's data to the recorder, what came since the last datagram in one.
 
 Never raises, and never waits but in `finish`: a recorder that is slow, gone or out of disk is a reason code, no delay.
 """
 
 from __future__ import annotations
 
-import pickle
 import time
 from collections import deque
 from collections.abc import Iterable
 from typing import Any, Final
 
+from msgspec import Struct, field
+
 from vve_sumo.live.channel import Channel
+from vve_sumo.messages import MessageCodec, MessageKind
+from vve_sumo.record.rows import GatewayRow, LatencyRow, TickRow
 from vve_sumo.sensors.port import Column
-from vve_sumo.values import Actors, CommandedPath, Frame, GatewayRow, LatencyRow, TickRow
+from vve_sumo.values import Actors, CommandedPath, Frame
 
 #: datagrams kept here while the recorder's queue is full; with one every 20 ms, 2 s beyond that queue
 MAX_BACKLOG: Final = 100
 #: between two attempts to send the last datagrams [s]
 RETRY_INTERVAL: Final = 0.01
+
+
+class RecordBatch(Struct, array_like=True, forbid_unknown_fields=True):
+    """What a process has for the record: for each method of the record that it calls, the arguments of the calls."""
+
+    received_pose: list[tuple[float, bytes]] = field(default_factory=list)
+    saw_frames: list[tuple[float, str, list[Frame]]] = field(default_factory=list)
+    sensed: list[tuple[int, str, float, tuple[Any, ...]]] = field(default_factory=list)
+    snapshot: list[tuple[int, Actors]] = field(default_factory=list)
+    commanded: list[tuple[int, CommandedPath]] = field(default_factory=list)
+    ticked: list[tuple[TickRow]] = field(default_factory=list)
+    stepped: list[tuple[GatewayRow]] = field(default_factory=list)
+    timed: list[tuple[LatencyRow]] = field(default_factory=list)
+    ended: dict[str, Any] | None = None  #: how the drive ended, for the summary
+
+
+RECORD: Final = MessageCodec[RecordBatch](MessageKind.RECORD, RecordBatch)
 
 
 class RecorderClient:
@@ -30,54 +50,64 @@ class RecorderClient:
 
     def __init__(self, channel: Channel) -> None:
         self._channel = channel
-        self._calls: list[tuple[str, tuple[Any, ...]]] = []
+        self._batch = RecordBatch()
+        self._empty = True
         self._backlog: deque[bytes] = deque()
         self.failure = ""
 
     def received_pose(self, time: float, data: bytes) -> None:
         """Keep pose bytes as received, with their receive time."""
-        self._calls.append(("received_pose", (time, data)))
+        self._batch.received_pose.append((time, data))
+        self._empty = False
 
     def saw_frames(self, time: float, channel: str, frames: Iterable[Frame]) -> None:
         """Keep CAN frames received or sent at one drive time."""
-        self._calls.append(("saw_frames", (time, channel, [tuple(frame) for frame in frames])))
+        self._batch.saw_frames.append((time, channel, list(frames)))
+        self._empty = False
 
     def sensed(self, tick: int, sensor: str, measured: float, columns: tuple[Column, ...]) -> None:
         """Keep a sensor's output at a tick: drive time at which it was measured [s], columns of its table."""
-        self._calls.append(("sensed", (tick, sensor, measured, columns)))
+        self._batch.sensed.append((tick, sensor, measured, columns))
+        self._empty = False
 
     def snapshot(self, tick: int, actors: Actors) -> None:
         """Keep the actors that tick `tick` uses."""
-        self._calls.append(("snapshot", (tick, actors)))
+        self._batch.snapshot.append((tick, actors))
+        self._empty = False
 
     def commanded(self, tick: int, path: CommandedPath) -> None:
         """Keep the path that the command of a tick carries."""
-        self._calls.append(("commanded", (tick, path)))
+        self._batch.commanded.append((tick, path))
+        self._empty = False
 
     def ticked(self, row: TickRow) -> None:
         """Keep the row of a tick."""
-        self._calls.append(("ticked", (row,)))
+        self._batch.ticked.append((row,))
+        self._empty = False
 
     def stepped(self, row: GatewayRow) -> None:
         """Keep the row of a step of the gateway."""
-        self._calls.append(("stepped", (row,)))
+        self._batch.stepped.append((row,))
+        self._empty = False
 
     def timed(self, row: LatencyRow) -> None:
         """Keep the latencies of one tick."""
-        self._calls.append(("timed", (row,)))
+        self._batch.timed.append((row,))
+        self._empty = False
 
     def ended(self, how: dict[str, Any]) -> None:
         """Keep how the drive ended, for the summary."""
-        self._calls.append(("ended", (how,)))
+        self._batch.ended = how
+        self._empty = False
 
     def flush(self) -> None:
-        """Send the calls since the last flush; to be called once a tick or step, after everything urgent."""
-        if self._calls:
+        """Send what came since the last flush; to be called once a tick or step, after everything urgent."""
+        if not self._empty:
             if len(self._backlog) < MAX_BACKLOG:
-                self._backlog.append(pickle.dumps(self._calls, pickle.HIGHEST_PROTOCOL))
+                self._backlog.append(RECORD.encode(self._batch))
             else:
                 self._fail("record_full")
-            self._calls = []
+            self._batch, self._empty = RecordBatch(), True
         while self._backlog and self._channel.send(self._backlog[0]):
             self._backlog.popleft()
         for word in self._channel.receive():

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from vve_sumo import bus
 from vve_sumo.drive.assembly import LotAlignment
-from vve_sumo.drive.brain import ExternalController, NoController, Publisher, virtual_placement
+from vve_sumo.drive.brain import NoLink, external_controller
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.replay import (
     Difference,
@@ -32,10 +32,12 @@ from vve_sumo.drive.tick_rows import status_columns
 from vve_sumo.errors import ConfigError
 from vve_sumo.live.assembly import from_dict, pipeline_of
 from vve_sumo.live.gateway import build_gateway
+from vve_sumo.messages import MalformedMessage
 from vve_sumo.rig.resolve import mounting_of
 from vve_sumo.values import Frame, GatewayStatus, Setpoint
 from vve_sumo.vehicle import link
-from vve_sumo.vehicle.gateway import Gateway, OperatorCommand
+from vve_sumo.vehicle.arming_machine import OperatorCommand
+from vve_sumo.vehicle.gateway import Gateway
 from vve_sumo.vehicle.observer import Observer
 
 #: the keys that scenario.json must hold for a live drive to be assembled again
@@ -95,8 +97,7 @@ def rebuilt_pipeline(scenario_content: dict[str, Any], working: Path, controller
     lot = LotAlignment.from_dict(scenario_content)
     brain = None
     if rig.brain.kind == "external" and controller is None:
-        placement = virtual_placement(resolved.map_frame, mounting_of(rig), lot.epoch)
-        brain = ExternalController(Publisher(lambda _sample: None, placement, lot.epoch), NoController())
+        brain = external_controller(rig.brain.kind, NoLink(), resolved.map_frame, mounting_of(rig), lot.epoch)
     return pipeline_of(resolved, rig, lot, working, brain)
 
 
@@ -123,7 +124,7 @@ def _setpoints(steps: list[dict[str, Any]]) -> dict[int, bytes]:
 def replay_gateway(inputs: LiveInputs) -> Difference | None:
     """Return the first step at which the gateway's part differs: in its status or in the frames that it sent.
 
-    Raises ConfigError where this version does not understand the record's gateway configuration.
+    Raises ConfigError where this version does not understand the record's gateway configuration or setpoints.
     """
     try:
         gateway, frames = build_gateway(inputs.scenario_content["gateway"]), iter(inputs.frames)
@@ -132,7 +133,9 @@ def replay_gateway(inputs: LiveInputs) -> Difference | None:
     for step, row in enumerate(inputs.steps):
         received, sent = list(islice(frames, row["frames_received"])), list(islice(frames, row["frames_sent"]))
         setpoint = link.decode_setpoint(row["setpoint"]) if row["setpoint"] else None
-        if isinstance(setpoint, link.MalformedMessage):
+        if setpoint == MalformedMessage("wrong_version"):
+            raise ConfigError("gateway: its setpoints are encoded as another version of vve-sumo did it")
+        if isinstance(setpoint, MalformedMessage):
             return Difference(step, "setpoint", row["setpoint"].hex(), f"no setpoint: {setpoint.reason}")
         act = OperatorCommand(row["operator_command"]) if row["operator_command"] else None
         output = gateway.step(row["time_s"], setpoint, received, act, reason_codes(row["process_faults"]))
@@ -146,11 +149,12 @@ def replay_gateway(inputs: LiveInputs) -> Difference | None:
 
 def _gateway_columns(step: int, gateway: Gateway | Observer, status: GatewayStatus) -> dict[str, Any]:
     """Return the gateway's results of a step, by the record's columns."""
+    monitor = gateway.monitor
     return {
         "step": step,
         **status_columns(status),
-        "sequence": gateway.sequence,
-        "measured_steering_rad": gateway.measured_steering,
-        "wheel_speed_mps": gateway.wheel_speed,
-        "gear": gateway.gear,
+        "sequence": monitor.sequence,
+        "measured_steering_rad": monitor.measured_steering,
+        "wheel_speed_mps": monitor.wheel_speed,
+        "gear": monitor.gear,
     }

@@ -26,7 +26,7 @@ from vve_sumo.drive.summary import summarise as summarise_drive
 from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.drive.virtual_road import pose_at_rest
 from vve_sumo.errors import ConfigError, RigError, SimulationError, VveError
-from vve_sumo.live import assembly, spawn, start_simulated_vehicle
+from vve_sumo.live import assembly, messages, spawn, start_simulated_vehicle
 from vve_sumo.live.alignment import lot_alignment
 from vve_sumo.live.brain_link import key_of, refuse_controller
 from vve_sumo.live.channel import Channel, pair
@@ -37,6 +37,7 @@ from vve_sumo.live.screen import Screen
 from vve_sumo.live.summary import summarise
 from vve_sumo.live.view_token import certificate_of, token_of
 from vve_sumo.live.virtual_can import card_obstacle
+from vve_sumo.messages import MalformedMessage
 from vve_sumo.pose.sources import Source
 from vve_sumo.record.hashes import hash_file
 from vve_sumo.record.reader import read_table
@@ -164,8 +165,7 @@ def run(plan: DrivePlan, doctor: Mapping[str, Any], terminal: TextIO, notify: No
     with contextlib.ExitStack() as page:
         console = _driven(plan, doctor, permitted, terminal, notify, page)
         if console.refused is not None and not _drove(plan.folder):
-            text, exit_code = console.refused
-            raise _ERRORS.get(exit_code, VveError)(text)
+            raise _error_of(console.refused)
         summary = _summary(plan, console.why, notify)
         console.processes.end_view(verdict_of(summary))
         return summary
@@ -333,14 +333,21 @@ def _outputs(
     }
     process = spawn.start("outputs", config, {"drive": outputs_drive, "console": theirs}, own_session=True)
     select.select([ours], [], [], OUTPUTS_TIMEOUT)
-    said = json.loads((ours.receive() or [b"{}"])[0])
+    first = messages.decode((ours.receive() or [b""])[0])
     ours.close()
-    if said.get("kind") != "outputs_ready":
+    if not isinstance(first, messages.Ready):
         drive_outputs.close()
         process.kill()
         process.wait()
-        raise _ERRORS.get(said.get("exit_code", 3), RigError)(said.get("refused", "outputs: the process did not start"))
+        raise _error_of(first, "outputs: the process did not start")
     return process, {"outputs": drive_outputs}
+
+
+def _error_of(message: messages.ConsoleMessage | MalformedMessage, otherwise: str = "") -> VveError:
+    """Return the error of a process that refused its work; of one that said nothing, `otherwise`."""
+    if isinstance(message, messages.Refused):
+        return _ERRORS.get(message.exit_code, VveError)(message.text)
+    return RigError(otherwise)
 
 
 def _view(
@@ -366,16 +373,16 @@ def _view(
     }
     process = spawn.start("view", config, {"drive": view_drive, "console": theirs}, own_session=True)
     select.select([ours], [], [], VIEW_TIMEOUT)
-    first, *stops = ours.receive() or [b"{}"]
-    said = json.loads(first)
-    if said.get("kind") != "view_ready" or stops:
+    data, *stops = ours.receive() or [b""]
+    first = messages.decode(data)
+    if not isinstance(first, messages.Ready) or stops:
         drive_view.close()
         process.kill()
         process.wait()
         if stops:
             raise RigError("view: a page asked to stop before the drive began; close it, or begin again")
-        raise _ERRORS.get(said.get("exit_code", 3), RigError)(said.get("refused", "view: the process did not start"))
-    notify(f"view: {said['address']}")
+        raise _error_of(first, "view: the process did not start")
+    notify(f"view: {first.address[0]}")
     return process, ours, {"view": drive_view}
 
 
@@ -425,7 +432,8 @@ def _summary(plan: DrivePlan, why: tuple[str, ...], notify: Notify) -> dict[str,
         summary.get("text", ""),
         tuple(summary.get("standoffs", ())),
     )
-    full = summarise_drive(plan.resolved, done, plan.folder, summary.get("record_parts_sha256", {}))
+    parts, own = summary.get("record_parts_sha256", {}), plan.resolved.own_metrics()
+    full = summarise_drive(plan.resolved, done, plan.folder, parts, own)
     extra = {
         key: summary[key]
         for key in summary

@@ -1,4 +1,5 @@
-"""Runs the simulated vehicle as a process in real time: NCOM over UDP, CAN over a bus that others can open.
+"""Runs the simulated vehicle as a process in real time: its receiver's bytes over the receiver's wire, CAN over a
+bus that others can open.
 
 `python -m vve_sumo.live.simulated_vehicle`, started by `spawn`. Like a real car it knows the commands on its bus, its
 own motion and the sky; no street, no gateway, no controller. It also injects faults and writes a file of the true
@@ -9,10 +10,8 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import json
 import math
 import signal
-import socket
 import sys
 import time
 from collections.abc import Iterable, Sequence
@@ -23,8 +22,9 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 
-from vve_sumo.errors import RigError, VveError
+from vve_sumo.errors import ConfigError, RigError, VveError
 from vve_sumo.frames import MapFrame
+from vve_sumo.live import messages
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.priority import VEHICLE_PRIORITY, raise_priority
 from vve_sumo.live.slcan import Adapter
@@ -32,6 +32,7 @@ from vve_sumo.live.spawn import receive_config
 from vve_sumo.plant.car import FAST, STEPS_PER_SECOND, Car, CarParameters
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
 from vve_sumo.plant.injected_faults import InjectedFault
+from vve_sumo.pose.receivers.port import configured
 from vve_sumo.values import Frame, Pose
 from vve_sumo.vehicle.model import rebuilt
 
@@ -99,7 +100,7 @@ class CarConfig:
     epoch: float  #: GNSS second of drive time 0
     t0: float  #: monotonic second of drive time 0
     seed: int  #: of the scenario
-    target: tuple[str, int]  #: where NCOM goes, address and UDP port
+    receiver: dict[str, Any]  #: table `[pose]` of the rig, as which the car's receiver sends
     bus: tuple[str, str] | None = None  #: python-can's interface and channel; None is a pty of the car's own
     faults: tuple[InjectedFault, ...] = ()
     truth: Path | None = None  #: file that the truth is written to
@@ -115,7 +116,7 @@ class CarConfig:
             "epoch": self.epoch,
             "t0": self.t0,
             "seed": self.seed,
-            "target": self.target,
+            "receiver": self.receiver,
             "bus": self.bus,
             "faults": [fault.to_dict() for fault in self.faults],
             "truth": None if self.truth is None else str(self.truth),
@@ -127,7 +128,6 @@ class CarConfig:
     def from_dict(cls, data: dict[str, Any]) -> CarConfig:
         """Return the configuration that `to_dict` gave."""
         latitude, longitude, heading = data["start"]
-        host, port = data["target"]
         interface, channel = data["bus"] or ("", "")
         return cls(
             parameters=rebuilt(CarParameters, data["parameters"]),
@@ -138,7 +138,7 @@ class CarConfig:
             epoch=data["epoch"],
             t0=data["t0"],
             seed=data["seed"],
-            target=(host, port),
+            receiver=data["receiver"],
             bus=(interface, channel) if data["bus"] else None,
             faults=tuple(map(InjectedFault.from_dict, data["faults"])),
             truth=None if data["truth"] is None else Path(data["truth"]),
@@ -185,18 +185,17 @@ class SimulatedVehicle:
     def __init__(self, config: CarConfig, wire: CarBusEnd, truth: TruthFile) -> None:
         # The radar's noise is the second child of a scenario's seed.
         car_seeds, _, fault_seeds = np.random.SeedSequence(config.seed).spawn(3)
-        start, faults = config.start(), config.faults
+        start, faults, receiver = config.start(), config.faults, configured(config.receiver)
         self._car = FaultInjectedCar(
-            config.parameters, start, config.lot, config.epoch, car_seeds, faults, fault_seeds
-        )  # fmt: skip
+            config.parameters, start, config.lot, config.epoch, car_seeds, faults, fault_seeds, receiver=receiver
+        )
         self._wire = wire
         self._truth = truth
-        self._target = config.target
         self._t0 = config.t0
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        # A first send would bind the socket to every address of this machine, and other machines could reach it.
-        self._socket.bind((config.target[0], 0))
-        self._socket.setblocking(False)
+        far_end = receiver.far_end()
+        if far_end is None:
+            raise ConfigError(f"pose.{receiver.not_simulated()}")
+        self._far_end = far_end
         self._steps = 0
         self._rests_since = 0.0
 
@@ -220,7 +219,7 @@ class SimulatedVehicle:
             self._rests_since = until
         if self._steps % FAST == 0:
             self._truth.add(truth, self._car.car)
-        self._say(output.ncom, output.reports)
+        self._say(output.packets, output.reports)
         self._wait(until)
 
     def flush(self) -> None:
@@ -228,16 +227,15 @@ class SimulatedVehicle:
         self._truth.flush()
 
     def close(self) -> None:
-        """Write the rest of the truth; close the socket and the bus."""
+        """Write the rest of the truth; close the receiver's wire and the bus."""
         self._truth.flush()
-        self._socket.close()
+        self._far_end.close()
         self._wire.close()
 
     def _say(self, packets: Sequence[tuple[float, bytes]], reports: Sequence[tuple[float, Frame]]) -> None:
         for arrival, packet in packets:
             if self._wait(arrival) <= MAX_LAG:
-                with contextlib.suppress(OSError):
-                    self._socket.sendto(packet, self._target)
+                self._far_end.send(packet)
         if reports and self._wait(reports[-1][0]) <= MAX_LAG:
             self._wire.send([frame for _, frame in reports])
 
@@ -282,13 +280,13 @@ def main() -> int:
         with contextlib.ExitStack() as stack:
             run(config, console, ending, stack)
     except VveError as error:
-        console.send(json.dumps({"kind": "car_failed", "text": str(error)}).encode())
+        console.send(messages.refusal(error))
         return error.exit_code
     return 0
 
 
 def run(config: CarConfig, console: Channel, ending: EndCondition, stack: contextlib.ExitStack) -> None:
-    """Run the car until it is time to end; sends `car_ready` to the console, with the bus that others can open."""
+    """Run the car until it is time to end; sends `Ready` to the console, with the bus that others can open."""
     wire, bus = _wire(config, stack)
     file = None if config.truth is None else stack.enter_context(config.truth.open("wb", buffering=0))
     car = SimulatedVehicle(config, wire, TruthFile(file))
@@ -296,7 +294,7 @@ def run(config: CarConfig, console: Channel, ending: EndCondition, stack: contex
     gc.collect()
     gc.freeze()
     raise_priority(VEHICLE_PRIORITY)
-    console.send(json.dumps({"kind": "car_ready", "interface": bus[0], "channel": bus[1]}).encode())
+    console.send(messages.encode(messages.Ready(bus)))
     while not ending.due(car.time, car.at_rest):
         for _ in range(STEPS_PER_POLL):
             car.step()

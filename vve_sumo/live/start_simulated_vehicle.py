@@ -6,21 +6,20 @@ Knows the rig's tables and the car's process; no scenario, no gateway. Nothing i
 from __future__ import annotations
 
 import contextlib
-import json
 import select
 import subprocess
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from vve_sumo.errors import RigError
-from vve_sumo.live import assembly, spawn
+from vve_sumo.live import assembly, messages, spawn
 from vve_sumo.live.channel import Channel, pair
 from vve_sumo.live.simulated_vehicle import CarConfig
-from vve_sumo.plant.parameters import DRY, perturbed
-from vve_sumo.pose.receivers.ncom_udp import NcomUdp
+from vve_sumo.messages import MalformedMessage
 from vve_sumo.rig import resolve as meaning
+from vve_sumo.rig.car_parameters import DRY, perturbed
 from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.validation import PTY
 from vve_sumo.vehicle.model import VehicleModel
@@ -52,10 +51,13 @@ def start(
     process = spawn.start("simulated_vehicle", config | log, {"console": theirs}, own_session=True)
     stack.callback(_end, process)
     stack.callback(ours.close)
-    said = _first_word(ours)
-    if said.get("kind") != "car_ready":
-        raise RigError(f"the simulated vehicle: {said.get('text', said)}")
-    return SimulatedVehicleProcess(process, ours, (said["interface"], said["channel"]))
+    match _first_message(ours):
+        case messages.Ready((interface, channel)):
+            return SimulatedVehicleProcess(process, ours, (interface, channel))
+        case messages.Refused(text):
+            raise RigError(f"the simulated vehicle: {text}")
+        case message:
+            raise RigError(f"the simulated vehicle: {message}")
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
@@ -69,8 +71,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 def _config(rig: Rig, t0: float, seed: int, folder: Path | None, friction: float) -> CarConfig:
     start, pose = rig.car_start, rig.pose
-    assert start is not None  # the rig's validation ensures it, and the receiver that the car simulates
-    assert isinstance(pose, NcomUdp)
+    assert start is not None  # the rig's validation ensures it, and a receiver that can be simulated
     wire = rig.bus.interface, start.channel or rig.bus.channel
     return CarConfig(
         parameters=perturbed(_uncalibrated(meaning.model_of(rig)), start, friction),
@@ -81,7 +82,7 @@ def _config(rig: Rig, t0: float, seed: int, folder: Path | None, friction: float
         epoch=assembly.wall_epoch(t0),
         t0=t0,
         seed=seed,
-        target=(pose.address, pose.port),
+        receiver=pose.model_dump(mode="json", exclude_unset=True),
         bus=None if rig.bus.channel == PTY else wire,
         faults=meaning.faults_of(rig),
         truth=None if folder is None else folder / "truth.csv",
@@ -95,11 +96,10 @@ def _uncalibrated(model: VehicleModel) -> VehicleModel:
     return replace(model, steering_wheel_bias=0.0, mounting=replace(model.mounting, heading_misalignment=0.0))
 
 
-def _first_word(channel: Channel) -> dict[str, Any]:
+def _first_message(channel: Channel) -> messages.ConsoleMessage | MalformedMessage:
     deadline = time.monotonic() + START_TIMEOUT
     while (left := deadline - time.monotonic()) > 0.0 and not channel.closed:
         select.select([channel], [], [], left)
         for data in channel.receive():
-            said: dict[str, Any] = json.loads(data)
-            return said
+            return messages.decode(data)
     raise RigError(f"the simulated vehicle did not come up within {START_TIMEOUT:.0f} s")

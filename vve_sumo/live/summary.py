@@ -11,10 +11,10 @@ from typing import Any
 
 import pyarrow as pa
 
-from vve_sumo.drive.latency_monitor import latency_summary
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.hashes import hash_files, hash_parts, whole
+from vve_sumo.record.latencies import latency_summary
 from vve_sumo.record.reader import read_table
 from vve_sumo.vehicle.arming import ENDING
 

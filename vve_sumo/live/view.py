@@ -21,7 +21,7 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 
 from vve_sumo.errors import VveError
-from vve_sumo.live import signals
+from vve_sumo.live import messages, signals
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.priority import KILLED_FIRST, lower_priority, set_oom_score
 from vve_sumo.live.spawn import receive_config
@@ -108,9 +108,9 @@ class ViewProcess:
 
     def _read_console(self) -> None:
         for datagram in self._console.receive():
-            message = json.loads(datagram)
             self._ended = True
-            self._verdict = message.get("verdict")
+            message = messages.decode(datagram)
+            self._verdict = message.verdict if isinstance(message, messages.Verdict) else None
         if self._console.closed:
             asyncio.get_running_loop().remove_reader(self._console.fileno())
             self._over.set()
@@ -132,14 +132,14 @@ def main() -> int:
     try:
         process = ViewProcess(config, channels)
     except VveError as error:
-        channels["console"].send(json.dumps({"refused": str(error), "exit_code": error.exit_code}).encode())
+        channels["console"].send(messages.refusal(error))
         return error.exit_code
     file = Path(config["folder"]) / ADDRESS_FILE
     with contextlib.suppress(OSError):
         descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
         with os.fdopen(descriptor, "w") as written:
             written.write(json.dumps({"address": process.server.address, "pid": os.getpid()}) + "\n")
-    channels["console"].send(json.dumps({"kind": "view_ready", "address": process.server.address}).encode())
+    channels["console"].send(messages.encode(messages.Ready((process.server.address,))))
     try:
         asyncio.run(process.run())
     finally:

@@ -7,15 +7,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
-
-import numpy as np
+from typing import Final, NamedTuple
 
 from vve_sumo.drive.tick import CompletedTick
 from vve_sumo.live.channel import Channel
 from vve_sumo.values import Fix, FixQuality, resolve_fallback_path
 from vve_sumo.vehicle import link
-from vve_sumo.view.sample import ScanView, ViewSample, encode
+from vve_sumo.view.sample import ReadingView, ViewSample, encode
+
+#: of a reading with more rows than this the page gets every so many: a datagram has a longest size
+MAX_ROWS: Final = 1000
 
 
 class SampleContext(NamedTuple):
@@ -84,16 +85,13 @@ def _sample(done: CompletedTick, beside: SampleContext) -> ViewSample:
         latency=beside.latency,
         missed=beside.missed,
         actors=done.actors,
-        scan=_scan(done),
+        readings={name: _reading(done, name) for name in done.result.readings},
         signals=beside.signals,
         outcome=beside.outcome,
     )
 
 
-def _scan(done: CompletedTick) -> ScanView | None:
-    columns = done.result.readings.get("radar")
-    if columns is None:
-        return None
-    far, azimuth, _rate, _mode, actors = columns
-    measured = done.result.sensors["radar"].time
-    return ScanView(measured, np.asarray(far, np.float64), np.asarray(azimuth, np.float64), tuple(map(str, actors)))
+def _reading(done: CompletedTick, sensor: str) -> ReadingView:
+    columns = done.result.readings[sensor]
+    step = 1 + (len(columns[0]) - 1) // MAX_ROWS
+    return ReadingView(done.result.sensors[sensor].time, tuple(column[::step] for column in columns))

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any, Generic, Literal, TypeVar
+from dataclasses import dataclass, fields
+from typing import Any, Generic, Literal, Self, TypeVar
 
 #: ending of a column's name and the unit that it stands for; the longer one is meant where two fit
 UNITS: dict[str, str] = {
@@ -76,6 +76,24 @@ class Metric:
         """Unit that the name ends in."""
         return unit_of(self.name)
 
+    @property
+    def judges(self) -> bool:
+        """Whether a scenario's criteria may judge a drive by it; a text judges nothing."""
+        return self.criterion and self.kind != "str"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what is not the default, for JSON: `absent` and `cap` as texts, as they may be infinite."""
+        said = {field.name: getattr(self, field.name) for field in fields(self)}
+        usual = {field.name: repr(field.default) for field in fields(self)}
+        kept = {name: value for name, value in said.items() if repr(value) != usual[name]}
+        return {name: repr(value) if name in ("absent", "cap") else value for name, value in kept.items()}
+
+    @classmethod
+    def from_dict(cls, said: Mapping[str, Any]) -> Self:
+        """Return the row that `to_dict` returned; raises TypeError or ValueError for what is none."""
+        numbers = {name: float(said[name]) for name in ("absent", "cap") if name in said}
+        return cls(**{**said, **numbers})
+
 
 class MetricTable(Mapping[str, Metric], Generic[Subject]):
     """Metrics of one kind of subject by their names, in order, with the functions that measure them."""
@@ -85,13 +103,29 @@ class MetricTable(Mapping[str, Metric], Generic[Subject]):
         self._functions: dict[str, Callable[[Subject], Any]] = {}
 
     def add(self, name: str, label: str, meaning: str, function: Callable[[Subject], Any], **rest: Any) -> None:
-        """Enter a row of `Metric` with the function that measures it; `rest` are the row's other fields."""
+        """Enter a row of `Metric` with the function that measures it; `rest` are the row's other fields.
+
+        Raises ValueError for a name that the table has already.
+        """
+        if name in self._rows:
+            raise ValueError(f"{name} is added twice, expected each name once")
         self._rows[name] = Metric(name, label, meaning, **rest)
         self._functions[name] = function
+
+    def join(self, other: MetricTable[Subject]) -> None:
+        """Enter all rows of another table; raises ValueError as `add` does."""
+        if twice := [name for name in other if name in self._rows]:
+            raise ValueError(f"{twice[0]} is added twice, expected each name once")
+        self._rows |= other._rows
+        self._functions |= other._functions
 
     def measure(self, subject: Subject) -> dict[str, Any]:
         """Return the value of every metric by its name."""
         return {name: function(subject) for name, function in self._functions.items()}
+
+    def functions(self) -> Mapping[str, Callable[[Subject], Any]]:
+        """Return the function that measures each metric, by its name."""
+        return self._functions
 
     def __getitem__(self, name: str) -> Metric:
         return self._rows[name]

@@ -21,6 +21,7 @@ from vve_sumo.metrics.conflict import HORIZON
 from vve_sumo.metrics.drive_data import FOLLOWING_SPEED, MIN_FOLLOWED, DriveData
 from vve_sumo.metrics.following import MAX_DECELERATION
 from vve_sumo.metrics.metric import MetricTable
+from vve_sumo.metrics.port import Metrics
 from vve_sumo.metrics.stopping import AT_REST, MIN_RELEASE_TIME, REGAINED, REVERSED, Stop, commanded_deceleration
 from vve_sumo.metrics.stopping_tolerance import tolerance
 from vve_sumo.metrics.string_stability import SETTLED_FOR, SETTLED_SPEED
@@ -440,6 +441,11 @@ metric(
     worse="higher",
     criterion=False,
 )
+
+
+def make() -> Metrics:
+    """Return what this file offers to the port of metrics."""
+    return Metrics(per_drive=PER_DRIVE)
 
 
 def least(values: Floats) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from vve_sumo.metrics import following
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.metric import MetricTable
+from vve_sumo.metrics.port import Metrics
 from vve_sumo.metrics.slope import SLOPE_REACH, slope
 from vve_sumo.metrics.stopping import AT_REST
 from vve_sumo.values import Floats
@@ -207,6 +208,11 @@ metric(
     lambda drive: drive.column("pose_age_s"),
     worse="higher",
 )
+
+
+def make() -> Metrics:
+    """Return what this file offers to the port of metrics."""
+    return Metrics(per_tick=PER_TICK)
 
 
 def _or_rest(speed: Floats) -> Floats:

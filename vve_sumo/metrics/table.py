@@ -1,19 +1,19 @@
 """Every metric that a person meets, in one table: what it is called, its unit, what it means, which way is worse.
 
 Files, criteria, sweeps, reports, plots, the screen and the docs take names and words from here. The rows of what is
-measured stand beside the functions that measure it (`per_drive`, `per_tick`, `exposure`); here are those that a drive
-itself reports.
+measured stand beside the functions that measure it (`per_drive`, `per_tick`, `exposure`, a user's file); here are those
+that a drive itself reports.
 """
 
 from __future__ import annotations
 
 import re
+from collections import ChainMap
 from collections.abc import Iterable, Mapping
 
 from vve_sumo.metrics.exposure import EXPOSURE
 from vve_sumo.metrics.metric import Metric, ending_of, unit_of
-from vve_sumo.metrics.per_drive import PER_DRIVE
-from vve_sumo.metrics.per_tick import PER_TICK
+from vve_sumo.metrics.port import shipped
 
 
 def rows(*metrics: Metric) -> dict[str, Metric]:
@@ -59,11 +59,17 @@ REPORTED = rows(
     Metric("record_sha256", "record hash", "hash of the run's record", kind="str"),
 )
 
+_SHIPPED = shipped()
 #: figures of every drive in the order in which a sweep's row holds them
-FIGURES: Mapping[str, Metric] = {**ENDING, **PER_DRIVE, **REPORTED}
+FIGURES: Mapping[str, Metric] = {**ENDING, **_SHIPPED.per_drive, **REPORTED}
 #: those of them that are numbers with a mean
 NUMBERS = tuple(name for name, metric in FIGURES.items() if metric.kind == "float")
-METRICS: Mapping[str, Metric] = {**FIGURES, **PLAYBACK, **PER_TICK, **EXPOSURE}
+#: every shipped metric
+SHIPPED_METRICS: dict[str, Metric] = {**FIGURES, **PLAYBACK, **_SHIPPED.per_tick, **EXPOSURE}
+#: rows of a user's metrics that this process has met; what a drive is judged by is its scenario's own row
+OWN_METRICS: dict[str, Metric] = {}
+#: every metric by its name; a shipped one's words are never another's
+METRICS: Mapping[str, Metric] = ChainMap(SHIPPED_METRICS, OWN_METRICS)
 
 #: of parts of names, to be read in text
 _WORDS = {
@@ -78,6 +84,11 @@ _WORDS = {
 }
 #: what may be the name of a metric in a text; a key of a scenario, with its dots, is none
 _NAME = re.compile(r"(?<![\w.])[a-z0-9]+(?:_[a-z0-9]+)+(?!\w)")
+
+
+def enter(metrics: Mapping[str, Metric]) -> None:
+    """Make a user's metrics known by name to all that shows figures; of two of one name the last one's words count."""
+    OWN_METRICS.update(metrics)
 
 
 def label_of(name: str) -> str:

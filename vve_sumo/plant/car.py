@@ -1,4 +1,4 @@
-"""The simulated vehicle: takes command frames and returns reports and NCOM bytes, as the real one does.
+"""The simulated vehicle: takes command frames and returns reports and its receiver's bytes, as the real one does.
 
 One object models everything from the bus to the receiver; it knows no street, no gateway and no controller.
 """
@@ -21,6 +21,7 @@ from vve_sumo.plant.noise import white
 from vve_sumo.plant.onboard_sensors import Axles, OnboardSensors, SensorErrors
 from vve_sumo.plant.receiver import ReceiverParameters, SimulatedReceiver, unaltered
 from vve_sumo.plant.wheel_errors import WheelErrors
+from vve_sumo.pose.receivers.port import Receiver, standard
 from vve_sumo.values import Fix, Frame, Point, Pose, Vehicle
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.interface import (
@@ -89,7 +90,7 @@ class CarOutput:
     """What the car sent during a step, in order of time."""
 
     reports: list[tuple[float, Frame]]  #: drive time [s] and frame
-    ncom: list[tuple[float, bytes]]  #: drive time of arrival [s] and packet
+    packets: list[tuple[float, bytes]]  #: of the receiver: drive time of arrival [s] and bytes
 
 
 def chassis(parameters: CarParameters) -> Chassis:
@@ -115,7 +116,8 @@ class Car:
 
     `start` is x, y [m] and heading [rad] of the rear axle in the `lot` map; `epoch` the GNSS second of drive time 0;
     `seeds` is spawned from, one child for each source of noise; `alter` injects faults into fixes (see `Receiver`),
-    `alter_measured` into what the car's own sensors measured by a time [s].
+    `alter_measured` into what the car's own sensors measured by a time [s]. The car speaks as its `receiver` does, the
+    standard one without another.
     """
 
     def __init__(
@@ -127,6 +129,7 @@ class Car:
         seeds: np.random.SeedSequence,
         alter: Callable[[Fix], Fix | None] = unaltered,
         alter_measured: Callable[[float, Measured], Measured] = as_measured,
+        receiver: Receiver | None = None,
     ) -> None:
         vehicle, calibration = parameters.vehicle, parameters.calibration
         self._parameters = parameters
@@ -147,7 +150,8 @@ class Car:
         axles = Axles(vehicle.wheelbase, parameters.track, radius)
         errors = _sensor_errors(parameters, seeds)
         self._sensors = OnboardSensors(axles, gyro_noise, white(gyro_seeds), parameters.gyro_bias, errors)
-        self._receiver = SimulatedReceiver(_as_mounted(parameters), lot, epoch, receiver_seeds, alter)
+        encoder = (standard() if receiver is None else receiver).encoder()
+        self._receiver = SimulatedReceiver(_as_mounted(parameters), lot, epoch, receiver_seeds, alter, encoder)
         gain_factor = parameters.brake_gain_factor * parameters.imperfections.brake_gain_factor
         self._brake_force = gain_factor * calibration.brake_force(1.0)
         self._calibration, self._wheel_bias = calibration, parameters.steering_wheel_bias

@@ -15,6 +15,7 @@ from vve_sumo.plant.fault_injector import FaultInjector
 from vve_sumo.plant.injectable import require_injectable
 from vve_sumo.plant.injected_faults import InjectedFault
 from vve_sumo.plant.receiver import unaltered
+from vve_sumo.pose.receivers.port import Receiver, standard
 from vve_sumo.values import Fix, Frame, Pose
 from vve_sumo.vehicle.interface import HANDS_OFF, Measured
 
@@ -23,7 +24,7 @@ class FaultInjectedCar:
     """A `Car` (see there for the arguments) and its `FaultInjector`, stepped together; the driver is the injector's.
 
     `alter` comes before the injector: the injector alters the fix that `alter` returns. Raises ConfigError for a fault
-    that cannot be injected through the car's interface.
+    that cannot be injected through the car's interface or its receiver, which is the standard one without another.
     """
 
     def __init__(
@@ -36,20 +37,20 @@ class FaultInjectedCar:
         faults: Iterable[InjectedFault],
         fault_seeds: np.random.SeedSequence,
         alter: Callable[[Fix], Fix | None] = unaltered,
+        receiver: Receiver | None = None,
     ) -> None:
         self._alter, self._seeds, self._interface = alter, fault_seeds, parameters.interface
-        faults = tuple(faults)
-        require_injectable(faults, parameters.interface)
-        self._injector = FaultInjector(faults, fault_seeds, parameters.interface)
-        self.car = Car(parameters, start, lot, epoch, seeds, self._on_fix, self._on_measured)
+        self._receiver = standard() if receiver is None else receiver
+        self.inject(faults)
+        self.car = Car(parameters, start, lot, epoch, seeds, self._on_fix, self._on_measured, self._receiver)
         self.driver_inputs = HANDS_OFF  #: what the driver truly does in the newest step
         self._steps = 0
 
     def inject(self, faults: Iterable[InjectedFault]) -> None:
         """Inject `faults` in place of those before; raises ConfigError as the constructor does."""
         faults = tuple(faults)
-        require_injectable(faults, self._interface)
-        self._injector = FaultInjector(faults, self._seeds, self._interface)
+        require_injectable(faults, self._interface, self._receiver)
+        self._injector = FaultInjector(faults, self._seeds, self._interface, self._receiver)
 
     def step(self, until: float, frames: Sequence[Frame]) -> CarOutput:
         """Take in `frames`, advance to drive time `until` [s], a multiple of 5 ms; return the output until then."""
@@ -57,7 +58,7 @@ class FaultInjectedCar:
         while self._steps < last:
             said = self._step(frames)
             output.reports.extend(said.reports)
-            output.ncom.extend(said.ncom)
+            output.packets.extend(said.packets)
             frames = ()
         return output
 
@@ -82,5 +83,5 @@ class FaultInjectedCar:
         output = car.step(until, commands, self.driver_inputs)
         injector.moves(until, car.truth().speed)
         return CarOutput(
-            injector.on_reports(until, output.reports, car.interface), injector.on_packets(until, output.ncom)
+            injector.on_reports(until, output.reports, car.interface), injector.on_packets(until, output.packets)
         )

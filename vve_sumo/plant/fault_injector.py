@@ -16,6 +16,7 @@ from vve_sumo.plant.car import ActuatorFaults, Car
 from vve_sumo.plant.injected_faults import MAX_REPORT_AGE, ROUNDING, Due, InjectedFault
 from vve_sumo.plant.receiver_faults import Forger, ReceiverFaults, WrongMinute
 from vve_sumo.plant.sensor_faults import SensorFaults
+from vve_sumo.pose.receivers.port import Receiver, standard
 from vve_sumo.values import Fix, Frame
 from vve_sumo.vehicle.interface import (
     HANDS_OFF,
@@ -60,15 +61,22 @@ class OldReports:
 class FaultInjector:
     """The faults of one drive; every method may be called at every step and does nothing while no fault is due.
 
-    Times are drive times [s]. `seeds` are for the random bytes; `interface` is the car's.
+    Times are drive times [s]. `seeds` are for the random bytes; `interface` and `receiver` are the car's, which is
+    the standard one without another.
     """
 
     def __init__(
-        self, faults: Iterable[InjectedFault], seeds: np.random.SeedSequence, interface: InterfaceConfig
+        self,
+        faults: Iterable[InjectedFault],
+        seeds: np.random.SeedSequence,
+        interface: InterfaceConfig,
+        receiver: Receiver | None = None,
     ) -> None:
+        receiver = standard() if receiver is None else receiver
         self._due = due = Due(faults)
         self._random = np.random.Generator(np.random.PCG64(seeds))
-        self._fixes, self._minute, self._forger = ReceiverFaults(due), WrongMinute(due), Forger(due)
+        self._fixes, self._minute = ReceiverFaults(due), WrongMinute(due, receiver.encoder())
+        self._forger = Forger(due, receiver)
         self._sensors, self._old = SensorFaults(due, self._random), OldReports(due)
         self._writer = load(interface)  # the other writer's
         kinds = self._writer.facts.reports.items()

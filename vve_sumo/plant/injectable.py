@@ -10,8 +10,11 @@ from collections.abc import Iterable
 from vve_sumo.errors import ConfigError
 from vve_sumo.plant.injected_faults import KINDS, InjectedFault
 from vve_sumo.plant.sensor_faults import SENSOR_KINDS
+from vve_sumo.pose.receivers.port import MinuteEncoder, Receiver, standard
 from vve_sumo.vehicle.interface import INTERFACE_KINDS, InterfaceConfig, load
 
+#: fault of a receiver whose messages hold the minute apart from the rest of the time
+MINUTE_WRONG = "pose_minute_wrong"
 #: of the simulated end that is asked what it can inject; it is never stepped [s]
 _STEP = 0.005
 
@@ -35,11 +38,21 @@ def injectable_kinds(config: InterfaceConfig) -> frozenset[str]:
     return claimed | shown | KINDS.keys() - INTERFACE_KINDS.keys() - SENSOR_KINDS.keys()
 
 
-def require_injectable(faults: Iterable[InjectedFault], config: InterfaceConfig) -> None:
-    """Raise ConfigError, naming fault and interface, for the first of the faults that cannot be injected."""
+def require_injectable(
+    faults: Iterable[InjectedFault], config: InterfaceConfig, receiver: Receiver | None = None
+) -> None:
+    """Raise ConfigError, naming fault and interface or receiver, for the first of the faults that cannot be injected.
+
+    Without a receiver it is the standard one.
+    """
     wanted = tuple(faults)
     if not wanted:
         return
+    encoder = (receiver or standard()).encoder()
+    if any(fault.kind == MINUTE_WRONG for fault in wanted) and not isinstance(encoder, MinuteEncoder):
+        raise ConfigError(
+            f"fault {MINUTE_WRONG}: it cannot be injected: no message of the receiver holds a minute alone"
+        )
     injectable = injectable_kinds(config)
     for fault in wanted:
         if fault.kind in injectable:

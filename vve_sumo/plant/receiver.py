@@ -1,6 +1,7 @@
-"""The simulated vehicle's GNSS receiver: true motion in, NCOM bytes out, with the errors of a good RTK fix.
+"""The simulated vehicle's GNSS receiver: true motion in, its bytes out, with the errors of a good RTK fix.
 
-It knows the lot's place on the Earth and the receiver's mounting, and nothing of the street.
+It knows the lot's place on the Earth and the receiver's mounting, nothing of the street, and no format: it is handed an
+encoder.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
 from vve_sumo.physical_constants import EARTH_RADIUS
 from vve_sumo.plant.arrivals import Bursts, FloatSpells
 from vve_sumo.plant.noise import wander, white
-from vve_sumo.pose.ncom import Encoder
+from vve_sumo.pose.receivers.port import FixEncoder, standard
 from vve_sumo.values import Fix, FixQuality, Pose
 from vve_sumo.vehicle.model import FIX_PERIOD, IDEAL, Imperfections
 
@@ -54,7 +55,7 @@ class SimulatedReceiver:
     """Measures and sends one packet each `PERIOD`.
 
     `alter` sits between measuring and encoding: a fault is a function from fix to fix, or to None for a lost packet.
-    `epoch` is the GNSS second of drive time 0.
+    `epoch` is the GNSS second of drive time 0. The `encoder` is the standard receiver's without another.
     """
 
     def __init__(
@@ -64,11 +65,14 @@ class SimulatedReceiver:
         epoch: float,
         seeds: np.random.SeedSequence,
         alter: Callable[[Fix], Fix | None] = unaltered,
+        encoder: FixEncoder | None = None,
     ) -> None:
         self._parameters, self._epoch = parameters, epoch
         self._placement = Placement(lot, Alignment(), parameters.mounting, epoch)
         self._alter = alter
-        self._encoder = Encoder()
+        encoder = standard().encoder() if encoder is None else encoder
+        assert encoder is not None  # of the standard receiver
+        self._encoder = encoder
         self._under_way: deque[tuple[float, bytes]] = deque()
         streams = seeds.spawn(STREAMS)
         slow, correlation = parameters.position_wander, parameters.wander_time

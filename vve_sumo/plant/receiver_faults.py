@@ -12,13 +12,12 @@ from typing import Final
 from vve_sumo.physical_constants import EARTH_RADIUS
 from vve_sumo.plant.injected_faults import Due, Share
 from vve_sumo.plant.receiver import PERIOD
-from vve_sumo.pose.ncom import Decoder, Encoder
+from vve_sumo.pose.receivers.port import FixEncoder, MinuteEncoder, Receiver
 from vve_sumo.values import Fix, FixQuality
 
 STEP_INTERVAL: Final = 1.0  # between steps of the position [s]
 DATE_ERROR: Final = 12.0  # of a fix with a wrong time [s]
 MINUTES_WRONG: Final = 5
-CHANNEL, MINUTES, CHECKSUM = 62, slice(63, 67), 71  # bytes of an NCOM packet: status channel, minute, last checksum
 
 
 class ReceiverFaults:
@@ -77,43 +76,42 @@ class ReceiverFaults:
 
 
 class WrongMinute:
-    """Alters one packet that carries the minute."""
+    """Alters one message that holds the minute; only an encoder that is a `MinuteEncoder` has such messages."""
 
-    def __init__(self, due: Due) -> None:
+    def __init__(self, due: Due, encoder: FixEncoder | None) -> None:
         self._due = due
+        self._encoder = encoder if isinstance(encoder, MinuteEncoder) else None
         self._said = False
 
     def alter(self, time: float, packet: bytes) -> bytes:
-        """Return what is sent at `time` in place of an NCOM packet."""
-        if self._due.value("pose_minute_wrong", time) is None:
+        """Return what is sent at `time` in place of a packet."""
+        if self._due.value("pose_minute_wrong", time) is None or self._encoder is None:
             self._said = False
-        elif not self._said and packet[CHANNEL : CHANNEL + 1] == b"\0":
+        elif not self._said and (wrong := self._encoder.with_wrong_minute(packet, MINUTES_WRONG)) is not None:
             self._said = True
-            wrong = bytearray(packet)
-            wrong[MINUTES] = (int.from_bytes(packet[MINUTES], "little") + MINUTES_WRONG).to_bytes(4, "little")
-            wrong[CHECKSUM] = sum(wrong[1:CHECKSUM]) & 0xFF
-            return bytes(wrong)
+            return wrong
         return packet
 
 
 class Forger:
     """Another sender, which receives the packets and sends between them."""
 
-    def __init__(self, due: Due) -> None:
+    def __init__(self, due: Due, receiver: Receiver) -> None:
         self._due = due
-        self._decoder = Decoder() if due.ever("pose_forged") or due.ever("pose_overtaken") else None
-        self._encoder = Encoder()
+        self._decoder = receiver.decoder() if due.ever("pose_forged") or due.ever("pose_overtaken") else None
+        self._encoder = receiver.encoder()
 
     def surround(self, time: float, packet: bytes) -> list[bytes]:
         """Return a packet that arrives at `time`, with the other sender's just before and after it, in order."""
-        fixes = [] if self._decoder is None else self._decoder.feed(packet, time)
+        encoder, pieces = self._encoder, [packet]
+        if self._decoder is None or encoder is None:
+            return pieces
         before, after = self._due.share("pose_overtaken", time), self._due.share("pose_forged", time)
-        pieces = [packet]
-        for fix in fixes:
+        for fix in self._decoder.feed(packet, time):
             if before is not None:
-                pieces.insert(0, self._encoder.encode(_carried_off(fix, 0.0, 1.0, before)))
+                pieces.insert(0, encoder.encode(_carried_off(fix, 0.0, 1.0, before)))
             if after is not None:
-                pieces.append(self._encoder.encode(_carried_off(_next(fix), 0.0, 1.0, after)))
+                pieces.append(encoder.encode(_carried_off(_next(fix), 0.0, 1.0, after)))
         return pieces
 
 

@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 from vve_sumo.analysis.run import Run
 from vve_sumo.metrics.moment import Moment, moment_of
 from vve_sumo.plotting.drive_page import draw
-from vve_sumo.plotting.page import DrivePage, said
+from vve_sumo.plotting.page import DrivePage, FirstSighting, SensedShapes, said
 from vve_sumo.record.layout import COMMANDED
 from vve_sumo.scenario.overrides import value_at
 from vve_sumo.values import Floats
@@ -26,9 +26,9 @@ from vve_sumo.geometry import distance
 from vve_sumo.metrics.metric import unit_of
 
 PICTURE = "drive.png"
-#: an actor that no scan within this time of the moment detected is drawn as not seen [s]; a radar misses single scans
-SCANS_AROUND: Final = 0.3
-#: an actor between whose detections more time passes was lost by the radar [s]; what is far away is missed for less
+#: an actor in no reading within this time of the moment is drawn as not seen [s]; sensors miss it in single readings
+READINGS_AROUND: Final = 0.3
+#: an actor of which no sensor has a reading for longer than this was lost [s]; what is far away is missed for less
 LOST_AFTER: Final = 1.0
 
 
@@ -51,8 +51,10 @@ def page_of(run: Run) -> DrivePage:
         unseen=_unseen(run, moment) if moment else frozenset(),
         setting=_setting(run),
         distance=_distance(run, moment.actor) if moment else None,
-        detected=_detected(run, moment.actor) if moment else None,
+        watching=_watching(run),
+        sighted=_sighted(run, moment.actor) if moment else (),
         lost=_lost(run, moment.actor) if moment else (),
+        sensed=_sensed(run, moment.time) if moment else (),
         named=_named(run),
         deviation_limit=_deviation_limit(run),
         asked={name: bound for name, bound in (run.resolved["settings"].get("criteria") or {}).items() if bound},
@@ -91,13 +93,32 @@ def _distance(run: Run, actor: str) -> Floats:
     return found
 
 
-def _detected(run: Run, actor: str) -> tuple[float, float] | None:
-    """Return drive time [s] and range [m] of the radar's first detection of an actor."""
-    found = run.arrow("sensor_radar").filter(pc.field("actor") == actor)
-    if not found.num_rows:
-        return None
-    row = int(np.searchsorted(run.arrow("ticks")["tick"].to_numpy(), found["tick"][0].as_py()))
-    return float(run.time[min(row, len(run.time) - 1)]), float(found["range_m"][0].as_py())
+def _watching(run: Run) -> list[str]:
+    """Return the sensors that say whom they saw."""
+    return [name for name, table in run.sensed.items() if table.actors is not None]
+
+
+def _sighted(run: Run, actor: str) -> list[FirstSighting]:
+    """Return each sensor's first sight of an actor."""
+    return [
+        FirstSighting(name, first.time, first.range)
+        for name, table in run.sensed.items()
+        for first in table.first_sights()
+        if first.actor == actor
+    ]
+
+
+def _sensed(run: Run, time: float) -> list[SensedShapes]:
+    """Return what each sensor measured nearest to a drive time [s], where it did so around it and saw anything."""
+    found = []
+    for name, table in run.sensed.items():
+        if not len(table.measured):
+            continue
+        nearest = int(np.argmin(np.abs(table.measured - time)))
+        rows = table.of_reading(nearest)
+        if abs(table.measured[nearest] - time) <= READINGS_AROUND and rows.start < rows.stop:
+            found.append(SensedShapes(name, table.drawing.shape, table.shapes.select(rows)))
+    return found
 
 
 def _named(run: Run) -> frozenset[str]:
@@ -108,9 +129,8 @@ def _named(run: Run) -> frozenset[str]:
 
 
 def _lost(run: Run, actor: str) -> list[tuple[float, float]]:
-    """Return between which drive times [s] the radar lost an actor and detected it again."""
-    found = run.arrow("sensor_radar").filter(pc.field("actor") == actor)["tick"].to_numpy()
-    at = run.time[np.searchsorted(run.arrow("ticks")["tick"].to_numpy(), found).clip(0, len(run.time) - 1)]
+    """Return between which drive times [s] all sensors had lost an actor, and one saw it again."""
+    at = np.unique(np.concatenate([np.zeros(0), *(table.times_of(actor) for table in run.sensed.values())]))
     ends = np.flatnonzero(np.diff(at) > LOST_AFTER)
     return [*zip(at[ends].tolist(), at[ends + 1].tolist(), strict=True)]
 
@@ -124,13 +144,14 @@ def _deviation_limit(run: Run) -> float | None:
 
 
 def _unseen(run: Run, moment: Moment) -> frozenset[str]:
-    """Return the actors that the radar did not detect in any scan around the moment."""
-    readings, detections = run.arrow("readings"), run.arrow("sensor_radar")
-    near = np.abs(readings["measured_s"].to_numpy() - moment.time) <= SCANS_AROUND
-    near &= np.array([name == "radar" for name in readings["sensor"].to_pylist()], bool)
-    scans = readings["tick"].to_numpy()[near]
-    rows = np.flatnonzero(np.isin(detections["tick"].to_numpy(), scans))
-    return frozenset(run.data.actor_rows.names) - frozenset(detections["actor"].take(rows).to_pylist())
+    """Return the actors that no sensor saw around the moment; none where no sensor says whom it saw."""
+    if not _watching(run):
+        return frozenset()
+    seen: set[str] = set()
+    for table in run.sensed.values():
+        near = np.flatnonzero(np.abs(table.measured - moment.time) <= READINGS_AROUND).tolist()
+        seen = seen.union(*(table.actors[table.of_reading(number)] for number in near if table.actors is not None))
+    return frozenset(run.data.actor_rows.names) - seen
 
 
 def draw_drive(drive: Drive) -> Path:

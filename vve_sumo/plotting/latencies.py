@@ -14,9 +14,9 @@ from matplotlib.figure import Figure
 
 from vve_sumo.analysis.latency import latency_breakdown, legs_over_time
 from vve_sumo.analysis.run import Run
-from vve_sumo.drive.latency_monitor import LEGS, TOTAL
 from vve_sumo.plotting.page import ACTOR, ALARM, EGO, EGO_PALE, INK, OBSTACLE, QUIET, ROAD
 from vve_sumo.plotting.style import LIMIT, LINE_STYLES, WIDTH, blank, explain, name, page, plain
+from vve_sumo.record.latencies import LEGS, TOTAL
 from vve_sumo.values import Floats
 
 if TYPE_CHECKING:

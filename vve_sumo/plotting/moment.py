@@ -1,4 +1,4 @@
-"""Draws the moment of a drive that matters: both bodies, their speeds, what they did next, and what the radar missed.
+"""Draws the moment of a drive that matters: both bodies, their speeds, what they did next, what was measured of them.
 
 The window is given; it must not know how the moment was chosen, the curves over time, SUMO, or how the drive was run.
 """
@@ -14,7 +14,20 @@ import numpy as np
 from vve_sumo.geometry import Box, Boxes, distance, vehicle_boxes
 from vve_sumo.metrics.moment import Moment, MomentMeasure
 from vve_sumo.plotting.birds_eye import MapWindow, draw_car, draw_map, rotated
-from vve_sumo.plotting.page import ACTOR, EGO, INK, LEFT_WIDTH, OBSTACLE, PAPER, QUIET, DrivePage, halo, prefix
+from vve_sumo.plotting.page import (
+    ACTOR,
+    EGO,
+    INK,
+    LEFT_WIDTH,
+    OBSTACLE,
+    PAPER,
+    QUIET,
+    SENSED,
+    DrivePage,
+    halo,
+    plain_name,
+    prefix,
+)
 from vve_sumo.plotting.placing import NO_POINTS, Rectangle, around, centred, freest
 from vve_sumo.values import Floats
 
@@ -208,25 +221,54 @@ def draw_moment(axes: Axes, page: DrivePage, moment: Moment, view: MapWindow) ->
             axes.plot(*way.T, color=colour, linewidth=1.0, linestyle=(0, (1, 1)), zorder=4)
             beside = name == page.second
             kind = _explained(page, name, track, ego, moment.time) if beside else "other traffic"
-            _body(axes, view, track.box(moment.time), page.colour_of(name), kind, name in page.unseen)
+            _body(axes, view, track.box(moment.time), page.colour_of(name), kind, _hatched(page, name))
     if other is not None:
         word = _explained(page, moment.actor, other, ego, moment.time)
         _next(axes, view, other, moment.time, OBSTACLE)
-        _body(axes, view, other.box(moment.time), OBSTACLE, word, moment.actor in page.unseen)
+        _body(axes, view, other.box(moment.time), OBSTACLE, word, _hatched(page, moment.actor))
     _next(axes, view, ego, moment.time, EGO)
-    _body(axes, view, ego.box(moment.time), EGO, "ego", False)
+    _body(axes, view, ego.box(moment.time), EGO, "ego", "")
+    _sensed(axes, page, view)
     _labels(axes, page, moment, view, ego, others)
 
 
-def _body(axes: Axes, view: MapWindow, box: Box, colour: str, name: str, unseen: bool) -> None:
+def _body(axes: Axes, view: MapWindow, box: Box, colour: str, name: str, hatched: str) -> None:
     draw_car(axes, view, box, colour)
-    if unseen:
+    if hatched:
         placed = view.place(*np.array(box.corners()).T)
         style: dict[str, Any] = {"facecolor": "none", "edgecolor": INK, "linewidth": 0.8, "hatch": "xxxx"}
-        shown = "not seen by the radar" if view.holds(box.x, box.y) else "_"
+        shown = hatched if view.holds(box.x, box.y) else "_"
         axes.fill(*placed.T, **style, zorder=7, label=shown)
     label = name if view.holds(box.x, box.y) else "_"
     axes.plot(math.nan, math.nan, "s", color=colour, markeredgecolor=INK, markersize=7.0, label=label)
+
+
+def _hatched(page: DrivePage, actor: str) -> str:
+    """Return what the hatches over an actor mean; empty where it has none."""
+    if actor not in page.unseen:
+        return ""
+    return f"not seen by {plain_name(page.watching[0]) if len(page.watching) == 1 else 'any sensor'}"
+
+
+def _sensed(axes: Axes, page: DrivePage, view: MapWindow) -> None:
+    """Draw what each sensor measured nearest to the moment: points, rays to points, or boxes."""
+    for number, (sensor, shape, placed) in enumerate(page.sensed):
+        marker, colour = SENSED[number % len(SENSED)]
+        shown = any(view.holds(x, y) for x, y in zip(placed.x.tolist(), placed.y.tolist(), strict=True))
+        label = f"sensor {plain_name(sensor)}" if shown else "_"
+        points = view.place(placed.x, placed.y)
+        if shape == "boxes":
+            for corners in placed.corners():
+                edge: dict[str, Any] = {"facecolor": "none", "edgecolor": colour, "linewidth": 1.8, "zorder": 8}
+                axes.fill(*view.place(*corners.T).T, **edge, path_effects=halo(), label=label)
+                label = "_"
+            continue
+        if shape == "rays":
+            origins = view.place(placed.origin_x, placed.origin_y)
+            ends = np.stack((origins, points, np.full_like(points, np.nan)), axis=1).reshape(-1, 2)
+            axes.plot(*ends.T, color=colour, linewidth=0.8, zorder=7.5)
+        style: dict[str, Any] = {"markersize": 6.0, "markerfacecolor": colour, "markeredgecolor": INK}
+        axes.plot(*points.T, marker, **style, markeredgewidth=0.8, zorder=8.5, label=label)
 
 
 def _next(axes: Axes, view: MapWindow, track: ActorTrack, time: float, colour: str) -> None:

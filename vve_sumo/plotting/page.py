@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -19,6 +19,7 @@ from vve_sumo.metrics.key_figures import braked_hardest_for, unmet
 from vve_sumo.metrics.lead_vehicle import LeadVehicle
 from vve_sumo.metrics.moment import Moment
 from vve_sumo.path import ReferencePath
+from vve_sumo.sensors.drawing import Placed
 from vve_sumo.values import Floats, Vehicle
 
 if TYPE_CHECKING:
@@ -51,6 +52,25 @@ STYLE: dict[Any, Any] = {
 LEFT, LEFT_WIDTH, RIGHT, RIGHT_WIDTH = 0.25, 7.35, 8.35, 4.4
 BOTTOM, TOP, BETWEEN = 0.75, 6.95, 0.42
 
+#: marker and colour of the shapes of each sensor, in their order; after the last they begin again
+SENSED = (("D", "#cc79a7"), ("^", "#f0e442"), ("s", "#56b4e9"), ("v", "#009e73"))
+
+
+class FirstSighting(NamedTuple):
+    """When a sensor first saw the actor that mattered."""
+
+    sensor: str  #: its name
+    time: float  #: drive time [s]
+    range: float  #: as measured [m]
+
+
+class SensedShapes(NamedTuple):
+    """What a sensor measured nearest to the moment."""
+
+    sensor: str  #: its name
+    shape: Literal["points", "rays", "boxes"]
+    placed: Placed  #: in the map
+
 
 @dataclass(frozen=True, slots=True)
 class DrivePage:
@@ -66,15 +86,17 @@ class DrivePage:
     lanes: Sequence[tuple[Floats, float]]  #: centre line (n x 2) [m] and width [m] of each lane
     moment: Moment | None = None  #: the one that matters; None where no actor came near
     commanded: Floats | None = None  #: path that the command carries at the moment (n x 2) [m]; None for none
-    unseen: frozenset[str] = frozenset()  #: actors that the radar did not detect around the moment
+    unseen: frozenset[str] = frozenset()  #: actors that no sensor saw around the moment
+    watching: Sequence[str] = ()  #: the sensors that say whom they saw
     asked: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  #: least and greatest value of metrics
     approach: StopApproach | None = None  #: of the last stop
     setting: str = ""  #: what the scenario sets: values of its parameters, faults
     distance: Floats | None = None  #: between the bodies of the ego and of the actor that mattered, tick by tick [m]
-    detected: tuple[float, float] | None = None  #: drive time [s] and range [m] of that actor's first radar detection
+    sighted: Sequence[FirstSighting] = ()  #: of that actor, one for each sensor that saw it
     lost: Sequence[
         tuple[float, float]
-    ] = ()  #: drive times [s] between which the radar lost that actor, and saw it again
+    ] = ()  #: drive times [s] between which all sensors had lost that actor, and one saw it again
+    sensed: Sequence[SensedShapes] = ()  #: of each sensor that measured anything around the moment
     named: frozenset[str] = frozenset()  #: actors that the scenario or the subtitle calls by their names
     deviation_limit: float | None = (
         None  #: lateral deviation at which the gateway stopped the car; None where it did not

@@ -55,6 +55,8 @@ DISTANCE_SHOWN = 40.0
 LAST_METRES = 10.0
 #: between two lines of words in a panel [point]
 LINE_PITCH = 10.5
+#: sensors whose first sight of the actor that mattered is said at most: more lines would cover the curves
+SIGHTED_SHOWN = 4
 #: words on a bound that begins after this share of the drive stand before the bound, else over or under it
 LATE = 0.4
 #: of words that neither lines nor a hatch may cross
@@ -137,8 +139,8 @@ def _say_gap(axes: Axes, page: DrivePage, shown: Floats) -> None:
         row = int(np.nanargmin(page.distance))
         axes.plot(time[row], page.distance[row], "v", color=OBSTACLE, markeredgecolor=INK, markersize=5.0, zorder=5)
         lines.append((f"least distance {page.distance[row]:.2f} m at {time[row]:.2f} s ▾", INK))
-    if page.detected is not None:
-        lines.append((f"radar first sees it at {page.detected[0]:.2f} s, {page.detected[1]:.0f} m ┊", INK))
+    for sensor, first, far in page.sighted[:SIGHTED_SHOWN]:
+        lines.append((f"{plain_name(sensor)} first sees it at {first:.2f} s, {far:.0f} m ┊", INK))
     if page.lost:
         lines.append(("lost at {:.2f} s, seen again at {:.2f} s ▨".format(*_lost_last(page)), INK))
     if math.isfinite(page.lead.gap[-1]) and page.distance is None:
@@ -156,17 +158,17 @@ def _say_gap(axes: Axes, page: DrivePage, shown: Floats) -> None:
 
 
 def _lost_last(page: DrivePage) -> tuple[float, float]:
-    """Return when the radar lost the actor that mattered for the last time before the moment, and saw it again [s]."""
+    """Return when all sensors had lost the actor that mattered for the last time before the moment, until when [s]."""
     before = [times for times in page.lost if page.moment is None or times[0] < page.moment.time]
     return (before or [*page.lost])[-1]
 
 
 def _mark_detections(axes: Axes, page: DrivePage, lines: int) -> None:
-    """Mark when the radar first saw the actor that mattered, and hatch while it was lost, below `lines` of words."""
+    """Mark when each sensor first saw the actor that mattered, and hatch while none did, below `lines` of words."""
     height = axes.bbox.height / axes.figure.dpi * POINTS_PER_INCH
     top = 1.0 - (2.0 + LINE_PITCH * lines + 2.0) / height
-    if page.detected is not None:
-        axes.axvline(page.detected[0], ymax=top, color=OBSTACLE, linewidth=1.0, linestyle=(0, (1, 1)))
+    for _sensor, first, _far in page.sighted[:SIGHTED_SHOWN]:
+        axes.axvline(first, ymax=top, color=OBSTACLE, linewidth=1.0, linestyle=(0, (1, 1)))
     for begin, end in page.lost:
         style: dict[str, Any] = {"facecolor": "none", "edgecolor": QUIET, "hatch": "/////", "linewidth": 0.0}
         axes.axvspan(begin, end, ymax=top, zorder=1, **style)

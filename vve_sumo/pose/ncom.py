@@ -418,6 +418,10 @@ WRITERS: Final[tuple[tuple[int, Callable[[Fix], bytes]], ...]] = (
 )
 
 
+#: bytes of a packet: its status channel, the minute of channel 0, the last checksum
+_CHANNEL, _MINUTE, _CHECKSUM = 62, slice(63, 67), 71
+
+
 class Encoder:
     """Writes fixes as a unit would: one packet each, the status channels in turn, channel 0 first."""
 
@@ -429,3 +433,12 @@ class Encoder:
         channel, write = WRITERS[self._turn]
         self._turn = (self._turn + 1) % len(WRITERS)
         return pack(fix, channel, write(fix))
+
+    def with_wrong_minute(self, data: bytes, minutes: int) -> bytes | None:
+        """Return a packet whose minute is so far off, with its checksum; None for one of another status channel."""
+        if data[_CHANNEL : _CHANNEL + 1] != b"\0":
+            return None
+        wrong = bytearray(data)
+        wrong[_MINUTE] = (int.from_bytes(data[_MINUTE], "little") + minutes).to_bytes(4, "little")
+        wrong[_CHECKSUM] = sum(wrong[1:_CHECKSUM]) & 0xFF
+        return bytes(wrong)

@@ -241,7 +241,7 @@ class Encoder:
             *_pack(ALTITUDE, 1e-3, fix.altitude),
             *_pack(VELOCITY, 0.01, north, east, fix.velocity_down, math.hypot(north, east)),
             *_pack(ACCELERATION, 0.01, fix.acceleration, 0.0, 0.0),
-            *_pack(ATTITUDE, hundredth, compass if compass / hundredth < 35_999.5 else 0.0, fix.pitch, fix.roll),
+            *_pack(ATTITUDE, hundredth, 0.0 if compass / hundredth >= 35_999.5 else compass, fix.pitch, fix.roll),
             *_pack(RATE, hundredth, 0.0, 0.0, -fix.yaw_rate),
             Frame(TIME, milliseconds + struct.pack("<b", UTC_OFFSET)),
         )

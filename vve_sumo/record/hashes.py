@@ -25,6 +25,7 @@ from vve_sumo.record.layout import (
     ROADS,
     SCHEMAS,
     SENSOR_TABLE,
+    TICK_METRICS,
     UNHASHED,
 )
 from vve_sumo.record.reader import read_table, sensor_tables
@@ -95,7 +96,8 @@ def hash_files(folder: Path) -> dict[str, str]:
 
 def hashed_files(folder: Path) -> list[Path]:
     """Return the files that `hash_files` covers."""
-    tables = [folder / f"{name}{CLOSED_ENDING}" for name in (*SCHEMAS, *OPTIONAL_SCHEMAS, *LIVE_SCHEMAS, ROADS)]
+    names = (*SCHEMAS, *OPTIONAL_SCHEMAS, *LIVE_SCHEMAS, ROADS, TICK_METRICS)
+    tables = [folder / f"{name}{CLOSED_ENDING}" for name in names]
     files = [*tables, *sorted(folder.glob(f"{SENSOR_TABLE}*{CLOSED_ENDING}")), folder / PROVENANCE]
     return [file for file in files if file.is_file()]
 

@@ -15,9 +15,11 @@ import numpy as np
 import pyarrow as pa
 
 from vve_sumo.errors import ConfigError
+from vve_sumo.metrics.metric import Metric
+from vve_sumo.metrics.own import DeclaredMetrics
 from vve_sumo.record.columns import described_schema
+from vve_sumo.record.rows import GatewayRow, LatencyRow, TickRow
 from vve_sumo.sensors.port import SensorColumn
-from vve_sumo.values import GatewayRow, LatencyRow, TickRow
 
 #: Version of a record's layout. Layout 2 added path and car; 3 added provenance.json and the summary's hash of itself;
 #: 4 added the actors' lateral speed and the time of measurement of a scan; 5 added, for live drives, the actors of
@@ -121,6 +123,9 @@ OPEN_ENDING, CLOSED_ENDING = ".arrows", ".parquet"
 #: file with the drive's code, versions and machine; not part of the record's hash
 PROVENANCE = "provenance.json"
 
+#: table of what a user's metrics say of every tick; not part of the record's hash, as it follows from the others
+TICK_METRICS: Final = "metrics"
+
 #: prefix of the name of a sensor's table; the name of the sensor follows
 SENSOR_TABLE: Final = "sensor_"
 
@@ -145,6 +150,22 @@ def sensor_schemas(resolved: Mapping[str, Any]) -> dict[str, pa.Schema]:
         return {sensor_table(name): _sensor_schema(columns) for name, columns in declared.items()}
     except (AttributeError, KeyError, TypeError) as error:
         raise ConfigError(f"scenario.json: sensors: no columns of this version: {error!r}") from None
+
+
+def recorded_metrics(resolved: Mapping[str, Any]) -> DeclaredMetrics:
+    """Return the rows of the user's metrics that a record's `scenario.json` declares.
+
+    Raises ConfigError where they are of no version that is known.
+    """
+    try:
+        return DeclaredMetrics.from_dict(resolved.get("metrics", {}))
+    except ConfigError as error:
+        raise ConfigError(f"scenario.json: {error}") from None
+
+
+def tick_metrics_schema(rows: Mapping[str, Metric]) -> pa.Schema:
+    """Return the schema of the table of the user's metrics of the ticks."""
+    return described_schema([_TICK, *((row.name, _ARROW[row.kind], row.meaning) for row in rows.values())])
 
 
 def recorded_brain(resolved: Mapping[str, Any]) -> str:

@@ -19,7 +19,8 @@ import pyarrow.parquet as pq
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.metric import Kind, Metric, unit_of
-from vve_sumo.metrics.table import FIGURES, rows
+from vve_sumo.metrics.own import DeclaredMetrics
+from vve_sumo.metrics.table import FIGURES, NUMBERS, enter, rows
 from vve_sumo.record.columns import described_schema
 from vve_sumo.scenario.descriptions import meaning_of_key
 
@@ -78,11 +79,21 @@ class SweepPlan:
     rig: str = ""  #: file of the rig whose car drives; empty: the scenario's vehicle
     #: hashes of each controller's code by its name and the file's role; none of a shipped one
     controllers_sha256: dict[str, dict[str, list[str]]] = field(default_factory=dict)
+    #: rows of the user's metrics of a drive that each run is measured by beside the shipped ones
+    metrics: list[dict[str, Any]] = field(default_factory=list)
+
+    def own(self) -> Mapping[str, Metric]:
+        """Return the rows of the user's metrics; raises ConfigError for what is none."""
+        return DeclaredMetrics.from_dict({"per_drive": self.metrics}).per_drive
+
+    def numbers(self) -> tuple[str, ...]:
+        """Return the figures of a row that are numbers with a mean."""
+        return (*NUMBERS, *(name for name, metric in self.own().items() if metric.kind == "float"))
 
     def columns(self) -> dict[str, Kind]:
         """Return name and kind of a row's columns, in their order."""
         met: dict[str, Kind] = {f"meets_{name}": "bool" for name in self.criteria}
-        figures: dict[str, Kind] = {name: metric.kind for name, metric in FIGURES.items()}
+        figures: dict[str, Kind] = {name: metric.kind for name, metric in {**FIGURES, **self.own()}.items()}
         run: dict[str, Kind] = {"seed": "int", "error": "str", "undisturbed": "bool"}
         return {"number": "int", "key": "str", **self.parameters, **run, **figures, **met}
 
@@ -96,7 +107,7 @@ class SweepPlan:
         declared = self.table.get("parameters", {})
         varied = {name: _meaning_of_parameter(name, declared.get(name, {})) for name in self.parameters}
         met = {f"meets_{name}": f"whether the criterion {name} was met" for name in self.criteria}
-        return {name: column.meaning for name, column in COLUMNS.items()} | varied | met
+        return {name: column.meaning for name, column in {**COLUMNS, **self.own()}.items()} | varied | met
 
     def schema(self) -> pa.Schema:
         """Return the Arrow schema of a part, with unit and meaning of every column."""
@@ -116,7 +127,7 @@ class SweepPlan:
         try:
             data = json.loads(file.read_text(encoding="utf-8"))
             version = data["version"]
-            data = {"rig": "", "controllers_sha256": {}, **data}  # which sweeps had not at first
+            data = {"rig": "", "controllers_sha256": {}, "metrics": [], **data}  # which sweeps had not at first
         except OSError:
             raise ConfigError(f"{folder}: no sweep.json: not a sweep's folder") from None
         except (ValueError, KeyError, TypeError) as error:
@@ -127,7 +138,12 @@ class SweepPlan:
         wrong = _wrong({name: value for name, value in data.items() if name != "version"}, cls)
         if wrong:
             raise ConfigError(f"{file}: not what a sweep writes: {wrong}")
-        return cls(**{one.name: data[one.name] for one in fields(cls)})
+        plan = cls(**{one.name: data[one.name] for one in fields(cls)})
+        try:
+            enter(plan.own())
+        except ConfigError as error:
+            raise ConfigError(f"{file}: not what a sweep writes: {error}") from None
+        return plan
 
 
 def _meaning_of_parameter(name: str, declared: Mapping[str, Any]) -> str:

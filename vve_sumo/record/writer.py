@@ -39,9 +39,10 @@ from vve_sumo.record.layout import (
     sensor_schemas,
     sensor_table,
 )
+from vve_sumo.record.rows import GatewayRow, LatencyRow, TickRow
 from vve_sumo.record.summary import write_summary
 from vve_sumo.sensors.port import Column
-from vve_sumo.values import Actors, CommandedPath, Frame, GatewayRow, LatencyRow, TickRow
+from vve_sumo.values import Actors, CommandedPath, Frame
 
 #: Returns a text's bytes; most texts of a record are names and codes that come at every tick.
 _encoded = lru_cache(maxsize=4096)(str.encode)
@@ -296,6 +297,9 @@ class MemoryRecorder:
 
     def attach(self, name: str, text: str) -> None:
         """Record a text that belongs to the drive but not to its hash; without a folder it is dropped."""
+
+    def attach_table(self, name: str, table: pa.Table) -> None:
+        """Record a table that belongs to the drive but not to its hash; without a folder it is dropped."""
 
     def flush(self) -> None:
         """Hash and store everything that is buffered."""

@@ -1,6 +1,6 @@
 """What the page carries beside its content: style sheet, scripts, and the policy that allows these and nothing else.
 
-Knows the files in `templates/`; neither what a report says nor how its sections are set.
+Knows the files in `templates/`, and uPlot; neither what a report says nor how its sections are set.
 """
 
 from __future__ import annotations
@@ -14,11 +14,9 @@ from importlib import resources
 
 from markupsafe import Markup
 
+from vve_sumo import uplot
 from vve_sumo.report.svg import Drawing
 from vve_sumo.report.theme import variables
-
-#: the one library that the page carries, uPlot 1.6.32: its script, style sheet and licence
-LIBRARY, LIBRARY_STYLE, LIBRARY_LICENCE = "vendor/uPlot.iife.min.js", "vendor/uPlot.min.css", "vendor/uPlot.LICENSE.txt"
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +39,8 @@ def assets_of(drawings: Iterable[Drawing], interactive: bool) -> Assets:
     shown = list(drawings)
     own = {name: text for one in shown for name, text in one.styles.items() if name not in one.fixed}
     rules = "\n".join(dict.fromkeys(rule for one in shown for rule in one.rules()))
-    parts = [_file("page.css"), variables(own.values()), rules, *([_file(LIBRARY_STYLE)] if interactive else [])]
-    library = [f"/*\n{_file(LIBRARY_LICENCE)}*/\n{_file(LIBRARY)}"] if interactive else []
+    parts = [_file("page.css"), variables(own.values()), rules, *([uplot.read(uplot.STYLE)] if interactive else [])]
+    library = [f"/*\n{uplot.read(uplot.LICENCE)}*/\n{uplot.read(uplot.SCRIPT)}"] if interactive else []
     return Assets(Markup("\n".join(parts)), tuple(map(Markup, [*library, _file("page.js")])))
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 #: ticks on the page, about; of a longer drive those that hold the extremes of every curve are shown
 MAX_TICKS: Final = 3000
-#: panels from above: the columns of each
+#: panels from above: the columns of each; one of each of the user's metrics of the ticks follows
 PANELS = (
     ("speed_mps",),
     ("acceleration_mps2",),
@@ -45,9 +45,11 @@ def curves(run: Run) -> dict[str, Any]:
     leader = frame["leader"].astype(str).tolist()
     changed = np.array([False, *(one not in (other, "") for one, other in pairwise(leader))], bool)
     names = list(dict.fromkeys(leader))
-    columns = {name: _column(frame, name, changed) for panel in PANELS for name in panel}
+    own = [(name,) for name, row in run.own_metrics.per_tick.items() if row.kind == "float" and name in frame]
+    wanted = [*PANELS, *own]
+    columns = {name: _column(frame, name, changed) for panel in wanted for name in panel}
     shown = thinned(list(columns.values()), MAX_TICKS)
-    panels = [_panel({name: columns[name] for name in panel}, shown) for panel in PANELS]
+    panels = [_panel({name: columns[name] for name in panel}, shown) for panel in wanted]
     return {
         "kind": "curves",
         "time": _rounded(frame["time_s"].to_numpy(np.float64)[shown]),

@@ -6,7 +6,7 @@ Reads a record through the analysis and nothing else; must not know how the page
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from vve_sumo.analysis.latency import MEANINGS as LEGS
 from vve_sumo.analysis.latency import latency_breakdown
 from vve_sumo.analysis.over_time import exposure, over_time
 from vve_sumo.analysis.run import Run
-from vve_sumo.analysis.sensing import radar_statistics
+from vve_sumo.analysis.sensing import sensor_statistics, watching
 from vve_sumo.drive.verify import altered_parts
 from vve_sumo.metrics.key_figures import emergency_layer
 from vve_sumo.metrics.metric import unit_of
@@ -33,10 +33,10 @@ Figures = Mapping[str, Any]
 
 #: figures that the section on the stop shows
 STOP = frozenset(OF_STOP)
-#: actors whose radar statistics are shown at most
+#: actors whom a sensor saw that are shown at most
 MAX_ACTORS = 30
-#: of the radar statistics, the columns that a reader looks for first
-RADAR = (
+#: of a sensor's statistics, the columns that a reader looks for first
+SENSED = (
     "first_s",
     "first_range_m",
     "first_ttc_s",
@@ -93,25 +93,35 @@ def _settings(run: Run, figures: Figures) -> dict[str, object]:
 
 
 def _results(run: Run, figures: Figures) -> dict[str, object]:
-    radar = radar_statistics(run)
     return {
-        "figures": _figures(figures),
+        "figures": _figures(figures, run.own_metrics.per_drive),
         **stops.stop(run),
         **stops.bound_check(run),
         **stops.status(run),
         "exposure": _exposure(run),
-        "radar": of_frame(radar, "radar statistics", "actor", RADAR, MAX_ACTORS),
-        "radar_figures": of_frame(radar, "radar", "actor", most=MAX_ACTORS),
-        "radar_meanings": meanings(radar),
+        "sensors": [_sensor(run, name) for name in watching(run)],
         "live": run.live,
         "latency": _latency(run),
     }
 
 
-def _figures(figures: Figures) -> ReportTable:
+def _sensor(run: Run, name: str) -> dict[str, object]:
+    """Return what a sensor showed of each actor."""
+    shown = sensor_statistics(run, name)
+    first = tuple(column for column in SENSED if column in shown)
+    return {
+        "name": name,
+        "has_view": run.sensed[name].drawing.view is not None,
+        "table": of_frame(shown, f"{name} statistics", "actor", first, MAX_ACTORS),
+        "figures": of_frame(shown, name, "actor", most=MAX_ACTORS),
+        "meanings": meanings(shown),
+    }
+
+
+def _figures(figures: Figures, own: Iterable[str]) -> ReportTable:
     rows = [
         (named(key), _figure(key, figures))
-        for key in ("outcome", *PER_DRIVE, *PLAYBACK)
+        for key in ("outcome", *PER_DRIVE, *PLAYBACK, *own)
         if key in figures and key not in STOP
     ]
     if removed := figures.get("removed_at_entry"):
@@ -123,6 +133,8 @@ def _figures(figures: Figures) -> ReportTable:
 
 def _figure(key: str, figures: Figures) -> str:
     value = figures[key]
+    if failed := (figures.get("metric_errors") or {}).get(key):
+        return f"{NONE}: {failed}"
     if key == "emergency_used":
         return emergency_layer(figures)
     if value is None or (key == "impact_speed_mps" and not figures.get("collision")):

@@ -14,8 +14,7 @@ import numpy as np
 
 from vve_sumo.analysis.survivors import contacts, without_contacts
 from vve_sumo.metrics.metric import unit_of
-from vve_sumo.metrics.per_drive import PER_DRIVE
-from vve_sumo.metrics.table import label_of, meaning_of
+from vve_sumo.metrics.table import METRICS, label_of, meaning_of
 from vve_sumo.report import formatting
 from vve_sumo.report.formatting import integer, number, share
 
@@ -72,7 +71,7 @@ def of_sweep(rows: pd.DataFrame, passed: int, judged: int, criteria: Sequence[st
     hits, known = int((collision == 1.0).sum()), int(np.isfinite(collision).sum())
     hit = KeyFigure("collisions", f"{integer(hits)} of {integer(known)}", meaning_of("collision"), _hardest(rows))
     names = dict.fromkeys([*(name for name in criteria if _is_number(name)), *OF_SWEEP])
-    worst = [_worst(rows, name) for name in names if name in rows and PER_DRIVE[name].worse]
+    worst = [_worst(rows, name) for name in names if name in rows and METRICS[name].worse]
     return [first, hit, *(one for one in worst if one)][:MANY]
 
 
@@ -87,7 +86,7 @@ def _worst(rows: pd.DataFrame, name: str) -> KeyFigure | None:
     known = int(np.isfinite(values).sum())
     if not known:
         return None
-    lower = PER_DRIVE[name].worse == "lower"
+    lower = METRICS[name].worse == "lower"
     row = int(np.nanargmin(values) if lower else np.nanargmax(values))
     note = f"run {rows['key'].iloc[row]}; {integer(known)} of {integer(len(rows))} runs have one"
     note += f", {integer(hits)} had a contact instead" if hits else ""
@@ -96,7 +95,7 @@ def _worst(rows: pd.DataFrame, name: str) -> KeyFigure | None:
 
 
 def _is_number(name: str) -> bool:
-    return name in PER_DRIVE and PER_DRIVE[name].kind == "float"
+    return name in METRICS and METRICS[name].kind == "float"
 
 
 def _value(figures: Mapping[str, Any], name: str) -> float:

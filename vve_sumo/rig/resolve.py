@@ -216,7 +216,7 @@ def faults_of(rig: Rig) -> tuple[InjectedFault, ...]:
     for number, wanted in enumerate(rig.faults):
         try:
             fault = InjectedFault.from_dict(wanted.model_dump())
-            require_injectable((fault,), interface_of(rig))
+            require_injectable((fault,), interface_of(rig), receiver_of(rig))
             faults.append(fault)
         except ConfigError as error:
             raise ConfigError(f"faults.{number}: {error}") from None

@@ -301,6 +301,11 @@ class RigOutput(Table):
     kind: Literal["ncom", "nmea", "radar", "esr", "ars408", "osi_view", "osi_data", "stop"] = Field(
         description="what is sent: see the table of wires"
     )
+    sensor: Name | None = Field(
+        default=None,
+        description="`radar`, `esr`, `ars408`, `osi_data`: name of the scenario's sensor whose detections are sent, "
+        "where that is not `radar`",
+    )
     udp: Place | None = Field(default=None, description="send datagrams to this address and port")
     tcp: Place | None = Field(default=None, description="`ncom`, `nmea`: serve a stream on this address and port")
     device: Name | None = Field(default=None, description="`ncom`, `nmea`: write to this serial line")

@@ -16,7 +16,6 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.lot.swept_area import Body, as_pairs, fan
 from vve_sumo.physical_constants import EARTH_RADIUS
 from vve_sumo.pose import oxts_can
-from vve_sumo.pose.receivers.ncom_udp import NcomUdp
 from vve_sumo.pose.receivers.udp import UdpReceiver
 from vve_sumo.rig import stop_figures
 from vve_sumo.rig.dates import day_to_come, expired_day
@@ -32,7 +31,9 @@ from vve_sumo.rig.resolve import (
     vehicle_of,
 )
 from vve_sumo.rig.schema import Corner, Rig
+from vve_sumo.sensors.port import STANDARD
 from vve_sumo.vehicle.interface import VehicleInterface, load
+from vve_sumo.wire.outputs import KINDS
 
 #: interfaces of python-can that anyone on the network can send into
 OPEN_INTERFACES: Final = ("udp_multicast", "socketcand", "can_remote")
@@ -113,10 +114,8 @@ def _of_a_simulated_vehicle(rig: Rig) -> Iterator[str]:
         return
     if start.fidelity == "measured" and rig.measured is None:
         yield f"car_start.fidelity: expected 'ideal', for {rig.vehicle.model} has no table [measured], got 'measured'"
-    if not isinstance(pose, NcomUdp):
-        yield f"pose.kind: the simulated vehicle speaks 'ncom_udp', got {pose.kind!r}"
-    elif not ipaddress.ip_address(pose.address).is_loopback:
-        yield f"pose.address: the simulated vehicle is heard on a loopback address only, got {pose.address!r}"
+    if why := pose.not_simulated():
+        yield f"pose.{why}"
     if (bus.interface, bus.channel) == ("slcan", PTY):
         if start.channel is not None:
             yield "car_start.channel: the car makes its own end of a pty"
@@ -161,6 +160,11 @@ def _of_the_brain(rig: Rig) -> Iterator[str]:
         yield f"outputs: a brain of kind {kind!r} needs one at least, or it sees nothing"
     elif kind == "setpoints" and "radar" not in told:
         yield "outputs: expected one of kind 'radar': a setpoint of the brain names the radar datagram that it answers"
+    for number, output in enumerate(rig.outputs):
+        if output.sensor is not None and KINDS[output.kind].content is None:
+            yield f"outputs.{number}.sensor: kind {output.kind!r} carries nothing of a sensor"
+        elif output.sensor not in (None, STANDARD) and kind == "setpoints" and output.kind == "radar":
+            yield f"outputs.{number}.sensor: a setpoint answers the datagrams of {STANDARD!r}, expected no other sensor"
 
 
 def _of_outputs(rig: Rig) -> Iterator[str]:

@@ -119,6 +119,7 @@ def circumstances(scenario: Scenario) -> list[str]:
             _controller(scenario),
             _changed("the radar differs from the usual one", scenario.radar),
             *(f"sensor {one.name!r}: {one.kind}" for one in scenario.sensors),
+            *(f"also measured: {name}" for name in scenario.metrics),
             _changed("the weather", scenario.weather),
             _end(scenario),
             _traffic(scenario),

@@ -7,15 +7,32 @@ from typing import Any, get_origin
 
 from pydantic import ValidationError
 
-from vve_sumo.config_file import alternatives, complaint, in_key_units, inside, is_table, numbers_of, read, short_repr
+from vve_sumo.config_file import (
+    alternatives,
+    complaint,
+    in_key_units,
+    inside,
+    is_table,
+    numbers_of,
+    read,
+    short_repr,
+    unknown_key,
+)
 from vve_sumo.errors import ConfigError
-from vve_sumo.scenario.schema import Scenario
+from vve_sumo.metrics import port as metrics
+from vve_sumo.metrics.own import DeclaredMetrics
+from vve_sumo.scenario.schema import Criteria, CriterionBand, Scenario
 from vve_sumo.sensors import port as sensors
 from vve_sumo.units import is_quantity
 
 
 def parse(table: dict[str, Any], file: Path) -> Scenario:
-    """Return the scenario that a parsed table holds; `file` is named in the ConfigError of a wrong one."""
+    """Return the scenario that a parsed table holds; `file` is named in the ConfigError of a wrong one.
+
+    An installed metric that a criterion names by its entry point is added to `metrics`. Other files of metrics are not
+    read here: whether they bring what the criteria name, `check_criteria` says.
+    """
+    table = with_installed(table, _unknown_criteria(table), file)
     try:
         scenario = Scenario.model_validate(_with_sensors_numbers(numbers_of(table, file, Scenario), file))
     except ValidationError as error:
@@ -25,16 +42,52 @@ def parse(table: dict[str, Any], file: Path) -> Scenario:
     if twice is not None:
         where = "obstacles" if twice in (one.id for one in scenario.obstacles) else "actors"
         raise ConfigError(f"{file}: {where}: id {twice!r} stands twice, expected each once")
-    called = ["radar", *(sensor.name for sensor in scenario.sensors)]
+    called = [sensors.STANDARD, *(sensor.name for sensor in scenario.sensors)]
     if len({*called}) < len(called):
         twice = next(name for name in called if called.count(name) > 1)
-        whose = ", that of the table [radar]" if twice == "radar" else ""
+        whose = f", that of the table [{sensors.STANDARD}]" if twice == sensors.STANDARD else ""
         raise ConfigError(f"{file}: sensors: name {twice!r} stands twice{whose}, expected each once")
     for name, parameter in scenario.parameters.items():
         for place in parameter.sets:
             if not _takes_a_value(scenario, place):
                 raise ConfigError(f"{file}: parameters.{name}.sets: no key {short_repr(place)} that takes a value")
     return scenario
+
+
+def _unknown_criteria(table: dict[str, Any]) -> list[str]:
+    criteria = table.get("criteria")
+    return [name for name in criteria if name not in Criteria.model_fields] if isinstance(criteria, dict) else []
+
+
+def with_installed(table: dict[str, Any], names: list[str], file: Path) -> dict[str, Any]:
+    """Return a scenario's table whose `metrics` name the installed ones among some names that its criteria use.
+
+    Raises ConfigError for a name that is none where the table names no metrics, which might bring it.
+    """
+    named = table.get("metrics", [])
+    if not names or not isinstance(named, (list, tuple)):
+        return table
+    there = metrics.installed()
+    found = [name for name in names if name in there and name not in named]
+    if len(found) < len(names) and not named:
+        unknown = next(name for name in names if name not in found)
+        raise ConfigError(f"{file}: {unknown_key(f'criteria.{unknown}', unknown, [*Criteria.model_fields])}")
+    return table | {"metrics": [*named, *found]} if found else table
+
+
+def check_criteria(scenario: Scenario, brought: DeclaredMetrics, file: Path) -> None:
+    """Raise ConfigError for a criterion that is no metric, none that may judge, or no limit of its metric's kind.
+
+    `brought` are the rows of what the scenario's `metrics` bring.
+    """
+    judging = {name: row for name, row in brought.per_drive.items() if row.judges}
+    for name, wanted in (scenario.criteria.__pydantic_extra__ or {}).items():
+        if name not in judging:
+            unknown = unknown_key(f"criteria.{name}", name, [*Criteria.model_fields, *judging])
+            raise ConfigError(f"{file}: {unknown}")
+        if isinstance(wanted, CriterionBand) == (judging[name].kind == "bool"):
+            expected = "true or false" if judging[name].kind == "bool" else "a band { min = …, max = … }"
+            raise ConfigError(f"{file}: criteria.{name}: expected {expected}")
 
 
 def _with_sensors_numbers(table: dict[str, Any], file: Path) -> dict[str, Any]:

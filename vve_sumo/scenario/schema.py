@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeAlias
 
-from pydantic import Field, create_model, model_validator
+from pydantic import ConfigDict, Discriminator, Field, Tag, create_model, model_validator
 
 from vve_sumo.config_file import Finite, Name, NotNegative, Positive, Table
 from vve_sumo.metrics.metric import Metric
@@ -230,8 +230,23 @@ class CriterionBand(Table):
         return self
 
 
+def _kind_of_limit(said: object) -> str:
+    return "switch" if isinstance(said, bool) else "band"
+
+
+#: what a criterion on a user's metric may be: true or false, or a band
+Limit = Annotated[Annotated[bool, Tag("switch")] | Annotated[CriterionBand, Tag("band")], Discriminator(_kind_of_limit)]
+
+
 class PassCriteria(Table):
-    """What makes the drive pass; a criterion that is left out is not judged."""
+    """What makes the drive pass; a criterion that is left out is not judged.
+
+    Beside the fields, the keys may be names of metrics that the scenario's `metrics` bring.
+    """
+
+    model_config = ConfigDict(extra="allow")
+    OTHERS: ClassVar[Any] = Limit
+    __pydantic_extra__: dict[str, Limit] = Field(init=False)
 
     outcome: Literal["stopped", "arrived", "completed", "fault"] | None = Field(
         default=None, description="how the drive must end; fault: stopped by the gateway"
@@ -252,7 +267,7 @@ else:
         "Criteria",
         __base__=PassCriteria,
         __doc__=PassCriteria.__doc__,
-        **{name: _criterion(metric) for name, metric in PER_DRIVE.items() if metric.criterion},
+        **{name: _criterion(metric) for name, metric in PER_DRIVE.items() if metric.judges},
     )
 
 
@@ -327,6 +342,12 @@ class Scenario(Table):
     weather: Weather = Weather()
     obstacles: tuple[ParkedObstacle, ...] = Field(default=(), strict=False)
     actors: tuple[Actor, ...] = Field(default=(), strict=False)
+    metrics: tuple[Name, ...] = Field(
+        default=(),
+        strict=False,
+        description="what is measured beside the shipped metrics: each `file.py:make`, or an installed package's entry "
+        "point",
+    )
     criteria: Criteria = Criteria()
     end_trigger: EndTrigger = EndTrigger()
     parameters: dict[Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")], Parameter] = Field(

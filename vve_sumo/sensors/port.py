@@ -1,8 +1,8 @@
 """The port of sensors: the interface of a kind of virtual sensor, and how a kind is found by its name.
 
-A kind is one class: the keys that a scenario may set, the columns of its table in the record, the observation that the
-controller is handed, and how a sensor is made from all this. Knows neither SUMO nor the controller, and names no
-sensor but in the table of shipped kinds. `tests/ports/sensor.py` tests any kind.
+A kind is one class: the keys that a scenario may set, the columns of its table in the record, how its rows are drawn,
+the observation that the controller is handed, and how a sensor is made from all this. Knows neither SUMO nor the
+controller, and names no sensor but in the table of shipped kinds. `tests/ports/sensor.py` tests any kind.
 """
 
 from __future__ import annotations
@@ -16,13 +16,18 @@ from pydantic import ValidationError
 
 from vve_sumo.config_file import Table, complaint
 from vve_sumo.errors import ConfigError
-from vve_sumo.ports import Port
-from vve_sumo.values import Actors, Pose, SensorOutput, Vehicle
+from vve_sumo.ports import Port, error_text
+from vve_sumo.sensors.drawing import Drawing, wrong
+from vve_sumo.values import Actors, Detections, Pose, SensorOutput, Vehicle
 
 #: Every kind is found by a name of this table, as `file.py:function` or by entry point; `make()` returns its class.
 PORT: Final = Port("sensor", "vve_sumo.sensors", "()", {"radar": "vve_sumo.sensors.radar_settings"})
+#: kind and name of the sensor that every scenario has; the scenario's table of that name sets it
+STANDARD: Final = "radar"
 
 Column = Sequence[Any] | NDArray[Any]
+#: what of a sensor's output an outgoing wire can carry: an output of `detections` is a `vve_sumo.values.Detections`
+Content = Literal["detections"]
 ColumnKind = Literal["float", "int", "int8", "bool", "str"]
 
 
@@ -65,8 +70,14 @@ class SensorSettings(Table):
 
     #: of the sensor's table in the record, after `tick`
     columns: ClassVar[tuple[SensorColumn, ...]]
+    #: what outgoing wires can carry of its output, whatever their format
+    serves: ClassVar[tuple[Content, ...]] = ()
     #: class of `Sensor.output`: a frozen dataclass of its date, numbers and arrays of numbers, all finite
     observation: ClassVar[type]
+
+    def drawing(self, vehicle: Vehicle, /) -> Drawing | None:
+        """Return how the rows are drawn on a vehicle; None, the default, where they have no place on the road."""
+        return None
 
     def max_age(self) -> float:
         """Return how old the output may be at a tick [s]; with an older one the drive is stopped."""
@@ -96,6 +107,17 @@ def configured(kind: str, settings: Mapping[str, Any]) -> SensorSettings:
         raise ConfigError(complaint(f"sensor {kind}", error, model)) from None
 
 
+def drawing_of(settings: SensorSettings, vehicle: Vehicle) -> Drawing | None:
+    """Return how a sensor's rows are drawn on a vehicle; raises ConfigError where that does not fit its columns."""
+    try:
+        drawing = settings.drawing(vehicle)
+    except (Exception, SystemExit) as error:
+        raise ConfigError(f"drawing raised {error_text(error, __file__)}") from error
+    if drawing is not None and (why := wrong(drawing, settings.columns)):
+        raise ConfigError(f"drawing: {why}")
+    return drawing
+
+
 def _wrong(kind: type[SensorSettings]) -> str:
     """Return what is wrong with a kind's class in one phrase; empty where nothing is."""
     declared = ("columns", "observation")
@@ -113,6 +135,10 @@ def _wrong(kind: type[SensorSettings]) -> str:
         return "columns: expected one or more, each name once and none of them 'tick'"
     if strange := [column for column in columns if not all(isinstance(part, str) for part in column)]:
         return f"columns: expected texts, got {strange[0]!r}"
+    if unknown := [content for content in kind.serves if content not in get_args(Content)]:
+        return f"serves {unknown[0]!r}, expected {', '.join(get_args(Content))}"
+    if "detections" in kind.serves and not issubclass(kind.observation, Detections):
+        return f"serves 'detections' with an observation of {kind.observation.__name__}, expected Detections"
     kinds = get_args(ColumnKind)
     if strange := [column for column in columns if column.kind not in kinds]:
         return f"column {strange[0].name!r} is of kind {strange[0].kind!r}, expected {', '.join(kinds)}"

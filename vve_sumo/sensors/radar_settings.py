@@ -7,7 +7,8 @@ from typing import Annotated, ClassVar, Final
 import numpy as np
 from pydantic import Field
 
-from vve_sumo.sensors.port import Sensor, SensorColumn, SensorSettings
+from vve_sumo.sensors.drawing import Drawing, FieldOfView, Mounting, Points, Polar, ViewSector, front_bumper
+from vve_sumo.sensors.port import Content, Sensor, SensorColumn, SensorSettings
 from vve_sumo.sensors.radar import COLUMNS, Radar, RadarConfig, RadarMode
 from vve_sumo.values import Detections, Vehicle
 
@@ -19,6 +20,7 @@ class RadarSettings(SensorSettings):
     """The virtual radar, where it differs from the Delphi ESR defaults."""
 
     columns: ClassVar[tuple[SensorColumn, ...]] = COLUMNS
+    serves: ClassVar[tuple[Content, ...]] = ("detections",)
     observation: ClassVar[type] = Detections
 
     ideal: bool = Field(
@@ -50,6 +52,21 @@ class RadarSettings(SensorSettings):
             false_alarms=self.false_alarms,
         )
         return config.ideal() if self.ideal else config
+
+    def drawing(self, vehicle: Vehicle, /) -> Drawing:
+        """Return points that count from the front bumper, and the field of view of the antenna behind it."""
+        config = self.config()
+        antenna = Mounting(
+            x_m=vehicle.rear_axle_to_bumper + config.mount.x, y_m=config.mount.y, yaw_rad=config.mount.yaw
+        )
+        sectors = [ViewSector(range_m=mode.range_max, half_angle_rad=mode.half_angle) for mode in config.modes]
+        return Points(
+            place=Polar(range="range_m", azimuth="azimuth_rad"),
+            frame=front_bumper(vehicle),
+            range_rate="range_rate_mps",
+            actor="actor",
+            view=FieldOfView(frame=antenna, sectors=sectors),
+        )
 
     def max_age(self) -> float:
         """Return how old the newest scan may be at a tick [s]."""

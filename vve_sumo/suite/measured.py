@@ -30,7 +30,7 @@ class RowMeasurement(NamedTuple):
     """What was found; None for what the row does not ask for, and where its target never entered."""
 
     approach: tuple[float, float] | None = None  #: least and greatest speed of it [m/s]
-    ttc: float | None = None  #: time to collision of a cut-in [s]
+    ttc: float | None = None  #: time to collision of a cut-in, had the car not braked for it before [s]
     demand: float | None = None  #: the most asked of the service brakes, as a deceleration of the declared car [m/s2]
 
 
@@ -46,8 +46,10 @@ def measure(row: SuiteRow, record: Path) -> RowMeasurement:
     if entry >= ticks.num_rows:  # what the street held after the last tick: nothing was driven with it
         return RowMeasurement()
     car = recorded_model(read_resolved(record)).vehicle
-    cut, ttc = (None, None) if row.cut_in is None else _cut_in(row.cut_in, ticks, seen, car)
-    return RowMeasurement(_speeds(ticks, entry, cut), ttc, _demand(ticks, entry, car) if row.demand > 0.0 else None)
+    ends = _ends(ticks, entry)
+    cut, ttc = (None, None) if row.cut_in is None else _cut_in(row.cut_in, ticks, seen, car, ends)
+    approach = _speeds(ticks, entry, ends if cut is None else min(cut, ends))
+    return RowMeasurement(approach, ttc, _demand(ticks, entry, car) if row.demand > 0.0 else None)
 
 
 def _demand(ticks: pa.Table, entry: int, car: Vehicle) -> float:
@@ -56,31 +58,56 @@ def _demand(ticks: pa.Table, entry: int, car: Vehicle) -> float:
     return float(torque[speed > MOVING].max(initial=0.0)) / (car.mass * car.wheel_radius)
 
 
-def _speeds(ticks: pa.Table, entry: int, cut: int | None) -> tuple[float, float]:
-    """Least and greatest speed from the tick of the entry to the braking, the contact or the cut-in."""
-    speed = ticks["true_speed_mps"].to_numpy()
+def _ends(ticks: pa.Table, entry: int) -> int:
+    """Return the first tick from the entry on at which the car brakes or touches something, else how many there are."""
     over = ticks["emergency"].to_numpy() | (ticks["true_acceleration_mps2"].to_numpy() < -BRAKING)
     over |= pc.not_equal(ticks["contacts"], "").to_numpy()
-    if cut is not None:
-        over[cut] = True
     ends = np.flatnonzero(over[entry:])
-    approach = speed[entry : entry + max(int(ends[0]), 1)] if len(ends) else speed[entry:]
+    return entry + int(ends[0]) if len(ends) else ticks.num_rows
+
+
+def _speeds(ticks: pa.Table, entry: int, end: int) -> tuple[float, float]:
+    """Least and greatest speed from the tick of the entry to before the one at which the approach ends."""
+    approach = ticks["true_speed_mps"].to_numpy()[entry : max(end, entry + 1)]
     return float(approach.min()), float(approach.max())
 
 
-def _cut_in(wanted: CutIn, ticks: pa.Table, seen: pa.Table, car: Vehicle) -> tuple[int | None, float | None]:
-    """Return the tick at which the target's near side has come over the lane's edge, and the time to collision."""
+def _cut_in(
+    wanted: CutIn, ticks: pa.Table, seen: pa.Table, car: Vehicle, brakes: int
+) -> tuple[int | None, float | None]:
+    """Return the tick at which the target's near side has come over the lane's edge, and the time to collision then.
+
+    That time says how the target drove, not what the car made of it: a car that has braked since the tick `brakes` is
+    taken to have kept its speed and its way. The moment is between two ticks, where the side is at the edge.
+    """
     at = seen["tick"].to_numpy() - int(ticks["tick"][0].as_py())
     known = at < ticks.num_rows
     rows, at = seen.filter(pa.array(known)), at[known]
-    back, side, closing = _from_ego(rows, {name: ticks[f"true_{name}"].to_numpy()[at] for name in EGO})
-    inside = np.flatnonzero(side + ticks["lateral_deviation_m"].to_numpy()[at] < wanted.lane_edge)
+    _, side, _ = _from_ego(rows, {name: ticks[f"true_{name}"].to_numpy()[at] for name in EGO})
+    beyond = side + ticks["lateral_deviation_m"].to_numpy()[at] - wanted.lane_edge
+    inside = np.flatnonzero(beyond < 0.0)
     if not len(inside):
         return None, None
     first = int(inside[0])
-    if not closing[first] > 0.0:
-        return int(at[first]), math.inf
-    return int(at[first]), float((back[first] - car.rear_axle_to_bumper) / closing[first])
+    back, _, closing = _from_ego(rows, {name: values[at] for name, values in _unbraked(ticks, brakes).items()})
+    last = max(first - 1, 0)
+    share = 1.0 if last == first else float(beyond[last] / (beyond[last] - beyond[first]))
+    rear, pace = (float((1.0 - share) * values[last] + share * values[first]) for values in (back, closing))
+    return int(at[first]), (rear - car.rear_axle_to_bumper) / pace if pace > 0.0 else math.inf
+
+
+def _unbraked(ticks: pa.Table, brakes: int) -> dict[str, Floats]:
+    """Return the ego's true motion, as if from the tick `brakes` on it had kept its speed, straight on."""
+    motion = {name: ticks[f"true_{name}"].to_numpy().copy() for name in EGO}
+    if brakes >= ticks.num_rows:
+        return motion
+    times = ticks["time_s"].to_numpy()
+    since = times[brakes:] - times[brakes]
+    heading, speed = float(motion["heading_rad"][brakes]), float(motion["speed_mps"][brakes])
+    motion["x_m"][brakes:] = motion["x_m"][brakes] + speed * math.cos(heading) * since
+    motion["y_m"][brakes:] = motion["y_m"][brakes] + speed * math.sin(heading) * since
+    motion["heading_rad"][brakes:], motion["speed_mps"][brakes:] = heading, speed
+    return motion
 
 
 def _from_ego(rows: pa.Table, ego: dict[str, Floats]) -> tuple[Floats, Floats, Floats]:

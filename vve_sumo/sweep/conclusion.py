@@ -9,7 +9,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from vve_sumo.metrics.table import NUMBERS
 from vve_sumo.record.sweep_folder import read_tables
 from vve_sumo.sweep.plan import MAX_RUNS, SweepQuery
 from vve_sumo.sweep.statistics import Group, SweepOutcome, outcome
@@ -20,22 +19,23 @@ COMBINATIONS, FOUND = "combinations.csv", "search.json"
 def conclude(folder: Path, query: SweepQuery) -> SweepOutcome:
     """Return what a finished sweep came to; write `combinations.csv` beside its rows, unless it has very many."""
     parameters = list(query.plan.parameters) if query.cells.points < MAX_RUNS else []
-    columns = [*parameters, "passed", "failed", "error", "collision", "outcome", *NUMBERS]
+    numbers = query.plan.numbers()
+    columns = [*parameters, "passed", "failed", "error", "collision", "outcome", *numbers]
     rows = (row for table in read_tables(folder) for row in table.select(columns).to_pylist())
-    came = outcome(rows, parameters, NUMBERS)
+    came = outcome(rows, parameters, numbers)
     if parameters:
-        _write(folder / COMBINATIONS, parameters, came)
+        _write(folder / COMBINATIONS, parameters, numbers, came)
     return came
 
 
-def _write(file: Path, parameters: Sequence[str], came: SweepOutcome) -> None:
+def _write(file: Path, parameters: Sequence[str], numbers: Sequence[str], came: SweepOutcome) -> None:
     with file.open("w", encoding="utf-8", newline="") as out:
         lines = csv.writer(out, lineterminator="\n")
-        heads = [f"{name}{which}" for name in NUMBERS for which in ("", "_half_width", "_worst", "_count")]
+        heads = [f"{name}{which}" for name in numbers for which in ("", "_half_width", "_worst", "_count")]
         counts = ["runs", "judged", "passed", "share_low", "share_high", "errors", "collisions", "stopped_by_gateway"]
         lines.writerow([*parameters, *counts, *heads])
         for values, group in came.groups.items():
-            lines.writerow([*values, *map(_cell, [*_counts(group), *_figures(group)])])
+            lines.writerow([*values, *map(_cell, [*_counts(group), *_figures(group, numbers)])])
 
 
 def _counts(group: Group) -> list[float]:
@@ -43,9 +43,9 @@ def _counts(group: Group) -> list[float]:
     return [group.runs, group.judged, group.passed, *share, group.errors, group.collisions, group.stopped_by_gateway]
 
 
-def _figures(group: Group) -> Iterator[float]:
+def _figures(group: Group, numbers: Sequence[str]) -> Iterator[float]:
     """Mean, half width, worst value and count of every figure."""
-    for name in NUMBERS:
+    for name in numbers:
         yield from (group.means[name].mean, group.half(name), group.worst(name), group.means[name].count)
 
 

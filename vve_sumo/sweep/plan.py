@@ -16,7 +16,8 @@ from vve_sumo.config_file import read, read_as
 from vve_sumo.drive.plugged_in import CONTROLLER
 from vve_sumo.drive.provenance import deciding
 from vve_sumo.errors import ConfigError, did_you_mean
-from vve_sumo.metrics.table import NUMBERS
+from vve_sumo.metrics.port import installed
+from vve_sumo.metrics.table import enter
 from vve_sumo.record.sweep_folder import COLUMNS, SweepPlan
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.overrides import Value, apply_overrides, choose, places
@@ -91,16 +92,18 @@ def planned(
     if search and spec.search is None:
         raise ConfigError(f"{file}: --search: expected a table [search] that says what to look for")
     scenario_file, table = given if given is not None else _scenario(spec.scenario, file, working)
+    table = with_metrics(table, spec)
     settings = parse(table, scenario_file)
     if vehicle is not None:
         table = choose(table, vehicle=vehicle)
     rig_file = "" if rig is None else str(_rig(rig, vehicle, spec, table, file, working))
-    fit(spec, file, table, frozenset(COLUMNS) | {f"meets_{name}" for name in Criteria.model_fields})
+    criteria = _criteria(spec, settings, table)
+    fit(spec, file, table, frozenset(COLUMNS) | {f"meets_{name}" for name in (*Criteria.model_fields, *criteria)})
+    _refuse_varied_metrics(spec, table, file)
     cells = cells_of(spec, scenario_file.name.removesuffix(".toml"), settings)
-    count, criteria = least_runs(cells), _criteria(spec, settings, table)
+    count = least_runs(cells)
     if count >= MAX_RUNS and not yes:
         raise ConfigError(f"{file}: {count:,} runs; --yes drives that many")
-    _sought(spec.search, criteria, file)
     plan = SweepPlan(
         spec=said,
         scenario=cells.name,
@@ -114,8 +117,38 @@ def planned(
         versions=deciding(),
         rig=rig_file,
     )
+    if isinstance(spec.search, Boundary) or not settings.metrics:
+        _sought(spec.search, plan, file)
     plan, notes = _looked_at(plan, spec, cells, file)
+    enter(plan.own())
+    _sought(spec.search, plan, file)
+    _refuse_taken(plan, file)
     return SweepQuery(spec, plan, cells, notes)
+
+
+def with_metrics(table: Mapping[str, Any], spec: Spec) -> dict[str, Any]:
+    """Return a scenario's table with the metrics that a sweep adds: those it names, and an installed one it seeks."""
+    named = table.get("metrics", [])
+    if not isinstance(named, (list, tuple)):
+        return dict(table)  # which the schema refuses in its own words
+    sought = [spec.search.figure] if isinstance(spec.search, WorstCase) and spec.search.figure not in COLUMNS else []
+    added = [*spec.metrics, *(name for name in sought if name in installed())]
+    return {**table, "metrics": list(dict.fromkeys([*named, *added]))} if added else dict(table)
+
+
+def _refuse_varied_metrics(spec: Spec, table: Mapping[str, Any], file: Path) -> None:
+    """Raise ConfigError where a parameter varies which metrics are measured: all rows have the same columns."""
+    for key in spec.parameters:
+        if any(place.partition(".")[0] == "metrics" for place in places(table, key)):
+            raise ConfigError(f"{file}: parameters.{key}: metrics are the same of every run, expected metrics = [ … ]")
+
+
+def _refuse_taken(plan: SweepPlan, file: Path) -> None:
+    """Raise ConfigError where a parameter has the name of a user's metric."""
+    if taken := [name for name in plan.parameters if name in plan.own()]:
+        raise ConfigError(
+            f"{file}: parameters.{taken[0]}: a metric has that name; declare it in the scenario by another"
+        )
 
 
 def _rig(name: str, vehicle: str | None, spec: Spec, table: Mapping[str, Any], file: Path, working: Path) -> Path:
@@ -172,18 +205,18 @@ def _table(plan: SweepPlan, values: Values) -> dict[str, Any]:
     return apply_overrides(choose(plan.table, controller=name), values)
 
 
-def _sought(search: Boundary | WorstCase | None, criteria: list[str], file: Path) -> None:
+def _sought(search: Boundary | WorstCase | None, plan: SweepPlan, file: Path) -> None:
     """Raise ConfigError where a search looks for what no row says, or what it needs is not installed."""
     if isinstance(search, Boundary):
-        known = dict.fromkeys(["passed", "collision", *criteria])
+        known = dict.fromkeys(["passed", "collision", *plan.criteria])
         if search.criterion not in known:
             raise ConfigError(f"{file}: search.criterion: expected {', '.join(known)}, got {search.criterion!r}")
     elif search is not None:
-        if search.figure not in NUMBERS:
+        if search.figure not in (numbers := plan.numbers()):
             goal = "highest" if search.highest else "lowest"
-            near = did_you_mean(search.figure, NUMBERS)
+            near = did_you_mean(search.figure, numbers)
             said = f"got {search.figure!r}{f', {near}' if near else ''}"
-            raise ConfigError(f"{file}: search.{goal}: expected {', '.join(NUMBERS)}, {said}")
+            raise ConfigError(f"{file}: search.{goal}: expected {', '.join(numbers)}, {said}")
         worst.need()
 
 
@@ -191,7 +224,8 @@ def _criteria(spec: Spec, scenario: Scenario, table: Mapping[str, Any]) -> list[
     """Return the criteria that a run may be judged by."""
     varied = (place.split(".") for name in spec.parameters for place in places(table, name))
     set_by_key = {keys[1] for keys in varied if keys[0] == "criteria"}
-    return [name for name, wanted in scenario.criteria if wanted is not None or name in set_by_key]
+    stated = [name for name, wanted in scenario.criteria if wanted is not None or name in set_by_key]
+    return [*stated, *sorted(set_by_key - {*stated})]  # those of a user's metrics stand nowhere before a run sets them
 
 
 def _looked_at(plan: SweepPlan, spec: Spec, cells: RunSpecs, file: Path) -> tuple[SweepPlan, tuple[str, ...]]:
@@ -208,18 +242,21 @@ def _looked_at(plan: SweepPlan, spec: Spec, cells: RunSpecs, file: Path) -> tupl
 
     trials, files, notes = list(_trials(spec, cells)), dict[str, set[str]](), dict[str, None]()
     codes: dict[str, dict[str, set[str]]] = {}
+    own: list[dict[str, Any]] = []
     for judge in (read_only, made):
         for values, seen in zip(trials, judge(trials), strict=False):
             if seen.complaint:
                 raise ConfigError(_blame(judge, values, seen.complaint, plan, spec, file))
             notes |= {seen.note: None} if seen.note else {}
+            own = list(seen.metrics)
             code = codes.setdefault(parse(_table(plan, values), Path(plan.file)).controller.name, {})
             for role, digest in seen.files_sha256.items():
                 files.setdefault(role, set()).add(digest)
                 if role.startswith(CONTROLLER):
                     code.setdefault(role, set()).add(digest)
     by_controller = {name: _sorted(code) for name, code in codes.items()}
-    return replace(plan, files_sha256=_sorted(files), controllers_sha256=by_controller), tuple(notes)
+    found = replace(plan, files_sha256=_sorted(files), controllers_sha256=by_controller, metrics=own)
+    return found, tuple(notes)
 
 
 def _sorted(files: Mapping[str, set[str]]) -> dict[str, list[str]]:

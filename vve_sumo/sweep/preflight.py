@@ -12,7 +12,7 @@ import select
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from typing import IO, NamedTuple
+from typing import IO, Any, NamedTuple
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.hashes import hash_file
@@ -29,6 +29,7 @@ class RunPreview(NamedTuple):
     complaint: str  #: why it could not be driven; empty if it can
     files_sha256: dict[str, str]  #: of what it reads, by role
     note: str = ""  #: what brakes the car less than declared; empty where nothing does
+    metrics: Sequence[dict[str, Any]] = ()  #: rows of the user's metrics of a drive
 
 
 def look(jobs: Sequence[Job]) -> list[RunPreview]:
@@ -82,7 +83,9 @@ def main() -> None:
             resolved = resolve_job(job, cache)
             resolved.controller(job.working)
             rig = {} if job.rig is None else {"rig": hash_file(job.rig)}
-            seen = RunPreview("", resolved.to_dict(job.working)["files_sha256"] | rig, resolved.note)
+            content = resolved.to_dict(job.working)
+            own = content.get("metrics", {}).get("per_drive", [])
+            seen = RunPreview("", content["files_sha256"] | rig, resolved.note, own)
         except ConfigError as error:
             seen = RunPreview(str(error), {})
         answers.write(f"{json.dumps(seen)}\n")

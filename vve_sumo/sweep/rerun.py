@@ -13,7 +13,6 @@ from vve_sumo.drive.provenance import deciding
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.run import Drive
 from vve_sumo.errors import ConfigError
-from vve_sumo.metrics.table import NUMBERS
 from vve_sumo.record.sweep_folder import Row, SweepPlan, read_tables
 from vve_sumo.record.writer import claim
 from vve_sumo.scenario.load import parse
@@ -35,6 +34,7 @@ class Rerun:
     row: Row  #: of the dataset
     result: RunResult  #: now
     folder: Path  #: of the record, where one was written
+    numbers: tuple[str, ...]  #: figures that may be missing
 
     @property
     def same(self) -> bool:
@@ -59,7 +59,7 @@ class Rerun:
         """Return the drive that was recorded, as a single drive leaves it."""
         summary = json.loads((self.folder / "summary.json").read_text(encoding="utf-8"))
         # JSON has no word for a figure that is not there.
-        missing = {name: math.nan for name in NUMBERS if summary[name] is None}
+        missing = {name: math.nan for name in self.numbers if summary[name] is None}
         return Drive(self.folder, summary | missing)
 
     def resolved(self) -> ResolvedScenario:
@@ -98,7 +98,7 @@ def rerun(folder: Path, key: str, out: Path | None, warn: Callable[[str], None])
         warn("the code of vve-sumo has changed since the sweep began")
     for role in _changed_files(plan, job):
         warn(f"the file of {role} has changed since the sweep began")
-    return Rerun(job, row, run_one(job), record)
+    return Rerun(job, row, run_one(job), record, plan.numbers())
 
 
 def _recorded(plan: SweepPlan, part: plugged_in.PluggedIn) -> Mapping[str, list[str]]:

@@ -56,7 +56,7 @@ def run_job(
         return refused(job, error)
     except Exception as error:
         return _broken(job, scratch, f"{type(error).__name__}: {error}")
-    text = _told(summary["text"], scratch)
+    text = _told("; ".join(filter(None, [summary["text"], *summary.get("metric_errors", {}).values()])), scratch)
     if summary["outcome"] == Outcome.BROKEN:
         return _broken(job, scratch, text)
     if summary["outcome"] == Outcome.INTERRUPTED:

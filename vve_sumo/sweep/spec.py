@@ -121,6 +121,11 @@ class Spec(Table):
     controllers: Annotated[tuple[VariedController, ...], AfterValidator(compared)] = Field(
         default=(), strict=False, description="controllers to compare: every point is driven with each of them"
     )
+    metrics: tuple[Name, ...] = Field(
+        default=(),
+        strict=False,
+        description="what is measured of every run beside the shipped metrics and those of the scenario's `metrics`",
+    )
     search: Search | None = Field(default=None, description="what is looked for, instead of driving every combination")
 
     @model_validator(mode="after")

@@ -1,4 +1,4 @@
-"""Follows the steps of engaging: the DBW controller's confirmation, the gear, the operator's go.
+"""Follows the steps of engaging: the DBW controller's confirmation, then the gear.
 
 It checks the car's reports after the operator has engaged; the gateway decides what follows from a step that fails.
 """
@@ -36,14 +36,12 @@ class Engagement:
         self._steering_differs = Debounce(STEERING_DIFFERENCE_TIME)
         self.enabled = False  #: the DBW controller has confirmed
         self.in_drive = False  #: the gear has been confirmed
-        self.going = False  #: the operator has said go
 
     def begin(self, now: float) -> None:
         """Start anew: the operator has engaged."""
         self._begun = now
         self._steering_differs.reset()
         self.enabled = self.in_drive = self._shadow
-        self.going = False
 
     def settled(self, now: float) -> bool:
         """Whether the DBW controller has confirmed, and its handshake time is over."""

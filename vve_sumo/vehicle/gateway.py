@@ -7,7 +7,6 @@ exception, and stops a commanded car, unless a driver who is seen has taken over
 
 from __future__ import annotations
 
-import enum
 import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple
@@ -17,7 +16,8 @@ from vve_sumo.laws import clamp
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint, Vehicle, resolve_fallback_path
 from vve_sumo.vehicle.actuation import Actuation, Pedals
-from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, ArmingEvent, transition
+from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, ArmingEvent
+from vve_sumo.vehicle.arming_machine import ArmingMachine, OperatorCommand
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.engagement import Engagement
 from vve_sumo.vehicle.fallback import FallbackTracker
@@ -26,7 +26,7 @@ from vve_sumo.vehicle.limits import Limiter, Limits, move_towards
 from vve_sumo.vehicle.monitor import Monitor
 from vve_sumo.vehicle.reports import TOLERANCE
 from vve_sumo.vehicle.response import ResponseMonitor
-from vve_sumo.vehicle.setpoint_validation import Debounce, SetpointValidator
+from vve_sumo.vehicle.setpoint_validation import Debounce
 from vve_sumo.vehicle.standstill import WHEEL_REST
 
 MAX_STEP: Final = 2.0  # periods; a longer one is a fault, and rates count no more than this
@@ -75,21 +75,6 @@ _HELPLESS: Final = frozenset({"brake_disabled", "brake_not_following", "override
 _MOTION_UNHEARD: Final = frozenset({"brake_report_stale", "bus_down", "wheel_speeds_stale"})
 
 
-class OperatorCommand(enum.StrEnum):
-    """A deliberate command of the operator."""
-
-    ENGAGE = "engage"  #: take the car over at rest, and hold it
-    GO = "go"  #: let it move
-    STOP = "stop"
-    STOP_BY_PAGE = "stop_by_page"  #: whoever has the page in a browser asks to stop; nobody knows who that is
-    END = "end"  #: the drive is over: bring the car to rest
-    DISARM = "disarm"
-
-
-#: Commands that stop the car, whoever gives them.
-STOPS: Final = frozenset({OperatorCommand.STOP, OperatorCommand.STOP_BY_PAGE})
-
-
 class GatewayOutput(NamedTuple):
     """Result of one step of the gateway."""
 
@@ -101,7 +86,7 @@ class GatewayOutput(NamedTuple):
 _Command = tuple[Pedals, float, float, tuple[str, ...]]
 
 
-class Gateway(Monitor):
+class Gateway:
     """Turns setpoints into command frames once a `period` [s] while there is no fault; otherwise stops the car.
 
     Each step calls the `interface`'s encode exactly once. When nothing steps the gateway, the interface's counters
@@ -123,7 +108,10 @@ class Gateway(Monitor):
         wheel_bias: float = 0.0,
     ) -> None:
         interface = interface or load(DEFAULT)
-        super().__init__(vehicle, calibration, interface, wheel_bias)
+        self.monitor = Monitor(vehicle, calibration, interface, wheel_bias)
+        self._reports, self._standstill = self.monitor.reports, self.monitor.standstill
+        self._arming = ArmingMachine(PARK_TIME, self._changed)
+        self._ratio, self._wheel_bias = vehicle.steering_ratio, wheel_bias
         self._limits = limits or Limits()
         self._period = period
         self._interface = interface
@@ -144,9 +132,9 @@ class Gateway(Monitor):
         self._engagement = Engagement(
             vehicle.steering_rate_limit * (vehicle.steering_delay + vehicle.steering_lag), shadow=shadow
         )
-        self._parked_long = Debounce(PARK_TIME)
         self._uncertain_long = Debounce(UNCERTAIN_TIME)
 
+        self._last_now = math.nan
         self._elapsed = 0.0  # since the last step, bounded [s]
         self._last_pedals = Pedals(0.0, 0.0)  # at the last step
         self._fastest = math.nan  # largest speed by wheels or receiver, of a commanded car [m/s]; NaN where not known
@@ -172,25 +160,32 @@ class Gateway(Monitor):
         the car's bus since the last step, in order; `act` is the operator's command since then; `found` are reason
         codes of what the caller found wrong, each of which is a fault even if this module does not know the code.
         """
-        self._notes = ["shadow"] if self._shadow else []
+        arming, shadow = self._arming, self._shadow
         self._clear = False
         faults = self._watch(now, setpoint, reports)
         faults += found
-        before = self._state
-        if self._state in COMMANDING:
+        notes = self.monitor.notes
+        arming.begin_step(
+            ["shadow", *notes] if shadow else notes, frozenset() if shadow else self._reports.overrides()
+        )  # fmt: skip
+        if arming.state in COMMANDING:
             self._judge_commanded(now, faults)
         else:
             self._judge_idle(now, faults)
-        if act is not None and (self._state is before or self._state is not ArmingState.FAULT):
-            # A command given in the state before must not acknowledge a fault that nobody has seen yet.
-            self._apply_command(now, act)
+        if act is not None:
+            self._obey(act)
         return self._encode(now)
+
+    @property
+    def done(self) -> bool:
+        """Whether a drive is over: it was begun and ended, and the car stands, or nothing has moved for long."""
+        return self._arming.ended and self.monitor.at_ease
 
     # Observation: nothing in this section changes the arming state.
 
     def _watch(self, now: float, setpoint: Setpoint | None, frames: Sequence[Frame]) -> list[str]:
         """Reason codes of the faults that are looked for in every arming state."""
-        reports = self._reports
+        reports, monitor, state = self._reports, self.monitor, self._arming.state
         faults = reports.take(now, frames)
         gap = now - self._last_now
         # Time that stands still or runs backwards is a fault too. The first step has no gap: NaN fails the comparisons.
@@ -200,42 +195,43 @@ class Gateway(Monitor):
         self._last_now = now
         self._elapsed = (gap if gap < longest else longest) if gap > 0.0 else 0.0
         self._driver = [] if self._shadow else reports.driver()
-        taken = self._validator.setpoint
-        faults += self._look(now, setpoint)
-        commanded = self._state in COMMANDING and not self._shadow
+        faults += monitor.look(now, setpoint)
+        if setpoint is not None and monitor.fresh:
+            self._take_fallback_path(now, setpoint)
+        idle = state not in COMMANDING
+        commanded = not (idle or self._shadow)
         limiter, steered = self._limiter, commanded and self._engagement.enabled
-        faults += self._compare(
+        faults += monitor.compare(
             now,
             self._elapsed,
-            fresh=self._validator.setpoint is not taken,
+            idle=idle,
             braking=-limiter.acceleration if commanded else None,
             steering=limiter.steering if steered else math.nan,
         )
         standstill = self._standstill
-        self._let_go = self._let_go_long.step(now, self._state not in COMMANDING and not standstill.moves)
         # Wheel speeds of zero while standstill is not certain give no distance driven.
         believed = standstill.certain or not reports.fastest_wheel < WHEEL_REST
-        self._fallback_tracker.move(gap, self._speed if believed else math.nan)
+        self._fallback_tracker.move(gap, monitor.speed if believed else math.nan)
         if steered:
             faults += self._response_monitor.step(
                 now,
                 self._elapsed,
                 self._last_pedals,
-                self._reports,
-                (self._speed, self._satellite_speed),
+                reports,
+                (monitor.speed, monitor.satellite_speed),
                 self._grade(),
                 standstill=standstill,
-                going=self._state is _ENGAGED and self._engagement.going,
+                going=self._arming.going,
             )
         else:
             self._response_monitor.reset()
         return faults
 
-    def _accept(self, now: float, setpoint: Setpoint) -> None:
+    def _take_fallback_path(self, now: float, setpoint: Setpoint) -> None:
         """Follow the fallback path of an accepted setpoint from now on."""
         # Where the path of an expired setpoint begins, seen from the car, is not known. A setpoint with faults may
         # have no path: the path of an earlier setpoint is then better than none.
-        if self._validator.valid(now) and (
+        if self.monitor.validator.valid(now) and (
             not setpoint.faults or resolve_fallback_path(setpoint.fallback_path) is not None
         ):
             self._fallback_tracker.take(now - setpoint.time, setpoint.fallback_path)
@@ -243,11 +239,7 @@ class Gateway(Monitor):
     def _missing(self, now: float) -> list[str]:
         """Reason codes of unmet conditions for engaging, apart from faults."""
         reports = self._reports
-        missing = []
-        if not self._validator.valid(now):
-            missing.append("no_setpoint")
-        if not self._standstill.certain:
-            missing.append("not_standing")
+        missing = self.monitor.missing(now)
         if reports.gear.gear not in (Gear.PARK, Gear.DRIVE):
             missing.append("gear_not_park_or_drive")
         if reports.any_enabled():
@@ -260,7 +252,7 @@ class Gateway(Monitor):
 
     def _progress(self, now: float) -> list[str]:
         """Reason codes of the commands that the car does not follow."""
-        if self._state is not _ENGAGED:
+        if self._arming.state is not _ENGAGED:
             return self._engagement.dropped_out(self._reports)
         measured = (self._reports.steering.wheel_angle - self._wheel_bias) / self._ratio
         return self._engagement.follow(now, self._reports, self._limiter.steering - measured)
@@ -268,76 +260,62 @@ class Gateway(Monitor):
     # Consequences: arming events and operator commands.
 
     def _judge_idle(self, now: float, faults: list[str]) -> None:
+        arming = self._arming
         latching = [code for code in faults if code in _LATCHING]
         if latching:
-            self._apply_event(now, ArmingEvent.FAULT, latching)
-        if self._state is ArmingState.FAULT:
-            taken = "driver_override" in self._causes
-            attended = self._attended_long.step(now, self._reports.attended(now))
-            alone = taken and self._standstill.may_move and not attended
-            if self._unattended_long.step(now, alone and self._has_been_engaged):
-                self._notes.append("driver_needed")
+            arming.apply(ArmingEvent.FAULT, latching)
+        if arming.state is not ArmingState.FAULT:
+            arming.judge_idle(faults + self._missing(now))
             return
-        missing = faults + self._missing(now)
-        self._apply_event(now, ArmingEvent.CONDITIONS_LOST if missing else ArmingEvent.CONDITIONS_MET, [])
-        self._notes += missing
+        attended = self._attended_long.step(now, self._reports.attended(now))
+        alone = "driver_override" in arming.causes and self._standstill.may_move and not attended
+        if self._unattended_long.step(now, alone and arming.ended):
+            arming.notes.append("driver_needed")
 
     def _judge_commanded(self, now: float, faults: list[str]) -> None:
-        overrides: frozenset[str] = frozenset() if self._shadow else self._reports.overrides()
-        # An override latched before engaging does not count until the CLEAR sent on engaging has reset it. Once the
-        # DBW controller has confirmed and its handshake time is over, every latched override counts.
-        self._old_overrides = frozenset() if self._engagement.settled(now) else self._old_overrides & overrides
-        overrides -= self._old_overrides
+        arming, standstill = self._arming, self._standstill
+        # The CLEAR sent on engaging resets older overrides. Once the DBW controller has confirmed and its handshake
+        # time is over, every latched override counts.
+        overrides = arming.new_overrides(self._engagement.settled(now))
         if overrides:
             if self._foot_inferred or any(map(self._confirmed, overrides)):
-                self._apply_event(now, ArmingEvent.OVERRIDE, ["driver_override", *faults])
+                arming.apply(ArmingEvent.OVERRIDE, ["driver_override", *faults])
                 return
             # The word of one module alone, which may be wrong: a car that nobody brakes must not be let go.
             faults.append("override_unconfirmed")
-        if self._driver or self._foot_inferred:
-            self._judge_foot(now)
+        arming.judge_foot([*self._driver, "driver_inferred"] if self._foot_inferred else self._driver)
         self._fastest = self._largest_speed()
         if self._limiter.too_fast(self._fastest):
             faults.append("speed_above_limit")
         faults += self._progress(now)
-        if faults:
-            self._apply_event(now, ArmingEvent.FAULT, faults)
-        if self._state is _ENGAGED and not self._validator.valid(now):
-            self._apply_event(now, ArmingEvent.EXPIRED, ["setpoint_expired"])
-        self._judge_rest(now)
+        arming.judge(
+            now,
+            faults,
+            expired=not self.monitor.validator.valid(now),
+            at_rest=standstill.at_rest,
+            parked=standstill.certain and self._reports.in_park(now),
+        )
+        self._judge_standstill(now)
         self._call_the_driver("brake" in overrides, faults)
 
     @property
     def _foot_inferred(self) -> bool:
         """Whether the car brakes as under a foot; where somebody else commands its brakes, that says nothing."""
-        return self._response_monitor.driver_inferred and "another_writer" not in self._causes
+        return self._response_monitor.driver_inferred and "another_writer" not in self._arming.causes
 
-    def _judge_foot(self, now: float) -> None:
-        """Stop a car under way on whose pedals the driver's foot is."""
-        under_way = self._state is _STOPPING or (self._state is _ENGAGED and self._engagement.going)
-        signs = [*self._driver, "driver_inferred"] if self._foot_inferred else self._driver
-        if under_way:
-            self._apply_event(now, ArmingEvent.DRIVER, signs)
-
-    def _judge_rest(self, now: float) -> None:
-        """Apply that the car stands, or is parked; call the driver where it is not certain that it stands."""
+    def _judge_standstill(self, now: float) -> None:
+        """Call the driver where it is not certain that the car stands."""
         standstill = self._standstill
-        if standstill.at_rest:
-            self._apply_event(now, ArmingEvent.AT_REST, [])
-        stopped = self._state is _STOPPED
-        if self._parked_long.step(now, stopped and standstill.certain and self._reports.in_park(now)):
-            self._apply_event(now, ArmingEvent.PARKED, [])
         doubted = self._reports.fastest_wheel < WHEEL_REST and not standstill.certain
         # A car that pulls away after a long stand contradicts for a moment: the receiver sees slow motion as rest.
-        pulls_away = self._state is _ENGAGED and self._engagement.going
-        if self._uncertain_long.step(now, doubted) or (standstill.contradicted and not pulls_away):
-            self._notes += ["standstill_uncertain", "driver_needed"]
+        if self._uncertain_long.step(now, doubted) or (standstill.contradicted and not self._arming.going):
+            self._arming.notes += ["standstill_uncertain", "driver_needed"]
 
     def _confirmed(self, override: str) -> bool:
         """Whether something besides its own word confirms a module's override."""
         if override == "gear":
             # The gateway itself asks for drive before, and for park at rest.
-            gear, asked = self._reports.gear.gear, Gear.PARK if self._state is _STOPPED else Gear.DRIVE
+            gear, asked = self._reports.gear.gear, Gear.PARK if self._arming.state is _STOPPED else Gear.DRIVE
             return self._engagement.in_drive and gear not in (Gear.DRIVE, asked)
         return self._reports.confirmed(override)
 
@@ -345,84 +323,52 @@ class Gateway(Monitor):
         """Note that the gateway has no brakes, or does not hear the car, or that the car rolls though it is held."""
         if self._shadow:
             return
+        arming = self._arming
         latched = self._response_monitor.brakes_latched or brake_overridden
         if latched:
-            self._notes.append("brakes_latched")
+            arming.notes.append("brakes_latched")
         # A car that is said to stand, and is not known to, may roll.
-        helpless = latched or self._state is _STOPPED or not _HELPLESS.isdisjoint(self._causes)
-        helpless |= self._state is not _ENGAGED and not _MOTION_UNHEARD.isdisjoint(faults)
-        if helpless and not self._standstill.certain and "driver_needed" not in self._notes:
-            self._notes.append("driver_needed")
+        helpless = latched or arming.state is _STOPPED or not _HELPLESS.isdisjoint(arming.causes)
+        helpless |= arming.state is not _ENGAGED and not _MOTION_UNHEARD.isdisjoint(faults)
+        if helpless and not self._standstill.certain and "driver_needed" not in arming.notes:
+            arming.notes.append("driver_needed")
 
     def _steering_speed(self) -> float:
         """Speed at which steering is limited [m/s]: the wheels', or the receiver's where wheels say far too little."""
-        wheels, satellite = self._reports.speed, self._satellite_speed
+        wheels, satellite = self._reports.speed, self.monitor.satellite_speed
         return satellite if satellite > wheels + WHEELS_TOO_SLOW else wheels
 
     def _largest_speed(self) -> float:
         """Largest speed that wheels or receiver report [m/s]; NaN where neither is known."""
-        wheels, satellite = abs(self._speed), abs(self._satellite_speed)
+        wheels, satellite = abs(self.monitor.speed), abs(self.monitor.satellite_speed)
         return wheels if wheels >= satellite or satellite != satellite else satellite
 
-    def _apply_command(self, now: float, act: OperatorCommand) -> None:
-        match act:
-            case OperatorCommand.ENGAGE:
-                self._apply_event(now, ArmingEvent.ENGAGE, [])
-            case OperatorCommand.GO if self._state is ArmingState.ENGAGED and self._engagement.going:
-                pass
-            case OperatorCommand.GO if self._may_go():
-                self._apply_event(now, ArmingEvent.GO, [])
-                self._engagement.going = True
-            case OperatorCommand.GO:
-                self._notes.append("go_too_early")
-            case OperatorCommand.STOP:
-                self._apply_event(now, ArmingEvent.STOP, ["stop_asked"])
-            case OperatorCommand.STOP_BY_PAGE:
-                self._apply_event(now, ArmingEvent.STOP, ["stop_asked_by_page"])
-            case OperatorCommand.END:
-                self._apply_event(now, ArmingEvent.STOP, ["drive_over"])
-            case OperatorCommand.DISARM if self._state is ArmingState.STOPPED:
-                # Without brakes a car in drive creeps away, and the DBW watchdog brakes when EN drops in gear.
-                self._notes.append("not_in_park")
-            case OperatorCommand.DISARM:
-                self._apply_event(now, ArmingEvent.DISARM, ["disarm_asked"])
-
-    def _may_go(self) -> bool:
-        """Whether a held car may be allowed to move: never without brakes."""
-        held = self._state is _ENGAGED and not self._response_monitor.brakes_latched
-        return held and self._engagement.may_go(self._driver)
-
-    def _apply_event(self, now: float, event: ArmingEvent, causes: list[str]) -> None:
-        """Apply `event` to the arming state, and keep the causes of what ends the drive."""
-        before, after = self._state, transition(self._state, event)
-        self._state = after
-        if after is ArmingState.FAULT and before not in COMMANDING and before is not after:
-            self._causes.clear()  # why the drive before ended is another story
-        if before in COMMANDING or after is ArmingState.FAULT:
-            self._causes.update(dict.fromkeys(causes))
-        if after is before:
+    def _obey(self, act: OperatorCommand) -> None:
+        if act is OperatorCommand.DISARM and self._arming.state is _STOPPED:
+            # Without brakes a car in drive creeps away, and the DBW watchdog brakes when EN drops in gear.
+            self._arming.notes.append("not_in_park")
             return
-        if after is ArmingState.ENGAGED:
-            self._engage(now)
-        elif after is ArmingState.STOPPING:
+        # A held car is never let go without brakes.
+        may_go = not self._response_monitor.brakes_latched and self._engagement.may_go(self._driver)
+        self._arming.obey(act, may_go)
+
+    def _changed(self, event: ArmingEvent) -> None:
+        """Do with the car what follows from a change of the arming state."""
+        state = self._arming.state
+        if state is _ENGAGED:
+            self._engage()
+        elif state is _STOPPING:
             self._begin_stop()
         elif event is ArmingEvent.DISARM or event is ArmingEvent.PARKED:
-            # The next drive may have another controller, whose sequence numbers start from zero again.
-            self._validator = SetpointValidator()
+            self.monitor.forget_setpoints()
             self._fallback_tracker.take(0.0, None)  # no path outlives the drive that it was worked out for
-            if event is ArmingEvent.DISARM:
-                self._causes.clear()
 
-    def _engage(self, now: float) -> None:
-        self._causes.clear()
-        self._has_been_engaged = True
-        self._engagement.begin(now)
-        self._parked_long.reset()
+    def _engage(self) -> None:
+        self._engagement.begin(self._last_now)
         self._followed = None
         self._clear = True
         self._response_monitor.engage()
         self._unattended_long.reset()
-        self._old_overrides = self._reports.overrides()
         self._limiter.reset(0.0, self._measured_steering())
         self._actuation.reset()
 
@@ -445,7 +391,7 @@ class Gateway(Monitor):
             self._stop_jerk = max(self._stop_jerk, emergency.jerk)
 
     def _measured_steering(self) -> float:
-        angle = self.measured_steering
+        angle = self.monitor.measured_steering
         if angle != angle:
             return 0.0
         return clamp(angle, -self._steering_limit, self._steering_limit)
@@ -459,7 +405,7 @@ class Gateway(Monitor):
             torque = self._torque_limit
             pedals = Pedals(torque, throttle)
         self._last_pedals = pedals
-        enable = self._state in COMMANDING and not self._shadow
+        enable = self._arming.state in COMMANDING and not self._shadow
         wheel_limit = self._wire.wheel_angle_limit
         wheel_angle = clamp(steering * self._ratio + self._wheel_bias, -wheel_limit, wheel_limit)
         clear = self._clear and not self._shadow
@@ -467,8 +413,8 @@ class Gateway(Monitor):
             ActuationCommand(torque, throttle, wheel_angle, self._wheel_rate, self._gear_wish(), enable, clear)
         )
         status = GatewayStatus(
-            state=self._state,
-            reasons=tuple(dict.fromkeys([*self._causes, *self._notes])) if self._causes or self._notes else (),
+            state=self._arming.state,
+            reasons=self._arming.reasons,
             steering=steering,
             acceleration=acceleration,
             limited=limited,
@@ -478,13 +424,13 @@ class Gateway(Monitor):
         return GatewayOutput(status, frames)
 
     def _command(self, now: float) -> _Command:
-        setpoint = self._validator.setpoint
-        if self._state is _ENGAGED:
-            if self._engagement.going and setpoint is not None:
+        setpoint, arming = self.monitor.validator.setpoint, self._arming
+        if arming.state is _ENGAGED:
+            if arming.going and setpoint is not None:
                 return self._follow(setpoint)
-            self._notes += self._engagement.waits_for(self._driver)
+            arming.notes += self._engagement.waits_for(self._driver)
             return self._wait()
-        if self._state in COMMANDING:
+        if arming.state in COMMANDING:
             return self._stop(now)
         return Pedals(0.0, 0.0), 0.0, self._measured_steering(), ()
 
@@ -507,10 +453,10 @@ class Gateway(Monitor):
 
     def _stop(self, now: float) -> _Command:
         limits, limiter = self._limits, self._limiter
-        if self._validator.valid(now):
-            self._apply_emergency(self._validator.setpoint)
-        weak = "brake_not_following" in self._causes
-        critical = not CRITICAL.isdisjoint(self._causes)
+        if self.monitor.validator.valid(now):
+            self._apply_emergency(self.monitor.validator.setpoint)
+        weak = "brake_not_following" in self._arming.causes
+        critical = not CRITICAL.isdisjoint(self._arming.causes)
         jerk = max(self._stop_jerk, limits.critical_jerk if critical else 0.0)
         requested = max(self._stop_deceleration, limits.critical_deceleration if critical else 0.0)
         if weak:
@@ -542,12 +488,12 @@ class Gateway(Monitor):
     def _speed_believed(self, now: float) -> bool:
         """Whether the wheel speeds are known, above rest and not in doubt."""
         moving = self._reports.speed_known(now) and not self._reports.fastest_wheel < WHEEL_REST
-        return moving and _SPEED_UNKNOWN.isdisjoint(self._causes)
+        return moving and _SPEED_UNKNOWN.isdisjoint(self._arming.causes)
 
     def _steer_to_rest(self) -> tuple[str, ...]:
         """Steer along the fallback path while there is one; names of the limits that changed it."""
-        angle = None
-        if self._state is ArmingState.STOPPING and not self._standstill.certain and _ASTRAY.isdisjoint(self._causes):
+        angle, arming = None, self._arming
+        if arming.state is _STOPPING and not self._standstill.certain and _ASTRAY.isdisjoint(arming.causes):
             angle = self._fallback_tracker.steering()
         if angle is not None:
             self._held_steering = None
@@ -560,14 +506,14 @@ class Gateway(Monitor):
         return self._limiter.steer(self._held_steering, self._steering_speed(), self._elapsed)
 
     def _grade(self) -> float:
-        return 0.0 if self._validator.setpoint is None else self._validator.setpoint.grade
+        return 0.0 if self.monitor.validator.setpoint is None else self.monitor.validator.setpoint.grade
 
     def _gear_wish(self) -> Gear:
         if self._shadow or not self._standstill.certain:
             return _NO_GEAR
-        if self._state is _STOPPED:
+        if self._arming.state is _STOPPED:
             # A car that rolled a moment ago may only seem to stand.
             return Gear.PARK if self._standstill.settled else _NO_GEAR
-        if self._state is _ENGAGED and self._engagement.enabled and not self._engagement.in_drive:
+        if self._arming.state is _ENGAGED and self._engagement.enabled and not self._engagement.in_drive:
             return Gear.DRIVE
         return _NO_GEAR

@@ -1,6 +1,6 @@
 """The files of the page, and the page with all of them and its data in one file.
 
-Knows the files in `web/`, and uPlot where the report room ships it; nothing of drives.
+Knows the files in `web/`, and uPlot; nothing of drives.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from functools import cache
 from importlib import resources
 from typing import Any, Final, NamedTuple
 
-from vve_sumo.report.assets import LIBRARY, LIBRARY_LICENCE, LIBRARY_STYLE
+from vve_sumo import uplot
 
 #: kinds of the page's files, by their endings
 KINDS: Final = {
@@ -21,8 +21,8 @@ KINDS: Final = {
     ".css": "text/css; charset=utf-8",
     ".js": "text/javascript; charset=utf-8",
 }
-#: files that lie with the report's page
-LENT: Final = {"uplot.js": LIBRARY, "uplot.css": LIBRARY_STYLE, "uplot.txt": LIBRARY_LICENCE}
+#: files of uPlot, by the names that the page knows them by
+LENT: Final = {"uplot.js": uplot.SCRIPT, "uplot.css": uplot.STYLE, "uplot.txt": uplot.LICENCE}
 #: modules of the page in the order in which each finds what it needs before it
 MODULES: Final = (
     "elements.js",
@@ -71,7 +71,7 @@ def file(name: str) -> File | None:
 @cache
 def _read(name: str) -> File:
     if name in LENT:
-        text = (resources.files("vve_sumo.report") / "templates" / LENT[name]).read_bytes()
+        text = uplot.read(LENT[name]).encode()
     else:
         text = (resources.files(__package__) / "web" / name).read_bytes()
     return File(text, KINDS.get(name[name.rindex(".") :], "text/plain; charset=utf-8"))

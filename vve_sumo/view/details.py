@@ -1,4 +1,4 @@
-"""What of a record takes longer to compute than opening it may: gaps, actors without a return, and the lot.
+"""What of a record takes longer to compute than opening it may: gaps, actors that a sensor did not see, and the lot.
 
 A second file of columns in the form of `frames`. Knows records; nothing of pages or servers.
 """
@@ -8,19 +8,22 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vve_sumo.analysis.run import Run
+from vve_sumo.analysis.sensed import SensedTable, pose_at
 from vve_sumo.metrics.lead_vehicle import index_of_tick
-from vve_sumo.values import Actors, FallbackPath, Floats, Point, Pose, Setpoint, resolve_fallback_path
+from vve_sumo.values import Actors, FallbackPath, Point, Pose, Setpoint, resolve_fallback_path
 from vve_sumo.vehicle import link
-from vve_sumo.view.frames import Column, Frames, coded, pack, radar_scans
+from vve_sumo.view.frames import Column, Frames, pack
 from vve_sumo.view.lot_view import LotView
-from vve_sumo.view.scene import VERSION, radar_of, rig_of
-from vve_sumo.view.sight import FieldOfView, Why, unseen
+from vve_sumo.view.scene import VERSION, rig_of
+from vve_sumo.view.sight import Look, Why
 
 #: ticks from one footprint to the next; the page shows each for at most FOOTPRINT_LIFE ticks
 FOOTPRINT_STEP: Final = 10
+
+#: the reasons, as the file numbers them
+WHY: Final = [why.value for why in Why]
 
 _ACTOR_COLUMNS: Final = (
     "x_m",
@@ -35,7 +38,7 @@ _ACTOR_COLUMNS: Final = (
 
 
 class _Unseen(NamedTuple):
-    """Actors without a return: rows of scan k from first[k] to first[k + 1]."""
+    """Actors that a sensor did not see: rows of reading k from first[k] to first[k + 1]."""
 
     first: list[int]
     code: list[int]
@@ -44,46 +47,36 @@ class _Unseen(NamedTuple):
 
 def details(run: Run) -> bytes:
     """Return the file of a record's details."""
-    found, why = _unseen(run), coded([])
-    why = coded(found.why) if found.why else why
-    columns: dict[str, Column] = {
-        "gap": run.data.strip_lead.gap.astype(np.float32),
-        "unseen_first": np.array(found.first, np.int32),
-        "unseen_code": np.array(found.code, np.int32),
-        "unseen_why": why.codes,
-        **_lot_columns(run),
-    }
-    texts = {"why": why.texts or [Why.OCCLUDED.value]}
-    return pack(columns, {"version": VERSION, "texts": texts})
-
-
-def _unseen(run: Run) -> _Unseen:
-    scans, view = radar_scans(run), FieldOfView.of(radar_of(run.resolved), run.vehicle)
-    pose = _pose_at(run, scans.measured)
+    columns: dict[str, Column] = {"gap": run.data.strip_lead.gap.astype(np.float32), **_lot_columns(run)}
     looks = _looks(run)
+    for number, table in enumerate(run.sensed.values()):
+        found = _unseen(run, table, looks)
+        columns |= {
+            f"unseen{number}_first": np.array(found.first, np.int32),
+            f"unseen{number}_code": np.array(found.code, np.int32),
+            f"unseen{number}_why": np.array([WHY.index(why) for why in found.why], np.int32),
+        }
+    return pack(columns, {"version": VERSION, "texts": {"why": WHY}})
+
+
+def _unseen(run: Run, table: SensedTable, looks: dict[int, Actors]) -> _Unseen:
+    """Return the actors that a sensor did not see; none of one that declares no field of view, or names no actor."""
+    view = table.drawing.view
+    if view is None or table.actors is None:
+        return _Unseen([0] * (len(table.at) + 1), [], [])
+    look, pose, detected = Look(view), pose_at(run, table.measured), table.seen()
     codes = {name: code for code, name in enumerate(run.data.actor_rows.names)}
-    detected = _detected(run, scans.at)
     found = _Unseen([0], [], [])
-    measured_at = np.clip(np.searchsorted(run.time, scans.measured - 0.5 * run.period), 0, len(run.time) - 1)
-    for scan, at in enumerate(measured_at.tolist()):
-        x, y, heading = pose[:, scan].tolist()
+    measured_at = np.clip(np.searchsorted(run.time, table.measured - 0.5 * run.period), 0, len(run.time) - 1)
+    for reading, at in enumerate(measured_at.tolist()):
+        x, y, heading = pose[:, reading].tolist()
         actors = looks.get(at)
         if actors is not None and np.isfinite(x + y + heading):
-            missing = unseen(view.antenna(x, y, heading), actors, detected[scan], view)
+            missing = look.unseen((x, y, heading), actors, detected[reading])
             found.code.extend(codes[name] for name in missing)
             found.why.extend(why.value for why in missing.values())
         found.first.append(len(found.code))
     return found
-
-
-def _pose_at(run: Run, time: Floats) -> Floats:
-    """Return rows x, y, heading of the rear axle as the drive's pipeline had it at these times."""
-    known = np.isfinite(run.data.column("x_m"))
-    if not known.any():
-        return np.full((3, len(time)), np.nan)
-    names = ("x_m", "y_m", "heading_rad")
-    x, y, heading = (run.data.column(name)[known] for name in names)
-    return np.array([np.interp(time, run.time[known], values) for values in (x, y, np.unwrap(heading))])
 
 
 def _looks(run: Run) -> dict[int, Actors]:
@@ -99,17 +92,6 @@ def _looks(run: Run) -> dict[int, Actors]:
         for tick, begin, end in zip(ticks.tolist(), begins.tolist(), ends.tolist(), strict=True)
         if tick >= 0
     }
-
-
-def _detected(run: Run, scans: NDArray[np.int64]) -> list[frozenset[str]]:
-    """Return the actors that each scan detected."""
-    table = run.arrow("sensor_radar")
-    at = index_of_tick(run.arrow("ticks"), table)
-    names = table["actor"].to_pylist()
-    by_tick: dict[int, set[str]] = {}
-    for tick, name in zip(at.tolist(), names, strict=True):
-        by_tick.setdefault(tick, set()).add(name)
-    return [frozenset(by_tick.get(tick, ())) for tick in scans.tolist()]
 
 
 def _lot_columns(run: Run) -> dict[str, Column]:

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from vve_sumo.analysis.run import Run
-from vve_sumo.metrics.lead_vehicle import index_of_tick
-from vve_sumo.view.words import state_in_words
+from vve_sumo.view.words import detection_in_words, state_in_words
 
 #: a change of the gateway's reasons is listed no more often than this [s]
 MIN_SPACING = 0.2
@@ -61,17 +60,11 @@ def _contacts(run: Run) -> list[dict[str, Any]]:
 
 
 def _detections(run: Run) -> list[dict[str, Any]]:
-    """The radar's first detection of every actor."""
-    table = run.arrow("sensor_radar")
-    at = index_of_tick(run.arrow("ticks"), table)
-    actors, ranges = table["actor"].to_pylist(), table["range_m"].to_pylist()
-    seen: dict[str, int] = {}
-    for row, name in enumerate(actors):
-        if name and at[row] >= 0:
-            seen.setdefault(name, row)
+    """Each sensor's first detection of every actor."""
     return [
-        _event(run.time[at[row]], "detection", f"radar first detects {name} at {ranges[row]:.1f} m")
-        for name, row in seen.items()
+        _event(first.time, "detection", detection_in_words(name, first.actor, first.range))
+        for name, table in run.sensed.items()
+        for first in table.first_sights()
     ]
 
 

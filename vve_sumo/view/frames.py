@@ -18,17 +18,16 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vve_sumo.analysis.bodies import declared_kinds, kind_of
 from vve_sumo.analysis.run import Run
 from vve_sumo.drive.assembly import LotAlignment
-from vve_sumo.drive.latency_monitor import DATAGRAM
-from vve_sumo.export.bodies import declared_kinds, kind_of
 from vve_sumo.metrics.lead_vehicle import index_of_tick
+from vve_sumo.record.latencies import DATAGRAM
 from vve_sumo.record.layout import COMMANDED
 from vve_sumo.record.signals import read_signals
 from vve_sumo.values import Floats
 from vve_sumo.view.events import events_of
 from vve_sumo.view.scene import VERSION, body, scene_of
-from vve_sumo.view.sight import return_points
 from vve_sumo.view.words import reasons_in_words, state_in_words, verdict_of
 
 MAGIC: Final = b"VVEF"
@@ -74,7 +73,7 @@ class Frames:
     @cached_property
     def columns(self) -> dict[str, Column]:
         """Every column by its name."""
-        return {**self._ego, **self._codes, **self._actors, **self._returns, **self._commanded}
+        return {**self._ego, **self._codes, **self._actors, **self._sensed, **self._commanded}
 
     @cached_property
     def texts(self) -> dict[str, list[str]]:
@@ -191,39 +190,24 @@ class Frames:
         }
 
     @property
-    def _returns(self) -> dict[str, Column]:
-        """Scans of the radar: tick of each, and its returns, those of scan k from return_first[k] on."""
-        run, scans = self._run, radar_scans(self._run)
-        table = run.arrow("sensor_radar")
-        number = table["tick"].to_numpy()
-        ticks = run.arrow("ticks")["tick"].to_numpy()
-        scan = np.searchsorted(ticks[scans.at], number)
-        front = self._front(scans.measured)[:, scan]
-        x, y = return_points(front[0], front[1], front[2], table["range_m"].to_numpy(), table["azimuth_rad"].to_numpy())
+    def _sensed(self) -> dict[str, Column]:
+        """Sensors' readings, sensor n's as `sensed{n}_...`: tick of each; its rows, from first[k] on, in the map."""
         known = {name: code for code, name in enumerate(self._names)}
-        actor = [known.get(name, -1) for name in table["actor"].to_pylist()]
-        return {
-            "scan_tick": scans.at.astype(np.int32),
-            "scan_measured": _single(scans.measured),
-            "return_first": np.searchsorted(number, np.append(ticks[scans.at], np.iinfo(np.int64).max)).astype(
-                np.int32
-            ),
-            "return_x": _single(x),
-            "return_y": _single(y),
-            "return_code": np.array(actor, np.int32),
-        }
-
-    def _front(self, time: Floats) -> Floats:
-        """Pose of the middle of the front bumper at these times: rows x, y, heading, as the drive's pipeline had it."""
-        run = self._run
-        known = np.isfinite(run.data.column("x_m"))
-        names = ("x_m", "y_m", "heading_rad")
-        x, y, heading = (run.data.column(name)[known] for name in names)
-        if not len(x):
-            return np.full((3, len(time)), np.nan)
-        x, y, heading = (np.interp(time, run.time[known], values) for values in (x, y, np.unwrap(heading)))
-        ahead = run.vehicle.rear_axle_to_bumper
-        return np.array([x + ahead * np.cos(heading), y + ahead * np.sin(heading), heading])
+        found: dict[str, Column] = {}
+        for number, table in enumerate(self._run.sensed.values()):
+            actors = ["" for _ in table.range] if table.actors is None else table.actors
+            own: dict[str, Column] = {
+                "tick": table.at.astype(np.int32),
+                "measured": _single(table.measured),
+                "first": table.first.astype(np.int32),
+                "code": np.array([known.get(name, -1) for name in actors], np.int32),
+            }
+            shapes = table.shapes._asdict()
+            if table.drawing.shape == "points":
+                shapes = {"x": table.shapes.x, "y": table.shapes.y}
+            own |= {name: _single(values) for name, values in shapes.items() if values is not None}
+            found |= {f"sensed{number}_{name}": values for name, values in own.items()}
+        return found
 
     def _bodies(self) -> dict[str, Any]:
         run, rows = self._run, self._run.data.actor_rows
@@ -249,22 +233,6 @@ _TICK_COLUMNS: Final = (
     "s_m",
     "estimated_deviation_m",
 )
-
-
-class Scans(NamedTuple):
-    """The scans of a record's radar."""
-
-    at: NDArray[np.int64]  #: index of the tick at which each came out, rising
-    measured: Floats  #: drive time at which it was measured [s]
-
-
-def radar_scans(run: Run) -> Scans:
-    """Return the scans of a record's radar, also those without a return."""
-    readings = run.arrow("readings")
-    own = np.array([name == "radar" for name in readings["sensor"].to_pylist()], bool)
-    at = index_of_tick(run.arrow("ticks"), readings)
-    own &= at >= 0
-    return Scans(at[own], readings["measured_s"].to_numpy()[own])
 
 
 def pack(columns: dict[str, Column], head: dict[str, Any]) -> bytes:

@@ -7,22 +7,24 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 
+from vve_sumo.analysis.bodies import declared_kinds, kind_of
 from vve_sumo.drive.reasons import in_words
-from vve_sumo.export.bodies import declared_kinds, kind_of
-from vve_sumo.frames import move_point
 from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
-from vve_sumo.values import Actors, CommandedPath, Floats, GatewayStatus, Point, Pose
+from vve_sumo.record.drawings import drawings_of
+from vve_sumo.sensors.drawing import Drawing, placed, quantities, ranges
+from vve_sumo.values import Actors, CommandedPath, Floats, GatewayStatus, Pose
 from vve_sumo.view.lot_view import LotView
-from vve_sumo.view.sample import ScanView, ViewSample
-from vve_sumo.view.scene import body, finite, path_of, radar_of, rig_of, vehicle_of
-from vve_sumo.view.sight import FieldOfView, return_points, unseen
+from vve_sumo.view.sample import ReadingView, ViewSample
+from vve_sumo.view.scene import body, finite, path_of, rig_of, vehicle_of
+from vve_sumo.view.sight import Look
+from vve_sumo.view.words import detection_in_words
 
-#: samples that are kept to find what a scan looked at: a radar's latency is at most a second
+#: samples that are kept to find what a reading looked at: the radar's latency is at most a second
 MAX_KEPT: Final = 60
 #: between two footprints [s]: each takes a few milliseconds
 FOOTPRINT_PERIOD: Final = 0.2
@@ -41,17 +43,18 @@ class LiveFrames:
     def __init__(self, resolved: Mapping[str, Any], wording: Wording) -> None:
         """`resolved` is the content of `scenario.json`; `wording` says in plain words what the console would say."""
         self._vehicle, self._path, self._wording = vehicle_of(resolved), path_of(resolved), wording
-        self._view = FieldOfView.of(radar_of(resolved), self._vehicle)
+        self._sensors = {
+            name: _Sensor(name, drawing, [column[0] for column in resolved["sensors"][name]])
+            for name, drawing in drawings_of(resolved).items()
+        }
         self._declared = declared_kinds(resolved["settings"])
         rig = rig_of(resolved)
         self._lot = None if rig is None else LotView(rig, resolved, self._vehicle)
         self._looks: deque[tuple[float, Pose | None, Actors]] = deque(maxlen=MAX_KEPT)
-        self._scan: dict[str, Any] = {"returns": _NO_RETURNS, "unseen": {"id": [], "why": []}}
         self._footprint: tuple[float, list[list[float]] | None] = (-math.inf, None)
         self._engaged = False
         self._before: ViewSample | None = None
         self._told: tuple[float, GatewayStatus] | None = None  # when the last event of the gateway was, and of what
-        self._detected: set[str] = set()
         self.bodies: dict[str, dict[str, Any]] = {}  #: of every actor seen so far, as the scene has them
         self.events: deque[dict[str, Any]] = deque(maxlen=MAX_EVENTS)
         self.newest: ViewSample | None = None
@@ -61,8 +64,9 @@ class LiveFrames:
         self._looks.append((sample.time, sample.pose, sample.actors))
         self._engaged |= sample.status.state in ("engaged", "stopping", "stopped")
         self._meet(sample.actors)
-        if sample.scan is not None:
-            self._look(sample.scan)
+        for name, reading in sample.readings.items():
+            if name in self._sensors:
+                self._look(self._sensors[name], reading)
         found = self._happened(sample)
         self.events.extend(found)
         self._before = self.newest = sample
@@ -91,7 +95,7 @@ class LiveFrames:
             "latency": finite(sample.latency),
             "latencies": None,
             "signals": dict(sample.signals),
-            **self._scan,
+            "sensed": [sensor.shown for sensor in self._sensors.values()],
             **self._in_the_lot(sample),
         }
 
@@ -148,24 +152,11 @@ class LiveFrames:
                 kind = self._declared.get(name) or kind_of(name, float(actors.radar_cross_section[row]))
                 self.bodies[name] = body(kind, float(actors.length[row]), float(actors.width[row]))
 
-    def _look(self, scan: ScanView) -> None:
-        """Place a scan's returns, and find the actors without one, from the tick at which it was measured."""
-        look = min(self._looks, key=lambda one: abs(one[0] - scan.measured))
-        _time, pose, actors = look
-        if pose is None:
-            return
-        front = move_point(pose, self._vehicle.rear_axle_to_bumper, 0.0, Point.FRONT_BUMPER)
-        x, y = return_points(front.x, front.y, front.heading, scan.range, scan.azimuth)
-        missing = unseen(self._view.antenna(pose.x, pose.y, pose.heading), actors, frozenset(scan.actors), self._view)
-        self._scan = {
-            "returns": {
-                "x": _rounded(x),
-                "y": _rounded(y),
-                "seen": list(scan.actors),
-                "measured": round(scan.measured, 4),
-            },
-            "unseen": {"id": list(missing), "why": [why.value for why in missing.values()]},
-        }
+    def _look(self, sensor: _Sensor, reading: ReadingView) -> None:
+        """Place a reading, and find the actors that it did not see, from the tick at which it was measured."""
+        _time, pose, actors = min(self._looks, key=lambda one: abs(one[0] - reading.measured))
+        if pose is not None:
+            sensor.take(reading, pose, actors)
 
     def _happened(self, sample: ViewSample) -> list[dict[str, Any]]:
         before, time, status = self._before, sample.time, sample.status
@@ -179,22 +170,57 @@ class LiveFrames:
             self._told = time, status
         if sample.note and (before is None or before.note != sample.note):
             found.append(_event(time, "note", f"controller: {sample.note}"))
-        if sample.scan is not None:
-            found += self._first_detections(sample.scan, time)
+        for sensor in self._sensors.values():
+            found += [_event(time, "detection", text) for text in sensor.first_detections()]
         if sample.outcome is not None and (before is None or before.outcome is None):
             found.append(_event(time, "end", f"end: {sample.outcome}"))
         return found
 
-    def _first_detections(self, scan: ScanView, time: float) -> list[dict[str, Any]]:
-        found = []
-        for name, far in zip(scan.actors, scan.range.tolist(), strict=True):
-            if name and name not in self._detected:
-                self._detected.add(name)
-                found.append(_event(time, "detection", f"radar first detects {name} at {far:.1f} m"))
-        return found
+
+class _Sensor:
+    """One sensor's newest reading, as a frame has it."""
+
+    def __init__(self, name: str, drawing: Drawing, columns: Sequence[str]) -> None:
+        self._name, self._drawing, self._columns = name, drawing, columns
+        self._look = None if drawing.view is None or drawing.actor is None else Look(drawing.view)
+        self._known: set[str] = set()
+        self._met: list[str] = []
+        self.shown: dict[str, Any] = _NO_READING
+
+    def take(self, reading: ReadingView, pose: Pose, actors: Actors) -> None:
+        """Place a reading in the map, from the pose of the rear axle and the actors at which it was measured."""
+        drawing = self._drawing
+        table = dict(zip(self._columns, reading.columns, strict=True))
+        numbers = {name: np.asarray(table[name], np.float64) for name in quantities(drawing).values()}
+        shapes = placed(drawing, numbers, pose.x, pose.y, pose.heading)._asdict()
+        far = ranges(drawing, numbers)
+        seen = [""] * len(far) if drawing.actor is None else [str(name) for name in table[drawing.actor]]
+        missing = self._look.unseen((pose.x, pose.y, pose.heading), actors, frozenset(seen)) if self._look else {}
+        if drawing.shape == "points":
+            del shapes["origin_x"], shapes["origin_y"]
+        self.shown = {name: _rounded(values) for name, values in shapes.items() if values is not None} | {
+            "seen": seen,
+            "measured": round(reading.measured, 4),
+            "unseen": {"id": list(missing), "why": [why.value for why in missing.values()]},
+        }
+        for name, distance in zip(seen, far.tolist(), strict=True):
+            if name and name not in self._known:
+                self._known.add(name)
+                self._met.append(detection_in_words(self._name, name, distance))
+
+    def first_detections(self) -> list[str]:
+        """Return, once, in words which actors the readings taken since the last call saw for the first time."""
+        met, self._met = self._met, []
+        return met
 
 
-_NO_RETURNS: Final[dict[str, Any]] = {"x": [], "y": [], "seen": [], "measured": None}
+_NO_READING: Final[dict[str, Any]] = {
+    "x": [],
+    "y": [],
+    "seen": [],
+    "measured": None,
+    "unseen": {"id": [], "why": []},
+}
 
 
 def _event(time: float, kind: str, text: str) -> dict[str, Any]:

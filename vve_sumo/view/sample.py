@@ -11,17 +11,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from vve_sumo.values import Actors, CommandedPath, FallbackPath, FixQuality, Floats, GatewayStatus, Pose
+from vve_sumo.sensors.port import Column
+from vve_sumo.values import Actors, CommandedPath, FallbackPath, FixQuality, GatewayStatus, Pose
 
 
 @dataclass(frozen=True, slots=True)
-class ScanView:
-    """A scan of the radar that came out at a tick; an entry a detection."""
+class ReadingView:
+    """A sensor's reading that came out at a tick."""
 
     measured: float  #: drive time at which it was measured [s]
-    range: Floats  #: from the middle of the front bumper [m]
-    azimuth: Floats  #: [rad] left positive
-    actors: tuple[str, ...]  #: what was detected, empty for a false alarm: truth that no controller is told
+    columns: tuple[Column, ...]  #: of the sensor's table, as `scenario.json` names them
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +51,7 @@ class ViewSample:
     latency: float  #: of the newest completed tick, arrival of the bytes to the command frame [s]; NaN for none
     missed: int  #: ticks skipped so far
     actors: Actors  #: that the sensors saw
-    scan: ScanView | None  #: of the radar, where one came out
+    readings: Mapping[str, ReadingView]  #: of the sensors that gave one, by the sensor's name
     signals: Mapping[str, str]  #: what each traffic signal shows, SUMO's letter for each of its links
     outcome: str | None  #: of the drive, once it has one
 

@@ -14,23 +14,23 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from vve_sumo.analysis.bodies import TYPICAL
 from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.errors import VveError
-from vve_sumo.export.openscenario import TYPICAL
 from vve_sumo.lot.geofence import Geofence
 from vve_sumo.path import ReferencePath
+from vve_sumo.record.drawings import drawings_of
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig
-from vve_sumo.sensors.radar import RadarConfig
-from vve_sumo.sensors.radar_settings import RadarSettings
+from vve_sumo.sensors.drawing import Drawing, Mounting
 from vve_sumo.values import Floats, Vehicle
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 #: version of scene and frames; a page refuses another
-VERSION: Final = 1
+VERSION: Final = 2
 #: what the car's height and the driver's eyes are taken as where no vehicle model says it [m]: a mid-size saloon, eyes
 #: ahead of the rear axle, left of the middle and above the ground
 EGO_HEIGHT: Final = 1.48
@@ -68,11 +68,6 @@ def geofence_of(resolved: Mapping[str, Any]) -> Geofence | None:
     return None if rig is None else meaning.geofence_of(rig, LotAlignment.from_dict(resolved).alignment)
 
 
-def radar_of(resolved: Mapping[str, Any]) -> RadarConfig:
-    """Return the configuration of the scenario's radar."""
-    return RadarSettings.model_validate(resolved["settings"]["radar"]).config()
-
-
 def scene_of(resolved: Mapping[str, Any], roads: pa.Table, *, source: str) -> dict[str, Any]:
     """Return the scene of a drive, without actors and events, which `frames` knows of a record.
 
@@ -105,7 +100,7 @@ def scene_of(resolved: Mapping[str, Any], roads: pa.Table, *, source: str) -> di
         "stop_line": _stop_line(path, vehicle),
         "lot": _lot(resolved),
         "lot_to_road": resolved.get("lot_to_road"),
-        "radar": _radar(resolved, vehicle),
+        "sensors": [_sensor(name, drawing) for name, drawing in drawings_of(resolved).items()],
         "actors": {},
         "events": [],
         "latency_budget": None if rig is None else rig.latency.budget_ms / 1000.0,
@@ -170,7 +165,18 @@ def _lot(resolved: Mapping[str, Any]) -> dict[str, Any] | None:
     }
 
 
-def _radar(resolved: Mapping[str, Any], vehicle: Vehicle) -> dict[str, Any]:
-    config = radar_of(resolved)
-    sectors = [{"range": mode.range_max, "half_angle": mode.half_angle} for mode in config.modes]
-    return {"forward": vehicle.rear_axle_to_bumper + config.mount.x, **sectors[0], "sectors": sectors}
+def _sensor(name: str, drawing: Drawing) -> dict[str, Any]:
+    """Return how the page draws a sensor's readings; without a field of view it has no sectors."""
+    view = drawing.view
+    sectors = [] if view is None else [[sector.range_m, sector.half_angle_rad] for sector in view.sectors]
+    return {
+        "name": name,
+        "shape": drawing.shape,
+        "names_actors": drawing.actor is not None,
+        "view": None if view is None else _frame(view.frame),
+        "sectors": [{"range": range_, "half_angle": half_angle} for range_, half_angle in sectors],
+    }
+
+
+def _frame(frame: Mounting) -> dict[str, float]:
+    return {"forward": frame.x_m, "left": frame.y_m, "yaw": frame.yaw_rad}

@@ -1,76 +1,64 @@
-"""What of the traffic the radar could have detected at a scan: who is hidden behind whom, and who was missed.
+"""What of the traffic a sensor could have seen at a reading: who is hidden behind whom, and who was missed.
 
-Uses the radar's own geometry, without its noise and its chance. Knows neither records nor pages.
+Plane geometry in the field of view that the sensor declares. Knows neither records nor pages.
 """
 
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Collection
-from typing import NamedTuple
 
 import numpy as np
 
-from vve_sumo.sensors.echo import Antenna, Mount, antenna_at, echoes
-from vve_sumo.sensors.radar import RadarConfig
+from vve_sumo.sensors.drawing import FieldOfView
+from vve_sumo.sensors.echo import Antenna, echoes
 from vve_sumo.sensors.visibility import Sector
-from vve_sumo.values import Actors, Floats, Point, Pose, Vehicle
+from vve_sumo.values import Actors
 
 
 class Why(enum.StrEnum):
-    """Why an actor inside the field of view has no return in a scan."""
+    """Why an actor inside the field of view is in no row of a reading."""
 
     OCCLUDED = "occluded"  #: other actors hide it, wholly
-    MISSED = "missed"  #: it was in sight, and the scan did not detect it
+    MISSED = "missed"  #: it was in sight, and the reading has no row of it
 
 
-class FieldOfView(NamedTuple):
-    """The radar's field of view and where its antenna is mounted."""
+class Look:
+    """A field of view, and what is inside from a place."""
 
-    sectors: tuple[Sector, ...]
-    mount: Mount
-    vehicle: Vehicle
+    def __init__(self, view: FieldOfView) -> None:
+        self._frame = view.frame
+        self._sectors = [Sector(sector.range_m, math.tan(sector.half_angle_rad)) for sector in view.sectors]
+        self._farthest = max(sector.range_max for sector in self._sectors)
 
-    @classmethod
-    def of(cls, config: RadarConfig, vehicle: Vehicle) -> FieldOfView:
-        """Return the field of view of a radar on a vehicle."""
-        sectors = tuple(Sector(mode.range_max, float(np.tan(mode.half_angle))) for mode in config.modes)
-        return cls(sectors, config.mount, vehicle)
+    def unseen(self, pose: tuple[float, float, float], actors: Actors, detected: Collection[str]) -> dict[str, Why]:
+        """Return the actors inside the field of view that a reading did not detect, each with the reason.
 
-    def antenna(self, x: float, y: float, heading: float) -> Antenna:
-        """Return where the antenna is, from the rear axle's place in the map [m] and heading [rad]."""
-        pose = Pose(0.0, Point.REAR_AXLE, x, y, heading, 0.0, 0.0, 0.0, 0.0, 0.0)
-        return antenna_at(pose, self.mount, self.vehicle)
+        `pose` is x, y [m] and heading [rad] of the rear axle in the map. An actor is inside where it would be in sight
+        if it were alone; actors outside are left out.
+        """
+        origin = self._origin(*pose)
+        visible = {actors.ids[echo.row] for echo in echoes(origin, actors, self._sectors)[0]}
+        found = {name: Why.MISSED for name in actors.ids if name in visible and name not in detected}
+        for row in self._near(origin, actors):
+            name = actors.ids[row]
+            if name not in visible and name not in detected and echoes(origin, _alone(actors, row), self._sectors)[0]:
+                found[name] = Why.OCCLUDED
+        return found
 
+    def _origin(self, x: float, y: float, heading: float) -> Antenna:
+        frame, cos, sin = self._frame, math.cos(heading), math.sin(heading)
+        at = x + frame.x_m * cos - frame.y_m * sin, y + frame.x_m * sin + frame.y_m * cos
+        return Antenna(*at, heading + frame.yaw_rad, 0.0, 0.0)
 
-def unseen(antenna: Antenna, actors: Actors, detected: Collection[str], view: FieldOfView) -> dict[str, Why]:
-    """Return the actors inside the field of view that a scan did not detect, each with the reason.
-
-    An actor is inside where the radar would see it if it were alone; actors outside are left out.
-    """
-    visible = {actors.ids[echo.row] for echo in echoes(antenna, actors, view.sectors)[0]}
-    found = {name: Why.MISSED for name in actors.ids if name in visible and name not in detected}
-    for row in _near(antenna, actors, view):
-        name = actors.ids[row]
-        if name not in visible and name not in detected and echoes(antenna, _alone(actors, row), view.sectors)[0]:
-            found[name] = Why.OCCLUDED
-    return found
-
-
-def _near(antenna: Antenna, actors: Actors, view: FieldOfView) -> list[int]:
-    """Return the rows of the actors that may reach into the field of view, by circles around them."""
-    east, north, radius = actors.x - antenna.x, actors.y - antenna.y, 0.5 * (actors.length + actors.width)
-    ahead = east * np.cos(antenna.heading) + north * np.sin(antenna.heading)
-    farthest = max(sector.range_max for sector in view.sectors)
-    rows: list[int] = np.flatnonzero((ahead > -radius) & (np.hypot(east, north) < farthest + radius)).tolist()
-    return rows
-
-
-def return_points(
-    x: Floats | float, y: Floats | float, heading: Floats | float, range_: Floats, azimuth: Floats
-) -> tuple[Floats, Floats]:
-    """Return where detections lie in the map [m], from the pose of the middle of the front bumper at their scans."""
-    return x + range_ * np.cos(heading + azimuth), y + range_ * np.sin(heading + azimuth)
+    def _near(self, origin: Antenna, actors: Actors) -> list[int]:
+        """Return the rows of the actors that may reach into the field of view, by circles around them."""
+        east, north, radius = actors.x - origin.x, actors.y - origin.y, 0.5 * (actors.length + actors.width)
+        ahead = east * np.cos(origin.heading) + north * np.sin(origin.heading)
+        near = (ahead > -radius) & (np.hypot(east, north) < self._farthest + radius)
+        rows: list[int] = np.flatnonzero(near).tolist()
+        return rows
 
 
 def _alone(actors: Actors, row: int) -> Actors:

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from vve_sumo.errors import ConfigError
+from vve_sumo.network_tools.buildings import buildings_file, buildings_near
 from vve_sumo.workspace import find
-from vve_sumo.world.buildings import buildings_file, buildings_near
 from vve_sumo.world.network import Box
 from vve_sumo.world.street_geometry import street_geometry
 

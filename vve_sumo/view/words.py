@@ -34,6 +34,11 @@ def state_in_words(state: str, reasons: str) -> str:
     return f"{phase}: {why}" if why else phase
 
 
+def detection_in_words(sensor: str, actor: str, far: float) -> str:
+    """Return that a sensor saw an actor for the first time, at a range [m]."""
+    return f"{sensor} first detects {actor} at {far:.1f} m"
+
+
 def verdict_of(summary: Mapping[str, Any] | None) -> dict[str, Any]:
     """Return what a drive came to, by its summary: outcome, whether its criteria are met, and those that are not."""
     if summary is None:

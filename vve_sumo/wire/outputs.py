@@ -9,13 +9,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal, Protocol
+from typing import TYPE_CHECKING, Final, Literal, Protocol
 
-from vve_sumo.pose import ncom
+from vve_sumo.pose import ncom, nmea_encoder
 from vve_sumo.values import Actors, Frame, Vehicle
-from vve_sumo.wire import ars408, datagrams, esr, nmea
+from vve_sumo.wire import ars408, datagrams, esr
 from vve_sumo.wire.numbering import Numbering
 from vve_sumo.wire.sample import NO_SCAN, Sample, SampleContent, no_fix
+
+if TYPE_CHECKING:
+    from vve_sumo.sensors.port import Content
 
 #: how long a control computer may act on a radar datagram [s]
 LIFETIME: Final = 0.1
@@ -95,7 +98,7 @@ class NmeaOutput:
         measured, second = sample.measured, math.floor(round(sample.time, 3))
         dated, self._second = second != self._second, second
         fix = measured.fix if measured else no_fix(sample.time, sample.drive_time)
-        return (nmea.encode(fix, dated=dated),)
+        return (nmea_encoder.encode(fix, dated=dated),)
 
 
 class RadarOutput:
@@ -292,6 +295,17 @@ class StopOutput:
         return (self._frame,) if self._begun and not sample.valid else ()
 
 
+class OfOtherSensor:
+    """Any output, of another sensor than the one that every scenario has."""
+
+    def __init__(self, output: Output, sensor: str) -> None:
+        self._output, self._sensor = output, sensor
+
+    def step(self, sample: Sample) -> Sequence[bytes] | Sequence[Frame]:
+        """Return what the output sends of a sample with this sensor's scan in it."""
+        return self._output.step(sample.seen_by(self._sensor))
+
+
 @dataclass(frozen=True, slots=True)
 class Kind:
     """A kind of outgoing wire."""
@@ -300,6 +314,7 @@ class Kind:
     make: Callable[[Context], Output]
     meaning: str
     tells_actors: bool = False  #: whether it needs the actors of a sample
+    content: Content | None = None  #: what it carries of a sensor that serves it; None: of no sensor
     signed: bool = False  #: whether its datagrams are this project's own, which a key signs
 
 
@@ -307,10 +322,16 @@ KINDS: Final[Mapping[str, Kind]] = {
     "ncom": Kind("bytes", NcomOutput, "the ego at its virtual place as OXTS NCOM packets, one a tick"),
     "nmea": Kind("bytes", NmeaOutput, "the ego at its virtual place as NMEA 0183 sentences, 10 Hz"),
     "radar": Kind(
-        "bytes", RadarOutput, "the radar's newest scan as this project's own datagram, one a tick", signed=True
+        "bytes",
+        RadarOutput,
+        "the radar's newest scan as this project's own datagram, one a tick",
+        content="detections",
+        signed=True,
     ),
-    "esr": Kind("frames", EsrOutput, "the radar as a Delphi ESR's tracks, 20 Hz"),
-    "ars408": Kind("frames", Ars408Output, "the radar as a Continental ARS408's objects, 13.3 Hz"),
+    "esr": Kind("frames", EsrOutput, "the radar as a Delphi ESR's tracks, 20 Hz", content="detections"),
+    "ars408": Kind(
+        "frames", Ars408Output, "the radar as a Continental ARS408's objects, 13.3 Hz", content="detections"
+    ),
     "stop": Kind("frames", StopOutput, "a frame that asks for a stop, at each tick of a drive that is invalid"),
     "osi_view": Kind(
         "bytes",
@@ -318,5 +339,10 @@ KINDS: Final[Mapping[str, Kind]] = {
         "ASAM OSI SensorView with ground truth, one a tick",
         tells_actors=True,
     ),
-    "osi_data": Kind("bytes", lambda c: OsiOutput(c, view=False), "ASAM OSI SensorData of the radar, one a tick"),
+    "osi_data": Kind(
+        "bytes",
+        lambda c: OsiOutput(c, view=False),
+        "ASAM OSI SensorData of the radar, one a tick",
+        content="detections",
+    ),
 }

@@ -6,7 +6,8 @@ A sample that is not valid carries its time alone: nothing that an encoder could
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -28,9 +29,10 @@ class SampleContent:
 
     fix: Fix  #: of the receiver's output point at the virtual place, predicted to the sample's time
     pose: Pose  #: of the rear axle on the street, predicted to the sample's time
-    scan: Detections  #: the radar's newest; its `time` counts in drive time, and is -inf before the first
+    scan: Detections  #: the newest of the sensor that every scenario has, in drive time, which is -inf before the first
     scan_age: float  #: since the scan was measured [s]; inf before the first
     actors: Actors  #: on the street, as the sensors saw them
+    others: Mapping[str, Detections] = field(default_factory=dict)  #: the newest of each other sensor of detections
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +53,14 @@ class Sample:
     def radar_valid(self) -> bool:
         """Whether it holds a scan that is not too old."""
         return self.measured is not None and self.measured.scan_age <= MAX_SCAN_AGE
+
+    def seen_by(self, sensor: str) -> Sample:
+        """Return the same with the newest scan of another sensor as its scan; with none where it has none of that."""
+        if self.measured is None:
+            return self
+        scan = self.measured.others.get(sensor, NO_SCAN)
+        age = self.drive_time - scan.time  # infinite before the first
+        return replace(self, measured=replace(self.measured, scan=scan, scan_age=age))
 
 
 def sequence_of(drive_time: float) -> int:

@@ -36,10 +36,10 @@ def pack(sample: Sample, *, actors: bool) -> bytes:
         return pickle.dumps((sample.sequence, sample.time, sample.drive_time), pickle.HIGHEST_PROTOCOL)
     fix, pose = list(_FIX(measured.fix)), list(_POSE(measured.pose))
     fix[_QUALITY], pose[_POINT] = measured.fix.quality.value, measured.pose.point.value
-    scan = [measured.scan.time, *(column.tobytes() for column in _SCAN(measured.scan))]
+    scan, others = _packed(measured.scan), {name: _packed(one) for name, one in measured.others.items()}
     seen = measured.actors
     street = [seen.time, seen.ids, *(column.tobytes() for column in _ACTORS(seen))] if actors else [seen.time, ()]
-    row = (sample.sequence, sample.time, sample.drive_time, fix, pose, scan, measured.scan_age, street)
+    row = (sample.sequence, sample.time, sample.drive_time, fix, pose, scan, measured.scan_age, street, others)
     return pickle.dumps(row, pickle.HIGHEST_PROTOCOL)
 
 
@@ -49,13 +49,21 @@ def unpack(data: bytes) -> Sample:
     sequence, time, drive_time, *rest = pickle.loads(data)
     if not rest:
         return Sample(sequence, time, drive_time, None)
-    fix, pose, scan, scan_age, street = rest
+    fix, pose, scan, scan_age, street, others = rest
     fix[_QUALITY], pose[_POINT] = FixQuality(fix[_QUALITY]), Point(pose[_POINT])
-    *numbers, mode = scan[1:]
-    columns = [*_unpacked(numbers), np.frombuffer(mode, np.int8)]
-    found = Detections(scan[0], *columns)
-    measured = SampleContent(Fix(*fix), Pose(*pose), found, scan_age, _actors(street))
+    seen = {name: _scan(one) for name, one in others.items()}
+    measured = SampleContent(Fix(*fix), Pose(*pose), _scan(scan), scan_age, _actors(street), seen)
     return Sample(sequence, time, drive_time, measured)
+
+
+def _packed(scan: Detections) -> list[Any]:
+    return [scan.time, *(column.tobytes() for column in _SCAN(scan))]
+
+
+def _scan(packed: list[Any]) -> Detections:
+    *numbers, mode = packed[1:]
+    columns = [*_unpacked(numbers), np.frombuffer(mode, np.int8)]
+    return Detections(packed[0], *columns)
 
 
 def _unpacked(columns: list[bytes]) -> list[Any]:

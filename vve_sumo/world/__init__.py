@@ -1,4 +1,4 @@
-"""The virtual road: SUMO's network, traffic, obstacles and the ego; the only package that imports libsumo."""
+"""The virtual road: SUMO's network, traffic, obstacles and the ego; the package that imports libsumo."""
 
 import os
 

@@ -13,7 +13,7 @@ import tempfile
 from pathlib import Path
 
 from vve_sumo.frames import MapFrame
-from vve_sumo.world.build import netconvert, projection, tidy
+from vve_sumo.network_tools.build import netconvert, projection, tidy
 from vve_sumo.world.network import read_network
 
 ORIGIN = (40.0, -83.0)  # latitude, longitude: round numbers, not a place that was looked at [deg]

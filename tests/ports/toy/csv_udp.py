@@ -36,6 +36,10 @@ class CsvUdp(UdpReceiver):
         """Return a fresh decoder."""
         return LineDecoder(math.radians(self.heading_sigma_deg))
 
+    def encoder(self) -> LineEncoder:
+        """Return a fresh encoder, by which the simulated vehicle speaks as this receiver."""
+        return LineEncoder()
+
 
 class LineDecoder:
     """Lines to fixes."""
@@ -78,6 +82,22 @@ class LineDecoder:
             heading_sigma=self._heading_sigma,
             differential_age=said[14],
         )
+
+
+class LineEncoder:
+    """Fixes to lines."""
+
+    def encode(self, fix: Fix) -> bytes:
+        """Return the line of a fix; a number that is not known, and so is no number, makes it one that is left out."""
+        quality = next((said for said, known in QUALITIES.items() if known is fix.quality), 0) if fix.locked else 0
+        compass = 90.0 - math.degrees(fix.heading)
+        numbers = (
+            fix.time, math.degrees(fix.latitude), math.degrees(fix.longitude), fix.altitude, compass,
+            math.degrees(fix.pitch), fix.velocity_north, fix.velocity_east, fix.velocity_down,
+            -math.degrees(fix.yaw_rate), fix.acceleration, quality, fix.position_sigma, fix.velocity_sigma,
+            fix.differential_age,
+        )  # fmt: skip
+        return (",".join(map(repr, numbers)) + "\n").encode()
 
 
 def make() -> type[Receiver]:

@@ -13,7 +13,8 @@ import numpy as np
 from pydantic import Field
 
 from vve_sumo.config_file import NotNegative, Positive
-from vve_sumo.sensors.port import SensorColumn, SensorSettings
+from vve_sumo.sensors.drawing import Drawing, Points, Polar, front_bumper
+from vve_sumo.sensors.port import Column, SensorColumn, SensorSettings
 from vve_sumo.values import Actors, Floats, Pose, Vehicle
 
 PERIOD = 0.04  # from one measurement to the next [s]
@@ -26,9 +27,17 @@ class Range:
     time: float  #: drive time at which it was measured [s]
     range: Floats  #: from the front bumper, along the car's forward axis [m]
 
-    def columns(self) -> tuple[Floats, ...]:
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What the record keeps: the range, and the actor behind it, which no controller is told."""
+
+    measured: Range
+    actors: tuple[str, ...]
+
+    def columns(self) -> tuple[Column, ...]:
         """Return the rows of the record's table."""
-        return (self.range,)
+        return self.measured.range, self.actors
 
 
 class RangeFinder(SensorSettings):
@@ -36,12 +45,17 @@ class RangeFinder(SensorSettings):
 
     columns: ClassVar[tuple[SensorColumn, ...]] = (
         SensorColumn("range_m", "float", "from the front bumper to the nearest point of a body in the beam"),
+        SensorColumn("actor", "str", "whose body that is: truth that no controller is told"),
     )
     observation: ClassVar[type] = Range
 
     width_m: Positive = Field(default=1.5, description="of the beam")
     reach_m: Positive = Field(default=80.0, description="farthest that it measures")
     sigma_m: NotNegative = Field(default=0.05, description="1 sigma of the noise")
+
+    def drawing(self, vehicle: Vehicle, /) -> Drawing:
+        """Return a point straight ahead of the front bumper, by its range alone."""
+        return Points(place=Polar(range="range_m"), frame=front_bumper(vehicle), actor="actor")
 
     def max_age(self) -> float:
         """Return how old the newest range may be at a tick [s]."""
@@ -61,7 +75,7 @@ class Beam:
         self.output = Range(-math.inf, np.zeros(0))
         self.refused = 0
 
-    def step(self, time: float, pose: Pose, actors: Actors) -> Range | None:
+    def step(self, time: float, pose: Pose, actors: Actors) -> Reading | None:
         """Measure, where it is due."""
         self.refused = 0
         if time < self._due - 1e-9:
@@ -71,15 +85,18 @@ class Beam:
         sound = np.isfinite(numbers).all(axis=1)
         self.refused = int(len(sound) - sound.sum())
         cos, sin = math.cos(pose.heading), math.sin(pose.heading)
-        found = math.inf
-        for x, y, heading, length, width in numbers[sound].tolist():
+        found, actor = math.inf, ""
+        for row in np.flatnonzero(sound).tolist():
+            x, y, heading, length, width = numbers[row].tolist()
             dx, dy = x - pose.x, y - pose.y
             ahead, left = cos * dx + sin * dy - self._bumper, cos * dy - sin * dx
-            found = min(found, self._nearest(ahead, left, heading - pose.heading, length, width))
+            found, actor = min(
+                (found, actor), (self._nearest(ahead, left, heading - pose.heading, length, width), actors.ids[row])
+            )
         noise = self._settings.sigma_m * float(self._generator.standard_normal())
         seen = [max(found + noise, 0.0)] if found <= self._settings.reach_m else []
         self.output = Range(time, np.array(seen))
-        return self.output
+        return Reading(self.output, (actor,) * len(seen))
 
     def _nearest(self, ahead: float, left: float, turned: float, length: float, width: float) -> float:
         """Return the least distance of a box in the beam, infinite for none: of its edges, cut to the beam."""

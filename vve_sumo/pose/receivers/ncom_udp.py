@@ -19,6 +19,10 @@ class NcomUdp(UdpReceiver):
         """Return a fresh decoder."""
         return ncom.Decoder()
 
+    def encoder(self) -> ncom.Encoder:
+        """Return a fresh encoder."""
+        return ncom.Encoder()
+
     def recognises(self, datagram: bytes) -> bool:
         """Return whether a datagram holds a whole packet."""
         decoder = self.decoder()

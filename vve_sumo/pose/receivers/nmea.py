@@ -8,7 +8,7 @@ from typing import ClassVar
 from pydantic import Field
 
 from vve_sumo.config_file import Positive
-from vve_sumo.pose import nmea
+from vve_sumo.pose import nmea, nmea_encoder
 from vve_sumo.pose.receivers.port import ReceiverTable
 from vve_sumo.pose.trust import NMEA, TrustProfile
 
@@ -28,3 +28,7 @@ class NmeaReceiver(ReceiverTable):
     def decoder(self) -> nmea.Decoder:
         """Return a fresh decoder."""
         return nmea.Decoder(velocity_sigma=self.velocity_sigma_mps, heading_sigma=math.radians(self.heading_sigma_deg))
+
+    def encoder(self) -> nmea_encoder.Encoder:
+        """Return a fresh encoder."""
+        return nmea_encoder.Encoder()

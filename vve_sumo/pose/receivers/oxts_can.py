@@ -42,6 +42,10 @@ class OxtsCan(ReceiverTable):
         """Return a fresh decoder."""
         return FrameDecoder()
 
+    def encoder(self) -> FrameEncoder:
+        """Return a fresh encoder."""
+        return FrameEncoder()
+
     def place(self) -> str:
         """Return interface and channel."""
         return f"{self.interface}:{self.channel}"
@@ -104,6 +108,18 @@ class FrameDecoder:
         whole = len(data) - len(data) % FRAME.size
         frames = [Frame(number, payload[:size]) for number, size, payload in FRAME.iter_unpack(data[:whole])]
         return self._decoder.feed_frames(frames, time_received)
+
+
+class FrameEncoder:
+    """Encodes fixes as portions of `FrameSource`."""
+
+    def __init__(self) -> None:
+        self._encoder = oxts_can.Encoder()
+
+    def encode(self, fix: Fix) -> bytes:
+        """Return the frames of a fix."""
+        frames = self._encoder.encode(fix)
+        return b"".join(FRAME.pack(frame.id, len(frame.data), frame.data) for frame in frames)
 
 
 def make() -> type[Receiver]:

@@ -7,8 +7,9 @@ judged, and what to check where something is wrong. Only the table of shipped ki
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Annotated, ClassVar, Final, Literal, NamedTuple, Protocol, Self, runtime_checkable
+import json
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Protocol, Self, runtime_checkable
 
 from pydantic import Field, model_validator
 
@@ -29,6 +30,10 @@ PORT: Final = Port(
 )
 
 
+#: kind of the simulated vehicle's receiver in lockstep, and of recordings
+STANDARD: Final = "ncom_udp"
+
+
 class FixDecoder(Protocol):
     """A decoder of pose bytes; each object starts afresh, has no clock and never raises on any input."""
 
@@ -38,6 +43,39 @@ class FixDecoder(Protocol):
         The fixes do not depend on how the stream is cut (a CAN frame never is). Time and position of a fix are finite;
         what the receiver does not report is NaN. The trust gate refuses a fix that is not newer than those before it.
         """
+        ...
+
+
+class FixEncoder(Protocol):
+    """The other direction of a decoder, for the simulated vehicle; each object starts afresh and has no clock."""
+
+    def encode(self, fix: Fix) -> bytes:
+        """Return what the receiver sends of a fix, as `FixDecoder.feed` takes it; `fix.time` is finite.
+
+        What is NaN is sent as not known, and where the messages can tell it, a fix that is not `locked` as one that a
+        car cannot be driven on.
+        """
+        ...
+
+
+@runtime_checkable
+class MinuteEncoder(FixEncoder, Protocol):
+    """An encoder of messages of which some alone hold the minute, so that a fault may get it wrong."""
+
+    def with_wrong_minute(self, data: bytes, minutes: int) -> bytes | None:
+        """Return a message with a minute that is so far off; None for a message that holds none."""
+        ...
+
+
+class FarEnd(Protocol):
+    """The receiver's end of its wire, on which the simulated vehicle sends; nothing here waits or raises."""
+
+    def send(self, data: bytes) -> None:
+        """Send what the encoder returned; what cannot be sent now is lost."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the wire."""
         ...
 
 
@@ -90,6 +128,21 @@ class Receiver(Protocol):
         """Return what the receiver occupies of a CAN bus; None for a receiver that uses none."""
         ...
 
+    def encoder(self) -> FixEncoder | None:
+        """Return a new encoder, by which the simulated vehicle speaks as this receiver; None where it cannot."""
+        ...
+
+    def far_end(self) -> FarEnd | None:
+        """Open the other end of the wire on this machine; None where there is none that a program could send on.
+
+        Raises RigError or ConfigError naming the key of the rig.
+        """
+        ...
+
+    def not_simulated(self) -> str:
+        """Return why the simulated vehicle cannot send as this receiver, in one line that names the key; else ""."""
+        ...
+
 
 class ReceiverTable(Table):
     """Where the pose comes from: the keys that every kind of receiver has; a kind's class adds its own."""
@@ -121,6 +174,31 @@ class ReceiverTable(Table):
     def on_can(self) -> OnCan | None:
         """Return what the receiver occupies of a CAN bus: None, unless its kind overrides this."""
         return None
+
+    def encoder(self) -> FixEncoder | None:
+        """Return a new encoder for the simulated vehicle: None, unless its kind overrides this."""
+        return None
+
+    def far_end(self) -> FarEnd | None:
+        """Open the other end of the wire: None, unless its kind overrides this."""
+        return None
+
+    def not_simulated(self) -> str:
+        """Return why the simulated vehicle cannot send as this receiver: its kind brings no encoder or no far end."""
+        lacking = [name for name in ("encoder", "far_end") if getattr(type(self), name) is getattr(ReceiverTable, name)]
+        return f"kind: receiver {self.kind!r} has no {' and no '.join(lacking)} to be simulated by" if lacking else ""
+
+
+def standard() -> Receiver:
+    """Return the receiver as which the simulated vehicle speaks where no rig names one, as in lockstep."""
+    return configured({"kind": STANDARD, "minimum_delay_ms": 0.0})
+
+
+def configured(table: Mapping[str, Any]) -> Receiver:
+    """Return the receiver of a valid table `[pose]`; raises ConfigError as `load` does."""
+    made: Any = load(str(table["kind"])).model_validate_json(json.dumps(dict(table)))
+    receiver: Receiver = made
+    return receiver
 
 
 def load(kind: str) -> type[ReceiverTable]:

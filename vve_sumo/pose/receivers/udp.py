@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from vve_sumo.pose import sources
+from vve_sumo.pose.far_ends import UdpFarEnd
 from vve_sumo.pose.receivers.port import OpenBus, ReceiverTable
 
 
@@ -30,6 +31,13 @@ Address = Annotated[str, AfterValidator(_address)]
 #: the IPv4 address of one device, which alone is heard
 Sender = Annotated[str, AfterValidator(_sender)]
 NetworkPort = Annotated[int, Field(ge=1, le=65535)]
+
+
+def _not_loopback(address: str) -> str:
+    """Return why the simulated vehicle cannot be heard on an address of another machine, or of all; else ""."""
+    if ipaddress.ip_address(address).is_loopback:
+        return ""
+    return f"address: the simulated vehicle is heard on a loopback address only, got {address!r}"
 
 
 class UdpReceiver(ReceiverTable):
@@ -71,6 +79,14 @@ class UdpReceiver(ReceiverTable):
         The first sender of such a datagram is the receiver for as long as the port is open.
         """
         return bool(datagram)
+
+    def far_end(self) -> UdpFarEnd:
+        """Open a socket that sends to the port."""
+        return UdpFarEnd(self.address, self.port)
+
+    def not_simulated(self) -> str:
+        """Return why the simulated vehicle cannot send as this receiver: also, it is heard on a loopback alone."""
+        return super().not_simulated() or _not_loopback(self.address)
 
     def place(self) -> str:
         """Return address and port."""

@@ -5,7 +5,7 @@ import { element, say } from "./elements.js";
 import { Gauges } from "./gauges.js";
 import { Lot } from "./lot.js";
 import { Seats } from "./seats.js";
-import { LEGEND, Street } from "./street.js";
+import { Street, legendOf } from "./street.js";
 import { Strips } from "./strips.js";
 
 const MOST_EVENTS = 500; // of a live drive's list
@@ -100,7 +100,7 @@ export class DriveView {
   }
 
   drawLegend() {
-    this.legend.replaceChildren(...LEGEND.map(([name, text, how]) => {
+    this.legend.replaceChildren(...legendOf(this.street.scene).map(([name, text, how]) => {
       const sign = element("i");
       sign.style.borderColor = colour(name);
       if (how === "rim") sign.style.borderStyle = name === "occluded" ? "dashed" : "solid";

@@ -66,7 +66,6 @@ export class Frames {
   frame(k) {
     const c = this.columns;
     const text = (name) => this.texts[name][c[name][k]];
-    const scan = lastNotAfter(c.scan_tick, k);
     return {
       t: c.t[k],
       state: text("state"),
@@ -82,13 +81,13 @@ export class Frames {
         : null,
       quality: text("quality"),
       actors: this.#actors(k),
-      returns: this.#returns(scan),
+      sensed: this.#sensed(k),
       commanded: this.#commanded(k),
       latency: known(c.latency[k]),
       latencies: null,
       signals: this.#signals(c.t[k]),
       detailed: this.detailed,
-      ...this.#detailed(k, scan),
+      ...this.#detailed(k),
     };
   }
 
@@ -144,29 +143,41 @@ export class Frames {
     return points;
   }
 
-  #returns(scan) {
-    const c = this.columns;
-    if (scan < 0) return { x: [], y: [], seen: [], measured: null };
-    const begin = c.return_first[scan];
-    const end = c.return_first[scan + 1];
+  /** The newest reading of each sensor, in the order of the scene's. */
+  #sensed(k) {
+    const found = [];
+    for (let n = 0; `sensed${n}_tick` in this.columns; n += 1) found.push(this.#reading(n, lastNotAfter(this.columns[`sensed${n}_tick`], k)));
+    return found;
+  }
+
+  #reading(n, number) {
+    if (number < 0) return { x: [], y: [], seen: [], measured: null, unseen: { id: [], why: [] } };
+    const column = (name) => this.columns[`sensed${n}_${name}`];
+    const [begin, end] = column("first").subarray(number, number + 2);
+    const shapes = SHAPES.filter(column).map((name) => [name, Array.from(column(name).subarray(begin, end))]);
     return {
-      x: Array.from(c.return_x.subarray(begin, end)),
-      y: Array.from(c.return_y.subarray(begin, end)),
-      seen: Array.from(c.return_code.subarray(begin, end), (code) => (code < 0 ? "" : this.texts.actor[code])),
-      measured: known(c.scan_measured[scan]),
+      ...Object.fromEntries(shapes),
+      seen: Array.from(column("code").subarray(begin, end), (code) => (code < 0 ? "" : this.texts.actor[code])),
+      measured: known(column("measured")[number]),
+      unseen: this.#unseen(n, number),
     };
   }
 
-  #detailed(k, scan) {
-    if (this.details === null) return { unseen: { id: [], why: [] }, gap: null, to_edge: null, footprint: null };
-    const { texts, columns: c } = this.details;
+  #unseen(n, number) {
     const unseen = { id: [], why: [] };
-    if (scan >= 0) {
-      for (let row = c.unseen_first[scan]; row < c.unseen_first[scan + 1]; row += 1) {
-        unseen.id.push(this.texts.actor[c.unseen_code[row]]);
-        unseen.why.push(texts.why[c.unseen_why[row]]);
-      }
+    if (this.details === null) return unseen;
+    const { texts, columns } = this.details;
+    const [begin, end] = columns[`unseen${n}_first`].subarray(number, number + 2);
+    for (let row = begin; row < end; row += 1) {
+      unseen.id.push(this.texts.actor[columns[`unseen${n}_code`][row]]);
+      unseen.why.push(texts.why[columns[`unseen${n}_why`][row]]);
     }
+    return unseen;
+  }
+
+  #detailed(k) {
+    if (this.details === null) return { gap: null, to_edge: null, footprint: null };
+    const { columns: c } = this.details;
     const place = lastNotAfter(c.footprint_tick, k);
     let footprint = null;
     if (place >= 0 && k - c.footprint_tick[place] < FOOTPRINT_LIFE) {
@@ -176,9 +187,12 @@ export class Frames {
       }
       if (!footprint.length) footprint = null;
     }
-    return { unseen, gap: known(c.gap[k]), to_edge: known(c.to_edge[k]), footprint };
+    return { gap: known(c.gap[k]), to_edge: known(c.to_edge[k]), footprint };
   }
 }
+
+// What places a sensor's rows, as far as its shape has it.
+const SHAPES = ["x", "y", "origin_x", "origin_y", "heading", "length", "width"];
 
 // Ticks for which a footprint is shown; view/details.py computes one this often.
 const FOOTPRINT_LIFE = 25;

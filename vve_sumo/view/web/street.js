@@ -1,4 +1,4 @@
-// The street from above: lanes, path, radar, traffic and the ego, to scale. Draws a scene and one frame of it.
+// The street from above: lanes, path, sensors, traffic and the ego, to scale. Draws a scene and one frame of it.
 
 import { addBox, colour, line, rimmed, sized } from "./canvas.js";
 
@@ -8,17 +8,25 @@ const AHEAD = [18, 2.7, 75]; // metres shown ahead: at rest, more for each m/s, 
 const EGO_PLACE = 0.68; // of the canvas's height, with the heading up
 const GAP_SHOWN = 100; // a gap longer than this is not drawn [m]
 const MARK_ZOOM = 1.5; // lane marks are drawn from this many pixels a metre on
-const OLD_SCAN = 1.5; // a scan that was measured longer ago is not shown [s]; a radar's latency is at most a second
+const OLD_READING = 1.5; // a reading that was measured longer ago is not shown [s]; the radar's latency is at most a second
 const OUTLINED = 250; // with more actors than this in sight none has an outline
 
-export const LEGEND = [
-  ["seen", "detected", "fill"],
-  ["occluded", "hidden", "rim"],
-  ["missed", "missed", "fill"],
-  ["outside", "out of the radar's view", "fill"],
-  ["return", "radar return", "dot"],
-  ["false", "false alarm", "rim"],
-];
+const SENSED = 4; // colours of sensors; after the last they begin again
+
+/** What the colours of bodies and of each sensor's readings mean: name of the colour, words, how it is drawn. */
+export function legendOf(scene) {
+  const sensors = scene.sensors;
+  return [
+    ["seen", "detected", "fill"],
+    ["occluded", "hidden", "rim"],
+    ["missed", "missed", "fill"],
+    ["outside", "out of view", "fill"],
+    ...sensors.map(({ name, shape }, n) => [sensedColour(n), `measured by ${name}`, shape === "boxes" ? "rim" : "dot"]),
+    ...(sensors.some((sensor) => sensor.names_actors) ? [["false", "false alarm", "rim"]] : []),
+  ];
+}
+
+const sensedColour = (n) => `sensed${n % SENSED}`;
 
 export class Street {
   constructor(canvas, scene) {
@@ -77,7 +85,7 @@ export class Street {
 
   /** Draw one frame; null before the first. */
   draw(newest) {
-    const frame = withoutOldScan(newest);
+    const frame = withoutOldReadings(newest);
     const { context, width, height, ratio } = sized(this.canvas);
     context.fillStyle = colour("ground");
     context.fillRect(0, 0, width, height);
@@ -107,10 +115,10 @@ export class Street {
     this.drawRoad(context, view);
     this.drawWay(context);
     if (frame?.commanded) this.drawCommanded(context, frame.commanded);
-    if (frame?.ego) this.drawRadar(context, ego);
+    if (frame?.ego) this.drawViews(context, ego);
     if (frame) this.drawTraffic(context, frame, view);
     this.drawEgo(context, ego, Boolean(frame?.ego));
-    if (frame) this.drawReturns(context, frame);
+    if (frame) this.drawSensed(context, frame);
     context.restore();
     if (frame?.ego) this.drawGap(context, frame, view);
     this.drawScale(context, width, height);
@@ -163,31 +171,34 @@ export class Street {
     context.stroke(line(points));
   }
 
-  drawRadar(context, ego) {
-    const radar = this.scene.radar;
-    if (!radar) return;
-    const x = ego.x + radar.forward * Math.cos(ego.heading);
-    const y = ego.y + radar.forward * Math.sin(ego.heading);
-    context.fillStyle = colour("radar");
-    context.strokeStyle = colour("radar");
+  drawViews(context, ego) {
+    context.fillStyle = colour("view");
+    context.strokeStyle = colour("view");
     context.lineWidth = 1 / this.zoom;
-    for (const { range, half_angle: half } of radar.sectors) {
-      context.beginPath();
-      context.moveTo(x, y);
-      context.arc(x, y, range, ego.heading - half, ego.heading + half);
-      context.closePath();
-      context.globalAlpha = 0.07;
-      context.fill();
-      context.globalAlpha = 0.45;
-      context.stroke();
+    const [cos, sin] = [Math.cos(ego.heading), Math.sin(ego.heading)];
+    for (const { view, sectors } of this.scene.sensors) {
+      if (view === null) continue;
+      const x = ego.x + view.forward * cos - view.left * sin;
+      const y = ego.y + view.forward * sin + view.left * cos;
+      const heading = ego.heading + view.yaw;
+      for (const { range, half_angle: half } of sectors) {
+        context.beginPath();
+        context.moveTo(x, y);
+        context.arc(x, y, range, heading - half, heading + half);
+        context.closePath();
+        context.globalAlpha = 0.07;
+        context.fill();
+        context.globalAlpha = 0.45;
+        context.stroke();
+      }
     }
     context.globalAlpha = 1;
   }
 
   drawTraffic(context, frame, view) {
     const { id, x, y, heading } = frame.actors;
-    const seen = new Set(frame.returns.seen);
-    const why = new Map(frame.unseen.id.map((name, row) => [name, frame.unseen.why[row]]));
+    const seen = new Set(frame.sensed.flatMap((reading) => reading.seen));
+    const why = whyUnseen(frame);
     const paths = { seen: new Path2D(), occluded: new Path2D(), missed: new Path2D(), outside: new Path2D() };
     const noses = new Path2D();
     let drawn = 0;
@@ -253,20 +264,27 @@ export class Street {
     context.globalAlpha = 1;
   }
 
-  drawReturns(context, frame) {
-    const { x, y, seen } = frame.returns;
-    const radius = Math.max(0.22, 3.5 / this.zoom);
-    for (let row = 0; row < x.length; row += 1) {
-      context.beginPath();
-      context.arc(x[row], y[row], radius, 0, 2 * Math.PI);
-      if (seen[row]) {
-        context.fillStyle = colour("return");
-        context.fill();
-      }
+  drawSensed(context, frame) {
+    frame.sensed.forEach((reading, n) => {
+      const { shape, names_actors: named } = this.scene.sensors[n];
+      const shapes = shape === "boxes" ? boxesOf(reading, named) : pointsOf(reading, Math.max(0.22, 3.5 / this.zoom), named);
       context.lineWidth = Math.max(0.1, 2 / this.zoom);
-      context.strokeStyle = colour(seen[row] ? "paper" : "false");
-      context.stroke();
-    }
+      context.fillStyle = colour(sensedColour(n));
+      if (shape === "boxes") {
+        context.strokeStyle = colour(sensedColour(n));
+        context.stroke(shapes.known);
+      } else {
+        if (shape === "rays") {
+          context.strokeStyle = colour(sensedColour(n));
+          context.stroke(raysOf(reading));
+        }
+        context.fill(shapes.known);
+        context.strokeStyle = colour("paper");
+        context.stroke(shapes.known);
+      }
+      context.strokeStyle = colour("false");
+      context.stroke(shapes.unknown);
+    });
   }
 
   drawGap(context, frame, view) {
@@ -324,11 +342,52 @@ function tiled(lanes) {
   });
 }
 
-/** A radar that sends nothing more has detected nothing of what the frame shows. */
-function withoutOldScan(frame) {
-  const measured = frame?.returns?.measured ?? null;
-  if (measured === null || frame.t - measured < OLD_SCAN) return frame;
-  return { ...frame, returns: { x: [], y: [], seen: [], measured: null }, unseen: { id: [], why: [] } };
+/** A sensor that sends nothing more has seen nothing of what the frame shows. */
+function withoutOldReadings(frame) {
+  if (!frame) return frame;
+  const nothing = { x: [], y: [], seen: [], measured: null, unseen: { id: [], why: [] } };
+  const old = ({ measured }) => measured === null || frame.t - measured >= OLD_READING;
+  return { ...frame, sensed: frame.sensed.map((reading) => (old(reading) ? nothing : reading)) };
+}
+
+/** Why bodies were not seen by any sensor: missed where one had it in sight, else hidden. */
+function whyUnseen(frame) {
+  const found = new Map();
+  for (const { unseen } of frame.sensed) {
+    unseen.id.forEach((name, row) => { if (found.get(name) !== "missed") found.set(name, unseen.why[row]); });
+  }
+  return found;
+}
+
+/** Paths of a reading's points: of what it knows an actor of, and of the rest, where the sensor names actors. */
+function pointsOf({ x, y, seen }, radius, named) {
+  const paths = { known: new Path2D(), unknown: new Path2D() };
+  for (let row = 0; row < x.length; row += 1) {
+    const path = named && !seen[row] ? paths.unknown : paths.known;
+    path.moveTo(x[row] + radius, y[row]);
+    path.arc(x[row], y[row], radius, 0, 2 * Math.PI);
+  }
+  return paths;
+}
+
+/** Paths of a reading's boxes, as those of points. */
+function boxesOf({ x, y, seen, heading = [], length = [], width = [] }, named) {
+  const paths = { known: new Path2D(), unknown: new Path2D() };
+  for (let row = 0; row < x.length; row += 1) {
+    const path = named && !seen[row] ? paths.unknown : paths.known;
+    addBox(path, x[row], y[row], heading[row], length[row] / 2, width[row] / 2);
+  }
+  return paths;
+}
+
+/** Path of the rays of a reading, from where they were measured. */
+function raysOf({ x, y, origin_x: fromX = [], origin_y: fromY = [] }) {
+  const path = new Path2D();
+  for (let row = 0; row < x.length; row += 1) {
+    path.moveTo(fromX[row], fromY[row]);
+    path.lineTo(x[row], y[row]);
+  }
+  return path;
 }
 
 function nose(path, x, y, heading, halfLength, halfWidth) {

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from tests.fixes import GOOD
 from tests.vehicles import FUSION
 from vve_sumo.frames import wrap_angle
+from vve_sumo.pose import nmea_encoder as nmea
 from vve_sumo.pose.nmea import Decoder
 from vve_sumo.values import Fix, FixQuality
-from vve_sumo.wire import nmea
 from vve_sumo.wire.outputs import KINDS, Context
 from vve_sumo.wire.sample import Sample
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,26 @@ KIND_OF_CROSS_SECTION: Final = {
     5.0: "motorcycle",
     30.0: "van",
     100.0: "truck",
+}
+
+
+class Typical(NamedTuple):
+    """What a record does not hold of a kind of body."""
+
+    height: float  #: [m]
+    mass: float  #: [kg]
+
+
+#: by kind
+TYPICAL: Final = {
+    "car": Typical(1.5, 1500.0),
+    "van": Typical(2.3, 2500.0),
+    "truck": Typical(3.5, 8000.0),
+    "bus": Typical(3.2, 12000.0),
+    "motorcycle": Typical(1.6, 280.0),
+    "bicycle": Typical(1.7, 90.0),
+    "pedestrian": Typical(1.7, 75.0),
+    "child": Typical(1.2, 25.0),
 }
 
 

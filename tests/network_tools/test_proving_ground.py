@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from vve_sumo.network_tools.proving_ground import GROUNDS, LANE_WIDTH, LANES, NOTE, Ground, build_proving_ground
 from vve_sumo.path import ReferencePath
 from vve_sumo.world.network import lane_shapes, read_network
-from vve_sumo.world.proving_ground import GROUNDS, LANE_WIDTH, LANES, NOTE, Ground, build_proving_ground
 
 
 class Shipped(NamedTuple):

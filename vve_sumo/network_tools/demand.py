@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.world.build import ATTRIBUTION
+from vve_sumo.network_tools.build import ATTRIBUTION
 from vve_sumo.world.network import Roads
 
 #: mean number of vehicles on the streets at any time, from the start on

@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 import sumolib
 
+from tests.exhaustive import with_slow
 from tests.isolated import isolated
 from vve_sumo.errors import ConfigError
-from vve_sumo.world.demand import DRIVERS, LEVELS, TYPES, _type, write_demand
+from vve_sumo.network_tools.demand import DRIVERS, LEVELS, TYPES, _type, write_demand
 
 TIMES = (0.0, 30.0, 60.0, 120.0)
 PATHS = ("linden_17th", "linden_loop")
@@ -84,7 +85,9 @@ def test_heavy_traffic_touches_nobody_at_the_ticks_step(repository, linden, tmp_
     assert (contacts, teleports, warnings) == (0, 0, [])
 
 
-@pytest.mark.parametrize("name", ["linden_light", "linden_heavy", "linden_17th_light"])
+@pytest.mark.parametrize(
+    "name", with_slow(["linden_light", "linden_heavy", "linden_17th_light"], lambda name: name == "linden_17th_light")
+)
 def test_the_shipped_files_are_what_is_drawn(repository, linden, clear, tmp_path, name):
     unhindered = _route(repository, "linden_17th") if name == "linden_17th_light" else ()
     drawn = tmp_path / "drawn.rou.xml"
@@ -150,6 +153,7 @@ def test_kinds_are_mixed_as_declared(repository):
         assert abs(kinds.count(name) - len(kinds) * kind.share) < spread
 
 
+@pytest.mark.slow
 def test_another_seed_draws_other_traffic(linden, tmp_path):
     for seed in (1, 2):
         write_demand(linden, tmp_path / f"{seed}", level="light", duration=60.0, seed=seed)
@@ -174,6 +178,7 @@ def test_traffic_that_cannot_be_drawn_is_refused(linden, tmp_path, options, mess
         write_demand(linden, tmp_path / "x.rou.xml", **options)
 
 
+@pytest.mark.slow
 def test_comfortable_drivers_make_the_same_trips_and_brake_more_gently(linden, tmp_path):
     roots = []
     for drivers in DRIVERS:

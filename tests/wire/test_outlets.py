@@ -13,8 +13,8 @@ import pytest
 
 from vve_sumo.bus import Bus
 from vve_sumo.errors import RigError
-from vve_sumo.outlets import CanOutlet, SerialOutlet, TcpOutlet, UdpOutlet
 from vve_sumo.values import Frame
+from vve_sumo.wire.outlets import CanOutlet, SerialOutlet, TcpOutlet, UdpOutlet
 
 
 @pytest.fixture

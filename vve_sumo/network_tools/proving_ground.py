@@ -1,7 +1,7 @@
 """Builds synthetic, straight, wide, empty roads, each with a path along the middle of its middle lane.
 
 The places are invented, so that no map data is used. Knows nothing of cars or of what is measured there.
-Usage: python -m vve_sumo.world.proving_ground [proving_ground | test_track] NETWORK.net.xml PATH.csv
+Usage: python -m vve_sumo.network_tools.proving_ground [proving_ground | test_track] NETWORK.net.xml PATH.csv
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import MapFrame
-from vve_sumo.world.build import netconvert, projection, tidy
+from vve_sumo.network_tools.build import netconvert, projection, tidy
 from vve_sumo.world.network import Network, lane_shapes, read_network
 
 ORIGIN = (40.0, -83.0)  #: latitude, longitude of the projection and of the middle of every road, round numbers [deg]

@@ -11,16 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vve_sumo.drive.latency_monitor import (
-    ANSWER_TIMEOUT_TICKS,
-    LEGS,
-    TOTAL,
-    LatencyMonitor,
-    latency_summary,
-    legs,
-    quantile,
-)
-from vve_sumo.values import LatencyRow
+from vve_sumo.live.latency_monitor import ANSWER_TIMEOUT_TICKS, LatencyMonitor
+from vve_sumo.record.latencies import LEGS, TOTAL, latency_summary, legs, quantile
+from vve_sumo.record.rows import LatencyRow
 
 PERIOD = 0.02
 

@@ -14,7 +14,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.plant.actuators import Lagged
 from vve_sumo.plant.car import STEP, chassis
 from vve_sumo.plant.dynamics import Dynamics
-from vve_sumo.plant.parameters import perturbed
+from vve_sumo.rig.car_parameters import perturbed
 from vve_sumo.scenario.schema import CarDifferences
 from vve_sumo.vehicle.model import IDEAL
 

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vve_sumo.drive.tick_scheduler import (
+from vve_sumo.live.tick_scheduler import (
     LOST_TIME,
     MAX_CATCH_UP,
     OVERRUN_LIMIT,

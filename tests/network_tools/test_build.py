@@ -15,7 +15,7 @@ import sumolib
 
 from tests.isolated import isolated
 from vve_sumo.errors import ConfigError
-from vve_sumo.world.build import ATTRIBUTION, build_network
+from vve_sumo.network_tools.build import ATTRIBUTION, build_network
 from vve_sumo.world.network import read_network
 
 SIGNALS = ("229685447", "229810925")  # Cleveland x 17th and Cleveland x Hudson
@@ -145,6 +145,7 @@ def _flow(network: str, seed: int, log: str) -> tuple[int, int, int, int, int, s
     return loaded, inserted, arrived, teleported, len(collided), start_warnings
 
 
+@pytest.mark.slow
 def test_nine_hundred_cars_drive_in_and_all_arrive(linden, tmp_path):
     found = isolated(_flow, str(linden), 1, str(tmp_path / "log.txt"))
     assert found == (900, 900, 900, 0, 0, "")

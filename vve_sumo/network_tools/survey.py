@@ -15,20 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vve_sumo.errors import ConfigError
+from vve_sumo.network_tools.build import ATTRIBUTION
 from vve_sumo.path import ReferencePath
 from vve_sumo.path_feasibility import refuse_tight_bend
-from vve_sumo.world.build import ATTRIBUTION
+from vve_sumo.world.lone_car import PERIOD, SPEED, front_track
 from vve_sumo.world.network import Network, Roads
 
 Floats = NDArray[np.float64]
 
-PERIOD = 0.1  #: between two samples of the track [s]
-SPEED = 5.0  #: of the car that records [m/s]; half a metre a sample
-MAX_DURATION = 7200.0  #: simulated time after which a car that has not arrived is given up [s]
 SPACING = 1.0  #: between two points of the file [m]
 FINE = 0.5  #: between two points of the track as it is smoothed [m]
 STANDING = 0.05  #: samples nearer than this to the last one were taken at a stop [m]
-LANE_CHANGE = 4.0  #: duration of a lane change [s]; SUMO's default is one step
 SEAM = 100.0  #: overlap over which a closed path is smoothed across its ends [m]; many times the reach of the smoothing
 WEIGHTS = (1e-3, 1e5)  #: least and greatest weight of the smoothing spline's bending [m3]
 BISECTIONS = 40
@@ -75,7 +72,7 @@ def record_path(
     for edge, position in ((start, start_position), (end, stop)):
         roads.place(f"{edge}_0", position)
     closed = len(edges) > 1 and (start, start_position) == (end, stop)
-    points, deviation = _smoothed(_drive(network, edges, start_position, stop), tolerance, closed)
+    points, deviation = _smoothed(_moved(front_track(network, edges, start_position, stop)), tolerance, closed)
     path = ReferencePath.from_points(points[:, 0], points[:, 1])
     if tightest is not None:
         refuse_tight_bend(path, tightest, f"{network}: from {start} to {end}")
@@ -89,28 +86,6 @@ def record_path(
         curvature=float(np.max(np.abs(curvature))),
         curvature_rate=float(np.max(np.abs(np.diff(curvature) / np.diff(path.samples.s)))),
     )
-
-
-def _drive(network: Path, edges: tuple[str, ...], start: float, stop: float) -> Floats:
-    """Return the track, shape (n, 2), map [m]."""
-    import libsumo
-
-    options = ["--step-length", str(PERIOD), "--lanechange.duration", str(LANE_CHANGE), "--no-step-log", "true"]
-    libsumo.start(["sumo", "-n", str(network), "--no-warnings", "true", *options])
-    track: list[tuple[float, float]] = []
-    try:
-        libsumo.route.add("way", edges)
-        libsumo.vehicle.add("surveyor", "way", departPos=str(start), arrivalPos=str(stop), departLane="best")
-        libsumo.vehicle.setMaxSpeed("surveyor", SPEED)
-        while libsumo.simulation.getMinExpectedNumber():
-            libsumo.simulationStep()
-            if "surveyor" in libsumo.vehicle.getIDList():
-                track.append(libsumo.vehicle.getPosition("surveyor"))
-            if libsumo.simulation.getTime() > MAX_DURATION:
-                raise ConfigError(f"{network}: the recording car did not reach {edges[-1]!r} in {MAX_DURATION:.0f} s")
-    finally:
-        libsumo.close()
-    return _moved(np.array(track).reshape(-1, 2))
 
 
 def _moved(track: Floats) -> Floats:

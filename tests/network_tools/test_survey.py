@@ -15,9 +15,9 @@ from shapely.ops import unary_union
 
 from tests.isolated import isolated
 from vve_sumo.errors import ConfigError
-from vve_sumo.world.build import ATTRIBUTION
+from vve_sumo.network_tools.build import ATTRIBUTION
+from vve_sumo.network_tools.survey import Survey, record_path
 from vve_sumo.world.network import read_network
-from vve_sumo.world.survey import Survey, record_path
 
 MAIN = ("-21405924#2", "21354771")
 BLOCK = ("21354787#13", "21371933#0", "-21405924#3", "-21405924#2", "-21371616#6")  # once around, left turns
@@ -119,6 +119,7 @@ def test_the_shipped_path_is_what_the_recorder_gives(repository, linden, tmp_pat
     assert survey.edges[-1] == MAIN[1]
 
 
+@pytest.mark.slow
 def test_a_drive_back_to_its_start_is_closed_and_smooth_across_the_seam(linden, tmp_path):
     survey, first = isolated(_record_block, linden, tmp_path / "block.csv")
     points = _points(linden, tmp_path / "block.csv")

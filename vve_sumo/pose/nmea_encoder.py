@@ -127,3 +127,11 @@ def _knots(speed: float) -> str:
 def _compass(heading: float) -> float:
     """Return a heading [rad], counter-clockwise from east, in degrees clockwise from north."""
     return (90.0 - math.degrees(heading)) % 360.0
+
+
+class Encoder:
+    """Writes fixes as a receiver would: the sentences of each, whose RMC holds the date."""
+
+    def encode(self, fix: Fix) -> bytes:
+        """Return the sentences of a fix."""
+        return encode(fix)

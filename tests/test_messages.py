@@ -1,0 +1,71 @@
+"""The encoding of messages: arrays and numbers of NumPy come back, and nothing else is taken for one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+from numpy.typing import NDArray
+
+from vve_sumo.messages import MalformedMessage, MessageCodec, MessageKind
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """A message with an array, as the drive's own have."""
+
+    time: float
+    range: NDArray[np.float64]
+
+
+CODEC = MessageCodec[Scan](MessageKind.OUTPUTS, Scan)
+ANYTHING = MessageCodec[Any](MessageKind.VIEW, Any)
+
+
+@given(st.floats(), arrays.arrays(st.sampled_from("?bBhHiIlLqQefd"), st.integers(0, 20)))
+def test_an_array_comes_back_bit_for_bit_with_its_kind_of_number(time, array):
+    back = ANYTHING.decode(ANYTHING.encode([time, array]))
+    assert back[1].dtype == array.dtype
+    assert back[1].tobytes() == array.tobytes()
+
+
+def test_numbers_of_numpy_come_back_as_pythons():
+    back = ANYTHING.decode(ANYTHING.encode([np.float64(0.1), np.int8(-3), np.bool_(True)]))
+    assert back == [0.1, -3, True]
+    assert [type(one) for one in back] == [float, int, bool]
+
+
+def test_a_message_comes_back_as_its_class():
+    back = CODEC.decode(CODEC.encode(Scan(1.5, np.array([2.0, 3.0]))))
+    assert isinstance(back, Scan)
+    assert (back.time, back.range.tolist()) == (1.5, [2.0, 3.0])
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"time": 1.5},
+        {"time": "1.5", "range": np.zeros(1)},
+        {"time": 1.5, "range": [2.0]},
+        {"time": 1.5, "range": b"\0" * 8},
+        {"time": 1.5, "range": msgspec.msgpack.Ext(2, b"d" + bytes(8))},
+        {"time": 1.5, "range": msgspec.msgpack.Ext(1, b"O" + bytes(8))},
+        {"time": 1.5, "range": msgspec.msgpack.Ext(1, b"d" + bytes(7))},
+        {"time": 1.5, "range": msgspec.msgpack.Ext(1, b"")},
+    ],
+    ids=["missing", "text for a number", "a list", "bare bytes", "other extension", "objects", "cut number", "nothing"],
+)
+def test_content_of_another_kind_is_malformed(content):
+    data = MessageCodec[Any](MessageKind.OUTPUTS, Any).encode(content)
+    assert CODEC.decode(data) == MalformedMessage("wrong_content")
+
+
+def test_what_no_process_could_read_is_not_sent():
+    with pytest.raises(TypeError, match="a complex is no part of a message"):
+        ANYTHING.encode(1j)

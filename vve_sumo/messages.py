@@ -1,0 +1,103 @@
+"""The one encoding of what the processes of a drive send each other.
+
+A message is a value of any class that states the types of its fields. Its body is MessagePack (msgpack.org), an array
+of NumPy's is an extension of it, and around it stand a head and a checksum. Decoding any bytes gives a message or
+the reason why they are none. The module knows no socket, no process and no class of message.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from enum import IntEnum
+from typing import Any, Final, Generic, NamedTuple, TypeVar
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+VERSION: Final = 3
+
+# Little endian: magic, version, kind; then the body; then the CRC-32 (zlib's) of all bytes before it.
+_MAGIC: Final = b"VV"
+_HEAD: Final = struct.Struct("<2sBB")
+_CRC: Final = struct.Struct("<I")
+#: MessagePack's extension for an array of one dimension: the letter of its kind of number (NumPy's), then the numbers
+_ARRAY: Final = 1
+_NUMBERS: Final = "?bBhHiIlLqQefd"
+
+T = TypeVar("T")
+
+
+class MessageKind(IntEnum):
+    """What a message is; no number is ever used for another kind."""
+
+    SETPOINT = 1
+    OPERATOR_COMMAND = 2
+    FEEDBACK = 3
+    CONSOLE = 4
+    RECORD = 5
+    OUTPUTS = 6
+    VIEW = 7
+
+
+class MalformedMessage(NamedTuple):
+    """Bytes that are no message."""
+
+    reason: str  #: too_short, wrong_crc, wrong_magic, wrong_version, wrong_kind or wrong_content
+
+
+class MessageCodec(Generic[T]):
+    """Encodes messages of one kind, which are values of `content`, and decodes them."""
+
+    def __init__(self, kind: MessageKind, content: Any) -> None:
+        """`content` is a class, or a union of tagged ones, whose fields msgspec can tell from each other."""
+        self._head = _HEAD.pack(_MAGIC, VERSION, kind)
+        self._encoder = msgspec.msgpack.Encoder(enc_hook=_sent)
+        self._decoder: msgspec.msgpack.Decoder[T] = msgspec.msgpack.Decoder(content, ext_hook=_came, dec_hook=_array)
+
+    def encode(self, message: T) -> bytes:
+        """Return the bytes of a message; its texts must be such that UTF-8 can encode them."""
+        data = self._head + self._encoder.encode(message)
+        return data + _CRC.pack(zlib.crc32(data))
+
+    def decode(self, data: bytes) -> T | MalformedMessage:
+        """Return the message in `data`, every number of it bit for bit as it was sent."""
+        if len(data) < _HEAD.size + _CRC.size:
+            return MalformedMessage("too_short")
+        if _CRC.unpack(data[-_CRC.size :]) != (zlib.crc32(data[: -_CRC.size]),):
+            return MalformedMessage("wrong_crc")
+        if not data.startswith(self._head):
+            return MalformedMessage(_wrong_head(data))
+        try:
+            return self._decoder.decode(data[_HEAD.size : -_CRC.size])
+        except (msgspec.MsgspecError, ValueError):  # an invalid text is a ValueError
+            return MalformedMessage("wrong_content")
+
+
+def _wrong_head(data: bytes) -> str:
+    magic, version, _kind = _HEAD.unpack_from(data)
+    if magic != _MAGIC:
+        return "wrong_magic"
+    return "wrong_kind" if version == VERSION else "wrong_version"
+
+
+def _sent(value: Any) -> Any:
+    """Return what is sent for a value that MessagePack does not know: NumPy's arrays and numbers."""
+    if isinstance(value, np.ndarray):
+        return msgspec.msgpack.Ext(_ARRAY, value.dtype.char.encode() + value.tobytes())
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"a {type(value).__name__} is no part of a message")
+
+
+def _came(code: int, data: memoryview) -> NDArray[Any]:
+    if code != _ARRAY or not data or chr(data[0]) not in _NUMBERS:
+        raise ValueError("an array is expected")
+    return np.frombuffer(data[1:], chr(data[0]))
+
+
+def _array(kind: Any, value: Any) -> Any:
+    if not isinstance(value, np.ndarray):
+        raise ValueError("an array is expected")
+    return value
