@@ -23,7 +23,7 @@ from shapely.geometry import Point, Polygon, box
 
 from tests.drive.street import drive_once
 from tests.isolated import isolated
-from tests.ports.test_sensor import AHEAD, LISTER
+from tests.ports.toy_sensors import AHEAD, LISTER
 from tests.view.feed import sample
 from vve_sumo.analysis import sensor_statistics
 from vve_sumo.analysis.run import Run

@@ -25,7 +25,7 @@ import pytest
 from tests import vehicles
 from tests.conftest import REPOSITORY
 from tests.ports.receiver import FarEnd, Portions, ReceiverConformance, no_bus, udp_far_end
-from tests.pose import test_nmea
+from tests.pose import nmea_sentences
 from tests.pose.test_trust import EPOCH, drive
 from vve_sumo.errors import ConfigError, RigError
 from vve_sumo.frames import MapFrame
@@ -56,7 +56,7 @@ def as_ncom() -> Portions:
 
 @cache
 def as_nmea() -> Portions:
-    return test_nmea.drive(40)
+    return nmea_sentences.drive(40)
 
 
 @cache

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.fixes import ACCURACIES
-from tests.pose.test_ncom import fix_at
+from tests.pose.ncom_packets import fix_at
 from vve_sumo.pose.oxts_can import LOCKING, Decoder, Encoder, Outcome
 from vve_sumo.pose.trust import DRIVE, TrustGate
 from vve_sumo.values import Fix, Frame

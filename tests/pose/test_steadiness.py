@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.fixes import GOOD
-from tests.plant.test_fault_injector import AT, EPOCH, Ride
+from tests.plant.faulty_ride import AT, Ride
+from tests.plant.test_car import EPOCH
 from vve_sumo.plant.injected_faults import InjectedFault
 from vve_sumo.pose.dating import FixDater, Undated
 from vve_sumo.pose.steadiness import MAX_INTERRUPTIONS, MAX_REFUSED_SHARE, MIN_REFUSED, WINDOW, Steadiness

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from tests.pose.test_ncom import NOTHING, START, fix_at, minute_channel, stream, with_status
+from tests.pose.ncom_packets import NOTHING, START, fix_at, minute_channel, stream, with_status
 from tests.pose.test_trust import drive
 from vve_sumo.errors import ConfigError
 from vve_sumo.pose.ncom import Encoder, Outcome, pack

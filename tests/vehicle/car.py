@@ -223,3 +223,8 @@ class Rig:
     def commands(self) -> list[codec.Message]:
         """What the frames of the last tick say."""
         return [codec.decode(frame, self.car.variant) for frame in self.frames]
+
+
+def enabled(rig: Rig) -> set[bool]:
+    """What the commands of brake, throttle and steering say of being enabled."""
+    return {command.enable for command in rig.commands()[:3]}

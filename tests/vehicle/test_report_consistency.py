@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.plant.test_fault_injector import Ride, lively
+from tests.plant.faulty_ride import Ride, lively
 from tests.vehicle.car import FUSION, PERIOD, Rig
 from vve_sumo.values import ArmingState, Frame
 from vve_sumo.vehicle.dataspeed import layout

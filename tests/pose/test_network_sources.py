@@ -1,28 +1,23 @@
-"""Pose receivers over real sockets, a real pty and real files: when did what arrive, and what is refused."""
+"""Pose receivers over real sockets: when did what arrive, from whom, and what is refused."""
 
 from __future__ import annotations
 
 import math
 import os
-import pty
 import random
-import select
 import socket
 import threading
 import time
-import tty
-from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.pose.test_ncom import START, content, fix_at, stream
-from vve_sumo.errors import ConfigError, RigError
-from vve_sumo.pose import ncom, nmea
-from vve_sumo.pose.recording import fixes
-from vve_sumo.pose.sources import BYTES, PORTIONS, SO_TIMESTAMPNS, Source, open_file, open_serial, open_tcp, open_udp
-from vve_sumo.values import FixQuality
+from tests.pose.ncom_packets import START, content, fix_at, stream
+from tests.pose.source_reading import gathered, ready
+from vve_sumo.errors import RigError
+from vve_sumo.pose import ncom
+from vve_sumo.pose.sources import BYTES, PORTIONS, SO_TIMESTAMPNS, open_tcp, open_udp
 
 
 def port_that_is_free() -> int:
@@ -47,20 +42,6 @@ def listener(free_port):
         source.receive()
         yield source, sender
     source.close()
-
-
-def ready(source: Source, patience: float = 5.0) -> bool:
-    return bool(select.select([source.fileno()], [], [], patience)[0])
-
-
-def gathered(source: Source, count: int, patience: float = 5.0) -> list[tuple[float, bytes]]:
-    """All that arrives until there are `count` bytes."""
-    portions: list[tuple[float, bytes]] = []
-    until = time.monotonic() + patience
-    while sum(len(data) for _, data in portions) < count and time.monotonic() < until:
-        ready(source, 0.1)
-        portions += source.receive()
-    return portions
 
 
 # --- UDP --------------------------------------------------------------------------------------------------------------
@@ -289,6 +270,16 @@ def test_bursts_duplicates_reordering_and_garbage_give_only_good_fixes(seed):
     assert len(found) > 5
 
 
+def test_a_fix_carries_the_moment_its_datagram_came(listener):
+    source, sender = listener
+    sent = time.monotonic()
+    sender.send(ncom.Encoder().encode(fix_at(START)))
+    time.sleep(0.05)
+    ((received, data),) = source.receive()
+    (fix,) = ncom.Decoder().feed(data, received)
+    assert fix.time_received - sent < 0.03
+
+
 # --- TCP --------------------------------------------------------------------------------------------------------------
 
 
@@ -343,170 +334,3 @@ def test_nobody_there_names_the_key(free_port):
         open_tcp("127.0.0.1", free_port)
     with pytest.raises(RigError, match=r"^pose\.address: 'no such name'"):
         open_tcp("no such name", free_port)
-
-
-# --- serial -----------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def line():
-    far, near = pty.openpty()
-    tty.setraw(near)
-    source = open_serial(os.ttyname(near), 115_200)
-    yield source, far
-    source.close()
-    os.close(near)
-
-
-def test_a_serial_line(line):
-    source, far = line
-    assert source.receive() == []
-    os.write(far, b"".join(PACKETS[:20]))
-    portions = gathered(source, 20 * 72)
-    assert b"".join(data for _, data in portions) == b"".join(PACKETS[:20])
-    assert portions[0][0] == pytest.approx(time.monotonic(), abs=1.0)
-    assert not source.lost
-    os.close(far)
-
-
-def test_a_device_that_goes_away_is_lost_and_raises_nothing(line):
-    source, far = line
-    os.close(far)
-    ready(source)
-    assert source.receive() == []
-    assert source.lost
-    assert source.receive() == []
-
-
-def test_no_device_a_device_in_use_and_a_plain_file_name_the_key(line, tmp_path):
-    source, far = line
-    with pytest.raises(RigError, match=r"^pose\.device: /dev/ttyNONE does not exist: is the receiver plugged in\?$"):
-        open_serial("/dev/ttyNONE", 115_200)
-    device = os.ttyname(source.fileno())
-    with pytest.raises(RigError, match=rf"^pose\.device: {device} is in use by another program$"):
-        open_serial(device, 115_200)
-    plain = tmp_path / "plain"
-    plain.touch()
-    with pytest.raises(RigError, match=rf"^pose\.device: {plain} .*"):
-        open_serial(str(plain), 115_200)
-    os.close(far)
-
-
-def test_an_impossible_baud_rate_names_the_key():
-    far, near = pty.openpty()
-    with pytest.raises(RigError, match=r"^pose\.baud: .* cannot do -1 baud$"):
-        open_serial(os.ttyname(near), -1)
-    os.close(far)
-    os.close(near)
-
-
-# --- recordings -------------------------------------------------------------------------------------------------------
-
-
-class Hand:
-    """A clock that is moved by hand."""
-
-    now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
-def played(path: Path) -> list[tuple[float, float]]:
-    """Rows of arrival and fix time of a recording, played in steps of 20 ms, less where it and the clock began."""
-    clock = Hand()
-    source, decoder, rows = open_file(path, clock), ncom.Decoder(), []
-    assert not ready(source, 0.0)
-    for k in range(100_000):
-        clock.now = 100.0 + k * 0.02
-        for received, data in source.receive():
-            assert received <= clock.now
-            rows += [(received - 100.0, fix.time) for fix in decoder.feed(data, received)]
-        if source.lost:
-            break
-        assert source.next_due() > clock.now
-    assert source.next_due() == math.inf
-    assert source.receive() == []
-    source.close()
-    return [(received, moment - rows[0][1]) for received, moment in rows]
-
-
-@pytest.mark.parametrize("before", [b"", b"garbage", b"\xe7" * 100])
-def test_ncom_bytes_are_released_when_their_fixes_are_due(tmp_path, before):
-    path = tmp_path / "drive.ncom"
-    path.write_bytes(before + b"".join(stream(300)))
-    rows = played(path)
-    assert len(rows) == 300
-    assert all(received == pytest.approx(0.01 * k, abs=1e-6) for k, (received, _) in enumerate(rows))
-    assert all(received == pytest.approx(moment, abs=1e-6) for received, moment in rows)
-
-
-@pytest.mark.parametrize("begin", [0.0, -3.0, 1.3e9, 1.7e15])
-def test_a_csv_is_played_as_ncom_whatever_its_seconds_count_from(tmp_path, begin):
-    path = tmp_path / "drive.csv"
-    rows = "".join(f"{begin + k * 0.25},{40 + k * 1e-5},-83,0,4.5\n" for k in range(40))
-    path.write_text("time_s,latitude_deg,longitude_deg,heading_deg,speed_mps\n" + rows)
-    arrivals, moments = zip(*played(path), strict=True)
-    assert arrivals == moments == pytest.approx([0.25 * k for k in range(40)], abs=1e-6)
-    clock = Hand()
-    source = open_file(path, clock)
-    ((_, data),) = source.receive()
-    source.close()
-    (fix,) = ncom.Decoder().feed(data, 0.0)
-    original = next(fixes(path))
-    assert (fix.latitude, fix.longitude) == (original.latitude, original.longitude)
-    assert fix.velocity_north == pytest.approx(4.5)
-    assert (fix.locked, fix.quality) == (True, FixQuality.UNKNOWN)
-    assert math.isnan(fix.pitch)
-
-
-def test_a_recording_plays_in_real_time(tmp_path):
-    path = tmp_path / "drive.ncom"
-    path.write_bytes(b"".join(stream(30)))
-    source, begin, count = open_file(path), time.monotonic(), 0
-    while not source.lost:
-        select.select([source.fileno()], [], [], max(0.0, source.next_due() - time.monotonic()))
-        count += len(source.receive())
-    assert count == 30
-    assert time.monotonic() - begin > 0.28
-    source.close()
-
-
-def test_a_file_that_is_no_recording_is_refused_before_anything_plays(tmp_path):
-    path = tmp_path / "drive.ncom"
-    path.write_bytes(b"nothing of the kind" * 100)
-    with pytest.raises(ConfigError, match="no NCOM packet"):
-        open_file(path)
-    with pytest.raises(ConfigError, match="cannot be read"):
-        open_file(tmp_path / "absent.ncom")
-    late = tmp_path / "late.csv"
-    late.write_text("time_s,latitude_deg,longitude_deg,heading_deg,speed_mps\n0,40,-83,0,1\n1,40,x,0,1\n")
-    with pytest.raises(ConfigError, match="line 3, column longitude_deg"):
-        open_file(late)
-
-
-# --- all together -----------------------------------------------------------------------------------------------------
-
-
-def test_nmea_over_a_pty_one_byte_at_a_time(line):
-    from tests.pose.test_nmea import drive
-
-    source, far = line
-    decoder, found = nmea.Decoder(velocity_sigma=0.05, heading_sigma=0.004), 0
-    for _, sentence in drive(3):
-        for byte in sentence:
-            os.write(far, bytes((byte,)))
-        found += sum(len(decoder.feed(data, 0.0)) for _, data in gathered(source, len(sentence)))
-    os.close(far)
-    assert found == 3
-    assert decoder.discarded == 0
-
-
-def test_a_fix_carries_the_moment_its_datagram_came(listener):
-    source, sender = listener
-    sent = time.monotonic()
-    sender.send(ncom.Encoder().encode(fix_at(START)))
-    time.sleep(0.05)
-    ((received, data),) = source.receive()
-    (fix,) = ncom.Decoder().feed(data, received)
-    assert fix.time_received - sent < 0.03

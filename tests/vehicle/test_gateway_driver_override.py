@@ -1,0 +1,139 @@
+"""The driver takes over: a real override has the car at once, a false one stops it."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from tests.vehicle.car import PERIOD, Car, Rig, enabled
+from tests.vehicle.forged_reports import ENABLED_BRAKE, ENABLED_STEERING, ENABLED_THROTTLE, forged
+from vve_sumo.values import ArmingState
+from vve_sumo.vehicle.arming_machine import OperatorCommand
+from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.interface import Gear
+
+S = ArmingState
+
+
+@pytest.mark.parametrize("before", ["driving", "stopping", "stopped"])
+@pytest.mark.parametrize(
+    "report",
+    [
+        ENABLED_BRAKE._replace(override=True, enabled=False, driver_input=0.25),
+        ENABLED_BRAKE._replace(override=True, enabled=False, driver=True),
+        ENABLED_THROTTLE._replace(override=True, enabled=False, driver_input=0.35),
+        ENABLED_STEERING._replace(override=True, enabled=False, torque=-5.0),
+        codec.GearReport(Gear.NEUTRAL, override=True),
+    ],
+)
+def test_the_driver_has_the_car_within_the_same_step_and_for_good(report, before):
+    rig = Rig()
+    rig.cruise(10.0)
+    if before != "driving":
+        rig.car.shift_time = math.inf
+        rig.step(act=OperatorCommand.STOP)
+        rig.run(1.0 if before == "stopping" else 7.0)
+    counter = rig.commands()[0].counter
+    status = rig.step(1.0, extra=(codec.encode(report),))
+    assert (status.state, status.brake_torque, status.throttle) == (S.FAULT, 0.0, 0.0)
+    assert "driver_override" in status.reasons
+    assert enabled(rig) == {False}
+    assert {command.counter for command in rig.commands()[:3]} == {(counter + 1) % 256}
+    taken_over = set(status.reasons)
+    for status in rig.run(1.0, acceleration=2.0, act=OperatorCommand.ENGAGE):
+        assert status.state is S.FAULT
+        assert set(status.reasons) <= taken_over
+        assert enabled(rig) == {False}
+        assert not any(command.clear for command in rig.commands())
+
+
+UNCONFIRMED = [
+    ENABLED_BRAKE._replace(override=True, enabled=False),
+    ENABLED_THROTTLE._replace(override=True, enabled=False),
+    ENABLED_STEERING._replace(override=True, enabled=False, torque=1.0),
+    codec.GearReport(Gear.DRIVE, override=True),
+]
+
+
+@pytest.mark.parametrize("report", UNCONFIRMED)
+def test_an_override_that_nothing_else_shows_brings_the_car_to_rest_and_calls_for_the_driver(report):
+    """One report, wrong for one step; the brakes answer all the while."""
+    rig = Rig()
+    rig.cruise(10.0)
+    status = rig.step(1.0, extra=(codec.encode(report),))
+    assert (status.state, status.throttle) == (S.STOPPING, 0.0)
+    assert {"override_unconfirmed", "driver_needed"} <= set(status.reasons)
+    assert "driver_override" not in status.reasons
+    while (status := rig.step(1.0)).state is S.STOPPING:
+        assert enabled(rig) == {True}
+        assert "driver_needed" in status.reasons or rig.car.speed < 0.1
+    assert status.state is S.STOPPED
+    assert rig.car.speed == 0.0
+
+
+TOUCHES = [
+    (ENABLED_BRAKE._replace(driver=True), "driver_on_brake"),
+    (ENABLED_BRAKE._replace(driver_input=0.195), "driver_on_brake"),
+    (ENABLED_THROTTLE._replace(driver=True), "driver_on_throttle"),
+    (ENABLED_THROTTLE._replace(driver_input=0.20), "driver_on_throttle"),
+]
+
+
+@pytest.mark.parametrize(("report", "name"), TOUCHES)
+def test_a_driver_at_the_pedals_ends_the_drive_at_once_and_for_good(report, name):
+    """The bit of the module, or the position of its pedal, in one report alone: throttle zero in the same step."""
+    rig = Rig()
+    rig.cruise(8.0)
+    assert rig.run(1.0, acceleration=1.0)[-1].throttle > 0.0
+    status = rig.step(1.0, extra=(codec.encode(report),))
+    assert (status.state, status.throttle, status.reasons) == (S.STOPPING, 0.0, (name,))
+    assert enabled(rig) == {True}
+    seen = [rig.step(2.0, act=OperatorCommand.GO) for _ in range(round(8.0 / PERIOD))]
+    assert {status.throttle for status in seen} == {0.0}
+    assert max(status.brake_torque for status in seen) > 500.0, "the brakes work on"
+    assert (seen[-1].state, rig.car.speed) in {(S.STOPPED, 0.0), (S.DISARMED, 0.0), (S.READY, 0.0)}
+    assert name in seen[-1].reasons or seen[-1].state in (S.DISARMED, S.READY)
+
+
+@pytest.mark.parametrize(
+    "report",
+    [
+        ENABLED_BRAKE._replace(driver_input=0.185),  # 115 N m
+        ENABLED_THROTTLE._replace(driver_input=0.18),  # 4.6 %
+        ENABLED_STEERING._replace(torque=1.9),
+    ],
+)
+def test_an_untouched_pedals_offset_is_no_foot(report):
+    rig = Rig()
+    rig.cruise(8.0)
+    for _ in range(4):
+        assert rig.step(1.0, extra=(codec.encode(report),)).state is S.ENGAGED
+
+
+def test_a_driver_who_takes_over_again_after_the_act_cleared_the_old_override_has_the_car():
+    rig = Rig(Car(override=True))
+    rig.engage()
+    rig.run(2.0, acceleration=1.0)
+    rig.car.override = True
+    status = rig.step(1.0)
+    assert (status.state, status.reasons) == (S.FAULT, ("driver_override",))
+    assert enabled(rig) == {False}
+
+
+def test_an_act_of_the_same_moment_does_not_wipe_away_that_the_driver_took_over():
+    rig = Rig()
+    rig.cruise(5.0)
+    rig.car.override = True
+    status = rig.step(1.0, act=OperatorCommand.DISARM)
+    assert (status.state, status.reasons) == (S.FAULT, ("driver_override",))
+    assert rig.step(1.0, act=OperatorCommand.DISARM).state is S.DISARMED
+
+
+def test_an_override_that_the_act_does_not_clear_is_not_fought():
+    rig = Rig(Car(override=True))
+    latched = codec.encode(ENABLED_BRAKE._replace(override=True, enabled=False))
+    rig.car.forged = forged(latched)
+    rig.step(act=OperatorCommand.ENGAGE)
+    statuses = rig.run(1.0)
+    assert statuses[-1].reasons == ("handshake_timeout",)
