@@ -21,7 +21,7 @@ from vve_sumo.live.outputs import LATE, Outputs, OutputWire
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Actors, Point, Pose
 from vve_sumo.wire.sample import NO_SCAN, Sample, SampleContent, no_fix, sequence_of
-from vve_sumo.wire.sample_codec import pack
+from vve_sumo.wire.sample_codec import encode_sample
 
 pytestmark = pytest.mark.live
 NOBODY = Actors(0.0, (), *(np.zeros(0) for _ in range(8)))
@@ -68,7 +68,7 @@ def ticks(drive: Channel, t0: float, numbers: Sequence[int], late: Callable[[int
     for number in numbers:
         time.sleep(max(t0 + number * PERIOD + late(number) - time.monotonic(), 0.0))
         now = number * PERIOD
-        drive.send(pack(Sample(sequence_of(now), now, now, None), actors=False))
+        drive.send(encode_sample(Sample(sequence_of(now), now, now, None), actors=False))
 
 
 def test_a_drive_that_is_always_late_is_spoken_for() -> None:
@@ -104,7 +104,7 @@ def test_an_encoder_that_fails_says_invalid_and_the_other_wires_go_on(capfd: pyt
     failing, echo = Failing(), Echo()
     wires = [OutputWire("failing", failing, failing), OutputWire("echo", echo, echo)]
     outputs = Outputs(wires, theirs, time.monotonic(), 0.0)
-    drive.send(pack(VALID, actors=False))
+    drive.send(encode_sample(VALID, actors=False))
     drive.close()
     outputs.run()
     assert [sample.valid for sample in echo.sent][:1] == [True]

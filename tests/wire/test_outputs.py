@@ -15,7 +15,7 @@ from vve_sumo.values import Actors, Detections, Frame, Point, Pose
 from vve_sumo.wire import datagrams, esr
 from vve_sumo.wire.outputs import KINDS, Context, OfOtherSensor
 from vve_sumo.wire.sample import Sample, SampleContent, no_fix
-from vve_sumo.wire.sample_codec import pack, unpack
+from vve_sumo.wire.sample_codec import decode_sample, encode_sample
 
 CONTEXT = Context(FUSION.vehicle, "")
 SPEED = 9.0
@@ -35,7 +35,9 @@ def test_a_wire_of_another_sensor_carries_that_one_s_scan_and_is_invalid_without
     assert now.measured is not None
     now = replace(now, measured=replace(now.measured, others={"noisy": other}))
     for sensor, ranges, made in (("noisy", [12.5], now.time - 0.05), ("absent", [], 0.0)):
-        (data,) = OfOtherSensor(KINDS["radar"].make(CONTEXT), sensor).step(unpack(pack(now, actors=False)))
+        (data,) = OfOtherSensor(KINDS["radar"].make(CONTEXT), sensor).step(
+            decode_sample(encode_sample(now, actors=False))
+        )
         assert isinstance(data, bytes)
         read = datagrams.decode_radar(data)
         assert read is not None

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from vve_sumo.values import Actors, Detections, Fix, FixQuality, Point, Pose
 from vve_sumo.wire.sample import Sample, SampleContent
-from vve_sumo.wire.sample_codec import pack, unpack
+from vve_sumo.wire.sample_codec import decode_sample, encode_sample
 
 NUMBERS = st.floats()
 
@@ -54,11 +54,11 @@ def _bits(value: Any) -> Any:
 def test_every_field_comes_through(fix: Fix, pose: Pose, tables: Any, age: float, sequence: int) -> None:
     scan, actors = tables
     sample = Sample(sequence, 1.4e9, age, SampleContent(fix, pose, scan, age, actors))
-    assert _bits(unpack(pack(sample, actors=True))) == _bits(sample)
+    assert _bits(decode_sample(encode_sample(sample, actors=True))) == _bits(sample)
     nobody = Actors(actors.time, (), *(np.zeros(0) for _ in range(8)))
     without = dataclasses.replace(sample, measured=SampleContent(fix, pose, scan, age, nobody))
-    assert _bits(unpack(pack(sample, actors=False))) == _bits(without)
+    assert _bits(decode_sample(encode_sample(sample, actors=False))) == _bits(without)
 
 
 def test_a_sample_without_measurements_stays_one() -> None:
-    assert unpack(pack(Sample(7, 1.5e9, 3.25, None), actors=True)) == Sample(7, 1.5e9, 3.25, None)
+    assert decode_sample(encode_sample(Sample(7, 1.5e9, 3.25, None), actors=True)) == Sample(7, 1.5e9, 3.25, None)

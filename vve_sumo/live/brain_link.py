@@ -19,7 +19,7 @@ from vve_sumo.pose.sources import Source, open_udp
 from vve_sumo.rig.schema import Brain as RigBrain
 from vve_sumo.rig.schema import Rig
 from vve_sumo.wire.sample import Sample
-from vve_sumo.wire.sample_codec import pack
+from vve_sumo.wire.sample_codec import encode_sample
 from vve_sumo.wire.setpoints import is_setpoint
 
 KEY_LENGTH: Final = 32  #: [bytes]
@@ -36,7 +36,7 @@ class ChannelLink:
 
     def send(self, sample: Sample) -> None:
         """Hand over a sample; one for which there is no room is lost, and the wires turn invalid by themselves."""
-        self._outputs.send(pack(sample, actors=self._actors))
+        self._outputs.send(encode_sample(sample, actors=self._actors))
 
     def receive(self, _now: float, _wait: bool) -> Sequence[tuple[float, bytes]]:
         """Return the datagrams that have come, dated by the kernel's stamps."""

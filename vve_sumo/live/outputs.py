@@ -24,13 +24,14 @@ from vve_sumo.live.channel import Channel
 from vve_sumo.live.priority import DRIVE_NICE, KILLED_SECOND, raise_priority, set_oom_score
 from vve_sumo.live.pty_bus import PREFIX, PtyOutlet
 from vve_sumo.live.spawn import receive_config
+from vve_sumo.messages import MalformedMessage
 from vve_sumo.sensors.port import STANDARD
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Vehicle
 from vve_sumo.wire.outlets import CanOutlet, Outlet, SerialOutlet, TcpOutlet, UdpOutlet
 from vve_sumo.wire.outputs import KINDS, Context, OfOtherSensor, Output
 from vve_sumo.wire.sample import Sample, sequence_of
-from vve_sumo.wire.sample_codec import unpack
+from vve_sumo.wire.sample_codec import decode_sample
 from vve_sumo.wire.signature import signed
 
 #: a sample that is this much later than due is no longer waited for [s]: the wires turn invalid
@@ -121,7 +122,9 @@ class Outputs:
         waiting = self._drive.receive()
         if not waiting:
             return
-        sample = unpack(waiting[-1])
+        sample = decode_sample(waiting[-1])
+        if isinstance(sample, MalformedMessage):
+            return
         now = time.monotonic()
         if now - self._t0 - sample.drive_time > LATE or sample.sequence <= self._sequence:
             return  # the drive was held up after it had made the sample; the timer speaks in its place

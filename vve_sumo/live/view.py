@@ -26,6 +26,7 @@ from vve_sumo.live.channel import Channel
 from vve_sumo.live.priority import KILLED_FIRST, lower_priority, set_oom_score
 from vve_sumo.live.spawn import receive_config
 from vve_sumo.live.wording import Guard, phase, why
+from vve_sumo.messages import MalformedMessage
 from vve_sumo.record.roads import read_roads
 from vve_sumo.view.guard import STOP_PATH
 from vve_sumo.view.hub import Hub
@@ -101,7 +102,9 @@ class ViewProcess:
     def _read_drive(self) -> None:
         events = []
         for datagram in self._drive.receive():
-            events += self._frames.take(decode(datagram))
+            sample = decode(datagram)
+            if not isinstance(sample, MalformedMessage):
+                events += self._frames.take(sample)
         if self._drive.closed:
             asyncio.get_running_loop().remove_reader(self._drive.fileno())
         self._hub.changed(events)
