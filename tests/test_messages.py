@@ -35,6 +35,13 @@ def test_an_array_comes_back_bit_for_bit_with_its_kind_of_number(time, array):
     assert back[1].tobytes() == array.tobytes()
 
 
+def test_an_array_of_texts_or_of_two_dimensions_comes_back_as_lists():
+    back = ANYTHING.decode(
+        ANYTHING.encode([np.array(["a", "bc"]), np.arange(4).reshape(2, 2), np.arange(2, dtype=">i4")])
+    )
+    assert back == [["a", "bc"], [[0, 1], [2, 3]], [0, 1]]
+
+
 def test_numbers_of_numpy_come_back_as_pythons():
     back = ANYTHING.decode(ANYTHING.encode([np.float64(0.1), np.int8(-3), np.bool_(True)]))
     assert back == [0.1, -3, True]

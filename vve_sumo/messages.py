@@ -25,6 +25,7 @@ _CRC: Final = struct.Struct("<I")
 #: MessagePack's extension for an array of one dimension: the letter of its kind of number (NumPy's), then the numbers
 _ARRAY: Final = 1
 _NUMBERS: Final = "?bBhHiIlLqQefd"
+_LETTERS: Final = {np.dtype(letter): letter.encode() for letter in _NUMBERS}
 
 T = TypeVar("T")
 
@@ -85,7 +86,8 @@ def _wrong_head(data: bytes) -> str:
 def _sent(value: Any) -> Any:
     """Return what is sent for a value that MessagePack does not know: NumPy's arrays and numbers."""
     if isinstance(value, np.ndarray):
-        return msgspec.msgpack.Ext(_ARRAY, value.dtype.char.encode() + value.tobytes())
+        letter = _LETTERS.get(value.dtype) if value.ndim == 1 else None
+        return value.tolist() if letter is None else msgspec.msgpack.Ext(_ARRAY, letter + value.tobytes())
     if isinstance(value, np.generic):
         return value.item()
     raise TypeError(f"a {type(value).__name__} is no part of a message")
