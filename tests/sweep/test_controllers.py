@@ -66,8 +66,8 @@ def test_a_search_for_a_boundary_finds_one_for_every_controller() -> None:
         if run is not None:
             hit = float(run.values["speed"]) >= flips[str(run.values["controller.name"])]
             search.take({"key": run.key, "error": "", "collision": hit, "failed": ""})
-    assert search.found is not None
-    lines = search.found["boundaries"]
+    assert search.result is not None
+    lines = search.result["boundaries"]
     assert [line["values"]["controller.name"] for line in lines] == ["a"] * 6 + ["b"]
     assert {line["values"]["controller.name"]: line["flips"][0]["fails"] for line in lines} == flips
 
