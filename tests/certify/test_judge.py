@@ -147,7 +147,7 @@ def test_a_drive_that_was_over_before_the_fault_began_passes_nothing(name: str) 
     case, window = CASE[name], Window(9.0, 9.0 + CASE[name].lasts)
     died = replace(course(onset=3.1, silent=3.0), outcome="fault", reasons=("brain_silent",), stop_gap=math.nan)
     found = judge(case, window, died, course())
-    assert (found.verdict, "fallen silent before" in found.why) == (CaseVerdict.FAILED, True)
+    assert (found.verdict, "was silent before" in found.why) == (CaseVerdict.FAILED, True)
     stood = judge(case, window, replace(course(onset=3.0), stop_gap=math.nan), course())
     assert (stood.verdict, "come to rest" in stood.why) == (CaseVerdict.FAILED, True)
 

@@ -74,7 +74,7 @@ def test_a_study_end_to_end(folder: Path, studied: subprocess.CompletedProcess[s
 
     again = isolated.command("study", "latency", "short", "--out", "cliff", *STEPS, cwd=folder)
     assert (again.returncode, again.stderr.count("\n")) == (2, 1)
-    assert "--resume goes on with it" in again.stderr
+    assert "--resume continues it" in again.stderr
     (folder / "cliff" / "latency_margin.png").unlink()
     resumed = isolated.command("study", "latency", "short", "--out", "cliff", *STEPS, "--resume", "--quiet", cwd=folder)
     assert (resumed.returncode, resumed.stdout) == (0, studied.stdout)

@@ -44,8 +44,8 @@ class Reaction(enum.StrEnum):
 
     DRIVE = "drive the scenario"  #: it stops before the obstacle, within the limits
     CARRY_ON = "carry on"  #: as DRIVE, as if there were no fault
-    IGNORE = "carry on and do not brake for it"  #: as DRIVE, without braking by BRAKING_DEMAND more than in the nominal drive
-    EASE = "brake gently or not"  #: as DRIVE, without braking by HARD_BRAKING more than in the nominal drive
+    IGNORE = "carry on and do not brake for it"  #: as DRIVE, braking by less than BRAKING_DEMAND beyond nominal
+    EASE = "brake gently or not"  #: as DRIVE, braking by less than HARD_BRAKING beyond nominal
     STOP = "stop"  #: no answer, or braking, from then on to rest; no contact
     BRAKE = "brake"  #: setpoints that brake by BRAKING_DEMAND or more; no contact
     HOLD = "keep the distance"  #: no contact and `min_left_m` left, by whatever reaction
@@ -93,12 +93,8 @@ class Case:
     reaction: Reaction
     within: float  #: time for the reaction [s]; inf where none is measured
     why: str  #: of the reaction and its time
-    make_wire_fault: Callable[[Random], WireFault] | None = (
-        None  #: a fault for each wire; None: none on the wires themselves
-    )
-    make_scan_fault: Callable[[Scene], ScanFault] | None = (
-        None  #: a fault of what the sensors see; None: they see what is there
-    )
+    make_wire_fault: Callable[[Random], WireFault] | None = None  #: of each wire's bytes; None: no such fault
+    make_scan_fault: Callable[[Scene], ScanFault] | None = None  #: of the sensors' data; None: no such fault
     needs: tuple[str, ...] = ()  #: kinds of wires of which the rig must have one as well
 
     @property
@@ -187,7 +183,7 @@ CASES: Final[tuple[Case, ...]] = (
     ),
     _case(
         "radar_freeze", "the radar's last bytes arrive again and again", RADAR, lambda _: faults.Freeze(),
-        _TO_END, (Reaction.STOP, 0.2), "The sequence stands. " + _LIFETIME + " As much again is left to notice it.",
+        _TO_END, (Reaction.STOP, 0.2), "The sequence does not count. " + _LIFETIME + " Noticing takes as long again.",
     ),
     _case(
         "radar_delay", "the radar arrives 0.3 s late", RADAR, lambda _: faults.Delay(0.3),
@@ -201,9 +197,9 @@ CASES: Final[tuple[Case, ...]] = (
         "Within the lifetime a brain may drive on if it compensates the age: 40 ms are 0.45 m at 11.2 m/s.",
     ),
     _case(
-        "radar_ageing", "the scan and its time of measurement stand while sequence and time count on", ("radar",),
+        "radar_ageing", "scan and time of measurement freeze while sequence and time count on", ("radar",),
         _edited(faults.aged), _TO_END, (Reaction.STOP, 0.5),
-        "A radar shows no scan that is older than 0.3 s; 0.2 s more are 2.2 m at 11.2 m/s, less than the distance that a stop leaves.",
+        "A radar shows no scan that is older than 0.3 s; 0.2 s more are 2.2 m at 11.2 m/s, less than a stop leaves.",
     ),
     _case(
         "radar_bit_flips", "one bit of every radar message is wrong", ("radar",), faults.BitFlips,
@@ -215,7 +211,7 @@ CASES: Final[tuple[Case, ...]] = (
         "Four of five messages are good, and no gap is longer than the lifetime.",
     ),
     _shown(
-        "radar_ghost", "a target stands in the way for 1 s: to stop 5 m before it takes 2.5 m/s²", _ghost(),
+        "radar_ghost", "a target stands on the path for 1 s; stopping 5 m before it takes 2.5 m/s²", _ghost(),
         (FaultMoment.CRUISE, 1.0), (Reaction.BRAKE, 0.4),
         "The brain cannot tell a ghost target from a car. At 11.2 m/s it is 30 m away; 0.4 s later it takes 3.1 m/s².",
     ),
@@ -227,32 +223,32 @@ CASES: Final[tuple[Case, ...]] = (
     _shown(
         "radar_ghost_slower", "a target at the same distance drives ahead at 0.72 of the car's speed, for 1 s",
         _ghost(SLOWER), (FaultMoment.CRUISE, 1.0), (Reaction.EASE, _NO_TIME),
-        "At 11.2 m/s it comes nearer by 3.1 m/s: to keep 5 m takes 0.2 m/s². A car that brakes hard for it risks a rear-end collision.",
+        "At 11.2 m/s it approaches at 3.1 m/s: keeping 5 m takes 0.2 m/s². Hard braking risks a rear-end collision.",
     ),
     _shown(
-        "radar_bend_in_way", "in a bend, a target stands in the way for 1 s: to stop 5 m before it takes 2.5 m/s²",
+        "radar_bend_in_way", "in a bend, a target stands on the path for 1 s; to stop 5 m before it takes 2.5 m/s²",
         _ghost(), (FaultMoment.BEND, 1.0), (Reaction.BRAKE, 0.4),
         "As the ghost on the straight. It lies on the side of the car's axis to which the path bends: with the wrong "
         "sign of the azimuth it seems to be beside the path.",
     ),
     _shown(
-        "radar_bend_mirrored", "in a bend, a target stands where the car's axis mirrors that place, for 1 s",
+        "radar_bend_mirrored", "in a bend, a target stands at the mirror image of that place, for 1 s",
         _ghost(mirrored=True), (FaultMoment.BEND, 1.0), (Reaction.IGNORE, _NO_TIME),
         "It stands 4 m or more beside the path: it seems to be on the path only with the wrong sign of the azimuth.",
     ),
     _shown(
-        "radar_rows_beside", "parked cars stand on both sides of the way, 2.6 m from its middle, for 2 s", _parked_rows,
+        "radar_rows_beside", "parked cars stand on both sides of the path, 2.6 m from it, for 2 s", _parked_rows,
         (FaultMoment.CRUISE, 2.0), (Reaction.IGNORE, _NO_TIME),
         "A street is lined with parked cars. A brain that takes degrees for radians, or the "
         "nearest target at any azimuth, brakes for them.",
     ),
     _shown(
-        "radar_passing_left", "a car passes on the left, half as fast again as the car, 2.6 m aside, for 2 s",
+        "radar_passing_left", "a car passes on the left at 1.5 times the car's speed, 2.6 m from the path, for 2 s",
         _passing(NEXT_LANE_OFFSET, 1.0, 1.5), (FaultMoment.CRUISE, 2.0), (Reaction.IGNORE, _NO_TIME),
         "It is in the next lane and drives away.",
     ),
     _shown(
-        "radar_passing_right", "a car half as fast as the car is passed on the right, 2.6 m aside, for 2 s",
+        "radar_passing_right", "a car at half the car's speed is passed on the right, 2.6 m from the path, for 2 s",
         _passing(-NEXT_LANE_OFFSET, 12.0, 0.5), (FaultMoment.CRUISE, 2.0), (Reaction.IGNORE, _NO_TIME),
         "It stays in the next lane: that the distance shrinks requires no braking.",
     ),
@@ -269,7 +265,7 @@ CASES: Final[tuple[Case, ...]] = (
     _case(
         "sensor_freeze", "the sensor's last cycle arrives again and again; the radar datagrams arrive", SENSORS,
         lambda _: faults.Freeze(), _TO_END, (Reaction.STOP, 0.5),
-        "Scan index, measurement counter or time of measurement stand: as a drop-out.",
+        "Scan index, measurement counter or time of measurement freeze: as a drop-out.",
     ),
     _case(
         "esr_error", "the ESR reports an internal error, while its tracks look good", ("esr",),
@@ -282,28 +278,28 @@ CASES: Final[tuple[Case, ...]] = (
         "A radar that reports an error gives no valid object.",
     ),
     _case(
-        "radar_counter", "the sequence stands while the rest of the datagram is new", ("radar",),
+        "radar_counter", "the sequence does not count while the rest of the datagram is new", ("radar",),
         _edited(faults.counter_stopped), _TO_END, (Reaction.STOP, 0.2),
         "A datagram whose sequence is not newer is to be refused: the sender may be stuck. " + _LIFETIME,
     ),
     _case(
-        "radar_invalid", "every radar datagram says that it is not valid, while its contents look good", ("radar",),
+        "radar_invalid", "every radar datagram is marked invalid, while its contents look good", ("radar",),
         _edited(faults.marked_invalid), _TO_END, _SILENT_AT_ONCE,
         "Data marked as invalid must not be used at all. " + _LIFETIME,
     ),
     _case(
-        "radar_not_a_number", "every radar datagram says that it is valid, while a range is not a number", ("radar",),
+        "radar_not_a_number", "every radar datagram is marked valid, while a range is NaN", ("radar",),
         _edited(faults.not_a_number), _TO_END, _SILENT_AT_ONCE,
         "A comparison with NaN is never true: the brain would never brake for that target.",
     ),
     _case(
         "gnss_drop_out", "nothing arrives from the receiver any more", GNSS, lambda _: faults.DropOut(),
         _TO_END, (Reaction.STOP, 0.3),
-        "A brain may bridge a few packets by its own odometry; 0.3 s of a wrong yaw rate of 2 °/s are 6 cm aside.",
+        "A brain may bridge a few packets by odometry; a yaw rate error of 2 °/s is 6 cm of lateral error in 0.3 s.",
     ),
     _case(
         "gnss_freeze", "the receiver's last bytes arrive again and again", GNSS, lambda _: faults.Freeze(),
-        _TO_END, (Reaction.STOP, 0.3), "The receiver's time stands: as a drop-out.",
+        _TO_END, (Reaction.STOP, 0.3), "The receiver's time freezes: as a drop-out.",
     ),
     _case(
         "gnss_delay", "the receiver arrives 0.3 s late", GNSS, lambda _: faults.Delay(0.3),
@@ -320,19 +316,19 @@ CASES: Final[tuple[Case, ...]] = (
         "Four of five packets are good; a fix that is one tick old is 0.22 m behind at 11.2 m/s.",
     ),
     _case(
-        "gnss_invalid", "every packet says that the unit is not locked, while its contents look good", ("ncom",),
+        "gnss_invalid", "every packet reports that the unit is not locked, while its contents look good", ("ncom",),
         lambda _: faults.UnlockedNcom(), _TO_END, (Reaction.STOP, 0.3),
-        "Nobody vouches for such a place: as a drop-out.",
+        "The receiver declares the position invalid: as a drop-out.",
     ),
     _case(
         "nmea_invalid", "GGA says quality 0 and RMC status V, while position and speed look good", ("nmea",),
         lambda _: faults.Rewritten(faults.nmea_without_fix), _TO_END, (Reaction.STOP, 0.3),
-        "Nobody vouches for such a place: as a drop-out.",
+        "The receiver declares the position invalid: as a drop-out.",
     ),
     _case(
         "both_freeze", "the last bytes of all wires arrive again and again", (*GNSS, *RADAR),
         lambda _: faults.Freeze(), _TO_END, (Reaction.STOP, 0.2),
-        "The computer before the brain hangs: fix and radar agree with each other, only the sequence stands.",
+        "The computer before the brain hangs: fix and radar agree with each other, only the sequence does not count.",
     ),
 )  # fmt: skip
 

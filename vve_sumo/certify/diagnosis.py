@@ -16,7 +16,7 @@ from vve_sumo.certify.results import CaseDrive, CaseResult, CaseVerdict, Defect
 
 NOT_ANSWERING: Final = "does not answer at all"
 SIGN: Final = "sign of range rate"
-RATE_UNIT: Final = "unit of range rate: km/h where m/s are meant?"
+RATE_UNIT: Final = "unit of range rate: km/h instead of m/s?"
 NOT_DRIVING: Final = "does not drive the scenario without a fault"
 STEERING_SIGN: Final = "sign of steering: left is positive"
 STEERING_SCALE: Final = "steering too large: degrees, or the angle of the steering wheel?"
@@ -36,7 +36,7 @@ REFUSED: Final = {
     "setpoint_magic": "its setpoints do not begin with VVES",
     "setpoint_version": "its setpoints are of another version",
     "setpoint_kind": "its setpoints are of another kind of datagram",
-    "setpoint_not_finite": "its setpoints hold what is not a number",
+    "setpoint_not_finite": "its setpoints contain NaN or infinity",
     "setpoint_forged": "its setpoints are not signed with the rig's key",
 }
 
@@ -78,23 +78,23 @@ RULES: Final = (
     Rule("radar_drop_out", "drives on without radar"),
     Rule("radar_freeze", "takes repeated radar bytes for new ones", ("radar_drop_out", "radar_counter")),
     Rule("radar_delay", "acts on radar that arrives late", _BLIND),
-    Rule("radar_gap", "a gap of two ticks in the radar upsets it"),
-    Rule("radar_bit_flips_some", "single lost radar messages upset it", ("radar_gap",)),
+    Rule("radar_gap", "does not tolerate a gap of two ticks in the radar"),
+    Rule("radar_bit_flips_some", "does not tolerate single lost radar messages", ("radar_gap",)),
     Rule("radar_delay_short", "does not compensate the radar's age", ("radar_ageing",)),
-    Rule("radar_ghost", "does not brake for a target that stands in its way", (), "reacts late to a target"),
-    Rule("radar_ghost_receding", "brakes for what drives away"),
-    Rule("radar_ghost_slower", "brakes hard for what hardly comes nearer: unit of range rate?"),
+    Rule("radar_ghost", "does not brake for a standing target on its path", (), "reacts late to a target"),
+    Rule("radar_ghost_receding", "brakes for a target that drives away"),
+    Rule("radar_ghost_slower", "brakes hard for a target that approaches slowly: unit of range rate?"),
     Rule(
         "radar_bend_in_way",
-        "does not brake for a target in a bend: azimuth mirrored, or its way taken for straight",
+        "does not brake for a target in a bend: azimuth mirrored, or path assumed straight",
         ("radar_ghost", "radar_bend_mirrored", "radar_rows_beside"),
         "reacts late to a target in a bend",
     ),
     Rule("radar_bend_mirrored", MIRRORED),
-    Rule("radar_rows_beside", "brakes for what stands beside its way: unit of azimuth?", ("radar_bend_mirrored",)),
-    Rule("radar_passing_left", "brakes for what passes on the left"),
-    Rule("radar_passing_right", "brakes for what is passed on the right", ("radar_rows_beside",)),
-    Rule("radar_missing", "does not make up for targets that the radar misses for half a second"),
+    Rule("radar_rows_beside", "brakes for targets beside its path: unit of azimuth?", ("radar_bend_mirrored",)),
+    Rule("radar_passing_left", "brakes for a car that passes on the left"),
+    Rule("radar_passing_right", "brakes for a car that it passes on the right", ("radar_rows_beside",)),
+    Rule("radar_missing", "does not bridge targets that the radar misses for half a second"),
     Rule("sensor_drop_out", "drives on without its sensor"),
     Rule("sensor_freeze", "does not check whether its sensor's scans are new", ("sensor_drop_out",)),
     Rule("esr_error", "acts on an ESR that reports an error", ("sensor_drop_out",)),
@@ -103,10 +103,10 @@ RULES: Final = (
     Rule("gnss_freeze", "does not check the time of the GNSS", ("gnss_drop_out",)),
     Rule("gnss_delay", "acts on GNSS that arrives late", ("gnss_drop_out", "gnss_freeze")),
     Rule("gnss_bit_flips", "does not check NCOM's checksums", ("gnss_drop_out",)),
-    Rule("gnss_bit_flips_some", "single lost GNSS packets upset it"),
+    Rule("gnss_bit_flips_some", "does not tolerate single lost GNSS packets"),
     Rule("gnss_invalid", "acts on GNSS that is not locked", ("gnss_drop_out",)),
     Rule("nmea_invalid", "acts on NMEA without a fix", ("gnss_drop_out",)),
-    Rule("both_freeze", "does not notice that all of its inputs stand", ("radar_freeze", "radar_counter")),
+    Rule("both_freeze", "does not notice that all of its inputs are frozen", ("radar_freeze", "radar_counter")),
 )
 
 

@@ -117,7 +117,7 @@ def _extra_braking(window: Window | None, drive: CaseDrive, nominal: CaseDrive |
 
 
 def _extra_braking_time(window: Window, drive: CaseDrive, nominal: CaseDrive, demand: float) -> float:
-    """Return how long the brain braked by `demand` [m/s2] more than the nominal drive's hardest braking within SHIFT [s].
+    """Return how long the brain braked by `demand` [m/s2] beyond the nominal drive's hardest braking within SHIFT [s].
 
     The interval is from the begin of the fault to SHIFT after its end.
     """
@@ -214,7 +214,7 @@ def _ending_failures(
     if demand is not None and window is not None and nominal is not None:
         lasts = _extra_braking_time(window, drive, nominal, demand)
         if lasts > MAX_BRAKING_TIME + _SLACK:
-            yield f"it braked for the target by {-demand:g} m/s² or more beyond the drive without a fault, for {lasts:.2f} s"
+            yield f"it braked for the target by {-demand:g} m/s² or more beyond the nominal drive, for {lasts:.2f} s"
 
 
 def _safety_failures(case: Case, drive: CaseDrive, limits: CertificateLimits) -> Iterator[str]:

@@ -99,7 +99,7 @@ class Phantoms:
     """A fault that adds phantoms to the true targets."""
 
     def __init__(self, track: DrivenTrack, begins: float, bumper: float, phantoms: Sequence[Phantom]) -> None:
-        """`begins`: drive time of the phantoms' stated positions [s]; `bumper`: from the rear axle to the front bumper [m]."""
+        """`begins`: time of the phantoms' positions [s]; `bumper`: from the rear axle to the front bumper [m]."""
         self._track, self._begins, self._bumper = track, begins, bumper
         self._driven = track.driven(begins)
         self._phantoms = tuple(phantoms)

@@ -154,7 +154,7 @@ class Bench:
 
     @contextmanager
     def _brain(self, case: Case, place: Place, folder: Path) -> Iterator[tuple[Callable[[], bool], tuple[str, ...]]]:
-        """Start a brain; yields the function that says whether it is idle, and the wires on which it does not listen."""
+        """Start a brain; yields the function that tells whether it is idle, and the wires that it does not receive."""
         if place.command is None:
             self._ready(case.name)
             yield _manual_quiet, ()

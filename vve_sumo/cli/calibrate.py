@@ -88,7 +88,7 @@ def _drive(arguments: argparse.Namespace, working: Path) -> Path:
 def conclude(folder: Path, rig_file: Path | None, date: str, keep_values: Sequence[str] = ()) -> int:
     """Fit, draw, show, and write into a rig's file where one is given; return the exit code.
 
-    The exit code is 1 where a needed parameter is poor and no rig file was given; with a rig file, that is a ConfigError.
+    The exit code is 1 where a needed parameter is poor and no rig file was given; with one, that is a ConfigError.
     """
     from vve_sumo.commissioning.calibrate import calibrate, draw, put_into
 

@@ -139,7 +139,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _wait_for_manual_start(case: str) -> None:
-    """Wait until somebody has started the brain again."""
+    """Wait until the brain was started by hand."""
     try:
         input(f"case {case}: start the brain again, then press Enter ")
     except EOFError:

@@ -53,7 +53,7 @@ def arguments(parser: Parser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Compare two records, print what differs, draw it where that is asked for; return the exit code, 0."""
+    """Compare two records, print what differs, draw the picture of `--out`; return the exit code, 0."""
     from vve_sumo.analysis.comparison import compare
     from vve_sumo.analysis.dataset import Sweep
     from vve_sumo.analysis.load import load

@@ -55,8 +55,8 @@ def arguments(parser: Parser) -> None:
         default=[],
         metavar="KEY=VALUE",
         dest="values",
-        help="override a value of the scenario: a dotted key such as ego.speed_mps, or a parameter that it declares; a number "
-        "may have a unit, such as 'ego.speed=25 mph'; may be given several times",
+        help="override a value of the scenario: a dotted key such as ego.speed_mps, or a parameter that it declares; "
+        "a number may have a unit, such as 'ego.speed=25 mph'; may be given several times",
     )
     parser.add_argument("--controller", metavar="NAME", help="shipped name, file.py:make or entry point")
     parser.add_argument(
@@ -67,7 +67,7 @@ def arguments(parser: Parser) -> None:
         type=Path,
         metavar="FILE",
         help="feed a recorded drive to the pipeline, its start aligned with the path's start: NCOM bytes, or CSV with "
-        "time_s,latitude_deg,longitude_deg,heading_deg,speed_mps; commands are computed and recorded, no car is commanded",
+        "time_s,latitude_deg,longitude_deg,heading_deg,speed_mps; commands are computed and recorded, not sent",
     )
     parser.add_argument("--rig", metavar="NAME", help="drive live on this rig: a name under rigs/ or a .toml file")
     parser.add_argument(

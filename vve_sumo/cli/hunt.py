@@ -27,8 +27,9 @@ TEXT = """\
 Drive thousands of short episodes in lockstep, without SUMO: the real gateway, pipeline and tick, and the simulated
 vehicle with faults injected into it. An episode is a timeline of up to three faults, driver's actions, operator's
 keys and behaviours of the brain, which starts at a phase of the drive: arming, engaging, held, driving, bend,
-braking, at_rest, stopped, released. Invariants are checked on the true state of the car, never on its reports: a driver's foot closes the
-throttle, the speed limit holds, the body stays in the lot, a stop ends within its bound or raises the alarm, and more.
+braking, at_rest, stopped, released. Invariants are checked on the true state of the car, never on its reports: the
+throttle closes when the driver brakes, the speed limit holds, the body stays in the lot, a stop ends within its bound
+or raises the alarm, and more.
 
 A search draws episodes at random, then near those that came closest to breaking an invariant. With --pairs, every
 kind of fault is combined with every other, with every driver's action and with every behaviour of the brain. A

@@ -22,7 +22,8 @@ def override_argument(parser: Parser) -> None:
     parser.add_argument(
         "--override-doctor",
         metavar="REASON",
-        help="live: arm a real car although the doctor's last verdict on its rig is not a recent GO; the reason is shown and recorded",
+        help="live: arm a real car although the doctor's last verdict on its rig is not a recent GO; shown and "
+        "recorded",
     )
 
 

@@ -19,7 +19,7 @@ def arguments(parser: Parser) -> None:
         add_subcommands(parser),
         "decode",
         "convert an NCOM file to CSV",
-        "Write one CSV row for every accepted fix of an OXTS NCOM file, with whether the fix is good enough to drive on.",
+        "Write one CSV row for every accepted fix of an OXTS NCOM file, and whether it is good enough to drive on.",
     )
     decode.add_argument("file", type=Path, metavar="FILE", help="raw NCOM bytes as received")
     decode.add_argument("--csv", type=Path, required=True, metavar="OUT", help="CSV file to write")

@@ -45,6 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     print(margins.table)
     margins.check(latency_ms / 1000.0)
     print(
-        f"the steering tolerates the stated {latency_ms:.0f} ms at every speed; the smallest delay margin is {1000.0 * margins.delay:.0f} ms"
+        f"the steering tolerates the stated {latency_ms:.0f} ms at every speed; "
+        f"the smallest delay margin is {1000.0 * margins.delay:.0f} ms"
     )
     return 0

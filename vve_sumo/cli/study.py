@@ -84,7 +84,7 @@ def arguments(parser: Parser) -> None:
 
 
 def _latency(arguments: argparse.Namespace) -> int:
-    """Drive what is not finished, show the latency margin and draw it; return the exit code."""
+    """Drive the unfinished runs, show the latency margin and draw it; return the exit code."""
     from vve_sumo.sweep.fill import engine_of, fill
     from vve_sumo.sweep.study import latency_study
 

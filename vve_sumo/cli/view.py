@@ -15,9 +15,9 @@ EXIT_CODES = OF_FILES
 
 SUMMARY = "show a record, two side by side, a sweep, or the running live drive in a browser"
 TEXT = """\
-Serve a page on this machine that shows a drive's record with timeline, playback, single steps and events, two records side
-by side, or a sweep as a table whose kept runs open. The address is printed; Ctrl-C ends the page. The page of a live
-drive is served by the drive itself, with --view; --live prints its address.
+Serve a page on this machine that shows a drive's record with timeline, playback, single steps and events, two records
+side by side, or a sweep as a table whose kept runs open. The address is printed; Ctrl-C ends the page. The page of a
+live drive is served by the drive itself, with --view; --live prints its address.
 
 examples:
   vve-sumo view runs/parked_car                 the drive, played back

@@ -94,7 +94,8 @@ def first_sight_distance(corner: float, before: float, speed: float, pace: float
     The corner is `corner` [m] beside the car's path and `before` [m] nearer than the pedestrian's path. The car drives
     at `speed`, the pedestrian walks at `pace` [m/s] with a front `reach` [m] before the centre, and the two would meet
     in the middle of the car's path. At a distance d, the front is p d / v - r beside the path, and the line of sight
-    past the corner is c d / (d - b) beside it. Both are equal where p/v d^2 - (p/v b + r + c) d + r b = 0: the greater root.
+    past the corner is c d / (d - b) beside it. Both are equal where
+    p/v d^2 - (p/v b + r + c) d + r b = 0: the greater root.
     """
     slope = pace / speed
     linear = slope * before + reach + corner

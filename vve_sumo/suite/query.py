@@ -139,7 +139,7 @@ def drive(
 
 
 def code_of(rows: Sequence[SuiteRow], working: Path) -> str:
-    """Return the hash of the driving code: that of the rows' controllers and sensors, of this program and its libraries.
+    """Return the hash of the driving code: the rows' controllers and sensors, this program and its libraries.
 
     Raises ConfigError for a controller that cannot be made.
     """

@@ -27,11 +27,9 @@ from vve_sumo.vehicle.model import VehicleModel
 OTHER_SPEED = 40.0  #: of the car that cuts in [km/h]; ours
 LENGTH, WIDTH = 4.5, 1.8  #: of that car [m]
 START_OFFSET = LANE_WIDTH  #: lateral start position: the middle of the left lane [m]
-LANE_KEEPING_TIME, LANE_CHANGE_TIME = (
-    1.5,
-    5.0,
-)  #: it keeps its lane about so long, then changes in so long, at 1.5 m/s at most [s]; ours
-TTC_MARGIN = 0.05  #: than the rule ends, it comes in; and the drive may be so far off that [s]
+LANE_KEEPING_TIME = 1.5  #: it keeps its lane about so long before the change [s]; ours
+LANE_CHANGE_TIME = 5.0  #: duration of the change, at 1.5 m/s of lateral speed at most [s]; ours
+TTC_MARGIN = 0.05  #: added to the rule's time to collision at the cut-in, and the tolerance of a drive [s]
 LANE_EDGE = 0.5 * LANE_WIDTH  #: lateral position of the lane's edge, from the path [m]
 STEP = 0.001  #: time step of the search for the intrusion [s]
 SPEED_TOLERANCE = 1.0 * KMH  #: ours [m/s]
@@ -46,8 +44,8 @@ def cut_in_rows(car: VehicleModel) -> Iterator[SuiteRow]:
         speed, ttc = relative + other, requirements.cut_in_time(relative) + TTC_MARGIN
         changing, reach = intrusion(other)
         ahead = relative * (ttc + LANE_KEEPING_TIME + changing) + reach - 0.5 * LENGTH
-        # Triggered by the time to collision and not by the clock, because the car under test is slightly faster than its
-        # set speed. A trigger fires at a tick, on average half a tick late.
+        # Triggered by the time to collision and not by the clock, because the car under test is slightly faster than
+        # its set speed. A trigger fires at a tick, on average half a tick late.
         begins = ttc + changing + (reach - 0.5 * LENGTH) / relative + 0.5 * PERIOD
         event = {"when": {"ttc_s": begins}, "offset_m": 0.0, "over_s": LANE_CHANGE_TIME}
         size = {"length_m": LENGTH, "width_m": WIDTH}

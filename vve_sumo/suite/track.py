@@ -67,7 +67,7 @@ def gate(speed: float, ahead: float, gap: float) -> list[dict[str, Any]]:
 
 
 def end_when_passed(speed: float, ahead: float) -> dict[str, Any]:
-    """Return the trigger that ends a row early: a contact, or the car past the target's position, `ahead` [m] at entry."""
+    """Return the trigger that ends a row early: a contact, or the car past the target's position at entry."""
     return {"contact": True, "ego_at_m": entry_station(speed) + ahead + 20.0}
 
 

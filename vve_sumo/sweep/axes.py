@@ -102,7 +102,7 @@ def axes(raw: object) -> dict[str, Axis]:
     found: dict[str, Axis] = {}
     for key, entry in flattened(raw):
         if key in found:
-            raise ValueError(f"{key}: is there twice, expected each key once")
+            raise ValueError(f"{key}: occurs twice, expected each key once")
         found[key] = _axis(key, entry)
     return found
 

@@ -38,7 +38,7 @@ def _tuning(raw: object) -> Mapping[str, Choice | Steps]:
         values = axis.values if isinstance(axis, Choice) else ()
         duplicate = next((value for at, value in enumerate(values) if value in values[:at]), None)
         if duplicate is not None:
-            raise ValueError(f"{key}: {duplicate!r} stands twice, expected each value once")
+            raise ValueError(f"{key}: {duplicate!r} occurs twice, expected each value once")
         tuning_axes[key] = axis
     return tuning_axes
 
@@ -82,7 +82,7 @@ def compared(controllers: tuple[VariedController, ...]) -> tuple[VariedControlle
     names = [one.name for one in controllers]
     duplicate = next((name for at, name in enumerate(names) if name in names[:at]), None)
     if duplicate is not None:
-        raise ValueError(f"{duplicate!r} stands twice, expected each controller once, with lists in its tuning")
+        raise ValueError(f"{duplicate!r} occurs twice, expected each controller once, with lists in its tuning")
     kinds = columns(controllers)
     for one in controllers:
         for key, axis in one.tuning.items():

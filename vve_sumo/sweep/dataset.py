@@ -2,7 +2,7 @@
 
     sweep.json               the spec, the scenario, hashes of what they name, versions; written first, never changed
     journal.jsonl            a line for every finished run that is in no part yet; on the disk before a run counts
-    search.json              of a search: what it found; written once it is over
+    search.json              of a search: its result; written at its end
     rows/part-00000.parquet  1000 cells each, in their order; written once all of them are finished, never changed
     machine/part-*.parquet   beside each: wall time, memory; not the same from one sweep to the next
     records/KEY              full records, where they are kept
@@ -11,7 +11,7 @@
 A finished run is at every instant in the journal or in a part. A part is written beside its place, synced, and renamed
 into it, first the machine's, then the rows'; only then the journal is written anew without its lines, the same way. A
 kill before the second rename leaves the journal whole, and the part is written again, with the same bytes; a kill after
-it leaves lines that are in the part as well, which are dropped when the sweep goes on. A line that a kill tore has no
+it leaves lines that are in the part as well, which are dropped when the sweep continues. A line cut by a kill has no
 end; it is cut off, and that run, which never counted, is run again.
 """
 

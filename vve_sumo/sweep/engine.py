@@ -34,7 +34,7 @@ class Local:
     """Drives jobs on this machine, several at a time."""
 
     def __init__(self, workers: int, report: Callable[[DriveProgress], None] = lambda progress: None) -> None:
-        """`workers` runs go on at the same time; raises ConfigError unless there is at least one.
+        """`workers` runs are driven in parallel; raises ConfigError unless there is at least one.
 
         `report` receives the progress of jobs with `progress` set.
         """

@@ -52,13 +52,13 @@ def fill(
         if search is not None and search.result is not None:
             dataset.settle(search.runs)
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"interrupted; {_progress_text(dataset)}; to go on: {resume_command}") from None
+        raise KeyboardInterrupt(f"interrupted; {_progress_text(dataset)}; to continue: {resume_command}") from None
     except VveError as error:
-        raise SimulationError(f"{error}; {_progress_text(dataset)}; to go on: {resume_command}") from error
+        raise SimulationError(f"{error}; {_progress_text(dataset)}; to continue: {resume_command}") from error
     finally:
         dataset.close()
     if not dataset.complete:
-        raise SimulationError(f"some runs were interrupted; {_progress_text(dataset)}; to go on: {resume_command}")
+        raise SimulationError(f"some runs were interrupted; {_progress_text(dataset)}; to continue: {resume_command}")
     return search
 
 
@@ -109,7 +109,7 @@ def _drive(
     def done(job: Job, result: RunResult) -> None:
         run = under_way.pop(job.key)
         if result.error == "interrupted":
-            return  # not finished: it is driven when the sweep goes on
+            return  # not finished: it is driven when the sweep continues
         if keep == "failed" and job.keep is not None and result.figures.get("passed"):
             shutil.rmtree(job.keep, ignore_errors=True)
         row = dataset.add(run, result)

@@ -127,7 +127,7 @@ def planned(
 
 
 def with_metrics(table: Mapping[str, Any], spec: Spec) -> dict[str, Any]:
-    """Return a scenario's table with the metrics that a sweep adds: those that it names, and an installed one that its search uses."""
+    """Return a scenario's table with the metrics that a sweep adds: its own, and an installed one of its search."""
     named = table.get("metrics", [])
     if not isinstance(named, (list, tuple)):
         return dict(table)  # the schema refuses it
@@ -149,7 +149,7 @@ def _refuse_taken(plan: SweepPlan, file: Path) -> None:
     """Raise ConfigError where a parameter has the name of a user's metric."""
     if taken := [name for name in plan.parameters if name in plan.own()]:
         raise ConfigError(
-            f"{file}: parameters.{taken[0]}: a metric has that name; declare the parameter under another name in the scenario"
+            f"{file}: parameters.{taken[0]}: a metric has that name; declare the parameter under another name"
         )
 
 

@@ -37,7 +37,7 @@ class RunSpec(NamedTuple):
 
 
 def key_of(name: str, values: Mapping[str, Value], seed: int) -> str:
-    """Return the key of a run of the scenario `name`: 16 hexadecimal digits; an integer and the equal float give the same key."""
+    """Return the key of a run of the scenario `name`: 16 hexadecimal digits, equal for 1 and 1.0."""
     plain = {place: _plain(value) for place, value in values.items()}
     text = json.dumps([name, plain, seed], sort_keys=True, separators=(",", ":"), ensure_ascii=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -18,7 +18,7 @@ WINDOW = 1000
 
 
 def in_order(runs: Iterable[RunSpec], job_of: Callable[[RunSpec], Job]) -> Iterator[RunSpec]:
-    """Return runs in the order in which to drive them; takes WINDOW of them at a time. `job_of` returns the job of a run."""
+    """Return runs in the order in which to drive them; takes WINDOW at a time. `job_of` returns a run's job."""
     left = iter(runs)
     while window := list(islice(left, WINDOW)):
         alike: dict[tuple[RoadFiles, int], list[tuple[tuple[float, float], RunSpec]]] = {}

@@ -61,13 +61,9 @@ class AdaptiveSearch:
     """A running search: yields the cells to drive and takes their rows."""
 
     def __init__(self, cells: RunSpecs, finished_rows: Mapping[int, Row], folder: object) -> None:
-        """`finished_rows`: rows of finished runs, by number; `folder` is named where they are those of another search."""
-        self._strategy, self._name, self._finished_rows, self._folder = (
-            strategy_of(cells),
-            cells.name,
-            finished_rows,
-            folder,
-        )
+        """`finished_rows`: rows of finished runs, by number; `folder` is named in errors."""
+        self._strategy, self._name = strategy_of(cells), cells.name
+        self._finished_rows, self._folder = finished_rows, folder
         self._rows: dict[str, Row] = {}
         self._requested: dict[str, RunSpec] = {}
         self._missing: set[str] = set()

@@ -42,9 +42,7 @@ from vve_sumo.sweep.shared_road import RoadFiles, SharedRoad
 from vve_sumo.vehicle import interface
 
 POLL_INTERVAL = 0.05  #: between two checks of a run's time and memory [s]; in this time a run may take some 100 MB more
-PROCESS_POLL_INTERVAL = (
-    1.0  #: between two checks of a run's child processes, each of which costs a millisecond or more [s]
-)
+PROCESS_POLL_INTERVAL = 1.0  #: between two checks of a run's child processes, which take a millisecond or more [s]
 IDLE_POLL_INTERVAL = 1.0  #: between two checks of the parent while there is no job [s]
 MAX_OUTPUT_BYTES = 8192  #: bytes of the end of a run's output that are kept while it runs
 MAX_OUTPUT_CHARACTERS = 2000  #: characters of them in the result of a run with an error
@@ -312,7 +310,7 @@ class ForkServer:
 
 
 def _memory_mb(child: Child) -> float:
-    """Return the memory of a run and of what it has started [10^6 bytes]."""
+    """Return the memory of a run and its child processes [10^6 bytes]."""
     now = time.monotonic()
     if now - child.tree_checked_at >= PROCESS_POLL_INTERVAL:
         child.tree_checked_at = now

@@ -175,11 +175,11 @@ class Spec(Table):
         if self.design == "list":
             rows = list(zip(*choices.values(), strict=True))
             if len(choices) == len(self.parameters) and len(set(rows)) < len(rows):
-                raise ValueError(f"design list: row {_twice(rows)} stands twice, expected each once")
+                raise ValueError(f"design list: row {_twice(rows)} occurs twice, expected each once")
             return
         for key, values in choices.items():
             if len(set(values)) < len(values):
-                raise ValueError(f"parameters.{key}: {_twice(values)} stands twice, expected each value once")
+                raise ValueError(f"parameters.{key}: {_twice(values)} occurs twice, expected each value once")
 
     @property
     def varied(self) -> dict[str, Kind]:
@@ -221,7 +221,7 @@ def with_numbers(entry: Mapping[str, Any], file: Path, table: Mapping[str, Any])
         for key, values in flattened(parameters):
             named, numbers = _numbers(key, values, table)
             if named in found:
-                raise ConfigError(f"{named}: is there twice, expected each key once")
+                raise ConfigError(f"{named}: occurs twice, expected each key once")
             found[named] = numbers
     except ConfigError as error:
         raise ConfigError(f"{file}: parameters.{error}") from None
