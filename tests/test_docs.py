@@ -141,7 +141,7 @@ def _cases() -> str:
     """The cases of a certificate."""
     lines = ["| case | injected | begins | required | why |", "|---|---|---|---|---|"]
     for case in CASES:
-        when = "" if case.make is None else case.begins.value
+        when = "" if case.make_wire_fault is None else case.begins.value
         lines.append(f"| `{case.name}` | {case.injected} | {when} | {required(case)} | {case.why} |")
     return "\n".join(lines)
 

@@ -29,7 +29,7 @@ Bar = Callable[[float, float | None, str], None]
 def of_runs(*, quiet: bool) -> Iterator[Callable[[Tally], None]]:
     """Give what takes the tally before the first run and after every run, and shows it."""
     with _shown("", quiet=quiet, otherwise=_lines) as bar:
-        yield lambda tally: bar(tally.finished, tally.total, tally.say())
+        yield lambda tally: bar(tally.finished, tally.total, tally.text())
 
 
 @contextlib.contextmanager

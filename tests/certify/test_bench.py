@@ -13,10 +13,10 @@ from tests.conftest import REPOSITORY
 from tests.live.stage import free_ports
 from vve_sumo.certify import kept
 from vve_sumo.certify.brain_process import BrainProcess
-from vve_sumo.certify.cases import CASES, NAMES, chosen
+from vve_sumo.certify.cases import CASES, NAMES, select_cases
 from vve_sumo.certify.limits import CertificateLimits
 from vve_sumo.certify.link import FaultLink
-from vve_sumo.certify.report import again
+from vve_sumo.certify.report import reproduce_command
 from vve_sumo.certify.results import BrainUnderTest, CaseResult, CaseVerdict, Certificate
 from vve_sumo.certify.run import Bench, CertifyQuery, certify
 from vve_sumo.cli.parser import setting
@@ -64,7 +64,7 @@ def test_a_brain_that_cannot_be_started_leaves_nothing_behind(there: bool, tmp_p
     rig = tmp_path / "foreign.toml"
     rig.write_text((REPOSITORY / "rigs" / "foreign.toml").read_text(encoding="utf-8"), encoding="utf-8")
     out = tmp_path / "out"
-    query = CertifyQuery(str(rig), "parked_car", "nowhere", chosen(["radar_gap"]), (1,), out, {})
+    query = CertifyQuery(str(rig), "parked_car", "nowhere", select_cases(["radar_gap"]), (1,), out, {})
     if there:
         out.mkdir()
     with pytest.raises(ConfigError, match="'nowhere' cannot be started"):
@@ -79,7 +79,7 @@ def test_drives_of_another_car_or_another_road_are_in_no_one_certificate(tmp_pat
         (tmp_path / folder).mkdir()
         text = (REPOSITORY / folder / name).read_text(encoding="utf-8")
         (tmp_path / folder / name).write_text(text, encoding="utf-8")
-    query = CertifyQuery("foreign", "parked_car", None, chosen(["radar_gap"]), (1,), tmp_path / "out", {})
+    query = CertifyQuery("foreign", "parked_car", None, select_cases(["radar_gap"]), (1,), tmp_path / "out", {})
 
     def identity() -> dict[str, object]:
         return Bench(query, tmp_path, lambda _case: None).identity()
@@ -142,10 +142,12 @@ def _certificate(**other: object) -> Certificate:
 
 def test_the_command_that_drives_it_again_has_the_same_rig_cases_and_values() -> None:
     asked = "vve-sumo certify parked_car --rig mine/foreign.toml --runs 2"
-    assert again(_certificate()) == f"{asked} --brain './brain --fast'"
-    chosen = again(_certificate(cases=("nominal", "radar_gap"), brain=BrainUnderTest("", {})))
-    assert chosen == f"{asked} --cases nominal,radar_gap"
-    stricter = again(_certificate(limits=CertificateLimits(max_deviation_m=0.3), brain=BrainUnderTest("", {})))
+    assert reproduce_command(_certificate()) == f"{asked} --brain './brain --fast'"
+    select_cases = reproduce_command(_certificate(cases=("nominal", "radar_gap"), brain=BrainUnderTest("", {})))
+    assert select_cases == f"{asked} --cases nominal,radar_gap"
+    stricter = reproduce_command(
+        _certificate(limits=CertificateLimits(max_deviation_m=0.3), brain=BrainUnderTest("", {}))
+    )
     assert stricter == f"{asked} --limit max_deviation_m=0.3"
 
 
@@ -173,5 +175,5 @@ def test_a_brain_that_sees_by_radar_alone_need_not_listen_elsewhere(tmp_path: Pa
 
 @pytest.mark.parametrize("value", [True, 12, 0.5, "25 mph", [1, 2], ["a", "b"]])
 def test_a_value_is_set_again_as_it_was(value: object) -> None:
-    words = again(_certificate(values={"key": value}, brain=BrainUnderTest("", {}))).partition("--set ")[2]
+    words = reproduce_command(_certificate(values={"key": value}, brain=BrainUnderTest("", {}))).partition("--set ")[2]
     assert setting(words.strip("'")) == ("key", value)

@@ -105,7 +105,7 @@ def test_a_brain_by_radar_alone_is_certified_also_after_an_interrupt(tmp_path: P
     until(nominal.exists, 600.0)
     first.send_signal(signal.SIGINT)
     _, said = first.communicate(timeout=120.0)
-    assert (first.returncode, "--resume goes on" in said) == (130, True), said
+    assert (first.returncode, "--resume continues" in said) == (130, True), said
     driven = nominal.stat().st_mtime_ns
     rig = (tmp_path / "foreign.toml").read_text(encoding="utf-8")
 

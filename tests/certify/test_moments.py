@@ -108,7 +108,7 @@ def test_in_a_bend_the_other_side_of_the_axis_is_not_in_the_way(curvature: float
     assert timing.window is not None
     track = track_of(nominal)
     ahead = ghost_distance(SPEED) + BUMPER
-    forward, aside = track.seen_from(track.driven(timing.window.begins), ahead)
+    forward, aside = track.position_ahead(track.driven(timing.window.begins), ahead)
     # Of a circle: the place at an arc from here.
     assert (forward, aside) == pytest.approx(
         (math.sin(curvature * ahead) / curvature, (1.0 - math.cos(curvature * ahead)) / curvature), abs=0.05
@@ -125,7 +125,7 @@ def test_a_straight_way_and_one_that_hardly_bends_are_void(name: str) -> None:
 
 def test_targets_on_the_straight_are_not_shown_in_a_bend() -> None:
     for case in CASES:
-        if case.show is not None and case.begins is FaultMoment.CRUISE:
+        if case.make_scan_fault is not None and case.begins is FaultMoment.CRUISE:
             assert "straight" in timing_of(case, course(curvature=1.0 / 60.0), BUMPER).void, case.name
             assert timing_of(case, course(), BUMPER).window is not None, case.name
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vve_sumo.certify.cases import CASES, STREET, Scene
-from vve_sumo.certify.phantoms import FIELD_OF_VIEW, DrivenTrack, Missing, Phantom, Phantoms
+from vve_sumo.certify.phantoms import FIELD_OF_VIEW, DrivenTrack, MissedDetections, Phantom, Phantoms
 from vve_sumo.values import Actors, Detections, Fix, FixQuality, Frame, Point, Pose
 from vve_sumo.wire import ars408, esr
 from vve_sumo.wire.datagrams import decode_radar
@@ -162,13 +162,13 @@ def test_a_target_lies_on_the_same_side_on_every_wire(kind: str, side: float) ->
     from tests.certify.toy_street import PROJECTION, vehicle
 
     fault = Phantoms(track(0.0), 0.0, BUMPER, [Phantom(15.0, side)])
-    output = KINDS[kind].make(Context(vehicle(), PROJECTION))
+    output = KINDS[kind].make_wire_fault(Context(vehicle(), PROJECTION))
     left = _left_by_layout(kind, list(output.step(fault.step(sample(AGE, 0.0), True))))
     assert left == [pytest.approx(side, abs=0.2)]
 
 
 def test_outside_of_its_window_and_without_a_scan_nothing_is_altered() -> None:
-    for fault in (Phantoms(track(0.0), 2.0, BUMPER, [Phantom(15.0)]), Missing()):
+    for fault in (Phantoms(track(0.0), 2.0, BUMPER, [Phantom(15.0)]), MissedDetections()):
         healthy = sample(2.0, 0.0, ((20.0, 0.1, -9.0),))
         assert fault.step(healthy, False) is healthy
         invalid = Sample(1, 1000.0, 2.0, None)
@@ -180,15 +180,15 @@ def test_what_is_there_stays_beside_the_phantoms_and_goes_missing_alone() -> Non
     beside = Phantoms(track(0.0), 2.0, BUMPER, [Phantom(15.0)]).step(sample(2.0, 0.0, (there,)), True)
     assert seen(beside)[0] == there
     assert len(seen(beside)) == 2
-    missing = Missing().step(sample(2.0, 0.0, (there,)), True)
+    missing = MissedDetections().step(sample(2.0, 0.0, (there,)), True)
     assert seen(missing) == []
     assert missing.radar_valid
 
 
 def test_rows_stand_on_both_sides_and_none_in_the_way() -> None:
     case = CASE["radar_rows_beside"]
-    assert case.show is not None
-    shown = case.show(Scene(track(0.0), 2.0, BUMPER, SPEED)).step(sample(2.0 + AGE, 0.0), True)
+    assert case.make_scan_fault is not None
+    shown = case.make_scan_fault(Scene(track(0.0), 2.0, BUMPER, SPEED)).step(sample(2.0 + AGE, 0.0), True)
     aside = [far * math.sin(azimuth) for far, azimuth, _rate in seen(shown)]
     assert sorted({round(each, 1) for each in aside}) == [-2.6, 2.6]
     assert sum(each > 0.0 for each in aside) == sum(each < 0.0 for each in aside) >= 4

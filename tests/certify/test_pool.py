@@ -15,7 +15,7 @@ import pytest
 from tests.certify.toy_street import SPEED
 from tests.conftest import REPOSITORY
 from vve_sumo.certify import kept
-from vve_sumo.certify.kept import Told
+from vve_sumo.certify.kept import WireSummary
 from vve_sumo.certify.link import Answer, Window
 from vve_sumo.certify.places import has_places, place_of, places_of
 from vve_sumo.certify.pool import Pool
@@ -137,15 +137,15 @@ def test_an_interrupt_ends_the_brain_of_every_worker(tmp_path: Path) -> None:
 
 def test_a_drive_is_kept_only_with_its_own_window(tmp_path: Path) -> None:
     answers = [Answer(0.06000000000000001, 3, 4, 0.1, -1.5)]
-    told = Told(8.1, {"setpoint_late": 2}, 40, ("ncom",))
-    assert kept.told_of(tmp_path, Window(8.1, 9.0)) is None
-    kept.keep(tmp_path, answers, told)
-    assert kept.told_of(tmp_path, Window(8.1, 9.0)) == told
-    assert kept.told_of(tmp_path, Window(8.2, 9.0)) is None
-    assert kept.told_of(tmp_path, None) is None
+    wire_summary = WireSummary(8.1, {"setpoint_late": 2}, 40, ("ncom",))
+    assert kept.wire_summary_of(tmp_path, Window(8.1, 9.0)) is None
+    kept.keep(tmp_path, answers, wire_summary)
+    assert kept.wire_summary_of(tmp_path, Window(8.1, 9.0)) == wire_summary
+    assert kept.wire_summary_of(tmp_path, Window(8.2, 9.0)) is None
+    assert kept.wire_summary_of(tmp_path, None) is None
     assert kept._answers(tmp_path / kept.ANSWERS) == [Answer(0.06, 3, 4, 0.1, -1.5)]
     (tmp_path / kept.DRIVE).write_text('{"begins": 8.1')
-    assert kept.told_of(tmp_path, Window(8.1, 9.0)) is None
+    assert kept.wire_summary_of(tmp_path, Window(8.1, 9.0)) is None
 
 
 def test_only_the_same_query_is_gone_on_with(tmp_path: Path) -> None:

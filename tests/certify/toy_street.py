@@ -275,17 +275,19 @@ def drive(
 ) -> CaseDrive:
     """Drive a case and return its course."""
     chance = Random(f"{case.name} {seed}")
-    show = None
-    if case.show is not None and window is not None and nominal is not None:
+    make_scan_fault = None
+    if case.make_scan_fault is not None and window is not None and nominal is not None:
         (speed,) = speeds_at(nominal, [window.begins]).tolist()
-        show = Scene(track_of(nominal), window.begins, BUMPER, speed)
+        make_scan_fault = Scene(track_of(nominal), window.begins, BUMPER, speed)
     context = Context(vehicle(), PROJECTION)
     wires = [
         FaultyWire(
-            KINDS[kind].make(context),
+            KINDS[kind].make_wire_fault(context),
             brain.outlet(kind),
-            case.make(chance) if case.make and kind in case.wires else None,
-            case.show(show) if case.show and show and kind in case.wires else None,
+            case.make_wire_fault(chance) if case.make_wire_fault and kind in case.wires else None,
+            case.make_scan_fault(make_scan_fault)
+            if case.make_scan_fault and make_scan_fault and kind in case.wires
+            else None,
         )
         for kind in kinds
     ]

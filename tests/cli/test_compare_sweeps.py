@@ -69,7 +69,7 @@ def test_three_values_of_one_sweep_are_compared_each_with_each(
 @pytest.mark.parametrize(
     ("more", "says"),
     [
-        ([], "a sweep; expected either another sweep or --by PARAMETER"),
+        ([], "is a sweep, expected either another sweep or --by PARAMETER"),
         (["--by", "nix"], "'nix' was not varied; there are speed, kind"),
     ],
 )

@@ -16,7 +16,7 @@ from tests.sweep.test_dataset import fill
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.latency_margin import latency_margin_of
 from vve_sumo.errors import ConfigError
-from vve_sumo.sweep.study import DELAYS_MS, FACTORS, cliff_study
+from vve_sumo.sweep.study import DELAYS_MS, FACTORS, latency_study
 
 SPEED = 5.0
 SHORT = f"""
@@ -74,7 +74,7 @@ def test_a_study_end_to_end(folder: Path, studied: subprocess.CompletedProcess[s
 
     again = isolated.command("study", "latency", "short", "--out", "cliff", *STEPS, cwd=folder)
     assert (again.returncode, again.stderr.count("\n")) == (2, 1)
-    assert "--resume goes on with it" in again.stderr
+    assert "--resume continues it" in again.stderr
     (folder / "cliff" / "latency_margin.png").unlink()
     resumed = isolated.command("study", "latency", "short", "--out", "cliff", *STEPS, "--resume", "--quiet", cwd=folder)
     assert (resumed.returncode, resumed.stdout) == (0, studied.stdout)
@@ -106,14 +106,14 @@ def test_what_is_wrong_is_one_line(folder: Path, arguments: tuple[str, ...], say
 
 
 def test_what_is_usual_goes_with_the_scenario(folder: Path) -> None:
-    shipped, quiet = cliff_study("seen_late", REPOSITORY), cliff_study("short", folder)
+    shipped, quiet = latency_study("seen_late", REPOSITORY), latency_study("short", folder)
     assert shipped.plan.cells == len(DELAYS_MS) * len(FACTORS) * 3
     assert quiet.plan.cells == len(DELAYS_MS)
 
 
 def test_a_study_of_a_rigs_car(folder: Path) -> None:
-    assert cliff_study("short", folder, rig="simulated").plan.rig == str(REPOSITORY / "rigs" / "simulated.toml")
-    assert cliff_study("short", folder).plan.rig == ""
+    assert latency_study("short", folder, rig="simulated").plan.rig == str(REPOSITORY / "rigs" / "simulated.toml")
+    assert latency_study("short", folder).plan.rig == ""
 
 
 @pytest.mark.usefixtures("studied")
@@ -138,4 +138,4 @@ def test_a_sensor_beside_the_ideal_radar_is_left_to_chance(tmp_path: Path) -> No
     (tmp_path / "scenarios").mkdir()
     noisy = 'sensors = [{ name = "noisy", kind = "radar" }]'
     (tmp_path / "scenarios" / "two.toml").write_text(SHORT + noisy, encoding="utf-8")
-    assert cliff_study("two", tmp_path).plan.cells == 3 * len(DELAYS_MS)
+    assert latency_study("two", tmp_path).plan.cells == 3 * len(DELAYS_MS)

@@ -65,7 +65,7 @@ def test_one_file_is_written(record: Path, tmp_path: Path) -> None:
         (("record", "record", "record"), "expected one or two folders, got 3"),
         (("record", "--port", "70000"), "--port: expected 0 to 65535, got 70000"),
         (("--live", "record", "--html", "x"), "--live: expected at most the folder of one drive, and no --html"),
-        (("--live",), "runs: no live drive with a page goes on there"),
+        (("--live",), "runs: no live drive with a page is running there"),
     ],
 )
 def test_what_cannot_be_shown_is_one_line(record: Path, arguments: tuple[str, ...], expected: str) -> None:
@@ -78,7 +78,7 @@ def test_what_cannot_be_shown_is_one_line(record: Path, arguments: tuple[str, ..
 def test_only_a_live_drive_is_shown_while_it_goes_on(tmp_path: Path) -> None:
     done = command("drive", "--view", cwd=tmp_path)
     assert done.returncode == 2
-    assert "--view: only a live drive is shown while it goes on" in done.stderr
+    assert "--view: only a live drive has a page while it runs" in done.stderr
     assert list(tmp_path.iterdir()) == []
 
 

@@ -99,7 +99,7 @@ def test_nobody_at_the_keyboard_is_no_agreement(tmp_path: Path) -> None:
     before = rig.read_text(encoding="utf-8")
     run = vve_sumo("align", "seen_late", "--rig", str(rig), cwd=tmp_path)
     assert run.returncode == 0
-    assert "Enter stores it" in run.stdout
+    assert "Press Enter to store" in run.stdout
     assert rig.read_text(encoding="utf-8") == before
 
 

@@ -132,7 +132,7 @@ def test_a_killed_drive_is_exported_up_to_its_last_whole_tick(
     record(working / "killed", None, ticks=100)
     assert main(["export", "killed", "csv"]) == 0
     said = capsys.readouterr().out.splitlines()[0]
-    assert said == f"the drive came to no end: exported up to its last whole tick, at {TIME[99]:.2f} s"
+    assert said == f"the record has no end of the drive: exported up to its last complete tick, at {TIME[99]:.2f} s"
     assert (
         len(pd.read_csv("killed.csv")) == len(pd.read_csv("killed.actors.csv").query("actor == 'ego'")) == 100 < TICKS
     )

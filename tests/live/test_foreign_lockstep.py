@@ -164,7 +164,7 @@ def test_a_recorded_drive_has_no_brain(tmp_path: Path) -> None:
     done = command("drive", "parked_car", *SHORT, "--pose", "walk.csv", "--out", "none", cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr.strip().endswith(
-        "--pose: nothing obeys in a recorded drive, and the rig's brain.kind is 'setpoints'; "
+        "--pose: a recorded drive has no external brain, and brain.kind of the rig is 'setpoints'; "
         "leave out one of --pose and --rig"
     )
     assert not (tmp_path / "none").exists()

@@ -88,7 +88,7 @@ def test_without_a_rig_there_is_nobody_to_name(tmp_path: Path) -> None:
     run = isolated.command("drive", "--driver", "Ada", cwd=tmp_path)
     assert (run.returncode, run.stderr) == (
         2,
-        "vve-sumo: --driver: only a live drive has one; name the rig with --rig\n",
+        "vve-sumo: --driver: only a live drive has an operator and a driver; name the rig with --rig\n",
     )
 
 

@@ -176,7 +176,7 @@ def test_a_search_looks_for_its_worst(lab: Path) -> None:
             '[search]\nhighest = "fastet_mps"\n[parameters]\nego.speed_mps = { min = 4.0, max = 6.0 }\n',
             "did you mean 'fastest_mps'",
         ),
-        ("[parameters]\nmetrics.0 = ['a.py:make']\n", "parameters.metrics.0: metrics are the same of every run"),
+        ("[parameters]\nmetrics.0 = ['a.py:make']\n", "parameters.metrics.0: expected metrics = "),
     ],
 )
 def test_what_is_wrong_with_a_sweep_of_it_is_one_line(

@@ -80,7 +80,7 @@ def test_another_car_under_the_same_name_is_another_test(tmp_path: Path) -> None
     with SuiteJournal(tmp_path, ROWS, resume=True, car=FUSION) as journal:
         assert journal.known == [outcome]
     heavier = replace(FUSION, vehicle=replace(FUSION.vehicle, mass=1.1 * FUSION.vehicle.mass))
-    with pytest.raises(ConfigError, match=f"line 1: row '{ROWS[0].id}' was another test then"):
+    with pytest.raises(ConfigError, match=f"line 1: row '{ROWS[0].id}' differs from the begun suite"):
         SuiteJournal(tmp_path, ROWS, resume=True, car=heavier)
 
 
@@ -99,10 +99,10 @@ def test_other_code_of_this_program_is_in_no_one_journal(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        ("{}", "line 2 is no finished drive"),
-        ("nonsense", "line 2 is no finished drive"),
-        ("[1]", "line 2 is no finished drive"),
-        ('{"row": "stopped_10", "digest": "0"}', "line 2: row 'stopped_10' was another test then"),
+        ("{}", "line 2: expected a finished drive"),
+        ("nonsense", "line 2: expected a finished drive"),
+        ("[1]", "line 2: expected a finished drive"),
+        ('{"row": "stopped_10", "digest": "0"}', "line 2: row 'stopped_10' differs from the begun suite"),
     ],
 )
 def test_a_journal_of_something_else_is_refused(line, said, tmp_path):
@@ -119,5 +119,5 @@ def test_a_journal_of_something_else_is_refused(line, said, tmp_path):
 def test_a_row_that_demands_something_else_is_another_test(tmp_path):
     with SuiteJournal(tmp_path, ROWS, resume=False) as journal:
         journal.add(RowOutcome(ROWS[0], 1, RowVerdict.PASSED))
-    with pytest.raises(ConfigError, match="was another test then"):
+    with pytest.raises(ConfigError, match="differs from the begun suite"):
         SuiteJournal(tmp_path, [replace(ROWS[0], demand=5.0), *ROWS[1:]], resume=True)

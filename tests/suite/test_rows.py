@@ -153,7 +153,7 @@ def test_a_hidden_child_is_first_seen_where_the_parked_cars_let_it():
             at_corner = front * (speed * left - 1.0) / (speed * left)
             if at_corner > edge:
                 break
-        assert row.need.there == pytest.approx(speed * left, abs=0.01)
+        assert row.need.available == pytest.approx(speed * left, abs=0.01)
 
 
 def test_fmvss_127_begins_five_seconds_of_relative_speed_ahead():

@@ -112,7 +112,7 @@ def test_a_hidden_child_is_seen_where_the_closed_form_says(tmp_path):
     along = (child["x_m"] - ego["true_x_m"]) * math.cos(ego["true_heading_rad"])
     along += (child["y_m"] - ego["true_y_m"]) * math.sin(ego["true_heading_rad"])
     speed = row.scenario.ego.speed_mps
-    assert along - CAR.rear_axle_to_bumper == pytest.approx(row.need.there, abs=0.05 * speed + 0.1)
+    assert along - CAR.rear_axle_to_bumper == pytest.approx(row.need.available, abs=0.05 * speed + 0.1)
 
 
 @pytest.mark.slow
@@ -156,7 +156,7 @@ def test_what_goes_wrong_is_told_apart(tmp_path):
     )
     rows = [
         replace(good, id="blind", scenario=good.scenario.model_copy(update={"controller": nothing})),
-        replace(good, id="late", scenario=late, need=Need(good.need.way, ahead)),
+        replace(good, id="late", scenario=late, need=Need(good.need.needed, ahead)),
         replace(good, id="fast", approach=good.approach._replace(speed=good.approach.speed + 3.0 * KMH)),
         driven_by(replace(good, id="nobody"), "nobody"),
     ]
@@ -343,7 +343,7 @@ def test_a_suite_is_driven_by_a_rigs_car(tmp_path):
     assert (plain.model, plain.note, plain.rig) == (vehicles.FUSION, "", None)
     weaker, usual = ({row.id: row for row in rows_of("r152", SuiteQuery(), one, REPOSITORY)} for one in (car, plain))
     name = "stationary_42_unladen"
-    assert weaker[name].need.way > usual[name].need.way
+    assert weaker[name].need.needed > usual[name].need.needed
     job = run_job_of("r152", weaker[name], 1, REPOSITORY, tmp_path, car.rig)
     assert job.rig == file
     assert resolve_job(job, InputCache()).model == car.model

@@ -66,8 +66,8 @@ def test_a_search_for_a_boundary_finds_one_for_every_controller() -> None:
         if run is not None:
             hit = float(run.values["speed"]) >= flips[str(run.values["controller.name"])]
             search.take({"key": run.key, "error": "", "collision": hit, "failed": ""})
-    assert search.found is not None
-    lines = search.found["boundaries"]
+    assert search.result is not None
+    lines = search.result["boundaries"]
     assert [line["values"]["controller.name"] for line in lines] == ["a"] * 6 + ["b"]
     assert {line["values"]["controller.name"]: line["flips"][0]["fails"] for line in lines} == flips
 
@@ -77,11 +77,11 @@ def test_a_search_for_a_boundary_finds_one_for_every_controller() -> None:
     [
         ("[[controllers]]\ntuning = { a = [1] }", r"key 'controllers\.0\.name' is missing"),
         ("[[controllers]]\nname = 'a'\ntunning = { a = [1] }", "did you mean 'tuning'"),
-        ("[[controllers]]\nname = 'a'\ntuning = { g = [1, 1] }", "g: 1 stands twice"),
+        ("[[controllers]]\nname = 'a'\ntuning = { g = [1, 1] }", "g: 1 occurs twice"),
         ("[[controllers]]\nname = 'a'\ntuning = { g = { min = 1, max = 2 } }", "g: expected a value, a list"),
         ("[[controllers]]\nname = 'a'\ntuning = { g = [] }", "g: the list is empty"),
         ("[[controllers]]\nname = 'a'\ntuning = 5", "expected a table of tuning keys, got 5"),
-        ("[[controllers]]\nname = 'a'\n[[controllers]]\nname = 'a'", "'a' stands twice"),
+        ("[[controllers]]\nname = 'a'\n[[controllers]]\nname = 'a'", "'a' occurs twice"),
         (TWO + "[[controllers]]\nname = 'c'\ntuning = { gain = 'high' }", "c: gain: expected the kind of value"),
         ("search = { lowest = 'min_gap_m' }\nparameters.speed = { min = 1, max = 2 }\n" + TWO, "takes one"),
     ],
@@ -153,7 +153,7 @@ def test_each_controllers_tuning_is_tried_before_anything_runs(toys: Path, text:
 
 def test_a_key_set_twice_is_refused(toys: Path) -> None:
     for key in ("name = ['soft']", "tuning.force = [1.0]"):
-        with pytest.raises(ConfigError, match=r"sets controller\..*and so does controllers"):
+        with pytest.raises(ConfigError, match=r"sets controller\..*which controllers"):
             asked(toys, f"[parameters]\ncontroller.{key}\n[[controllers]]\nname = 'hard'\ntuning = {{ force = 2.0 }}\n")
 
 

@@ -239,7 +239,7 @@ def test_no_run_counts_twice(tmp_path: Path) -> None:
 
 def test_one_sweep_at_a_time(tmp_path: Path) -> None:
     dataset = fill(tmp_path / "a", most=2)
-    with pytest.raises(ConfigError, match="another sweep is at work"):
+    with pytest.raises(ConfigError, match="another process is driving"):
         begun(tmp_path / "a")
     dataset.close()
     begun(tmp_path / "a").close()
@@ -272,7 +272,7 @@ def test_a_title_and_what_is_kept_may_change(tmp_path: Path) -> None:
 
 def test_going_on_has_to_be_asked_for(tmp_path: Path) -> None:
     fill(tmp_path / "a", most=2).close()
-    with pytest.raises(ConfigError, match="--resume goes on"):
+    with pytest.raises(ConfigError, match="--resume continues"):
         Dataset(tmp_path / "a", PLAN, resume=False)
 
 

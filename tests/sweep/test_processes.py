@@ -224,7 +224,7 @@ def test_a_server_killed_from_outside_is_replaced(tmp_path: Path) -> None:
 
 def test_a_server_that_does_not_start_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "executable", "/bin/false")
-    with pytest.raises(SimulationError, match="ended at its start with code 1: it said nothing"):
+    with pytest.raises(SimulationError, match="ended at its start with code 1: no output"):
         driven(seeded("never", 5))
 
 
@@ -275,7 +275,9 @@ def test_jobs_are_taken_as_they_are_needed() -> None:
 
 def test_a_full_disk_ends_the_sweep(tmp_path: Path) -> None:
     kept = tmp_path / "records" / "kept"
-    with pytest.raises(ConfigError, match=f"^no space left on the disk of {kept.parent}: make room, then resume$"):
+    with pytest.raises(
+        ConfigError, match=f"^no space left on the disk of {kept.parent}: free some space, then resume$"
+    ):
         driven(job("fills", "fills", keep=kept), job("never"))
 
 

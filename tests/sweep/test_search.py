@@ -143,7 +143,7 @@ def driven(
         figures = drive(one.values, one.seed)
         error = figures.pop("error", "")
         hunt.take(dataset.add(one, RunResult(one.key, {} if error else figures, error=error)))
-    if hunt.found is not None:
+    if hunt.result is not None:
         dataset.settle(hunt.runs)
     dataset.close()
     return hunt, numbers
@@ -162,10 +162,10 @@ def true_flip(sight: float, seed: int) -> float:
 
 def test_boundaries_are_where_the_closed_form_has_them(tmp_path: Path) -> None:
     hunt, numbers = driven(tmp_path / "a", BOUNDARY)
-    assert hunt.found is not None
+    assert hunt.result is not None
     assert (len(numbers), sorted(numbers)) == (hunt.runs, list(range(hunt.runs)))
-    assert hunt.runs == hunt.found["runs"] <= 6 * (4 + math.ceil(math.log2(34)))
-    lines_of = hunt.found["boundaries"]
+    assert hunt.runs == hunt.result["runs"] <= 6 * (4 + math.ceil(math.log2(34)))
+    lines_of = hunt.result["boundaries"]
     assert [line["values"] for line in lines_of] == [{"sight": 12.0}, {"sight": 18.0}]
     rows = load_rows(tmp_path / "a").set_index("key")
     for line in lines_of:
@@ -188,15 +188,15 @@ def island(values: Mapping[str, Any], seed: int) -> dict[str, Any]:
 
 def test_what_is_not_monotone_is_said_and_a_fault_meets_nothing(tmp_path: Path) -> None:
     hunt, _numbers = driven(tmp_path / "a", BOUNDARY, island)
-    assert hunt.found is not None
-    for line in hunt.found["boundaries"]:
+    assert hunt.result is not None
+    for line in hunt.result["boundaries"]:
         ends = [(round(flip["meets"], 6), round(flip["fails"], 6)) for flip in line["flips"]]
         assert ends == [(7.9, 8.0), (11.1, 11.0), (14.0, 14.1)]
-    assert hunt.found["errors"] > 0
-    said = "\n".join(lines(hunt.found, tmp_path / "a"))
+    assert hunt.result["errors"] > 0
+    said = "\n".join(lines(hunt.result, tmp_path / "a"))
     assert "2 of 2 combinations flip more than once" in said
     assert "with an error" in said
-    table = table_of(hunt.found, "t")
+    table = table_of(hunt.result, "t")
     assert table is not None
     assert table.row_count == 6
 
@@ -208,11 +208,11 @@ def test_kills_and_the_order_of_results_change_nothing_and_nothing_is_driven_twi
     for most in (3, 11, 20, 10**9):
         hunt, more = driven(tmp_path / "killed", text, most=most, order=1 + most)
         other += more
-    assert hunt.found == whole.found
+    assert hunt.result == whole.result
     assert sorted(other) == sorted(numbers)
     assert content(tmp_path / "killed") == content(tmp_path / "whole")
     again, more = driven(tmp_path / "killed", text)
-    assert (again.found, more) == (whole.found, [])
+    assert (again.result, more) == (whole.result, [])
     assert content(tmp_path / "killed") == content(tmp_path / "whole")
     assert not (tmp_path / "killed" / "journal.jsonl").exists()
 
@@ -234,8 +234,8 @@ def late(values: Mapping[str, Any], seed: int) -> dict[str, Any]:
 def test_the_worst_case_is_found(tmp_path: Path) -> None:
     """The worst is known: fastest, shortest sight, a car, the later seed."""
     hunt, _numbers = driven(tmp_path / "a", WORST, late)
-    assert hunt.found is not None
-    case = hunt.found["worst"]
+    assert hunt.result is not None
+    case = hunt.result["worst"]
     greatest = collides({"sight": 5.0, "speed": 15.0}, 2)["impact_speed_mps"]
     spread = (
         collides({"sight": 5.0 + 45.0 * a, "speed": 3.0 + 12.0 * b}, 2) for a, b in Sobol(2, seed=1).random(64).tolist()
@@ -246,9 +246,9 @@ def test_the_worst_case_is_found(tmp_path: Path) -> None:
     rows = load_rows(tmp_path / "a")
     assert case["impact_speed_mps"] == rows["impact_speed_mps"].max()
     assert len(rows) == hunt.runs <= 120
-    table = table_of(hunt.found, "t")
+    table = table_of(hunt.result, "t")
     assert table is not None
-    assert case["key"] in "\n".join(lines(hunt.found, tmp_path / "a"))
+    assert case["key"] in "\n".join(lines(hunt.result, tmp_path / "a"))
 
 
 def test_a_run_that_is_asked_for_again_is_not_driven_again(tmp_path: Path) -> None:
@@ -294,14 +294,14 @@ def test_a_contact_is_worse_than_every_value_whatever_was_measured_of_it(
     text = WORST.replace('highest = "impact_speed_mps"', f'{goal} = "{figure}"')
     assert text != WORST
     hunt, _numbers = driven(tmp_path / "a", text, drive)
-    assert hunt.found is not None
-    case = hunt.found["worst"]
+    assert hunt.result is not None
+    case = hunt.result["worst"]
     assert 9.0 < case["values"]["speed"] < 11.0
-    assert (case["collision"], case[figure], hunt.found["without"]) == (True, None, 0)
+    assert (case["collision"], case[figure], hunt.result["without"]) == (True, None, 0)
     assert case["impact_speed_mps"] == load_rows(tmp_path / "a")["impact_speed_mps"].max()
-    assert table_of(hunt.found, "t") is not None
+    assert table_of(hunt.result, "t") is not None
     at = f"contact at {case['impact_speed_mps']:.2f}"
-    assert at in search_results.sentence(hunt.found, {}).replace(SPACE, " ")
+    assert at in search_results.sentence(hunt.result, {}).replace(SPACE, " ")
 
 
 def test_costs_that_are_none_do_not_stop_a_search() -> None:

@@ -213,7 +213,7 @@ def test_killed_three_times_and_interrupted_once_it_is_the_same_dataset(
         assert run.returncode == (-signal.SIGKILL if how is signal.SIGKILL else 130), run
         assert all(begun(tmp_path)[mark] == before[mark] for mark in finished), "a finished run was run again"
         finished = set(load_rows(tmp_path / "killed")["mark"])
-    assert "to go on: vve-sumo sweep marks --out killed --resume" in run.stderr
+    assert "to continue: vve-sumo sweep marks --out killed --resume" in run.stderr
     assert f"{len(finished)} of {MARKS} runs are finished" in run.stderr
     before = begun(tmp_path)
     monkeypatch.chdir(tmp_path)

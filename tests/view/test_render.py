@@ -97,7 +97,7 @@ def test_a_picture_is_written_and_none_replaced(
     assert capsys.readouterr().out == "png: drive.png\n"
     before = (tmp_path / "drive.png").read_bytes()
     assert main(asked) == 2
-    assert "drive.png: there already" in capsys.readouterr().err
+    assert "drive.png: exists already" in capsys.readouterr().err
     assert (tmp_path / "drive.png").read_bytes() == before
 
 
@@ -155,7 +155,7 @@ def test_a_film_is_h264_of_the_length_that_was_asked_for(made: Made, tmp_path: P
         (["--png", "--at", "900"], "--at 900: expected a drive time from 0 to "),
         (["--gif", "--at", "2"], "--at: is of --png"),
         (["--gif", "--from", "9", "--to", "8"], "--to 8: expected a drive time from 9 to "),
-        (["--gif", "--fps", "60"], "--fps 60: a GIF has at most 50 pictures a second"),
+        (["--gif", "--fps", "60"], "--fps 60: expected at most 50 pictures a second for a GIF"),
         (["--webp", "--fps", "100", "--size", "4096x4096"], " pictures of 4096x4096 are too many to hold at once"),
         (["--webp", "--out", "nowhere/a.webp"], "nowhere: no such folder for a.webp"),
     ],

@@ -12,7 +12,7 @@ from vve_sumo.api.results import Sweep
 from vve_sumo.api.scenario import Scenario, plain
 from vve_sumo.drive.run import new_run_folder
 from vve_sumo.errors import ConfigError
-from vve_sumo.sweep.conclusion import conclude, keep_found
+from vve_sumo.sweep.conclusion import conclude, write_search_result
 from vve_sumo.sweep.fill import engine_of, fill
 from vve_sumo.sweep.plan import SweepQuery, planned, query_of
 
@@ -66,14 +66,14 @@ def sweep(
             engine_of(workers, None),
             query.spec.keep,
             resume=begun,
-            again=again,
+            resume_command=again,
             progress=shown,
             notify=lambda line: None,
         )
     if search is None:
         conclude(folder, query)
-    elif search.found is not None:
-        keep_found(folder, search.found)
+    elif search.result is not None:
+        write_search_result(folder, search.result)
     return Sweep(folder)
 
 

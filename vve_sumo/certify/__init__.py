@@ -1,1 +1,1 @@
-"""Says whether a control computer of somebody else's copes when its sensors lie."""
+"""Tests how an external control computer reacts to faults of its sensor data."""

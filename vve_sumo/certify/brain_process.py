@@ -1,8 +1,8 @@
-"""The brain under test as a process: started for a case, seen to think or to wait, ended with the case.
+"""The process of the brain under test: started for a case, watched while it computes or waits, ended after the case.
 
-Knows processes and the kernel's tables of sockets; it must not know what a brain hears or answers. In lockstep a brain
-that says nothing must not cost a time-out at every tick, so this module finds out that it has nothing more to say: all
-its threads wait.
+Knows processes and the kernel's tables of sockets; it must not know what a brain receives or answers. In lockstep, a
+silent brain must not cost a time-out at every tick. This module therefore detects that a brain is idle: all of its
+threads wait.
 """
 
 from __future__ import annotations
@@ -20,41 +20,41 @@ from typing import Final
 
 from vve_sumo.errors import ConfigError, RigError
 
-#: for a brain to listen on its ports [s]
+#: time for a brain to open its ports [s]
 START_TIMEOUT: Final = 60.0
-#: a brain whose threads have all waited for so long opens no further port [s]
-DEAF_AFTER: Final = 1.5
-#: for a brain to end when it is asked to [s]
+#: time all threads must have waited until no further port is expected to open [s]
+OPEN_PORT_TIMEOUT: Final = 1.5
+#: time for a brain to end after SIGTERM [s]
 END_TIMEOUT: Final = 3.0
-#: a brain is quiet when it was seen so as often in a row, so far apart [s]
+#: polls in a row that must find all threads waiting, and the time between them [s]
 QUIET_POLLS: Final = 3
 POLL_INTERVAL: Final = 0.001
-#: states of a thread that waits for something to come (proc(5))
+#: states of a thread that waits for input (proc(5))
 _WAITING: Final = frozenset("SIZXt")
 _TABLES: Final = (Path("/proc/net/udp"), Path("/proc/net/udp6"))
-_LAST_LINES: Final = 400  # characters of what a brain that ended wrote last
+_MAX_OUTPUT_CHARACTERS: Final = 400  # of the end of the output that an error quotes
 
 
 class BrainProcess:
-    """One run of a brain's command, in a session of its own, its words in a log file."""
+    """One run of a brain's command, in a session of its own, with its output in a log file."""
 
     def __init__(self, command: str, ports: Collection[int], log: Path, working: Path) -> None:
-        """Start it; `ports` are those of this machine that it may listen on. Raises ConfigError for no such program.
+        """Start the brain; `ports` are the local ports on which it may listen.
 
-        RigError where somebody else listens on one of the ports.
+        Raises ConfigError for a command that cannot be started, RigError where another program listens on a port.
         """
         if taken := sorted(set(ports) & _listened_on()):
             raise RigError(f"UDP port {taken[0]}: another program listens there, expected the brain alone; end it")
         if not command.strip():
             raise ConfigError("--brain: expected the command that starts the brain, got nothing")
         self._ports, self._log = frozenset(ports), log
-        with log.open("wb") as words:
+        with log.open("wb") as output:
             try:
                 self._process = subprocess.Popen(
                     shlex.split(command),
                     cwd=working,
                     stdin=subprocess.DEVNULL,
-                    stdout=words,
+                    stdout=output,
                     stderr=subprocess.STDOUT,
                     start_new_session=True,
                 )
@@ -62,39 +62,41 @@ class BrainProcess:
                 raise ConfigError(f"--brain: {command!r} cannot be started: {error}") from None
 
     def wait_until_it_listens(self, wanted: Collection[int]) -> frozenset[int]:
-        """Return the ports that it does not listen on, once it listens on those that are `wanted`.
+        """Return the ports on which the brain does not listen, once it listens on the `wanted` ones.
 
-        A port that it has not opened when all of its threads have waited for DEAF_AFTER counts as not listened on.
+        A port that is not open when all threads have waited for OPEN_PORT_TIMEOUT counts as not listened on.
         Raises RigError for a brain that ends or takes too long.
         """
         deadline, waits_since = time.monotonic() + START_TIMEOUT, math.inf
         while missing := self._ports - _listened_on():
             if self._process.poll() is not None:
-                raise RigError(f"--brain: ended with code {self._process.returncode} before it listened{self._words()}")
+                raise RigError(
+                    f"--brain: ended with code {self._process.returncode} before it listened{self._last_output()}"
+                )
             now = time.monotonic()
             if now > deadline:
                 ports = ", ".join(map(str, sorted(missing)))
                 raise RigError(f"--brain: does not listen on UDP port {ports} after {START_TIMEOUT:g} s")
             waits_since = min(waits_since, now) if self.quiet() else math.inf
-            if not missing & set(wanted) and now - waits_since > DEAF_AFTER:
+            if not missing & set(wanted) and now - waits_since > OPEN_PORT_TIMEOUT:
                 return frozenset(missing)
             time.sleep(0.02)
         return frozenset()
 
-    def _words(self) -> str:
+    def _last_output(self) -> str:
         text = self._log.read_text(encoding="utf-8", errors="replace").strip()
-        return f": {text[-_LAST_LINES:].splitlines()[-1]}" if text else ""
+        return f": {text[-_MAX_OUTPUT_CHARACTERS:].splitlines()[-1]}" if text else ""
 
     @property
     def ended(self) -> bool:
-        """Whether the process is over."""
+        """Whether the process has ended."""
         return self._process.poll() is not None
 
     def quiet(self) -> bool:
-        """Whether it waits for something to come, and will say nothing before that.
+        """Whether the brain waits for input and will send nothing before it comes.
 
-        A thread that waits on a socket runs from the moment at which something comes there. What lies unread elsewhere
-        is what nobody waits for, and so says nothing.
+        A thread that waits on a socket runs as soon as data arrives there. Unread data on a socket on which no thread
+        waits makes no difference.
         """
         for poll in range(QUIET_POLLS):
             if poll:
@@ -104,11 +106,11 @@ class BrainProcess:
         return True
 
     def close(self) -> None:
-        """End the process and all that it started in its session."""
+        """End the process and all processes of its session."""
         self._signal(signal.SIGTERM)
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(END_TIMEOUT)
-        # A launcher may be over while the brain that it started is not.
+        # A launcher may have ended while the brain that it started still runs.
         self._signal(signal.SIGKILL)
         self._process.wait()
 
@@ -118,7 +120,7 @@ class BrainProcess:
 
 
 def _listened_on() -> set[int]:
-    """Return the UDP ports of this machine that somebody listens on."""
+    """Return the UDP ports of this machine on which a program listens."""
     ports: set[int] = set()
     for table in _TABLES:
         with contextlib.suppress(OSError):
@@ -129,7 +131,7 @@ def _listened_on() -> set[int]:
 
 def _states(process: int) -> Iterator[str]:
     """Yield the state of every thread of a process and of all that it started (proc(5))."""
-    # A process may end while it is looked at.
+    # A process may end while its files are read.
     with contextlib.suppress(OSError):
         for thread in Path(f"/proc/{process}/task").iterdir():
             yield (thread / "stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()[0]

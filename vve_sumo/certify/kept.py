@@ -1,6 +1,6 @@
-"""What of a certificate stays on the disk while it is driven, so that an interrupted one can be gone on with.
+"""The files of a certificate's finished drives, so that an interrupted certificate can be continued.
 
-Each drive that is over has a file of its own beside its record, written last. It must not know how a drive is run.
+Each finished drive has a file of its own beside its record, written last. This module must not know how a drive is run.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import json
 import math
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -24,20 +24,20 @@ from vve_sumo.errors import ConfigError
 
 #: folder for the drives of the cases
 CASES: Final = "cases"
-#: beside a case's record: every setpoint as it came over the wire, and what says that the drive is over
+#: beside a case's record: every setpoint on the wire, and the file that marks the drive as finished
 ANSWERS, DRIVE = "setpoints.csv", "drive.json"
-#: what the certificate was asked for
+#: the query of the certificate
 QUERY: Final = "query.json"
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
-    """What the record does not say of a drive that is over."""
+class WireSummary:
+    """What the record of a finished drive does not hold: the fault's begin and the setpoints' reception."""
 
-    begins: float | None  #: of the fault [s]; None where nothing was injected
-    refused: Mapping[str, int]  #: setpoints that were not taken, by reason code
-    taken: int  #: setpoints that were taken
-    deaf: tuple[str, ...]  #: kinds of wires on whose port the brain did not listen
+    begins: float | None  #: begin of the fault [s]; None where nothing was injected
+    refused: Mapping[str, int]  #: rejected setpoints, by reason code
+    taken: int  #: accepted setpoints
+    unheard: tuple[str, ...]  #: kinds of wires on whose port the brain did not listen
 
 
 def folder_of(out: Path, case: str, seed: int) -> Path:
@@ -45,35 +45,41 @@ def folder_of(out: Path, case: str, seed: int) -> Path:
     return out / CASES / case / f"seed_{seed}"
 
 
-def keep(folder: Path, answers: Sequence[Answer], told: Told) -> None:
-    """Write what a record does not say of a drive; the drive counts as over from then on."""
+def keep(folder: Path, answers: Sequence[Answer], wire_summary: WireSummary) -> None:
+    """Write a drive's setpoints and summary; the drive counts as finished from then on."""
     with (folder / ANSWERS).open("w", encoding="utf-8", newline="") as out:
         writer = csv.writer(out)
         writer.writerow(("time_s", "answers", "newest", "steering_rad", "acceleration_mps2"))
         writer.writerows((f"{a.time:.3f}", a.answers, a.newest, a.steering, a.acceleration) for a in answers)
-    (folder / DRIVE).write_text(json.dumps(asdict(told)) + "\n", encoding="utf-8")
+    content = {
+        "begins": wire_summary.begins,
+        "refused": dict(wire_summary.refused),
+        "taken": wire_summary.taken,
+        "deaf": wire_summary.unheard,
+    }
+    (folder / DRIVE).write_text(json.dumps(content) + "\n", encoding="utf-8")
 
 
-def told_of(folder: Path, window: Window | None) -> Told | None:
-    """Return what was kept of a drive with its fault in `window`; None where there is none, or it was another one."""
+def wire_summary_of(folder: Path, window: Window | None) -> WireSummary | None:
+    """Return the summary of a finished drive; None where there is none, or its fault was not in `window`."""
     try:
         table = json.loads((folder / DRIVE).read_text(encoding="utf-8"))
-        told = Told(table["begins"], table["refused"], table["taken"], tuple(table["deaf"]))
+        wire_summary = WireSummary(table["begins"], table["refused"], table["taken"], tuple(table["deaf"]))
     except (OSError, ValueError, KeyError, TypeError):
         return None
-    same = (told.begins is None) == (window is None)
-    if same and window is not None and told.begins is not None:
-        same = math.isclose(told.begins, window.begins, abs_tol=1e-9)
-    return told if same else None
+    same = (wire_summary.begins is None) == (window is None)
+    if same and window is not None and wire_summary.begins is not None:
+        same = math.isclose(wire_summary.begins, window.begins, abs_tol=1e-9)
+    return wire_summary if same else None
 
 
 def clear(folder: Path) -> None:
-    """Take away what is left of a drive that was interrupted."""
+    """Remove the files of an interrupted drive."""
     shutil.rmtree(folder, ignore_errors=True)
 
 
-def course_of(folder: Path, told: Told) -> CaseDrive:
-    """Return the course of a drive that is over, from its folder."""
+def drive_of(folder: Path, wire_summary: WireSummary) -> CaseDrive:
+    """Return a finished drive, read from its folder."""
     run = Run(folder / "record")
     summary = run.summary or {}
     number = partial(_number, summary)
@@ -94,8 +100,8 @@ def course_of(folder: Path, told: Told) -> CaseDrive:
         heading=ticks["true_heading_rad"].to_numpy(),
         deviation=ticks["lateral_deviation_m"].to_numpy(),
         contact=contacts[0] if contacts else math.nan,
-        refused=told.refused,
-        taken=told.taken,
+        refused=wire_summary.refused,
+        taken=wire_summary.taken,
         record_sha256=str(summary["record_sha256"]),
     )
 
@@ -111,21 +117,21 @@ def _answers(file: Path) -> list[Answer]:
     return [Answer(float(row[0]), int(row[1]), int(row[2]), float(row[3]), float(row[4])) for row in rows]
 
 
-def begin(out: Path, asked: Mapping[str, Any], *, resume: bool) -> None:
-    """Make the folder of a certificate, or check that the one there was begun with the same query.
+def begin(out: Path, query: Mapping[str, Any], *, resume: bool) -> None:
+    """Create the folder of a certificate, or check that the existing one was begun with the same query.
 
-    Raises ConfigError in one line for a folder that is not empty, or not of this query; nothing is written then.
+    Raises ConfigError for a folder that is not empty, or of another query; nothing is written then.
     """
     if not resume:
         if out.exists() and (not out.is_dir() or any(out.iterdir())):
             raise ConfigError(f"--out: {out} is not empty, expected a folder that is absent or empty, or --resume")
         out.mkdir(parents=True, exist_ok=True)
-        (out / QUERY).write_text(json.dumps(asked, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+        (out / QUERY).write_text(json.dumps(query, indent=1, sort_keys=True) + "\n", encoding="utf-8")
         return
     try:
         before = json.loads((out / QUERY).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         raise ConfigError(f"--resume: {out}: expected a folder with the {QUERY} of a certificate") from None
-    for key, value in json.loads(json.dumps(asked)).items():
+    for key, value in json.loads(json.dumps(query)).items():
         if before.get(key) != value:
             raise ConfigError(f"--resume: {out / QUERY}: {key}: was begun with {before.get(key)!r}, got {value!r}")

@@ -1,4 +1,4 @@
-"""The limits that a certificate holds a brain to: about safety, its own, and not those of any scenario or controller.
+"""The certificate's own safety limits for a brain; they are not those of a scenario or controller.
 
 Values only.
 """
@@ -15,12 +15,12 @@ from vve_sumo.errors import ConfigError, did_you_mean
 
 @dataclass(frozen=True, slots=True)
 class CertificateLimits:
-    """What every drive of a certificate must keep, beside the reaction that its case requires."""
+    """The limits of every drive of a certificate, in addition to the reaction that its case requires."""
 
-    #: at rest to what stands ahead [m]: half a metre of what neither pose nor radar knows, and as much to spare
+    #: least gap at rest to the obstacle [m]: half a metre for errors of pose and radar, and as much in reserve
     min_left_m: float = 1.0
-    #: the same, at most [m]: a brain that stops farther away has stopped for something else. Without a fault, and where
-    #: it is to carry on
+    #: largest gap at rest [m], without a fault and where the brain must carry on: a brain that stops farther away has
+    #: stopped for something else
     max_left_m: float = 30.0
     #: of the rear axle from the path [m], at any time: a car of 1.9 m in a lane of 3.2 m has 0.65 m on either side
     max_deviation_m: float = 0.5
@@ -28,7 +28,7 @@ class CertificateLimits:
     max_overspeed_mps: float = 1.0
 
     def __post_init__(self) -> None:
-        """Raise ConfigError for limits that nothing can keep, or that say nothing."""
+        """Raise ConfigError for limits that are not above 0 or contradict each other."""
         for field in fields(self):
             value = getattr(self, field.name)
             if not (isinstance(value, int | float) and math.isfinite(value) and value > 0.0):
@@ -44,7 +44,7 @@ class CertificateLimits:
 
 
 def limits_of(values: Mapping[str, Any]) -> CertificateLimits:
-    """Return the limits with some set otherwise; raises ConfigError for a name that there is not."""
+    """Return the limits with some overridden; raises ConfigError for an unknown name."""
     known = tuple(field.name for field in fields(CertificateLimits))
     for name in values:
         if name not in known:

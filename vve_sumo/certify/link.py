@@ -1,7 +1,7 @@
-"""The way to a brain under test and back, with a fault on some of its wires, and a log of what came at every tick.
+"""The link to a brain under test and back, with faults on some of its wires, and a log of the answers.
 
-It sits between the encoders and the outlets, so that a fault is on the wire and nowhere else. It must not know what a
-fault is required to cause.
+The link lies between the encoders and the outlets, so that a fault affects the wire alone. It must not know which
+reaction a fault requires.
 """
 
 from __future__ import annotations
@@ -21,40 +21,40 @@ from vve_sumo.wire.outputs import Output
 from vve_sumo.wire.sample import Sample
 from vve_sumo.wire.signature import without_tag
 
-#: between two checks of whether the brain still computes [s]
+#: time between two checks whether the brain still computes [s]
 POLL_INTERVAL: Final = 0.002
 #: times of ticks are compared without their last bits [s]
 _SLACK: Final = 1e-6
 
 
 class FaultyWire(NamedTuple):
-    """One outgoing wire and what may go wrong on it."""
+    """One outgoing wire and its faults."""
 
     output: Output
     outlet: Outlet[Any]
-    fault: WireFault | None  #: of its bytes or frames; None: nothing goes wrong on it
-    show: ScanFault | None = None  #: of what it shows; None: what is there
+    fault: WireFault | None  #: of its bytes or frames; None: no such fault
+    scan_fault: ScanFault | None = None  #: of the sensor data that it carries; None: no such fault
 
 
 class Answer(NamedTuple):
-    """A setpoint of the brain as it came over the wire."""
+    """A setpoint of the brain, as received."""
 
-    time: float  #: of the tick in which it came [s of drive time]
+    time: float  #: tick of its reception [s of drive time]
     answers: int  #: sequence of the radar datagram that it answers
-    newest: int  #: sequence of the newest one that had been due by then
+    newest: int  #: sequence of the newest radar datagram at that time
     steering: float  #: road-wheel angle [rad], left positive
     acceleration: float  #: [m/s2]
 
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """When a fault is there [s of drive time]."""
+    """Begin and end of a fault [s of drive time]."""
 
     begins: float
     ends: float
 
     def holds(self, now: float) -> bool:
-        """Whether it is there at a time."""
+        """Whether the fault is active at a time."""
         return self.begins - _SLACK <= now < self.ends - _SLACK
 
 
@@ -70,54 +70,56 @@ class FaultLink:
         timeout: float,
         key: bytes = b"",
     ) -> None:
-        """`quiet` says whether the brain will say nothing more before something new comes.
+        """`quiet` returns whether the brain is idle and will send nothing before new input.
 
-        `timeout`: how long the answer to a sample is waited for [s]. `key`: that setpoints are signed with.
+        `timeout`: longest wait for the answer to a sample [s]. `key`: key of the setpoints' signature.
         """
         self._wires, self._setpoints, self._window, self._quiet = tuple(wires), setpoints, window, quiet
         self._timeout, self._key = timeout, key
         self._sequence = 0
-        self._answered = True  # false once the brain has let its whole time pass
+        self._answered = True  # false once the brain has exceeded the timeout
         self.answers: list[Answer] = []
 
     def send(self, sample: Sample) -> None:
-        """Send a sample on every wire on which something is due, altered where a fault is there."""
+        """Send a sample on every wire that is due, altered where a fault is active."""
         active = self._window is not None and self._window.holds(sample.drive_time)
         self._sequence = sample.sequence
         for wire in self._wires:
-            portions = wire.output.step(sample if wire.show is None else wire.show.step(sample, active))
+            portions = wire.output.step(sample if wire.scan_fault is None else wire.scan_fault.step(sample, active))
             if wire.fault is not None:
                 portions = wire.fault.step(sample.drive_time, portions, active)
             wire.outlet.send(portions)
 
     def receive(self, now: float, wait: bool) -> Sequence[tuple[float, bytes]]:
-        """Return the datagrams that have come; with `wait`, those until the first.
+        """Return the received datagrams; with `wait`, wait for the first.
 
-        Before a fault is there, a brain is waited for as in any drive in lockstep. From then on silence may be what is
-        right, and is waited for until the brain is quiet.
+        Before the fault begins, the link waits for the brain as in any drive in lockstep. From then on silence may be
+        the right reaction, so the link waits until the brain is idle at most.
         """
         faulty = self._window is not None and now >= self._window.begins - _SLACK
         deadline = time.monotonic() + self._timeout
         while True:
-            # In this order: what a brain says before it falls quiet has come when it is quiet.
+            # In this order: once the brain is idle, all that it sent before can be received.
             quiet = wait and (faulty or not self._answered) and self._quiet()
-            came = [data for _stamp, data in self._setpoints.receive()]
+            received = [data for _stamp, data in self._setpoints.receive()]
             left = deadline - time.monotonic()
-            if came or not wait or quiet or left <= 0.0:
-                self._answered &= bool(came) or left > 0.0
-                self._note(now, came)
-                return [(now, data) for data in came]
+            if received or not wait or quiet or left <= 0.0:
+                self._answered &= bool(received) or left > 0.0
+                self._log(now, received)
+                return [(now, data) for data in received]
             select.select([self._setpoints], [], [], POLL_INTERVAL if faulty or not self._answered else left)
 
-    def _note(self, now: float, came: Sequence[bytes]) -> None:
-        for data in came:
+    def _log(self, now: float, received: Sequence[bytes]) -> None:
+        for data in received:
             body = without_tag(data, self._key)
-            read = None if body is None else decode_setpoint(body)
-            if isinstance(read, SetpointDatagram):
-                self.answers.append(Answer(now, read.answers, self._sequence, read.steering, read.acceleration))
+            decoded = None if body is None else decode_setpoint(body)
+            if isinstance(decoded, SetpointDatagram):
+                self.answers.append(
+                    Answer(now, decoded.answers, self._sequence, decoded.steering, decoded.acceleration)
+                )
 
     def close(self) -> None:
-        """Close all that is open."""
+        """Close the outlets and the source of setpoints."""
         self._setpoints.close()
         for wire in self._wires:
             wire.outlet.close()

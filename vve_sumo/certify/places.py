@@ -1,6 +1,6 @@
-"""Gives each brain that is tested at the same time as others ports and links of its own.
+"""Gives each of several brains under test in parallel its own ports and links.
 
-Knows a rig's wires and the placeholders of a brain's command; it must not know what is driven.
+It knows a rig's wires and the placeholders of a brain's command; it must not know what is driven.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ _PLACEHOLDER: Final = re.compile(r"\{([a-z0-9_]+)\}")
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where one brain and its drive meet."""
+    """The ports and links of one brain and its drive."""
 
     rig: Rig
-    command: str | None  #: that starts the brain, its placeholders filled; None: it is started by hand
+    command: str | None  #: command of the brain, with its placeholders filled; None: it is started by hand
 
     @property
     def ports(self) -> Mapping[int, str]:
@@ -36,17 +36,17 @@ class Place:
 
 
 def place_of(rig: Rig, command: str | None) -> Place:
-    """Return the rig's own place; raises ConfigError for a placeholder that stands for nothing."""
+    """Return the rig's own place; raises ConfigError for an unknown placeholder."""
     return Place(rig, None if command is None else _filled(command, _values(rig)))
 
 
 def has_places(rig: Rig, command: str | None) -> bool:
-    """Whether brains can be tested side by side: the command takes every port and link of the rig."""
+    """Whether brains can be tested in parallel: the command takes every port and link of the rig."""
     return not list(_missing(rig, command))
 
 
 def places_of(rig: Rig, command: str | None, count: int) -> list[Place]:
-    """Return `count` places that share nothing; raises ConfigError where that cannot be."""
+    """Return `count` places without common ports or links; raises ConfigError where that is impossible."""
     if count == 1:
         return [place_of(rig, command)]
     for line in _missing(rig, command):
@@ -57,7 +57,7 @@ def places_of(rig: Rig, command: str | None, count: int) -> list[Place]:
 
 
 def _missing(rig: Rig, command: str | None) -> Iterator[str]:
-    """Yield why brains cannot be tested side by side, a line each."""
+    """Yield the reasons why brains cannot be tested in parallel, a line each."""
     if command is None:
         yield "expected --brain: brains that are started by hand are tested one after the other"
         return
@@ -105,7 +105,7 @@ def _filled(command: str, values: Mapping[str, str]) -> str:
 
 
 def _moved(rig: Rig, number: int, held: ExitStack) -> Rig:
-    """Return a rig whose ports are free ones, held until all are chosen, and whose links have another name."""
+    """Return a rig with free ports, which stay bound until all are chosen, and with links of another name."""
 
     def free() -> int:
         end = held.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))

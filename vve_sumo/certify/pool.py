@@ -1,6 +1,6 @@
-"""Drives several brains at a time, each drive in a process of its own place; a drive's outcome is on the disk.
+"""Drives several brains in parallel, one worker process for each; a drive's outcome is on the disk.
 
-Knows processes and pipes; it must not know what is driven.
+It knows processes and pipes; it must not know what is driven.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from typing import Final, Generic, TypeVar
 from vve_sumo.errors import SimulationError, VveError
 
 Job = TypeVar("Job")
-#: for a worker to end its brain when the certificate is interrupted [s]
+#: time for a worker to end its brain when the certificate is interrupted [s]
 END_TIMEOUT: Final = 20.0
 
 
 class Pool(Generic[Job]):
-    """Worker processes, forks of this one, each with a function that drives a job."""
+    """Worker processes, forked from this one, each with a function that drives a job."""
 
     def __init__(self, drives: Sequence[Callable[[Job], None]]) -> None:
         """Start a worker for each function; it raises VveError for a job that cannot be driven."""
@@ -56,7 +56,7 @@ class Pool(Generic[Job]):
                 left.extend(done(job))
 
     def close(self) -> None:
-        """End every worker and its brain; one that drives is interrupted as from the keyboard."""
+        """End every worker and its brain; a driving worker receives SIGINT."""
         for process, pipe in self._workers:
             pipe.close()
             if process.is_alive() and process.pid is not None:
@@ -79,7 +79,7 @@ def _check(pipe: Connection, job: object) -> None:
 
 
 def _work(drive: Callable[[Job], None], pipe: Connection, other_end: Connection) -> None:
-    """Drive what comes until nothing more does."""
+    """Drive jobs until the pipe is closed."""
     signal.signal(signal.SIGINT, _interrupt)
     other_end.close()
     with contextlib.suppress(KeyboardInterrupt, EOFError, BrokenPipeError):

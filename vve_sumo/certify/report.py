@@ -1,6 +1,6 @@
 """The certificate as one page for people, and as `certificate.json` for programs.
 
-It knows a certificate's values and what a page may hold; nothing of how a case was driven.
+It knows a certificate's values and the parts of a page; not how a case was driven.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from vve_sumo.report.write import save
 JSON: Final = "certificate.json"
 #: changes with what `certificate.json` holds
 VERSION: Final = 2
-#: pictures of drives that passed are left out where there are more than these
+#: largest number of pictures; those of failed drives come first
 MAX_PICTURES: Final = 30
 _MARK: Final = {
     CaseVerdict.PASSED: "yes",
@@ -40,14 +40,14 @@ _MARK: Final = {
 }
 #: meaning of each limit, with its unit
 _LIMITS: Final = {
-    "min_left_m": "left at rest to what stands ahead, at least [m]",
-    "max_left_m": "left at rest to what stands ahead where it is to drive on, at most [m]",
-    "max_deviation_m": "of the rear axle from the path at any time, at most [m]",
-    "max_overspeed_mps": "beyond the scenario's speed at any time, at most [m/s]",
+    "min_left_m": "smallest gap at rest to the obstacle [m]",
+    "max_left_m": "largest gap at rest to the obstacle where the brain has to carry on [m]",
+    "max_deviation_m": "largest distance of the rear axle from the path at any time [m]",
+    "max_overspeed_mps": "largest excess over the scenario's speed at any time [m/s]",
 }
 CAPTION: Final = (
     "Above: the car's true speed and the gap to what was ahead. Below: the acceleration of every setpoint that came "
-    "over the wire; where there is no point, the brain said nothing. The fault is shaded."
+    "over the wire; where there is no point, the brain sent none. The time of the fault is shaded."
 )
 
 
@@ -58,7 +58,7 @@ def write(certificate: Certificate, folder: Path) -> Path:
 
 
 def to_dict(certificate: Certificate) -> dict[str, Any]:
-    """Return the content of certificate.json; a number that there is not is null, never is the text `never`."""
+    """Return the content of certificate.json; a missing number is null, a reaction that never came is `never`."""
     brain = certificate.brain
     return {
         "version": VERSION,
@@ -119,13 +119,13 @@ def page_of(certificate: Certificate) -> ReportPage:
         kind="Certificate of a control computer at its wires",
         title=_title(certificate),
         verdict=ReportVerdict(certificate.verdict, tuple(_sentences(certificate, drives, failed))),
-        key_figures=_figures(certificate, drives),
+        key_figures=_key_figures(certificate, drives),
         pictures=_pictures(drives, failed),
         sources=(),
         content={
             "timing": "A fault begins by the drive without a fault of the same seed: 5 s before the brain began to "
             "brake to rest (cruise), 1 s before it (approach), 1 s after it (braking), or in a bend. Where that drive "
-            "brakes by itself within the time for the reaction, the fault begins at another moment.",
+            "brakes by itself within the time for the reaction, the fault begins at another time.",
             "limits": _limits(certificate),
             "cases": _cases(certificate),
             "defects": ReportTable(
@@ -134,7 +134,7 @@ def page_of(certificate: Certificate) -> ReportPage:
             "drives": _drives(drives),
             "reasons": _reasons(certificate),
             "provenance": _provenance(certificate),
-            "again": again(certificate),
+            "again": reproduce_command(certificate),
             "versions": versions(_versions(certificate)),
             "file_hashes": hashes([("rig", certificate.rig_sha256), *certificate.brain.files.items()], "files"),
             "record_hashes": hashes([(result.key, result.record_sha256) for result in drives], "records"),
@@ -144,8 +144,8 @@ def page_of(certificate: Certificate) -> ReportPage:
 
 def _title(certificate: Certificate) -> str:
     brain = certificate.brain
-    words = [*brain.files, *brain.command.split()]
-    name = Path(words[0]).name if words else "a brain that was started by hand"
+    arguments = [*brain.files, *brain.command.split()]
+    name = Path(arguments[0]).name if arguments else "a brain that was started by hand"
     return f"{name} in {certificate.scenario}, rig {certificate.rig}"
 
 
@@ -157,7 +157,7 @@ def _sentences(certificate: Certificate, drives: list[CaseResult], failed: list[
         yield f"Likely: {'; '.join(defect.name for defect in certificate.defects)}."
     void = sorted({r.case.name for r in certificate.results if r.verdict is CaseVerdict.VOID})
     if void:
-        yield f"Not tested, and so not passed: {', '.join(void)}. The nominal drive has no moment for it."
+        yield f"Not tested, and so not passed: {', '.join(void)}. The nominal drive has no suitable time for the fault."
     if absent := _left_out(certificate):
         yield f"Left out by the command: {', '.join(absent)}."
     left_out = sorted({r.case.name for r in certificate.results if r.verdict is CaseVerdict.NOT_APPLICABLE})
@@ -177,7 +177,7 @@ def _limits(certificate: Certificate) -> ReportTable:
     return ReportTable("limits", ("limit", "value", "meaning"), rows)
 
 
-def _figures(certificate: Certificate, drives: list[CaseResult]) -> list[KeyFigure]:
+def _key_figures(certificate: Certificate, drives: list[CaseResult]) -> list[KeyFigure]:
     hits = [result for result in drives if math.isfinite(result.impact_speed)]
     left = [result.left for result in drives if math.isfinite(result.left)]
     timed = [result.reaction for result in drives if not math.isnan(result.reaction)]
@@ -221,7 +221,7 @@ def _lasts(case: Case) -> str:
 
 
 def required(case: Case) -> str:
-    """Return the required reaction and its time in words."""
+    """Return the required reaction and its time as text."""
     time = "" if math.isinf(case.within) else f" within {case.within:g} s"
     rest = {
         Reaction.STOP: f"no answer, or nothing but braking,{time} and from then on; no contact",
@@ -262,8 +262,8 @@ def _last(result: CaseResult) -> str:
     last = result.last
     if last is None:
         return NONE
-    asked = f"{number(last.acceleration, 'm/s²', 2)} at {number(last.time, 's', 2)}"
-    return f"{asked}, to a datagram {last.newest - last.answers} ticks old"
+    demand = f"{number(last.acceleration, 'm/s²', 2)} at {number(last.time, 's', 2)}"
+    return f"{demand}, to a datagram {last.newest - last.answers} ticks old"
 
 
 def _reasons(certificate: Certificate) -> ReportTable:
@@ -292,48 +292,48 @@ def _versions(certificate: Certificate) -> dict[str, str]:
     return {"python": str(software["python"]), **{str(k): str(v) for k, v in software["libraries"].items()}}
 
 
-def again(certificate: Certificate) -> str:
+def reproduce_command(certificate: Certificate) -> str:
     """Return the command that drives the certificate again."""
-    words = [
+    arguments = [
         "vve-sumo",
         "certify",
         certificate.scenario,
         "--rig",
-        certificate.rig_asked,
+        certificate.rig_argument,
         "--runs",
         str(max(certificate.seeds)),
     ]
     if certificate.cases != NAMES:
-        words += ["--cases", ",".join(certificate.cases)]
+        arguments += ["--cases", ",".join(certificate.cases)]
     for name, value in certificate.limits.to_dict().items():
         if value != CertificateLimits().to_dict()[name]:
-            words += ["--limit", f"{name}={value:g}"]
+            arguments += ["--limit", f"{name}={value:g}"]
     for key, value in certificate.values.items():
-        # JSON's words for truth values and its lists are TOML's as well.
-        words += ["--set", f"{key}={value if isinstance(value, str) else json.dumps(value)}"]
+        # Booleans and lists are written alike in JSON and TOML.
+        arguments += ["--set", f"{key}={value if isinstance(value, str) else json.dumps(value)}"]
     if certificate.brain.command:
-        words += ["--brain", certificate.brain.command]
-    return shlex.join(words)
+        arguments += ["--brain", certificate.brain.command]
+    return shlex.join(arguments)
 
 
 def _pictures(drives: list[CaseResult], failed: list[CaseResult]) -> list[DrawnPlot]:
     """Return a picture of each failed drive, then of the first drive of each case that has none yet."""
     first = {result.case.name: result for result in reversed(drives)}
     others = [result for name, result in reversed(first.items()) if name not in {one.case.name for one in failed}]
-    return [_picture(result) for result in (*failed, *others)[:MAX_PICTURES] if result.course is not None]
+    return [_picture(result) for result in (*failed, *others)[:MAX_PICTURES] if result.drive is not None]
 
 
 def _picture(result: CaseResult) -> DrawnPlot:
-    course, window = result.course, result.window
-    assert course is not None
+    drive, window = result.drive, result.window
+    assert drive is not None
     begins = math.nan if window is None else window.begins
     drawn = WireFaultDrive(
         title=f"{result.key}: {result.case.injected} · {result.verdict.value}",
-        time=course.time,
-        speed=course.speed,
-        gap=course.gap,
-        answered=np.array([answer.time for answer in course.answers]),
-        asked=np.array([answer.acceleration for answer in course.answers]),
+        time=drive.time,
+        speed=drive.speed,
+        gap=drive.gap,
+        answered=np.array([answer.time for answer in drive.answers]),
+        asked=np.array([answer.acceleration for answer in drive.answers]),
         begins=begins,
         ends=math.nan if window is None else window.ends,
         deadline=begins + result.case.within if math.isfinite(result.case.within) else math.nan,

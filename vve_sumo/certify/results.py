@@ -1,4 +1,4 @@
-"""What a certificate holds: what was seen of each case, its verdict, the likely defects, and the whole.
+"""The contents of a certificate: the drive and verdict of each case, and the likely defects.
 
 Values only.
 """
@@ -19,21 +19,21 @@ from vve_sumo.values import Floats
 
 
 class CaseVerdict(enum.StrEnum):
-    """What came of a case."""
+    """The verdict of a case."""
 
     PASSED = "passed"
     FAILED = "FAILED"
-    VOID = "VOID"  #: the nominal drive has no moment at which the case could show anything: nothing was tested
-    NOT_APPLICABLE = "not applicable"  #: the rig has no wire that the case hits
+    VOID = "VOID"  #: the nominal drive has no suitable time for the fault: nothing was tested
+    NOT_APPLICABLE = "not applicable"  #: the rig has no wire that the case affects
 
 
 @dataclass(frozen=True, slots=True)
 class CaseDrive:
-    """One drive of a case as the judge sees it: the car tick by tick, and the brain at the wire."""
+    """One drive of a case: the car's motion tick by tick, and the brain's answers on the wire."""
 
     time: Floats  #: of every tick [s of drive time]
     speed: Floats  #: true, along the heading [m/s]
-    gap: Floats  #: front bumper to what is ahead on the path [m]; NaN for nothing
+    gap: Floats  #: from the front bumper to the lead vehicle or obstacle on the path [m]; NaN without one
     answers: Sequence[Answer]
     outcome: str  #: how the drive ended
     reasons: Sequence[str]  #: the gateway's at the end
@@ -45,66 +45,66 @@ class CaseDrive:
     heading: Floats  #: true [rad]
     deviation: Floats  #: of the true rear axle from the path [m], left positive
     contact: float = math.nan  #: drive time of the first contact [s]; NaN for none
-    refused: Mapping[str, int] = field(default_factory=dict)  #: setpoints that were not taken, by reason code
-    taken: int = 1  #: setpoints that were taken
+    refused: Mapping[str, int] = field(default_factory=dict)  #: rejected setpoints, by reason code
+    taken: int = 1  #: accepted setpoints
     record_sha256: str = ""  #: of the drive's record
 
 
 @dataclass(frozen=True, slots=True)
 class CaseResult:
-    """What came of a case with one seed."""
+    """The result of a case with one seed."""
 
     case: Case
     seed: int
     verdict: CaseVerdict
-    why: str = ""  #: it failed or does not apply
+    why: str = ""  #: why it failed or does not apply
     window: Window | None = None  #: of the fault; None where nothing was injected
     reaction: float = float("nan")  #: from the fault to the required reaction [s]; inf for never, NaN: not measured
     left: float = float("nan")  #: distance left at rest [m]; NaN where nothing was ahead
     impact_speed: float = float("nan")  #: [m/s]; NaN for no contact
     outcome: str = ""  #: how the drive ended
     reasons: tuple[str, ...] = ()  #: the gateway's at the end
-    extra_braking: float = 0.0  #: while the fault was there, beyond the nominal drive's at the same time [m/s2]
+    extra_braking: float = 0.0  #: during the fault, beyond the nominal drive's at the same time [m/s2]
     last: Answer | None = None  #: the brain's last setpoint before rest
     record: Path | None = None  #: folder of the drive's record
     record_sha256: str = ""
-    course: CaseDrive | None = None  #: for the picture
+    drive: CaseDrive | None = None  #: for the picture
 
     @property
     def key(self) -> str:
-        """Names the case and its seed."""
+        """Name of the case and its seed."""
         return f"{self.case.name}, seed {self.seed}"
 
 
 @dataclass(frozen=True, slots=True)
 class Defect:
-    """A likely defect of the brain, from how it behaved."""
+    """A likely defect of the brain, inferred from its behaviour."""
 
     name: str
-    cases: tuple[str, ...]  #: that say so
+    cases: tuple[str, ...]  #: failed cases that indicate it
 
 
 @dataclass(frozen=True, slots=True)
 class BrainUnderTest:
-    """What is known of the brain besides its behaviour."""
+    """The identity of the brain."""
 
     command: str  #: empty for one that was started by hand
-    files: Mapping[str, str]  #: SHA-256 of every word of the command that is a file
+    files: Mapping[str, str]  #: SHA-256 of every file that the command names
 
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """All that a certificate says."""
+    """A certificate."""
 
     rig: str
-    rig_asked: str  #: name or file that the command was given
+    rig_argument: str  #: name or file that the command was given
     rig_sha256: str
     scenario: str
-    values: Mapping[str, Any]  #: of the scenario, that were set otherwise
+    values: Mapping[str, Any]  #: overridden values of the scenario
     brain: BrainUnderTest
     wires: tuple[str, ...]  #: kinds
     seeds: tuple[int, ...]
-    cases: tuple[str, ...]  #: that were asked for
+    cases: tuple[str, ...]  #: selected cases
     limits: CertificateLimits
     results: tuple[CaseResult, ...]
     defects: tuple[Defect, ...]
@@ -113,11 +113,11 @@ class Certificate:
 
     @property
     def passed(self) -> bool:
-        """Whether every case that applies was driven and passed: what was not tested is not passed."""
+        """Whether every applicable case was driven and passed; an untested case is not passed."""
         return all(result.verdict in (CaseVerdict.PASSED, CaseVerdict.NOT_APPLICABLE) for result in self.results)
 
     @property
     def verdict(self) -> Literal["passed", "FAILED", "INCOMPLETE"]:
-        """The whole in a word: what failed outweighs what was not tested."""
+        """The overall verdict; a failed case outweighs an untested one."""
         verdicts = {result.verdict for result in self.results}
         return "FAILED" if CaseVerdict.FAILED in verdicts else "passed" if self.passed else "INCOMPLETE"

@@ -1,6 +1,6 @@
 """Drives a brain through the cases, each with a new process of it, in lockstep over the wires of a rig.
 
-It knows how a drive and a brain are started and ended; it must not know what a case requires.
+This module knows how a drive and a brain are started and ended; it must not know what a case requires.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ from vve_sumo.live.foreign_lockstep import brain_over, open_wires
 from vve_sumo.rig.load import load as load_rig
 from vve_sumo.rig.schema import Rig
 
-#: a brain that nobody can look at is taken to be quiet after so long [s]
-UNSEEN_QUIET: Final = 0.1
+#: a brain whose process is unknown counts as idle after this time [s]
+MANUAL_QUIET_TIME: Final = 0.1
 
-#: waits until a brain that is started by hand is ready for the next case
+#: function that waits until a manually started brain is ready for the next case
 Ready = Callable[[str], None]
 #: called with the results so far
 Done = Callable[[Sequence[CaseResult]], None]
@@ -52,22 +52,22 @@ Done = Callable[[Sequence[CaseResult]], None]
 
 @dataclass(frozen=True, slots=True)
 class CertifyQuery:
-    """What is asked of a certificate."""
+    """The options of a certificate."""
 
     rig: str
     scenario: str
-    command: str | None  #: that starts the brain; None: somebody starts it by hand before each case
+    command: str | None  #: command that starts the brain; None: it is started by hand before each case
     cases: tuple[Case, ...]
     seeds: tuple[int, ...]
     out: Path  #: folder for the certificate, absent or empty
     values: Mapping[str, Any]  #: of the scenario's keys and parameters
     limits: CertificateLimits = field(default_factory=CertificateLimits)
-    workers: int | None = None  #: brains at a time; None: as many as processors where their places can differ
-    resume: bool = False  #: whether `out` holds drives of the same query that are over
+    workers: int | None = None  #: brains in parallel; None: one a processor if their ports can differ
+    resume: bool = False  #: whether to continue the certificate in `out`
 
 
 class CaseJob(NamedTuple):
-    """A drive to be driven."""
+    """A drive of a case, before it is driven."""
 
     case: str
     seed: int
@@ -75,17 +75,17 @@ class CaseJob(NamedTuple):
 
 
 class Bench:
-    """What all cases have in common: the rig, its wires and ports, the brain's command."""
+    """The common part of all cases: the rig, its wires and ports, the brain's command."""
 
     def __init__(self, query: CertifyQuery, working: Path, ready: Ready) -> None:
-        """Read the rig; raises ConfigError for one without a brain that answers with setpoints."""
+        """Read the rig; raises ConfigError for a rig whose brain does not answer with setpoints."""
         self.query, self.working, self._ready = query, working, ready
         self.rig_file = workspace.find("rig", query.rig, working)
         self.rig: Rig = load_rig(self.rig_file, working)
         if self.rig.brain.kind != "setpoints":
             raise ConfigError(
-                f"{self.rig_file}: brain.kind is {self.rig.brain.kind!r}, expected 'setpoints': in lockstep a brain is "
-                "waited for, and only its setpoints tell when it has answered"
+                f"{self.rig_file}: brain.kind is {self.rig.brain.kind!r}, expected 'setpoints': lockstep waits for "
+                "the brain, and only a setpoint shows that it has answered"
             )
         self.kinds = tuple(output.kind for output in self.rig.outputs)
         if "radar" not in self.kinds:
@@ -116,7 +116,7 @@ class Bench:
         return Rules(self.query.limits, resolved.scenario.ego.speed_mps, resolved.vehicle.steering_limit)
 
     def identity(self) -> dict[str, Any]:
-        """Return what must be the same where a certificate is gone on with."""
+        """Return the values that must be equal when a certificate is continued."""
         query = self.query
         brain = under_test(query.command, self.working)
         driven = next(iter(self.scenarios.values())).to_dict(self.working)
@@ -134,12 +134,12 @@ class Bench:
         }
 
     def drive(self, job: CaseJob, place: Place) -> None:
-        """Drive a job at a place into a folder of its own, where it is kept."""
-        case, resolved = CASE[job.case], self.scenarios[job.seed]
+        """Drive a job at a place, into its own folder."""
+        case, resolved = CASE_BY_NAME[job.case], self.scenarios[job.seed]
         folder = kept.folder_of(self.query.out, job.case, job.seed)
         kept.clear(folder)
         folder.mkdir(parents=True)
-        with self._brain(case, place, folder) as (quiet, deaf), ExitStack() as stack:
+        with self._brain(case, place, folder) as (quiet, unheard), ExitStack() as stack:
             link = self._link(case, resolved, job, place, quiet)
             stack.callback(link.close)
             brain = brain_over(link, place.rig, resolved, self.working)
@@ -150,20 +150,20 @@ class Bench:
                 raise KeyboardInterrupt
             raise SimulationError(f"case {case.name}: {done.summary['text'] or done.summary['reasons']}")
         begins = None if job.window is None else job.window.begins
-        kept.keep(folder, link.answers, kept.Told(begins, brain.refused, brain.taken, deaf))
+        kept.keep(folder, link.answers, kept.WireSummary(begins, brain.refused, brain.taken, unheard))
 
     @contextmanager
     def _brain(self, case: Case, place: Place, folder: Path) -> Iterator[tuple[Callable[[], bool], tuple[str, ...]]]:
-        """Give a brain that listens; yields what says whether it is quiet, and the wires that it does not hear."""
+        """Start a brain; yields the function that tells whether it is idle, and the wires that it does not receive."""
         if place.command is None:
             self._ready(case.name)
-            yield _unseen, ()
+            yield _manual_quiet, ()
             return
         ports = place.ports
         process = BrainProcess(place.command, ports, folder / "brain.log", self.working)
         try:
-            deaf = process.wait_until_it_listens([port for port, kind in ports.items() if kind == "radar"])
-            yield process.quiet, tuple(sorted(ports[port] for port in deaf))
+            unheard = process.wait_until_it_listens([port for port, kind in ports.items() if kind == "radar"])
+            yield process.quiet, tuple(sorted(ports[port] for port in unheard))
         finally:
             process.close()
 
@@ -172,77 +172,77 @@ class Bench:
     ) -> FaultLink:
         wires, setpoints = open_wires(place.rig, resolved, self._key)
         assert setpoints is not None  # a rig without setpoints is refused
-        chance = Random(f"{case.name} {resolved.scenario.seed}")
-        scene = None if job.window is None or case.show is None else self._scene(job.seed, job.window)
+        rng = Random(f"{case.name} {resolved.scenario.seed}")
+        scene = None if job.window is None or case.make_scan_fault is None else self._scene(job.seed, job.window)
         faulty = [
             FaultyWire(
                 wire.output,
                 wire.outlet,
-                case.make(chance) if case.make and kind in case.wires else None,
-                case.show(scene) if case.show and scene and kind in case.wires else None,
+                case.make_wire_fault(rng) if case.make_wire_fault and kind in case.wires else None,
+                case.make_scan_fault(scene) if case.make_scan_fault and scene and kind in case.wires else None,
             )
             for kind, wire in zip(self.kinds, wires, strict=True)
         ]
         return FaultLink(faulty, setpoints, job.window, quiet, place.rig.brain.deadline_s, self._key)
 
     def _scene(self, seed: int, window: Window) -> Scene:
-        nominal = self.course(CaseJob(NOMINAL, seed, None))
+        nominal = self.case_drive(CaseJob(NOMINAL, seed, None))
         (speed,) = speeds_at(nominal, [window.begins]).tolist()
         return Scene(track_of(nominal), window.begins, self.bumper, speed)
 
-    def told(self, job: CaseJob) -> kept.Told | None:
-        """Return what was kept of a job; None where it has not been driven."""
-        return kept.told_of(kept.folder_of(self.query.out, job.case, job.seed), job.window)
+    def wire_summary(self, job: CaseJob) -> kept.WireSummary | None:
+        """Return the summary of a finished job; None where it has not been driven."""
+        return kept.wire_summary_of(kept.folder_of(self.query.out, job.case, job.seed), job.window)
 
-    def course(self, job: CaseJob) -> CaseDrive:
-        """Return the course of a job that was driven."""
-        told = self.told(job)
-        assert told is not None
-        return kept.course_of(kept.folder_of(self.query.out, job.case, job.seed), told)
+    def case_drive(self, job: CaseJob) -> CaseDrive:
+        """Return the drive of a finished job."""
+        wire_summary = self.wire_summary(job)
+        assert wire_summary is not None
+        return kept.drive_of(kept.folder_of(self.query.out, job.case, job.seed), wire_summary)
 
 
 NOMINAL: Final = CASES[0].name
-CASE: Final[Mapping[str, Case]] = {case.name: case for case in CASES}
+CASE_BY_NAME: Final[Mapping[str, Case]] = {case.name: case for case in CASES}
 
 
-def _unseen() -> bool:
-    time.sleep(UNSEEN_QUIET)
+def _manual_quiet() -> bool:
+    time.sleep(MANUAL_QUIET_TIME)
     return True
 
 
 def certify(query: CertifyQuery, working: Path, ready: Ready, done: Done) -> Certificate:
     """Drive every case with every seed and return the certificate; raises VveError where one cannot be driven.
 
-    Where the nominal drive of a seed has no answer at all, its other cases are not driven. A ConfigError in the first
-    drive leaves nothing behind. After an interrupt the drives that are over stay, for `query.resume`.
+    If the nominal drive of a seed has no answer at all, the other cases of the seed are not driven. After a ConfigError
+    in the first drive, nothing remains on the disk. After an interrupt, finished drives remain for `query.resume`.
     """
     bench = Bench(query, working, ready)
-    there = query.out.exists()
+    existed = query.out.exists()
     kept.begin(query.out, bench.identity(), resume=query.resume)
     began = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-    seeds = {seed: _Seed(bench, seed) for seed in query.seeds}
+    seeds = {seed: _SeedResults(bench, seed) for seed in query.seeds}
     shown: list[CaseResult] = []
 
-    def tell(results: Sequence[CaseResult]) -> None:
+    def publish(results: Sequence[CaseResult]) -> None:
         for result in results:
             shown.append(result)
             done(shown)
 
     def after(job: CaseJob) -> Sequence[CaseJob]:
         results, jobs = seeds[job.seed].take(job)
-        tell(results)
+        publish(results)
         return _undriven(bench, jobs, after)
 
     try:
         _drive_all(bench, _undriven(bench, [CaseJob(NOMINAL, seed, None) for seed in query.seeds], after), after)
     except ConfigError:
         if not shown and not query.resume:
-            _clear(query.out, remove=not there)
+            _clear(query.out, remove=not existed)
         raise
     results = [result for seed in query.seeds for result in seeds[seed].results()]
     return Certificate(
         rig=str(bench.rig_file.name.removesuffix(".toml")),
-        rig_asked=query.rig,
+        rig_argument=query.rig,
         rig_sha256=_digest(bench.rig_file),
         scenario=query.scenario,
         values=dict(query.values),
@@ -259,10 +259,10 @@ def certify(query: CertifyQuery, working: Path, ready: Ready, done: Done) -> Cer
 
 
 def _undriven(bench: Bench, jobs: Sequence[CaseJob], after: Callable[[CaseJob], Sequence[CaseJob]]) -> list[CaseJob]:
-    """Return the jobs that are still to be driven; those that were kept are taken as they are, with what follows."""
+    """Return the jobs that are still to be driven; results of finished jobs are reused, with the jobs that follow."""
     left: list[CaseJob] = []
     for job in jobs:
-        if bench.told(job) is None:
+        if bench.wire_summary(job) is None:
             left.append(job)
         else:
             left.extend(after(job))
@@ -284,40 +284,40 @@ def _drive_all(bench: Bench, jobs: Sequence[CaseJob], after: Callable[[CaseJob],
         pool.close()
 
 
-class _Seed:
+class _SeedResults:
     """The results of a seed: first the nominal drive, then those that are timed by it."""
 
     def __init__(self, bench: Bench, seed: int) -> None:
         self._bench, self._seed = bench, seed
         self._nominal: CaseDrive | None = None
-        self._found: dict[str, CaseResult] = {}
+        self._results: dict[str, CaseResult] = {}
 
     def take(self, job: CaseJob) -> tuple[list[CaseResult], list[CaseJob]]:
-        """Judge a job that was driven; return what is known now, and the jobs that follow from it."""
-        course = self._bench.course(job)
-        result = self._judged(job, course)
-        self._found[job.case] = result
+        """Judge a finished job; return the new results, and the jobs that follow from it."""
+        drive = self._bench.case_drive(job)
+        result = self._judged(job, drive)
+        self._results[job.case] = result
         if job.case != NOMINAL:
             return [result], []
-        self._nominal = course
-        if not course.answers:
+        self._nominal = drive
+        if not drive.answers:
             return [result], []
-        told = self._bench.told(job)
-        heard = [kind for kind in self._bench.kinds if told is None or kind not in told.deaf]
+        wire_summary = self._bench.wire_summary(job)
+        listened = [kind for kind in self._bench.kinds if wire_summary is None or kind not in wire_summary.unheard]
         settled, jobs = [result], []
         for case in self._bench.query.cases[1:]:
-            undriven, window = self._undriven(case, heard)
+            undriven, window = self._undriven(case, listened)
             if undriven is None:
                 jobs.append(CaseJob(case.name, self._seed, window))
             else:
-                self._found[case.name] = undriven
+                self._results[case.name] = undriven
                 settled.append(undriven)
         return settled, jobs
 
-    def _undriven(self, case: Case, heard: Sequence[str]) -> tuple[CaseResult | None, Window | None]:
-        """Return the result of a case that is not driven, or when its fault is there."""
+    def _undriven(self, case: Case, listened: Sequence[str]) -> tuple[CaseResult | None, Window | None]:
+        """Return the result of a case that is not driven, or the window of its fault."""
         assert self._nominal is not None
-        if why := inapplicable(case, self._bench.kinds) or inapplicable(case, heard):
+        if why := inapplicable(case, self._bench.kinds) or inapplicable(case, listened):
             silent = "" if inapplicable(case, self._bench.kinds) else "the brain listens to no such wire: "
             return CaseResult(case, self._seed, CaseVerdict.NOT_APPLICABLE, silent + why), None
         timing: Timing = timing_of(case, self._nominal, self._bench.bumper)
@@ -325,41 +325,41 @@ class _Seed:
             return CaseResult(case, self._seed, CaseVerdict.VOID, timing.void), None
         return None, timing.window
 
-    def _judged(self, job: CaseJob, course: CaseDrive) -> CaseResult:
-        case = CASE[job.case]
-        judged = judge(case, job.window, course, self._nominal, self._bench.rules)
+    def _judged(self, job: CaseJob, drive: CaseDrive) -> CaseResult:
+        case = CASE_BY_NAME[job.case]
+        judged = judge(case, job.window, drive, self._nominal, self._bench.rules)
         record = Path(kept.CASES) / case.name / f"seed_{job.seed}" / "record"
         result = CaseResult(case, job.seed, judged.verdict, judged.why, job.window, judged.reaction, judged.left)
         return replace(
             result,
-            impact_speed=course.impact_speed,
-            outcome=course.outcome,
-            reasons=tuple(course.reasons),
+            impact_speed=drive.impact_speed,
+            outcome=drive.outcome,
+            reasons=tuple(drive.reasons),
             extra_braking=judged.extra_braking,
             last=judged.last,
             record=record,
-            record_sha256=course.record_sha256,
-            course=course,
+            record_sha256=drive.record_sha256,
+            drive=drive,
         )
 
     def results(self) -> list[CaseResult]:
         """Return the results in the order of the cases."""
-        return [self._found[case.name] for case in self._bench.query.cases if case.name in self._found]
+        return [self._results[case.name] for case in self._bench.query.cases if case.name in self._results]
 
 
 def _clear(folder: Path, *, remove: bool) -> None:
-    """Take back what was written before the first drive was over; with `remove`, the folder too."""
+    """Remove what was written before the first drive ended; with `remove`, the folder too."""
     kept.clear(folder / kept.CASES)
     (folder / kept.QUERY).unlink(missing_ok=True)
     if remove:
-        with suppress(OSError):  # not empty: somebody else has put something there
+        with suppress(OSError):  # the folder is not empty: another program wrote into it
             folder.rmdir()
 
 
 def under_test(command: str | None, working: Path) -> BrainUnderTest:
-    """Return a brain's command with the hashes of every word of it that is a file."""
-    words = shlex.split(command or "")
-    files = {word: working / word for word in words}
+    """Return a brain's command with the hashes of the files that it names."""
+    arguments = shlex.split(command or "")
+    files = {word: working / word for word in arguments}
     return BrainUnderTest(command or "", {word: _digest(file) for word, file in files.items() if file.is_file()})
 
 

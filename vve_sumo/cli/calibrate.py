@@ -1,4 +1,4 @@
-"""`vve-sumo calibrate`: a car's numbers from a short drive on its rig, shown and written into the rig's file."""
+"""`vve-sumo calibrate`: identifies a car's parameters from a short drive on its rig; writes the rig file."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from vve_sumo.commissioning.calibrate import Calibrated
 
 EXIT_CODES = """exit codes:
-  0  every number that a rig needs was found
-  1  one of them is poor; nothing was written
+  0  every parameter that a rig needs was identified
+  1  a needed parameter is poor; nothing was written
   2  wrong use or configuration; nothing was written
   3  the rig is not ready, or the drive was cut short
   4  the simulation broke
@@ -25,22 +25,22 @@ EXIT_CODES = """exit codes:
   130  interrupted from the keyboard
 """
 
-SUMMARY = "find brakes, throttle, steering and delays of a car by a short drive"
+SUMMARY = "identify a car's brakes, throttle, steering and delays from a short drive"
 TEXT = """\
 Drive the calibration run on a rig (about 270 m straight ahead, 70 s) and fit brake and throttle maps,
 steering ratio and bias, delays and the receiver's misalignment; each with its uncertainty and a verdict.
 
 examples:
   vve-sumo calibrate --rig simulated                  drive, fit, show
-  vve-sumo calibrate --rig ours --write               and put what was found, dated, into rigs/ours.toml
-  vve-sumo calibrate --rig ours --record runs/DIR     fit a record that is there already
+  vve-sumo calibrate --rig ours --write               also write the results, with the date, into rigs/ours.toml
+  vve-sumo calibrate --rig ours --record runs/DIR     fit an existing record
 """
 
 
 def arguments(parser: Parser) -> None:
     """Add what the command takes."""
     parser.add_argument("--rig", metavar="NAME", required=True, help="a name under rigs/ or a .toml file")
-    parser.add_argument("--record", type=Path, metavar="DIR", help="of a drive, instead of driving")
+    parser.add_argument("--record", type=Path, metavar="DIR", help="existing record to fit, instead of driving")
     parser.add_argument("--out", type=Path, metavar="DIR", help="record folder, absent or empty (default: under runs/)")
     live_drive.override_argument(parser)
     parser.add_argument("--write", action="store_true", help="change the rig file; comments stay")
@@ -49,12 +49,12 @@ def arguments(parser: Parser) -> None:
         type=names,
         default=(),
         metavar="KEY,KEY",
-        help="poor numbers that the rig file keeps as they are",
+        help="poor parameters whose values in the rig file stay unchanged",
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Drive where no record is given, fit, show, and change the rig file where that is asked for; the exit code.
+    """Drive unless a record is given, fit, show, and write the rig file with `--write`; return the exit code.
 
     Raises ConfigError before anything moves where the rig file may not be written or the record was altered, RigError
     where the drive was cut short.
@@ -74,7 +74,7 @@ def _drive(arguments: argparse.Namespace, working: Path) -> Path:
     from vve_sumo.commissioning import calibration_drive
 
     plan = calibration_drive.plan(arguments.rig, working, arguments.out)
-    doctor = live_drive.examined(plan, arguments.override_doctor)  # before anybody is asked for a name
+    doctor = live_drive.examined(plan, arguments.override_doctor)  # before names are asked for
     plan = live_drive.named(plan, None, None)
     speed = plan.resolved.scenario.ego.speed_mps
     notify(
@@ -88,7 +88,7 @@ def _drive(arguments: argparse.Namespace, working: Path) -> Path:
 def conclude(folder: Path, rig_file: Path | None, date: str, keep_values: Sequence[str] = ()) -> int:
     """Fit, draw, show, and write into a rig's file where one is given; return the exit code.
 
-    It is 1 where a number that a rig needs is poor and no rig was given; with one, that is a ConfigError.
+    The exit code is 1 where a needed parameter is poor and no rig file was given; with one, that is a ConfigError.
     """
     from vve_sumo.commissioning.calibrate import calibrate, draw, put_into
 

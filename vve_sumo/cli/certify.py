@@ -1,4 +1,4 @@
-"""`vve-sumo certify`: a foreign brain through the scenario and through faults on its wires."""
+"""`vve-sumo certify`: tests an external brain in a scenario, with faults on its wires."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ EXIT_CODES = """exit codes:
   2  wrong use or configuration; nothing was written
   3  the brain does not start, or a port is taken
   4  the simulation broke
-  130  interrupted from the keyboard; what was driven is kept, --resume goes on
+  130  interrupted from the keyboard; finished drives are kept, --resume continues
 """
 
-SUMMARY = "drive a brain of somebody else's through faults on its wires: a certificate"
+SUMMARY = "test an external control computer (a brain) with faults on its wires: a certificate"
 TEXT = """\
-Drive a control computer of somebody else's (a brain) through a scenario in lockstep, first without a fault and then
-with one fault after the other on the wires by which it sees: frozen, lost, late, old and wrong messages, targets that
-are not there, counters that stand, wrong validity. Each case requires a reaction within a time, and every drive keeps
-the certificate's limits. Writes report.html, certificate.json and the record of every drive. A brain that fails is told
-its likely defect, by its behaviour alone. A case that cannot be tested is not passed.
+Drive an external control computer (a brain) through a scenario in lockstep, first without a fault, then with one fault
+at a time on the wires that carry its sensor data: frozen, lost, late, outdated and corrupt messages, false targets,
+stuck counters, wrong validity. Each case requires a reaction within a time, and every drive must keep the certificate's
+limits. Writes report.html, certificate.json and the record of every drive. If the brain fails, the report names its
+likely defect, inferred from its behaviour alone. A case that cannot be tested does not count as passed.
 
 The brain is started before each case and ended after it. Its answers must depend on the datagrams alone. Without
 --brain, the command waits before each case until you have started the brain again and pressed Enter.
 
-Several brains are tested at a time where the command takes its ports: {ncom}, {radar}, … stand for those of the rig's
-wires, {setpoints} for brain.port.
+Several brains are tested in parallel if the command takes its ports as placeholders: {ncom}, {radar}, … are the ports
+of the rig's wires, {setpoints} is brain.port.
 
 examples:
   vve-sumo certify --list                    the cases: what is injected, what is required, and why
@@ -50,30 +50,37 @@ examples:
 def arguments(parser: Parser) -> None:
     """Add what the command takes."""
     parser.add_argument("scenario", nargs="?", default="parked_car", help="name or .toml file (default: parked_car)")
-    parser.add_argument("--rig", metavar="NAME", help="the wires: a rig whose brain answers with setpoints")
-    parser.add_argument("--brain", metavar="COMMAND", help="starts the brain; in quotes, with its arguments")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="absent or empty (default: under runs/)")
-    parser.add_argument("--cases", type=names, default=(), metavar="A,B", help="some cases; the nominal one always")
-    parser.add_argument("--without", type=names, default=(), metavar="A,B", help="cases that are left out")
+    parser.add_argument("--rig", metavar="NAME", help="rig with the wires, whose brain answers with setpoints")
+    parser.add_argument("--brain", metavar="COMMAND", help="command that starts the brain, quoted, with its arguments")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="output folder, absent or empty (default: under runs/)")
+    parser.add_argument(
+        "--cases", type=names, default=(), metavar="A,B", help="drive only these cases and the nominal one"
+    )
+    parser.add_argument("--without", type=names, default=(), metavar="A,B", help="cases to leave out")
     parser.add_argument(
         "--limit", type=setting, action="append", default=[], metavar="NAME=VALUE", dest="limits",
-        help="instead of the certificate's own: min_left_m, max_left_m, max_deviation_m, max_overspeed_mps",
+        help="override a limit of the certificate: min_left_m, max_left_m, max_deviation_m, max_overspeed_mps",
     )  # fmt: skip
-    parser.add_argument("--workers", type=int, metavar="N", help="brains at a time (default: as many as can be)")
-    parser.add_argument("--resume", action="store_true", help="go on with the certificate in --out")
+    parser.add_argument(
+        "--workers",
+        type=int,
+        metavar="N",
+        help="brains tested in parallel (default: one a processor if their ports can differ)",
+    )
+    parser.add_argument("--resume", action="store_true", help="continue the certificate in --out")
     parser.add_argument("--runs", type=int, default=1, metavar="N", help="seeds 1 to N of each case (default: 1)")
     parser.add_argument(
         "--set", type=setting, action="append", default=[], metavar="KEY=VALUE", dest="values",
-        help="instead of the scenario's: a dotted key, or a parameter that it declares",
+        help="override a value of the scenario: a dotted key, or a parameter that it declares",
     )  # fmt: skip
     parser.add_argument("--list", action="store_true", dest="listed", help="list the cases and drive nothing")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """List the cases, or drive them; return the exit code."""
-    from vve_sumo.certify.cases import CASES, chosen
+    from vve_sumo.certify.cases import CASES, select_cases
 
-    cases = chosen(arguments.cases, arguments.without)
+    cases = select_cases(arguments.cases, arguments.without)
     if arguments.listed:
         from vve_sumo.certify.report import required
 
@@ -87,7 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.workers is not None and arguments.workers < 1:
         raise ConfigError(f"--workers: expected 1 or more, got {arguments.workers}")
     if arguments.resume and arguments.out is None:
-        raise ConfigError("--resume: expected --out, the folder to go on with")
+        raise ConfigError("--resume: expected --out, the folder to continue")
     from vve_sumo.certify.limits import limits_of
     from vve_sumo.certify.run import CertifyQuery
     from vve_sumo.drive.run import new_run_folder
@@ -119,11 +126,11 @@ def run(arguments: argparse.Namespace) -> int:
             shown(tally)
 
         try:
-            certificate = certify(query, working, _by_hand, done)
+            certificate = certify(query, working, _wait_for_manual_start, done)
         except KeyboardInterrupt:
             kept = f"{tally.finished} of {tally.total} results are kept in {out}"
             raise KeyboardInterrupt(
-                f"interrupted: {kept}; the same command with --out {out} --resume goes on"
+                f"interrupted: {kept}; the same command with --out {out} --resume continues"
             ) from None
     page = report.write(certificate, out)
     _show(certificate)
@@ -131,12 +138,14 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if certificate.passed else 1
 
 
-def _by_hand(case: str) -> None:
-    """Wait until somebody has started the brain again."""
+def _wait_for_manual_start(case: str) -> None:
+    """Wait until the brain was started by hand."""
     try:
         input(f"case {case}: start the brain again, then press Enter ")
     except EOFError:
-        raise ConfigError("--brain: expected a command, for nobody is at the keyboard") from None
+        raise ConfigError(
+            "--brain: expected a command: standard input is closed, so the brain cannot be started by hand"
+        ) from None
 
 
 def _show(certificate: Certificate) -> None:

@@ -1,4 +1,4 @@
-"""`vve-sumo compare`: two records laid together, and how far apart they are; two sweeps, pair by pair."""
+"""`vve-sumo compare`: compares two records signal by signal, or two sweeps pair by pair."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ if TYPE_CHECKING:
     from vve_sumo.analysis.run import Run
 
 EXIT_CODES = """exit codes:
-  0  compared, however far apart they are
+  0  compared, however large the differences are
   2  wrong use, or neither the records of two drives nor sweeps whose runs make pairs
 """
 
-SUMMARY = "compare two records, as a real drive and its virtual twin, or two sweeps pair by pair"
+SUMMARY = "compare two records, such as a real drive and its simulation, or two sweeps pair by pair"
 TEXT = """\
-Lay two records together at first motion and say how far apart they are: RMSE, correlation, Theil's U and
-time shift of each signal, and what each drive came to. Of two sweeps, or two controllers of one, compare the
-runs that have seed and parameters in common, pair by pair.
+Align two records at first motion and report their differences: RMSE, correlation, Theil's U and time shift of
+each signal, and the outcomes of the drives. For two sweeps, or two controllers of one sweep, compare the runs
+with equal seed and parameters, pair by pair.
 
 examples:
-  vve-sumo compare runs/lot runs/lockstep               a live drive and its twin in lockstep
-  vve-sumo compare runs/a runs/b --out difference.png   two of anything, and a picture
+  vve-sumo compare runs/lot runs/lockstep               a live drive and the same drive in lockstep
+  vve-sumo compare runs/a runs/b --out difference.png   any two records, and a picture
   vve-sumo compare old_sweep new_sweep                  two sweeps, paired by seed and parameters
   vve-sumo compare sweep --by controller.name           the controllers of one sweep, every two of them
 """
@@ -43,13 +43,17 @@ def arguments(parser: Parser) -> None:
     parser.add_argument(
         "other", type=Path, nargs="?", metavar="OTHER", help="folder of another; differences are other minus one"
     )
-    parser.add_argument("--by", metavar="PARAMETER", help="of one sweep: compare this parameter's values two by two")
-    parser.add_argument("--figure", default="stop_gap_m", metavar="FIGURE", help="of sweeps: what the picture shows")
-    parser.add_argument("--out", type=Path, metavar="PNG", help="picture to write; of several pairs NAME_1.png …")
+    parser.add_argument(
+        "--by", metavar="PARAMETER", help="with one sweep: parameter whose values are compared pairwise"
+    )
+    parser.add_argument(
+        "--figure", default="stop_gap_m", metavar="METRIC", help="with sweeps: metric that the picture shows"
+    )
+    parser.add_argument("--out", type=Path, metavar="PNG", help="picture to write; with several pairs NAME_1.png …")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Compare two records, print what differs, draw it where that is asked for; return the exit code, 0."""
+    """Compare two records, print what differs, draw the picture of `--out`; return the exit code, 0."""
     from vve_sumo.analysis.comparison import compare
     from vve_sumo.analysis.dataset import Sweep
     from vve_sumo.analysis.load import load
@@ -64,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     if isinstance(one, Sweep):
         return sweeps.run(one, arguments.other, arguments.by, arguments.figure, out)
     if arguments.by is not None or arguments.other is None:
-        raise ConfigError(f"{arguments.one}: the record of one drive; expected OTHER, and --by with a sweep alone")
+        raise ConfigError(f"{arguments.one}: is the record of one drive, expected another record as OTHER and no --by")
     compared = compare(one, _record(arguments.other))
     _show(compared)
     if out is not None:
@@ -79,17 +83,17 @@ def _record(folder: Path) -> Run:
     from vve_sumo.analysis.load import load
     from vve_sumo.analysis.run import Run
 
-    found = load(folder)
-    if not isinstance(found, Run):
-        raise ConfigError(f"{folder}: a sweep's dataset; expected the record of one drive")
-    return found
+    loaded = load(folder)
+    if not isinstance(loaded, Run):
+        raise ConfigError(f"{folder}: is a sweep's dataset, expected the record of one drive")
+    return loaded
 
 
 def _show(compared: Comparison) -> None:
     console = plain_console()
     for name, run, begin in zip(("one", "other"), (compared.one, compared.other), compared.begin, strict=True):
-        how = "live" if run.live else "in lockstep"
-        console.print(f"{name + ':':<7}{run.folder}: {run.title}, {how}, first motion at {begin:.3f} s")
+        mode = "live" if run.live else "in lockstep"
+        console.print(f"{name + ':':<7}{run.folder}: {run.title}, {mode}, first motion at {begin:.3f} s")
     console.print("measured by " + ("the truth" if compared.true else "the pipeline's estimate"))
     for note in compared.notes:
         console.print(f"note:  {note}")
@@ -105,8 +109,8 @@ def _print_signals(console: Console, compared: Comparison) -> None:
     for name, row in compared.signals.iterrows():
         errors = [_number(row[key]) for key in ("rmse", "max_error", "mean_error")]
         shift = _number(row["shift_m"], "m") if row["axis"] == STATION else _number(1e3 * row["shift_s"], "ms", 1)
-        likeness = [_number(row[key]) for key in ("pearson_r", "theil_u")]
-        rows.append([_words(str(name), row["unit"]), *errors, row["unit"], *likeness, shift, str(row["n"])])
+        similarity = [_number(row[key]) for key in ("pearson_r", "theil_u")]
+        rows.append([_label(str(name), row["unit"]), *errors, row["unit"], *similarity, shift, str(row["n"])])
     _print(console, "Signals: other minus one", heads, rows)
 
 
@@ -114,9 +118,9 @@ def _print_outcomes(console: Console, compared: Comparison) -> None:
     rows = []
     for name, row in compared.outcomes.iterrows():
         values = [value if isinstance(value, str) else _number(value) for value in (row["one"], row["other"])]
-        alike = "same" if row["one"] == row["other"] else "differs"
-        difference = alike if isinstance(row["one"], str) else _number(row["difference"])
-        rows.append([_words(str(name), row["unit"]), *values, difference, row["unit"]])
+        equality = "same" if row["one"] == row["other"] else "differs"
+        difference = equality if isinstance(row["one"], str) else _number(row["difference"])
+        rows.append([_label(str(name), row["unit"]), *values, difference, row["unit"]])
     _print(console, "Outcomes", ("figure", "one", "other", "other minus one", "unit"), rows)
 
 
@@ -132,13 +136,13 @@ def _print(console: Console, title: str, heads: Sequence[str], rows: Sequence[Se
     console.print(table)
 
 
-def _words(column: str, unit: str) -> str:
-    """What a column is about, without its unit."""
+def _label(column: str, unit: str) -> str:
+    """Return a column's label, without its unit."""
     return (column.rpartition("_")[0] if unit else column).replace("_", " ")
 
 
 def _number(value: Any, unit: str = "", digits: int = 4) -> str:
     if not math.isfinite(value):
         return "-"
-    # Adding 0 takes the sign from what rounds to nothing.
+    # Adding 0 removes the sign of a value that rounds to zero.
     return f"{round(value, digits) + 0.0:.{digits}f} {unit}".strip()

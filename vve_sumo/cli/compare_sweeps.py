@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from vve_sumo.analysis.dataset import Sweep
     from vve_sumo.analysis.paired import PairedComparison
 
-#: columns of the table of figures: head, and the column of the comparison
+#: columns of the table of metrics: head, and the column of the comparison
 COLUMNS = {
     "pairs": "pairs",
     "one alone": "only_one",
@@ -33,16 +33,16 @@ COLUMNS = {
 }
 
 
-def run(one: Sweep, other: Path | None, by: str | None, figure: str, out: Path | None) -> int:
+def run(one: Sweep, other: Path | None, by: str | None, metric: str, out: Path | None) -> int:
     """Compare two sweeps, or the values of a parameter of one; print what differs, draw it; return the exit code, 0."""
-    every = _compared(one, other, by)
-    for number, compared in enumerate(every, 1):
+    comparisons = _compared(one, other, by)
+    for number, compared in enumerate(comparisons, 1):
         _show(compared)
         if out is not None:
             from vve_sumo.plotting import paired, save
 
-            file = out if len(every) == 1 else out.with_name(f"{out.stem}_{number}{out.suffix}")
-            save(paired(compared, figure), file)
+            file = out if len(comparisons) == 1 else out.with_name(f"{out.stem}_{number}{out.suffix}")
+            save(paired(compared, metric), file)
             print(f"picture: {file}")
     return 0
 
@@ -53,13 +53,13 @@ def _compared(one: Sweep, other: Path | None, by: str | None) -> list[PairedComp
     from vve_sumo.analysis.paired import compare_each, compare_sweeps
 
     if (other is None) == (by is None):
-        raise ConfigError(f"{one.folder}: a sweep; expected either another sweep or --by PARAMETER")
+        raise ConfigError(f"{one.folder}: is a sweep, expected either another sweep or --by PARAMETER")
     if by is not None:
         return compare_each(one, by)
     assert other is not None
     second = load(other)
     if not isinstance(second, Sweep):
-        raise ConfigError(f"{other}: the record of one drive; expected a sweep, as {one.folder} is one")
+        raise ConfigError(f"{other}: is the record of one drive, expected a sweep like {one.folder}")
     return [compare_sweeps(one, second)]
 
 
@@ -70,7 +70,7 @@ def _show(compared: PairedComparison) -> None:
     alone = f"; without a partner: {compared.unpaired[0]} of one, {compared.unpaired[1]} of other"
     console.print(f"{len(compared.pairs)} pairs by {', '.join(compared.by)}{alone if any(compared.unpaired) else ''}")
     _print_verdicts(compared)
-    _print_figures(compared)
+    _print_metrics(compared)
 
 
 def _print_verdicts(compared: PairedComparison) -> None:
@@ -79,14 +79,14 @@ def _print_verdicts(compared: PairedComparison) -> None:
         for name, row in compared.verdicts.iterrows()
     ]
     heads = ["", "of both", "of one alone", "of other alone", "of neither", "McNemar p"]
-    _print(f"Pairs of {_named(compared)} by what is true of them", heads, rows)
+    _print(f"Pairs of {_names(compared)} by what is true of them", heads, rows)
 
 
-def _named(compared: PairedComparison) -> str:
+def _names(compared: PairedComparison) -> str:
     return f"{compared.one} (one) and {compared.other} (other)"
 
 
-def _print_figures(compared: PairedComparison) -> None:
+def _print_metrics(compared: PairedComparison) -> None:
     rows = []
     for name, row in compared.figures.iterrows():
         if row["pairs"] + row["only_one"] + row["only_other"]:

@@ -1,4 +1,4 @@
-"""`vve-sumo completion`: what a shell completes by."""
+"""`vve-sumo completion`: prints a shell's completion script."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ SHELLS = ("bash", "zsh", "tcsh")
 EXIT_CODES = OF_FILES
 SUMMARY = "print the completion of commands and options for a shell"
 TEXT = """\
-Print a script by which a shell completes commands and options after the tabulator key.
+Print a script with which a shell completes commands and options on the Tab key.
 
 examples:
   vve-sumo completion bash >> ~/.bash_completion

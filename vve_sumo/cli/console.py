@@ -10,24 +10,24 @@ if TYPE_CHECKING:
 
 #: exit code of a command that was interrupted from the keyboard: 128 and the number of SIGINT, as shells count
 INTERRUPTED = 130
-PIPE_CLOSED = 141  #: whoever read the output has gone, as a shell says of a signal: 128 + SIGPIPE
-DEFECT = 70  #: an exception of ours that nothing foresaw: EX_SOFTWARE of sysexits.h
-#: characters of a line where there is no terminal to say
+PIPE_CLOSED = 141  #: the reader of the output has closed the pipe: 128 + SIGPIPE, as shells report a signal
+DEFECT = 70  #: an unexpected exception in vve_sumo: EX_SOFTWARE of sysexits.h
+#: line width where there is no terminal [characters]
 WIDTH = 160
 
 
 def notify(line: str) -> None:
-    """Print a line that is no result: what is waited for, or looks wrong."""
+    """Print a line that is no result, such as progress or a warning."""
     print(line, file=sys.stderr)
 
 
 def note(line: str) -> None:
-    """Print a line that whoever drives should know before."""
+    """Print a note for the operator before a drive."""
     notify(f"note: {line}")
 
 
 def complain(line: str) -> None:
-    """Print a line of what went wrong, as a program that is one of several on a terminal does."""
+    """Print an error, prefixed with the program's name."""
     notify(f"vve-sumo: {line}")
 
 

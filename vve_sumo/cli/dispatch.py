@@ -72,7 +72,7 @@ COMMANDS = (
 
 def parser() -> Parser:
     """Return the parser of the whole command line."""
-    whole = Parser(
+    root = Parser(
         prog="vve-sumo",
         description="Vehicle in Virtual Environment testing on SUMO: a real drive-by-wire car, a virtual road.",
         epilog="Start with `vve-sumo drive`: it drives the simulated vehicle towards a parked car in Linden.\n"
@@ -80,18 +80,18 @@ def parser() -> Parser:
         + EXIT_CODES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    whole.add_argument("--version", action="version", version=f"vve-sumo {__version__}")
-    commands = whole.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=Parser)
+    root.add_argument("--version", action="version", version=f"vve-sumo {__version__}")
+    commands = root.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=Parser)
     for command in COMMANDS:
         name, codes = command.__name__.rpartition(".")[2].replace("_", "-"), getattr(command, "EXIT_CODES", EXIT_CODES)
-        # A command that is a group of others has a summary alone; each of these says itself what runs it.
+        # A group of subcommands has a summary alone; each subcommand sets its own `run`.
         text = getattr(command, "TEXT", f"{command.SUMMARY[0].upper()}{command.SUMMARY[1:]}.")
         added = add_command(commands, name, command.SUMMARY, text, codes)
         added.set_defaults(run=getattr(command, "run", None))
         command.arguments(added)
         if command is completion:
-            added.set_defaults(command_line=whole)
-    return whole
+            added.set_defaults(command_line=root)
+    return root
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -114,7 +114,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         complain(str(interrupt) or "interrupted")
         return INTERRUPTED
     except Exception:
-        # 1, with which Python itself ends by an exception, says that something was driven and failed.
+        # Python's own exit code of an exception, 1, would mean that a drive failed its criteria.
         traceback.print_exc()
         return DEFECT
     return code

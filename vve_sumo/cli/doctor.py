@@ -24,8 +24,8 @@ EXIT_CODES = """exit codes:
 
 SUMMARY = "go or no-go before a drive: machine, scenario, and with --rig the rig"
 TEXT = """\
-Look at everything that a drive needs, say what was found, and what to do about what is not good enough.
-With --rig it listens to the receiver and to the car's bus for some seconds; it sends nothing to a real car.
+Check everything that a drive needs; report each result, and for a failed check what to do.
+With --rig, the doctor listens to the receiver and to the car's bus for some seconds; it sends nothing to a real car.
 Ends with GO (exit code 0) or NO-GO (3).
 """
 
@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
         try:
             doctor.keep(report, scenario, rig, working)
         except OSError as error:
-            complain(f"the verdict is not kept for the record: {error}")
+            complain(f"the verdict could not be stored for the record of the next drive: {error}")
     against = [check.name for check in report.against]
     if arguments.json:
         checks = [check._asdict() for check in report.checks]

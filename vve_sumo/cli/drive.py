@@ -32,14 +32,14 @@ examples:
   vve-sumo drive --controller mine.py:make      your own controller
   vve-sumo drive --vehicle lincoln_mkz          another car
   vve-sumo drive --rig rigs/ours.toml --lockstep   the simulated vehicle as the rig calibrates it
-  vve-sumo drive --rig foreign --lockstep       somebody else's brain over UDP, waited for (docs/brains.md)
-  vve-sumo drive --pose drive.csv               a recorded drive through the same pipeline; nothing obeys
+  vve-sumo drive --rig foreign --lockstep       an external brain over UDP, in lockstep (docs/brains.md)
+  vve-sumo drive --pose drive.csv               a recorded drive through the same pipeline; no car is commanded
   vve-sumo drive --rig simulated                live, with the simulated vehicle as a process of its own
   vve-sumo drive --rig simulated --view         the same with a page in a browser, which has a stop button
   vve-sumo drive parked_car --rig rigs/ours.toml --shadow   live, with every enable bit off
 
-live keys: e engages, g goes, any other key, Ctrl-C or closing the terminal stops. The emergency stop is the
-driver's brake.
+live keys: e engages, g starts, any other key stops; so do Ctrl-C and closing the terminal. The emergency stop is
+the driver's brake pedal.
 """
 
 
@@ -47,7 +47,7 @@ def arguments(parser: Parser) -> None:
     """Add what the command takes."""
     parser.add_argument("scenario", nargs="?", default="parked_car", help="name or .toml file (default: parked_car)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="record folder, absent or empty (default: under runs/)")
-    parser.add_argument("--seed", type=int, metavar="N", help="instead of the scenario's seed")
+    parser.add_argument("--seed", type=int, metavar="N", help="override the scenario's seed")
     parser.add_argument(
         "--set",
         type=setting,
@@ -55,29 +55,33 @@ def arguments(parser: Parser) -> None:
         default=[],
         metavar="KEY=VALUE",
         dest="values",
-        help="instead of the scenario's: a dotted key such as ego.speed_mps, or a parameter that it declares; a number "
-        "may have a unit, such as 'ego.speed=25 mph'; may be given several times",
+        help="override a value of the scenario: a dotted key such as ego.speed_mps, or a parameter that it declares; "
+        "a number may have a unit, such as 'ego.speed=25 mph'; may be given several times",
     )
     parser.add_argument("--controller", metavar="NAME", help="shipped name, file.py:make or entry point")
-    parser.add_argument("--vehicle", metavar="NAME", help="instead of the scenario's: under vehicles/, or a .toml file")
+    parser.add_argument(
+        "--vehicle", metavar="NAME", help="override the scenario's vehicle: a name under vehicles/ or a .toml file"
+    )
     parser.add_argument(
         "--pose",
         type=Path,
         metavar="FILE",
-        help="send a recorded drive through the pipeline, laid on the street by matched start: NCOM bytes, or CSV with "
-        "time_s,latitude_deg,longitude_deg,heading_deg,speed_mps; commands are computed and logged, nobody obeys",
+        help="feed a recorded drive to the pipeline, its start aligned with the path's start: NCOM bytes, or CSV with "
+        "time_s,latitude_deg,longitude_deg,heading_deg,speed_mps; commands are computed and recorded, not sent",
     )
     parser.add_argument("--rig", metavar="NAME", help="drive live on this rig: a name under rigs/ or a .toml file")
     parser.add_argument(
         "--lockstep",
         action="store_true",
-        help="with --rig: not live, but with the simulated vehicle as the rig declares and calibrates it, and the "
-        "rig's faults injected into it; a brain that the rig names is waited for at every tick",
+        help="with --rig: drive in lockstep, not live, with the simulated vehicle as the rig declares and calibrates "
+        "it and with the rig's faults injected; an external brain of the rig is awaited at every tick",
     )
-    parser.add_argument("--shadow", action="store_true", help="live, with everything but the enable bits")
+    parser.add_argument(
+        "--shadow", action="store_true", help="live, with every enable bit off: the car is not commanded"
+    )
     parser.add_argument("--view", action="store_true", help="live, with a page in a browser; its address is printed")
-    parser.add_argument("--operator", metavar="NAME", help="live, for the record: who is at the console")
-    parser.add_argument("--driver", metavar="NAME", help="live, for the record: who sits behind the wheel")
+    parser.add_argument("--operator", metavar="NAME", help="live, for the record: name of the operator at the console")
+    parser.add_argument("--driver", metavar="NAME", help="live, for the record: name of the safety driver")
     live_drive.override_argument(parser)
     parser.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
     add_json(parser, "the drive's summary, with the folder of its record,")
@@ -90,14 +94,16 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.rig is not None and not arguments.lockstep:
         return _live(arguments)
     if arguments.rig is None and arguments.lockstep:
-        raise ConfigError("--lockstep: every drive without a rig is one; name with --rig whose car is simulated")
+        raise ConfigError(
+            "--lockstep: expected --rig with the rig whose car is simulated; without a rig every drive is in lockstep"
+        )
     if arguments.shadow:
-        raise ConfigError("--shadow: only a live drive has enable bits to leave off; name the rig with --rig")
+        raise ConfigError("--shadow: only a live drive sets enable bits; name the rig with --rig")
     if arguments.view:
-        raise ConfigError("--view: only a live drive is shown while it goes on; vve-sumo view shows a record")
+        raise ConfigError("--view: only a live drive has a page while it runs; vve-sumo view shows a record")
     for role in ("operator", "driver"):
         if getattr(arguments, role) is not None:
-            raise ConfigError(f"--{role}: only a live drive has one; name the rig with --rig")
+            raise ConfigError(f"--{role}: only a live drive has an operator and a driver; name the rig with --rig")
     if arguments.override_doctor is not None:
         raise ConfigError("--override-doctor: only a live drive arms a car; name the rig with --rig")
     return _lockstep(arguments)
@@ -137,7 +143,7 @@ def _lockstep(arguments: argparse.Namespace) -> int:
 def _brain(
     arguments: argparse.Namespace, resolved: ResolvedScenario, working: Path
 ) -> AbstractContextManager[ExternalController | None]:
-    """Return what opens the wires to the rig's brain; a recorded drive is played without wires."""
+    """Return the context that opens the wires to the rig's brain; a recorded drive is played without wires."""
     from vve_sumo import workspace
     from vve_sumo.live.brain_link import refuse_controller
     from vve_sumo.live.foreign_lockstep import brain_of
@@ -149,7 +155,7 @@ def _brain(
         return brain_of(loaded, resolved, working)
     if loaded.brain.kind != "own":
         raise ConfigError(
-            f"--pose: nothing obeys in a recorded drive, and the rig's brain.kind is {loaded.brain.kind!r}; "
+            f"--pose: a recorded drive has no external brain, and brain.kind of the rig is {loaded.brain.kind!r}; "
             "leave out one of --pose and --rig"
         )
     return nullcontext(None)
@@ -182,7 +188,7 @@ def _live(arguments: argparse.Namespace) -> int:
         values=values_of(arguments.values),
         view=arguments.view,
     )
-    doctor = live_drive.examined(plan, arguments.override_doctor)  # before anybody is asked for a name
+    doctor = live_drive.examined(plan, arguments.override_doctor)  # before names are asked for
     if plan.resolved.note:
         note(plan.resolved.note)
     plan = live_drive.named(plan, arguments.operator, arguments.driver)

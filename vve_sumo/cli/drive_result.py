@@ -55,4 +55,4 @@ def show_drive(drive: Drive, picture: Path | None) -> None:
     for line in summary.get("metric_errors", {}).values():
         console.print(f"not measured: {line}", highlight=False, markup=False)
     if summary["text"]:
-        console.print(f"what went wrong, in its own words: {summary['text']}", highlight=False, markup=False)
+        console.print(f"error message: {summary['text']}", highlight=False, markup=False)

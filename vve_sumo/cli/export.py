@@ -10,7 +10,7 @@ from vve_sumo.export.formats import FORMATS
 
 EXIT_CODES = """exit codes:
   0  exported, also of a drive that failed
-  2  wrong use, no record and no sweep, a file that is there already, or an extra that is missing;
+  2  wrong use, neither a record nor a sweep, a file that exists already, or a missing extra;
      nothing was written
 """
 
@@ -21,8 +21,8 @@ LIST = "\n".join(
 )
 SUMMARY = "write a drive or a sweep for pandas, SUMO, CommonRoad, OpenSCENARIO, Foxglove, OSI, CAN tools"
 TEXT = f"""\
-Write a drive's record in the format of another program, or a sweep's rows as CSV. The record stays as it
-is. A drive that was killed is exported up to its last whole tick. docs/exports.md says what each format
+Write a drive's record in the format of another program, or a sweep's rows as CSV. The record is
+not changed. A killed drive is exported up to its last complete tick. docs/exports.md says what each format
 holds.
 
 examples:
@@ -40,13 +40,13 @@ def arguments(parser: Parser) -> None:
     """Add what the command takes."""
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder of the record; for csv also of a sweep")
     parser.add_argument(
-        "formats", nargs="+", choices=tuple(FORMATS), metavar="FORMAT", help="one or more of those below"
+        "formats", nargs="+", choices=tuple(FORMATS), metavar="FORMAT", help="one or more formats of the list below"
     )
     parser.add_argument(
         "--out",
         type=Path,
         metavar="FILE",
-        help="file to write, for one format, or a folder that is there (default: the working folder, named after "
+        help="file to write, for one format, or an existing folder (default: the working folder, named after "
         "DIR); no file is replaced",
     )
 
@@ -57,10 +57,10 @@ def run(arguments: argparse.Namespace) -> int:
     from vve_sumo.analysis.run import Run
     from vve_sumo.export.write import export_all
 
-    held = load(arguments.folder)
-    written = export_all(held, tuple(dict.fromkeys(arguments.formats)), arguments.out)
-    if isinstance(held, Run) and not held.complete:
-        print(f"the drive came to no end: exported up to its last whole tick, at {held.time[-1]:.2f} s")
+    loaded = load(arguments.folder)
+    written = export_all(loaded, tuple(dict.fromkeys(arguments.formats)), arguments.out)
+    if isinstance(loaded, Run) and not loaded.complete:
+        print(f"the record has no end of the drive: exported up to its last complete tick, at {loaded.time[-1]:.2f} s")
     for name, files in written.items():
         for file in files:
             print(f"{name}: {file}")

@@ -16,29 +16,30 @@ if TYPE_CHECKING:
     from vve_sumo.hunt.truth import TruthSample
 
 EXIT_CODES = """exit codes:
-  0  nothing was found
+  0  no invariant was broken
   1  an invariant was broken
   2  wrong use or configuration; nothing was written
-  130  interrupted from the keyboard; what was driven is kept, --resume goes on
+  130  interrupted from the keyboard; finished episodes are kept, --resume continues
 """
 
-SUMMARY = "hunt for what breaks the safety layer: faults, driver, keys and brain, at every phase of a drive"
+SUMMARY = "search for faults and actions of driver, operator and brain that break a safety invariant"
 TEXT = """\
 Drive thousands of short episodes in lockstep, without SUMO: the real gateway, pipeline and tick, and the simulated
 vehicle with faults injected into it. An episode is a timeline of up to three faults, driver's actions, operator's
-keys and behaviours of the brain, which sets in at a phase of the drive: arming, engaging, held, driving, bend,
-braking, at_rest, stopped, released. Invariants are judged by the truth, never by reports: a driver's foot closes the
-throttle, the speed limit holds, the body stays in the lot, a stop ends within its bound or raises the alarm, and more.
+keys and behaviours of the brain, which starts at a phase of the drive: arming, engaging, held, driving, bend,
+braking, at_rest, stopped, released. Invariants are checked on the true state of the car, never on its reports: the
+throttle closes when the driver brakes, the speed limit holds, the body stays in the lot, a stop ends within its bound
+or raises the alarm, and more.
 
-A search draws episodes by chance and then near those that came closest to breaking an invariant. With --pairs, every
-kind of fault is combined with every other, with every driver's action and with every behaviour of the brain. What
-is found is shrunk to the shortest timeline that still breaks the invariant and written to DIR/found: a row that a test
+A search draws episodes at random, then near those that came closest to breaking an invariant. With --pairs, every
+kind of fault is combined with every other, with every driver's action and with every behaviour of the brain. A
+finding is shrunk to the shortest timeline that still breaks the invariant and written to DIR/found: a row that a test
 replays, and a rig whose [[faults]] `vve-sumo drive --lockstep` injects.
 
 examples:
-  vve-sumo hunt --rig simulated --episodes 500           ten minutes: a first look
-  vve-sumo hunt --rig rigs/ours.toml --hours 8 --out night    as long as it may take
-  vve-sumo hunt --rig rigs/ours.toml --hours 8 --out night --resume    go on with it
+  vve-sumo hunt --rig simulated --episodes 500           ten minutes: a first test
+  vve-sumo hunt --rig rigs/ours.toml --hours 8 --out night    eight hours
+  vve-sumo hunt --rig rigs/ours.toml --hours 8 --out night --resume    continue it
   vve-sumo hunt --rig simulated --pairs --phases driving,bend,braking,at_rest --out pairs
   vve-sumo hunt --rig simulated --show night/found/NAME.json   replay one, tick by tick where something changes
 """
@@ -50,16 +51,18 @@ def arguments(parser: Parser) -> None:
     parser.add_argument(
         "--rig", metavar="NAME", required=True, help="car, lot and limits: a name under rigs/ or a file"
     )
-    parser.add_argument("--hours", type=float, metavar="H", help="end after so long")
-    parser.add_argument("--episodes", type=int, metavar="N", help="end after so many, those of earlier runs included")
+    parser.add_argument("--hours", type=float, metavar="H", help="end after so many hours")
+    parser.add_argument(
+        "--episodes", type=int, metavar="N", help="end after so many episodes, those of earlier runs included"
+    )
     parser.add_argument("--pairs", action="store_true", help="try every pair instead of searching")
     parser.add_argument(
-        "--phases", type=names, default=(), metavar="A,B", help="with --pairs: phases in which they set in"
+        "--phases", type=names, default=(), metavar="A,B", help="with --pairs: phases in which the pairs start"
     )
-    parser.add_argument("--out", type=Path, metavar="DIR", help="absent or empty (default: under runs/)")
-    parser.add_argument("--resume", action="store_true", help="go on with the hunt in --out")
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of what is drawn (default: 1)")
-    parser.add_argument("--workers", type=int, default=2, metavar="N", help="episodes at a time (default: 2)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="output folder, absent or empty (default: under runs/)")
+    parser.add_argument("--resume", action="store_true", help="continue the hunt in --out")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="seed of the random draws (default: 1)")
+    parser.add_argument("--workers", type=int, default=2, metavar="N", help="episodes driven in parallel (default: 2)")
     parser.add_argument("--show", type=Path, metavar="FILE", help="replay the episode of a file in DIR/found")
     parser.add_argument("--quiet", action="store_true", help="no progress, only the report at the end")
 
@@ -111,26 +114,26 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _check(arguments: argparse.Namespace) -> None:
     if arguments.hours is None and arguments.episodes is None and not arguments.pairs:
-        raise ConfigError("--hours or --episodes: expected one of them, or --pairs: a search has no end of its own")
+        raise ConfigError("--hours or --episodes: expected one of them, or --pairs: a search does not end by itself")
     for key in ("hours", "episodes", "workers"):
         value = getattr(arguments, key)
         if value is not None and not value > 0:
             raise ConfigError(f"--{key}: expected more than 0, got {value:g}")
     if arguments.resume and arguments.out is None:
-        raise ConfigError("--resume: expected the folder of the hunt to go on with; name it with --out")
+        raise ConfigError("--resume: expected --out, the folder of the hunt to continue")
     if arguments.phases and not arguments.pairs:
-        raise ConfigError("--phases: a search draws the phase; give --pairs too")
+        raise ConfigError("--phases: expected --pairs too: a search draws its phases")
 
 
-def _phases(said: tuple[str, ...]) -> tuple[EpisodePhase, ...]:
+def _phases(requested: tuple[str, ...]) -> tuple[EpisodePhase, ...]:
     from vve_sumo.hunt.episode import EpisodePhase
     from vve_sumo.hunt.run import PAIR_PHASES
 
     every = [phase.value for phase in EpisodePhase]
-    for name in said:
+    for name in requested:
         if name not in every:
             raise ConfigError(f"--phases: expected some of {', '.join(every)}, got {name!r}")
-    return tuple(EpisodePhase(name) for name in said) or PAIR_PHASES
+    return tuple(EpisodePhase(name) for name in requested) or PAIR_PHASES
 
 
 def _show(scenario: str, rig: str, file: Path) -> int:

@@ -9,18 +9,18 @@ from vve_sumo.cli.parser import OF_FILES, Parser
 
 EXIT_CODES = OF_FILES
 
-SUMMARY = "lay out a workspace of your own"
+SUMMARY = "create a workspace of your own"
 TEXT = """\
 Copy the shipped controllers, networks, notebooks, rigs, routes, scenarios, sweeps and vehicles into a
 folder, with examples of foreign brains (examples/brains) and the suites that a receiver, a sensor, a
 drive-by-wire interface and metrics of your own must pass (tests/ports). Run vve-sumo from there: your files
-win over shipped ones of the same name.
+take precedence over shipped ones of the same name.
 """
 
 
 def arguments(parser: Parser) -> None:
     """Add what the command takes."""
-    parser.add_argument("folder", type=Path, metavar="DIR", help="folder to lay out; existing files are never replaced")
+    parser.add_argument("folder", type=Path, metavar="DIR", help="folder to create; existing files are never replaced")
 
 
 def run(arguments: argparse.Namespace) -> int:

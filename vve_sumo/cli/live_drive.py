@@ -1,4 +1,4 @@
-"""A live drive as its operator meets it: the names are asked for, the console drawn, the messages printed."""
+"""The operator's side of a live drive: asks for the names, draws the console, prints the messages."""
 
 from __future__ import annotations
 
@@ -14,47 +14,48 @@ if TYPE_CHECKING:
     from vve_sumo.cli.parser import Parser
     from vve_sumo.live.session import DrivePlan
 
-MAX_REASON_LENGTH: Final = 100  #: characters of a reason to override the doctor: a line of the screen holds it
+MAX_REASON_LENGTH: Final = 100  #: longest reason to override the doctor, one line of the screen [characters]
 
 
 def override_argument(parser: Parser) -> None:
-    """Add the option that arms a real car although the doctor did not say GO."""
+    """Add the option that arms a real car without a GO of the doctor."""
     parser.add_argument(
         "--override-doctor",
         metavar="REASON",
-        help="live: arm a real car although the doctor's last word on its rig is no fresh GO; shown and recorded",
+        help="live: arm a real car although the doctor's last verdict on its rig is not a recent GO; shown and "
+        "recorded",
     )
 
 
 def named(plan: DrivePlan, operator: str | None, driver: str | None) -> DrivePlan:
-    """Return a plan with who is at the console and who sits behind the wheel.
+    """Return a plan with the names of the operator and of the safety driver.
 
-    Of a real car both are asked for where nobody has said so and there is a terminal to ask on; drive time begins
-    after the answers. Raises ConfigError for what is no name.
+    For a real car a missing name is asked for on the terminal, if there is one; drive time begins after the answers.
+    Raises ConfigError for an invalid name.
     """
     from vve_sumo.live import session
 
-    asks = plan.rig.car == "real" and sys.stdin.isatty()
-    operator, driver = _name("operator", operator, asks=asks), _name("driver", driver, asks=asks)
+    ask = plan.rig.car == "real" and sys.stdin.isatty()
+    operator, driver = _name("operator", operator, ask=ask), _name("driver", driver, ask=ask)
     return session.named(plan, operator, driver)
 
 
-def _name(role: str, name: str | None, *, asks: bool) -> str | None:
-    """Return a person's name, asked for where none is given and `asks`; None where there is none."""
+def _name(role: str, name: str | None, *, ask: bool) -> str | None:
+    """Return a person's name, with `ask` read from the terminal where none is given; None where there is none."""
     from vve_sumo.live.session import person_name
 
-    if name is None and asks:
+    if name is None and ask:
         print(f"name of the {role} (for the record; --{role} says it): ", end="", file=sys.stderr, flush=True)
         name = sys.stdin.readline()
     return None if name is None else person_name(role, name)
 
 
 def examined(plan: DrivePlan, override: str | None) -> dict[str, Any]:
-    """Return the doctor's last result on a plan's rig, for the record; to be asked before anybody is asked for a name.
+    """Return the doctor's last result on a plan's rig, for the record; call this before names are asked for.
 
-    A real car is armed only on a GO of this version of the rig's file, at most a day old, or with a reason to
-    `override` what is against that, which the result then holds. Raises RigError where neither is there, ConfigError
-    for what is no reason. A drive in which nobody is at risk is begun all the same.
+    A real car is armed only on a GO for this version of the rig's file that is at most a day old, or with a reason to
+    `override` the missing GO, which the result then contains. Raises RigError where there is neither, ConfigError for
+    an invalid reason. A drive that commands no real car begins in any case.
     """
     from vve_sumo.commissioning import doctor_result
 
@@ -63,7 +64,7 @@ def examined(plan: DrivePlan, override: str | None) -> dict[str, Any]:
     obstacle = doctor_result.obstacle(result)
     if plan.rig.car != "real" or plan.shadow:
         if result["verdict"] == "NO-GO" and not result["caveats"]:
-            notify(f"{obstacle}; no real car is commanded, so the drive begins all the same")
+            notify(f"{obstacle}; no real car is commanded, so the drive begins anyway")
         return result
     if obstacle is None:
         return result
@@ -76,7 +77,7 @@ def examined(plan: DrivePlan, override: str | None) -> dict[str, Any]:
 
 
 def _reason(typed: str) -> str:
-    """Return why the doctor is overridden, as record and screen say it; raises ConfigError for what says nothing."""
+    """Return the reason to override the doctor, without outer spaces; raises ConfigError for an invalid one."""
     reason = typed.strip()
     if not reason or len(reason) > MAX_REASON_LENGTH or not reason.isprintable():
         raise ConfigError(
@@ -86,9 +87,9 @@ def _reason(typed: str) -> str:
 
 
 def drive(plan: DrivePlan, doctor: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Drive a plan to its end and return its summary; raises VveError where it never began.
+    """Drive a plan to its end and return its summary; raises VveError where the drive did not begin.
 
-    `doctor` is what `examined` returned; it is asked where nothing is given.
+    `doctor` is the result of `examined`; None calls it here.
     """
     from vve_sumo.live import session
 

@@ -1,4 +1,4 @@
-"""`vve-sumo metrics`: lists what is measured of a drive, and checks a user's files of metrics."""
+"""`vve-sumo metrics`: lists the metrics of a drive, and checks a user's files of metrics."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from vve_sumo.cli.parser import OF_FILES, Parser, add_json
 
 #: heads of the table, and how `--json` names its columns
 HEADS = ("name", "unit", "of", "worse", "from", "meaning")
-#: characters in a line of what is no terminal
+#: line width of an output that is no terminal [characters]
 UNLIMITED = 400
 
 EXIT_CODES = OF_FILES
 
-SUMMARY = "list what is measured, and check metrics of your own"
+SUMMARY = "list the metrics, and check metrics of your own"
 TEXT = """\
-List every metric: its name, its unit, whether it is of the drive or of its ticks, which way is worse, and what
-it means; the shipped ones, those of installed packages, and those of the files that are named. A file that is
-wrong is one line, and exit code 2. Nothing is driven.
+List every metric: its name, its unit, whether it has one value a drive or one a tick, which direction is worse,
+and its meaning; the shipped metrics, those of installed packages, and those of the named files. For a faulty file, one
+line says what is wrong, and the exit code is 2. Nothing is driven.
 
 examples:
-  vve-sumo metrics                      all that there are
+  vve-sumo metrics                      all metrics
   vve-sumo metrics comfort.py:make      also those of a file of your own
 """
 

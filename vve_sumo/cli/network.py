@@ -16,10 +16,8 @@ BUILD_TEXT = """\
 Turn an OpenStreetMap extract into a SUMO network with a projection of its own centre and US rules.
 Needs netconvert: pip install 'vve-sumo[network]'.
 """
-EDGES_TEXT = (
-    "List the edges whose street's name holds a text: name, length, lanes, and from where to where in the map [m]."
-)
-DEMAND_TEXT = "Write a SUMO route file with seeded random traffic that starts at once and lasts."
+EDGES_TEXT = "List the edges whose street name contains a text: name, length, lanes, and start and end in the map [m]."
+DEMAND_TEXT = "Write a SUMO route file with seeded random traffic that starts immediately and does not run out."
 
 
 def arguments(parser: Parser) -> None:
@@ -45,14 +43,14 @@ def _add_build(inner: Commands) -> None:
         type=names,
         default=(),
         metavar="NODE,NODE",
-        help="OpenStreetMap nodes that carry a traffic signal although the extract does not say so",
+        help="OpenStreetMap nodes with a traffic signal that the extract does not contain",
     )
     build.add_argument("--speeds", type=Path, metavar="TYP", help="SUMO type map of speed limits (default: US ones)")
     build.set_defaults(run=_build)
 
 
 def _add_edges(inner: Commands) -> None:
-    edges = add_command(inner, "edges", "list the edges of streets, to choose a path's from", EDGES_TEXT)
+    edges = add_command(inner, "edges", "list the edges of streets, to choose those of a path", EDGES_TEXT)
     edges.add_argument("network", help="name or .net.xml file")
     edges.add_argument("street", nargs="?", default="", help="part of a street's name (default: all)")
     edges.set_defaults(run=_edges)
@@ -62,26 +60,28 @@ def _add_demand(inner: Commands) -> None:
     demand = add_command(inner, "demand", "write seeded traffic for a network", DEMAND_TEXT)
     demand.add_argument("network", help="name or .net.xml file")
     demand.add_argument("--level", choices=("light", "moderate", "heavy"), required=True, help="how much traffic")
-    demand.add_argument("--seed", type=int, default=43211, metavar="N", help="of the random choice (default: 43211)")
+    demand.add_argument(
+        "--seed", type=int, default=43211, metavar="N", help="seed of the random traffic (default: 43211)"
+    )
     demand.add_argument(
         "--clear",
         type=names,
         default=(),
         metavar="EDGE,EDGE",
-        help="edges where no vehicle comes out of nothing or vanishes: those of the ego's path",
+        help="edges on which no vehicle is inserted or removed: those of the ego's path",
     )
     demand.add_argument("--path", metavar="NAME", help="path whose edges stay clear, a name under routes/ or a file")
     demand.add_argument(
         "--unhindered",
         metavar="NAME",
-        help="path over which nobody has the right of way: others go around the junctions where the ego would have to "
-        "give way, at signals too",
+        help="path on which nobody has the right of way over the ego: other traffic avoids the junctions where the ego "
+        "would have to yield, signals included",
     )
     demand.add_argument(
         "--drivers",
         choices=("comfortable", "brisk"),
         default="comfortable",
-        help="how they brake: as gently as most people do, as in the shipped traffic, or as SUMO's own drivers do "
+        help="braking of the other drivers: comfortable, as in the shipped traffic, or brisk, as by SUMO's defaults "
         "(default: comfortable)",
     )
     demand.add_argument("--out", type=Path, required=True, metavar="ROU", help="route file to write (.rou.xml)")
@@ -118,16 +118,16 @@ def _edges(arguments: argparse.Namespace) -> int:
     from vve_sumo.world.network import Roads
 
     roads = Roads(find("network", arguments.network, Path.cwd()))
-    wanted = [edge for edge in roads.edges if arguments.street.lower() in edge.getName().lower()]
-    for edge in sorted(wanted, key=lambda edge: (edge.getName(), edge.getID())):
+    matching = [edge for edge in roads.edges if arguments.street.lower() in edge.getName().lower()]
+    for edge in sorted(matching, key=lambda edge: (edge.getName(), edge.getID())):
         (x, y), (end_x, end_y) = edge.getShape()[0][:2], edge.getShape()[-1][:2]
-        way = f"({x:.0f}, {y:.0f}) to ({end_x:.0f}, {end_y:.0f})"
+        ends = f"({x:.0f}, {y:.0f}) to ({end_x:.0f}, {end_y:.0f})"
         print(
-            f"{edge.getID():<16} {edge.getName():<28} {edge.getLength():7.1f} m  {edge.getLaneNumber()} lane(s)  {way}"
+            f"{edge.getID():<16} {edge.getName():<28} {edge.getLength():7.1f} m  {edge.getLaneNumber()} lane(s)  {ends}"
         )
-    if not wanted:
+    if not matching:
         print(f"no street of {arguments.network} has {arguments.street!r} in its name", file=sys.stderr)
-    return 0 if wanted else 1
+    return 0 if matching else 1
 
 
 def _demand(arguments: argparse.Namespace) -> int:
@@ -149,7 +149,7 @@ def _demand(arguments: argparse.Namespace) -> int:
 
 
 def _edges_of(path: str | None) -> tuple[str, ...]:
-    """The edges that a path's file says it runs along."""
+    """Return the edges that a path's file names."""
     if path is None:
         return ()
     from vve_sumo.drive.resolved_scenario import EDGES_COMMENT
@@ -159,5 +159,5 @@ def _edges_of(path: str | None) -> tuple[str, ...]:
     lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
     edges = next((tuple(line[len(EDGES_COMMENT) :].split()) for line in lines if line.startswith(EDGES_COMMENT)), ())
     if not edges:
-        raise ConfigError(f"{file}: no line {EDGES_COMMENT!r} that names the edges of the path")
+        raise ConfigError(f"{file}: expected a line {EDGES_COMMENT!r} that names the edges of the path, got none")
     return edges

@@ -9,11 +9,11 @@ from pathlib import Path
 from vve_sumo.cli.parser import Parser
 
 EXIT_CODES = """exit codes:
-  0  the notebooks are there
+  0  the notebooks were copied
   2  wrong use, or the folder holds one of them; nothing was written
 """
 
-SUMMARY = "copy out five Jupyter notebooks to begin an analysis with"
+SUMMARY = "copy five Jupyter notebooks to begin an analysis with"
 TEXT = """\
 Copy five notebooks into a folder: the paper's drive, stopping over a sweep of speeds, the latency cliff, a
 recording through the pipeline, two controllers over 200 drives. Each makes its own records, under runs/ beside it,
@@ -23,7 +23,9 @@ and explains what it shows.
 
 def arguments(parser: Parser) -> None:
     """Add what the command takes."""
-    parser.add_argument("folder", type=Path, metavar="DIR", help="folder for them; existing files are never replaced")
+    parser.add_argument(
+        "folder", type=Path, metavar="DIR", help="folder for the notebooks; existing files are never replaced"
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""What the commands' parsers share: how a command is added, how errors read, and the kinds of arguments."""
+"""What the commands' parsers share: adding commands, the text of errors, and the types of arguments."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ OF_FILES = """exit codes:
   130  interrupted from the keyboard
 """
 
-#: what options, commands and their names were called in earlier versions, and what they are called now
+#: former names of options and commands, and their present names
 FORMER_OPTIONS = {
     **dict.fromkeys(("--store", "--yes"), "--write"),
     "--cut": "--write-shortened-path",
@@ -38,43 +38,43 @@ FORMER_OPTIONS = {
 }
 FORMER_COMMANDS = {"cliff": "study latency", "design": "steering-margin"}
 
-#: argparse's message about a command or a value that is none of those that there are
+#: argparse's message about an unknown command or value
 _CHOICES = re.compile(r"invalid choice: '(?P<name>.*)' \(choose from (?P<known>.*)\)$")
 _NAME = re.compile(r"[^\s',]+")
 #: argparse's message about options that a command does not have
-_UNRECOGNIZED = re.compile(r"unrecognized arguments: (?P<words>.*)$")
+_UNRECOGNIZED = re.compile(r"unrecognized arguments: (?P<arguments>.*)$")
 
 
 class Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line, then where to read on."""
+    """A parser whose errors are one line, with a pointer to the help."""
 
     def format_help(self) -> str:
-        """Return the help, and where the pages lie that it names."""
+        """Return the help, with the location of the docs that it names."""
         text = super().format_help()
         return f"{text}\ndocs/ is {documentation()}\n" if "docs/" in text else text
 
     def error(self, message: str) -> None:  # type: ignore[override]
         """Exit with one line and code 2."""
-        self.exit(2, f"{self.prog}: {_advised(message)} (see {self.prog} --help)\n")
+        self.exit(2, f"{self.prog}: {_with_suggestion(message)} (see {self.prog} --help)\n")
 
 
-def _advised(message: str) -> str:
-    """Return argparse's message with what was probably meant; a former spelling's says only what it is now."""
+def _with_suggestion(message: str) -> str:
+    """Return argparse's message with a suggestion; for a former name, only the present one."""
     if choices := _CHOICES.search(message):
         name = choices["name"]
         if name in FORMER_COMMANDS:
             return f"{name} is now vve-sumo {FORMER_COMMANDS[name]}"
-        near = did_you_mean(name, _NAME.findall(choices["known"]))
-        return f"{message}; {near}" if near else message
+        suggestion = did_you_mean(name, _NAME.findall(choices["known"]))
+        return f"{message}; {suggestion}" if suggestion else message
     if unknown := _UNRECOGNIZED.search(message):
-        for word in unknown["words"].split():
-            option = word.partition("=")[0]
+        for argument in unknown["arguments"].split():
+            option = argument.partition("=")[0]
             if option in FORMER_OPTIONS:
                 return f"{option} is now {FORMER_OPTIONS[option]}"
     return f"{message}, such as csv" if message.endswith("required: FORMAT") else message
 
 
-#: what a command is added to
+#: the object that commands are added to
 Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 
 
@@ -90,13 +90,13 @@ def add_subcommands(command: Parser, *, required: bool = True) -> Commands:
     return command.add_subparsers(dest="subcommand", metavar="COMMAND", required=required, parser_class=Parser)
 
 
-def add_json(parser: Parser, what: str) -> None:
-    """Add `--json`, with which a command prints one JSON document of `what` and nothing else on standard output."""
-    parser.add_argument("--json", action="store_true", help=f"print {what} as JSON, for programs to read")
+def add_json(parser: Parser, content: str) -> None:
+    """Add `--json`, with which a command prints one JSON document of `content` and nothing else on standard output."""
+    parser.add_argument("--json", action="store_true", help=f"print {content} as JSON, for programs to read")
 
 
 def setting(text: str) -> tuple[str, Any]:
-    """Return key and value of KEY=VALUE; a value that TOML does not know is a text."""
+    """Return key and value of KEY=VALUE; a value that is no TOML is a string."""
     key, equals, value = text.partition("=")
     if not key.strip() or not equals or not value.strip():
         raise argparse.ArgumentTypeError(f"expected KEY=VALUE such as ego.speed_mps=12, got {text!r}")
@@ -109,9 +109,9 @@ def setting(text: str) -> tuple[str, Any]:
 def values_of(settings: Sequence[tuple[str, Any]]) -> dict[str, Any]:
     """Return the settings by key; raises ConfigError for a key that is set twice."""
     keys = [key for key, _value in settings]
-    twice = next((key for at, key in enumerate(keys) if key in keys[:at]), None)
-    if twice is not None:
-        raise ConfigError(f"--set {twice}: is set twice, expected each key once")
+    duplicate = next((key for at, key in enumerate(keys) if key in keys[:at]), None)
+    if duplicate is not None:
+        raise ConfigError(f"--set {duplicate}: is set twice, expected each key once")
     return dict(settings)
 
 

@@ -18,7 +18,7 @@ def arguments(parser: Parser) -> None:
     record = add_command(
         add_subcommands(parser),
         "record",
-        "drive from edge to edge and write the way as latitude and longitude",
+        "record a path from edge to edge as latitude and longitude",
         "Let a SUMO car drive through the network and write its smoothed track as CSV for the ego's rear axle.\n"
         "An edge whose name begins with a minus is given as --from=-21405924#2.",
     )
@@ -27,18 +27,23 @@ def arguments(parser: Parser) -> None:
     record.add_argument("--to", dest="end", required=True, metavar="EDGE", help="edge to end on")
     record.add_argument("--via", type=names, default=(), metavar="EDGE,EDGE", help="edges to pass, in order")
     record.add_argument(
-        "--from-position", type=float, default=0.0, metavar="M", help="on the first edge, from its start (default: 0)"
+        "--from-position", type=float, default=0.0, metavar="M", help="start position on the first edge (default: 0)"
     )
-    record.add_argument("--to-position", type=float, metavar="M", help="on the last edge (default: its end)")
+    record.add_argument(
+        "--to-position", type=float, metavar="M", help="end position on the last edge (default: its end)"
+    )
     record.add_argument(
         "--tolerance",
         type=float,
         default=0.3,
         metavar="M",
-        help="how far the smooth path may leave the middle of the lanes (default: 0.3)",
+        help="largest deviation of the smoothed path from the lane centre (default: 0.3)",
     )
     record.add_argument(
-        "--vehicle", default="ford_fusion", metavar="NAME", help="that shall drive it (default: ford_fusion)"
+        "--vehicle",
+        default="ford_fusion",
+        metavar="NAME",
+        help="vehicle that has to follow the path (default: ford_fusion)",
     )
     record.add_argument("--out", type=Path, required=True, metavar="CSV", help="file to write")
     record.set_defaults(run=run)

@@ -1,4 +1,4 @@
-"""`vve-sumo pose`: what a recording of a positioning receiver holds."""
+"""`vve-sumo pose`: decodes recordings of positioning receivers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from vve_sumo.cli.parser import OF_FILES, Parser, add_command, add_subcommands
 
 EXIT_CODES = OF_FILES
 
-SUMMARY = "look into pose recordings"
+SUMMARY = "decode pose recordings"
 
 
 def arguments(parser: Parser) -> None:
@@ -18,8 +18,8 @@ def arguments(parser: Parser) -> None:
     decode = add_command(
         add_subcommands(parser),
         "decode",
-        "write what an NCOM file holds as CSV",
-        "Write one CSV row for every accepted fix of an OXTS NCOM file, and whether a car could drive on it.",
+        "convert an NCOM file to CSV",
+        "Write one CSV row for every accepted fix of an OXTS NCOM file, and whether it is good enough to drive on.",
     )
     decode.add_argument("file", type=Path, metavar="FILE", help="raw NCOM bytes as received")
     decode.add_argument("--csv", type=Path, required=True, metavar="OUT", help="CSV file to write")

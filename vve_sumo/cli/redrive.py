@@ -1,4 +1,4 @@
-"""`vve-sumo redrive`: another controller on a record's inputs, open loop."""
+"""`vve-sumo redrive`: runs another controller on a record's inputs, open loop."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
 EXIT_CODES = OF_FILES
 
-SUMMARY = "ask another controller on a record's inputs, open loop"
+SUMMARY = "run another controller on a record's inputs, open loop"
 TEXT = """\
-Feed a record's pose bytes, car reports and actors to another controller and compare its answers with those
-recorded, tick by tick. Open loop: the car did what the recorded controller said. Leaves redrive.png in DIR.
+Feed a record's pose bytes, car reports and actors to another controller and compare its commands with the
+recorded ones, tick by tick. Open loop: the car followed the recorded controller. Writes redrive.png into DIR.
 """
 
 
@@ -26,11 +26,13 @@ def arguments(parser: Parser) -> None:
     """Add what the command takes."""
     parser.add_argument("record", type=Path, metavar="DIR", help="folder of a drive, in lockstep or live, or cut off")
     parser.add_argument("--controller", metavar="NAME", required=True, help="shipped name, file.py:make or entry point")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="both answers of every tick, as .parquet or .csv")
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help="commands of both controllers at every tick, as .parquet or .csv"
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Ask another controller on a record's inputs, say and draw how it answers; return the exit code."""
+    """Run another controller on a record's inputs, print and draw its commands; return the exit code."""
     from vve_sumo.drive import redrive
     from vve_sumo.live import review
     from vve_sumo.plotting.redrive import draw
@@ -42,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
         notify(f"note: {each}")
     redriven = review.redrive_with(folder, arguments.controller, Path.cwd())
     scenario = redriven.resolved.scenario
-    # Of a file.py:make the file's place would fill the screen.
+    # The full path of a file.py:make would fill the screen.
     names = (scenario.controller.name.rpartition("/")[2], arguments.controller.rpartition("/")[2])
     _show(redriven, names)
     picture = folder / "redrive.png"
@@ -62,25 +64,27 @@ def _show(redriven: RedriveResult, names: tuple[str, str]) -> None:
     from vve_sumo.drive.redrive import BRAKES
 
     comparison = redriven.comparison
-    title = Text(f"open loop: the car did what {names[0]} said, whatever {names[1]} would have said")
+    title = Text(f"open loop: the car followed {names[0]}; the commands of {names[1]} had no effect")
     table = Table(title=title, title_justify="left")
     for head in ("", *names):
         table.add_column(Text(head))
     pair = (comparison.recorded, comparison.other)
     table.add_row(f"first brakes (> {BRAKES:g} m/s²)", *(_at(one.brakes_at) for one in pair))
-    table.add_row("first asks for emergency", *(_at(one.emergency_at) for one in pair))
-    table.add_row("its words", *(Text(", ".join(one.notes)) for one in pair))
+    table.add_row("first requests emergency braking", *(_at(one.emergency_at) for one in pair))
+    table.add_row("notes", *(Text(", ".join(one.notes)) for one in pair))
     if any(one.failed_at is not None for one in pair):
-        table.add_row("first fails to answer", *(_tick(one.failed_at) for one in pair))
+        table.add_row("first fails to return a command", *(_tick(one.failed_at) for one in pair))
     console = Console(soft_wrap=True)
     console.print(table)
-    say: dict[str, Any] = {"highlight": False, "markup": False}
-    console.print(f"{comparison.ticks} ticks compared; first tick that differs: {_tick(comparison.differs_at)}", **say)
-    for what, of in (("greatest", comparison.greatest), ("rms", comparison.rms)):
-        steering, acceleration = math.degrees(of["steering_rad"]), of["acceleration_mps2"]
-        console.print(f"{what} difference: steering {steering:.3f}°, acceleration {acceleration:.3f} m/s²", **say)
+    plain: dict[str, Any] = {"highlight": False, "markup": False}
+    console.print(
+        f"{comparison.ticks} ticks compared; first tick that differs: {_tick(comparison.differs_at)}", **plain
+    )
+    for name, difference in (("greatest", comparison.greatest), ("rms", comparison.rms)):
+        steering, acceleration = math.degrees(difference["steering_rad"]), difference["acceleration_mps2"]
+        console.print(f"{name} difference: steering {steering:.3f}°, acceleration {acceleration:.3f} m/s²", **plain)
     if redriven.failure:
-        console.print(f"the last failure of {names[1]}, in its own words: {redriven.failure}", **say)
+        console.print(f"the last failure of {names[1]}: {redriven.failure}", **plain)
 
 
 def _at(time: float) -> str:

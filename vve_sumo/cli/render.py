@@ -1,4 +1,4 @@
-"""`vve-sumo render`: pictures and moving pictures of a drive, without a screen."""
+"""`vve-sumo render`: renders pictures and videos of a drive, without a screen."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 EXIT_CODES = """exit codes:
   0  the picture was written, also of a drive that failed
-  2  wrong use, no record, a file that is there already, or no browser or ffmpeg; nothing was written
+  2  wrong use, no record, a file that exists already, or no browser or ffmpeg; nothing was written
 """
 
-SUMMARY = "make pictures and moving pictures of a drive, without a screen"
+SUMMARY = "render pictures and videos of a drive, without a screen"
 TEXT = """\
 Draw a drive's record as the page of `vve-sumo view` does: from the driver's seat, from behind the car, from
 above, or the page's street with what the sensors measured. A headless Chromium draws; no screen and no graphics card is
-needed. Only drive time counts, so the same record gives the same pictures.
+needed. Pictures depend on drive time alone: the same record gives the same pictures.
 
 examples:
   vve-sumo render runs/mine --mp4                            mine.mp4 here, the whole drive
@@ -42,12 +42,12 @@ FORMATS: Final = {
     "webp": ("640x360", 10.0),
     "png": ("1280x720", 1.0),
 }
-#: of a side [px]; more than the largest is no longer drawn at once by every browser
+#: of a side [px]; not every browser draws more than the largest
 MIN_SIDE, MAX_SIDE = 64, 4096
 MAX_RATE: Final = 100.0
-#: of the pictures of a GIF or WebP, which are all held at once [bytes]
-MAX_HELD: Final = 1_000_000_000
-#: of the JPEG pictures that moving pictures are made of; a GIF is made of PNG
+#: of the pictures of a GIF or WebP, which are all in memory at once [bytes]
+MAX_PICTURE_BYTES: Final = 1_000_000_000
+#: of the JPEG pictures of a film; a GIF is made of PNG
 QUALITY: Final = 0.95
 
 
@@ -61,7 +61,7 @@ class PictureSize:
 
 @dataclass(frozen=True, slots=True)
 class RenderPlan:
-    """What is to be drawn, and where it goes."""
+    """What is drawn, and into which file."""
 
     form: str  #: one of FORMATS
     size: PictureSize
@@ -108,9 +108,11 @@ def arguments(parser: Parser) -> None:
         const="mp4",
         help="a film; needs ffmpeg (pip install 'vve-sumo[video]')",
     )
-    form.add_argument("--gif", dest="form", action="store_const", const="gif", help="a moving picture for everywhere")
     form.add_argument(
-        "--webp", dest="form", action="store_const", const="webp", help="a moving picture, smaller and with all colours"
+        "--gif", dest="form", action="store_const", const="gif", help="an animation that every program shows"
+    )
+    form.add_argument(
+        "--webp", dest="form", action="store_const", const="webp", help="an animation, smaller and with full colour"
     )
     form.add_argument("--png", dest="form", action="store_const", const="png", help="one picture, with --at")
     parser.add_argument("--at", type=_seconds, metavar="S", help="drive time of the picture, of --png")
@@ -143,18 +145,18 @@ def run(arguments: argparse.Namespace) -> int:
     from vve_sumo.analysis.run import Run
     from vve_sumo.view.pictures import Pictures
 
-    held = load(arguments.folder)
-    if not isinstance(held, Run):
-        raise ConfigError(f"{arguments.folder}: a sweep's folder; a picture is of one drive: a record")
-    plan = _plan(arguments, held)
-    with Pictures(held, arguments.view, plan.size.width, plan.size.height) as pictures:
+    drive = load(arguments.folder)
+    if not isinstance(drive, Run):
+        raise ConfigError(f"{arguments.folder}: is a sweep's folder, expected the record of one drive")
+    plan = _plan(arguments, drive)
+    with Pictures(drive, arguments.view, plan.size.width, plan.size.height) as pictures:
         _write(plan, pictures)
     print(f"{plan.form}: {plan.file}")
     return 0
 
 
-def _plan(arguments: argparse.Namespace, held: Run) -> RenderPlan:
-    """Return what was asked for; raises ConfigError before anything is drawn."""
+def _plan(arguments: argparse.Namespace, drive: Run) -> RenderPlan:
+    """Return the plan of a command line; raises ConfigError before anything is drawn."""
     form = arguments.form
     default_size, default_rate = FORMATS[form]
     size, rate = arguments.size or _size(default_size), arguments.fps or default_rate
@@ -163,33 +165,35 @@ def _plan(arguments: argparse.Namespace, held: Run) -> RenderPlan:
 
         find_ffmpeg()
         if size.width % 2 or size.height % 2:
-            raise ConfigError(f"--size {size.width}x{size.height}: an MP4 has even sides")
+            raise ConfigError(f"--size {size.width}x{size.height}: expected even sides for an MP4")
     if form == "gif":
         from vve_sumo.view.movie import MAX_GIF_RATE
 
         if rate > MAX_GIF_RATE:
-            raise ConfigError(f"--fps {rate:g}: a GIF has at most {MAX_GIF_RATE:g} pictures a second")
-    first, last = float(held.time[0]), float(held.time[-1])
-    times = _moment(arguments, first, last) if form == "png" else _moments(arguments, first, last, size, rate)
-    return RenderPlan(form, size, rate, times, _place(arguments.out, arguments.folder, form))
+            raise ConfigError(f"--fps {rate:g}: expected at most {MAX_GIF_RATE:g} pictures a second for a GIF")
+    first, last = float(drive.time[0]), float(drive.time[-1])
+    times = _picture_time(arguments, first, last) if form == "png" else _frame_times(arguments, first, last, size, rate)
+    return RenderPlan(form, size, rate, times, _output_file(arguments.out, arguments.folder, form))
 
 
-def _moment(arguments: argparse.Namespace, first: float, last: float) -> list[float]:
+def _picture_time(arguments: argparse.Namespace, first: float, last: float) -> list[float]:
     if arguments.at is None:
         raise ConfigError(f"--png: expected --at, a drive time from {first:g} to {last:g} s")
     return [_within("--at", arguments.at, first, last)]
 
 
-def _moments(arguments: argparse.Namespace, first: float, last: float, size: PictureSize, rate: float) -> list[float]:
+def _frame_times(
+    arguments: argparse.Namespace, first: float, last: float, size: PictureSize, rate: float
+) -> list[float]:
     form = arguments.form
     if arguments.at is not None:
-        raise ConfigError("--at: is of --png; a moving picture has --from and --to")
+        raise ConfigError("--at: goes with --png, expected --from and --to for a film or an animation")
     begin = first if arguments.begin is None else _within("--from", arguments.begin, first, last)
     end = last if arguments.end is None else _within("--to", arguments.end, begin, last)
     count = math.floor((end - begin) * rate + 1e-6) + 1
-    if form in ("gif", "webp") and 3 * count * size.width * size.height > MAX_HELD:
+    if form in ("gif", "webp") and 3 * count * size.width * size.height > MAX_PICTURE_BYTES:
         raise ConfigError(
-            f"--{form}: {count} pictures of {size.width}x{size.height} are too many to hold at once; "
+            f"--{form}: {count} pictures of {size.width}x{size.height} are too many to keep in memory; "
             "ask for a shorter span, fewer a second or a smaller --size, or for --mp4"
         )
     return [begin + k / rate for k in range(count)]
@@ -201,12 +205,12 @@ def _within(option: str, time: float, first: float, last: float) -> float:
     return time
 
 
-def _place(out: Path | None, folder: Path, form: str) -> Path:
+def _output_file(out: Path | None, folder: Path, form: str) -> Path:
     file = Path(f"{folder.resolve().name}.{form}") if out is None else out
     if file.is_dir():
         file = file / f"{folder.resolve().name}.{form}"
     if file.exists():
-        raise ConfigError(f"{file}: there already; choose another place with --out")
+        raise ConfigError(f"{file}: exists already, expected a new file; choose another with --out")
     if not file.parent.is_dir():
         raise ConfigError(f"{file.parent}: no such folder for {file.name}")
     return file
@@ -228,7 +232,7 @@ def _write(plan: RenderPlan, pictures: Pictures) -> None:
 
 
 def _drawn(pictures: Pictures, times: list[float], kind: str) -> Iterator[bytes]:
-    """Yield the pictures, and show how far they are."""
+    """Yield the pictures, and show the progress."""
     with progress_bar.of_pictures(len(times)) as show:
         for done, time in enumerate(times, 1):
             yield pictures.at(time, kind, QUALITY)

@@ -1,4 +1,4 @@
-"""`vve-sumo replay`: a record through the same pipeline and gateway again."""
+"""`vve-sumo replay`: feeds a record to the same pipeline and gateway again."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ EXIT_CODES = """exit codes:
 SUMMARY = "run a record through the pipeline again and find the first difference"
 TEXT = """\
 Feed a record's pose bytes, car reports and actors to the same pipeline and the same gateway, without SUMO and
-without a car, and compare every setpoint and every CAN frame, bit for bit. The record is verified before:
-one that was altered is not replayed, nor one whose controller, sensor, receiver or interface has changed.
-Exit code 1 names what was altered, or the first tick of the drive, or step of the gateway, that differs.
+without a car, and compare every setpoint and every CAN frame, bit for bit. The record is verified first:
+an altered record is not replayed, nor one whose controller, sensor, receiver or interface has changed. With exit
+code 1, the output names what was altered, or the first tick of the drive or step of the gateway that differs.
 """
 
 
@@ -31,10 +31,10 @@ def arguments(parser: Parser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Verify a record, then replay it and say where it first differs; return the exit code.
+    """Verify a record, then replay it and print where it first differs; return the exit code.
 
-    Nothing of the recorded controller, or of another part, is run before every hash of the record and of the parts'
-    files was found in order.
+    No code of the recorded controller or of another part runs before every hash of the record and of the parts' files
+    was verified.
     """
     from vve_sumo.live import review
 
@@ -42,13 +42,13 @@ def run(arguments: argparse.Namespace) -> int:
     inspected = review.inspect(folder, working)
     if inspected.altered:
         print(*inspected.altered, sep="\n")
-        print("not replayed: only a record that is as the drive left it is fed to the controller that it names")
+        print("not replayed: expected a record that is unchanged since its drive")
         return 1
     for line in inspected.notes:
         notify(f"note: {line}")
     if inspected.changed:
         print(*inspected.changed, sep="\n")
-        redrive = f": vve-sumo redrive {folder} --controller NAME asks a controller as it is now"
+        redrive = f": vve-sumo redrive {folder} --controller NAME runs a controller in its present state"
         print(f"not replayed{redrive if all(line.startswith('controller') for line in inspected.changed) else ''}")
         return 1
     replayed = review.replay(inspected, working)

@@ -1,4 +1,4 @@
-"""`vve-sumo report`: one page on a drive or a sweep."""
+"""`vve-sumo report`: writes a one-page report on a drive or a sweep."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from vve_sumo.cli.parser import Parser
 
 EXIT_CODES = """exit codes:
   0  the report was written, also of a drive that failed
-  2  wrong use, or no record and no sweep; nothing was written
+  2  wrong use, or neither a record nor a sweep; nothing was written
 """
 
-SUMMARY = "one page on a drive or a sweep that anybody can read"
+SUMMARY = "write a one-page report on a drive or a sweep"
 TEXT = """\
 Write report.html into a record's or a sweep's folder: the settings, the results, passed or failed,
 plots, versions, hashes, how to reproduce it. The page is one file that opens offline; its plots lie in
-report/ too. An earlier report is replaced. A drive that was killed and a sweep that still runs are reported
-as far as they got.
+report/ too. An earlier report is replaced. A killed drive and a running sweep are reported up to
+their last complete tick or run.
 
 examples:
   vve-sumo report runs/mine      of a drive's record
@@ -33,7 +33,7 @@ def arguments(parser: Parser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the report of a folder, print its path and the verdict; return the exit code, 0."""
-    gc.disable()  # a tenth of the time went into it, and there is hardly anything to collect
+    gc.disable()  # the collector took a tenth of the time and finds hardly anything to collect
     try:
         from vve_sumo.report.write import report_of, save
 

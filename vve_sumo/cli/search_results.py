@@ -1,4 +1,4 @@
-"""What a search found, as a table and lines for people; all of it stands in `search.json`.
+"""The result of a search as a table and lines for people; `search.json` has all of it.
 
 Knows what `search` returns; reads and writes nothing.
 """
@@ -14,66 +14,68 @@ from vve_sumo.metrics.contacts import BEYOND
 if TYPE_CHECKING:
     from rich.table import Table
 
-Found = Mapping[str, Any]
+SearchResult = Mapping[str, Any]
 
 #: combinations that are shown
 MAX_SHOWN = 30
 
 
-def table_of(found: Found, title: str) -> Table | None:
-    """Return the table of what was found; None where nothing was."""
-    if found["search"] == "boundary":
-        return _boundaries(found, title)
-    return _case(found, title) if found["worst"] else None
+def table_of(result: SearchResult, title: str) -> Table | None:
+    """Return the table of a search's result; None where nothing was found."""
+    if result["search"] == "boundary":
+        return _boundaries(result, title)
+    return _worst_case(result, title) if result["worst"] else None
 
 
-def lines(found: Found, folder: Path) -> Iterator[str]:
-    """Return what is to be said besides the table."""
-    yield f"{found['runs']} runs" + (f", {found['errors']} with an error" if found["errors"] else "")
-    if found["search"] == "boundary":
-        several = sum(any(len(one["flips"]) > 1 for one in (line, *line["seeds"])) for line in found["boundaries"])
+def lines(result: SearchResult, folder: Path) -> Iterator[str]:
+    """Return the lines to print below the table."""
+    yield f"{result['runs']} runs" + (f", {result['errors']} with an error" if result["errors"] else "")
+    if result["search"] == "boundary":
+        several = sum(any(len(one["flips"]) > 1 for one in (line, *line["seeds"])) for line in result["boundaries"])
         if several:
             yield (
-                f"{several} of {len(found['boundaries'])} combinations flip more than once: {found['criterion']} is "
-                f"not monotone along {found['along']}; a greater scan may find more"
+                f"{several} of {len(result['boundaries'])} combinations flip more than once: {result['criterion']} is "
+                f"not monotone along {result['along']}; a larger scan may find more"
             )
-        key = next((flip["key_fails"] for line in found["boundaries"] for flip in _own_flips(line)), "")
+        key = next((flip["key_fails"] for line in result["boundaries"] for flip in _own_flips(line)), "")
     else:
-        if found["without"]:
-            yield f"{found['without']} of them without that figure"
-        key = found["worst"]["key"] if found["worst"] else ""
+        if result["without"]:
+            yield f"{result['without']} of them without that metric"
+        key = result["worst"]["key"] if result["worst"] else ""
     if key:
-        which = "one that fails, again" if found["search"] == "boundary" else "the same again"
+        which = "rerun a failing run" if result["search"] == "boundary" else "rerun the worst case"
         yield f"{which}: vve-sumo sweep --rerun {folder} {key}"
-    yield f"all of it: {folder / 'search.json'}"
+    yield f"full result: {folder / 'search.json'}"
 
 
-def _own_flips(line: Found) -> Iterator[Found]:
+def _own_flips(line: SearchResult) -> Iterator[SearchResult]:
     return (flip for seed in line["seeds"] for flip in seed["flips"])
 
 
-def _boundaries(found: Found, title: str) -> Table:
-    names = list(dict.fromkeys(name for line in found["boundaries"] for name in line["values"]))
-    repeats = len(found["boundaries"][0]["seeds"])
-    apart = ["over the seeds"] if repeats > 1 else []
-    along = f"{found['along'].rpartition('.')[2]}"
-    columns = (*(name.rpartition(".")[2] for name in names), f"{along} meets", "fails", *apart, "why")
-    table = _empty(f"{title}: {found['criterion']} along {found['along']}", columns)
-    for line in found["boundaries"][:MAX_SHOWN]:
+def _boundaries(result: SearchResult, title: str) -> Table:
+    names = list(dict.fromkeys(name for line in result["boundaries"] for name in line["values"]))
+    repeats = len(result["boundaries"][0]["seeds"])
+    spread_head = ["over the seeds"] if repeats > 1 else []
+    along = f"{result['along'].rpartition('.')[2]}"
+    columns = (*(name.rpartition(".")[2] for name in names), f"{along} meets", "fails", *spread_head, "why")
+    table = _empty(f"{title}: {result['criterion']} along {result['along']}", columns)
+    for line in result["boundaries"][:MAX_SHOWN]:
         values = [_short(line["values"].get(name, "")) for name in names]
         for flip in line["flips"]:
             near = _near(flip, line)
-            spread = [_spread([one["fails"] for one in near])] if apart else []
+            spread = [_spread([one["fails"] for one in near])] if spread_head else []
             table.add_row(
                 *values, _short(flip["meets"]), _short(flip["fails"]), *spread, near[0]["why"] if near else ""
             )
         if not line["flips"]:
-            said = ("throughout", "") if line["meets_first"] else ("", "throughout")
-            table.add_row(*values, *said, *(_spread([one["fails"] for one in _own_flips(line)]) for _ in apart), "")
+            ends = ("throughout", "") if line["meets_first"] else ("", "throughout")
+            table.add_row(
+                *values, *ends, *(_spread([one["fails"] for one in _own_flips(line)]) for _ in spread_head), ""
+            )
     return table
 
 
-def _near(flip: Found, line: Found) -> list[Found]:
+def _near(flip: SearchResult, line: SearchResult) -> list[SearchResult]:
     """Return the flip of every seed that goes the same way as a pooled one and is nearest to it."""
     rising = flip["fails"] > flip["meets"]
     near = []
@@ -87,14 +89,14 @@ def _spread(values: list[float]) -> str:
     return f"{_short(min(values))} to {_short(max(values))}" if values else "none"
 
 
-def _case(found: Found, title: str) -> Table:
-    case = found["worst"]
-    goal = "highest" if "highest" in found else "lowest"
-    table = _empty(f"{title}: {goal} {found[goal]}", ("", "worst case"))
+def _worst_case(result: SearchResult, title: str) -> Table:
+    case = result["worst"]
+    goal = "highest" if "highest" in result else "lowest"
+    table = _empty(f"{title}: {goal} {result[goal]}", ("", "worst case"))
     for name, value in (*case["values"].items(), ("seed", case["seed"])):
         table.add_row(name, _short(value))
     table.add_row(
-        found[goal], "a contact" if found[goal] in BEYOND and case["collision"] else _short(case[found[goal]])
+        result[goal], "a contact" if result[goal] in BEYOND and case["collision"] else _short(case[result[goal]])
     )
     table.add_row("outcome", case["outcome"])
     if case["collision"]:

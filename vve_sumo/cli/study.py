@@ -1,4 +1,4 @@
-"""`vve-sumo study`: a standard study driven by the sweep and read by the analysis, which know nothing of each other."""
+"""`vve-sumo study`: drives a standard study as a sweep and evaluates its rows."""
 
 from __future__ import annotations
 
@@ -25,29 +25,29 @@ EXIT_CODES = """exit codes:
   0  every run is a row, passed or not
   2  wrong use or configuration; nothing was driven
   4  every run broke, or the disk is full
-  130  interrupted from the keyboard; --resume goes on
+  130  interrupted from the keyboard; --resume continues
 """
 
 PICTURE = "latency_margin.png"
-#: characters of a line where there is no terminal to say
+#: line width where there is no terminal [characters]
 WIDTH = 120
 
 SUMMARY = "standard studies of a scenario"
 LATENCY_TEXT = """\
-Drive a scenario again and again while the pose gets later and noisier, step by step, and say where its
-margin goes to zero. The delay is hidden: fixes are older than their epoch says, so that nothing can predict
-it away, as when a clock is wrong. Beside what happened stand the closed form, speed times delay, which is
-what an open-loop brake loses, and the delay that the steering bears by its design. The folder is a sweep's
-dataset with the picture latency_margin.png.
+Drive a scenario repeatedly with increasing pose delay and noise, and report the delay at which its margin becomes
+zero. The delay is hidden: fixes are older than their epoch says, as with a wrong clock, so that no predictor can
+compensate it. The table also has the closed form, speed times delay, which is what an open-loop brake loses, and
+the delay that the steering tolerates by design. The folder is a sweep's dataset with the picture
+latency_margin.png.
 
-The margin is the gap at rest, the least gap of a drive that goes on, zero or less after a contact. A car
-that its gateway stopped far off (unstable steering, wheels and pose at odds) has none.
+The margin is the gap at rest, or the smallest gap of a drive that does not stop; zero or less after a contact. A
+car that its gateway stopped early (unstable steering, wheel speed and pose inconsistent) has none.
 
 examples:
   vve-sumo study latency parked_car --out late               0 to 500 ms, noise x 0, 1, 4, three seeds
   vve-sumo study latency seen_late --out seen_late --delays-ms 0,100,200,300 --noise 1 --seeds 5
-  vve-sumo study latency delay_probe --out probe              nothing regulates: speed times delay, exactly
-  vve-sumo study latency parked_car --out late --resume      go on after a kill
+  vve-sumo study latency delay_probe --out probe              open loop: exactly speed times delay
+  vve-sumo study latency parked_car --out late --resume      continue after a kill
 """
 
 
@@ -56,7 +56,7 @@ def arguments(parser: Parser) -> None:
     latency = add_command(
         add_subcommands(parser),
         "latency",
-        "how much delay and noise a scenario bears before its margin is gone",
+        "delay and noise at which a scenario's margin becomes zero",
         LATENCY_TEXT,
         EXIT_CODES,
     )
@@ -74,36 +74,45 @@ def arguments(parser: Parser) -> None:
         help="factors on the receiver's noise (default: 0,1,4; 0 where the scenario turns it off)",
     )
     latency.add_argument(
-        "--seeds", type=int, metavar="N", help="drives of each step (default: 3; 1 where nothing is left to chance)"
+        "--seeds", type=int, metavar="N", help="drives of each step (default: 3; 1 if the scenario has no random input)"
     )
     latency.add_argument("--rig", metavar="NAME", help="the simulated vehicle as this rig declares and calibrates it")
-    latency.add_argument("--workers", type=int, metavar="N", help="runs at a time (default: as many as processors)")
-    latency.add_argument("--resume", action="store_true", help="go on with the study in DIR; finished runs stay")
+    latency.add_argument("--workers", type=int, metavar="N", help="runs in parallel (default: one a processor)")
+    latency.add_argument("--resume", action="store_true", help="continue the study in DIR; finished runs are kept")
     latency.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
     latency.set_defaults(run=_latency)
 
 
 def _latency(arguments: argparse.Namespace) -> int:
-    """Drive what is not finished, show the latency margin and draw it; return the exit code."""
+    """Drive the unfinished runs, show the latency margin and draw it; return the exit code."""
     from vve_sumo.sweep.fill import engine_of, fill
-    from vve_sumo.sweep.study import cliff_study
+    from vve_sumo.sweep.study import latency_study
 
     name, out = arguments.scenario, arguments.out
     delays_ms, factors, seeds = arguments.delays_ms, arguments.noise, arguments.seeds
     steps = _steps(delays_ms, factors, seeds)
-    again = f"vve-sumo study latency {shlex.quote(name)} --out {shlex.quote(str(out))}{steps}"
-    again += f" --rig {shlex.quote(arguments.rig)} --resume" if arguments.rig else " --resume"
-    query = cliff_study(name, Path.cwd(), delays_ms=delays_ms, factors=factors, seeds=seeds, rig=arguments.rig)
+    resume_command = f"vve-sumo study latency {shlex.quote(name)} --out {shlex.quote(str(out))}{steps}"
+    resume_command += f" --rig {shlex.quote(arguments.rig)} --resume" if arguments.rig else " --resume"
+    query = latency_study(name, Path.cwd(), delays_ms=delays_ms, factors=factors, seeds=seeds, rig=arguments.rig)
     for line in query.notes:
         note(line)
     engine, keep = engine_of(arguments.workers, None), query.spec.keep
     with progress_bar.of_runs(quiet=arguments.quiet) as shown:
-        fill(out, query, engine, keep, resume=arguments.resume, again=again, progress=shown, notify=complain)
+        fill(
+            out,
+            query,
+            engine,
+            keep,
+            resume=arguments.resume,
+            resume_command=resume_command,
+            progress=shown,
+            notify=complain,
+        )
     return _conclude(name, out, query, arguments.rig)
 
 
 def _steps(delays_ms: Sequence[float] | None, factors: Sequence[float] | None, seeds: int | None) -> str:
-    """Return the options that say the steps, as far as they were given."""
+    """Return the given options that set the steps."""
     given = {"--delays-ms": delays_ms, "--noise": factors, "--seeds": None if seeds is None else [seeds]}
     return "".join(
         f" {key} {','.join(f'{one:.15g}' for one in ones)}" for key, ones in given.items() if ones is not None
@@ -115,17 +124,17 @@ def _conclude(name: str, out: Path, query: SweepQuery, rig: str | None) -> int:
     from vve_sumo.analysis.latency_margin import keep_design_margin, latency_margin_of
     from vve_sumo.plotting import latency_margin, save
 
-    delay, why = _design_margin(name, Path(query.plan.working), rig)
+    delay, reason = _design_margin(name, Path(query.plan.working), rig)
     keep_design_margin(out, delay)
-    found = latency_margin_of(Sweep(out))
-    _show(found, why)
-    save(latency_margin(found), out / PICTURE)
+    margin = latency_margin_of(Sweep(out))
+    _show(margin, reason)
+    save(latency_margin(margin), out / PICTURE)
     print(f"rows: {out / 'rows'}\npicture: {out / PICTURE}")
-    return SimulationError.exit_code if not found.steps["judged"].any() else 0
+    return SimulationError.exit_code if not margin.steps["judged"].any() else 0
 
 
 def _design_margin(name: str, working: Path, rig: str | None) -> tuple[float, str]:
-    """Return the delay that the steering bears by its design [s], or NaN and why nobody knows."""
+    """Return the delay that the steering tolerates by design [s], or NaN and why it is unknown."""
     from vve_sumo.drive.run import resolve_by_name
     from vve_sumo.drive.steering_margins import margins_at_speed
 
@@ -136,10 +145,10 @@ def _design_margin(name: str, working: Path, rig: str | None) -> tuple[float, st
         return math.nan, str(error)
 
 
-def _show(found: LatencyMargin, why: str) -> None:
+def _show(margin: LatencyMargin, reason: str) -> None:
     console = plain_console(WIDTH)
-    console.print(_table(found.title, found.steps))
-    for line in [*found.verdicts(), *filter(None, [why])]:
+    console.print(_table(margin.title, margin.steps))
+    for line in [*margin.verdicts(), *filter(None, [reason])]:
         console.print(line)
 
 

@@ -20,25 +20,25 @@ if TYPE_CHECKING:
     from vve_sumo.suite.row import JudgedRow
 
 EXIT_CODES = """exit codes:
-  0  no row failed that physics allowed
-  1  one did, or was not driven as the standard wants it
+  0  every row passed that full braking could have met
+  1  such a row failed, or a row was not driven as the standard requires
   2  wrong use or configuration; nothing was written
   130  interrupted from the keyboard; there is no table then
 """
 
-#: characters of the table's lines where no screen says how wide it is
+#: width of the table where there is no terminal [characters]
 WIDTH = 190
 
 SUMMARY = "drive a standard's tests on the test track: a pass/fail table"
 TEXT = """\
-Drive every row of a standard's table with the simulated vehicle on a long straight track, and say which are
-passed, which failed, and whether the brakes could have done it at all. Without a name: list the suites.
+Drive every row of a standard's table with the simulated vehicle on a long straight track, and report which rows
+passed, which failed, and whether full braking could have met them. Without a name: list the suites.
 
 examples:
   vve-sumo suite                            the list
   vve-sumo suite r152 --out r152            the table, also as CSV, JSON and Markdown
-  vve-sumo suite r152 --seeds 10 --out r152   ten drives a row; a row is passed where all of them are
-  vve-sumo suite r152 --seeds 10 --out r152 --resume   go on after a kill
+  vve-sumo suite r152 --seeds 10 --out r152   ten drives a row; a row passes if all of them pass
+  vve-sumo suite r152 --seeds 10 --out r152 --resume   continue after a kill
   vve-sumo suite fmvss127 --out a --keep-records   with the full record of every drive
   vve-sumo suite r152 --controller mine.py:make
   vve-sumo suite r152 --rig ours            the simulated vehicle as the rig declares and calibrates it
@@ -47,15 +47,17 @@ examples:
 
 def arguments(parser: Parser) -> None:
     """Add what the command takes."""
-    parser.add_argument("name", nargs="?", help="of the suite")
+    parser.add_argument("name", nargs="?", help="name of the suite")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for the table, absent or empty")
     parser.add_argument("--seeds", type=int, default=1, metavar="N", help="drives of each row, by seed (default: 1)")
-    parser.add_argument("--workers", type=int, metavar="N", help="drives at a time (default: as many as processors)")
-    parser.add_argument("--controller", metavar="NAME", help="shipped name, file.py:make or entry point, untuned")
-    parser.add_argument("--vehicle", metavar="NAME", help="under vehicles/, or a file (default: ford_fusion)")
+    parser.add_argument("--workers", type=int, metavar="N", help="drives in parallel (default: one a processor)")
+    parser.add_argument(
+        "--controller", metavar="NAME", help="shipped name, file.py:make or entry point, with its default tuning"
+    )
+    parser.add_argument("--vehicle", metavar="NAME", help="a name under vehicles/ or a file (default: ford_fusion)")
     parser.add_argument("--rig", metavar="NAME", help="the simulated vehicle as this rig declares and calibrates it")
     parser.add_argument("--keep-records", action="store_true", help="keep every drive's record under DIR/records")
-    parser.add_argument("--resume", action="store_true", help="go on with the suite in DIR; finished drives stay")
+    parser.add_argument("--resume", action="store_true", help="continue the suite in DIR; finished drives are kept")
     add_json(parser, "the rows of the table")
     parser.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
 
@@ -107,11 +109,11 @@ def drive(name: str, query: SuiteQuery, *, quiet: bool = False, as_json: bool = 
 def _show(title: str, rows: Sequence[JudgedRow]) -> None:
     from rich.console import Console
 
-    from vve_sumo.suite.table import counted, whys
+    from vve_sumo.suite.table import reason_lines, summary_line
 
     console = Console(width=None if sys.stdout.isatty() else WIDTH)
     console.print(_table(title, rows))
-    for line in (*whys(rows), counted(rows)):
+    for line in (*reason_lines(rows), summary_line(rows)):
         print(line)
 
 

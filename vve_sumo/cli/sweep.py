@@ -1,4 +1,4 @@
-"""`vve-sumo sweep`: a scenario driven many times into one dataset, and one of its runs again."""
+"""`vve-sumo sweep`: drives a scenario many times into one dataset, or reruns one of its runs."""
 
 from __future__ import annotations
 
@@ -26,27 +26,27 @@ EXIT_CODES = """exit codes:
   1  of --rerun: it is not
   2  wrong use or configuration; nothing was driven
   4  every run broke, or the disk is full
-  130  interrupted from the keyboard; --resume goes on
+  130  interrupted from the keyboard; --resume continues
 """
 
-#: rows of the table that are shown, and lines of errors; all of them stand in files
+#: rows of the table that are shown, and lines of errors; the files have all of them
 MAX_ROWS, MAX_ERRORS = 30, 10
-#: figures that are shown where no criterion asks for others, and how many at most
-USUAL_FIGURES, MAX_FIGURES = ("min_ttc_s", "stop_gap_m"), 4
+#: metrics that are shown where no criterion uses others, and the largest number of them
+DEFAULT_METRICS, MAX_METRICS = ("min_ttc_s", "stop_gap_m"), 4
 
-SUMMARY = "drive a scenario many times, its parameters varied, into one dataset"
+SUMMARY = "drive a scenario many times with varied parameters into one dataset"
 TEXT = """\
-Drive every run that a sweep's file asks for, each in a process of its own, and leave a row for each in a
-Parquet dataset. A run that crashes, hangs or eats memory is a row with its reason. Ctrl-C, a kill or a full
-disk lose nothing finished.
+Drive every run of a sweep's file, each in a process of its own, and write a row for each into a Parquet dataset.
+A run that crashes, hangs or exceeds its memory limit is a row with the reason. Finished runs survive Ctrl-C, a kill
+and a full disk.
 
 examples:
   vve-sumo sweep parked_car_speeds --out speeds            a file under sweeps/
   vve-sumo sweep mine.toml --out mine --keep-records failed   with full records of what failed
-  vve-sumo sweep mine.toml --out mine --resume             go on after a kill
+  vve-sumo sweep mine.toml --out mine --resume             continue after a kill
   vve-sumo sweep seen_late_speed --search --out found      where a criterion flips, or the worst case
   vve-sumo sweep mine.toml --out mine --rig ours           the simulated vehicle as the rig calibrates it
-  vve-sumo sweep --rerun mine 0f3a9c1b5d7e2a48             one run again: is its record the same?
+  vve-sumo sweep --rerun mine 0f3a9c1b5d7e2a48             rerun one run and compare its record
 """
 
 
@@ -54,33 +54,35 @@ def arguments(parser: Parser) -> None:
     """Add what the command takes."""
     parser.add_argument("spec", nargs="?", help="name or .toml file")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the dataset; of --rerun: of the record")
-    parser.add_argument("--workers", type=int, metavar="N", help="runs at a time (default: as many as processors)")
-    parser.add_argument("--resume", action="store_true", help="go on with the sweep in DIR; finished runs stay")
-    parser.add_argument("--search", action="store_true", help="insist that the file has a [search], and look for that")
+    parser.add_argument("--workers", type=int, metavar="N", help="runs in parallel (default: one a processor)")
+    parser.add_argument("--resume", action="store_true", help="continue the sweep in DIR; finished runs are kept")
+    parser.add_argument("--search", action="store_true", help="search; the file must have a table [search]")
     parser.add_argument("--yes", action="store_true", help="drive 100,000 runs or more")
     parser.add_argument(
         "--keep-records", metavar="WHOSE", help="full records: none, failed, all or KEY,KEY (default: the file's)"
     )
-    parser.add_argument("--vehicle", metavar="NAME", help="instead of the scenario's: under vehicles/, or a .toml file")
+    parser.add_argument(
+        "--vehicle", metavar="NAME", help="override the scenario's vehicle: a name under vehicles/ or a .toml file"
+    )
     parser.add_argument("--rig", metavar="NAME", help="the simulated vehicle as this rig declares and calibrates it")
-    parser.add_argument("--cluster", metavar="ADDRESS", help="drive on the workers of a Dask scheduler")
+    parser.add_argument("--cluster", metavar="ADDRESS", help="drive on the workers of this Dask scheduler")
     parser.add_argument("--quiet", action="store_true", help="no progress, only the table at the end")
     parser.add_argument("--rerun", nargs=2, metavar=("DIR", "KEY"), help="drive one run of a dataset again and compare")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Drive what is not finished and show what came of it, or one run again; return the exit code."""
+    """Drive the unfinished runs and show the outcome, or rerun one run; return the exit code."""
     if arguments.rerun is not None:
         if arguments.spec is not None:
-            raise ConfigError("--rerun: its folder knows what was driven; leave out the sweep's name")
+            raise ConfigError("--rerun: expected no sweep's name: the folder holds the sweep's plan")
         folder, key = arguments.rerun
         return rerun(Path(folder), key, arguments.out)
     if arguments.spec is None or arguments.out is None:
         from vve_sumo.workspace import known
 
-        there = ", ".join(known("sweep", Path.cwd()))
+        known_names = ", ".join(known("sweep", Path.cwd()))
         raise ConfigError(
-            f"sweep: expected a sweep's name or file and --out DIR (see vve-sumo sweep --help); known: {there}"
+            f"sweep: expected a sweep's name or file and --out DIR (see vve-sumo sweep --help); known: {known_names}"
         )
     return _drive(arguments)
 
@@ -102,102 +104,111 @@ def _drive(arguments: argparse.Namespace) -> int:
         note(line)
     keep = query.spec.keep if arguments.keep_records is None else _keep(arguments.keep_records)
     engine = engine_of(arguments.workers, cluster)
-    again = f"vve-sumo sweep {name} --out {out} --resume" + (f" --cluster {cluster}" if cluster else "")
-    again += f" --vehicle {arguments.vehicle}" if arguments.vehicle else ""
-    again += f" --rig {arguments.rig}" if arguments.rig else ""
+    resume_command = f"vve-sumo sweep {name} --out {out} --resume" + (f" --cluster {cluster}" if cluster else "")
+    resume_command += f" --vehicle {arguments.vehicle}" if arguments.vehicle else ""
+    resume_command += f" --rig {arguments.rig}" if arguments.rig else ""
     with progress_bar.of_runs(quiet=arguments.quiet) as shown:
-        search = fill(out, query, engine, keep, resume=arguments.resume, again=again, progress=shown, notify=complain)
+        search = fill(
+            out,
+            query,
+            engine,
+            keep,
+            resume=arguments.resume,
+            resume_command=resume_command,
+            progress=shown,
+            notify=complain,
+        )
     return _conclude(out, query) if search is None else _conclude_search(out, query, search)
 
 
-def _keep(wanted: str) -> Keep:
-    from vve_sumo.sweep.spec import kept
+def _keep(text: str) -> Keep:
+    from vve_sumo.sweep.spec import parse_keep
 
     try:
-        return kept(wanted if wanted in ("none", "failed", "all") else wanted.split(","))
+        return parse_keep(text if text in ("none", "failed", "all") else text.split(","))
     except ValueError as error:
-        raise ConfigError(f"--keep-records: {error}, got {wanted!r}") from None
+        raise ConfigError(f"--keep-records: {error}, got {text!r}") from None
 
 
 def _conclude(out: Path, query: SweepQuery) -> int:
-    """Show what a finished sweep came to; return the exit code."""
+    """Show the outcome of a finished sweep; return the exit code."""
     from vve_sumo.sweep.conclusion import conclude
 
-    came = conclude(out, query)
-    _show(out, query, came)
-    return SimulationError.exit_code if came.all.judged == 0 else 0
+    outcome = conclude(out, query)
+    _show(out, query, outcome)
+    return SimulationError.exit_code if outcome.all.judged == 0 else 0
 
 
 def _conclude_search(out: Path, query: SweepQuery, search: AdaptiveSearch) -> int:
-    """Show what a search found; return the exit code."""
+    """Show the result of a search; return the exit code."""
     from vve_sumo.cli.search_results import lines, table_of
-    from vve_sumo.sweep.conclusion import keep_found
+    from vve_sumo.sweep.conclusion import write_search_result
 
-    assert search.found is not None
-    keep_found(out, search.found)
+    assert search.result is not None
+    write_search_result(out, search.result)
     console = plain_console()
-    table = table_of(search.found, query.spec.title or query.plan.scenario)
+    table = table_of(search.result, query.spec.title or query.plan.scenario)
     if table is not None:
         console.print(table)
-    for line in lines(search.found, out):
+    for line in lines(search.result, out):
         console.print(line)
-    return SimulationError.exit_code if search.found["errors"] == search.found["runs"] else 0
+    return SimulationError.exit_code if search.result["errors"] == search.result["runs"] else 0
 
 
-def _show(out: Path, query: SweepQuery, came: SweepOutcome) -> None:
+def _show(out: Path, query: SweepQuery, outcome: SweepOutcome) -> None:
     from vve_sumo.statistics import wilson
     from vve_sumo.sweep.conclusion import COMBINATIONS, first_failed
 
     console = plain_console()
-    if came.groups and query.plan.parameters:
-        console.print(_table(query, came))
-        if len(came.groups) > MAX_ROWS:
-            console.print(f"… and {len(came.groups) - MAX_ROWS} more in {out / COMBINATIONS}")
-    every, errors = came.all, came.all.runs - came.all.judged
+    if outcome.groups and query.plan.parameters:
+        console.print(_table(query, outcome))
+        if len(outcome.groups) > MAX_ROWS:
+            console.print(f"… and {len(outcome.groups) - MAX_ROWS} more in {out / COMBINATIONS}")
+    total, errors = outcome.all, outcome.all.runs - outcome.all.judged
     share = ""
     if query.spec.design == "random" and query.cells.count == query.cells.points:
-        low, high = wilson(every.passed, every.judged)
-        share = f" ({_percent(low, high)} of those drawn)" if every.judged else ""
-    failed = every.judged - every.passed
-    hit = f"; {every.collisions} with a collision" if every.collisions else ""
-    console.print(f"{every.runs} runs: {every.passed} passed{share}, {failed} failed, {errors} with an error{hit}")
-    for line in came.unmet_lines():
+        low, high = wilson(total.passed, total.judged)
+        share = f" ({_percent(low, high)} of those drawn)" if total.judged else ""
+    failed = total.judged - total.passed
+    hit = f"; {total.collisions} with a collision" if total.collisions else ""
+    console.print(f"{total.runs} runs: {total.passed} passed{share}, {failed} failed, {errors} with an error{hit}")
+    for line in outcome.unmet_lines():
         console.print(f"  {line}")
-    for number, line in enumerate(came.lines()):
+    for number, line in enumerate(outcome.lines()):
         if number == MAX_ERRORS:
-            console.print(f"  … and {len(came.errors) - MAX_ERRORS} other errors")
+            console.print(f"  … and {len(outcome.errors) - MAX_ERRORS} other errors")
             break
         console.print(f"  {line}")
     key = first_failed(out)
     if key is not None:
-        console.print(f"one that failed, again: vve-sumo sweep --rerun {out} {key}")
+        console.print(f"rerun a failed run: vve-sumo sweep --rerun {out} {key}")
     console.print(f"rows: {out / 'rows'}")
 
 
-def _table(query: SweepQuery, came: SweepOutcome) -> Table:
+def _table(query: SweepQuery, outcome: SweepOutcome) -> Table:
     from rich import box
     from rich.table import Table
 
     numbers = query.plan.numbers()
-    said = [name for name in query.plan.criteria if name in numbers]
-    figures = (said or list(USUAL_FIGURES))[:MAX_FIGURES]
+    text = [name for name in query.plan.criteria if name in numbers]
+    metrics = (text or list(DEFAULT_METRICS))[:MAX_METRICS]
     title = query.spec.title or query.plan.scenario
     table = Table(title=title, title_justify="left", box=box.SIMPLE)
-    shown = list(came.groups.items())[:MAX_ROWS]
-    beside = _beside([group for _values, group in shown])
-    for name in (*_tails(list(query.plan.parameters)), "passed", *beside, *figures):
+    shown = list(outcome.groups.items())[:MAX_ROWS]
+    extra = _extra_columns([group for _values, group in shown])
+    for name in (*_short_names(list(query.plan.parameters)), "passed", *extra, *metrics):
         table.add_column(name, justify="right", overflow="fold")
     for values, group in shown:
-        counts = (f"{group.passed} of {group.judged}", *(cell(group) for cell in beside.values()))
-        table.add_row(*map(_short, values), *counts, *(_spread(group, name) for name in figures))
+        counts = (f"{group.passed} of {group.judged}", *(cell(group) for cell in extra.values()))
+        table.add_row(*map(_short, values), *counts, *(_spread(group, name) for name in metrics))
     if any(group.runs > 1 for _values, group in shown):
-        table.caption = "mean of the runs that have the figure, how many of all that is, and the worst of them"
+        table.caption = "mean over the runs with a value, the number of these runs, and the worst value"
         table.caption_justify = "left"
     return table
 
 
-def _beside(groups: Sequence[Group]) -> dict[str, Callable[[Group], str]]:
-    """Return the columns that stand beside the passes, as far as they say anything: each head and what makes a cell."""
+def _extra_columns(groups: Sequence[Group]) -> dict[str, Callable[[Group], str]]:
+    """Return the columns after `passed` that are not empty: each head, and the function of its cells."""
     columns: dict[str, Callable[[Group], str]] = {}
     if any(group.interval for group in groups):
         columns["share, 95 %"] = lambda group: _percent(*group.interval) if group.interval else "none"
@@ -210,10 +221,10 @@ def _beside(groups: Sequence[Group]) -> dict[str, Callable[[Group], str]]:
     return columns
 
 
-def _tails(names: list[str]) -> list[str]:
-    """Return the last parts of dotted keys, or all of them where two end alike."""
-    tails = [name.rpartition(".")[2] for name in names]
-    return tails if len(set(tails)) == len(tails) else names
+def _short_names(names: list[str]) -> list[str]:
+    """Return the last parts of dotted keys, or the whole keys where two last parts are equal."""
+    short = [name.rpartition(".")[2] for name in names]
+    return short if len(set(short)) == len(short) else names
 
 
 def _short(value: object) -> str:
@@ -226,18 +237,18 @@ def _percent(low: float, high: float) -> str:
     return f"{100.0 * low:.0f} to {100.0 * high:.0f} %"
 
 
-def _spread(group: Group, figure: str) -> str:
-    """Return a figure's mean with its interval, how many runs have it where some lack it, and the worst of them."""
-    mean, half, worst = group.means[figure], group.half(figure), group.worst(figure)
+def _spread(group: Group, metric: str) -> str:
+    """Return a metric's mean with its interval, the number of runs with a value if not all, and the worst value."""
+    mean, half, worst = group.means[metric], group.half(metric), group.worst(metric)
     if mean.count == 0:
         return "none"
-    said = f"{mean.mean:.3g}" if math.isnan(half) else f"{mean.mean:.3f} ± {half:.3f}"
-    said += f" ({mean.count} of {group.runs})" if mean.count < group.runs else ""
-    return said if group.runs == 1 or math.isnan(worst) else f"{said}, worst {worst:.3g}"
+    text = f"{mean.mean:.3g}" if math.isnan(half) else f"{mean.mean:.3f} ± {half:.3f}"
+    text += f" ({mean.count} of {group.runs})" if mean.count < group.runs else ""
+    return text if group.runs == 1 or math.isnan(worst) else f"{text}, worst {worst:.3g}"
 
 
 def rerun(folder: Path, key: str, out: Path | None) -> int:
-    """Drive one run of a dataset again, keep its record and compare; return 0 if it is the same, else 1."""
+    """Rerun one run of a dataset, keep its record and compare; return 0 if the record is the same, else 1."""
     from vve_sumo.plotting.drive_record import draw_drive
     from vve_sumo.sweep import rerun as reruns
 

@@ -15,19 +15,19 @@ EXIT_CODES = OF_FILES
 
 SUMMARY = "show a record, two side by side, a sweep, or the running live drive in a browser"
 TEXT = """\
-Serve a page on this machine that shows a drive's record with timeline, play, single steps and events, two records side
-by side, or a sweep as a table whose kept runs open. The address is printed; Ctrl-C ends the page. The page of a live
-drive is served by the drive itself, with --view; --live prints its address.
+Serve a page on this machine that shows a drive's record with timeline, playback, single steps and events, two records
+side by side, or a sweep as a table whose kept runs open. The address is printed; Ctrl-C ends the page. The page of a
+live drive is served by the drive itself, with --view; --live prints its address.
 
 examples:
   vve-sumo view runs/parked_car                 the drive, played back
   vve-sumo view before after                    two drives in step
   vve-sumo view sweep                           a sweep as a table that sorts, filters and plots
-  vve-sumo view runs/parked_car --html drive.html   one file that needs nothing else, to send around
+  vve-sumo view runs/parked_car --html drive.html   one self-contained file, to send to others
   vve-sumo view --live                          address of the running live drive's page
 """
 
-#: where a live drive's folder is looked for
+#: folder with the live drives' folders
 RUNS = "runs"
 
 
@@ -35,8 +35,10 @@ def arguments(parser: Parser) -> None:
     """Add what the command takes."""
     parser.add_argument("folders", nargs="*", type=Path, metavar="DIR", help="a record, two records, or a sweep")
     parser.add_argument("--html", type=Path, metavar="FILE", help="write one self-contained page instead of serving it")
-    parser.add_argument("--port", type=int, default=0, metavar="N", help="to serve on (default: any free one)")
-    parser.add_argument("--live", action="store_true", help="the running live drive; DIR where it is not under runs/")
+    parser.add_argument("--port", type=int, default=0, metavar="N", help="port of the server (default: any free one)")
+    parser.add_argument(
+        "--live", action="store_true", help="print the address of the running live drive; DIR if it is not under runs/"
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -79,11 +81,13 @@ def _live(folder: Path | None, working: Path) -> str:
     files = [folder / name] if folder is not None else sorted((working / RUNS).glob(f"*/{name}"), key=_age)
     for file in files:
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
-            said = json.loads(file.read_text(encoding="utf-8"))
-            os.kill(int(said["pid"]), 0)
-            return str(said["address"])
+            content = json.loads(file.read_text(encoding="utf-8"))
+            os.kill(int(content["pid"]), 0)
+            return str(content["address"])
     where = folder if folder is not None else working / RUNS
-    raise ConfigError(f"{where}: no live drive with a page goes on there; begin one with vve-sumo drive --rig … --view")
+    raise ConfigError(
+        f"{where}: no live drive with a page is running there; start one with vve-sumo drive --rig … --view"
+    )
 
 
 def _age(file: Path) -> float:

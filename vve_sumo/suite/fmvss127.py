@@ -1,4 +1,4 @@
-"""FMVSS 127: braking for a vehicle ahead, and not braking between two cars that stand beside the way."""
+"""FMVSS 127: braking for a vehicle ahead, and not braking between two cars beside the path."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from vve_sumo.suite.track import (
     AEB,
     KMH,
     TARGET,
+    end_when_passed,
     gate,
-    gone_by,
     impact_at_most,
-    said,
+    requirement_text,
     scenario,
     target,
     time_to_brake,
 )
 from vve_sumo.vehicle.model import VehicleModel
 
-STEP = 10.0  #: between the speeds of a range [km/h]; the standard allows any in it
-STEADY = 3.0  #: the car ahead keeps its speed so long, then brakes [s]
-RAMP = 0.5  #: in which its braking builds up, within the standard's 1.5 s [s]
-NO_OVERRIDE = "a driver who brakes takes over: the override hands the car to him"
+STEP = 10.0  #: between the driven speeds of a range [km/h]; the standard allows any speed in it
+STEADY = 3.0  #: time of constant speed of the car ahead before it brakes [s]
+RAMP = 0.5  #: build-up time of its braking, within the standard's 1.5 s [s]
+NO_OVERRIDE = "a braking driver overrides: the gateway releases the car to the driver"
 TOLERANCE = requirements.FMVSS_127_SPEED_TOLERANCE * KMH
 
 
@@ -38,8 +38,8 @@ def lead_rows(car: VehicleModel) -> Iterator[SuiteRow]:
             low, high = entry.subject
             speeds = f"{low:g}" if low == high else f"{low:g} to {high:g}"
             id = f"{entry.kind}_{low:g}_manual_brake"
-            what = f"lead {entry.kind}, {speeds} km/h, driver brakes"
-            yield SuiteRow(id, what, said(0.0), None, not_applicable=NO_OVERRIDE)
+            description = f"lead {entry.kind}, {speeds} km/h, driver brakes"
+            yield SuiteRow(id, description, requirement_text(0.0), None, not_applicable=NO_OVERRIDE)
         elif entry.headway is None or entry.deceleration is None:
             yield from _closing(car, entry)
         else:
@@ -52,21 +52,21 @@ def _closing(car: VehicleModel, entry: requirements.Lead) -> Iterator[SuiteRow]:
         kmh = low + number * STEP
         speed, lead = kmh * KMH, entry.lead * KMH
         ahead = requirements.FMVSS_127_START * (speed - lead)
-        what = f"lead {entry.kind}, {kmh:g} km/h" + (f" against {entry.lead:g}" if lead else "")
+        description = f"lead {entry.kind}, {kmh:g} km/h" + (f" against {entry.lead:g}" if lead else "")
         need = Need(gap_used(full_braking(car.vehicle, speed), BrakedMotion(lead)), ahead)
         actors = [target(speed, ahead, speed_mps=lead)]
         id, start = f"{entry.kind}_{kmh:g}", requirements.FMVSS_127_START
-        yield untouched(id, what, f"FMVSS 127: {what}", steady(speed), start, actors, need)
+        yield no_contact_row(id, description, f"FMVSS 127: {description}", steady(speed), start, actors, need)
 
 
 def steady(speed: float) -> RequiredApproach:
-    """Return the approach at `speed` [m/s] that the standard wants."""
+    """Return the approach at `speed` [m/s] that the standard requires."""
     return RequiredApproach(TARGET, speed, TOLERANCE, TOLERANCE)
 
 
-def untouched(
+def no_contact_row(
     id: str,
-    what: str,
+    description: str,
     title: str,
     approach: RequiredApproach,
     start: float,
@@ -77,8 +77,8 @@ def untouched(
     """Return a row that allows no contact: emergency braking alone, `start` [s] from the target."""
     return SuiteRow(
         id=id,
-        what=what,
-        required=said(0.0),
+        description=description,
+        required=requirement_text(0.0),
         scenario=scenario(
             title,
             approach.speed,
@@ -99,12 +99,12 @@ def _decelerating(
     speed = kmh * KMH
     for headway in headways:
         for share in decelerations:
-            what = f"lead decelerating at {share:g} g, {kmh:g} km/h, headway {headway:g} m"
+            description = f"lead decelerating at {share:g} g, {kmh:g} km/h, headway {headway:g} m"
             yield SuiteRow(
                 id=f"decelerating_{kmh:g}_{headway:g}m_{share:g}g",
-                what=what,
-                required=said(0.0),
-                scenario=braking_lead(f"FMVSS 127: {what}", speed, headway, share * GRAVITY, 0.0),
+                description=description,
+                required=requirement_text(0.0),
+                scenario=braking_lead(f"FMVSS 127: {description}", speed, headway, share * GRAVITY, 0.0),
                 approach=steady(speed),
                 need=braking_need(car, speed, headway, share * GRAVITY, 0.0),
             )
@@ -125,7 +125,7 @@ def braking_lead(title: str, speed: float, headway: float, deceleration: float, 
 
 
 def braking_need(car: VehicleModel, speed: float, headway: float, deceleration: float, last: float) -> Need:
-    """Return what `braking_lead` demands; to see the car ahead brake takes the time of a detection."""
+    """Return the braking that `braking_lead` demands; detecting that the car ahead brakes takes the detection time."""
     lead = BrakedMotion(speed, deceleration, build_up=RAMP, last_speed=last)
     return Need(gap_used(full_braking(car.vehicle, speed), lead), headway)
 
@@ -136,24 +136,24 @@ def pass_through_rows(_car: VehicleModel) -> Iterator[SuiteRow]:
     ahead = requirements.FMVSS_127_START * speed
     pair = gate(speed, ahead, requirements.FMVSS_127_PASS_GAP)
     required = f"deceleration <= {requirements.FMVSS_127_FALSE_ACTIVATION:g} g"
-    # The whole controller may slow down as it likes; what is demanded is that it does not brake.
+    # The whole controller may drive slower; the requirement is that it does not brake.
     drivers: tuple[tuple[str, str, dict[str, bool], float], ...] = (
         ("aeb", "emergency braking alone", AEB, TOLERANCE),
         ("whole", "the whole controller", {}, speed),
     )
-    for id, what, tuning, below in drivers:
+    for id, description, tuning, below in drivers:
         yield SuiteRow(
             id=f"between_two_cars_{id}",
-            what=f"between two cars {requirements.FMVSS_127_PASS_GAP:g} m apart, 80 km/h, {what}",
+            description=f"between two cars {requirements.FMVSS_127_PASS_GAP:g} m apart, 80 km/h, {description}",
             required=required,
             scenario=scenario(
-                f"FMVSS 127: between two cars, {what}",
+                f"FMVSS 127: between two cars, {description}",
                 speed,
                 lasts=requirements.FMVSS_127_START + time_to_brake(speed),
                 controller={"tuning": tuning},
                 actors=pair,
                 criteria={"max_deceleration_mps2": {"max": limit}},
-                end_trigger=gone_by(speed, ahead),
+                end_trigger=end_when_passed(speed, ahead),
             ),
             approach=RequiredApproach(TARGET, speed, below, TOLERANCE),
         )

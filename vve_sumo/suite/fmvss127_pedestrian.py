@@ -1,4 +1,4 @@
-"""FMVSS 127: braking for a pedestrian who crosses, stands or walks along the way."""
+"""FMVSS 127: braking for a pedestrian who crosses, stands or walks along the path."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from typing import Any
 
 from vve_sumo.scenario.engine import SIZES
 from vve_sumo.suite import requirements
-from vve_sumo.suite.fmvss127 import STEP, steady, untouched
-from vve_sumo.suite.physics import BrakedMotion, Need, full_braking, gap_used, seen_past
+from vve_sumo.suite.fmvss127 import STEP, no_contact_row, steady
+from vve_sumo.suite.physics import BrakedMotion, Need, first_sight_distance, full_braking, gap_used
 from vve_sumo.suite.row import SuiteRow
-from vve_sumo.suite.track import KMH, WIDTH, gone_by, said, target
+from vve_sumo.suite.track import KMH, WIDTH, end_when_passed, requirement_text, target
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.model import VehicleModel
 
 PARKED_LENGTH = 4.5  #: of the cars that hide a pedestrian [m]
-DARK = "the radar is geometric: it knows no light, the rows above stand for darkness too"
+DARK = "the radar model does not depend on light: the rows above hold in darkness too"
 
 
 def rows(car: VehicleModel) -> Iterator[SuiteRow]:
@@ -24,8 +24,8 @@ def rows(car: VehicleModel) -> Iterator[SuiteRow]:
         for kmh in speeds(walk.subject):
             yield (_crossing if walk.kind == "crossing" else _on_the_way)(car.vehicle, walk, kmh)
     for beam in ("lower", "upper"):
-        what = f"every row in darkness, {beam} beam"
-        yield SuiteRow(f"dark_{beam}_beam", what, said(0.0), None, not_applicable=DARK)
+        description = f"every row in darkness, {beam} beam"
+        yield SuiteRow(f"dark_{beam}_beam", description, requirement_text(0.0), None, not_applicable=DARK)
 
 
 def speeds(ends: tuple[float, float]) -> list[float]:
@@ -36,12 +36,12 @@ def speeds(ends: tuple[float, float]) -> list[float]:
 
 
 def _crossing(car: Vehicle, walk: requirements.Walk, kmh: float) -> SuiteRow:
-    """Return the row of one who waits at the kerb, and sets out so that the car would hit him at the overlap."""
+    """Return the row of a pedestrian who starts from the kerb in time for an impact at the overlap."""
     speed, pace, kerb = kmh * KMH, walk.speed * KMH, requirements.KERBS[walk.side]
     ahead = requirements.FMVSS_127_WALK_START * speed
     side = -1.0 if walk.side == "right" else 1.0
-    way = kerb.aside - side * aside(walk, car.width)
-    walking = (way + kerb.speeding_up) / pace
+    walked = kerb.offset - side * overlap_offset(walk, car.width)
+    walking = (walked + kerb.speeding_up) / pace
     sets_out = {
         "when": {"after_s": requirements.FMVSS_127_WALK_START - walking},
         "speed_mps": pace,
@@ -51,28 +51,28 @@ def _crossing(car: Vehicle, walk: requirements.Walk, kmh: float) -> SuiteRow:
         speed,
         ahead,
         kind="child" if walk.obstructed else "pedestrian",
-        offset_m=side * kerb.aside,
+        offset_m=side * kerb.offset,
         turned_deg=-90.0 * side,
         events=[sets_out],
     )
     parked = _parked(car, speed, ahead) if walk.obstructed else []
-    # There is something to brake for when he sets out, or comes in sight.
-    there = speed * walking
+    # The need to brake begins when the pedestrian starts to walk, or becomes visible.
+    available = speed * walking
     if walk.obstructed:
-        corner = 0.5 * car.width + requirements.PARKED_ASIDE
-        there = seen_past(corner, requirements.PARKED_GAP, speed, pace, 0.5 * SIZES["child"].length)
-    return _row(walk, kmh, [actor, *parked], Need(_needed(car, speed, 0.0), there), gone_by(speed, ahead))
+        corner = 0.5 * car.width + requirements.PARKED_CLEARANCE
+        available = first_sight_distance(corner, requirements.PARKED_GAP, speed, pace, 0.5 * SIZES["child"].length)
+    return _row(walk, kmh, [actor, *parked], Need(_needed(car, speed, 0.0), available), end_when_passed(speed, ahead))
 
 
 def _on_the_way(car: Vehicle, walk: requirements.Walk, kmh: float) -> SuiteRow:
     speed, pace = kmh * KMH, walk.speed * KMH
     ahead = requirements.FMVSS_127_WALK_START * (speed - pace)
-    actor = target(speed, ahead, kind="pedestrian", speed_mps=pace, offset_m=aside(walk, car.width))
+    actor = target(speed, ahead, kind="pedestrian", speed_mps=pace, offset_m=overlap_offset(walk, car.width))
     return _row(walk, kmh, [actor], Need(_needed(car, speed, pace), ahead), {"contact": True})
 
 
-def aside(walk: requirements.Walk, width: float) -> float:
-    """Return where the overlap with a car of a `width` [m] is, beside the middle of its way [m], left positive."""
+def overlap_offset(walk: requirements.Walk, width: float) -> float:
+    """Return the lateral offset of the impact point from the path [m], left positive, for a car of a `width` [m]."""
     from_side = walk.overlap / 100.0 * width
     return from_side - 0.5 * width if walk.side == "right" else 0.5 * width - from_side
 
@@ -82,8 +82,8 @@ def _needed(car: Vehicle, speed: float, pace: float) -> float:
 
 
 def _parked(car: Vehicle, speed: float, ahead: float) -> list[dict[str, Any]]:
-    """Return the two cars behind which a pedestrian comes out."""
-    offset = -(0.5 * car.width + requirements.PARKED_ASIDE + 0.5 * WIDTH)
+    """Return the two parked cars that hide a pedestrian."""
+    offset = -(0.5 * car.width + requirements.PARKED_CLEARANCE + 0.5 * WIDTH)
     size = {"length_m": PARKED_LENGTH, "width_m": WIDTH}
     rear = [ahead - number * (requirements.PARKED_GAP + PARKED_LENGTH) for number in (1, 2)]
     return [
@@ -96,9 +96,9 @@ def _row(
     walk: requirements.Walk, kmh: float, actors: list[dict[str, Any]], need: Need, end: dict[str, Any]
 ) -> SuiteRow:
     id = f"{walk.kind}_{walk.side}_{walk.overlap:g}_{kmh:g}".replace(" ", "_")
-    what = f"{walk.kind}" + (f" at {walk.speed:g} km/h" if walk.speed else "")
-    what += f", {walk.side} {walk.overlap:g} %, {kmh:g} km/h"
+    description = f"{walk.kind}" + (f" at {walk.speed:g} km/h" if walk.speed else "")
+    description += f", {walk.side} {walk.overlap:g} %, {kmh:g} km/h"
     if walk.obstructed:
-        id, what = f"obstructed_{id}", f"child behind parked cars, {what}"
-    title, start = f"FMVSS 127: pedestrian {what}", requirements.FMVSS_127_WALK_START
-    return untouched(id, what, title, steady(kmh * KMH), start, actors, need, end)
+        id, description = f"obstructed_{id}", f"child behind parked cars, {description}"
+    title, start = f"FMVSS 127: pedestrian {description}", requirements.FMVSS_127_WALK_START
+    return no_contact_row(id, description, title, steady(kmh * KMH), start, actors, need, end)

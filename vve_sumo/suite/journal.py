@@ -1,4 +1,4 @@
-"""The drives that a suite has finished, a line each as they finish, so that a suite that was killed can go on.
+"""The finished drives of a suite, a line each, so that a killed suite can be continued.
 
 Knows outcomes and lines of JSON; neither how a drive is run nor what is printed of it.
 """
@@ -16,20 +16,20 @@ from vve_sumo.suite.row import RowOutcome, RowVerdict, SuiteRow
 from vve_sumo.vehicle.model import VehicleModel
 
 NAME = "journal.jsonl"
-#: of an outcome, what a line holds as it is
+#: fields of an outcome that a line holds unchanged
 PLAIN = ("why", "cut_in_ttc_s", "impact_mps", "least_gap_m", "deceleration_mps2", "demand_mps2", "cpu_s")
 
 
 class SuiteJournal:
-    """A journal that is open for what finishes next."""
+    """An open journal, to which finished drives are appended."""
 
     def __init__(
         self, folder: Path, rows: Sequence[SuiteRow], *, resume: bool, car: VehicleModel | None = None, code: str = ""
     ) -> None:
-        """Begin a journal in `folder`, or go on with the one there; raises ConfigError where that is not of `rows`.
+        """Begin a journal in `folder`, or continue the existing one; raises ConfigError where that is not of `rows`.
 
-        Another `car` makes another test of a row, also where its file has the same name. `code` is the hash of what
-        drives: a journal of another controller's code, or of another vve-sumo, is refused.
+        A row with another `car` is another test, even if the car's file has the same name. `code` is the hash of the
+        driving code: a journal of another controller's code, or of another vve-sumo, is refused.
         """
         file = folder / NAME
         self._digests, self._code = {row.id: digest(row, car) for row in rows}, code
@@ -69,34 +69,36 @@ class SuiteJournal:
 
 
 def digest(row: SuiteRow, car: VehicleModel | None = None) -> str:
-    """Return what is another where the row's scenario is, what it demands, or the car that drives it."""
+    """Return a hash of the row's scenario, its requirements and the car."""
     scenario = None if row.scenario is None else row.scenario.model_dump(mode="json")
-    whole = json.dumps(scenario, sort_keys=True) + repr((row.approach, row.cut_in, row.need, row.demand))
+    text = json.dumps(scenario, sort_keys=True) + repr((row.approach, row.cut_in, row.need, row.demand))
     if car is not None:
-        whole += json.dumps(car.to_dict(), sort_keys=True)
-    return hashlib.sha256(whole.encode()).hexdigest()
+        text += json.dumps(car.to_dict(), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _read(file: Path, rows: dict[str, SuiteRow], digests: dict[str, str], code: str) -> list[RowOutcome]:
-    """Return the drives of a journal up to its last whole line; none where there is no journal."""
+    """Return the drives of a journal up to its last complete line; none where there is no journal."""
     try:
-        lines = file.read_bytes().split(b"\n")[:-1]  # what follows the last end of a line was torn
+        lines = file.read_bytes().split(b"\n")[:-1]  # a kill may have cut the last line short
     except FileNotFoundError:
         return []
     outcomes = []
     for number, line in enumerate(lines, 1):
         try:
             fields = json.loads(line)
-            id, of = fields["row"], fields["digest"]
-            if digests.get(id) == of and fields.get("code") == code:
+            id, row_digest = fields["row"], fields["digest"]
+            if digests.get(id) == row_digest and fields.get("code") == code:
                 outcomes.append(_outcome(rows[id], fields))
                 continue
         except (ValueError, KeyError, TypeError):
-            raise ConfigError(f"{file}: line {number} is no finished drive: the file was damaged") from None
-        if digests.get(id) == of:
+            raise ConfigError(f"{file}: line {number}: expected a finished drive; the file is damaged") from None
+        if digests.get(id) == row_digest:
             other = f"row {id!r} was driven by other code of its controller, or by another vve-sumo"
             raise ConfigError(f"{file}: line {number}: {other}; drive the suite into another --out")
-        raise ConfigError(f"{file}: line {number}: row {id!r} was another test then, expected the suite that was begun")
+        raise ConfigError(
+            f"{file}: line {number}: row {id!r} differs from the begun suite's, expected the same suite and car"
+        )
     return outcomes
 
 

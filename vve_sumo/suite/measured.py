@@ -1,4 +1,4 @@
-"""What a drive's record says of how the test was driven: the approach, the cut-in, and the braking asked for.
+"""Measures how a test was driven, from the record: the approach, the cut-in, and the braking demand.
 
 Reads records of drives; judges nothing.
 """
@@ -21,45 +21,45 @@ from vve_sumo.values import Floats, Vehicle
 
 BRAKING = 0.15 * GRAVITY  #: the car brakes when it decelerates by more [m/s2]; FMVSS 127, S4 [P]
 
-MOVING = 0.5  #: slower, brakes hold the car rather than slow it [m/s]
+MOVING = 0.5  #: below this speed the brakes hold the car [m/s]
 #: columns of the ego's truth and of an actor's row
 EGO = ("x_m", "y_m", "heading_rad", "speed_mps")
 
 
 class RowMeasurement(NamedTuple):
-    """What was found; None for what the row does not ask for, and where its target never entered."""
+    """The measured values; None for values that the row does not need, and where its target never entered."""
 
     approach: tuple[float, float] | None = None  #: least and greatest speed of it [m/s]
-    ttc: float | None = None  #: time to collision of a cut-in, had the car not braked for it before [s]
-    demand: float | None = None  #: the most asked of the service brakes, as a deceleration of the declared car [m/s2]
+    ttc: float | None = None  #: time to collision of a cut-in, as if the car had not braked before it [s]
+    demand: float | None = None  #: largest demand on the service brakes, as a deceleration of the declared car [m/s2]
 
 
 def measure(row: SuiteRow, record: Path) -> RowMeasurement:
-    """Return what the record of a row's drive says."""
+    """Return the measured values of a row's drive."""
     if row.approach is None:
         return RowMeasurement()
     ticks, actors = read_table(record, "ticks"), read_table(record, "actors")
-    seen = actors.filter(pc.equal(actors["actor"], row.approach.target))
-    if not seen.num_rows:
+    target_rows = actors.filter(pc.equal(actors["actor"], row.approach.target))
+    if not target_rows.num_rows:
         return RowMeasurement()
-    entry = int(seen["tick"][0].as_py()) - int(ticks["tick"][0].as_py())
-    if entry >= ticks.num_rows:  # what the street held after the last tick: nothing was driven with it
+    entry = int(target_rows["tick"][0].as_py()) - int(ticks["tick"][0].as_py())
+    if entry >= ticks.num_rows:  # the target entered after the last tick
         return RowMeasurement()
     car = recorded_model(read_resolved(record)).vehicle
     ends = _ends(ticks, entry)
-    cut, ttc = (None, None) if row.cut_in is None else _cut_in(row.cut_in, ticks, seen, car, ends)
+    cut, ttc = (None, None) if row.cut_in is None else _cut_in(row.cut_in, ticks, target_rows, car, ends)
     approach = _speeds(ticks, entry, ends if cut is None else min(cut, ends))
     return RowMeasurement(approach, ttc, _demand(ticks, entry, car) if row.demand > 0.0 else None)
 
 
 def _demand(ticks: pa.Table, entry: int, car: Vehicle) -> float:
-    """Return the most torque asked of the service brakes after the entry, over the declared mass and wheels [m/s2]."""
+    """Return the largest demand on the service brakes after the entry, for the declared mass and wheels [m/s2]."""
     torque, speed = (ticks[name].to_numpy()[entry:] for name in ("brake_torque_nm", "true_speed_mps"))
     return float(torque[speed > MOVING].max(initial=0.0)) / (car.mass * car.wheel_radius)
 
 
 def _ends(ticks: pa.Table, entry: int) -> int:
-    """Return the first tick from the entry on at which the car brakes or touches something, else how many there are."""
+    """Return the first tick from the entry on at which the car brakes or has a contact, else the number of ticks."""
     over = ticks["emergency"].to_numpy() | (ticks["true_acceleration_mps2"].to_numpy() < -BRAKING)
     over |= pc.not_equal(ticks["contacts"], "").to_numpy()
     ends = np.flatnonzero(over[entry:])
@@ -73,18 +73,18 @@ def _speeds(ticks: pa.Table, entry: int, end: int) -> tuple[float, float]:
 
 
 def _cut_in(
-    wanted: CutIn, ticks: pa.Table, seen: pa.Table, car: Vehicle, brakes: int
+    required: CutIn, ticks: pa.Table, target_rows: pa.Table, car: Vehicle, brakes: int
 ) -> tuple[int | None, float | None]:
-    """Return the tick at which the target's near side has come over the lane's edge, and the time to collision then.
+    """Return the tick at which the target's near side has crossed the lane's edge, and the time to collision then.
 
-    That time says how the target drove, not what the car made of it: a car that has braked since the tick `brakes` is
-    taken to have kept its speed and its way. The moment is between two ticks, where the side is at the edge.
+    The time measures the target's motion, not the car's reaction: for a car that has braked since the tick `brakes`,
+    constant speed and heading are assumed. The crossing is interpolated between two ticks.
     """
-    at = seen["tick"].to_numpy() - int(ticks["tick"][0].as_py())
+    at = target_rows["tick"].to_numpy() - int(ticks["tick"][0].as_py())
     known = at < ticks.num_rows
-    rows, at = seen.filter(pa.array(known)), at[known]
+    rows, at = target_rows.filter(pa.array(known)), at[known]
     _, side, _ = _from_ego(rows, {name: ticks[f"true_{name}"].to_numpy()[at] for name in EGO})
-    beyond = side + ticks["lateral_deviation_m"].to_numpy()[at] - wanted.lane_edge
+    beyond = side + ticks["lateral_deviation_m"].to_numpy()[at] - required.lane_edge
     inside = np.flatnonzero(beyond < 0.0)
     if not len(inside):
         return None, None
@@ -97,7 +97,7 @@ def _cut_in(
 
 
 def _unbraked(ticks: pa.Table, brakes: int) -> dict[str, Floats]:
-    """Return the ego's true motion, as if from the tick `brakes` on it had kept its speed, straight on."""
+    """Return the ego's true motion, with constant speed and heading from the tick `brakes` on."""
     motion = {name: ticks[f"true_{name}"].to_numpy().copy() for name in EGO}
     if brakes >= ticks.num_rows:
         return motion

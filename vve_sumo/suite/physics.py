@@ -1,6 +1,6 @@
-"""How much way the car's brakes need in a test, by closed form, against how much there is.
+"""The distance that the car's brakes need in a test, by closed form, against the distance that is available.
 
-Speeds, times and the declared car in, metres out. Knows no controller: what is said here binds every one.
+Speeds, times and the declared car in, metres out. Knows no controller: these bounds hold for every controller.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from vve_sumo.sensors.radar import RadarConfig
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Floats, Vehicle
 
-#: from where a target can be seen, or brakes, to a confirmed track: three scans of 50 ms and more, told late [s]
+#: from a target's first visibility, or its braking, to a confirmed track: three scans of 50 ms, a margin, latency [s]
 DETECTION = 0.2 + RadarConfig().latency
-FIRST_ORDER_RAMP = 2.0  #: a first-order lag T loses as much way as a linear ramp over 2 T
-STEP = 0.001  #: of time, at which courses are compared [s]
-ROUNDING = 1e-9  #: two cars at rest may differ by so much [m/s]
+FIRST_ORDER_RAMP = 2.0  #: a first-order lag T costs as much distance as a linear ramp over 2 T
+STEP = 0.001  #: time step at which motions are compared [s]
+ROUNDING = 1e-9  #: numerical difference of two speeds at rest [m/s]
 
 
 class BrakedMotion(NamedTuple):
-    """A motion: steady speed, after a delay a deceleration that builds up linearly, down to a last speed."""
+    """A motion: constant speed, then after a delay a deceleration that builds up linearly, down to a last speed."""
 
     speed: float  #: at first [m/s]
     deceleration: float = 0.0  #: [m/s2]
@@ -40,7 +40,7 @@ class BrakedMotion(NamedTuple):
         return self.delay + lost / self.deceleration + 0.5 * self.build_up
 
     def at(self, times: Floats) -> tuple[Floats, Floats]:
-        """Return way [m] and speed [m/s] at times [s]."""
+        """Return distance [m] and speed [m/s] at times [s]."""
         end = self.duration()
         braked = np.clip(times, None, end) - self.delay
         ramp = np.clip(braked, 0.0, self.build_up)
@@ -55,19 +55,19 @@ class BrakedMotion(NamedTuple):
 class Need(NamedTuple):
     """Whether physics allows a row to be passed."""
 
-    way: float  #: that full braking takes off the gap [m]
-    there: float  #: gap when there is something to brake for [m]
+    needed: float  #: reduction of the gap by full braking [m]
+    available: float  #: gap when the need to brake begins [m]
 
     @property
     def avoidable(self) -> bool:
-        """Whether there is more way than needed."""
-        return self.there > self.way
+        """Whether the available gap is larger than needed."""
+        return self.available > self.needed
 
 
 def reaction_time(vehicle: Vehicle, detection: float = DETECTION) -> float:
-    """Return the time from where there is something to brake for to the first brake torque [s].
+    """Return the time from the begin of the need to brake to the first brake torque [s].
 
-    Every delay of the pipeline that no controller can shorten is a term of this sum, and of no other.
+    The sum contains every delay of the pipeline that no controller can shorten; no other sum does.
     """
     return detection + PERIOD + vehicle.brake_delay
 
@@ -81,20 +81,21 @@ def full_braking(
 
 
 def gap_used(ego: BrakedMotion, lead: BrakedMotion, allowed: float = 0.0) -> float:
-    """Return the most that is gone of the gap [m] while it closes faster than `allowed` [m/s]."""
+    """Return the largest reduction of the gap [m] while it closes faster than `allowed` [m/s]."""
     times = np.arange(0.0, max(ego.duration(), lead.duration()) + 1.0, STEP)
     (own, speed), (others, other) = ego.at(times), lead.at(times)
     closing = speed - other > allowed + ROUNDING
     return max(0.0, float((own - others)[closing].max(initial=0.0)))
 
 
-def seen_past(corner: float, before: float, speed: float, pace: float, reach: float) -> float:
-    """Return how far ahead one is who crosses behind a corner when he is first seen from the middle of the bumper [m].
+def first_sight_distance(corner: float, before: float, speed: float, pace: float, reach: float) -> float:
+    """Return the distance at which a pedestrian behind a corner is first visible from the middle of the bumper [m].
 
-    The corner is `corner` [m] beside the middle of the car's way and `before` [m] nearer than his way. The car drives
-    at `speed`, he walks at `pace` [m/s], his front is `reach` [m] before his middle, and his middle would be in the
-    middle of the car's way as the car arrives. With d to go his front is p d / v - r aside, and the sight past the
-    corner reaches c d / (d - b) aside. Both are equal where p/v d^2 - (p/v b + r + c) d + r b = 0: the greater root.
+    The corner is `corner` [m] beside the car's path and `before` [m] nearer than the pedestrian's path. The car drives
+    at `speed`, the pedestrian walks at `pace` [m/s] with a front `reach` [m] before the centre, and the two would meet
+    in the middle of the car's path. At a distance d, the front is p d / v - r beside the path, and the line of sight
+    past the corner is c d / (d - b) beside it. Both are equal where
+    p/v d^2 - (p/v b + r + c) d + r b = 0: the greater root.
     """
     slope = pace / speed
     linear = slope * before + reach + corner

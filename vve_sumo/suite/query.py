@@ -1,6 +1,6 @@
-"""A suite that was asked for: what may be asked, and the drives that its folder does not hold yet.
+"""A suite's options, checked before anything is driven, and the drives that its folder does not hold yet.
 
-Refuses before anything is driven; prints nothing.
+Prints nothing.
 """
 
 from __future__ import annotations
@@ -35,23 +35,23 @@ BAD = (RowVerdict.FAILED, RowVerdict.INVALID)
 class SuiteCar(NamedTuple):
     """The car that drives a suite."""
 
-    model: VehicleModel  #: which brakes no harder than it can
+    model: VehicleModel  #: with its braking limited to what its brakes reach
     vehicle: str  #: its vehicle model: a name or a file
-    rig: Path | None  #: whose car it is
-    note: str  #: what brakes it less than declared; empty where nothing does
+    rig: Path | None  #: rig with the car; None for the vehicle's file
+    note: str  #: what limits its braking below the declared value; empty without a limit
 
 
 class SuiteQuery(NamedTuple):
-    """What is asked of a suite, besides its name."""
+    """The options of a suite."""
 
     out: Path | None = None  #: folder of the tables and the journal
     seeds: int = 1  #: drives of each row
-    workers: int | None = None  #: drives at a time; None: as many as processors
-    controller: str | None = None  #: another than the row's
+    workers: int | None = None  #: drives in parallel; None: one a processor
+    controller: str | None = None  #: in place of the row's
     vehicle: str | None = None  #: vehicle model: a name or a file; None: the rig's, or the default one
-    rig: str | None = None  #: whose car is simulated: a name or a file
-    keep: bool = False  #: the records
-    resume: bool = False  #: with what is in `out`
+    rig: str | None = None  #: rig whose car is simulated: a name or a file
+    keep: bool = False  #: whether to keep the records
+    resume: bool = False  #: whether to continue the suite in `out`
 
 
 def car_of(query: SuiteQuery, working: Path) -> SuiteCar:
@@ -70,7 +70,7 @@ def car_of(query: SuiteQuery, working: Path) -> SuiteCar:
 
 
 def rows_of(name: str, query: SuiteQuery, car: SuiteCar, working: Path) -> list[SuiteRow]:
-    """Return the rows that are to be driven; raises ConfigError where what is asked for cannot be driven."""
+    """Return the rows to drive; raises ConfigError for a query that cannot be driven."""
     rows = [with_vehicle(row, car.vehicle) for row in catalogue.rows(name, car.model)]
     if query.controller is not None:
         rows = [driven_by(row, query.controller) for row in rows]
@@ -81,7 +81,7 @@ def rows_of(name: str, query: SuiteQuery, car: SuiteCar, working: Path) -> list[
 
 
 def driven_by(row: SuiteRow, controller: str) -> SuiteRow:
-    """Return a row with another controller, and without tuning, which would be no other's."""
+    """Return a row with another controller, without the tuning of the row's own controller."""
     if row.scenario is None or row.scenario.controller.name == controller:
         return row
     other = row.scenario.controller.model_copy(update={"name": controller, "tuning": {}})
@@ -101,19 +101,21 @@ def _check(query: SuiteQuery) -> None:
         raise ConfigError(f"--seeds: expected 1 or more, got {query.seeds}")
     if query.workers is not None and query.workers < 1:
         raise ConfigError(f"--workers: expected 1 or more, got {query.workers}")
-    for wanted, option, what in (
+    for wanted, option, description in (
         (query.keep, "--keep-records", "the records"),
         (query.resume, "--resume", "the journal"),
     ):
         if wanted and query.out is None:
-            raise ConfigError(f"{option}: expected --out DIR beside it, the folder of {what}")
+            raise ConfigError(f"{option}: expected --out DIR as well, the folder of {description}")
     out = query.out
     if out is None or not out.exists():
         return
     if query.resume and not (out / NAME).is_file():
-        raise ConfigError(f"--resume: {out} holds no {NAME}, expected the folder of a suite that was begun")
+        raise ConfigError(f"--resume: {out} has no {NAME}, expected the folder of a begun suite")
     if not query.resume and (not out.is_dir() or any(out.iterdir())):
-        raise ConfigError(f"--out: {out} is not empty, expected an empty or absent folder; --resume goes on with one")
+        raise ConfigError(
+            f"--out: {out} is not empty, expected an empty or absent folder; --resume continues the suite in a folder"
+        )
 
 
 def drive(
@@ -124,7 +126,7 @@ def drive(
     working: Path,
     progress: Callable[[Tally], None],
 ) -> list[JudgedRow]:
-    """Drive what is not in the journal of the folder asked for; `progress` takes the tally after every drive."""
+    """Drive what the folder's journal does not hold; `progress` takes the tally after every drive."""
     engine = Local(query.workers if query.workers is not None else len(os.sched_getaffinity(0)))
     total = sum(1 for _ in drives(rows, query.seeds))
     if query.out is None:
@@ -137,7 +139,7 @@ def drive(
 
 
 def code_of(rows: Sequence[SuiteRow], working: Path) -> str:
-    """Return the hash of what drives rows: their controllers' and sensors' code, this program's, and the libraries'.
+    """Return the hash of the driving code: the rows' controllers and sensors, this program and its libraries.
 
     Raises ConfigError for a controller that cannot be made.
     """
@@ -153,7 +155,7 @@ def code_of(rows: Sequence[SuiteRow], working: Path) -> str:
 def _counted(
     total: int, known: Sequence[RowOutcome], progress: Callable[[Tally], None], also: Done = lambda outcome: None
 ) -> Done:
-    """Return what is to be called with every outcome: counts it and hands the tally on."""
+    """Return a function of an outcome that counts it and passes the tally to `progress`."""
     failed = sum(outcome.verdict in BAD for outcome in known)
     tally = Tally(total, finished=len(known), failed=failed, errors=0)
     progress(tally)

@@ -15,19 +15,19 @@ from vve_sumo.suite.track import (
     AEB,
     KMH,
     TARGET,
+    end_when_passed,
     gate,
-    gone_by,
     impact_at_most,
     loads,
-    said,
+    requirement_text,
     scenario,
     target,
     time_to_brake,
 )
 from vve_sumo.vehicle.model import VehicleModel
 
-#: the test speed may be less than stated, never more; so much less is driven [km/h]
-BELOW = 0.2
+#: driven below the stated speed, which the standard forbids to exceed [km/h]
+SPEED_MARGIN = 0.2
 
 
 def rows(car: VehicleModel) -> Iterator[SuiteRow]:
@@ -62,46 +62,48 @@ def rows_02(car: VehicleModel) -> Iterator[SuiteRow]:
 def _car(car: VehicleModel, entry: requirements.Impact, load: str, target_kmh: float) -> Iterator[SuiteRow]:
     ahead = requirements.R152_MIN_TTC * entry.speed * KMH
     actor = {"speed_mps": target_kmh * KMH}
-    kind, what = "stationary", f"car stationary, {entry.speed:g} km/h"
+    kind, description = "stationary", f"car stationary, {entry.speed:g} km/h"
     if target_kmh:
-        kind, what = "moving", f"car moving at {target_kmh:g} km/h, {entry.speed:g} km/h faster"
-    yield from _row(car, kind, what, entry, load, ahead, actor, lead=target_kmh * KMH)
+        kind, description = "moving", f"car moving at {target_kmh:g} km/h, {entry.speed:g} km/h faster"
+    yield from _row(car, kind, description, entry, load, ahead, actor, lead=target_kmh * KMH)
 
 
 def _crossing(car: VehicleModel, kind: str, kmh: float, entry: requirements.Impact, load: str) -> Iterator[SuiteRow]:
     time, pace = requirements.R152_MIN_TTC, kmh * KMH
     ahead = time * entry.speed * KMH
-    # From the right; it would be in the middle of the car's way when the car comes by.
+    # From the right, timed to reach the middle of the car's path together with the car.
     actor = {"kind": kind, "speed_mps": pace, "offset_m": -time * pace, "turned_deg": 90.0}
-    what = f"{kind} crossing at {kmh:g} km/h, {entry.speed:g} km/h"
-    yield from _row(car, kind, what, entry, load, ahead, actor, end_trigger=gone_by(entry.speed * KMH, ahead))
+    description = f"{kind} crossing at {kmh:g} km/h, {entry.speed:g} km/h"
+    yield from _row(
+        car, kind, description, entry, load, ahead, actor, end_trigger=end_when_passed(entry.speed * KMH, ahead)
+    )
 
 
 def _false_reaction() -> Iterator[SuiteRow]:
-    """Return the rows in which nothing is in the way; the two cars stand as FMVSS 127 has them."""
+    """Return the rows with nothing on the path; the two cars stand as in FMVSS 127."""
     required = "no emergency braking"
     for kmh in requirements.R152_TEST_SPEEDS:
         speed = kmh * KMH
         ahead = requirements.R152_MIN_TTC * speed
-        what = f"between two cars {requirements.FMVSS_127_PASS_GAP:g} m apart, {kmh:g} km/h"
+        description = f"between two cars {requirements.FMVSS_127_PASS_GAP:g} m apart, {kmh:g} km/h"
         yield SuiteRow(
             id=f"between_two_cars_{kmh:g}",
-            what=what,
+            description=description,
             required=required,
             scenario=scenario(
-                f"R152: {what}",
-                speed - BELOW * KMH,
+                f"R152: {description}",
+                speed - SPEED_MARGIN * KMH,
                 lasts=requirements.R152_MIN_TTC + time_to_brake(speed),
                 controller={"tuning": AEB},
-                actors=gate(speed - BELOW * KMH, ahead, requirements.FMVSS_127_PASS_GAP),
+                actors=gate(speed - SPEED_MARGIN * KMH, ahead, requirements.FMVSS_127_PASS_GAP),
                 criteria={"emergency_used": False},
-                end_trigger=gone_by(speed - BELOW * KMH, ahead),
+                end_trigger=end_when_passed(speed - SPEED_MARGIN * KMH, ahead),
             ),
             approach=_approach(speed),
         )
     plate = "the radar is geometric: it sees boxes of road users, and a plate in the road is none"
     yield SuiteRow("steel_plate", "over a steel plate in the road", required, None, not_applicable=plate)
-    unknown = "how its road users stand and move is in none of our sources"
+    unknown = "the positions and motions of its road users are in none of our sources"
     yield SuiteRow("false_reaction", "the other scenes of annex 3, appendix 2", required, None, not_applicable=unknown)
 
 
@@ -112,7 +114,7 @@ def _approach(speed: float) -> RequiredApproach:
 def _row(
     car: VehicleModel,
     kind: str,
-    what: str,
+    description: str,
     entry: requirements.Impact,
     load: str,
     ahead: float,
@@ -121,20 +123,20 @@ def _row(
     lead: float = 0.0,
     end_trigger: dict[str, Any] | None = None,
 ) -> Iterator[SuiteRow]:
-    """Return the row of an entry at a load, or none; `lead` is how fast the target drives away [m/s]."""
+    """Return the row of an entry at a load, or none; `lead` is the target's speed [m/s]."""
     allowed = entry.laden if load == "laden" else entry.unladen
     if allowed is None:
         return
     relative, speed = entry.speed * KMH, entry.speed * KMH + lead
-    driven = speed - BELOW * KMH
+    driven = speed - SPEED_MARGIN * KMH
     mass = loads(car)[load]
     needed = gap_used(full_braking(car.vehicle, speed, mass), BrakedMotion(lead), allowed * KMH)
     yield SuiteRow(
         id=f"{kind}_{entry.speed:g}_{load}",
-        what=f"{what}, {load}",
-        required=said(allowed, requirements.R152_BRAKING_DEMAND),
+        description=f"{description}, {load}",
+        required=requirement_text(allowed, requirements.R152_BRAKING_DEMAND),
         scenario=scenario(
-            f"R152: {what}, {load}",
+            f"R152: {description}, {load}",
             driven,
             lasts=ahead / relative + time_to_brake(speed),
             car={"mass_factor": mass},

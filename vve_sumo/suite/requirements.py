@@ -113,7 +113,7 @@ FMVSS_127_WALK_START: Final = 4.0  #: of relative speed are the distance L0 at t
 class Kerb(NamedTuple):
     """Where a pedestrian who crosses begins."""
 
-    aside: float  #: from the middle of the car's way [m]
+    offset: float  #: from the middle of the car's way [m]
     speeding_up: float  #: way in which it comes to its speed [m]
 
 
@@ -121,7 +121,7 @@ class Kerb(NamedTuple):
 # NCAP's CPNA, CPFA and CPNCO. [S] vectorgrp/OSC-NCAP-scenarios.
 KERBS: Final = {"right": Kerb(4.0, 1.0), "left": Kerb(6.0, 1.5)}
 PARKED_GAP: Final = 1.0  #: from the pedestrian's way to the first parked car, and between the two [m]
-PARKED_ASIDE: Final = 1.0  #: from the side of the car under test to that of the parked cars [m]
+PARKED_CLEARANCE: Final = 1.0  #: from the side of the car under test to that of the parked cars [m]
 
 
 # Euro NCAP AEB car-to-car, protocol v4.3.1 (2023). [S] variation files of vectorgrp/OSC-NCAP-scenarios.

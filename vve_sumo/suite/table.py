@@ -1,6 +1,6 @@
-"""What came of a suite's rows as a table: its cells and lines, and the files as CSV, JSON and Markdown.
+"""The judged rows of a suite as a table: its cells and lines, and the files as CSV, JSON and Markdown.
 
-Knows rows that were judged; nothing of how that came about.
+Knows judged rows; not how they were judged.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ IN_KMH = 3.6  #: km/h in a m/s
 
 
 def record_of(judged: JudgedRow) -> dict[str, Any]:
-    """Return what came of a row as one flat row of plain values, the worst of its drives; None for nothing to say."""
+    """Return a judged row as a flat table of values, the worst of its drives; None for a missing value."""
     row, need, worst = judged.row, judged.row.need, WorstFigures.of(judged)
     return {
         "id": row.id,
-        "what": row.what,
+        "what": row.description,
         "required": row.required,
         "verdict": judged.verdict.value,
         "why": judged.why,
@@ -35,20 +35,20 @@ def record_of(judged: JudgedRow) -> dict[str, Any]:
         "approach_least_kmh": _scaled(least(low for low, _high in _approaches(judged))),
         "approach_greatest_kmh": _scaled(greatest(high for _low, high in _approaches(judged))),
         "cut_in_ttc_s": _rounded(least(drive.cut_in_ttc_s for drive in judged.drives)),
-        "needed_m": None if need is None else _rounded(need.way),
-        "there_m": None if need is None else _rounded(need.there),
+        "needed_m": None if need is None else _rounded(need.needed),
+        "there_m": None if need is None else _rounded(need.available),
         "avoidable": None if need is None else need.avoidable,
         "records": ";".join(str(drive.record) for drive in judged.drives if drive.record is not None) or None,
     }
 
 
 class WorstFigures(NamedTuple):
-    """The worst figures of a row's drives, each for itself; None where no drive has one."""
+    """The worst value of each metric over a row's drives; None where no drive has one."""
 
     impact: float | None  #: greatest [m/s]
     gap: float | None  #: least [m]
     deceleration: float | None  #: greatest [m/s2]
-    demand: float | None  #: least of what each asked for at most [m/s2]
+    demand: float | None  #: least of the drives' largest demands [m/s2]
 
     @classmethod
     def of(cls, judged: JudgedRow) -> WorstFigures:
@@ -89,17 +89,17 @@ def cells(judged: JudgedRow) -> tuple[str, ...]:
     row, need, worst = judged.row, judged.row.need, WorstFigures.of(judged)
     impact = None if worst.impact is None else IN_KMH * worst.impact
     numbers = (impact, worst.gap, worst.deceleration, worst.demand)
-    way = ("", "") if need is None else (f"{need.way:.1f}", f"{need.there:.1f}")
+    way = ("", "") if need is None else (f"{need.needed:.1f}", f"{need.available:.1f}")
     share = f"{judged.passed}/{len(judged.drives)}" if judged.drives else ""
-    return (row.what, row.required, share, *(_cell(number) for number in numbers), *way, judged.verdict.value)
+    return (row.description, row.required, share, *(_cell(number) for number in numbers), *way, judged.verdict.value)
 
 
 def _cell(value: float | None) -> str:
     return "" if value is None else f"{value:.2f}"
 
 
-#: the last two numbers: the way that full braking needs by closed form,
-#: and the gap that there is to begin with
+#: the last two numbers: the distance that full braking needs by closed form,
+#: and the gap that is available
 HEADINGS = (
     "test", "required", "passed", "impact km/h", "least gap m", "braked m/s²", "demand m/s²", "needs m", "there m",
     "verdict",
@@ -107,8 +107,8 @@ HEADINGS = (
 NUMBERS = range(2, 9)  #: of the cells, those with numbers
 
 
-def whys(rows: Sequence[JudgedRow]) -> list[str]:
-    """Say why rows were not passed, in a line for each reason."""
+def reason_lines(rows: Sequence[JudgedRow]) -> list[str]:
+    """Return a line for each reason why rows did not pass."""
     named: dict[str, list[str]] = {}
     for judged in rows:
         if judged.why:
@@ -117,23 +117,23 @@ def whys(rows: Sequence[JudgedRow]) -> list[str]:
 
 
 def markdown(rows: Sequence[JudgedRow]) -> str:
-    """Return the rows as a table of a document, what is to be said of them below it."""
+    """Return the rows as a Markdown table, followed by the summary and the reasons."""
     rule = "|".join("---:" if number in NUMBERS else "---" for number in range(len(HEADINGS)))
     lines = [f"| {' | '.join(cells(judged))} |" for judged in rows]
-    reasons = [f"* {why}" for why in whys(rows)]
-    return "\n".join([f"| {' | '.join(HEADINGS)} |", f"|{rule}|", *lines, "", f"{counted(rows)}.", "", *reasons])
+    reasons = [f"* {why}" for why in reason_lines(rows)]
+    return "\n".join([f"| {' | '.join(HEADINGS)} |", f"|{rule}|", *lines, "", f"{summary_line(rows)}.", "", *reasons])
 
 
-def counted(rows: Sequence[JudgedRow]) -> str:
-    """Say how many rows came to which verdict, and how many of their drives passed."""
+def summary_line(rows: Sequence[JudgedRow]) -> str:
+    """Return one line: the number of rows by verdict, and of passed drives."""
     counts = Counter(judged.verdict for judged in rows)
-    said = (f"{counts[verdict]} {verdict}" for verdict in RowVerdict if counts[verdict])
+    parts = (f"{counts[verdict]} {verdict}" for verdict in RowVerdict if counts[verdict])
     driven, passed = sum(len(judged.drives) for judged in rows), sum(judged.passed for judged in rows)
-    return f"{len(rows)} rows: {', '.join(said)}; {passed} of {driven} drives passed"
+    return f"{len(rows)} rows: {', '.join(parts)}; {passed} of {driven} drives passed"
 
 
 def write(name: str, rows: Sequence[JudgedRow], folder: Path) -> tuple[Path, ...]:
-    """Write NAME.csv, NAME.json and NAME.md into `folder` and return their places."""
+    """Write NAME.csv, NAME.json and NAME.md into `folder` and return their paths."""
     folder.mkdir(parents=True, exist_ok=True)
     records = [record_of(judged) for judged in rows]
     files = tuple(folder / f"{name}.{ending}" for ending in ("csv", "json", "md"))

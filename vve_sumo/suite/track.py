@@ -1,7 +1,7 @@
-"""The stage of every suite: the test track, the run-up to a steady speed, where targets enter, the car's two loads.
+"""The common part of every suite: test track, run-up to a steady speed, entry of targets, the car's two loads.
 
-Knows no standard's table. The controller under test is the shipped one; with `comfort` off the driver does nothing
-about what is ahead, and what brakes is the emergency layer alone.
+Knows no standard's table. The controller under test is the shipped one; with `comfort` off, the emergency layer alone
+brakes for a target.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from vve_sumo.vehicle.model import VehicleModel
 
 KMH = 1.0 / 3.6  #: a km/h [m/s]
 LANE_WIDTH = 4.0  #: of the test track [m]
-#: what the driver of an emergency-braking test does: nothing
+#: tuning for tests of emergency braking: the comfort layer does not brake
 AEB = {"comfort": False}
 
 TARGET = "target"  #: the actor of a row that has one
-WIDTH = 1.8  #: of the cars that stand beside the way [m]
+WIDTH = 1.8  #: of the cars that stand beside the path [m]
 SPEEDING_UP = 1.5  #: of the shipped controller [m/s2]
-SETTLING = 4.0  #: of steady driving beyond the run-up before a target enters, and what the run-up takes more [s]
-FOREMOST = 6.0  #: station of the front bumper at the start, or a little more [m]
-#: at rest so long, a row is over [s]
+SETTLING = 4.0  #: time of steady driving between the run-up and the entry of a target, margin included [s]
+FOREMOST = 6.0  #: station s of the front bumper at the start, rounded up [m]
+#: time at rest after which a row ends [s]
 AT_REST = 0.3
 
 
@@ -60,14 +60,14 @@ def target(speed: float, ahead: float, **keys: Any) -> dict[str, Any]:
 
 
 def gate(speed: float, ahead: float, gap: float) -> list[dict[str, Any]]:
-    """Return two cars that stand `ahead` [m] of the car on both sides of its way, `gap` [m] apart."""
-    aside = 0.5 * (gap + WIDTH)
-    left = target(speed, ahead, width_m=WIDTH, offset_m=aside)
-    return [left, target(speed, ahead, width_m=WIDTH, offset_m=-aside) | {"id": "other"}]
+    """Return two cars that stand `ahead` [m] of the car on both sides of its path, `gap` [m] apart."""
+    offset = 0.5 * (gap + WIDTH)
+    left = target(speed, ahead, width_m=WIDTH, offset_m=offset)
+    return [left, target(speed, ahead, width_m=WIDTH, offset_m=-offset) | {"id": "other"}]
 
 
-def gone_by(speed: float, ahead: float) -> dict[str, Any]:
-    """Return what ends a row early: a contact, or the car past where its target was, `ahead` [m] at entry."""
+def end_when_passed(speed: float, ahead: float) -> dict[str, Any]:
+    """Return the trigger that ends a row early: a contact, or the car past the target's position at entry."""
     return {"contact": True, "ego_at_m": entry_station(speed) + ahead + 20.0}
 
 
@@ -77,11 +77,11 @@ def impact_at_most(limit: float) -> dict[str, Any]:
 
 
 def time_to_brake(speed: float) -> float:
-    """Time that a drive may take from full speed to rest, and some more [s]."""
+    """Return the time allowed from full speed to rest, with a margin [s]."""
     return speed / 3.0 + 6.0
 
 
-def said(limit_kmh: float, demand: float = 0.0) -> str:
-    """Say what impact a row allows, and what braking it demands [m/s2]; 0 demands none."""
+def requirement_text(limit_kmh: float, demand: float = 0.0) -> str:
+    """Return the text of a row's allowed impact and its least braking demand [m/s2]; 0 demands none."""
     impact = f"impact <= {limit_kmh:g} km/h" if limit_kmh > 0.0 else "no contact"
     return f"{impact}, demand >= {demand:g} m/s²" if demand > 0.0 else impact

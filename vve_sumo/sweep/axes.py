@@ -1,7 +1,7 @@
-"""What one parameter of a sweep goes through: values, steps between two ends, or a stretch to draw from.
+"""The values of one parameter of a sweep: a list, steps between two ends, or a range to draw from.
 
-Knows numbers; nothing of scenarios, files or designs. Steps are counted in fractions, so that 0.1, 0.2, 0.3 are those
-very numbers, and no list of them is ever held.
+Knows numbers; nothing of scenarios, files or designs. Steps are counted in fractions, so that 0.1, 0.2, 0.3 are exact,
+and no list of them is kept in memory.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 from vve_sumo.metrics.metric import Kind
 from vve_sumo.scenario.overrides import Value
 
-#: keys of a table that says an axis, by what they say
+#: keys of an axis' table: those of steps, and those of a range
 STEPS, BETWEEN = ("from", "to", "step", "count"), ("min", "max", "log")
 
 EXPECTED = "expected a list, { from, to, step }, { from, to, count } or { min, max }"
@@ -33,7 +33,7 @@ class Choice:
 
     @property
     def count(self) -> int:
-        """How many values there are."""
+        """Number of values."""
         return len(self.values)
 
     def __getitem__(self, number: int) -> Value:
@@ -67,7 +67,7 @@ class Steps:
 
 @dataclass(frozen=True, slots=True)
 class NumberRange:
-    """A stretch of numbers to draw from; `log` draws evenly in the logarithm."""
+    """A range of numbers to draw from; `log` draws evenly in the logarithm."""
 
     low: float
     high: float
@@ -75,9 +75,9 @@ class NumberRange:
     kind: Kind = "float"
 
     def at(self, share: float) -> float:
-        """Return the number at a share of the stretch, 0 to 1; the same bits on every processor."""
+        """Return the number at a share of the range, 0 to 1; bit-identical on every processor."""
         if self.log:
-            # Decimal arithmetic is done in whole numbers: no mathematics library that differs in its last bit.
+            # Decimal arithmetic uses integers, so it does not depend on a mathematics library's last bit.
             value = float(Decimal(self.low) * (Decimal(self.high) / Decimal(self.low)) ** Decimal(share))
         else:
             value = self.low + share * (self.high - self.low)
@@ -92,7 +92,7 @@ Axis = Choice | Steps | NumberRange
 
 
 def axes(raw: object) -> dict[str, Axis]:
-    """Return the axes that a `[parameters]` table says, by dotted key, in its order.
+    """Return the axes of a `[parameters]` table, by dotted key, in its order.
 
     Keys may be quoted or not: `"ego.speed_mps" = …` is the same as `ego.speed_mps = …`. Raises ValueError naming the
     key.
@@ -100,74 +100,74 @@ def axes(raw: object) -> dict[str, Axis]:
     if not isinstance(raw, dict):
         raise ValueError(f"expected a table, got {raw!r}")
     found: dict[str, Axis] = {}
-    for key, said in flattened(raw):
+    for key, entry in flattened(raw):
         if key in found:
-            raise ValueError(f"{key}: stands twice")
-        found[key] = _axis(key, said)
+            raise ValueError(f"{key}: occurs twice, expected each key once")
+        found[key] = _axis(key, entry)
     return found
 
 
 def flattened(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, object]]:
-    """Yield what a `[parameters]` table says by dotted key; raises ValueError for a table that is empty."""
-    for key, said in table.items():
-        if isinstance(said, dict) and (not said or any(isinstance(one, (dict, list)) for one in said.values())):
-            if not said:
+    """Yield the entries of a `[parameters]` table by dotted key; raises ValueError for an empty table."""
+    for key, entry in table.items():
+        if isinstance(entry, dict) and (not entry or any(isinstance(one, (dict, list)) for one in entry.values())):
+            if not entry:
                 raise ValueError(f"{before}{key}: is empty, {EXPECTED}")
-            yield from flattened(said, f"{before}{key}.")
+            yield from flattened(entry, f"{before}{key}.")
         else:
-            yield f"{before}{key}", said
+            yield f"{before}{key}", entry
 
 
-def _axis(key: str, said: object) -> Axis:
-    if isinstance(said, list):
-        return _choice(key, said)
-    if not isinstance(said, dict):
-        raise ValueError(f"{key}: {EXPECTED}, got {said!r}")
-    unknown = next((one for one in said if one not in (*STEPS, *BETWEEN)), None)
+def _axis(key: str, entry: object) -> Axis:
+    if isinstance(entry, list):
+        return _choice(key, entry)
+    if not isinstance(entry, dict):
+        raise ValueError(f"{key}: {EXPECTED}, got {entry!r}")
+    unknown = next((one for one in entry if one not in (*STEPS, *BETWEEN)), None)
     if unknown is not None:
         raise ValueError(f"{key}: unknown key {unknown!r}, {EXPECTED}")
-    return _steps(key, said) if "from" in said or "to" in said else _between(key, said)
+    return _steps(key, entry) if "from" in entry or "to" in entry else _between(key, entry)
 
 
-def _choice(key: str, said: list[Any]) -> Choice:
-    if not said:
+def _choice(key: str, entry: list[Any]) -> Choice:
+    if not entry:
         raise ValueError(f"{key}: the list is empty, expected at least one value")
-    kinds = {type(value) for value in said}
+    kinds = {type(value) for value in entry}
     if kinds == {int, float}:
-        said, kinds = [float(value) for value in said], {float}
+        entry, kinds = [float(value) for value in entry], {float}
     if len(kinds) != 1 or not kinds <= {bool, int, float, str}:
-        raise ValueError(f"{key}: expected numbers, texts or true and false, one kind of them, got {said!r}")
-    for value in said:
-        _good(key, value)
+        raise ValueError(f"{key}: expected numbers, texts or true and false, one kind of them, got {entry!r}")
+    for value in entry:
+        _check_number(key, value)
     kind: Kind = {bool: "bool", int: "int", float: "float", str: "str"}[kinds.pop()]  # type: ignore[assignment]
-    return Choice(tuple(said), kind)
+    return Choice(tuple(entry), kind)
 
 
-def _good(key: str, value: Value) -> None:
+def _check_number(key: str, value: Value) -> None:
     if isinstance(value, float) and not math.isfinite(value):
         raise ValueError(f"{key}: expected finite numbers, got {value!r}")
     if isinstance(value, int) and not -_MAX_INTEGER <= value < _MAX_INTEGER:
-        raise ValueError(f"{key}: {value} is too great a number")
+        raise ValueError(f"{key}: expected an integer of 64 bits, got {value}")
 
 
-def _numbers(key: str, said: Mapping[str, Any], names: tuple[str, ...], where: str) -> list[int | float]:
-    if set(said) - {"log"} != set(names):
-        raise ValueError(f"{key}: {where}, got {', '.join(said)}")
+def _numbers(key: str, entry: Mapping[str, Any], names: tuple[str, ...], where: str) -> list[int | float]:
+    if set(entry) - {"log"} != set(names):
+        raise ValueError(f"{key}: {where}, got {', '.join(entry)}")
     for name in names:
-        if isinstance(said[name], bool) or not isinstance(said[name], (int, float)):
-            raise ValueError(f"{key}: {name}: expected a number, got {said[name]!r}")
-        _good(key, said[name])
-    return [said[name] for name in names]
+        if isinstance(entry[name], bool) or not isinstance(entry[name], (int, float)):
+            raise ValueError(f"{key}: {name}: expected a number, got {entry[name]!r}")
+        _check_number(key, entry[name])
+    return [entry[name] for name in names]
 
 
-def _steps(key: str, said: Mapping[str, Any]) -> Steps:
-    third = "count" if "count" in said else "step"
-    start, end, last = _numbers(key, said, ("from", "to", third), "expected from, to and one of step and count")
-    if "log" in said:
-        raise ValueError(f"{key}: log: goes with min and max")
+def _steps(key: str, entry: Mapping[str, Any]) -> Steps:
+    third = "count" if "count" in entry else "step"
+    start, end, last = _numbers(key, entry, ("from", "to", third), "expected from, to and one of step and count")
+    if "log" in entry:
+        raise ValueError(f"{key}: log: expected min and max with it, got from and to")
     first, reach = _exact(start), _exact(end) - _exact(start)
     if reach < 0:
-        raise ValueError(f"{key}: from {start:g} is above to {end:g}")
+        raise ValueError(f"{key}: expected from below to, got from {start:g}, to {end:g}")
     if third == "step":
         step = _exact(last)
         if step <= 0:
@@ -177,22 +177,22 @@ def _steps(key: str, said: Mapping[str, Any]) -> Steps:
         if not isinstance(last, int) or last < 2 or reach == 0:
             raise ValueError(f"{key}: count: expected 2 or more values between two different ends, got {last!r}")
         count, step = last, reach / (last - 1)
-    whole = isinstance(start, int) and isinstance(end, int) and step.denominator == 1 and not isinstance(last, float)
-    return Steps(first, step, count, "int" if whole else "float")
+    integers = isinstance(start, int) and isinstance(end, int) and step.denominator == 1 and not isinstance(last, float)
+    return Steps(first, step, count, "int" if integers else "float")
 
 
 def _exact(number: int | float) -> Fraction:
-    """Return a number as it was written: 0.1 is a tenth."""
+    """Return a number exactly as written: 0.1 is a tenth."""
     return Fraction(repr(number))
 
 
-def _between(key: str, said: Mapping[str, Any]) -> NumberRange:
-    low, high = _numbers(key, said, ("min", "max"), EXPECTED)
-    log = said.get("log", False)
+def _between(key: str, entry: Mapping[str, Any]) -> NumberRange:
+    low, high = _numbers(key, entry, ("min", "max"), EXPECTED)
+    log = entry.get("log", False)
     if not isinstance(log, bool):
         raise ValueError(f"{key}: log: expected true or false, got {log!r}")
     if not low < high:
-        raise ValueError(f"{key}: min {low:g} is not below max {high:g}")
+        raise ValueError(f"{key}: expected min below max, got min {low:g}, max {high:g}")
     if log and not low > 0:
         raise ValueError(f"{key}: min: expected a number above 0 for log, got {low:g}")
     return NumberRange(float(low), float(high), log)

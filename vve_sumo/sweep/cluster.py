@@ -1,6 +1,6 @@
 """The engine that drives a sweep's jobs on the workers of a Dask cluster: the client's side of it.
 
-Who died, who is slow and who runs what next is Dask's to decide; knows neither the sweep's cells nor its dataset.
+Dask handles dead and slow workers and assigns the jobs; knows neither the sweep's cells nor its dataset.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ from vve_sumo.errors import ConfigError, SimulationError, VveError
 from vve_sumo.sweep import remote
 from vve_sumo.sweep.engine import Done, check_room
 from vve_sumo.sweep.job import Job, RunResult, refused
-from vve_sumo.sweep.preflight import look
+from vve_sumo.sweep.preflight import preview
 from vve_sumo.sweep.remote import Site, refuse_mixed
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-KNOCK = 3.0  #: for anything to listen at the address [s]
-CONNECT = 10.0  #: for the scheduler to answer [s]
-JOIN = 60.0  #: for a first worker [s]
-QUERY_TIMEOUT = 10.0  #: for all workers to say something; one that is stuck keeps nobody longer [s]
-POLL_INTERVAL = 5.0  #: between two looks how many workers there are [s]
-PREFETCHED_JOBS = 2  #: jobs that a thread of a worker holds, so that it never waits for its next
-DIED = "killed: worker died"  #: error of a run under which as many workers died as the scheduler allows
+PROBE_TIMEOUT = 3.0  #: time for a TCP connection to the address [s]
+CONNECT_TIMEOUT = 10.0  #: time for the scheduler to answer [s]
+JOIN_TIMEOUT = 60.0  #: time for a first worker to join [s]
+QUERY_TIMEOUT = 10.0  #: time for all workers to answer; a stuck worker is left out [s]
+POLL_INTERVAL = 5.0  #: time between two counts of the workers [s]
+PREFETCHED_JOBS = 2  #: jobs in the queue of a worker's thread, so that it never waits for the next
+DIED = "killed: worker died"  #: error of a run during which more workers died than the scheduler allows
 
 
 class Cluster:
@@ -49,21 +49,21 @@ class Cluster:
         Raises ConfigError where no scheduler answers, no worker joins, or one has other versions than this machine.
         """
         self._address = address
-        self._sites: dict[str, Site] = {}  #: by the hash of all that a run calls by a name
+        self._sites: dict[str, Site] = {}  #: by the hash of the names of all files of a run
         with self._client() as client:
-            for worker, there in _everyone(client, deciding).items():
-                if isinstance(there, Exception):
-                    raise ConfigError(f"worker {worker} cannot run vve_sumo: {_line(there)}")
-                refuse_mixed(deciding(), there, f"worker {worker}")
+            for worker, versions in _on_all_workers(client, deciding).items():
+                if isinstance(versions, Exception):
+                    raise ConfigError(f"worker {worker} cannot run vve_sumo: {_line(versions)}")
+                refuse_mixed(deciding(), versions, f"worker {worker}")
 
     def run(self, jobs: Iterable[Job | None], done: Done) -> None:
         """Drive every job; see `Engine.run`. Raises SimulationError when the scheduler is lost."""
         with self._client() as client:
-            shift = _Shift(client, self._address, self._sites)
+            cluster_run = _ClusterRun(client, self._address, self._sites)
             try:
-                shift.drive(iter(jobs), done)
+                cluster_run.drive(iter(jobs), done)
             finally:
-                shift.end()
+                cluster_run.end()
 
     @contextlib.contextmanager
     def _client(self) -> Iterator[Client]:
@@ -71,25 +71,27 @@ class Cluster:
             from distributed import Client
             from distributed.versions import VersionMismatchWarning
         except ImportError:
-            raise ConfigError("--cluster: wants Dask: pip install 'vve-sumo[cluster]'") from None
-        # What it has to say of a cluster's troubles is said here, in a line.
+            raise ConfigError("--cluster: needs Dask: pip install 'vve-sumo[cluster]'") from None
+        # This module reports a cluster's errors itself, in one line.
         for name in ("distributed", "distributed.client", "tornado", "tornado.application"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
         warnings.simplefilter("ignore", VersionMismatchWarning)
-        _knock(self._address)
+        _probe(self._address)
         client = _connected(Client, self._address)
         try:
             try:
-                client.wait_for_workers(1, timeout=JOIN)
+                client.wait_for_workers(1, timeout=JOIN_TIMEOUT)
             except TimeoutError:
-                raise ConfigError(f"cluster {self._address}: no worker has joined it within {JOIN:.0f} s") from None
+                raise ConfigError(
+                    f"cluster {self._address}: expected a worker to join within {JOIN_TIMEOUT:.0f} s"
+                ) from None
             yield client
         finally:
-            _within(QUERY_TIMEOUT, client.close)
+            _with_timeout(QUERY_TIMEOUT, client.close)
 
 
-def _knock(address: str) -> None:
-    """Raise ConfigError where an address is none, or nothing listens there; Dask would try again for many seconds."""
+def _probe(address: str) -> None:
+    """Raise ConfigError for an invalid address, or where nothing listens; Dask would retry for many seconds."""
     from distributed.comm.addressing import parse_address, parse_host_port
 
     try:
@@ -99,7 +101,7 @@ def _knock(address: str) -> None:
             f"--cluster: expected a scheduler's address with its port, such as tcp://10.0.0.1:8786, got {address!r}"
         ) from None
     try:
-        socket.create_connection((host, port), timeout=KNOCK).close()
+        socket.create_connection((host, port), timeout=PROBE_TIMEOUT).close()
     except (OSError, OverflowError) as error:
         raise ConfigError(f"cluster {address}: no scheduler answers there: {_line(error)}") from None
 
@@ -107,38 +109,38 @@ def _knock(address: str) -> None:
 def _connected(client_type: Any, address: str) -> Client:
     """Return a client of the scheduler at an address; raises ConfigError where none answers in time."""
     client: Client = client_type.__new__(client_type)
-    failures: list[Exception] = [TimeoutError("nothing there speaks as a scheduler does")]
+    failures: list[Exception] = [TimeoutError("no reply of a scheduler")]
 
     def connect() -> None:
         try:
-            client_type.__init__(client, address, timeout=CONNECT, set_as_default=False)
+            client_type.__init__(client, address, timeout=CONNECT_TIMEOUT, set_as_default=False)
             failures.clear()
         except Exception as error:
             failures.insert(0, error)
 
-    # In a thread of its own: where something else than a scheduler listens, Dask waits for ever.
+    # In a thread of its own: Dask waits forever where another program listens.
     thread = Thread(target=connect, daemon=True)
     thread.start()
     try:
-        thread.join(CONNECT + KNOCK)
+        thread.join(CONNECT_TIMEOUT + PROBE_TIMEOUT)
         if failures:
             raise ConfigError(f"cluster {address}: no scheduler answers there: {_line(failures[0])}")
     except BaseException:
-        # A client that never connected would else wait 20 s for its end when it is collected, and print why.
+        # Otherwise a client without connection waits 20 s in its finalizer, and prints a warning.
         client.status = "closed"
         raise
     return client
 
 
-class _Shift:
-    """The jobs of one sweep on a cluster, from the first to the last."""
+class _ClusterRun:
+    """The jobs of one sweep on a cluster."""
 
     def __init__(self, client: Client, address: str, sites: dict[str, Site]) -> None:
         self._client, self._address, self._sites = client, address, sites
         self._token, self._begun = uuid.uuid4().hex, 0
-        self._under_way: dict[object, tuple[Job, Future[remote.Came]]] = {}
-        self._finished: SimpleQueue[Future[remote.Came]] = SimpleQueue()
-        self._places, self._counted = 0, -POLL_INTERVAL
+        self._under_way: dict[object, tuple[Job, Future[remote.Reply]]] = {}
+        self._finished: SimpleQueue[Future[remote.Reply]] = SimpleQueue()
+        self._capacity, self._counted = 0, -POLL_INTERVAL
 
     def drive(self, jobs: Iterator[Job | None], done: Done) -> None:
         """Drive every job."""
@@ -152,22 +154,22 @@ class _Shift:
             self._fill(jobs, done)
 
     def end(self) -> None:
-        """Have the workers drop what is not finished, and end the servers that they keep."""
+        """Cancel the unfinished jobs, and end the workers' idle servers."""
         futures = [future for _job, future in self._under_way.values()]
-        _within(QUERY_TIMEOUT, lambda: self._client.cancel(futures))
-        _everyone(self._client, remote.dismiss)
+        _with_timeout(QUERY_TIMEOUT, lambda: self._client.cancel(futures))
+        _on_all_workers(self._client, remote.end_idle_servers)
 
-    def _ended(self) -> list[Future[remote.Came]]:
-        """Return the next task that came to an end; none where that takes so long that workers are to be counted."""
+    def _ended(self) -> list[Future[remote.Reply]]:
+        """Return the next finished task; none after POLL_INTERVAL, when the workers are counted again."""
         try:
             return [self._finished.get(timeout=POLL_INTERVAL)]
         except Empty:
             return []
 
     def _fill(self, jobs: Iterator[Job | None], done: Done) -> None:
-        """Begin jobs until every worker has enough; those that can't be told are done before they began."""
+        """Submit jobs until every worker has enough; a job that cannot be serialized is done with an error at once."""
         self._count()
-        while len(self._under_way) < self._places and (job := next(jobs, None)) is not None:
+        while len(self._under_way) < self._capacity and (job := next(jobs, None)) is not None:
             try:
                 self._begin(job)
             except ConfigError as error:
@@ -175,39 +177,39 @@ class _Shift:
 
     def _count(self) -> None:
         if time.monotonic() - self._counted >= POLL_INTERVAL:
-            # While there is no worker at all one job waits for the next to come.
+            # Without any worker, one job waits for the next worker.
             try:
                 threads = sum(self._client.nthreads().values())
             except OSError:
                 raise _lost(self._address) from None
-            self._places = max(1, PREFETCHED_JOBS * threads)
+            self._capacity = max(1, PREFETCHED_JOBS * threads)
             self._counted = time.monotonic()
 
     def _begin(self, job: Job) -> None:
         line = job.to_json()
         key = (f"run-{self._token}", self._begun)
         self._begun += 1
-        future: Future[remote.Came] = self._client.submit(remote.drive, line, self._site(job), key=key, pure=False)
+        future: Future[remote.Reply] = self._client.submit(remote.drive, line, self._site(job), key=key, pure=False)
         self._under_way[future.key] = job, future
         future.add_done_callback(self._finished.put)
 
     def _site(self, job: Job) -> Site:
-        """Return what a job's worker must have; files are read once for all jobs that call them by the same names."""
-        said = [str(job.file), str(job.working), _texts(job.table)]
-        names = hashlib.sha256(json.dumps(said).encode()).hexdigest()
+        """Return the requirements on a job's worker; files are read once for all jobs with the same names of files."""
+        references = [str(job.file), str(job.working), _texts(job.table)]
+        names = hashlib.sha256(json.dumps(references).encode()).hexdigest()
         if names not in self._sites:
-            seen = look([job])
-            fit = bool(seen) and not seen[0].complaint
-            self._sites[names] = Site(deciding(), seen[0].files_sha256, names) if fit else Site(deciding())
+            previews = preview([job])
+            fit = bool(previews) and not previews[0].complaint
+            self._sites[names] = Site(deciding(), previews[0].files_sha256, names) if fit else Site(deciding())
         return self._sites[names]
 
-    def _result(self, job: Job, future: Future[remote.Came]) -> RunResult:
+    def _result(self, job: Job, future: Future[remote.Reply]) -> RunResult:
         from concurrent.futures import CancelledError
 
         from distributed import KilledWorker
 
         try:
-            came = future.result()
+            reply = future.result()
         except KilledWorker:
             return RunResult(job.key, error=DIED)
         except VveError:
@@ -216,25 +218,27 @@ class _Shift:
             raise _lost(self._address) from None
         except Exception as error:
             raise SimulationError(f"cluster {self._address}: run {job.key}: {_line(error)}") from error
-        result = RunResult.from_json(came.result)
+        result = RunResult.from_json(reply.result)
         if job.keep is not None:
-            _place(job.keep, job.keep.with_name(came.record), result)
+            _place(job.keep, job.keep.with_name(reply.record), result)
         return result
 
 
 def _place(keep: Path, aside: Path, result: RunResult) -> None:
-    """Put a run's record into its place and take away what other workers, that were given up, wrote of it."""
+    """Move a run's record to its folder and remove incomplete records of abandoned workers."""
     if aside.is_dir():
         shutil.rmtree(keep, ignore_errors=True)
         aside.replace(keep)
     elif not result.error:
-        raise SimulationError(f"{aside}: a worker wrote this record, but it is not here: records want a shared folder")
+        raise SimulationError(
+            f"{aside}: a worker wrote this record, but the file is not here: expected a folder shared with the workers"
+        )
     for left in keep.parent.glob(f"{keep.name}.*"):
         shutil.rmtree(left, ignore_errors=True)
 
 
 def _texts(value: Any) -> Any:
-    """Return the texts in a table where they stand: what a run reads is called by one of them."""
+    """Return a table with its strings alone: every file of a run is named by one of them."""
     if isinstance(value, dict):
         return {key: _texts(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -242,15 +246,15 @@ def _texts(value: Any) -> Any:
     return value if isinstance(value, str) else None
 
 
-def _everyone(client: Client, call: Callable[[], Any]) -> dict[str, Any]:
-    """Have every worker make a call; return their answers, or the error, without those of workers that are stuck."""
+def _on_all_workers(client: Client, call: Callable[[], Any]) -> dict[str, Any]:
+    """Make a call on every worker; return the answers or errors by worker, without those of stuck workers."""
     answers: dict[str, Any] = {}
-    _within(QUERY_TIMEOUT, lambda: answers.update(client.run(call, on_error="return")))
+    _with_timeout(QUERY_TIMEOUT, lambda: answers.update(client.run(call, on_error="return")))
     return answers
 
 
-def _within(seconds: float, call: Callable[[], Any]) -> None:
-    """Make a call; leave it to itself when it takes longer, and don't mind its failure."""
+def _with_timeout(seconds: float, call: Callable[[], Any]) -> None:
+    """Make a call in a thread, wait for it at most `seconds` [s], and ignore its failure."""
 
     def attempt() -> None:
         with contextlib.suppress(Exception):
@@ -262,7 +266,7 @@ def _within(seconds: float, call: Callable[[], Any]) -> None:
 
 
 def _lost(address: str) -> SimulationError:
-    return SimulationError(f"cluster {address}: the scheduler was lost")
+    return SimulationError(f"cluster {address}: lost the connection to the scheduler")
 
 
 def _line(error: BaseException) -> str:

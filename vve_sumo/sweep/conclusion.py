@@ -1,4 +1,4 @@
-"""What a finished sweep came to, kept as files: the outcome of every combination, or what its search found."""
+"""Files with the outcome of a finished sweep: that of every combination, or the result of its search."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from vve_sumo.record.sweep_folder import read_tables
 from vve_sumo.sweep.plan import MAX_RUNS, SweepQuery
 from vve_sumo.sweep.statistics import Group, SweepOutcome, outcome
 
-COMBINATIONS, FOUND = "combinations.csv", "search.json"
+COMBINATIONS, SEARCH_RESULT = "combinations.csv", "search.json"
 
 
 def conclude(folder: Path, query: SweepQuery) -> SweepOutcome:
-    """Return what a finished sweep came to; write `combinations.csv` beside its rows, unless it has very many."""
+    """Return the outcome of a finished sweep; write `combinations.csv`, unless there are very many combinations."""
     parameters = list(query.plan.parameters) if query.cells.points < MAX_RUNS else []
     numbers = query.plan.numbers()
     columns = [*parameters, "passed", "failed", "error", "collision", "outcome", *numbers]
     rows = (row for table in read_tables(folder) for row in table.select(columns).to_pylist())
-    came = outcome(rows, parameters, numbers)
+    result = outcome(rows, parameters, numbers)
     if parameters:
-        _write(folder / COMBINATIONS, parameters, numbers, came)
-    return came
+        _write(folder / COMBINATIONS, parameters, numbers, result)
+    return result
 
 
-def _write(file: Path, parameters: Sequence[str], numbers: Sequence[str], came: SweepOutcome) -> None:
+def _write(file: Path, parameters: Sequence[str], numbers: Sequence[str], result: SweepOutcome) -> None:
     with file.open("w", encoding="utf-8", newline="") as out:
         lines = csv.writer(out, lineterminator="\n")
         heads = [f"{name}{which}" for name in numbers for which in ("", "_half_width", "_worst", "_count")]
         counts = ["runs", "judged", "passed", "share_low", "share_high", "errors", "collisions", "stopped_by_gateway"]
         lines.writerow([*parameters, *counts, *heads])
-        for values, group in came.groups.items():
-            lines.writerow([*values, *map(_cell, [*_counts(group), *_figures(group, numbers)])])
+        for values, group in result.groups.items():
+            lines.writerow([*values, *map(_cell, [*_counts(group), *_statistics(group, numbers)])])
 
 
 def _counts(group: Group) -> list[float]:
@@ -43,8 +43,8 @@ def _counts(group: Group) -> list[float]:
     return [group.runs, group.judged, group.passed, *share, group.errors, group.collisions, group.stopped_by_gateway]
 
 
-def _figures(group: Group, numbers: Sequence[str]) -> Iterator[float]:
-    """Mean, half width, worst value and count of every figure."""
+def _statistics(group: Group, numbers: Sequence[str]) -> Iterator[float]:
+    """Yield mean, half width, worst value and count of every metric."""
     for name in numbers:
         yield from (group.means[name].mean, group.half(name), group.worst(name), group.means[name].count)
 
@@ -53,9 +53,9 @@ def _cell(value: float) -> float | str:
     return "" if math.isnan(value) else value
 
 
-def keep_found(folder: Path, found: Mapping[str, Any]) -> None:
-    """Write what a search found into `search.json`."""
-    (folder / FOUND).write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+def write_search_result(folder: Path, result: Mapping[str, Any]) -> None:
+    """Write the result of a search into `search.json`."""
+    (folder / SEARCH_RESULT).write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 
 
 def first_failed(folder: Path) -> str | None:

@@ -1,7 +1,7 @@
-"""The controllers that a sweep compares: each with a tuning of its own, varied by itself.
+"""The controllers that a sweep compares, each with its own varied tuning.
 
-Knows names and axes; neither scenarios nor what a controller is. Within a controller every value of its tuning goes
-with every other; no value of one controller's tuning is ever handed to another controller.
+Knows names and axes; neither scenarios nor what a controller is. Within a controller the values of
+its tuning are combined in full; no controller receives a value of another controller's tuning.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ Values = Mapping[str, Value]
 
 
 def _tuning(raw: object) -> Mapping[str, Choice | Steps]:
-    """Return the axes that a controller's tuning says; a plain value is a list of one."""
+    """Return the axes of a controller's tuning; a plain value is a list of one."""
     if not isinstance(raw, dict):
         raise ValueError(f"expected a table of tuning keys, got {raw!r}")
-    found: dict[str, Choice | Steps] = {}
+    tuning_axes: dict[str, Choice | Steps] = {}
     for key, axis in axes(
-        {key: said if isinstance(said, (list, dict)) else [said] for key, said in raw.items()}
+        {key: entry if isinstance(entry, (list, dict)) else [entry] for key, entry in raw.items()}
     ).items():
         if isinstance(axis, NumberRange):
             raise ValueError(f"{key}: expected a value, a list, {{ from, to, step }} or {{ from, to, count }}")
         values = axis.values if isinstance(axis, Choice) else ()
-        twice = next((value for at, value in enumerate(values) if value in values[:at]), None)
-        if twice is not None:
-            raise ValueError(f"{key}: {twice!r} stands twice, expected each value once")
-        found[key] = axis
-    return found
+        duplicate = next((value for at, value in enumerate(values) if value in values[:at]), None)
+        if duplicate is not None:
+            raise ValueError(f"{key}: {duplicate!r} occurs twice, expected each value once")
+        tuning_axes[key] = axis
+    return tuning_axes
 
 
 class VariedController(Table):
@@ -53,11 +53,11 @@ class VariedController(Table):
 
     @property
     def count(self) -> int:
-        """How many combinations of its tuning there are."""
+        """Number of combinations of its tuning."""
         return math.prod(axis.count for axis in self.tuning.values())
 
     def at(self, number: int) -> dict[str, Value]:
-        """Return a combination by its number; the last key of the tuning goes round fastest."""
+        """Return a combination by its number; the last key of the tuning varies fastest."""
         chosen: dict[str, Value] = {}
         for key, axis in reversed(list(self.tuning.items())):
             number, place = divmod(number, axis.count)
@@ -74,20 +74,22 @@ class VariedController(Table):
 
 
 def compared(controllers: tuple[VariedController, ...]) -> tuple[VariedController, ...]:
-    """Return controllers that may stand in one sweep, keys that several of them have being of one kind of value.
+    """Return the controllers of one sweep, with values of one type under each common key.
 
-    Whole numbers become floats where another controller has floats under the same key. Raises ValueError for a
-    controller that is there twice, and for a key that is a number in one tuning and none in another.
+    Integers become floats where another controller has floats under the same key. Raises ValueError for a duplicate
+    controller, and for a key that is a number in one tuning and not in another.
     """
     names = [one.name for one in controllers]
-    twice = next((name for at, name in enumerate(names) if name in names[:at]), None)
-    if twice is not None:
-        raise ValueError(f"{twice!r} stands twice, expected each controller once, with lists in its tuning")
+    duplicate = next((name for at, name in enumerate(names) if name in names[:at]), None)
+    if duplicate is not None:
+        raise ValueError(f"{duplicate!r} occurs twice, expected each controller once, with lists in its tuning")
     kinds = columns(controllers)
     for one in controllers:
         for key, axis in one.tuning.items():
             if kinds[TUNING + key] != axis.kind and (kinds[TUNING + key], axis.kind) != ("float", "int"):
-                raise ValueError(f"{one.name}: {key}: expected the kind of value that it has in another controller")
+                raise ValueError(
+                    f"{one.name}: {key}: expected the type of value that the key has in another controller"
+                )
     return tuple(
         one.model_copy(update={"tuning": {key: _as(axis, kinds[TUNING + key]) for key, axis in one.tuning.items()}})
         for one in controllers
@@ -103,13 +105,13 @@ def _as(axis: Choice | Steps, kind: Kind) -> Choice | Steps:
 
 
 def columns(controllers: Sequence[VariedController]) -> dict[str, Kind]:
-    """Return name and kind of the columns that tell runs by their controller; none where there are no controllers."""
-    found: dict[str, Kind] = {NAME: "str"} if controllers else {}
+    """Return name and type of the columns that identify a run's controller; none without controllers."""
+    kinds: dict[str, Kind] = {NAME: "str"} if controllers else {}
     for one in controllers:
         for key, axis in one.tuning.items():
-            if found.setdefault(TUNING + key, axis.kind) == "int" and axis.kind == "float":
-                found[TUNING + key] = "float"
-    return found
+            if kinds.setdefault(TUNING + key, axis.kind) == "int" and axis.kind == "float":
+                kinds[TUNING + key] = "float"
+    return kinds
 
 
 def combinations(controllers: Sequence[VariedController]) -> Iterator[dict[str, Value]]:

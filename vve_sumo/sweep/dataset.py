@@ -1,8 +1,8 @@
-"""The folder of a sweep: what was asked for, a row for every finished run, and how it survives being killed.
+"""The folder of a sweep: its plan, a row for every finished run, and how the data survives a kill.
 
     sweep.json               the spec, the scenario, hashes of what they name, versions; written first, never changed
     journal.jsonl            a line for every finished run that is in no part yet; on the disk before a run counts
-    search.json              of a search: what it found; written once it is over
+    search.json              of a search: its result; written at its end
     rows/part-00000.parquet  1000 cells each, in their order; written once all of them are finished, never changed
     machine/part-*.parquet   beside each: wall time, memory; not the same from one sweep to the next
     records/KEY              full records, where they are kept
@@ -11,7 +11,7 @@
 A finished run is at every instant in the journal or in a part. A part is written beside its place, synced, and renamed
 into it, first the machine's, then the rows'; only then the journal is written anew without its lines, the same way. A
 kill before the second rename leaves the journal whole, and the part is written again, with the same bytes; a kill after
-it leaves lines that are in the part as well, which are dropped when the sweep goes on. A line that a kill tore has no
+it leaves lines that are in the part as well, which are dropped when the sweep continues. A line cut by a kill has no
 end; it is cut off, and that run, which never counted, is run again.
 """
 
@@ -37,42 +37,44 @@ from vve_sumo.sweep.run_specs import RunSpec
 
 ROWS_PER_PART = 1000
 
-#: of a spec, what no row depends on; it may change while a sweep waits
-NO_MATTER = frozenset({"title", "keep"})
+#: keys of a spec that no row depends on; they may change before a sweep continues
+IGNORED_KEYS = frozenset({"title", "keep"})
 
 
 def refuse_mixed(folder: Path, there: SweepPlan, versions: Mapping[str, str]) -> None:
-    """Raise ConfigError unless a sweep began with these versions of what decides how a drive goes."""
+    """Raise ConfigError unless a sweep began with these versions of the software that determines a drive."""
     for name in sorted({*there.versions, *versions}):
         began, now = there.versions.get(name, "none"), versions.get(name, "none")
         if began != now:
-            raise ConfigError(f"{folder}: mixed versions: its rows are of {name} {began}, and this is {now}")
+            raise ConfigError(f"{folder}: mixed versions: its rows are of {name} {began}, got {now}")
 
 
 def refuse_other(folder: Path, there: SweepPlan, here: SweepPlan) -> None:
-    """Raise ConfigError, saying what differs, unless the sweep in a folder is the same as this one."""
+    """Raise ConfigError with the difference unless the sweep in a folder is the same as this one."""
     refuse_mixed(folder, there, here.versions)
-    spec_there, spec_here = ({k: v for k, v in plan.spec.items() if k not in NO_MATTER} for plan in (there, here))
+    spec_there, spec_here = ({k: v for k, v in plan.spec.items() if k not in IGNORED_KEYS} for plan in (there, here))
     for key in sorted({*spec_there, *spec_here}):
         if spec_there.get(key) != spec_here.get(key):
             raise ConfigError(f"{folder}: holds another sweep: its {key} differs; choose another --out")
     if there.table != here.table:
-        raise ConfigError(f"{folder}: the scenario {there.scenario} has changed since that sweep began; another --out?")
+        raise ConfigError(
+            f"{folder}: the scenario {there.scenario} has changed since that sweep began; choose another --out"
+        )
     for role in sorted({*there.files_sha256, *here.files_sha256}):
         if there.files_sha256.get(role) != here.files_sha256.get(role):
-            raise ConfigError(f"{folder}: the file of {role} has changed since that sweep began; another --out?")
+            raise ConfigError(f"{folder}: the file of {role} has changed since that sweep began; choose another --out")
     if there != here and (there.cells, there.columns()) != (here.cells, here.columns()):
         raise ConfigError(f"{folder}: holds another sweep: its columns or its number of runs differ")
 
 
 class Dataset:
-    """A sweep's folder, held by one sweep at a time; opening it mends what a kill left."""
+    """A sweep's folder, locked by one process at a time; opening it repairs the state after a kill."""
 
     def __init__(self, folder: Path, plan: SweepPlan, *, resume: bool, rows_per_part: int = ROWS_PER_PART) -> None:
         """Open a folder for a plan.
 
-        Raises ConfigError, and leaves everything as it is, where the folder is held, holds another sweep or something
-        else, or holds this one and `resume` was not asked for.
+        Raises ConfigError, without any change, where the folder is locked, holds another sweep or other files, or holds
+        this sweep and `resume` is false.
         """
         self.folder, self.plan, self._per_part = folder, plan, rows_per_part
         self._cells = plan.cells
@@ -89,7 +91,7 @@ class Dataset:
 
     def _begin(self) -> None:
         if not (self.folder / "sweep.json").exists():
-            _put(self.folder / "sweep.json", self.plan.text().encode())
+            _replace_file(self.folder / "sweep.json", self.plan.text().encode())
         for place in (self.folder, self.folder / "rows", self.folder / "machine"):
             place.mkdir(exist_ok=True)
             for left in place.glob(".*.tmp"):
@@ -104,23 +106,23 @@ class Dataset:
                 self._take(row)
         self._journal = -1
         self._rewrite()
-        for part in [part for part in self._finished_in if self._whole(part)]:
+        for part in [part for part in self._finished_in if self._part_complete(part)]:
             self._seal(part)
 
     def close(self) -> None:
-        """Let go of the folder; a journal that holds nothing any more is taken away."""
+        """Unlock the folder; remove the journal of a complete sweep."""
         os.close(self._journal)
-        if self.whole:
+        if self.complete:
             (self.folder / "journal.jsonl").unlink()
         os.close(self._lock)
 
     @property
     def finished(self) -> int:
-        """How many runs are finished."""
+        """Number of finished runs."""
         return sum(self._sealed.values()) + len(self._open)
 
     @property
-    def whole(self) -> bool:
+    def complete(self) -> bool:
         """Whether all runs are finished."""
         return self.finished == self._cells
 
@@ -129,16 +131,16 @@ class Dataset:
         return number in self._open or number // self._per_part in self._sealed
 
     def settle(self, cells: int) -> None:
-        """Say how many runs there are, all of them finished, of a sweep that did not know before."""
+        """Set the number of runs of a sweep whose number was unknown; all of them are finished."""
         self._cells = cells
         with self._writing():
-            for part in [part for part in self._finished_in if self._whole(part)]:
+            for part in [part for part in self._finished_in if self._part_complete(part)]:
                 self._seal(part)
 
     def add(self, cell: RunSpec, result: RunResult) -> Row:
-        """Take in a finished run and return its row; when this returns, no kill loses it.
+        """Store a finished run and return its row; after that, a kill does not lose it.
 
-        Raises SimulationError where nothing can be written; what was finished before stays so.
+        Raises SimulationError where the disk cannot be written; rows stored before remain.
         """
         if self.holds(cell.number):
             raise ValueError(f"cell {cell.number} is finished already")
@@ -153,7 +155,7 @@ class Dataset:
                 raise
             self._length += len(line)
             self._take(row)
-            if self._whole(part := cell.number // self._per_part):
+            if self._part_complete(part := cell.number // self._per_part):
                 self._seal(part)
         return row
 
@@ -164,16 +166,16 @@ class Dataset:
     def _size(self, part: int) -> int:
         return min(self._per_part, self._cells - part * self._per_part)
 
-    def _whole(self, part: int) -> bool:
+    def _part_complete(self, part: int) -> bool:
         return self._finished_in[part] == self._size(part)
 
     def _seal(self, part: int) -> None:
-        """Write a part and, once it is in its place, the journal without it."""
+        """Write a part, then the journal without its rows."""
         first = part * self._per_part
         rows = [self._open[number] for number in range(first, first + self._size(part))]
         name = f"part-{part:05d}.parquet"
-        _put(self.folder / "machine" / name, _parquet(rows, MACHINE_SCHEMA))
-        _put(self.folder / "rows" / name, _parquet(rows, self.plan.schema()))
+        _replace_file(self.folder / "machine" / name, _parquet(rows, MACHINE_SCHEMA))
+        _replace_file(self.folder / "rows" / name, _parquet(rows, self.plan.schema()))
         self._sealed[part] = len(rows)
         del self._finished_in[part]
         for row in rows:
@@ -181,9 +183,9 @@ class Dataset:
         self._rewrite()
 
     def _rewrite(self) -> None:
-        """Put a journal that holds the open rows alone in the place of the one there."""
+        """Replace the journal by one with the rows of incomplete parts alone."""
         data = b"".join(map(_line, self._open.values()))
-        _put(self.folder / "journal.jsonl", data)
+        _replace_file(self.folder / "journal.jsonl", data)
         if self._journal >= 0:
             os.close(self._journal)
         self._journal = os.open(self.folder / "journal.jsonl", os.O_WRONLY | os.O_APPEND)
@@ -197,12 +199,12 @@ class Dataset:
         except OSError as error:
             raise SimulationError(
                 f"{self.folder}: cannot be written: {error.strerror or error}; "
-                "finished runs are safe, make room and go on with --resume"
+                "finished runs are stored; free some space and continue with --resume"
             ) from None
 
 
 def row_of(plan: SweepPlan, cell: RunSpec, result: RunResult) -> Row:
-    """Return the row of a finished run; a figure that it has not is None."""
+    """Return the row of a finished run; a missing metric is None."""
     machine = {"wall_s": result.wall_s, "cpu_s": result.cpu_s, "peak_mb": result.peak_mb, "said": result.said}
     said = {"number": cell.number, "key": cell.key, "seed": cell.seed, "error": result.error, **cell.values, **machine}
     return dict.fromkeys(plan.columns()) | {k: v for k, v in result.figures.items() if k in plan.columns()} | said
@@ -214,7 +216,7 @@ def _claim(folder: Path, plan: SweepPlan, *, resume: bool) -> None:
     if (folder / "sweep.json").is_file():
         refuse_other(folder, SweepPlan.of(folder), plan)
         if not resume:
-            raise ConfigError(f"{folder}: holds this sweep already; --resume goes on with it")
+            raise ConfigError(f"{folder}: holds this sweep already; --resume continues it")
         return
     began = {".lock", ".sweep.json.tmp"}  # by a sweep that was killed before it wrote its plan
     other = next((file for file in sorted(folder.glob("*")) if file.name not in began), None)
@@ -228,15 +230,15 @@ def _locked(folder: Path) -> int:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         os.close(lock)
-        raise ConfigError(f"{folder}: another sweep is at work in it") from None
+        raise ConfigError(f"{folder}: another process is driving this sweep") from None
     return lock
 
 
 @contextlib.contextmanager
 def _interrupted_afterwards() -> Iterator[None]:
-    """Hold an interrupt from the keyboard back, so that it never comes between what the disk holds and what is counted.
+    """Delay SIGINT until the block ends, so that the disk and the counts stay consistent.
 
-    Only the main thread is ever interrupted.
+    Only the main thread receives interrupts.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -263,19 +265,19 @@ def _parquet(rows: list[Row], schema: pa.Schema) -> bytes:
     return data
 
 
-def _put(file: Path, data: bytes) -> None:
-    """Write a file so that, whenever the process or the machine stops, the file is there whole or as it was before."""
-    beside = file.with_name(f".{file.name}.tmp")
+def _replace_file(file: Path, data: bytes) -> None:
+    """Write a file atomically: after a crash of process or machine, it has either its new or its former content."""
+    temporary = file.with_name(f".{file.name}.tmp")
     try:
-        out = os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+        out = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
         try:
             _write_all(out, data)
             os.fsync(out)
         finally:
             os.close(out)
-        beside.replace(file)
+        temporary.replace(file)
     except OSError:
-        beside.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
         raise
     folder = os.open(file.parent, os.O_RDONLY)
     try:

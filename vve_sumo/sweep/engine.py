@@ -1,6 +1,6 @@
-"""What drives the jobs of a sweep: the protocol of an engine, and the one that uses this machine.
+"""The protocol of an engine, which drives the jobs of a sweep, and the engine for this machine.
 
-Hands each result on as it comes, in no order; knows neither the sweep's cells nor where results are kept.
+Passes each result on as it comes, in any order; knows neither the sweep's cells nor where results are kept.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ Done = Callable[[Job, RunResult], None]
 
 
 class Engine(Protocol):
-    """Drives jobs somewhere."""
+    """Drives jobs, on this machine or elsewhere."""
 
     def run(self, jobs: Iterable[Job | None], done: Done) -> None:
         """Drive every job and call `done` once for each, in any order, from the caller's thread.
 
-        Jobs are taken as they are needed, so there may be millions; None says that there is no other until one that
-        is being driven is done. Raises ConfigError where the disk is full, SimulationError where runs can't be
-        started. However it ends, nothing is left running.
+        Jobs are taken as needed, so there may be millions; None means that the next job depends on one that is still
+        being driven. Raises ConfigError where the disk is full, SimulationError where runs cannot be started. In
+        every case no process is left running.
         """
         ...
 
@@ -34,9 +34,9 @@ class Local:
     """Drives jobs on this machine, several at a time."""
 
     def __init__(self, workers: int, report: Callable[[DriveProgress], None] = lambda progress: None) -> None:
-        """`workers` runs go on at the same time; raises ConfigError unless there is at least one.
+        """`workers` runs are driven in parallel; raises ConfigError unless there is at least one.
 
-        `report` takes the progress of jobs that ask for that.
+        `report` receives the progress of jobs with `progress` set.
         """
         if workers < 1:
             raise ConfigError(f"workers: expected 1 or more, got {workers}")
@@ -56,30 +56,30 @@ class Local:
     def _drive(self, workers: list[Worker], jobs: Iterator[Job | None], done: Done) -> None:
         driven: dict[Worker, Job] = {}
         for worker in workers:
-            _give(worker, driven, jobs, done)
+            _submit_next(worker, driven, jobs, done)
         while driven:
-            for worker in _spoken(driven):
+            for worker in _ready(driven):
                 result = worker.result()
                 if result is None:
                     continue
                 check_room(result)
                 job = driven.pop(worker)
-                _give(worker, driven, jobs, done)
+                _submit_next(worker, driven, jobs, done)
                 done(job, result)
             for worker in workers:
                 if worker not in driven:
-                    _give(worker, driven, jobs, done)
+                    _submit_next(worker, driven, jobs, done)
 
 
 def run_one(job: Job, report: Callable[[DriveProgress], None] = lambda progress: None) -> RunResult:
-    """Drive a single job on this machine and return what came of it; `report` takes its progress."""
+    """Drive a single job on this machine and return its result; `report` receives its progress."""
     results: list[RunResult] = []
     Local(1, report).run([job], lambda _job, result: results.append(result))
     return results[0]
 
 
-def _give(worker: Worker, driven: dict[Worker, Job], jobs: Iterator[Job | None], done: Done) -> None:
-    """Give a worker the next job that can be told at all; the others are done before they began."""
+def _submit_next(worker: Worker, driven: dict[Worker, Job], jobs: Iterator[Job | None], done: Done) -> None:
+    """Submit the next job to a worker; a job that cannot be serialized is done with an error at once."""
     for job in jobs:
         if job is None:
             return
@@ -92,8 +92,8 @@ def _give(worker: Worker, driven: dict[Worker, Job], jobs: Iterator[Job | None],
             return
 
 
-def _spoken(driven: Iterable[Worker]) -> list[Worker]:
-    """Return the workers that have something to say, having waited for one."""
+def _ready(driven: Iterable[Worker]) -> list[Worker]:
+    """Wait until a worker has data, and return all workers that have."""
     by_descriptor = {worker.fileno(): worker for worker in driven}
     poll = select.poll()
     for descriptor in by_descriptor:
@@ -102,7 +102,7 @@ def _spoken(driven: Iterable[Worker]) -> list[Worker]:
 
 
 def check_room(result: RunResult) -> None:
-    """Raise ConfigError for a result that says that there is no room left, as every further one would."""
+    """Raise ConfigError for the error of a full disk, which every further run would have as well."""
     if result.error.startswith(DISK_FULL):
         folder = result.error.removeprefix(f"{DISK_FULL}: ")
-        raise ConfigError(f"no space left on the disk of {folder}: make room, then resume")
+        raise ConfigError(f"no space left on the disk of {folder}: free some space, then resume")

@@ -1,6 +1,6 @@
-"""Fills a sweep's folder: drives whatever is not finished there on an engine, a row of the dataset for every run.
+"""Fills a sweep's folder: drives its unfinished runs on an engine and stores a row of the dataset for each.
 
-Prints nothing: its caller is handed the tally after every run.
+Prints nothing: the caller receives the tally after every run.
 """
 
 from __future__ import annotations
@@ -33,54 +33,56 @@ def fill(
     keep: Keep,
     *,
     resume: bool,
-    again: str,
+    resume_command: str,
     progress: Progress,
     notify: Callable[[str], None],
 ) -> AdaptiveSearch | None:
-    """Drive into a folder whatever of a sweep is not finished there; return the search, where it was one.
+    """Drive the unfinished runs of a sweep into a folder; return the search, if the sweep is one.
 
-    `notify` takes a line where there was nothing to resume. Raises KeyboardInterrupt and SimulationError with a line
-    that says what is safe, and that `again` goes on with it.
+    `notify` receives a line where there was nothing to resume. Raises KeyboardInterrupt and SimulationError with the
+    number of stored runs and `resume_command`, which continues the sweep.
     """
     begun = (out / "sweep.json").exists()
     dataset = Dataset(out, query.plan, resume=resume)
     if resume and not begun:
-        notify(f"{out}: no sweep has begun there; this one does")
+        notify(f"{out}: no sweep to resume there; a new one begins")
     try:
         search = _search(query, dataset)
         _drive(engine, query, dataset, search, keep, progress)
-        if search is not None and search.found is not None:
+        if search is not None and search.result is not None:
             dataset.settle(search.runs)
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"interrupted; {_so_far(dataset)}; to go on: {again}") from None
+        raise KeyboardInterrupt(f"interrupted; {_progress_text(dataset)}; to continue: {resume_command}") from None
     except VveError as error:
-        raise SimulationError(f"{error}; {_so_far(dataset)}; to go on: {again}") from error
+        raise SimulationError(f"{error}; {_progress_text(dataset)}; to continue: {resume_command}") from error
     finally:
         dataset.close()
-    if not dataset.whole:
-        raise SimulationError(f"some runs were interrupted; {_so_far(dataset)}; to go on: {again}")
+    if not dataset.complete:
+        raise SimulationError(f"some runs were interrupted; {_progress_text(dataset)}; to continue: {resume_command}")
     return search
 
 
 def _search(query: SweepQuery, dataset: Dataset) -> AdaptiveSearch | None:
-    """Return the search that was asked for, given what is finished of it; None where every run is to be driven."""
+    """Return the sweep's search with its finished rows; None for a sweep without a search."""
     if query.spec.search is None:
         return None
-    held = {row["number"]: row for table in read_tables(dataset.folder) for row in table.to_pylist()}
-    return AdaptiveSearch(query.cells, held, dataset.folder)
+    finished_rows = {row["number"]: row for table in read_tables(dataset.folder) for row in table.to_pylist()}
+    return AdaptiveSearch(query.cells, finished_rows, dataset.folder)
 
 
-def _so_far(dataset: Dataset) -> str:
+def _progress_text(dataset: Dataset) -> str:
     of = "" if "search" in dataset.plan.spec else f" of {dataset.plan.cells}"
-    return f"{dataset.finished}{of} runs are finished and safe in {dataset.folder}"
+    return f"{dataset.finished}{of} runs are finished and stored in {dataset.folder}"
 
 
 def engine_of(workers: int | None, cluster: str | None) -> Engine:
-    """Return what drives the runs: so many processes here, or a cluster; raises ConfigError for both."""
+    """Return the engine: `workers` processes on this machine, or a cluster; raises ConfigError if both are given."""
     if cluster is None:
         return Local(len(os.sched_getaffinity(0)) if workers is None else workers)
     if workers is not None:
-        raise ConfigError("--workers: a cluster brings its own; leave out one of --workers and --cluster")
+        raise ConfigError(
+            "--workers: a cluster sets the number of its workers; leave out one of --workers and --cluster"
+        )
     from vve_sumo.sweep.cluster import Cluster
 
     return Cluster(cluster)
@@ -89,7 +91,7 @@ def engine_of(workers: int | None, cluster: str | None) -> Engine:
 def _drive(
     engine: Engine, query: SweepQuery, dataset: Dataset, search: AdaptiveSearch | None, keep: Keep, progress: Progress
 ) -> None:
-    """Drive every run that the dataset does not hold, or every one that a search asks for."""
+    """Drive every run that the dataset does not hold, or every run that a search requests."""
     under_way: dict[str, RunSpec] = {}
     tally = _tally(dataset)
 
@@ -107,13 +109,13 @@ def _drive(
     def done(job: Job, result: RunResult) -> None:
         run = under_way.pop(job.key)
         if result.error == "interrupted":
-            return  # not finished: it is driven when the sweep goes on
+            return  # not finished: it is driven when the sweep continues
         if keep == "failed" and job.keep is not None and result.figures.get("passed"):
             shutil.rmtree(job.keep, ignore_errors=True)
         row = dataset.add(run, result)
         if search is not None:
             search.take(row)
-            tally.search = search.said
+            tally.search = search.status
         tally.count(result.figures.get("passed") if not result.error else None, result.error)  # type: ignore[arg-type]
         progress(tally)
 

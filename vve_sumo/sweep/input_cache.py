@@ -1,4 +1,4 @@
-"""A job's scenario and all that it names, found and read, once for all jobs that name the same files.
+"""Reads a job's scenario and the files that it names, once for all jobs that name the same files.
 
 Needs neither SUMO nor a car; drives nothing.
 """
@@ -24,7 +24,7 @@ Read = TypeVar("Read")
 
 
 class Stamp(NamedTuple):
-    """What tells a file from the same file changed."""
+    """The state of a file, by which a change is detected."""
 
     file: Path
     written: int  #: [ns]
@@ -32,9 +32,9 @@ class Stamp(NamedTuple):
 
 
 class InputCache:
-    """Networks, paths and rigs as they were read; none is read again while its file stays as it was."""
+    """Cached networks, paths and rigs; each is read again only after its file has changed."""
 
-    MOST = 32  #: of each kind; a sweep over more files reads them anew
+    MAX_ENTRIES = 32  #: of each kind; a sweep over more files reads them again
 
     def __init__(self) -> None:
         self._networks: dict[Stamp, Network] = {}
@@ -59,7 +59,7 @@ class InputCache:
     def _kept(self, kept: dict[Any, Read], state: Any, read: Callable[[], Read]) -> Read:
         if state not in kept:
             value = read()
-            if len(kept) >= self.MOST:
+            if len(kept) >= self.MAX_ENTRIES:
                 del kept[next(iter(kept))]
             kept[state] = value
         return kept[state]
@@ -75,7 +75,7 @@ def stamp(file: Path) -> Stamp:
 
 
 def resolve_job(job: Job, cache: InputCache) -> ResolvedScenario:
-    """Return the resolved scenario of a job; raises ConfigError for whatever in it is missing or wrong."""
+    """Return the resolved scenario of a job; raises ConfigError for a missing file or a wrong value."""
     scenario = parse(job.table, job.file)
     resolved = resolve_scenario(job.name, scenario, job.file, job.working, network_in=cache.network, path_in=cache.path)
     return resolved if job.rig is None else resolved.with_rig(cache.rig(job.rig, job.working), job.working)

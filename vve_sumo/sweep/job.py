@@ -1,4 +1,4 @@
-"""One run of a sweep as plain data: what it needs and what came of it, each a line of JSON.
+"""One run of a sweep as plain data: the job and its result, each a line of JSON.
 
 Knows neither how a run is driven nor the sweep that it belongs to.
 """
@@ -17,17 +17,17 @@ from vve_sumo.errors import ConfigError
 
 VERSION = 4  #: of the lines that jobs and results travel as
 
-AT = "at "  #: how a line begins that says how far a run has come: then time, speed, s and the path's length
-READY = "ready"  #: the line by which a server says that it may be given jobs
-CHUNK = 65536  #: what is read from a pipe at once [bytes]
+PROGRESS_PREFIX = "at "  #: prefix of a line of progress; time, speed, s and the path's length follow
+READY = "ready"  #: line of a server that is ready for jobs
+CHUNK = 65536  #: bytes that are read from a pipe at once
 
-#: how the error of a run begins that cannot be driven; what is wrong follows
+#: prefix of the error of a run that cannot be driven
 CONFIG = "config: "
-#: how an error begins that every further run would meet as well
+#: prefix of the error of a full disk, which every further run would have as well
 DISK_FULL = "disk_full"
-DISK_FULL_ERRNOS = (errno.ENOSPC, errno.EDQUOT)  #: what a full disk and a full quota say
+DISK_FULL_ERRNOS = (errno.ENOSPC, errno.EDQUOT)  #: of a full disk and of an exceeded quota
 
-Figure = float | int | str | bool | None
+MetricValue = float | int | str | bool | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,18 +36,18 @@ class Job:
 
     key: str  #: of the run within its sweep
     name: str  #: of the scenario
-    table: dict[str, Any]  #: the scenario as in a TOML file, all values laid in
-    file: Path  #: the scenario's, named in complaints; relative names are looked up beside it
+    table: dict[str, Any]  #: the scenario as in a TOML file, with the run's values
+    file: Path  #: the scenario's, named in errors; relative names are looked up beside it
     working: Path  #: folder in which names are looked up first
-    keep: Path | None = None  #: where the record goes; None: it is thrown away
+    keep: Path | None = None  #: folder of the record; None: the record is deleted
     pose: Path | None = None  #: recording that is played instead of a simulated vehicle
     rig: Path | None = None  #: file of the rig whose car drives; None: the scenario's vehicle
-    progress: bool = False  #: whether the run says on the way how far it has come
+    progress: bool = False  #: whether the run reports its progress
     time_limit_s: float = 3600.0  #: wall time that the run may take
     memory_limit_mb: float = 4096.0  #: resident, 10^6 bytes, with everything that the run starts
 
     def to_json(self) -> str:
-        """Return the job as one line of JSON; raises ConfigError where the table holds what JSON has no word for."""
+        """Return the job as one line of JSON; raises ConfigError for values that JSON cannot express."""
         try:
             return _line(asdict(self))
         except (TypeError, ValueError) as error:
@@ -57,7 +57,7 @@ class Job:
 
     @classmethod
     def from_json(cls, line: str) -> Self:
-        """Return the job that a line holds; raises ConfigError where it is none of this version."""
+        """Return the job of a line; raises ConfigError for a line of another version or content."""
         known = _known(line, "job", _JOB)
         paths = {
             name: Path(known[name]) for name in ("file", "working", "keep", "pose", "rig") if known[name] is not None
@@ -67,15 +67,15 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """What came of a run."""
+    """The result of a run."""
 
     key: str  #: the job's
-    figures: dict[str, Figure] = field(default_factory=dict)  #: what is the same whenever and wherever it is driven
-    error: str = ""  #: why there are no figures
+    figures: dict[str, MetricValue] = field(default_factory=dict)  #: metrics and outcomes, equal on every machine
+    error: str = ""  #: why there are none
     wall_s: float = 0.0  #: that the run took
     cpu_s: float = 0.0  #: of its process and those that it waited for
     peak_mb: float = 0.0  #: its process' greatest resident memory, 10^6 bytes, shared pages included
-    said: str = ""  #: the last that a run with an error printed
+    said: str = ""  #: end of the output of a run with an error
 
     def to_json(self) -> str:
         """Return the result as one line of JSON; not-a-number and infinity become null."""
@@ -83,7 +83,7 @@ class RunResult:
 
     @classmethod
     def from_json(cls, line: str) -> Self:
-        """Return the result that a line holds; raises ConfigError where it is none of this version."""
+        """Return the result of a line; raises ConfigError for a line of another version or content."""
         return cls(**_known(line, "result", _RESULT))
 
 
@@ -100,17 +100,17 @@ _RESULT: dict[str, tuple[type, ...]] = {
 
 
 def progress_line(progress: DriveProgress) -> str:
-    """Return progress as the line that it travels as."""
-    return f"{AT}{progress.time!r} {progress.speed!r} {progress.s!r} {progress.length!r}"
+    """Return the line of a progress."""
+    return f"{PROGRESS_PREFIX}{progress.time!r} {progress.speed!r} {progress.s!r} {progress.length!r}"
 
 
 def progress_of(line: str) -> DriveProgress | None:
-    """Return the progress that a line holds; None for another line."""
-    return DriveProgress(*map(float, line.split()[1:])) if line.startswith(AT) else None
+    """Return the progress of a line; None for another line."""
+    return DriveProgress(*map(float, line.split()[1:])) if line.startswith(PROGRESS_PREFIX) else None
 
 
 def refused(job: Job, error: ConfigError) -> RunResult:
-    """Return the result of a job that cannot be driven, in words that do not tell in which folder it was tried."""
+    """Return the result of a job that cannot be driven; its text does not depend on the folder."""
     said = str(error)
     for folder in (job.file.parent, job.working):
         said = said.replace(f"{folder}/", "")
@@ -128,7 +128,7 @@ def _place(value: object) -> str:
 
 
 def _known(line: str, kind: str, fields: dict[str, tuple[type, ...]]) -> dict[str, Any]:
-    """Return the fields in a line; raises ConfigError unless they are the ones wanted, each of its type."""
+    """Return the fields of a line; raises ConfigError for missing, unknown or mistyped ones."""
     try:
         data: Any = json.loads(line, parse_constant=_refuse)
     except ValueError as error:
@@ -148,6 +148,6 @@ def _refuse(constant: str) -> None:
     raise ValueError(f"{constant} is no number of JSON")
 
 
-def finite(value: Figure) -> Figure:
-    """Return a figure, or None for one that is no number."""
+def finite(value: MetricValue) -> MetricValue:
+    """Return a value, or None for NaN and infinity."""
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,6 +1,6 @@
-"""From a sweep's file to what its dataset begins with; whatever is wrong with it is found here, before anything runs.
+"""Makes a sweep's plan from its file; finds every error before a run starts.
 
-Reads files and tries the outermost runs; drives nothing and writes nothing.
+Reads files and previews the outermost runs; drives nothing and writes nothing.
 """
 
 from __future__ import annotations
@@ -25,28 +25,28 @@ from vve_sumo.scenario.schema import Criteria, Scenario
 from vve_sumo.sweep import worst
 from vve_sumo.sweep.controllers import NAME, columns
 from vve_sumo.sweep.job import Job
-from vve_sumo.sweep.preflight import RunPreview, look
+from vve_sumo.sweep.preflight import RunPreview, preview
 from vve_sumo.sweep.run_specs import RunSpec, RunSpecs, cells_of
 from vve_sumo.sweep.search import least_runs
 from vve_sumo.sweep.spec import Boundary, Spec, WorstCase, fit, parse_spec, with_numbers
 
-#: runs that nobody starts by mistake
+#: number of runs from which on a sweep needs a confirmation
 MAX_RUNS = 100_000
-#: rows of a list that are tried before it is driven
-TRIED = 32
+#: rows of a list that are previewed
+MAX_TRIALS = 32
 
 Values = Mapping[str, Value]
-Judge = Callable[[Sequence[Values]], list[RunPreview]]
+Previewer = Callable[[Sequence[Values]], list[RunPreview]]
 
 
 @dataclass(frozen=True, slots=True)
 class SweepQuery:
-    """A sweep that was asked for, found to be in order."""
+    """A validated sweep."""
 
     spec: Spec
     plan: SweepPlan
     cells: RunSpecs
-    notes: tuple[str, ...] = ()  #: what whoever asked should know before it is driven, a line each
+    notes: tuple[str, ...] = ()  #: notes for the user before it is driven, a line each
 
 
 def query_of(
@@ -58,18 +58,18 @@ def query_of(
     vehicle: str | None = None,
     rig: str | None = None,
 ) -> SweepQuery:
-    """Return the sweep that a name or file says; `search` insists that it is one.
+    """Return the sweep of a name or file; `search` requires a search.
 
     `vehicle` replaces the scenario's; with a `rig`, the rig's car is simulated.
 
-    Raises ConfigError, naming file and key, for whatever is wrong, and for very many runs unless `yes`.
+    Raises ConfigError, naming file and key, for any error, and for MAX_RUNS or more unless `yes`.
     """
     file = workspace.find("sweep", name, working)
     return planned(read(file, "sweep"), file, working, yes=yes, search=search, vehicle=vehicle, rig=rig)
 
 
 def planned(
-    said: dict[str, Any],
+    spec_table: dict[str, Any],
     file: Path,
     working: Path,
     *,
@@ -79,18 +79,18 @@ def planned(
     rig: str | None = None,
     scenario: tuple[Path, dict[str, Any]] | None = None,
 ) -> SweepQuery:
-    """Return the sweep that a spec's table says, as `query_of` does; `file` is where it stands, or what to call it.
+    """Return the sweep of a spec's table, as `query_of` does; `file` is its file, or a name for messages.
 
-    `scenario` is the file and the table of the scenario, where it is another than the file says.
+    `scenario`: file and table of the scenario, in place of the spec's.
     """
     given = scenario
-    if given is None and isinstance(said.get("scenario"), str) and said["scenario"]:
-        given = _scenario(said["scenario"], file, working)
+    if given is None and isinstance(spec_table.get("scenario"), str) and spec_table["scenario"]:
+        given = _scenario(spec_table["scenario"], file, working)
     if given is not None:
-        said = with_numbers(said, file, given[1])
-    spec = parse_spec(said, file)
+        spec_table = with_numbers(spec_table, file, given[1])
+    spec = parse_spec(spec_table, file)
     if search and spec.search is None:
-        raise ConfigError(f"{file}: --search: expected a table [search] that says what to look for")
+        raise ConfigError(f"{file}: --search: expected a table [search]")
     scenario_file, table = given if given is not None else _scenario(spec.scenario, file, working)
     table = with_metrics(table, spec)
     settings = parse(table, scenario_file)
@@ -105,7 +105,7 @@ def planned(
     if count >= MAX_RUNS and not yes:
         raise ConfigError(f"{file}: {count:,} runs; --yes drives that many")
     plan = SweepPlan(
-        spec=said,
+        spec=spec_table,
         scenario=cells.name,
         table=table,
         file=str(scenario_file.absolute()),
@@ -118,20 +118,20 @@ def planned(
         rig=rig_file,
     )
     if isinstance(spec.search, Boundary) or not settings.metrics:
-        _sought(spec.search, plan, file)
-    plan, notes = _looked_at(plan, spec, cells, file)
+        _check_search(spec.search, plan, file)
+    plan, notes = _with_previews(plan, spec, cells, file)
     enter(plan.own())
-    _sought(spec.search, plan, file)
+    _check_search(spec.search, plan, file)
     _refuse_taken(plan, file)
     return SweepQuery(spec, plan, cells, notes)
 
 
 def with_metrics(table: Mapping[str, Any], spec: Spec) -> dict[str, Any]:
-    """Return a scenario's table with the metrics that a sweep adds: those it names, and an installed one it seeks."""
+    """Return a scenario's table with the metrics that a sweep adds: its own, and an installed one of its search."""
     named = table.get("metrics", [])
     if not isinstance(named, (list, tuple)):
-        return dict(table)  # which the schema refuses in its own words
-    sought = [spec.search.figure] if isinstance(spec.search, WorstCase) and spec.search.figure not in COLUMNS else []
+        return dict(table)  # the schema refuses it
+    sought = [spec.search.metric] if isinstance(spec.search, WorstCase) and spec.search.metric not in COLUMNS else []
     added = [*spec.metrics, *(name for name in sought if name in installed())]
     return {**table, "metrics": list(dict.fromkeys([*named, *added]))} if added else dict(table)
 
@@ -140,14 +140,16 @@ def _refuse_varied_metrics(spec: Spec, table: Mapping[str, Any], file: Path) -> 
     """Raise ConfigError where a parameter varies which metrics are measured: all rows have the same columns."""
     for key in spec.parameters:
         if any(place.partition(".")[0] == "metrics" for place in places(table, key)):
-            raise ConfigError(f"{file}: parameters.{key}: metrics are the same of every run, expected metrics = [ … ]")
+            raise ConfigError(
+                f"{file}: parameters.{key}: expected metrics = [ … ] in the sweep: every run has the same metrics"
+            )
 
 
 def _refuse_taken(plan: SweepPlan, file: Path) -> None:
     """Raise ConfigError where a parameter has the name of a user's metric."""
     if taken := [name for name in plan.parameters if name in plan.own()]:
         raise ConfigError(
-            f"{file}: parameters.{taken[0]}: a metric has that name; declare it in the scenario by another"
+            f"{file}: parameters.{taken[0]}: a metric has that name; declare the parameter under another name"
         )
 
 
@@ -163,7 +165,7 @@ def _rig(name: str, vehicle: str | None, spec: Spec, table: Mapping[str, Any], f
 def rig_that_drives(name: str, vehicle: str | None, working: Path) -> Path:
     """Return the file of the rig whose car is simulated in many runs.
 
-    Raises ConfigError where another `vehicle` is named beside it, and for a rig that is wrong or has a foreign brain.
+    Raises ConfigError where a `vehicle` is given as well, and for a faulty rig or one with an external brain.
     """
     from vve_sumo.rig.load import load
 
@@ -172,7 +174,7 @@ def rig_that_drives(name: str, vehicle: str | None, working: Path) -> Path:
     file = workspace.find("rig", name, working).absolute()
     brain = load(file, working).brain.kind
     if brain != "own":
-        raise ConfigError(f"--rig: brain.kind of {file} is {brain!r}, expected 'own': no foreign brain is waited for")
+        raise ConfigError(f"--rig: brain.kind of {file} is {brain!r}, expected 'own': a sweep has no external brain")
     return file
 
 
@@ -200,57 +202,57 @@ def job_of(plan: SweepPlan, spec: Spec, cell: RunSpec, keep: Path | None) -> Job
 
 
 def _table(plan: SweepPlan, values: Values) -> dict[str, Any]:
-    """Return a run's scenario; the tuning in the scenario's file goes to the controller that the file names alone."""
+    """Return a run's scenario; the tuning in the scenario's file is for the controller of that file alone."""
     name = str(values[NAME]) if plan.spec.get("controllers") and NAME in values else None
     return apply_overrides(choose(plan.table, controller=name), values)
 
 
-def _sought(search: Boundary | WorstCase | None, plan: SweepPlan, file: Path) -> None:
-    """Raise ConfigError where a search looks for what no row says, or what it needs is not installed."""
+def _check_search(search: Boundary | WorstCase | None, plan: SweepPlan, file: Path) -> None:
+    """Raise ConfigError where no row has what a search uses, or Optuna is missing."""
     if isinstance(search, Boundary):
         known = dict.fromkeys(["passed", "collision", *plan.criteria])
         if search.criterion not in known:
             raise ConfigError(f"{file}: search.criterion: expected {', '.join(known)}, got {search.criterion!r}")
     elif search is not None:
-        if search.figure not in (numbers := plan.numbers()):
+        if search.metric not in (numbers := plan.numbers()):
             goal = "highest" if search.highest else "lowest"
-            near = did_you_mean(search.figure, numbers)
-            said = f"got {search.figure!r}{f', {near}' if near else ''}"
-            raise ConfigError(f"{file}: search.{goal}: expected {', '.join(numbers)}, {said}")
-        worst.need()
+            near = did_you_mean(search.metric, numbers)
+            spec_table = f"got {search.metric!r}{f', {near}' if near else ''}"
+            raise ConfigError(f"{file}: search.{goal}: expected {', '.join(numbers)}, {spec_table}")
+        worst.require_optuna()
 
 
 def _criteria(spec: Spec, scenario: Scenario, table: Mapping[str, Any]) -> list[str]:
-    """Return the criteria that a run may be judged by."""
+    """Return the criteria that a run can have."""
     varied = (place.split(".") for name in spec.parameters for place in places(table, name))
     set_by_key = {keys[1] for keys in varied if keys[0] == "criteria"}
     stated = [name for name, wanted in scenario.criteria if wanted is not None or name in set_by_key]
-    return [*stated, *sorted(set_by_key - {*stated})]  # those of a user's metrics stand nowhere before a run sets them
+    return [*stated, *sorted(set_by_key - {*stated})]  # only a run states those of a user's metrics
 
 
-def _looked_at(plan: SweepPlan, spec: Spec, cells: RunSpecs, file: Path) -> tuple[SweepPlan, tuple[str, ...]]:
-    """Return the plan with the hashes of what its outermost runs read, and what is to be noted of them.
+def _with_previews(plan: SweepPlan, spec: Spec, cells: RunSpecs, file: Path) -> tuple[SweepPlan, tuple[str, ...]]:
+    """Return the plan with the hashes of the files of its outermost runs, and notes on them.
 
-    Raises ConfigError where one is in no order.
+    Raises ConfigError for a run that cannot be driven.
     """
 
     def read_only(runs: Sequence[Values]) -> list[RunPreview]:
         return [_read(plan, values) for values in runs]
 
     def made(runs: Sequence[Values]) -> list[RunPreview]:
-        return look([job_of(plan, spec, RunSpec(0, "trial", dict(values), cells.seeds[0]), None) for values in runs])
+        return preview([job_of(plan, spec, RunSpec(0, "trial", dict(values), cells.seeds[0]), None) for values in runs])
 
     trials, files, notes = list(_trials(spec, cells)), dict[str, set[str]](), dict[str, None]()
     codes: dict[str, dict[str, set[str]]] = {}
     own: list[dict[str, Any]] = []
-    for judge in (read_only, made):
-        for values, seen in zip(trials, judge(trials), strict=False):
-            if seen.complaint:
-                raise ConfigError(_blame(judge, values, seen.complaint, plan, spec, file))
-            notes |= {seen.note: None} if seen.note else {}
-            own = list(seen.metrics)
+    for previewer in (read_only, made):
+        for values, run_preview in zip(trials, previewer(trials), strict=False):
+            if run_preview.complaint:
+                raise ConfigError(_blame(previewer, values, run_preview.complaint, plan, spec, file))
+            notes |= {run_preview.note: None} if run_preview.note else {}
+            own = list(run_preview.metrics)
             code = codes.setdefault(parse(_table(plan, values), Path(plan.file)).controller.name, {})
-            for role, digest in seen.files_sha256.items():
+            for role, digest in run_preview.files_sha256.items():
                 files.setdefault(role, set()).add(digest)
                 if role.startswith(CONTROLLER):
                     code.setdefault(role, set()).add(digest)
@@ -264,7 +266,7 @@ def _sorted(files: Mapping[str, set[str]]) -> dict[str, list[str]]:
 
 
 def _read(plan: SweepPlan, values: Values) -> RunPreview:
-    """Return what is wrong with a run's table, whatever the files that it names are like."""
+    """Return the preview of a run's table alone, without the files that it names."""
     try:
         parse(_table(plan, values), Path(plan.file))
     except ConfigError as error:
@@ -273,7 +275,7 @@ def _read(plan: SweepPlan, values: Values) -> RunPreview:
 
 
 def _trials(spec: Spec, cells: RunSpecs) -> Iterator[Values]:
-    """Return the runs to look at: every point of `_points` with every controller, and its outermost tunings."""
+    """Yield the runs to preview: every point of `_points` with every controller, and its outermost tunings."""
     points = list(_points(spec, cells))
     if not spec.controllers:
         yield from points
@@ -284,9 +286,9 @@ def _trials(spec: Spec, cells: RunSpecs) -> Iterator[Values]:
 
 
 def _points(spec: Spec, cells: RunSpecs) -> Iterator[Values]:
-    """Return the points to look at: the first rows of a list, else the corner and what lies at the end of each axis."""
+    """Yield the points to preview: the first rows of a list, else a corner and the other ends of each axis."""
     if spec.design == "list":
-        yield from itertools.islice(cells.design(), TRIED)
+        yield from itertools.islice(cells.design(), MAX_TRIALS)
         return
     corner = {name: axis.ends()[0] for name, axis in spec.parameters.items()}
     yield corner
@@ -294,16 +296,16 @@ def _points(spec: Spec, cells: RunSpecs) -> Iterator[Values]:
         yield from (corner | {name: value} for value in axis.ends()[1:])
 
 
-def _blame(judge: Judge, values: Values, complaint: str, plan: SweepPlan, spec: Spec, file: Path) -> str:
-    """Return what is wrong with a run, naming the parameter that it is wrong by, or the scenario if it is so itself."""
+def _blame(previewer: Previewer, values: Values, complaint: str, plan: SweepPlan, spec: Spec, file: Path) -> str:
+    """Return the error of a run, with the parameter that causes it, or of the scenario itself."""
     controller = {NAME: values[NAME]} if spec.controllers else {}
     alone: list[Values] = [{}, *({**controller, name: value} for name, value in values.items())]
-    itself, *each = judge(alone)
+    itself, *each = previewer(alone)
     if itself.complaint:
         return itself.complaint
-    for name, seen in zip(values, each, strict=False):
-        if seen.complaint:
-            return f"{file}: {_key(spec, name, values)}: {seen.complaint.removeprefix(f'{plan.file}: ')}"
+    for name, run_preview in zip(values, each, strict=False):
+        if run_preview.complaint:
+            return f"{file}: {_key(spec, name, values)}: {run_preview.complaint.removeprefix(f'{plan.file}: ')}"
     return f"{file}: parameters, taken together: {complaint.removeprefix(f'{plan.file}: ')}"
 
 

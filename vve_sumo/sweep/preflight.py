@@ -1,4 +1,4 @@
-"""Looks at a few runs of a sweep before any is driven, in a process of its own: are they complete, what do they read?
+"""Previews some runs of a sweep in a process of its own before any is driven: are they valid, which files do they read?
 
 Reads scenarios and makes controllers, whose code is a user's and may end the process; drives nothing.
 """
@@ -20,31 +20,31 @@ from vve_sumo.sweep.input_cache import InputCache, resolve_job
 from vve_sumo.sweep.job import CHUNK, Job
 from vve_sumo.sweep.worker import search_path
 
-TIMEOUT = 60.0  #: for one run to be looked at [s]
+TIMEOUT = 60.0  #: time for the preview of one run [s]
 
 
 class RunPreview(NamedTuple):
-    """What is known of a run before it is driven."""
+    """The preview of a run."""
 
     complaint: str  #: why it could not be driven; empty if it can
     files_sha256: dict[str, str]  #: of what it reads, by role
-    note: str = ""  #: what brakes the car less than declared; empty where nothing does
+    note: str = ""  #: what limits the car's braking below the declared value; empty without a limit
     metrics: Sequence[dict[str, Any]] = ()  #: rows of the user's metrics of a drive
 
 
-def look(jobs: Sequence[Job]) -> list[RunPreview]:
-    """Return what is known of each job, in order.
+def preview(jobs: Sequence[Job]) -> list[RunPreview]:
+    """Return the preview of each job, in order.
 
-    There are fewer where a controller ended the process, or hung: what it then does to a drive is the row's to say.
+    There are fewer where a controller ended the process, or hung; the run's row then has its error.
     """
     chunk = "".join(f"{job.to_json()}\n" for job in jobs)
-    # Not of multiprocessing, which starts nothing from within a worker of a cluster.
+    # Not by multiprocessing, which cannot start processes in a worker of a cluster.
     child = subprocess.Popen(
         [sys.executable, "-P", "-m", "vve_sumo.sweep.preflight"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         env={**os.environ, "PYTHONPATH": search_path()},
-        start_new_session=True,  # an interrupt from the keyboard is this process's, which then ends that one
+        start_new_session=True,  # this process handles an interrupt and ends the child
     )
     assert child.stdin is not None
     assert child.stdout is not None
@@ -59,23 +59,23 @@ def look(jobs: Sequence[Job]) -> list[RunPreview]:
 
 
 def _lines(pipe: IO[bytes], count: int) -> Iterator[bytes]:
-    """Return as many lines as there are, up to a count; none that is longer in coming than one may be."""
-    heard = b""
+    """Yield up to `count` lines, until the end of the pipe or a TIMEOUT."""
+    buffer = b""
     while count:
-        line, end, rest = heard.partition(b"\n")
+        line, end, rest = buffer.partition(b"\n")
         if end:
-            heard, count = rest, count - 1
+            buffer, count = rest, count - 1
             yield line
         elif select.select([pipe], [], [], TIMEOUT)[0] and (chunk := os.read(pipe.fileno(), CHUNK)):
-            heard += chunk
+            buffer += chunk
         else:
             return
 
 
 def main() -> None:
-    """Look at a job a line on stdin; say on stdout, a line each, what is known of it."""
+    """Read jobs from stdin, a line each; write their previews to stdout, a line each."""
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # what a controller prints must not come between
+    os.dup2(2, 1)  # a controller's prints must not mix with the previews
     cache = InputCache()
     for line in sys.stdin.read().splitlines():
         job = Job.from_json(line)
@@ -85,10 +85,10 @@ def main() -> None:
             rig = {} if job.rig is None else {"rig": hash_file(job.rig)}
             content = resolved.to_dict(job.working)
             own = content.get("metrics", {}).get("per_drive", [])
-            seen = RunPreview("", content["files_sha256"] | rig, resolved.note, own)
+            run_preview = RunPreview("", content["files_sha256"] | rig, resolved.note, own)
         except ConfigError as error:
-            seen = RunPreview(str(error), {})
-        answers.write(f"{json.dumps(seen)}\n")
+            run_preview = RunPreview(str(error), {})
+        answers.write(f"{json.dumps(run_preview)}\n")
         answers.flush()
 
 

@@ -1,6 +1,6 @@
-"""The processes of a sweep: the descendants of a process, the memory that they hold, and that all of them end with it.
+"""The processes of a sweep: the descendants of a process, their memory, and how all of them end with it.
 
-Linux alone: psutil reads /proc, and the kernel is asked directly for what psutil does not offer. Knows nothing of
+Linux alone: psutil reads /proc, and system calls provide what psutil lacks. Knows nothing of
 drives. Nothing here starts a thread or a process.
 """
 
@@ -16,8 +16,8 @@ from collections.abc import Iterable
 import psutil
 
 PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36  #: of <linux/prctl.h>
-KILL_TIMEOUT = 5.0  #: processes that still exist so long after being killed are given up [s]
-POLL_INTERVAL = 0.002  #: between two looks whether they are gone [s]
+KILL_TIMEOUT = 5.0  #: time after which processes that survive SIGKILL are given up [s]
+POLL_INTERVAL = 0.002  #: between two checks whether they have ended [s]
 
 
 def _control(option: int, value: int) -> None:

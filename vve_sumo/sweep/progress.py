@@ -1,6 +1,6 @@
-"""How far a sweep has come, and how long it will take.
+"""Progress of a sweep and its remaining time.
 
-Counts runs and looks at the clock; nothing else.
+Counts runs and reads the clock; nothing else.
 """
 
 from __future__ import annotations
@@ -11,27 +11,27 @@ from dataclasses import dataclass, field
 
 @dataclass(slots=True)
 class Tally:
-    """What is finished."""
+    """Number of finished runs, by result."""
 
-    total: int | None  #: None for a search, which does not know
+    total: int | None  #: None for a search, whose number of runs is unknown
     finished: int
     failed: int  #: of the finished ones, those that ended and did not pass
-    errors: int  #: of the finished ones, those that came to no end
-    search: str = ""  #: how far it has come
-    before: int = field(init=False)  #: were finished when this session began
+    errors: int  #: of the finished ones, those with an error
+    search: str = ""  #: progress of a search
+    before: int = field(init=False)  #: finished runs when this session began
     begun: float = field(init=False)  #: when that was [s]
 
     def __post_init__(self) -> None:
         self.before, self.begun = self.finished, time.monotonic()
 
     def count(self, passed: bool | None, error: str) -> None:
-        """Take in a finished run."""
+        """Count a finished run."""
         self.finished += 1
         self.failed += passed is False
         self.errors += bool(error)
 
-    def say(self) -> str:
-        """Return how far it has come, at what rate, and how long it will take, on one line."""
+    def text(self) -> str:
+        """Return progress, rate and remaining time in one line."""
         here = self.finished - self.before
         rate = here / max(time.monotonic() - self.begun, 1e-3)
         speed, of = f"{60.0 * rate:.1f} a minute" if here else "starting", ""

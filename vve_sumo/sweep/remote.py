@@ -1,6 +1,6 @@
-"""A run of a sweep on somebody else's machine: what a worker of a Dask cluster does when it is sent one.
+"""A run of a sweep on a worker of a Dask cluster: the worker's side.
 
-Drives through a server of its own, as the engine for one machine does; knows nothing of the sweep and its dataset.
+The worker drives through its own server, as the engine for one machine does; knows nothing of the sweep's dataset.
 """
 
 from __future__ import annotations
@@ -18,66 +18,66 @@ from typing import TYPE_CHECKING, NamedTuple
 from vve_sumo.drive.provenance import deciding
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.sweep.job import DISK_FULL, DISK_FULL_ERRNOS, Job, RunResult
-from vve_sumo.sweep.preflight import look
+from vve_sumo.sweep.preflight import preview
 from vve_sumo.sweep.worker import Worker
 
 if TYPE_CHECKING:
     import distributed
 
-POLL_INTERVAL = 0.2  #: between two looks whether a run is still wanted [s]
+POLL_INTERVAL = 0.2  #: between two checks whether the scheduler still needs a run [s]
 #: states of a Dask worker in which it can still hand in a result
 ALIVE = frozenset({"running", "paused", "closing_gracefully"})
 
-#: servers that have nothing to do: their imports took seconds, and the next run can use them
+#: idle servers, kept for the next run because their imports take seconds
 _idle: deque[Worker] = deque()
-#: what was found to be the same here as where the sweep was started
-_agreed: set[str] = set()
+#: hashes of sites that were verified to equal the client's
+_verified: set[str] = set()
 
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """What must be the same wherever a run is driven."""
+    """Versions and files that must be equal on every machine of a sweep."""
 
-    versions: dict[str, str]  #: of what decides how a drive goes
+    versions: dict[str, str]  #: of the software that determines a drive
     files_sha256: dict[str, str] = field(default_factory=dict)  #: of what the run reads, by role
-    names: str = ""  #: hash of all that the run calls by a name; empty: its files are not compared
+    names: str = ""  #: hash of the names of the run's files; empty: they are not compared
 
 
-class Came(NamedTuple):
-    """What a worker sends back."""
+class Reply(NamedTuple):
+    """The reply of a worker."""
 
-    result: str  #: a line
-    record: str  #: name of the folder beside the one for the record in which it lies; empty where none is kept
+    result: str  #: a line of JSON
+    record: str  #: name of the record's temporary folder; empty where none is kept
 
 
-def drive(line: str, site: Site) -> Came:
-    """Drive a job and return what came of it.
+def drive(line: str, site: Site) -> Reply:
+    """Drive a job and return its reply.
 
-    Raises ConfigError where this worker would drive it otherwise than the client, SimulationError where it can't drive.
+    Raises ConfigError where versions or files differ from the client's, SimulationError where this worker cannot drive.
     """
     import distributed
 
-    me, job = distributed.get_worker(), Job.from_json(line)
+    dask_worker, job = distributed.get_worker(), Job.from_json(line)
     try:
-        _agree(job, site, f"worker {me.address}")
-        # A worker that was given up, wrongly, may be writing the record of the same run.
-        aside = None if job.keep is None else job.keep.with_name(f"{job.keep.name}.{uuid.uuid4().hex}")
-        result = _driven(replace(job, keep=aside), me)
+        _verify(job, site, f"worker {dask_worker.address}")
+        # A worker that the scheduler took for dead may still write the same record.
+        temporary = None if job.keep is None else job.keep.with_name(f"{job.keep.name}.{uuid.uuid4().hex}")
+        result = _driven(replace(job, keep=temporary), dask_worker)
     except SimulationError as error:
-        raise SimulationError(f"worker {me.address}: {error}") from None
+        raise SimulationError(f"worker {dask_worker.address}: {error}") from None
     except OSError as error:
         if error.errno not in DISK_FULL_ERRNOS:
-            raise SimulationError(f"worker {me.address}: {error}") from None
+            raise SimulationError(f"worker {dask_worker.address}: {error}") from None
         result = RunResult(job.key, error=f"{DISK_FULL}: {tempfile.gettempdir()}")
     if result.error.startswith(DISK_FULL):
-        result = replace(result, error=f"{result.error}, seen from worker {me.address}")
-    return Came(result.to_json(), aside.name if aside else "")
+        result = replace(result, error=f"{result.error}, seen from worker {dask_worker.address}")
+    return Reply(result.to_json(), temporary.name if temporary else "")
 
 
-def _driven(job: Job, me: distributed.Worker) -> RunResult:
+def _driven(job: Job, dask_worker: distributed.Worker) -> RunResult:
     import distributed
 
-    key = me.get_current_task()
+    key = dask_worker.get_current_task()
     try:
         worker = _idle.pop()
     except IndexError:
@@ -86,7 +86,7 @@ def _driven(job: Job, me: distributed.Worker) -> RunResult:
         worker.submit(job)
         while (result := worker.result()) is None:
             select.select([worker], [], [], POLL_INTERVAL)
-            if not _wanted(me, key):
+            if not _wanted(dask_worker, key):
                 raise distributed.Reschedule
     except BaseException:
         worker.kill()
@@ -95,14 +95,14 @@ def _driven(job: Job, me: distributed.Worker) -> RunResult:
     return result
 
 
-def _wanted(me: distributed.Worker, key: object) -> bool:
-    """Return whether the scheduler, to whom this worker still belongs, waits for a task."""
-    task = me.state.tasks.get(key)
-    return task is not None and task.state != "cancelled" and me.status.name in ALIVE
+def _wanted(dask_worker: distributed.Worker, key: object) -> bool:
+    """Return whether this worker's scheduler still waits for a task."""
+    task = dask_worker.state.tasks.get(key)
+    return task is not None and task.state != "cancelled" and dask_worker.status.name in ALIVE
 
 
-def dismiss() -> None:
-    """End the servers that have nothing to do."""
+def end_idle_servers() -> None:
+    """End the idle servers."""
     while _idle:
         _idle.pop().kill()
 
@@ -116,16 +116,16 @@ def refuse_mixed(here: Mapping[str, str], there: Mapping[str, str], where: str) 
             )
 
 
-def _agree(job: Job, site: Site, where: str) -> None:
+def _verify(job: Job, site: Site, where: str) -> None:
     """Raise ConfigError unless versions and files are the client's."""
     mark = hashlib.sha256(json.dumps([site.versions, site.files_sha256, site.names]).encode()).hexdigest()
-    if mark in _agreed:
+    if mark in _verified:
         return
     refuse_mixed(site.versions, deciding(), where)
-    for seen in look([job]) if site.names else ():
-        if seen.complaint:
-            raise ConfigError(f"{where}: {seen.complaint}; it must see the files that the client sees")
-        for role in sorted({*site.files_sha256, *seen.files_sha256}):
-            if site.files_sha256.get(role) != seen.files_sha256.get(role):
-                raise ConfigError(f"{where}: the file of {role} differs from the one here: share it, or copy it")
-    _agreed.add(mark)
+    for run_preview in preview([job]) if site.names else ():
+        if run_preview.complaint:
+            raise ConfigError(f"{where}: {run_preview.complaint}; expected the same files as on the client")
+        for role in sorted({*site.files_sha256, *run_preview.files_sha256}):
+            if site.files_sha256.get(role) != run_preview.files_sha256.get(role):
+                raise ConfigError(f"{where}: the file of {role} differs from the client's; share the file, or copy it")
+    _verified.add(mark)

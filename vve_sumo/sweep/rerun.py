@@ -1,4 +1,4 @@
-"""One run of a dataset driven again, alone and with its record kept: does it come to the same?"""
+"""Reruns one run of a dataset alone, keeps its record, and compares the result."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from vve_sumo.sweep.engine import run_one
 from vve_sumo.sweep.input_cache import InputCache, resolve_job
 from vve_sumo.sweep.job import Job, RunResult
 from vve_sumo.sweep.plan import job_of
-from vve_sumo.sweep.preflight import look
+from vve_sumo.sweep.preflight import preview
 from vve_sumo.sweep.run_specs import RunSpec
 from vve_sumo.sweep.spec import parse_spec
 
@@ -34,21 +34,21 @@ class Rerun:
     row: Row  #: of the dataset
     result: RunResult  #: now
     folder: Path  #: of the record, where one was written
-    numbers: tuple[str, ...]  #: figures that may be missing
+    numbers: tuple[str, ...]  #: metrics that may be missing
 
     @property
     def same(self) -> bool:
-        """Whether the run came to the same as in the sweep."""
+        """Whether error and record are the same as in the sweep."""
         return bool(self.result.error == self.row["error"] and self._digest == self.row["record_sha256"])
 
     @property
     def then(self) -> str:
-        """What the run came to in the sweep."""
+        """Error or record of the run in the sweep."""
         return str(self.row["error"]) or f"record {self.row['record_sha256']}"
 
     @property
     def now(self) -> str:
-        """What the run came to now."""
+        """Error or record of the rerun."""
         return self.result.error or f"record {self._digest}"
 
     @property
@@ -58,7 +58,7 @@ class Rerun:
     def drive(self) -> Drive:
         """Return the drive that was recorded, as a single drive leaves it."""
         summary = json.loads((self.folder / "summary.json").read_text(encoding="utf-8"))
-        # JSON has no word for a figure that is not there.
+        # JSON cannot express NaN, the value of a missing metric.
         missing = {name: math.nan for name in self.numbers if summary[name] is None}
         return Drive(self.folder, summary | missing)
 
@@ -70,10 +70,9 @@ class Rerun:
 def rerun(folder: Path, key: str, out: Path | None, warn: Callable[[str], None]) -> Rerun:
     """Drive one run of a dataset again and keep its record in `out`, or with the dataset.
 
-    `warn` takes a line for every file that has changed since the sweep began, and for other code of this program: what
-    that changes, the comparison shows. It is called before the run is driven. Raises
-    ConfigError where there is no such run, for other versions, for a controller or a sensor whose code is not
-    the sweep's, and for a record that is there already.
+    `warn` receives a line for every file that has changed since the sweep began, and for changed code of this program;
+    it is called before the run is driven. Raises ConfigError where there is no such run, for other versions, for a
+    controller or a sensor whose code has changed, and for a record that exists already.
     """
     plan = SweepPlan.of(folder)
     here = deciding()
@@ -92,7 +91,7 @@ def rerun(folder: Path, key: str, out: Path | None, warn: Callable[[str], None])
     job = job_of(plan, parse_spec(plan.spec, folder / "sweep.json"), run, record)
     parts = plugged_in.of_scenario(parse(job.table, job.file), job.working)
     if changed := [line for part in parts for line in part.changed(_recorded(plan, part))]:
-        advice = "a sweep into another folder drives it as it is now"
+        advice = "drive a sweep with the present code into another folder"
         raise ConfigError(f"{folder}: {changed[0]}: not run; {advice}")
     if here["code"] != plan.versions.get("code"):
         warn("the code of vve-sumo has changed since the sweep began")
@@ -102,7 +101,7 @@ def rerun(folder: Path, key: str, out: Path | None, warn: Callable[[str], None])
 
 
 def _recorded(plan: SweepPlan, part: plugged_in.PluggedIn) -> Mapping[str, list[str]]:
-    """Return the hashes of a plug-in's code: of a controller its own alone, as others drove other runs."""
+    """Return the hashes of a plug-in's code: of a controller, only its own, because others drove other runs."""
     return plan.controllers_sha256.get(part.name, {}) if part.role == plugged_in.CONTROLLER else plan.files_sha256
 
 
@@ -117,7 +116,7 @@ def _row(folder: Path, key: str) -> Row:
 
 def _changed_files(plan: SweepPlan, job: Job) -> Iterator[str]:
     """Return the roles of the files that are not those that the sweep began with."""
-    seen = look([job])
-    files: Mapping[str, str] = seen[0].files_sha256 if seen else {}
-    then = plan.files_sha256
-    return (role for role, digest in files.items() if role in then and digest not in then[role])
+    previews = preview([job])
+    files: Mapping[str, str] = previews[0].files_sha256 if previews else {}
+    recorded_hashes = plan.files_sha256
+    return (role for role, digest in files.items() if role in recorded_hashes and digest not in recorded_hashes[role])

@@ -1,6 +1,6 @@
-"""A job driven: its figures, or the error that kept it from any, and where its record lies meanwhile.
+"""Drives a job: returns its metrics or its error, and handles the folder of its record.
 
-A run is a drive like any other; knows nothing of processes and their limits, or of the sweep that it belongs to.
+A run is an ordinary drive; knows nothing of processes and their limits, or of the sweep that it belongs to.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.record.writer import claim as claim_folder
 from vve_sumo.scenario.schema import Criteria, Scenario
 from vve_sumo.sweep.input_cache import InputCache, resolve_job
-from vve_sumo.sweep.job import DISK_FULL, DISK_FULL_ERRNOS, Figure, Job, RunResult, finite, refused
+from vve_sumo.sweep.job import DISK_FULL, DISK_FULL_ERRNOS, Job, MetricValue, RunResult, finite, refused
 from vve_sumo.world.loaded_road import LoadedRoad
 
-#: of a summary, what says which drive it was, not how it went, or differs with the place where it was driven
+#: entries of a summary that identify the drive, or that depend on the machine
 NOT_FIGURES = frozenset(
     {"scenario", "title", "seed", "controller", "versions", "record_parts_sha256", "record_files_sha256"}
 )
-MAX_TEXT_LENGTH = 500  #: characters of what went wrong, in its own words
-#: an object's place in memory, which is another in every process
+MAX_TEXT_LENGTH = 500  #: characters of an error message
+#: an object's address, which differs between processes
 ADDRESS = re.compile(r"\b0x[0-9a-fA-F]+\b")
 
 
@@ -39,11 +39,10 @@ def run_job(
     report: Callable[[DriveProgress], None] = lambda progress: None,
     loaded: LoadedRoad | None = None,
 ) -> RunResult:
-    """Drive a job in this process, which SUMO allows once, and return its figures, or the error that kept it from any.
+    """Drive a job in this process, which SUMO allows once, and return its metrics or its error.
 
-    `scratch` is a folder of nobody else's for temporary files; `tidy` is to be called with it afterwards in any case.
-    `report` is called now and then with how far the drive has come. `loaded` is the job's road, where the process of
-    which this one is a fork has loaded it.
+    `scratch` is an exclusive folder for temporary files; call `tidy` with it afterwards in any case. `report` receives
+    the progress at intervals. `loaded` is the job's road, if the parent process has loaded it.
     """
     try:
         resolved = resolve_job(job, cache)
@@ -56,7 +55,9 @@ def run_job(
         return refused(job, error)
     except Exception as error:
         return _broken(job, scratch, f"{type(error).__name__}: {error}")
-    text = _told("; ".join(filter(None, [summary["text"], *summary.get("metric_errors", {}).values()])), scratch)
+    text = _portable_text(
+        "; ".join(filter(None, [summary["text"], *summary.get("metric_errors", {}).values()])), scratch
+    )
     if summary["outcome"] == Outcome.BROKEN:
         return _broken(job, scratch, text)
     if summary["outcome"] == Outcome.INTERRUPTED:
@@ -67,15 +68,15 @@ def run_job(
 def _broken(job: Job, scratch: Path, text: str) -> RunResult:
     if any(f"[Errno {number}]" in text for number in DISK_FULL_ERRNOS):
         return RunResult(job.key, error=f"{DISK_FULL}: {scratch.parent if job.keep is None else job.keep.parent}")
-    return RunResult(job.key, error=f"broken: {_told(text, scratch)}")
+    return RunResult(job.key, error=f"broken: {_portable_text(text, scratch)}")
 
 
-def figures_of(scenario: Scenario, summary: dict[str, Any]) -> dict[str, Figure]:
-    """Return what a summary holds that is the same whenever and wherever the drive is driven, and what it met.
+def figures_of(scenario: Scenario, summary: dict[str, Any]) -> dict[str, MetricValue]:
+    """Return the entries of a summary that do not depend on the machine, and the verdicts of the criteria.
 
-    Lists of what failed and why are one text each; of other lists and tables only the length counts.
+    Lists of failed criteria and of reasons become one string each; other lists and tables their length.
     """
-    figures: dict[str, Figure] = {}
+    figures: dict[str, MetricValue] = {}
     for name, value in summary.items():
         if name in ("failed", "reasons"):
             figures[name] = "; ".join(value)
@@ -85,37 +86,37 @@ def figures_of(scenario: Scenario, summary: dict[str, Any]) -> dict[str, Figure]
 
 
 def verdicts(criteria: Criteria, summary: dict[str, Any]) -> dict[str, bool | None]:
-    """Return whether the drive met each criterion that is stated, and whether it was a test of them at all.
+    """Return whether the drive met each stated criterion, and whether it was undisturbed.
 
-    Nothing of a playback is judged.
+    A playback is not judged.
     """
     lines = judged(criteria, summary)
     if summary["passed"] is None:
         return dict.fromkeys(["undisturbed", *(f"meets_{name}" for name in lines)])
-    # A gateway fault where another outcome is asked for is no plan either: it misses the criterion and disturbs.
+    # A gateway fault is planned only if the criterion asks for it; else it is a disturbance.
     planned = summary["outcome"] != Outcome.FAULT or criteria.outcome == "fault"
     met: dict[str, bool | None] = {f"meets_{name}": not line for name, line in lines.items()}
     return {"undisturbed": planned and not disturbances(criteria, summary)} | met
 
 
-def _told(text: str, scratch: Path) -> str:
-    """Return what a drive said as one line that does not depend on where it was driven."""
+def _portable_text(text: str, scratch: Path) -> str:
+    """Return a message as one line that does not depend on machine or folder."""
     return ADDRESS.sub("0x...", " ".join(text.split()).replace(str(scratch), "record"))[:MAX_TEXT_LENGTH]
 
 
 def growing(job: Job, scratch: Path) -> Path:
-    """Return where a run's record grows: beside its later place, so that it can be moved there whole."""
+    """Return the temporary folder of a run's record: beside the final one, so that it can be renamed."""
     return scratch / "record" if job.keep is None else job.keep.with_name(f"{job.keep.name}.part")
 
 
 def claim(job: Job) -> None:
-    """Raise ConfigError where something that is no record lies in the way of the one to keep."""
+    """Raise ConfigError where the record's folder holds other files."""
     if job.keep is not None and job.keep.exists() and not (job.keep / "scenario.json").is_file():
         claim_folder(job.keep)
 
 
 def tidy(job: Job, scratch: Path, *, keep: bool) -> None:
-    """Put a run's record, whole or torn, where it is to be kept; take away everything else that a run has left."""
+    """Move a run's record, complete or not, to its folder; delete everything else that the run left."""
     left = growing(job, scratch)
     if keep and job.keep is not None and left.is_dir():
         shutil.rmtree(job.keep, ignore_errors=True)

@@ -1,7 +1,7 @@
-"""The runs of a sweep, one after another as they are asked for: which values, which seed, which key.
+"""Generates the runs of a sweep on demand: values, seed and key of each.
 
-Knows designs and numbers; neither scenarios' meaning nor what becomes of a run. No list of all cells is ever held, but
-for the points of a Latin hypercube, which are drawn together.
+Knows designs and numbers; neither the meaning of scenarios nor the results. No list of all cells is kept in memory,
+except the points of a Latin hypercube, which are drawn together.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ CHUNK = 4096
 class RunSpec(NamedTuple):
     """One run of a sweep."""
 
-    number: int  #: in the order of the design, from 0; seeds go round fastest
+    number: int  #: in the order of the design, from 0; seeds vary fastest
     key: str  #: the same in every sweep that drives the same
     values: dict[str, Value]  #: of every parameter, and of the controller's name and tuning where these are varied
     seed: int
 
 
 def key_of(name: str, values: Mapping[str, Value], seed: int) -> str:
-    """Return the key of a run of the scenario `name`: 16 hexadecimal digits; a whole number and its float are one."""
+    """Return the key of a run of the scenario `name`: 16 hexadecimal digits, equal for 1 and 1.0."""
     plain = {place: _plain(value) for place, value in values.items()}
     text = json.dumps([name, plain, seed], sort_keys=True, separators=(",", ":"), ensure_ascii=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
@@ -57,12 +57,12 @@ class RunSpecs:
 
     @property
     def points(self) -> int:
-        """How many combinations of values there are; exact, however many. Of a search: the most that it may drive."""
+        """Number of combinations of values; for a search, the largest number that it may drive."""
         return self._points * (sum(one.count for one in self.spec.controllers) if self.spec.controllers else 1)
 
     @property
     def _points(self) -> int:
-        """How many points the design has, each of which is driven with every controller."""
+        """Number of points of the design; each is driven with every controller."""
         if isinstance(self.spec.search, WorstCase):
             return self.spec.search.points
         if self.spec.samples is not None:
@@ -72,7 +72,7 @@ class RunSpecs:
 
     @property
     def count(self) -> int:
-        """How many runs there are."""
+        """Number of runs."""
         return self.points * len(self.seeds)
 
     def __iter__(self) -> Iterator[RunSpec]:
@@ -114,7 +114,7 @@ class RunSpecs:
 
 def _listed(axis: Axis, place: int) -> Value:
     if isinstance(axis, NumberRange):
-        raise TypeError("a stretch has no values to count")
+        raise TypeError("a range has no values to count")
     return axis[place]
 
 
@@ -141,7 +141,7 @@ def shares(design: str, dimensions: int, count: int, seed: int) -> Iterator[tupl
 
 
 def cells_of(spec: Spec, name: str, scenario: Scenario) -> RunSpecs:
-    """Return the runs of a sweep over the scenario `name`; raises ConfigError where they need seeds beyond the last."""
+    """Return the runs of a sweep over the scenario `name`; raises ConfigError where a seed would exceed MAX_SEED."""
     if not isinstance(spec.seeds, int):
         return RunSpecs(spec, name, spec.seeds)
     if scenario.seed + spec.seeds - 1 > MAX_SEED:

@@ -1,7 +1,7 @@
 """The order in which the runs of a sweep are driven, which is not that of its design.
 
-Runs that load the same road with the same seed follow each other, because a server loads it once for all of them. Among
-these the longest come first, so that no worker is left with a long run while the others have nothing to do any more.
+Runs that load the same road with the same seed follow each other, because a server loads the road once for all of them.
+Among these the longest come first, so that no worker drives a long run at the end while the others are idle.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from vve_sumo.sweep.job import Job
 from vve_sumo.sweep.run_specs import RunSpec
 from vve_sumo.sweep.shared_road import RoadFiles
 
-#: runs that are put in order together: as many as a part of the dataset holds, so that part after part is written
+#: runs that are sorted together: the size of a part of the dataset, so that parts are written one after the other
 WINDOW = 1000
 
 
 def in_order(runs: Iterable[RunSpec], job_of: Callable[[RunSpec], Job]) -> Iterator[RunSpec]:
-    """Return runs in the order in which to drive them; takes WINDOW of them at a time. `job_of` says what one needs."""
+    """Return runs in the order in which to drive them; takes WINDOW at a time. `job_of` returns a run's job."""
     left = iter(runs)
     while window := list(islice(left, WINDOW)):
         alike: dict[tuple[RoadFiles, int], list[tuple[tuple[float, float], RunSpec]]] = {}
@@ -31,10 +31,10 @@ def in_order(runs: Iterable[RunSpec], job_of: Callable[[RunSpec], Job]) -> Itera
 
 
 def _shortness(job: Job) -> tuple[float, float]:
-    """Return what is less for a run that may take longer: one that may last longer, or whose car drives slower."""
+    """Return a sort key that is smaller for a run that may take longer: by its duration, then by a slower car."""
     return -_number(job.table.get("duration_s")), _number(job.table["ego"].get("speed_mps"))
 
 
 def _number(value: object) -> float:
-    """Return a number, and 0 for what a run will be refused for."""
+    """Return a number, and 0 for another value, with which the run will be refused."""
     return value if isinstance(value, (int, float)) else 0.0

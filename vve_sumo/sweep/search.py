@@ -1,7 +1,7 @@
-"""A search as a course of questions: which runs are asked for next, given what came of those before; and what it found.
+"""An adaptive search: which runs it requests next, given the rows of the earlier ones; and its result.
 
-Knows specs, cells and rows; drives nothing. What is asked depends on the rows alone, never on which of them came
-first, so that a search that goes on after a kill asks for the same runs under the same numbers.
+Knows specs, cells and rows; drives nothing. The requests depend on the rows alone, never on their order of arrival, so
+that a search that continues after a kill requests the same runs under the same numbers.
 """
 
 from __future__ import annotations
@@ -21,28 +21,28 @@ from vve_sumo.sweep.run_specs import RunSpec, RunSpecs, drawn, key_of
 from vve_sumo.sweep.spec import Boundary, Spec, WorstCase
 
 Row = Mapping[str, Any]
-Found = dict[str, Any]  #: what `search.json` holds
+SearchResult = dict[str, Any]  #: content of `search.json`
 
 
 class SearchPoint(NamedTuple):
-    """A run that is wanted."""
+    """A requested run."""
 
     values: dict[str, Value]
     seed: int
 
 
 class RunRequest(NamedTuple):
-    """What a search wants next, and how far it has come, in a few words."""
+    """The next requests of a search, and its progress as text."""
 
     points: list[SearchPoint]
-    said: str
+    status: str
 
 
-Course = Generator[RunRequest, list[Row], Found]
+Strategy = Generator[RunRequest, list[Row], SearchResult]
 
 
 def least_runs(cells: RunSpecs) -> int:
-    """Return how many runs a sweep drives, or a search for boundaries at least."""
+    """Return the number of runs of a sweep, or the least number of a search for boundaries."""
     search = cells.spec.search
     if not isinstance(search, Boundary):
         return cells.count
@@ -50,83 +50,84 @@ def least_runs(cells: RunSpecs) -> int:
     return cells.count // count * min(search.scan, count)
 
 
-def strategy_of(cells: RunSpecs) -> Course:
-    """Return the search that a spec states."""
+def strategy_of(cells: RunSpecs) -> Strategy:
+    """Return the strategy of a spec's search."""
     search = cells.spec.search
     assert search is not None
     return _boundary(cells, search) if isinstance(search, Boundary) else _worst(cells, search)
 
 
 class AdaptiveSearch:
-    """A search under way: gives the cells that are to be driven and takes their rows."""
+    """A running search: yields the cells to drive and takes their rows."""
 
-    def __init__(self, cells: RunSpecs, held: Mapping[int, Row], folder: object) -> None:
-        """`held` are the rows of runs that are finished, by number; `folder` is named where they are of others."""
-        self._course, self._name, self._held, self._folder = strategy_of(cells), cells.name, held, folder
+    def __init__(self, cells: RunSpecs, finished_rows: Mapping[int, Row], folder: object) -> None:
+        """`finished_rows`: rows of finished runs, by number; `folder` is named in errors."""
+        self._strategy, self._name = strategy_of(cells), cells.name
+        self._finished_rows, self._folder = finished_rows, folder
         self._rows: dict[str, Row] = {}
-        self._asked: dict[str, RunSpec] = {}
+        self._requested: dict[str, RunSpec] = {}
         self._missing: set[str] = set()
-        self.said = "starting"  #: how far it has come
-        self.found: Found | None = None  #: once it is over
+        self.status = "starting"  #: progress as text
+        self.result: SearchResult | None = None  #: once it has ended
 
     @property
     def runs(self) -> int:
-        """How many different runs were asked for."""
-        return len(self._asked)
+        """Number of different requested runs."""
+        return len(self._requested)
 
     def cells(self) -> Iterator[RunSpec | None]:
-        """Give every cell that is to be driven; None while there is nothing more to say until rows have come."""
+        """Yield every cell to drive; None while the next request waits for rows."""
         try:
-            asked = next(self._course)
+            queries = next(self._strategy)
             while True:
-                self.said = asked.said
-                cells = [self._cell(point) for point in asked.points]
+                self.status = queries.status
+                cells = [self._cell(point) for point in queries.points]
                 yield from (cell for key, cell in {one.key: one for one in cells}.items() if key in self._missing)
                 while self._missing:
                     yield None
-                asked = self._course.send([self._rows[cell.key] for cell in cells])
+                queries = self._strategy.send([self._rows[cell.key] for cell in cells])
         except StopIteration as end:
-            self.found = end.value
+            self.result = end.value
 
     def take(self, row: Row) -> None:
-        """Take in the row of a run."""
+        """Take the row of a run."""
         self._rows[row["key"]] = row
         self._missing.discard(row["key"])
 
     def _cell(self, point: SearchPoint) -> RunSpec:
-        """Return the cell of a point: one that was asked for before, one that was driven, or a new one."""
+        """Return the cell of a point: one that was requested before, one that was driven, or a new one."""
         key = key_of(self._name, *point)
-        if key in self._asked:
-            return self._asked[key]
-        cell = self._asked[key] = RunSpec(len(self._asked), key, *point)
-        row = self._held.get(cell.number)
+        if key in self._requested:
+            return self._requested[key]
+        cell = self._requested[key] = RunSpec(len(self._requested), key, *point)
+        row = self._finished_rows.get(cell.number)
         if row is None:
             self._missing.add(key)
         elif row["key"] != key:
-            raise ConfigError(f"{self._folder}: run {cell.number} is not the one that this search asks for: was it "
+            raise ConfigError(f"{self._folder}: run {cell.number} is not the run that this search requests: was it "
                               "begun with another Optuna? choose another --out")  # fmt: skip
         else:
             self.take(row)
         return cell
 
 
-def _boundary(cells: RunSpecs, search: Boundary) -> Course:
+def _boundary(cells: RunSpecs, search: Boundary) -> Strategy:
     axis, others = _along(cells.spec, search), _others(cells.spec, search)
     lines = [(values, seed) for values in others for seed in cells.seeds]
 
-    def point(ask: boundary.Ask) -> SearchPoint:
-        values, seed = lines[ask.row]
-        along = values | {search.along: axis[ask.place]}
+    def point(query: boundary.VerdictQuery) -> SearchPoint:
+        values, seed = lines[query.row]
+        along = values | {search.along: axis[query.place]}
         return SearchPoint({name: along[name] for name in cells.spec.varied if name in along}, seed)
 
-    rows: dict[boundary.Ask, Row] = {}
+    rows: dict[boundary.VerdictQuery, Row] = {}
     known: list[dict[int, bool]] = [{} for _ in lines]
-    asked = boundary.first(len(lines), axis.count, search.scan)
-    while asked:
-        came = yield RunRequest(list(map(point, asked)), _brackets(axis, known))
-        for ask, row in zip(asked, came, strict=True):
-            rows[ask], known[ask.row][ask.place] = row, met(row, search.criterion)
-        asked = boundary.closer(known, search.batch)
+    queries = boundary.first(len(lines), axis.count, search.scan)
+    while queries:
+        came = yield RunRequest(list(map(point, queries)), _brackets(axis, known))
+        for query, row in zip(queries, came, strict=True):
+            rows[query], known[query.row][query.place] = row, met(row, search.criterion)
+        queries = boundary.closer(known, search.batch)
     return _boundaries(cells, search, others, known, rows)
 
 
@@ -150,9 +151,9 @@ def _boundaries(
     search: Boundary,
     others: Sequence[dict[str, Value]],
     known: Sequence[boundary.Known],
-    rows: Mapping[boundary.Ask, Row],
-) -> Found:
-    """Return what a finished search for boundaries found."""
+    rows: Mapping[boundary.VerdictQuery, Row],
+) -> SearchResult:
+    """Return the result of a finished search for boundaries."""
     axis, repeats = _along(cells.spec, search), len(cells.seeds)
     lines = []
     for number, values in enumerate(others):
@@ -170,14 +171,14 @@ def _boundaries(
     return {"search": "boundary", **what, "runs": len(rows), "errors": errors, "boundaries": lines}
 
 
-def _ends(axis: Steps, flip: boundary.Flip) -> Found:
+def _ends(axis: Steps, flip: boundary.Flip) -> SearchResult:
     good, bad = (flip.below, flip.above) if flip.good_below else (flip.above, flip.below)
     return {"meets": axis[good], "fails": axis[bad]}
 
 
-def _flip(axis: Steps, flip: boundary.Flip, row: int, rows: Mapping[boundary.Ask, Row]) -> Found:
+def _flip(axis: Steps, flip: boundary.Flip, row: int, rows: Mapping[boundary.VerdictQuery, Row]) -> SearchResult:
     good, bad = (flip.below, flip.above) if flip.good_below else (flip.above, flip.below)
-    there, beyond = rows[boundary.Ask(row, good)], rows[boundary.Ask(row, bad)]
+    there, beyond = rows[boundary.VerdictQuery(row, good)], rows[boundary.VerdictQuery(row, bad)]
     why = beyond["error"] or beyond["failed"]
     return _ends(axis, flip) | {"key_meets": there["key"], "key_fails": beyond["key"], "why": why}
 
@@ -189,9 +190,9 @@ def _along(spec: Spec, search: Boundary) -> Steps:
 
 
 def _others(spec: Spec, search: Boundary) -> list[dict[str, Value]]:
-    """Return every combination of the values of the other parameters; the last goes round fastest.
+    """Return every combination of the values of the other parameters; the last varies fastest.
 
-    Each stands once for every controller, and every combination of its tuning, where these are varied.
+    If controllers are varied, each combination occurs once for every controller and every combination of its tuning.
     """
     names = [name for name in spec.parameters if name != search.along]
     values = list(itertools.product(*(_every(spec.parameters[name]) for name in names)))
@@ -204,18 +205,18 @@ def _every(axis: Axis) -> Iterator[Value]:
     return (axis[number] for number in range(axis.count))
 
 
-def _worst(cells: RunSpecs, search: WorstCase) -> Course:
+def _worst(cells: RunSpecs, search: WorstCase) -> Strategy:
     axes, sign = cells.spec.parameters, 1.0 if search.highest is None else -1.0
     every: dict[str, Row] = {}
     choosing = worst.search(len(axes), search.points, search.batch, cells.spec.design_seed)
     shares = next(choosing)
     while True:
         chosen = [{name: drawn(axis, at) for (name, axis), at in zip(axes.items(), one, strict=True)} for one in shares]
-        best = min((_cost(row, search.figure, sign) for row in every.values()), default=math.inf)
-        so_far = f"{search.figure} {sign * best:.3g} so far" if best < math.inf else "starting"
+        best = min((_cost(row, search.metric, sign) for row in every.values()), default=math.inf)
+        so_far = f"{search.metric} {sign * best:.3g} so far" if best < math.inf else "starting"
         rows = yield RunRequest([SearchPoint(values, seed) for values in chosen for seed in cells.seeds], so_far)
         every.update((row["key"], row) for row in rows)
-        costs = [_cost(row, search.figure, sign) for row in rows]
+        costs = [_cost(row, search.metric, sign) for row in rows]
         repeats = len(cells.seeds)
         try:
             shares = choosing.send([min(costs[at : at + repeats]) for at in range(0, len(costs), repeats)])
@@ -223,34 +224,34 @@ def _worst(cells: RunSpecs, search: WorstCase) -> Course:
             return _case(cells, search, sign, list(every.values()))
 
 
-def _cost(row: Row, figure: str, sign: float) -> float:
-    """Return what is to be made small; a run that has neither the figure nor a contact is as good as none.
+def _cost(row: Row, metric: str, sign: float) -> float:
+    """Return the cost to minimize; infinite for a run that has neither the metric nor a contact.
 
-    A contact is beyond every gap, time to collision and DRAC: of runs with one the harder impact is the worse.
+    A contact is worse than every gap, time to collision and DRAC; among contacts the harder impact is worse.
     """
-    value = row[figure]
-    if figure in BEYOND and row.get("collision"):
-        impact = math.copysign(float(row.get("impact_speed_mps") or 0.0), BEYOND[figure])
-        return sign * (at_contact(figure) + impact)
+    value = row[metric]
+    if metric in BEYOND and row.get("collision"):
+        impact = math.copysign(float(row.get("impact_speed_mps") or 0.0), BEYOND[metric])
+        return sign * (at_contact(metric) + impact)
     return math.inf if value is None else sign * float(value)
 
 
-def _case(cells: RunSpecs, search: WorstCase, sign: float, rows: list[Row]) -> Found:
-    """Return what a finished search for the worst case found."""
-    least = min(rows, key=lambda row: _cost(row, search.figure, sign))
-    with_it = [row for row in rows if _cost(row, search.figure, sign) < math.inf]
+def _case(cells: RunSpecs, search: WorstCase, sign: float, rows: list[Row]) -> SearchResult:
+    """Return the result of a finished search for the worst case."""
+    least = min(rows, key=lambda row: _cost(row, search.metric, sign))
+    with_it = [row for row in rows if _cost(row, search.metric, sign) < math.inf]
     case = None
     if with_it:
         values = {name: least[name] for name in cells.spec.parameters}
-        told = ("outcome", "collision", "impact_speed_mps", "passed", "failed")
-        why = {name: least.get(name) for name in told}
+        columns = ("outcome", "collision", "impact_speed_mps", "passed", "failed")
+        why = {name: least.get(name) for name in columns}
         case = {
             "values": values,
             "seed": least["seed"],
             **why,
-            search.figure: least[search.figure],
+            search.metric: least[search.metric],
             "key": least["key"],
         }
     goal = "highest" if search.highest else "lowest"
     counts = {"runs": len(rows), "without": len(rows) - len(with_it), "errors": sum(bool(row["error"]) for row in rows)}
-    return {"search": "worst", goal: search.figure, **counts, "worst": case}
+    return {"search": "worst", goal: search.metric, **counts, "worst": case}

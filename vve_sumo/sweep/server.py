@@ -1,13 +1,13 @@
-"""The process that forks runs: it imports everything once, then drives each job in a child of its own, one at a time.
+"""The fork server of runs: it imports all modules once, then drives one job at a time, each in a child process.
 
-`python -m vve_sumo.sweep.server PARENT SCRATCH`: a job a line on stdin, a result a line on stdout, in the same order,
-and before it, of a job that asks for it, lines that say how far the run has come.
-It ends with its stdin or its parent, and whatever it started ends with it. It has one thread, or no fork were safe.
+`python -m vve_sumo.sweep.server PARENT SCRATCH`: a job a line on stdin, a result a line on stdout, in the same order;
+lines of progress come before the result of a job with `progress` set. The server ends with its stdin or its parent, and
+all processes that it started end with it. It has one thread, because forking would not be safe otherwise.
 
-The first run on a road's files loads the road itself: what is wrong with them is its error alone. After a run that
-came through, the server steps back for a fork of itself that loads the road and serves in its place, on the same
-pipes, as long as jobs for this road come: their runs, forked from there, have SUMO started already. A job for another
-road is handed back. Both processes are one to whoever looks from outside: where one dies, the other dies like it.
+The first run on a road's files loads the road itself, so an error in them is that run's error. After a successful run,
+the server forks a process that loads the road and serves the same pipes in its place while jobs for this road come; the
+runs forked from there find SUMO started. The fork hands back a job for another road. To other processes both are one:
+where one dies, the other dies in the same way.
 """
 
 from __future__ import annotations
@@ -41,20 +41,20 @@ from vve_sumo.sweep.run import run_job, tidy
 from vve_sumo.sweep.shared_road import RoadFiles, SharedRoad
 from vve_sumo.vehicle import interface
 
-POLL_INTERVAL = 0.05  #: between two looks at a run's time and memory [s], in which a run may take some 100 MB more
-PROCESS_POLL_INTERVAL = 1.0  #: between two looks at what a run has started, which costs a millisecond or more [s]
-IDLE_POLL_INTERVAL = 1.0  #: between two looks whether the parent is still there, while there is nothing to do [s]
-MAX_OUTPUT_BYTES = 8192  #: bytes of what a run prints last that are kept while it runs
-MAX_OUTPUT_CHARACTERS = 2000  #: characters of them that are told of a run with an error
+POLL_INTERVAL = 0.05  #: between two checks of a run's time and memory [s]; in this time a run may take some 100 MB more
+PROCESS_POLL_INTERVAL = 1.0  #: between two checks of a run's child processes, which take a millisecond or more [s]
+IDLE_POLL_INTERVAL = 1.0  #: between two checks of the parent while there is no job [s]
+MAX_OUTPUT_BYTES = 8192  #: bytes of the end of a run's output that are kept while it runs
+MAX_OUTPUT_CHARACTERS = 2000  #: characters of them in the result of a run with an error
 
-#: modules that every run imports on its way: what figures are computed with, and the shipped wires
+#: modules that every run imports: those for metrics, and the shipped interfaces
 IMPORTED_AHEAD = ("pandas", "pyarrow.pandas_compat", "scipy.ndimage", "scipy.spatial", *interface.PORT.shipped.values())
 
 #: exit code of the fork that serves on a loaded road, where the road cannot be loaded to be shared
 NOT_LOADED = 3
 MAX_LOAD_TIME = 3600.0  #: that loading a road may take, whatever a run may [s]
 
-#: signals by which a process says that it broke; by any other it was ended from outside
+#: signals of a process' own defect; any other was sent from outside
 OWN_ERROR = frozenset({"SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL", "SIGABRT", "SIGSYS", "SIGTRAP"})
 
 
@@ -63,7 +63,7 @@ class OrphanedError(Exception):
 
 
 class OtherRoadError(Exception):
-    """A job has come that is not for the road that this process has loaded."""
+    """A job is not for the road that this process has loaded."""
 
 
 @dataclass(slots=True)
@@ -72,32 +72,32 @@ class Child:
 
     pid: int
     handle: int  #: pidfd: readable once the process has ended
-    answer: int  #: pipe on which its result comes
-    voice: int  #: pipe on which its prints come
+    result_pipe: int  #: pipe with its result
+    output_pipe: int  #: pipe with its output
     begun: float  #: monotonic [s]
-    looked_around: float  #: when what it has started was last looked for, monotonic [s]
+    tree_checked_at: float  #: time of the last check of its child processes, monotonic [s]
     received: bytes = b""  #: of its result
-    said: bytes = b""  #: the last of its prints
-    others_mb: float = 0.0  #: memory of what it has started, at the last look around [10^6 bytes]
+    output: bytes = b""  #: end of its output
+    others_mb: float = 0.0  #: memory of its child processes at the last check [10^6 bytes]
 
-    def listen(self) -> None:
-        """Take in what the pipes hold, without waiting for more."""
-        self.received += _drain(self.answer)
-        self.said = (self.said + _drain(self.voice))[-MAX_OUTPUT_BYTES:]
+    def read_pipes(self) -> None:
+        """Read the pipes' present content, without waiting."""
+        self.received += _drain(self.result_pipe)
+        self.output = (self.output + _drain(self.output_pipe))[-MAX_OUTPUT_BYTES:]
 
     def lines(self) -> list[bytes]:
-        """Return the whole lines of what was told, which a result is not, and forget them."""
+        """Return and remove the complete lines received; a result has no end of line."""
         *lines, self.received = self.received.split(b"\n")
         return lines
 
     def close(self) -> None:
-        """Let go of the descriptors."""
-        for descriptor in (self.handle, self.answer, self.voice):
+        """Close the descriptors."""
+        for descriptor in (self.handle, self.result_pipe, self.output_pipe):
             os.close(descriptor)
 
 
 def _drain(descriptor: int) -> bytes:
-    """Return what a pipe holds now; one chunk at most, or a run that prints for ever would keep us."""
+    """Return a pipe's present content; one chunk at most, because a run may print without end."""
     try:
         return os.read(descriptor, CHUNK)
     except BlockingIOError:
@@ -105,12 +105,12 @@ def _drain(descriptor: int) -> bytes:
 
 
 class ForkServer:
-    """Forks a run for each job, watches its limits, and says what came of it."""
+    """Forks a run for each job, watches its limits, and writes its result."""
 
     def __init__(self, parent: int, scratch: Path, jobs: int, results: int) -> None:
         self._parent, self._scratch = parent, scratch
         self._jobs, self._results = jobs, results
-        self._waiting = b""  #: of the jobs' pipe, what was read but not yet done
+        self._waiting = b""  #: jobs that were read but not driven yet
         self._cache = InputCache()
         self._warmed: tuple[object, ...] = ()
         self._roads: dict[RoadFiles, bool] = {}  #: roads on which a run came through: whether forks may share one
@@ -118,12 +118,12 @@ class ForkServer:
         self._back = -1  #: pipe on which that fork hands back what it does not serve
 
     def serve(self) -> None:
-        """Run job after job until the parent is gone or says no more."""
+        """Drive jobs until the parent has ended or closed the pipe."""
         for module in IMPORTED_AHEAD:
             importlib.import_module(module)
         deciding()
         gc.collect()
-        self._say(READY)
+        self._write_line(READY)
         self._serve()
 
     def _serve(self) -> NoReturn:
@@ -134,7 +134,7 @@ class ForkServer:
                 self._put_back(line)
                 self._delegate_to_fork(job)
             elif self._road is None or self._road.serves(job):
-                self._say(self.run(job).to_json())
+                self._write_line(self.run(job).to_json())
             else:
                 self._put_back(line)
                 raise OtherRoadError
@@ -143,7 +143,7 @@ class ForkServer:
         self._waiting = f"{line}\n".encode() + self._waiting
 
     def run(self, job: Job) -> RunResult:
-        """Drive one job in a child and return what came of it; raises OrphanedError when the parent went away."""
+        """Drive one job in a child and return its result; raises OrphanedError when the parent has ended."""
         tidy(job, self._scratch, keep=False)
         if job.keep is not None:
             software()  # for its record: once here, not in every run
@@ -154,7 +154,7 @@ class ForkServer:
         finally:
             process_tree.kill([child.pid])
             _pid, status, usage = os.wait4(child.pid, 0)
-            child.listen()
+            child.read_pipes()
             child.lines()
             child.close()
             process_tree.end_descendants()
@@ -168,7 +168,7 @@ class ForkServer:
         return replace(result, wall_s=wall, cpu_s=usage.ru_utime + usage.ru_stime, peak_mb=peak)
 
     def _fork(self, job: Job) -> Child:
-        (answer, answers), (voice, voices) = os.pipe(), os.pipe()
+        (result_pipe, result_end), (output_pipe, output_end) = os.pipe(), os.pipe()
         server, begun = os.getpid(), time.monotonic()
         pid = os.fork()
         if pid == 0:
@@ -177,16 +177,16 @@ class ForkServer:
             loaded = self._road.loaded if self._road else None
             drive = partial(run_job, job, self._scratch, self._cache, loaded=loaded)
             if job.progress:
-                drive = partial(drive, report=partial(_report, answers))
-            _live(drive, server, answers, voices)
-        os.close(answers)
-        os.close(voices)
-        for pipe in (answer, voice):
+                drive = partial(drive, report=partial(_report, result_end))
+            _run_child(drive, server, result_end, output_end)
+        os.close(result_end)
+        os.close(output_end)
+        for pipe in (result_pipe, output_pipe):
             os.set_blocking(pipe, False)
-        return Child(pid, os.pidfd_open(pid), answer, voice, begun, begun)
+        return Child(pid, os.pidfd_open(pid), result_pipe, output_pipe, begun, begun)
 
     def _delegate_to_fork(self, job: Job) -> None:
-        """Let a fork load a job's road and serve in our place, until it hands back a job; where it ends, so do we."""
+        """Let a fork load a job's road and serve in place of this process until it hands back a job; end as it ends."""
         if job.keep is not None:
             software()  # for the records of its runs
         (back, self._back), server = os.pipe(), os.getpid()
@@ -212,20 +212,20 @@ class ForkServer:
         lines = b""
         while True:
             if select.select([back], [], [], IDLE_POLL_INTERVAL)[0]:
-                heard = os.read(back, CHUNK)
-                if not heard:
+                chunk = os.read(back, CHUNK)
+                if not chunk:
                     return lines
-                lines += heard
-            self._look_up()
+                lines += chunk
+            self._check_parent()
 
     def _serve_preloaded(self, job: Job) -> NoReturn:
-        """Be the fork that serves on a loaded road; hand back the job that is not for it."""
+        """Serve in the fork with a loaded road; hand back a job for another road."""
         code = 1
         try:
             process_tree.die_with(self._parent)
             process_tree.adopt_orphans()
-            # A run has loaded these files in time. Should another seed make that endless, its run shall say so: we die
-            # here, the server dies with us, and the next one drives the job without us.
+            # A run has loaded these files in time. With another seed loading may not end; then this process and the
+            # server die, and the next server drives the job without a fork, so that the run itself times out.
             signal.setitimer(signal.ITIMER_REAL, min(job.time_limit_s, MAX_LOAD_TIME))
             self._road = SharedRoad(job, self._cache)
             signal.setitimer(signal.ITIMER_REAL, 0.0)
@@ -250,30 +250,30 @@ class ForkServer:
         return code
 
     def _watch(self, child: Child, job: Job) -> str:
-        """Wait for a child's end; return the error if it went beyond a limit, else nothing."""
+        """Wait for a child's end; return the error if it exceeded a limit, else an empty string."""
         poll = select.poll()
-        for descriptor in (child.handle, child.voice, child.answer, self._jobs):
+        for descriptor in (child.handle, child.output_pipe, child.result_pipe, self._jobs):
             poll.register(descriptor, select.POLLIN)
         while True:
             events = dict(poll.poll(1000.0 * POLL_INTERVAL))
-            child.listen()
+            child.read_pipes()
             for line in child.lines():
-                self._say(line.decode())
-            for pipe in (child.voice, child.answer):
+                self._write_line(line.decode())
+            for pipe in (child.output_pipe, child.result_pipe):
                 if events.get(pipe, 0) & select.POLLHUP:
                     poll.unregister(pipe)
             if child.handle in events:
                 return ""
             if self._jobs in events:
-                self._hear()
-            self._look_up()
+                self._read_jobs()
+            self._check_parent()
             if not time.monotonic() - child.begun <= job.time_limit_s:
                 return "timed_out"
-            if not _held(child) <= job.memory_limit_mb:
+            if not _memory_mb(child) <= job.memory_limit_mb:
                 return "memory"
 
     def _warm(self, job: Job) -> None:
-        """Read a job's files for those that come; its own run came to an end with them, so they are fit to be read."""
+        """Read a job's files for later jobs; its own run has ended with them, so reading them is safe."""
         actors = [actor.get("path") for actor in job.table.get("actors", ())]
         files = (job.file, job.working, job.table["road"], job.table["ego"]["path"], actors)
         if files != self._warmed:
@@ -285,22 +285,22 @@ class ForkServer:
         """Return the next job's line."""
         while b"\n" not in self._waiting:
             if select.select([self._jobs], [], [], IDLE_POLL_INTERVAL)[0]:
-                self._hear()
-            self._look_up()
+                self._read_jobs()
+            self._check_parent()
         line, _newline, self._waiting = self._waiting.partition(b"\n")
         return line.decode()
 
-    def _hear(self) -> None:
-        heard = os.read(self._jobs, CHUNK)
-        if not heard:
+    def _read_jobs(self) -> None:
+        chunk = os.read(self._jobs, CHUNK)
+        if not chunk:
             raise OrphanedError
-        self._waiting += heard
+        self._waiting += chunk
 
-    def _look_up(self) -> None:
+    def _check_parent(self) -> None:
         if os.getppid() != self._parent:
             raise OrphanedError
 
-    def _say(self, line: str) -> None:
+    def _write_line(self, line: str) -> None:
         rest = memoryview(line.encode() + b"\n")
         try:
             while rest:
@@ -309,18 +309,18 @@ class ForkServer:
             raise OrphanedError from None
 
 
-def _held(child: Child) -> float:
-    """Return the memory of a run and of what it has started [10^6 bytes]."""
+def _memory_mb(child: Child) -> float:
+    """Return the memory of a run and its child processes [10^6 bytes]."""
     now = time.monotonic()
-    if now - child.looked_around >= PROCESS_POLL_INTERVAL:
-        child.looked_around = now
+    if now - child.tree_checked_at >= PROCESS_POLL_INTERVAL:
+        child.tree_checked_at = now
         others = (one for one in process_tree.descendants(os.getpid()) if one != child.pid)
         child.others_mb = sum(map(process_tree.resident, others)) / 1e6
     return process_tree.resident(child.pid) / 1e6 + child.others_mb
 
 
 def _result(job: Job, child: Child, status: int, limit: str) -> RunResult:
-    """Return what a child that has ended came to."""
+    """Return the result of a child that has ended."""
     if limit:
         error = limit
     elif os.WIFSIGNALED(status):
@@ -329,9 +329,9 @@ def _result(job: Job, child: Child, status: int, limit: str) -> RunResult:
     else:
         with contextlib.suppress(ConfigError, UnicodeDecodeError):
             result = RunResult.from_json(child.received.decode())
-            return result if not result.error else replace(result, said=_text(child.said))
+            return result if not result.error else replace(result, said=_text(child.output))
         error = f"exited: {os.WEXITSTATUS(status)}"
-    return RunResult(job.key, error=error, said=_text(child.said))
+    return RunResult(job.key, error=error, said=_text(child.output))
 
 
 def _signal_name(number: int) -> str:
@@ -341,31 +341,31 @@ def _signal_name(number: int) -> str:
         return f"signal {number}"
 
 
-def _text(said: bytes) -> str:
-    # A crash ends with the names of a hundred extension modules, which tell nobody where it happened.
-    text = re.sub(r"(?m)^Extension modules: .*$", "", said.decode(errors="replace"))
+def _text(output: bytes) -> str:
+    # A crash ends with the names of a hundred extension modules, which do not help to find its cause.
+    text = re.sub(r"(?m)^Extension modules: .*$", "", output.decode(errors="replace"))
     return text.strip()[-MAX_OUTPUT_CHARACTERS:]
 
 
-def _report(answers: int, progress: DriveProgress) -> None:
-    os.write(answers, progress_line(progress).encode() + b"\n")
+def _report(result_end: int, progress: DriveProgress) -> None:
+    os.write(result_end, progress_line(progress).encode() + b"\n")
 
 
-def _live(drive: Callable[[], RunResult], server: int, answers: int, voices: int) -> NoReturn:
-    """Be the child: drive, say what came of it, and end without a word to what the server left open."""
+def _run_child(drive: Callable[[], RunResult], server: int, result_end: int, output_end: int) -> NoReturn:
+    """Drive in the child, write the result, and exit without closing what the server has open."""
     code = 1
     try:
         process_tree.die_with(server)
         os.setpgid(0, 0)
         signal.signal(signal.SIGINT, signal.SIG_DFL)
         nothing = os.open(os.devnull, os.O_RDONLY)
-        for descriptor, number in ((nothing, 0), (voices, 1), (voices, 2)):
+        for descriptor, number in ((nothing, 0), (output_end, 1), (output_end, 2)):
             os.dup2(descriptor, number)
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         faulthandler.enable(file=2)
         line = memoryview(drive().to_json().encode())
         while line:
-            line = line[os.write(answers, line) :]
+            line = line[os.write(result_end, line) :]
         code = 0
     except SystemExit as error:
         code = error.code if isinstance(error.code, int) else 1
@@ -382,7 +382,7 @@ def main() -> None:
     """Serve until the parent is gone; leave neither process nor file behind."""
     parent, scratch = int(sys.argv[1]), Path(sys.argv[2])
     process_tree.adopt_orphans()
-    # What anything prints in this process must not come between the lines of results.
+    # Prints in this process must not mix with the lines of results.
     results = os.dup(1)
     os.dup2(2, 1)
     try:
@@ -392,7 +392,7 @@ def main() -> None:
     finally:
         process_tree.end_descendants()
         shutil.rmtree(scratch, ignore_errors=True)
-    # Half a second of taking modules apart is of no use to anybody.
+    # An ordinary exit would spend half a second on unloading modules.
     os._exit(0)
 
 

@@ -1,4 +1,4 @@
-"""The road that runs of a sweep share: loaded once in a process that is then forked for each of them.
+"""The road that runs of a sweep share, loaded once in a process that is forked for each run.
 
 Knows jobs and files; neither forks nor drives.
 """
@@ -17,7 +17,7 @@ from vve_sumo.world.loaded_road import LoadedRoad
 
 
 class RoadFiles(NamedTuple):
-    """What a job says of its road's files: of two jobs that say the same, both name the same files."""
+    """The names of a job's road files; equal for two jobs that name the same files."""
 
     beside: Path  #: the scenario's file, beside which names are looked up
     working: Path
@@ -25,12 +25,12 @@ class RoadFiles(NamedTuple):
 
     @classmethod
     def of(cls, job: Job) -> RoadFiles:
-        """Return what a job says."""
+        """Return the names of a job's road files."""
         return cls(job.file, job.working, json.dumps(job.table.get("road"), sort_keys=True))
 
 
 class SharedRoad:
-    """A loaded road, for the job that it was loaded for and others that would load the same."""
+    """A loaded road, for the job that it was loaded for and for jobs that would load the same."""
 
     def __init__(self, job: Job, cache: InputCache) -> None:
         """Load a job's road; raises ConfigError or SimulationError where that fails or forks may not share the road."""
@@ -39,7 +39,7 @@ class SharedRoad:
         self._read = [stamp(file) for file in (source.network, *source.demand)]
         self.loaded = LoadedRoad(source)
         if not self.loaded.forkable:
-            raise ConfigError(f"{source.network}: its traffic is not only read")
+            raise ConfigError(f"{source.network}: expected traffic that SUMO only reads, so that forks can share it")
 
     def serves(self, job: Job) -> bool:
         """Whether a job's run would load this road, from files that are as they were."""

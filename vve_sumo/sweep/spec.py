@@ -1,4 +1,4 @@
-"""What a sweep's file may say, and whether it goes with its scenario.
+"""The schema of a sweep's file, and the checks of a sweep against its scenario.
 
 Knows keys, counts and names; nothing of drives, processes or datasets.
 """
@@ -28,24 +28,24 @@ KEY = re.compile("[0-9a-f]{16}")
 Keep = Literal["none", "failed", "all"] | tuple[str, ...]
 
 
-def _seeds(said: object) -> int | tuple[int, ...]:
-    if isinstance(said, int) and not isinstance(said, bool) and 1 <= said <= MAX_SEED:
-        return said
-    if not isinstance(said, (list, tuple)) or not said:
+def _seeds(entry: object) -> int | tuple[int, ...]:
+    if isinstance(entry, int) and not isinstance(entry, bool) and 1 <= entry <= MAX_SEED:
+        return entry
+    if not isinstance(entry, (list, tuple)) or not entry:
         raise ValueError("expected how many, 1 or more, or a list of seeds")
-    if not all(type(seed) is int and 0 <= seed <= MAX_SEED for seed in said):
+    if not all(type(seed) is int and 0 <= seed <= MAX_SEED for seed in entry):
         raise ValueError(f"expected seeds from 0 to {MAX_SEED}")
-    if len(set(said)) < len(said):
+    if len(set(entry)) < len(entry):
         raise ValueError("expected each seed once")
-    return tuple(said)
+    return tuple(entry)
 
 
-def kept(said: object) -> Keep:
-    """Return whose records are kept; raises ValueError where that is not said."""
-    if said == "none" or said == "failed" or said == "all":
-        return said
-    if isinstance(said, (list, tuple)) and said and all(KEY.fullmatch(str(key)) for key in said):
-        return tuple(said)
+def parse_keep(entry: object) -> Keep:
+    """Return which records are kept; raises ValueError for another value."""
+    if entry == "none" or entry == "failed" or entry == "all":
+        return entry
+    if isinstance(entry, (list, tuple)) and entry and all(KEY.fullmatch(str(key)) for key in entry):
+        return tuple(entry)
     raise ValueError("expected 'none', 'failed', 'all' or a list of runs' keys of 16 digits")
 
 
@@ -55,38 +55,38 @@ class Boundary(Table):
     along: Name = Field(description="of [parameters], { from, to, step }: the flip is found to one step")
     criterion: Name = Field(default="passed", description="passed, collision or a criterion that the scenario states")
     scan: Annotated[int, Field(ge=2)] = Field(
-        default=5, description="values that are driven first, evenly spread; what flips twice between two is not seen"
+        default=5, description="values that are driven first, evenly spread; two flips between neighbours are not found"
     )
     batch: Annotated[int, Field(ge=1)] = Field(
-        default=4, description="runs that are asked for at a time, where one for each flip would be fewer"
+        default=4, description="least number of runs that are requested at a time"
     )
 
 
 class WorstCase(Table):
-    """Which values, of those that parameters may have, make a figure lowest or highest, of any seed."""
+    """The values of the parameters at which a metric is lowest or highest, over all seeds."""
 
-    lowest: Name | None = Field(default=None, description="the figure that is to be as low as can be")
-    highest: Name | None = Field(default=None, description="the figure that is to be as high as can be")
+    lowest: Name | None = Field(default=None, description="metric to minimize")
+    highest: Name | None = Field(default=None, description="metric to maximize")
     points: Annotated[int, Field(ge=1, le=100_000)] = Field(
         default=160, description="combinations of values that are tried"
     )
-    batch: Annotated[int, Field(ge=1)] = Field(default=8, description="of them, how many are chosen at a time")
+    batch: Annotated[int, Field(ge=1)] = Field(default=8, description="combinations that are chosen at a time")
 
     @model_validator(mode="after")
-    def _one_figure(self) -> Self:
+    def _one_metric(self) -> Self:
         if (self.lowest is None) == (self.highest is None):
             raise ValueError("expected one of lowest and highest (or along, for a boundary)")
         return self
 
     @property
-    def figure(self) -> str:
-        """The figure that is sought."""
+    def metric(self) -> str:
+        """The metric to minimize or maximize."""
         return self.lowest or self.highest or ""
 
 
-def _kind_of_search(said: object) -> str:
-    """Return which search a table asks for: one along a parameter, or for the worst case."""
-    return "boundary" if isinstance(said, dict) and {"along", "criterion"} & said.keys() else "worst"
+def _kind_of_search(entry: object) -> str:
+    """Return the kind of a search's table: boundary along a parameter, or worst case."""
+    return "boundary" if isinstance(entry, dict) and {"along", "criterion"} & entry.keys() else "worst"
 
 
 Search = Annotated[
@@ -95,7 +95,7 @@ Search = Annotated[
 
 
 class Spec(Table):
-    """A sweep: one scenario, what of it is varied, and how often each is driven."""
+    """A sweep: one scenario, its varied parameters, and the number of drives of each point."""
 
     title: str = ""
     scenario: Name = Field(description="a name under scenarios/ or a file")
@@ -106,11 +106,11 @@ class Spec(Table):
     samples: Annotated[int, Field(ge=1, le=2**30)] | None = Field(
         default=None, description="how many points a drawn design has"
     )
-    design_seed: Annotated[int, Field(ge=0)] = Field(default=1, description="of the drawing")
+    design_seed: Annotated[int, Field(ge=0)] = Field(default=1, description="seed of a drawn design")
     seeds: Annotated[int | tuple[int, ...], PlainValidator(_seeds)] = Field(
         default=1, description="how often each point is driven, from the scenario's seed on; or a list of seeds"
     )
-    keep: Annotated[Keep, PlainValidator(kept)] = Field(
+    keep: Annotated[Keep, PlainValidator(parse_keep)] = Field(
         default="none", description="whose full records are kept: none, failed, all, or a list of runs' keys"
     )
     time_limit_s: Positive = Field(default=3600.0, description="wall time that a run may take")
@@ -124,40 +124,40 @@ class Spec(Table):
     metrics: tuple[Name, ...] = Field(
         default=(),
         strict=False,
-        description="what is measured of every run beside the shipped metrics and those of the scenario's `metrics`",
+        description="metrics of every run in addition to the shipped ones and those of the scenario's `metrics`",
     )
-    search: Search | None = Field(default=None, description="what is looked for, instead of driving every combination")
+    search: Search | None = Field(default=None, description="adaptive search, instead of driving every combination")
 
     @model_validator(mode="after")
-    def _designed(self) -> Self:
+    def _check_design(self) -> Self:
         if self.search is not None:
-            self._sought(self.search)
+            self._check_search(self.search)
         elif self.design in SAMPLED:
-            self._drawable()
+            self._check_drawn()
         else:
-            self._listed()
-        self._distinct()
+            self._check_listed()
+        self._check_distinct()
         return self
 
-    def _sought(self, search: Search) -> None:
+    def _check_search(self, search: Search) -> None:
         if {"design", "samples"} & self.model_fields_set:
             raise ValueError("design, samples: a search chooses its runs itself, leave them out")
         if isinstance(search, Boundary):
             if not isinstance(self.parameters.get(search.along), Steps):
                 raise ValueError(f"search.along: expected a parameter with {{ from, to, step }}, got {search.along!r}")
-            self._listed()
+            self._check_listed()
         elif self.controllers:
             raise ValueError("controllers: a search for the worst case takes one, expected it in the scenario")
         elif not any(isinstance(axis, NumberRange) for axis in self.parameters.values()):
             raise ValueError("search: expected a parameter with { min, max } to choose from")
 
-    def _drawable(self) -> None:
+    def _check_drawn(self) -> None:
         if self.samples is None:
             raise ValueError(f"design {self.design}: key 'samples' is missing")
         if not any(isinstance(axis, NumberRange) for axis in self.parameters.values()):
             raise ValueError(f"design {self.design}: expected a parameter with {{ min, max }} to draw from")
 
-    def _listed(self) -> None:
+    def _check_listed(self) -> None:
         if self.samples is not None:
             raise ValueError(f"design {self.design}: samples: goes with {', '.join(SAMPLED)}")
         if not self.parameters and not self.controllers and self.repeats < 2:
@@ -167,28 +167,28 @@ class Spec(Table):
                 raise ValueError(f"parameters.{key}: min and max go with design {', '.join(SAMPLED)}")
         counts = {key: axis.count for key, axis in self.parameters.items() if not isinstance(axis, NumberRange)}
         if self.design == "list" and len(set(counts.values())) > 1:
-            raise ValueError(f"design list: expected lists of one length, got {_said(counts)}")
+            raise ValueError(f"design list: expected lists of one length, got {_counts_text(counts)}")
 
-    def _distinct(self) -> None:
-        """Refuse points that are there twice; numbers at equal distances, and those drawn, are never the same."""
+    def _check_distinct(self) -> None:
+        """Refuse duplicate points; steps and drawn numbers have none."""
         choices = {key: axis.values for key, axis in self.parameters.items() if isinstance(axis, Choice)}
         if self.design == "list":
             rows = list(zip(*choices.values(), strict=True))
             if len(choices) == len(self.parameters) and len(set(rows)) < len(rows):
-                raise ValueError(f"design list: row {_twice(rows)} stands twice, expected each once")
+                raise ValueError(f"design list: row {_twice(rows)} occurs twice, expected each once")
             return
         for key, values in choices.items():
             if len(set(values)) < len(values):
-                raise ValueError(f"parameters.{key}: {_twice(values)} stands twice, expected each value once")
+                raise ValueError(f"parameters.{key}: {_twice(values)} occurs twice, expected each value once")
 
     @property
     def varied(self) -> dict[str, Kind]:
-        """Name and kind of everything that tells one point from another: the controllers' columns, the parameters."""
+        """Name and type of the columns that identify a point: those of the controllers, and the parameters."""
         return {**columns(self.controllers), **{name: axis.kind for name, axis in self.parameters.items()}}
 
     @property
     def repeats(self) -> int:
-        """How often each point is driven."""
+        """Number of drives of each point."""
         return self.seeds if isinstance(self.seeds, int) else len(self.seeds)
 
 
@@ -196,38 +196,38 @@ def _twice(values: Sequence[object]) -> str:
     return repr(next(value for at, value in enumerate(values) if value in values[:at]))
 
 
-def _said(counts: Mapping[str, int]) -> str:
+def _counts_text(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{key} {count}" for key, count in counts.items())
 
 
 def parse_spec(table: Mapping[str, Any], file: Path) -> Spec:
-    """Return the spec that a parsed table holds; `file` is named in the ConfigError of a wrong one."""
+    """Return the spec of a parsed table; raises ConfigError, naming `file`, for a faulty one."""
     try:
         return Spec.model_validate(table)
     except ValidationError as error:
         raise ConfigError(complaint(file, error, Spec)) from None
 
 
-def with_numbers(said: Mapping[str, Any], file: Path, table: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a sweep's file says with numbers in place of quantities such as "25 mph" under `[parameters]`.
+def with_numbers(entry: Mapping[str, Any], file: Path, table: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a sweep's table with numbers in place of quantities such as "25 mph" under `[parameters]`.
 
-    `table` is the scenario's, whose keys say the units. Raises ConfigError for a unit that is none of a key's.
+    `table` is the scenario's, whose keys state the units. Raises ConfigError for a unit that does not fit a key.
     """
-    parameters = said.get("parameters")
+    parameters = entry.get("parameters")
     if not isinstance(parameters, dict):
-        return dict(said)
+        return dict(entry)
     found: dict[str, Any] = {}
     try:
         for key, values in flattened(parameters):
             named, numbers = _numbers(key, values, table)
             if named in found:
-                raise ConfigError(f"{named}: stands twice")
+                raise ConfigError(f"{named}: occurs twice, expected each key once")
             found[named] = numbers
     except ConfigError as error:
         raise ConfigError(f"{file}: parameters.{error}") from None
     except ValueError:
-        return dict(said)  # which the schema refuses in its own words
-    return {**said, "parameters": found}
+        return dict(entry)  # the schema refuses it
+    return {**entry, "parameters": found}
 
 
 def _numbers(key: str, values: object, table: Mapping[str, Any]) -> tuple[str, object]:
@@ -235,17 +235,17 @@ def _numbers(key: str, values: object, table: Mapping[str, Any]) -> tuple[str, o
     place = places(table, key)[0]
     if not isinstance(values, (list, dict)):
         return key, values
-    laid = [numbered(place, value) for value in (values.values() if isinstance(values, dict) else values)]
-    numbers = [number for _place, number in laid]
-    named = next((where for where, _number in laid if where != place), place) if place == key else key
+    placed = [numbered(place, value) for value in (values.values() if isinstance(values, dict) else values)]
+    numbers = [number for _place, number in placed]
+    named = next((where for where, _number in placed if where != place), place) if place == key else key
     return named, dict(zip(values, numbers, strict=True)) if isinstance(values, dict) else numbers
 
 
 def fit(spec: Spec, file: Path, table: Mapping[str, Any], taken: frozenset[str]) -> None:
-    """Raise ConfigError, naming the spec's file and the key, unless its parameters go with a scenario's valid table.
+    """Raise ConfigError, naming the spec's file and the key, unless its parameters fit a scenario's valid table.
 
-    `taken` are columns of a row that no parameter may be called by. Values are judged against the bounds that the
-    scenario declares; what else a scenario refuses, it refuses when the values are laid in.
+    `taken`: names of columns that no parameter may have. Values are checked against the bounds that the scenario
+    declares; the scenario's other checks follow when a run's values are applied.
     """
     setters = dict.fromkeys(columns(spec.controllers), "controllers")
     for name, axis in spec.parameters.items():
@@ -255,8 +255,10 @@ def fit(spec: Spec, file: Path, table: Mapping[str, Any], taken: frozenset[str])
             if place == "seed":
                 raise ConfigError(f"{key}: seeds have a key of their own, expected seeds = [ … ]")
             if place in setters:
-                raise ConfigError(f"{key}: sets {place}, and so does {setters[place]}")
+                raise ConfigError(f"{key}: sets {place}, which {setters[place]} sets too; expected one of them")
             setters[place] = name
         if name in taken:
-            raise ConfigError(f"{key}: every row has a column of that name; declare it in the scenario by another")
+            raise ConfigError(
+                f"{key}: every row has a column of that name; declare the parameter under another name in the scenario"
+            )
         check_bounds(key, axis.ends(), table.get("parameters", {}).get(name, {}))

@@ -1,7 +1,6 @@
-"""The standard study of delay and noise as a sweep: which runs it asks for, whatever the scenario.
+"""The standard study of delay and noise as a sweep, for any scenario.
 
-Lays the axes, checks what a person may say of them, and leaves the driving to the sweep; it must not know what is made
-of the rows.
+It sets the axes and checks the options; the sweep drives. It must not know how the rows are evaluated.
 """
 
 from __future__ import annotations
@@ -16,20 +15,20 @@ from vve_sumo.scenario.load import load
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.sweep.plan import SweepQuery, planned
 
-#: what is varied: a delay that nothing in the pipeline can know of, and the size of the receiver's noise
+#: varied keys: a delay that is hidden from the pipeline, and a factor on the receiver's noise
 DELAY, NOISE = "ego.car.gnss_hidden_delay_s", "ego.car.noise_factor"
-#: steps where nothing else is said [ms]: to half a second, beyond what the shipped steering bears
+#: default steps [ms]: up to half a second, beyond what the shipped steering tolerates
 DELAYS_MS: Final = tuple(float(delay) for delay in range(0, 501, 50))
-#: factors where nothing else is said: none, as the receiver says, and far more
+#: default factors: without noise, the receiver's stated noise, and far more
 FACTORS: Final = (0.0, 1.0, 4.0)
 SEEDS: Final = 3
-GREATEST_MS, GREATEST_FACTOR = 1000.0, 100.0  #: that a scenario takes
+MAX_DELAY_MS, MAX_FACTOR = 1000.0, 100.0  #: largest values of a scenario
 
-#: stands for a file's name in what is said of the sweep
-CALLED: Final = Path("study latency")
+#: in place of the sweep's file in messages
+PLACEHOLDER_FILE: Final = Path("study latency")
 
 
-def cliff_study(
+def latency_study(
     name: str,
     working: Path,
     *,
@@ -38,25 +37,25 @@ def cliff_study(
     seeds: int | None = None,
     rig: str | None = None,
 ) -> SweepQuery:
-    """Return the sweep over hidden delays [ms] and factors on the receiver's noise; None takes what is usual.
+    """Return the sweep over hidden delays [ms] and factors on the receiver's noise; None takes the default.
 
-    With a `rig`, the rig's car is simulated. Where the scenario turns the noise off, there is one factor, 0; where
-    nothing is left to chance, one seed. Raises ConfigError, naming the option or the scenario's key, for what is wrong.
+    With a `rig`, the rig's car is simulated. Where the scenario turns the noise off, there is one factor, 0; without
+    any random input, one seed. Raises ConfigError, naming the option or the scenario's key, for what is wrong.
     """
     scenario = load(workspace.find("scenario", name, working))
-    delays = _rising("--delays-ms", DELAYS_MS if delays_ms is None else delays_ms, GREATEST_MS)
-    said: dict[str, Any] = {
+    delays = _ascending("--delays-ms", DELAYS_MS if delays_ms is None else delays_ms, MAX_DELAY_MS)
+    spec_table: dict[str, Any] = {
         "title": f"Latency margin of {name}",
         "scenario": name,
         "seeds": _seeds(scenario) if seeds is None else _whole(seeds),
         "parameters": {DELAY: [delay / 1000.0 for delay in delays], NOISE: _factors(name, scenario, factors)},
     }
-    return planned(said, CALLED, working, yes=False, rig=rig)
+    return planned(spec_table, PLACEHOLDER_FILE, working, yes=False, rig=rig)
 
 
 def _factors(name: str, scenario: Scenario, factors: Sequence[float] | None) -> list[float]:
     if scenario.ego.car.noise:
-        return _rising("--noise", FACTORS if factors is None else factors, GREATEST_FACTOR)
+        return _ascending("--noise", FACTORS if factors is None else factors, MAX_FACTOR)
     if factors is not None and list(factors) != [0.0]:
         got = ",".join(f"{factor:g}" for factor in factors)
         raise ConfigError(f"--noise: {name} turns the noise off (ego.car.noise), expected 0, got {got}")
@@ -65,7 +64,7 @@ def _factors(name: str, scenario: Scenario, factors: Sequence[float] | None) -> 
 
 def _seeds(scenario: Scenario) -> int:
     steady = not scenario.ego.car.noise and scenario.radar.ideal and not scenario.road.demand
-    certain = steady and not scenario.sensors  # which draw by chance, as far as anybody knows
+    certain = steady and not scenario.sensors  # whose noise is unknown here
     return 1 if certain else SEEDS
 
 
@@ -75,7 +74,7 @@ def _whole(seeds: int) -> int:
     return seeds
 
 
-def _rising(option: str, values: Sequence[float], greatest: float) -> list[float]:
+def _ascending(option: str, values: Sequence[float], greatest: float) -> list[float]:
     """Return numbers in order, each once; raises ConfigError where there is none, or one outside 0 to `greatest`."""
     wrong = next((value for value in values if not 0.0 <= value <= greatest), None)
     if wrong is not None or not values:

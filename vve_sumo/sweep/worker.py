@@ -1,6 +1,6 @@
-"""The handle on one server of runs: gives it jobs, takes its results, starts it anew when it dies.
+"""The client of one fork server: submits jobs, reads results, restarts the server when it dies.
 
-One job at a time. Never waits, except for a process to die; whoever holds several workers waits for their descriptors.
+One job at a time. Never blocks, except for the end of a process; the caller waits on the workers' descriptors.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from vve_sumo.errors import SimulationError
 from vve_sumo.sweep import process_tree
 from vve_sumo.sweep.job import CHUNK, READY, Job, RunResult, progress_of
 
-MAX_ATTEMPTS = 2  #: how often a job is begun: a server that is killed from outside is not the run's fault
-SHUTDOWN_TIMEOUT = 5.0  #: for a server to tidy up after its stdin was closed, before it is killed [s]
+MAX_ATTEMPTS = 2  #: largest number of starts of a job, because a server may be killed from outside
+SHUTDOWN_TIMEOUT = 5.0  #: time for a server to clean up after its stdin was closed, before it is killed [s]
 
-#: One thread, or forking would not be safe; and the same order of a set's texts in every process.
+#: environment: one thread, for safe forks; a fixed hash seed, for the same order of sets in every process
 SINGLE = {
     "OPENBLAS_NUM_THREADS": "1",
     "OMP_NUM_THREADS": "1",
@@ -44,18 +44,18 @@ class _Server:
     process: subprocess.Popen[bytes]
     jobs: IO[bytes]  #: its stdin
     results: IO[bytes]  #: its stdout, which is read without waiting
-    log: IO[bytes]  #: what it says besides
+    log: IO[bytes]  #: its stderr
     scratch: Path  #: its folder
-    heard: bytes = b""  #: of a result
+    buffer: bytes = b""  #: of a result
     ready: bool = False  #: whether it came through its imports
 
-    def last_word(self) -> str:
-        """Return the last line that it said besides its results."""
+    def last_output(self) -> str:
+        """Return the last line of its stderr."""
         self.log.seek(0)
-        return (self.log.read().decode(errors="replace").strip().splitlines() or ["it said nothing"])[-1]
+        return (self.log.read().decode(errors="replace").strip().splitlines() or ["no output"])[-1]
 
     def end(self) -> None:
-        """End it and all that it started, leave no file."""
+        """End the server and all its processes, and delete its files."""
         self.jobs.close()
         try:
             self.process.wait(SHUTDOWN_TIMEOUT)
@@ -79,7 +79,7 @@ def _start() -> _Server:
         stdout=subprocess.PIPE,
         stderr=log,
         bufsize=0,
-        # What a run puts among the temporary files and does not live to take away is taken away with its record.
+        # Temporary files that a killed run leaves are deleted with the scratch folder.
         env={**os.environ, **SINGLE, "PYTHONPATH": search_path(), "TMPDIR": str(scratch)},
         start_new_session=True,
     )
@@ -90,16 +90,16 @@ def _start() -> _Server:
 
 
 def search_path() -> str:
-    """Return where modules are looked for before the standard library, for a process that doesn't look where it is."""
+    """Return where modules are looked for before the standard library, for a process started with -P."""
     own = takewhile(lambda place: place != sysconfig.get_path("stdlib") and not place.endswith(".zip"), sys.path)
     return os.pathsep.join(str(Path(place).absolute()) for place in own)
 
 
 class Worker:
-    """One server, and the job that it drives; it is started when it is given its first."""
+    """One server, and the job that it drives; the first job starts the server."""
 
     def __init__(self, report: Callable[[DriveProgress], None] = lambda progress: None) -> None:
-        """`report` is called with the progress of a job that asks for that, whenever `result` hears of some."""
+        """`report` receives the progress of a job with `progress` set, while `result` reads it."""
         self._report = report
         self._server: _Server | None = None
         self._job: Job | None = None
@@ -116,33 +116,33 @@ class Worker:
         return self._server.process.pid if self._server else 0
 
     def fileno(self) -> int:
-        """Return what becomes readable when `result` has something to do: of a started server, another each time."""
+        """Return the descriptor that is readable when `result` has data; another one after each start of the server."""
         return self.start().results.fileno()
 
     def start(self) -> _Server:
-        """Start the server unless it runs; its imports take a second, which nobody waits for here."""
+        """Start the server unless it runs; this call does not wait for its imports, which take a second."""
         self._server = self._server or _start()
         return self._server
 
     def submit(self, job: Job) -> None:
-        """Have a job driven; raises ConfigError where it can't be told, and then nothing is."""
+        """Submit a job; raises ConfigError where it cannot be serialized, and then submits nothing."""
         assert not self.busy
         line = job.to_json()
         self._job, self._tries = job, 0
-        self._tell(line)
+        self._send(line)
 
-    def _tell(self, line: str) -> None:
+    def _send(self, line: str) -> None:
         self._tries += 1
         server, rest = self.start(), memoryview(line.encode() + b"\n")
-        # A server that is dead already is found by its closed stdout.
+        # The closed stdout of a dead server is detected in `result`.
         with contextlib.suppress(BrokenPipeError):
             while rest:
                 rest = rest[server.jobs.write(rest) :]
 
     def result(self) -> RunResult | None:
-        """Return what came of the job, once there is something; None until then.
+        """Return the result of the job, or None while there is none yet.
 
-        A server that died is started anew with the same job, once. Raises SimulationError where it can't be started.
+        A server that died is restarted with the same job, once. Raises SimulationError where it cannot be started.
         """
         server = self.start()
         data: bytes | None = server.results.read(CHUNK)
@@ -150,9 +150,9 @@ class Worker:
             return None
         if data == b"":
             return self._died(server)
-        server.heard += data
-        while b"\n" in server.heard:
-            line, _newline, server.heard = server.heard.partition(b"\n")
+        server.buffer += data
+        while b"\n" in server.buffer:
+            line, _newline, server.buffer = server.buffer.partition(b"\n")
             if line.decode() == READY:
                 server.ready = True
             elif (progress := progress_of(line.decode())) is not None:
@@ -163,26 +163,26 @@ class Worker:
         return None
 
     def dismiss(self) -> None:
-        """Tell the server to end, and what it drives; `kill` waits for that."""
+        """Close the server's stdin, which ends it and its run; `kill` waits for the end."""
         if self._server is not None:
             self._server.jobs.close()
 
     def kill(self) -> None:
-        """End the server and all that it started; what it was driving is lost."""
+        """End the server and all its processes; its present run is lost."""
         if self._server is not None:
             self._server.end()
         self._server, self._job = None, None
 
     def _died(self, server: _Server) -> RunResult | None:
-        """Clear away a dead server; give its job to another one, or up."""
-        job, code, word = self._job, server.process.wait(), server.last_word()
+        """Remove a dead server; submit its job to a new one, or give the job up."""
+        job, code, output = self._job, server.process.wait(), server.last_output()
         self.kill()
         if code >= 0 and not server.ready:
-            raise SimulationError(f"sweep: the process that forks runs ended at its start with code {code}: {word}")
+            raise SimulationError(f"sweep: the process that forks runs ended at its start with code {code}: {output}")
         if job is None:
             return None
         if self._tries < MAX_ATTEMPTS:
             self._job = job
-            self._tell(job.to_json())
+            self._send(job.to_json())
             return None
-        return RunResult(job.key, error=f"killed: {signal.Signals(-code).name}" if code < 0 else f"server: {word}")
+        return RunResult(job.key, error=f"killed: {signal.Signals(-code).name}" if code < 0 else f"server: {output}")
