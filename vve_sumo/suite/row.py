@@ -35,7 +35,7 @@ class CutIn(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class SuiteRow:
-    """One test; its scenario's criteria are what it demands."""
+    """One test; the criteria of its scenario are its requirements."""
 
     id: str  #: unique within the suite
     description: str
@@ -69,7 +69,7 @@ class RowOutcome:
     row: SuiteRow
     seed: int  #: of the drive's noise
     verdict: RowVerdict
-    why: str = ""  #: of what is not passed
+    why: str = ""  #: reason of a verdict other than passed
     approach_mps: tuple[float, float] | None = None  #: least and greatest speed from the target's entry to the braking
     cut_in_ttc_s: float | None = None
     impact_mps: float | None = None  #: relative, 0 without contact

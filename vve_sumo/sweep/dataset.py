@@ -4,7 +4,7 @@
     journal.jsonl            a line for every finished run that is in no part yet; on the disk before a run counts
     search.json              of a search: its result; written at its end
     rows/part-00000.parquet  1000 cells each, in their order; written once all of them are finished, never changed
-    machine/part-*.parquet   beside each: wall time, memory; not the same from one sweep to the next
+    machine/part-*.parquet   beside each: wall time, memory; different in every sweep
     records/KEY              full records, where they are kept
     .lock                    held by the sweep that is at work
 
