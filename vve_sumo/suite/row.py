@@ -90,8 +90,8 @@ class JudgedRow:
     @property
     def verdict(self) -> RowVerdict:
         """The first of DECIDING that a drive has: a row passes if every drive passes."""
-        came = {drive.verdict for drive in self.drives}
-        return next((verdict for verdict in DECIDING if verdict in came), RowVerdict.NOT_APPLICABLE)
+        verdicts = {drive.verdict for drive in self.drives}
+        return next((verdict for verdict in DECIDING if verdict in verdicts), RowVerdict.NOT_APPLICABLE)
 
     @property
     def passed(self) -> int:

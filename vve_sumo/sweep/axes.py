@@ -99,12 +99,12 @@ def axes(raw: object) -> dict[str, Axis]:
     """
     if not isinstance(raw, dict):
         raise ValueError(f"expected a table, got {raw!r}")
-    found: dict[str, Axis] = {}
+    by_key: dict[str, Axis] = {}
     for key, entry in flattened(raw):
-        if key in found:
+        if key in by_key:
             raise ValueError(f"{key}: occurs twice, expected each key once")
-        found[key] = _axis(key, entry)
-    return found
+        by_key[key] = _axis(key, entry)
+    return by_key
 
 
 def flattened(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, object]]:

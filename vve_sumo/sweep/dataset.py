@@ -206,8 +206,15 @@ class Dataset:
 def row_of(plan: SweepPlan, cell: RunSpec, result: RunResult) -> Row:
     """Return the row of a finished run; a missing metric is None."""
     machine = {"wall_s": result.wall_s, "cpu_s": result.cpu_s, "peak_mb": result.peak_mb, "said": result.said}
-    said = {"number": cell.number, "key": cell.key, "seed": cell.seed, "error": result.error, **cell.values, **machine}
-    return dict.fromkeys(plan.columns()) | {k: v for k, v in result.figures.items() if k in plan.columns()} | said
+    fields = {
+        "number": cell.number,
+        "key": cell.key,
+        "seed": cell.seed,
+        "error": result.error,
+        **cell.values,
+        **machine,
+    }
+    return dict.fromkeys(plan.columns()) | {k: v for k, v in result.figures.items() if k in plan.columns()} | fields
 
 
 def _claim(folder: Path, plan: SweepPlan, *, resume: bool) -> None:
