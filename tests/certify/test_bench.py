@@ -132,7 +132,7 @@ def test_an_answer_that_is_signed_is_read_and_a_forged_one_is_not() -> None:
 
 def _certificate(**other: object) -> Certificate:
     values: dict[str, object] = {
-        "rig": "foreign", "rig_asked": "mine/foreign.toml", "rig_sha256": "", "scenario": "parked_car", "values": {},
+        "rig": "foreign", "rig_argument": "mine/foreign.toml", "rig_sha256": "", "scenario": "parked_car", "values": {},
         "brain": BrainUnderTest("./brain --fast", {}), "wires": ("radar",), "seeds": (1, 2), "cases": NAMES,
         "limits": CertificateLimits(),
         "results": (), "defects": (), "software": {}, "began_utc": "",

@@ -149,7 +149,7 @@ def test_a_drive_that_was_over_before_the_fault_began_passes_nothing(name: str) 
     found = judge(case, window, died, course())
     assert (found.verdict, "was silent before" in found.why) == (CaseVerdict.FAILED, True)
     stood = judge(case, window, replace(course(onset=3.0), stop_gap=math.nan), course())
-    assert (stood.verdict, "come to rest" in stood.why) == (CaseVerdict.FAILED, True)
+    assert (stood.verdict, "at rest" in stood.why) == (CaseVerdict.FAILED, True)
 
 
 def test_who_says_the_same_twice_a_tick_brakes_no_longer_for_that() -> None:
@@ -182,7 +182,7 @@ def result(name: str, failed: bool, extra: float = 0.0, answers: bool = True) ->
     """What came of a case."""
     verdict = CaseVerdict.FAILED if failed else CaseVerdict.PASSED
     seen = course() if answers else replace(course(), answers=())
-    return CaseResult(CASE[name], 1, verdict, extra_braking=extra, course=seen)
+    return CaseResult(CASE[name], 1, verdict, extra_braking=extra, drive=seen)
 
 
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.case)
@@ -215,7 +215,7 @@ def test_without_a_nominal_drive_only_ghosts_say_something() -> None:
     blind = result("radar_ghost", True)
     assert diagnose([nominal, blind, result("radar_ghost_receding", False), slower])[0].name == RATE_UNIT
     refused = replace(course(), answers=(), refused={"setpoint_lifetime": 40}, taken=0)
-    assert diagnose([replace(nominal, course=refused)])[0].name == REFUSED["setpoint_lifetime"]
+    assert diagnose([replace(nominal, drive=refused)])[0].name == REFUSED["setpoint_lifetime"]
     assert diagnose([result(name, False) for name in NAMES]) == ()
 
 

@@ -162,7 +162,7 @@ def test_a_target_lies_on_the_same_side_on_every_wire(kind: str, side: float) ->
     from tests.certify.toy_street import PROJECTION, vehicle
 
     fault = Phantoms(track(0.0), 0.0, BUMPER, [Phantom(15.0, side)])
-    output = KINDS[kind].make_wire_fault(Context(vehicle(), PROJECTION))
+    output = KINDS[kind].make(Context(vehicle(), PROJECTION))
     left = _left_by_layout(kind, list(output.step(fault.step(sample(AGE, 0.0), True))))
     assert left == [pytest.approx(side, abs=0.2)]
 

@@ -275,19 +275,17 @@ def drive(
 ) -> CaseDrive:
     """Drive a case and return its course."""
     chance = Random(f"{case.name} {seed}")
-    make_scan_fault = None
+    scene = None
     if case.make_scan_fault is not None and window is not None and nominal is not None:
         (speed,) = speeds_at(nominal, [window.begins]).tolist()
-        make_scan_fault = Scene(track_of(nominal), window.begins, BUMPER, speed)
+        scene = Scene(track_of(nominal), window.begins, BUMPER, speed)
     context = Context(vehicle(), PROJECTION)
     wires = [
         FaultyWire(
-            KINDS[kind].make_wire_fault(context),
+            KINDS[kind].make(context),
             brain.outlet(kind),
             case.make_wire_fault(chance) if case.make_wire_fault and kind in case.wires else None,
-            case.make_scan_fault(make_scan_fault)
-            if case.make_scan_fault and make_scan_fault and kind in case.wires
-            else None,
+            case.make_scan_fault(scene) if case.make_scan_fault and scene and kind in case.wires else None,
         )
         for kind in kinds
     ]
@@ -381,5 +379,5 @@ def _result(case: Case, seed: int, window: Window | None, course: CaseDrive, nom
     found = judge(case, window, course, nominal, RULES)
     return CaseResult(
         case, seed, found.verdict, found.why, window, found.reaction, found.left, course.impact_speed, course.outcome,
-        tuple(course.reasons), found.extra_braking, found.last, course=course,
+        tuple(course.reasons), found.extra_braking, found.last, drive=course,
     )  # fmt: skip

@@ -126,8 +126,8 @@ def test_wrong_uses_are_one_line_exit_2(tmp_path: Path) -> None:
 def test_a_car_is_named_once(tmp_path: Path) -> None:
     for arguments, words in [
         (["--rig", "simulated", "--vehicle", "lincoln_mkz"], "--vehicle: a rig brings its own vehicle"),
-        (["--lockstep"], "--lockstep: every drive without a rig is one"),
-        (["--rig", "simulated", "--lockstep", "--shadow"], "--shadow: only a live drive has enable bits"),
+        (["--lockstep"], "--lockstep: expected --rig"),
+        (["--rig", "simulated", "--lockstep", "--shadow"], "--shadow: only a live drive sets enable bits"),
         (["--vehicle", "tank"], "ego.vehicle: no vehicle named 'tank'; known: ford_fusion, lincoln_mkz"),
         (["--rig", "fusion_example", "--lockstep"], "key 'lot.surveyed' is missing"),
     ]:

@@ -38,7 +38,7 @@ def test_every_scenario_is_one_line_with_its_title(tmp_path: Path) -> None:
         (("show",), "either a scenario's name or --all DIR"),
         (("show", "cut_in", "--all", "x"), "either a scenario's name or --all DIR"),
         (("show", "cut_inn"), "no scenario named 'cut_inn'"),
-        (("show", "cut_in", "--out", "nowhere/x.png"), "no folder nowhere"),
+        (("show", "cut_in", "--out", "nowhere/x.png"), "expected an existing folder, got nowhere"),
     ],
 )
 def test_what_is_wrong_is_one_line(tmp_path: Path, arguments: tuple[str, ...], complaint: str) -> None:

@@ -82,7 +82,7 @@ def test_a_search_for_a_boundary_finds_one_for_every_controller() -> None:
         ("[[controllers]]\nname = 'a'\ntuning = { g = [] }", "g: the list is empty"),
         ("[[controllers]]\nname = 'a'\ntuning = 5", "expected a table of tuning keys, got 5"),
         ("[[controllers]]\nname = 'a'\n[[controllers]]\nname = 'a'", "'a' occurs twice"),
-        (TWO + "[[controllers]]\nname = 'c'\ntuning = { gain = 'high' }", "c: gain: expected the kind of value"),
+        (TWO + "[[controllers]]\nname = 'c'\ntuning = { gain = 'high' }", "c: gain: expected the type of value"),
         ("search = { lowest = 'min_gap_m' }\nparameters.speed = { min = 1, max = 2 }\n" + TWO, "takes one"),
     ],
 )

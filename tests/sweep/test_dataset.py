@@ -250,7 +250,7 @@ OTHERS: dict[str, dict[str, Any]] = {
     "its seeds differs": {"spec": PLAN.spec | {"seeds": 2}},
     "scenario s has changed": {"table": {"title": "u"}},
     "file of network has changed": {"files_sha256": {"network": ["1"]}},
-    "mixed versions: its rows are of libsumo 2, and this is 3": {"versions": {"vve-sumo": "1", "libsumo": "3"}},
+    "mixed versions: its rows are of libsumo 2, got 3": {"versions": {"vve-sumo": "1", "libsumo": "3"}},
     "its columns or its number of runs differ": {"cells": 6},
 }
 
@@ -297,7 +297,7 @@ def test_another_layout_is_refused(tmp_path: Path) -> None:
 
 
 def test_versions_that_came_or_went_are_mixed(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="scipy none, and this is 1"):
+    with pytest.raises(ConfigError, match="scipy none, got 1"):
         refuse_mixed(tmp_path, PLAN, PLAN.versions | {"scipy": "1"})
 
 

@@ -351,7 +351,7 @@ def test_what_no_row_says_cannot_be_searched_for(tmp_path: Path, text: str) -> N
 def test_without_optuna_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "optuna", None)
     with pytest.raises(ConfigError, match=r"pip install 'vve-sumo\[search\]'$"):
-        worst.need()
+        worst.require_optuna()
 
 
 SPEED = "[parameters]\nspeed = { from = 1, to = 2, step = 1 }\n"

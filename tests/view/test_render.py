@@ -153,10 +153,10 @@ def test_a_film_is_h264_of_the_length_that_was_asked_for(made: Made, tmp_path: P
     [
         (["--png"], "--png: expected --at, a drive time from 0 to "),
         (["--png", "--at", "900"], "--at 900: expected a drive time from 0 to "),
-        (["--gif", "--at", "2"], "--at: is of --png"),
+        (["--gif", "--at", "2"], "--at: goes with --png"),
         (["--gif", "--from", "9", "--to", "8"], "--to 8: expected a drive time from 9 to "),
         (["--gif", "--fps", "60"], "--fps 60: expected at most 50 pictures a second for a GIF"),
-        (["--webp", "--fps", "100", "--size", "4096x4096"], " pictures of 4096x4096 are too many to hold at once"),
+        (["--webp", "--fps", "100", "--size", "4096x4096"], " pictures of 4096x4096 are too many to keep in memory"),
         (["--webp", "--out", "nowhere/a.webp"], "nowhere: no such folder for a.webp"),
     ],
 )
@@ -228,4 +228,4 @@ def test_a_missing_ffmpeg_is_said_before_anything_is_drawn(
 
 def test_a_sweep_is_no_drive(made: Made, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["render", str(made.sweep), "--png", "--at", "1"]) == 2
-    assert "a sweep's folder; a picture is of one drive" in capsys.readouterr().err
+    assert "is a sweep's folder, expected the record of one drive" in capsys.readouterr().err

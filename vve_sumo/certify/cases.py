@@ -340,15 +340,15 @@ def select_cases(names: Iterable[str], without: Iterable[str] = ()) -> tuple[Cas
 
     The nominal case is always included. Raises ConfigError for an unknown name.
     """
-    wanted, left_out = tuple(names), tuple(without)
-    for option, given in (("--cases", wanted), ("--without", left_out)):
+    requested, left_out = tuple(names), tuple(without)
+    for option, given in (("--cases", requested), ("--without", left_out)):
         for name in given:
             if name not in NAMES:
                 raise ConfigError(f"{option}: {name!r} is no case, expected some of {', '.join(NAMES)}{_near(name)}")
     return tuple(
         case
         for case in CASES
-        if case.name == "nominal" or ((not wanted or case.name in wanted) and case.name not in left_out)
+        if case.name == "nominal" or ((not requested or case.name in requested) and case.name not in left_out)
     )
 
 
@@ -359,9 +359,9 @@ def _near(name: str) -> str:
 
 def inapplicable(case: Case, kinds: Iterable[str]) -> str:
     """Return why a case does not apply to a rig with wires of these kinds; empty where it applies."""
-    there = set(kinds)
-    if case.injects and not set(case.wires) & there:
+    present = set(kinds)
+    if case.injects and not set(case.wires) & present:
         return f"the rig has no wire of {', '.join(case.wires)}"
-    if case.needs and not set(case.needs) & there:
+    if case.needs and not set(case.needs) & present:
         return f"no wire of {', '.join(case.needs)} tells the brain the time"
     return ""

@@ -67,8 +67,8 @@ class DrivenTrack:
 
     def position_ahead(self, driven: float, ahead: float) -> tuple[float, float]:
         """Return the point `ahead` [m] along the track in the car's axes: forward, left [m]."""
-        here, there = self.place(driven), self.place(driven + ahead)
-        dx, dy = there.x - here.x, there.y - here.y
+        here, target = self.place(driven), self.place(driven + ahead)
+        dx, dy = target.x - here.x, target.y - here.y
         cos, sin = math.cos(here.heading), math.sin(here.heading)
         return cos * dx + sin * dy, cos * dy - sin * dx
 
@@ -135,10 +135,10 @@ class Phantoms:
         dy = place.y - pose.y - self._bumper * sin
         distance = max(math.hypot(dx, dy), 1e-6)
         # The bumper moves along the car's axis, and sideways as the car turns. The inside of a bend is shorter.
-        aside = pose.yaw_rate * self._bumper
+        sideways = pose.yaw_rate * self._bumper
         speed = phantom.speed * (1.0 - self._track.curvature(self._along(phantom, time)) * phantom.offset)
-        vx = speed * math.cos(place.heading) - pose.speed * cos + aside * sin
-        vy = speed * math.sin(place.heading) - pose.speed * sin - aside * cos
+        vx = speed * math.cos(place.heading) - pose.speed * cos + sideways * sin
+        vy = speed * math.sin(place.heading) - pose.speed * sin - sideways * cos
         azimuth = math.atan2(cos * dy - sin * dx, cos * dx + sin * dy)
         return PhantomDetection(distance, azimuth, (vx * dx + vy * dy) / distance)
 

@@ -29,23 +29,23 @@ class Pool(Generic[Job]):
         context = multiprocessing.get_context("fork")
         self._workers = []
         for drive in drives:
-            ours, theirs = context.Pipe()
-            process = context.Process(target=_work, args=(drive, theirs, ours), daemon=False)
+            parent_end, child_end = context.Pipe()
+            process = context.Process(target=_work, args=(drive, child_end, parent_end), daemon=False)
             process.start()
-            theirs.close()
-            self._workers.append((process, ours))
+            child_end.close()
+            self._workers.append((process, parent_end))
 
     def run(self, jobs: Sequence[Job], done: Callable[[Job], Sequence[Job]]) -> None:
         """Drive all jobs; `done` is called after each, in any order, and returns jobs that follow from it.
 
         Raises what a worker raised, and SimulationError for one that died.
         """
-        left = list(jobs)
+        queue = list(jobs)
         driven: dict[Connection, Job] = {}
         idle = [pipe for _process, pipe in self._workers]
-        while left or driven:
-            while left and idle:
-                pipe, job = idle.pop(), left.pop(0)
+        while queue or driven:
+            while queue and idle:
+                pipe, job = idle.pop(), queue.pop(0)
                 driven[pipe] = job
                 pipe.send(job)
             for ready in wait(list(driven)):
@@ -53,7 +53,7 @@ class Pool(Generic[Job]):
                 job = driven.pop(ready)
                 _check(ready, job)
                 idle.append(ready)
-                left.extend(done(job))
+                queue.extend(done(job))
 
     def close(self) -> None:
         """End every worker and its brain; a driving worker receives SIGINT."""

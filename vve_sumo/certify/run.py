@@ -359,8 +359,10 @@ def _clear(folder: Path, *, remove: bool) -> None:
 def under_test(command: str | None, working: Path) -> BrainUnderTest:
     """Return a brain's command with the hashes of the files that it names."""
     arguments = shlex.split(command or "")
-    files = {word: working / word for word in arguments}
-    return BrainUnderTest(command or "", {word: _digest(file) for word, file in files.items() if file.is_file()})
+    files = {argument: working / argument for argument in arguments}
+    return BrainUnderTest(
+        command or "", {argument: _digest(file) for argument, file in files.items() if file.is_file()}
+    )
 
 
 def _digest(file: Path) -> str:

@@ -38,7 +38,7 @@ examples:
 
 
 def arguments(parser: Parser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument("--rig", metavar="NAME", required=True, help="a name under rigs/ or a .toml file")
     parser.add_argument("--record", type=Path, metavar="DIR", help="existing record to fit, instead of driving")
     parser.add_argument("--out", type=Path, metavar="DIR", help="record folder, absent or empty (default: under runs/)")

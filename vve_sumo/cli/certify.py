@@ -48,7 +48,7 @@ examples:
 
 
 def arguments(parser: Parser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument("scenario", nargs="?", default="parked_car", help="name or .toml file (default: parked_car)")
     parser.add_argument("--rig", metavar="NAME", help="rig with the wires, whose brain answers with setpoints")
     parser.add_argument("--brain", metavar="COMMAND", help="command that starts the brain, quoted, with its arguments")

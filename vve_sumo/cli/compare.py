@@ -38,7 +38,7 @@ examples:
 
 
 def arguments(parser: Parser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument("one", type=Path, metavar="ONE", help="folder of a drive or of a sweep")
     parser.add_argument(
         "other", type=Path, nargs="?", metavar="OTHER", help="folder of another; differences are other minus one"

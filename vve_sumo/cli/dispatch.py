@@ -40,7 +40,7 @@ from vve_sumo.cli.parser import EXIT_CODES, Parser, add_command
 from vve_sumo.errors import VveError
 from vve_sumo.version import __version__
 
-#: in the order of the list in the help; what a command needs besides its arguments is imported when it runs
+#: in the order of the help's list; a command imports the modules that it needs when it runs
 COMMANDS = (
     drive,
     scenarios,

@@ -31,7 +31,7 @@ Ends with GO (exit code 0) or NO-GO (3).
 
 
 def arguments(parser: Parser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument("scenario", nargs="?", default="parked_car", help="name or .toml file (default: parked_car)")
     parser.add_argument("--rig", metavar="NAME", help="a name under rigs/ or a .toml file")
     add_json(parser, "the verdict and every check")

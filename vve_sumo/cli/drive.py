@@ -44,7 +44,7 @@ the driver's brake pedal.
 
 
 def arguments(parser: Parser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument("scenario", nargs="?", default="parked_car", help="name or .toml file (default: parked_car)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="record folder, absent or empty (default: under runs/)")
     parser.add_argument("--seed", type=int, metavar="N", help="override the scenario's seed")

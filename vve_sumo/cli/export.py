@@ -37,7 +37,7 @@ formats:
 
 
 def arguments(parser: Parser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder of the record; for csv also of a sweep")
     parser.add_argument(
         "formats", nargs="+", choices=tuple(FORMATS), metavar="FORMAT", help="one or more formats of the list below"

@@ -46,7 +46,7 @@ examples:
 
 
 def arguments(parser: Parser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument("scenario", nargs="?", default="parked_car", help="name or .toml file (default: parked_car)")
     parser.add_argument(
         "--rig", metavar="NAME", required=True, help="car, lot and limits: a name under rigs/ or a file"

@@ -19,7 +19,7 @@ take precedence over shipped ones of the same name.
 
 
 def arguments(parser: Parser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder to create; existing files are never replaced")
 
 

@@ -30,7 +30,7 @@ examples:
 
 
 def arguments(parser: Parser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument("files", nargs="*", metavar="FILE.py:make", help="a file of your own")
     add_json(parser, "the list")
 

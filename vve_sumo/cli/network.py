@@ -21,7 +21,7 @@ DEMAND_TEXT = "Write a SUMO route file with seeded random traffic that starts im
 
 
 def arguments(parser: Parser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     inner = add_subcommands(parser)
     _add_build(inner)
     _add_edges(inner)

@@ -22,7 +22,7 @@ and explains what it shows.
 
 
 def arguments(parser: Parser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument(
         "folder", type=Path, metavar="DIR", help="folder for the notebooks; existing files are never replaced"
     )

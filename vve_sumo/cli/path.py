@@ -14,7 +14,7 @@ SUMMARY = "record the ego's path"
 
 
 def arguments(parser: Parser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     record = add_command(
         add_subcommands(parser),
         "record",

@@ -14,7 +14,7 @@ SUMMARY = "decode pose recordings"
 
 
 def arguments(parser: Parser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     decode = add_command(
         add_subcommands(parser),
         "decode",

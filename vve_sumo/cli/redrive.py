@@ -23,7 +23,7 @@ recorded ones, tick by tick. Open loop: the car followed the recorded controller
 
 
 def arguments(parser: Parser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument("record", type=Path, metavar="DIR", help="folder of a drive, in lockstep or live, or cut off")
     parser.add_argument("--controller", metavar="NAME", required=True, help="shipped name, file.py:make or entry point")
     parser.add_argument(

@@ -98,7 +98,7 @@ def _rate(text: str) -> float:
 
 
 def arguments(parser: Parser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder of the record")
     form = parser.add_mutually_exclusive_group(required=True)
     form.add_argument(

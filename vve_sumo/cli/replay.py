@@ -26,7 +26,7 @@ code 1, the output names what was altered, or the first tick of the drive or ste
 
 
 def arguments(parser: Parser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument("record", type=Path, metavar="DIR", help="folder of a drive, in lockstep or live, or cut off")
 
 

@@ -27,7 +27,7 @@ examples:
 
 
 def arguments(parser: Parser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder of the record or of the sweep")
 
 

@@ -33,7 +33,7 @@ examples:
 
 
 def arguments(parser: Parser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     add_json(parser, "the list")
     inner = add_subcommands(parser, required=False)
     show = add_command(
@@ -46,7 +46,7 @@ def arguments(parser: Parser) -> None:
     )
     show.add_argument("scenario", nargs="?", help="name or .toml file")
     show.add_argument("--out", type=Path, metavar="PNG", help="picture to write (default: NAME.png here)")
-    show.add_argument("--all", dest="every", type=Path, metavar="DIR", help="draw every scenario into a folder")
+    show.add_argument("--all", dest="all_folder", type=Path, metavar="DIR", help="draw every scenario into a folder")
     show.set_defaults(run=_show)
     schema = add_command(
         inner, "schema", "print the JSON Schema of a scenario file", "Print the JSON Schema of a scenario file."
@@ -89,7 +89,7 @@ def _print_errors(errors: Sequence[str]) -> int:
 
 
 def _show(arguments: argparse.Namespace) -> int:
-    """Draw one scenario into a PNG file, or each one into a folder; raises ConfigError for what is wrong."""
+    """Draw one scenario into a PNG file, or each one into a folder; raises ConfigError for wrong arguments."""
     from vve_sumo import workspace
 
     name, out, all_folder = arguments.scenario, arguments.out, arguments.all_folder

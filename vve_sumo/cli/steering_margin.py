@@ -24,7 +24,7 @@ preview law, because its margins are unknown.
 
 
 def arguments(parser: Parser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument(
         "scenario", nargs="?", default="parked_car", help="scenario with the tuning (default: parked_car)"
     )
@@ -34,7 +34,7 @@ def arguments(parser: Parser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the margins of a scenario's preview steering; refuse what the stated latency would make unstable."""
+    """Print the margins of a scenario's preview steering; refuse a margin below the stated latency."""
     from vve_sumo.drive.run import resolve_by_name
     from vve_sumo.drive.steering_margins import steering_margins
 

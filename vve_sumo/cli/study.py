@@ -52,7 +52,7 @@ examples:
 
 
 def arguments(parser: Parser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     latency = add_command(
         add_subcommands(parser),
         "latency",

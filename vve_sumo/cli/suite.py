@@ -46,7 +46,7 @@ examples:
 
 
 def arguments(parser: Parser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument("name", nargs="?", help="name of the suite")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for the table, absent or empty")
     parser.add_argument("--seeds", type=int, default=1, metavar="N", help="drives of each row, by seed (default: 1)")

@@ -51,7 +51,7 @@ examples:
 
 
 def arguments(parser: Parser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument("spec", nargs="?", help="name or .toml file")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the dataset; of --rerun: of the record")
     parser.add_argument("--workers", type=int, metavar="N", help="runs in parallel (default: one a processor)")

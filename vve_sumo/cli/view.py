@@ -32,7 +32,7 @@ RUNS = "runs"
 
 
 def arguments(parser: Parser) -> None:
-    """Add what the command takes."""
+    """Add the command's arguments."""
     parser.add_argument("folders", nargs="*", type=Path, metavar="DIR", help="a record, two records, or a sweep")
     parser.add_argument("--html", type=Path, metavar="FILE", help="write one self-contained page instead of serving it")
     parser.add_argument("--port", type=int, default=0, metavar="N", help="port of the server (default: any free one)")

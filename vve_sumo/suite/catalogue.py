@@ -23,11 +23,11 @@ class Suite(NamedTuple):
 
 SUITES = {
     "r152": Suite("UN R152 (M1), 00 series: cars that stand or move, a child that crosses; false reaction", r152.rows),
-    "r152_01": Suite("UN R152 (M1), what the 01 series changes: a child that crosses", r152.rows_01),
-    "r152_02": Suite("UN R152 (M1), what the 02 series adds: a bicycle that crosses (limits assumed)", r152.rows_02),
+    "r152_01": Suite("UN R152 (M1), changes of the 01 series: a child that crosses", r152.rows_01),
+    "r152_02": Suite("UN R152 (M1), additions of the 02 series: a bicycle that crosses (limits assumed)", r152.rows_02),
     "fmvss127": Suite("FMVSS 127: a car ahead that stands, drives slower, brakes", fmvss127.lead_rows),
     "fmvss127_pedestrian": Suite("FMVSS 127: a pedestrian who crosses, stands, walks ahead", fmvss127_pedestrian.rows),
-    "pass_through": Suite("FMVSS 127: no braking between two cars beside the way", fmvss127.pass_through_rows),
+    "pass_through": Suite("FMVSS 127: no braking between two cars beside the path", fmvss127.pass_through_rows),
     "euroncap": Suite("Euro NCAP 2023 CCRs, CCRm, CCRb, one overlap for all; passed without contact", euroncap.rows),
     "r157": Suite("UN R157: a car cuts in as late as has to be avoided", r157.cut_in_rows),
     "following": Suite("UN R157: the distance kept behind a steady car", r157.following_rows),

@@ -1,6 +1,6 @@
 """The finished drives of a suite, a line each, so that a killed suite can be continued.
 
-Knows outcomes and lines of JSON; neither how a drive is run nor what is printed of it.
+Knows outcomes and lines of JSON; neither how a drive is run nor how it is printed.
 """
 
 from __future__ import annotations

@@ -101,11 +101,11 @@ def _check(query: SuiteQuery) -> None:
         raise ConfigError(f"--seeds: expected 1 or more, got {query.seeds}")
     if query.workers is not None and query.workers < 1:
         raise ConfigError(f"--workers: expected 1 or more, got {query.workers}")
-    for wanted, option, description in (
+    for requested, option, description in (
         (query.keep, "--keep-records", "the records"),
         (query.resume, "--resume", "the journal"),
     ):
-        if wanted and query.out is None:
+        if requested and query.out is None:
             raise ConfigError(f"{option}: expected --out DIR as well, the folder of {description}")
     out = query.out
     if out is None or not out.exists():
@@ -143,13 +143,13 @@ def code_of(rows: Sequence[SuiteRow], working: Path) -> str:
 
     Raises ConfigError for a controller that cannot be made.
     """
-    found: dict[str, Any] = {"versions": deciding()}
+    hashes: dict[str, Any] = {"versions": deciding()}
     for scenario in {row.scenario.controller.name: row.scenario for row in rows if row.scenario is not None}.values():
         resolved = resolve_scenario("suite", scenario, Path("suite"), working)
         resolved.controller(working)
         files = resolved.to_dict(working)["files_sha256"]
-        found[scenario.controller.name] = {role: files[role] for role in files if role.startswith(PREFIXES)}
-    return hashlib.sha256(json.dumps(found, sort_keys=True).encode()).hexdigest()
+        hashes[scenario.controller.name] = {role: files[role] for role in files if role.startswith(PREFIXES)}
+    return hashlib.sha256(json.dumps(hashes, sort_keys=True).encode()).hexdigest()
 
 
 def _counted(

@@ -1,6 +1,6 @@
 """UN R152 for cars (M1) by series of amendments: cars and a child (00), a child (01), a bicycle (02).
 
-A later series keeps what the earlier ones demand; its suite holds what it adds or changes.
+A later series keeps the demands of the earlier ones; its suite holds the additions and changes.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ def rows(car: VehicleModel) -> Iterator[SuiteRow]:
 
 
 def rows_01(car: VehicleModel) -> Iterator[SuiteRow]:
-    """Return what the 01 series changes."""
+    """Return the rows that the 01 series changes."""
     for load in loads(car):
         for entry in requirements.R152_PEDESTRIAN_01:
             yield from _crossing(car, "child", requirements.R152_PEDESTRIAN_SPEED, entry, load)
 
 
 def rows_02(car: VehicleModel) -> Iterator[SuiteRow]:
-    """Return what the 02 series adds."""
+    """Return the rows that the 02 series adds."""
     for load in loads(car):
         for entry in requirements.R152_BICYCLE:
             yield from _crossing(car, "bicycle", requirements.R152_BICYCLE_SPEED, entry, load)

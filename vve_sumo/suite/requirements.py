@@ -1,4 +1,4 @@
-"""What the standards demand, as data: speeds in km/h, as they are printed there, each table with its source.
+"""The standards' requirements as data: speeds in km/h, as printed there, each table with its source.
 
 [P]: read in the primary text. [S]: from a secondary transcription, which is named. Knows no scenario and no car.
 """

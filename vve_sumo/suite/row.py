@@ -35,7 +35,7 @@ class CutIn(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class SuiteRow:
-    """One test; its scenario's criteria are what it demands."""
+    """One test; the criteria of its scenario are its requirements."""
 
     id: str  #: unique within the suite
     description: str
@@ -69,7 +69,7 @@ class RowOutcome:
     row: SuiteRow
     seed: int  #: of the drive's noise
     verdict: RowVerdict
-    why: str = ""  #: of what is not passed
+    why: str = ""  #: reason of a verdict other than passed
     approach_mps: tuple[float, float] | None = None  #: least and greatest speed from the target's entry to the braking
     cut_in_ttc_s: float | None = None
     impact_mps: float | None = None  #: relative, 0 without contact
@@ -90,8 +90,8 @@ class JudgedRow:
     @property
     def verdict(self) -> RowVerdict:
         """The first of DECIDING that a drive has: a row passes if every drive passes."""
-        came = {drive.verdict for drive in self.drives}
-        return next((verdict for verdict in DECIDING if verdict in came), RowVerdict.NOT_APPLICABLE)
+        verdicts = {drive.verdict for drive in self.drives}
+        return next((verdict for verdict in DECIDING if verdict in verdicts), RowVerdict.NOT_APPLICABLE)
 
     @property
     def passed(self) -> int:

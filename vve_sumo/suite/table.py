@@ -63,12 +63,12 @@ class WorstFigures(NamedTuple):
 
 
 def least(values: Iterable[float | None]) -> float | None:
-    """Return the least of the values that there are."""
+    """Return the least of the values that are not None."""
     return min((value for value in values if value is not None), default=None)
 
 
 def greatest(values: Iterable[float | None]) -> float | None:
-    """Return the greatest of the values that there are."""
+    """Return the greatest of the values that are not None."""
     return max((value for value in values if value is not None), default=None)
 
 

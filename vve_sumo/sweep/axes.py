@@ -99,12 +99,12 @@ def axes(raw: object) -> dict[str, Axis]:
     """
     if not isinstance(raw, dict):
         raise ValueError(f"expected a table, got {raw!r}")
-    found: dict[str, Axis] = {}
+    by_key: dict[str, Axis] = {}
     for key, entry in flattened(raw):
-        if key in found:
+        if key in by_key:
             raise ValueError(f"{key}: occurs twice, expected each key once")
-        found[key] = _axis(key, entry)
-    return found
+        by_key[key] = _axis(key, entry)
+    return by_key
 
 
 def flattened(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, object]]:
@@ -167,7 +167,7 @@ def _steps(key: str, entry: Mapping[str, Any]) -> Steps:
         raise ValueError(f"{key}: log: expected min and max with it, got from and to")
     first, reach = _exact(start), _exact(end) - _exact(start)
     if reach < 0:
-        raise ValueError(f"{key}: expected from below to, got from {start:g}, to {end:g}")
+        raise ValueError(f"{key}: expected from <= to, got from {start:g}, to {end:g}")
     if third == "step":
         step = _exact(last)
         if step <= 0:
@@ -192,7 +192,7 @@ def _between(key: str, entry: Mapping[str, Any]) -> NumberRange:
     if not isinstance(log, bool):
         raise ValueError(f"{key}: log: expected true or false, got {log!r}")
     if not low < high:
-        raise ValueError(f"{key}: expected min below max, got min {low:g}, max {high:g}")
+        raise ValueError(f"{key}: expected min < max, got min {low:g}, max {high:g}")
     if log and not low > 0:
         raise ValueError(f"{key}: min: expected a number above 0 for log, got {low:g}")
     return NumberRange(float(low), float(high), log)

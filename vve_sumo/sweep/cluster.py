@@ -224,14 +224,14 @@ class _ClusterRun:
         return result
 
 
-def _place(keep: Path, aside: Path, result: RunResult) -> None:
+def _place(keep: Path, temporary: Path, result: RunResult) -> None:
     """Move a run's record to its folder and remove incomplete records of abandoned workers."""
-    if aside.is_dir():
+    if temporary.is_dir():
         shutil.rmtree(keep, ignore_errors=True)
-        aside.replace(keep)
+        temporary.replace(keep)
     elif not result.error:
         raise SimulationError(
-            f"{aside}: a worker wrote this record, but the file is not here: expected a folder shared with the workers"
+            f"{temporary}: a worker wrote this record, but it is not here: expected a folder shared with the workers"
         )
     for left in keep.parent.glob(f"{keep.name}.*"):
         shutil.rmtree(left, ignore_errors=True)

@@ -4,7 +4,7 @@
     journal.jsonl            a line for every finished run that is in no part yet; on the disk before a run counts
     search.json              of a search: its result; written at its end
     rows/part-00000.parquet  1000 cells each, in their order; written once all of them are finished, never changed
-    machine/part-*.parquet   beside each: wall time, memory; not the same from one sweep to the next
+    machine/part-*.parquet   beside each: wall time, memory; different in every sweep
     records/KEY              full records, where they are kept
     .lock                    held by the sweep that is at work
 
@@ -206,8 +206,15 @@ class Dataset:
 def row_of(plan: SweepPlan, cell: RunSpec, result: RunResult) -> Row:
     """Return the row of a finished run; a missing metric is None."""
     machine = {"wall_s": result.wall_s, "cpu_s": result.cpu_s, "peak_mb": result.peak_mb, "said": result.said}
-    said = {"number": cell.number, "key": cell.key, "seed": cell.seed, "error": result.error, **cell.values, **machine}
-    return dict.fromkeys(plan.columns()) | {k: v for k, v in result.figures.items() if k in plan.columns()} | said
+    fields = {
+        "number": cell.number,
+        "key": cell.key,
+        "seed": cell.seed,
+        "error": result.error,
+        **cell.values,
+        **machine,
+    }
+    return dict.fromkeys(plan.columns()) | {k: v for k, v in result.figures.items() if k in plan.columns()} | fields
 
 
 def _claim(folder: Path, plan: SweepPlan, *, resume: bool) -> None:

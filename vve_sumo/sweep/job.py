@@ -111,10 +111,10 @@ def progress_of(line: str) -> DriveProgress | None:
 
 def refused(job: Job, error: ConfigError) -> RunResult:
     """Return the result of a job that cannot be driven; its text does not depend on the folder."""
-    said = str(error)
+    message = str(error)
     for folder in (job.file.parent, job.working):
-        said = said.replace(f"{folder}/", "")
-    return RunResult(job.key, error=f"{CONFIG}{said}")
+        message = message.replace(f"{folder}/", "")
+    return RunResult(job.key, error=f"{CONFIG}{message}")
 
 
 def _line(fields: dict[str, Any]) -> str:

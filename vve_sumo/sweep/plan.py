@@ -174,7 +174,9 @@ def rig_that_drives(name: str, vehicle: str | None, working: Path) -> Path:
     file = workspace.find("rig", name, working).absolute()
     brain = load(file, working).brain.kind
     if brain != "own":
-        raise ConfigError(f"--rig: brain.kind of {file} is {brain!r}, expected 'own': a sweep has no external brain")
+        raise ConfigError(
+            f"--rig: brain.kind of {file} is {brain!r}, expected 'own': only a single drive can use an external brain"
+        )
     return file
 
 
@@ -187,7 +189,7 @@ def _scenario(name: str, file: Path, working: Path) -> tuple[Path, dict[str, Any
 
 
 def job_of(plan: SweepPlan, spec: Spec, cell: RunSpec, keep: Path | None) -> Job:
-    """Return what a cell's run needs."""
+    """Return the job of a cell's run."""
     return Job(
         key=cell.key,
         name=plan.scenario,
@@ -217,8 +219,8 @@ def _check_search(search: Boundary | WorstCase | None, plan: SweepPlan, file: Pa
         if search.metric not in (numbers := plan.numbers()):
             goal = "highest" if search.highest else "lowest"
             near = did_you_mean(search.metric, numbers)
-            spec_table = f"got {search.metric!r}{f', {near}' if near else ''}"
-            raise ConfigError(f"{file}: search.{goal}: expected {', '.join(numbers)}, {spec_table}")
+            got = f"got {search.metric!r}{f', {near}' if near else ''}"
+            raise ConfigError(f"{file}: search.{goal}: expected {', '.join(numbers)}, {got}")
         worst.require_optuna()
 
 
@@ -310,7 +312,7 @@ def _blame(previewer: Previewer, values: Values, complaint: str, plan: SweepPlan
 
 
 def _key(spec: Spec, name: str, values: Values) -> str:
-    """Return where a spec states what is varied under a name."""
+    """Return the key of a spec that varies a name."""
     if name not in columns(spec.controllers):
         return f"parameters.{name}"
     return f"controllers.{values[NAME]}" + ("" if name == NAME else name.removeprefix("controller"))

@@ -27,7 +27,7 @@ class RunPreview(NamedTuple):
     """The preview of a run."""
 
     complaint: str  #: why it could not be driven; empty if it can
-    files_sha256: dict[str, str]  #: of what it reads, by role
+    files_sha256: dict[str, str]  #: of the files that it reads, by role
     note: str = ""  #: what limits the car's braking below the declared value; empty without a limit
     metrics: Sequence[dict[str, Any]] = ()  #: rows of the user's metrics of a drive
 

@@ -47,7 +47,7 @@ def descendants(of: int) -> list[int]:
 
 
 def resident(process: int) -> int:
-    """Return the memory that a process holds [bytes], pages that it shares included; 0 for one that is gone."""
+    """Return the resident memory of a process [bytes], shared pages included; 0 for an ended process."""
     try:
         return int(psutil.Process(process).memory_info().rss)
     except psutil.Error:
@@ -55,7 +55,7 @@ def resident(process: int) -> int:
 
 
 def kill(processes: Iterable[int]) -> None:
-    """Kill processes; those that are gone already don't matter."""
+    """Kill processes; ended ones are ignored."""
     for process in processes:
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.kill(process, signal.SIGKILL)
@@ -86,7 +86,7 @@ def end_session(session: int) -> None:
 
 
 def _session_of(process: int) -> int | None:
-    """Return the session of a process; None of one that is gone."""
+    """Return the session of a process; None for an ended process."""
     with contextlib.suppress(ProcessLookupError):
         return os.getsid(process)
     return None

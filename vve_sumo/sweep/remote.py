@@ -39,7 +39,7 @@ class Site:
     """Versions and files that must be equal on every machine of a sweep."""
 
     versions: dict[str, str]  #: of the software that determines a drive
-    files_sha256: dict[str, str] = field(default_factory=dict)  #: of what the run reads, by role
+    files_sha256: dict[str, str] = field(default_factory=dict)  #: of the files that the run reads, by role
     names: str = ""  #: hash of the names of the run's files; empty: they are not compared
 
 

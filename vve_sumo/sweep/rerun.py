@@ -115,7 +115,7 @@ def _row(folder: Path, key: str) -> Row:
 
 
 def _changed_files(plan: SweepPlan, job: Job) -> Iterator[str]:
-    """Return the roles of the files that are not those that the sweep began with."""
+    """Return the roles of the files that have changed since the sweep began."""
     previews = preview([job])
     files: Mapping[str, str] = previews[0].files_sha256 if previews else {}
     recorded_hashes = plan.files_sha256

@@ -129,14 +129,14 @@ def shares(design: str, dimensions: int, count: int, seed: int) -> Iterator[tupl
     """Return the points of a drawn design in the unit cube, the same for the same seed."""
     from scipy.stats import qmc
 
-    chance = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     if design == "latin_hypercube":
-        rows: Iterator[list[float]] = iter(qmc.LatinHypercube(dimensions, seed=chance).random(count).tolist())
+        rows: Iterator[list[float]] = iter(qmc.LatinHypercube(dimensions, seed=rng).random(count).tolist())
     elif design == "sobol":
-        sequence = qmc.Sobol(dimensions, seed=chance)
+        sequence = qmc.Sobol(dimensions, seed=rng)
         rows = (row for _ in itertools.count() for row in sequence.random(CHUNK).tolist())
     else:
-        rows = (row for _ in itertools.count() for row in chance.random((CHUNK, dimensions)).tolist())
+        rows = (row for _ in itertools.count() for row in rng.random((CHUNK, dimensions)).tolist())
     return (tuple(row) for row in itertools.islice(rows, count))
 
 

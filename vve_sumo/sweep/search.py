@@ -124,8 +124,8 @@ def _boundary(cells: RunSpecs, search: Boundary) -> Strategy:
     known: list[dict[int, bool]] = [{} for _ in lines]
     queries = boundary.first(len(lines), axis.count, search.scan)
     while queries:
-        came = yield RunRequest(list(map(point, queries)), _brackets(axis, known))
-        for query, row in zip(queries, came, strict=True):
+        answers = yield RunRequest(list(map(point, queries)), _brackets(axis, known))
+        for query, row in zip(queries, answers, strict=True):
             rows[query], known[query.row][query.place] = row, met(row, search.criterion)
         queries = boundary.closer(known, search.batch)
     return _boundaries(cells, search, others, known, rows)
@@ -167,8 +167,8 @@ def _boundaries(
         first = 2 * sum(one[0] for one in together) > repeats
         lines.append({"values": values, "meets_first": first, "flips": flips, "seeds": alone})
     errors = sum(bool(row["error"]) for row in rows.values())
-    what = {"along": search.along, "criterion": search.criterion, "step": float(axis.step)}
-    return {"search": "boundary", **what, "runs": len(rows), "errors": errors, "boundaries": lines}
+    definition = {"along": search.along, "criterion": search.criterion, "step": float(axis.step)}
+    return {"search": "boundary", **definition, "runs": len(rows), "errors": errors, "boundaries": lines}
 
 
 def _ends(axis: Steps, flip: boundary.Flip) -> SearchResult:

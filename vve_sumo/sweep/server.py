@@ -115,7 +115,7 @@ class ForkServer:
         self._warmed: tuple[object, ...] = ()
         self._roads: dict[RoadFiles, bool] = {}  #: roads on which a run came through: whether forks may share one
         self._road: SharedRoad | None = None  #: of the fork that serves on a loaded road
-        self._back = -1  #: pipe on which that fork hands back what it does not serve
+        self._back = -1  #: pipe on which that fork hands back jobs for other roads
 
     def serve(self) -> None:
         """Drive jobs until the parent has ended or closed the pipe."""

@@ -216,18 +216,18 @@ def with_numbers(entry: Mapping[str, Any], file: Path, table: Mapping[str, Any])
     parameters = entry.get("parameters")
     if not isinstance(parameters, dict):
         return dict(entry)
-    found: dict[str, Any] = {}
+    values_by_key: dict[str, Any] = {}
     try:
         for key, values in flattened(parameters):
             named, numbers = _numbers(key, values, table)
-            if named in found:
+            if named in values_by_key:
                 raise ConfigError(f"{named}: occurs twice, expected each key once")
-            found[named] = numbers
+            values_by_key[named] = numbers
     except ConfigError as error:
         raise ConfigError(f"{file}: parameters.{error}") from None
     except ValueError:
         return dict(entry)  # the schema refuses it
-    return {**entry, "parameters": found}
+    return {**entry, "parameters": values_by_key}
 
 
 def _numbers(key: str, values: object, table: Mapping[str, Any]) -> tuple[str, object]:

@@ -40,7 +40,7 @@ def latency_study(
     """Return the sweep over hidden delays [ms] and factors on the receiver's noise; None takes the default.
 
     With a `rig`, the rig's car is simulated. Where the scenario turns the noise off, there is one factor, 0; without
-    any random input, one seed. Raises ConfigError, naming the option or the scenario's key, for what is wrong.
+    any random input, one seed. Raises ConfigError, naming the option or the scenario's key, for a wrong value.
     """
     scenario = load(workspace.find("scenario", name, working))
     delays = _ascending("--delays-ms", DELAYS_MS if delays_ms is None else delays_ms, MAX_DELAY_MS)
