@@ -179,7 +179,7 @@ def test_other_versions_and_other_files_are_refused(machines: Machines, tmp_path
     line = seeded("one", 1).to_json()
     with Client(machines.address, set_as_default=False) as client:
         site = remote.Site(deciding(), {"network": "0" * 64}, "names")
-        with pytest.raises(ConfigError, match=r"^worker tcp://\S+: the file of \w+ differs from the one here"):
+        with pytest.raises(ConfigError, match=r"^worker tcp://\S+: the file of \w+ differs from the client's"):
             client.submit(remote.drive, line, site).result()
         elsewhere = seeded("one", 1)
         elsewhere = dataclasses.replace(elsewhere, table=elsewhere.table | {"road": {"network": "/none.net.xml"}})
