@@ -183,7 +183,7 @@ def test_other_versions_and_other_files_are_refused(machines: Machines, tmp_path
             client.submit(remote.drive, line, site).result()
         elsewhere = seeded("one", 1)
         elsewhere = dataclasses.replace(elsewhere, table=elsewhere.table | {"road": {"network": "/none.net.xml"}})
-        with pytest.raises(ConfigError, match=r"^worker tcp://\S+: .*road.network: .*must see the files"):
+        with pytest.raises(ConfigError, match=r"^worker tcp://\S+: .*road.network: .*expected the same files as"):
             client.submit(remote.drive, elsewhere.to_json(), site).result()
     machines.join(search=other)
     machines.wait_for(2)

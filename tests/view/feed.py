@@ -92,9 +92,7 @@ class Live:
             self.late.append(time.monotonic() - due)
             tick += 1
             if not self.silent.is_set():
-                came = decode(encode(sample(tick, self._count)))
-                assert isinstance(came, ViewSample)
-                self.hub.changed(self.frames.take(came))
+                self.hub.changed(self.frames.take(decode(encode(sample(tick, self._count)))))
         self.hub.end(self._verdict)
         await asyncio.sleep(0.1)
         self.server.close()

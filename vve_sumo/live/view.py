@@ -26,7 +26,6 @@ from vve_sumo.live.channel import Channel
 from vve_sumo.live.priority import KILLED_FIRST, lower_priority, set_oom_score
 from vve_sumo.live.spawn import receive_config
 from vve_sumo.live.wording import Guard, phase, why
-from vve_sumo.messages import MalformedMessage
 from vve_sumo.record.roads import read_roads
 from vve_sumo.view.guard import STOP_PATH
 from vve_sumo.view.hub import Hub
@@ -102,9 +101,7 @@ class ViewProcess:
     def _read_drive(self) -> None:
         events = []
         for datagram in self._drive.receive():
-            sample = decode(datagram)
-            if not isinstance(sample, MalformedMessage):
-                events += self._frames.take(sample)
+            events += self._frames.take(decode(datagram))
         if self._drive.closed:
             asyncio.get_running_loop().remove_reader(self._drive.fileno())
         self._hub.changed(events)
