@@ -93,5 +93,5 @@ def _sample(done: CompletedTick, beside: SampleContext) -> ViewSample:
 
 def _reading(done: CompletedTick, sensor: str) -> ReadingView:
     columns = done.result.readings[sensor]
-    step = 1 + (len(columns[0]) - 1) // MAX_ROWS
+    step = 1 + max(len(columns[0]) - 1, 0) // MAX_ROWS
     return ReadingView(done.result.sensors[sensor].time, tuple(column[::step] for column in columns))
