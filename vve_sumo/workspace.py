@@ -41,6 +41,7 @@ CONFORMANCE_SUITES = (
     "tests/metrics/__init__.py",
     "tests/metrics/tables.py",
     "tests/ports/__init__.py",
+    "tests/ports/interface_bench.py",
     "tests/ports/metric.py",
     "tests/ports/receiver.py",
     "tests/ports/sensor.py",

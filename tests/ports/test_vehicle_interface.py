@@ -17,7 +17,8 @@ from tests.drive.street import REPOSITORY, altered
 from tests.isolated import isolated
 from tests.live.matrix import MATRIX
 from tests.live.stage import rig_of
-from tests.ports.vehicle_interface import Bench, VehicleInterfaceConformance
+from tests.ports.interface_bench import Bench
+from tests.ports.vehicle_interface import VehicleInterfaceConformance
 from tests.vehicle.whole_car import LOT
 from vve_sumo.errors import ConfigError
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
