@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -71,6 +71,35 @@ def test_a_message_comes_back_as_its_class():
 def test_content_of_another_kind_is_malformed(content):
     data = MessageCodec[Any](MessageKind.OUTPUTS, Any).encode(content)
     assert CODEC.decode(data) == MalformedMessage("wrong_content")
+
+
+class Place(NamedTuple):
+    """A part of a message."""
+
+    name: str
+    x: float
+
+
+class Word(msgspec.Struct, tag=True):
+    """A message with texts at every depth."""
+
+    text: str
+    places: list[Place]
+    named: dict[str, tuple[str, ...]]
+
+
+def test_half_a_surrogate_pair_is_sent_as_a_question_mark_wherever_it_stands():
+    codec = MessageCodec[Word](MessageKind.CONSOLE, Word)
+    back = codec.decode(codec.encode(Word("a\ud800", [Place("\udfff", 1.5)], {"k\ud800": ("ok", "\ud800b")})))
+    assert back == Word("a?", [Place("?", 1.5)], {"k?": ("ok", "?b")})
+    array = ANYTHING.decode(ANYTHING.encode({"t": "\ud800", "a": np.arange(3)}))
+    assert (array["t"], array["a"].tolist()) == ("?", [0, 1, 2])
+
+
+@given(st.text(st.characters(), max_size=40))
+def test_no_text_keeps_a_message_from_being_sent(text):
+    back = ANYTHING.decode(ANYTHING.encode([text]))
+    assert back == [text.encode("utf-8", "replace").decode()]
 
 
 def test_what_no_process_could_read_is_not_sent():

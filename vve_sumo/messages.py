@@ -7,6 +7,7 @@ the reason why they are none. The module knows no socket, no process and no clas
 
 from __future__ import annotations
 
+import dataclasses
 import struct
 import zlib
 from enum import IntEnum
@@ -58,8 +59,15 @@ class MessageCodec(Generic[T]):
         self._decoder: msgspec.msgpack.Decoder[T] = msgspec.msgpack.Decoder(content, ext_hook=_came, dec_hook=_array)
 
     def encode(self, message: T) -> bytes:
-        """Return the bytes of a message; its texts must be such that UTF-8 can encode them."""
-        data = self._head + self._encoder.encode(message)
+        """Return the bytes of a message; half a surrogate pair in a text is sent as a question mark.
+
+        Raises TypeError for a message that holds what MessagePack, dataclasses and NumPy do not know.
+        """
+        try:
+            body = self._encoder.encode(message)
+        except UnicodeEncodeError:
+            body = self._encoder.encode(_encodable(message))
+        data = self._head + body
         return data + _CRC.pack(zlib.crc32(data))
 
     def decode(self, data: bytes) -> T | MalformedMessage:
@@ -81,6 +89,24 @@ def _wrong_head(data: bytes) -> str:
     if magic != _MAGIC:
         return "wrong_magic"
     return "wrong_kind" if version == VERSION else "wrong_version"
+
+
+def _encodable(value: Any) -> Any:
+    """Return a value all of whose texts UTF-8 can encode; a lab's controller may fail with any text."""
+    if isinstance(value, str):
+        return value.encode("utf-8", "replace").decode()
+    if isinstance(value, dict):
+        return {_encodable(key): _encodable(content) for key, content in value.items()}
+    if isinstance(value, msgspec.Struct):
+        names = value.__struct_fields__
+        return msgspec.structs.replace(value, **{name: _encodable(getattr(value, name)) for name in names})
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        changed = {field.name: _encodable(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        return dataclasses.replace(value, **changed)
+    if isinstance(value, (list, tuple)):
+        made = map(_encodable, value)
+        return type(value)(*made) if hasattr(value, "_fields") else type(value)(made)
+    return value
 
 
 def _sent(value: Any) -> Any:

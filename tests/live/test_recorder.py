@@ -140,6 +140,13 @@ def test_the_hash_covers_every_column_of_the_gateway(field: str, tmp_path: Path)
     assert hashes[0] != hashes[1]
 
 
+def test_what_no_message_can_hold_is_a_reason_and_no_exception(desk: Desk) -> None:
+    desk.drive.sensed(1, "radar", 0.5, ([1j],))
+    desk.drive.flush()
+    assert desk.drive.failure == "record_failed"
+    desk.hang_up()
+
+
 def test_bytes_that_are_no_batch_are_told_and_stand_in_the_summary(desk: Desk) -> None:
     assert desk.to_drive.send(b"no batch")
     until(lambda: (desk.gateway.flush(), desk.gateway.failure)[1] == "record_failed")

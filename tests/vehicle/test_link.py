@@ -148,6 +148,14 @@ def test_what_is_wrong_is_said():
     assert link.decode_operator_command(sealed(b"VV\x03\x02\xa4stop!")) == MalformedMessage("wrong_content")
 
 
+def test_a_sequence_that_no_table_could_hold_is_none():
+    right = link.encode_setpoint(complete(0.0, 0.0, sequence=(1 << 63) - 1))
+    most = b"\xcf" + ((1 << 63) - 1).to_bytes(8, "big")
+    assert right.count(most) == 1
+    wrong = right[:-4].replace(most, b"\xcf" + (1 << 63).to_bytes(8, "big"))
+    assert link.decode_setpoint(sealed(wrong)) == MalformedMessage("wrong_content")
+
+
 def test_what_no_text_can_hold_comes_back_as_a_question_mark():
     said = complete(0.0, 0.0, note="a\ud800b", faults=("\udfff",))
     back = link.decode_setpoint(link.encode_setpoint(said))

@@ -103,17 +103,23 @@ class RecorderClient:
     def flush(self) -> None:
         """Send what came since the last flush; to be called once a tick or step, after everything urgent."""
         if not self._empty:
+            batch, self._batch, self._empty = self._batch, RecordBatch(), True
             if len(self._backlog) < MAX_BACKLOG:
-                self._backlog.append(RECORD.encode(self._batch))
+                self._keep(batch)
             else:
                 self._fail("record_full")
-            self._batch, self._empty = RecordBatch(), True
         while self._backlog and self._channel.send(self._backlog[0]):
             self._backlog.popleft()
         for word in self._channel.receive():
             self._fail(word.decode("ascii", "replace"))
         if self._channel.closed:
             self._fail("record_lost")
+
+    def _keep(self, batch: RecordBatch) -> None:
+        try:
+            self._backlog.append(RECORD.encode(batch))
+        except TypeError:  # a sensor or a metric of a lab's own gave what no message holds
+            self._fail("record_failed")
 
     def finish(self, patience: float) -> None:
         """Send all that is left, waiting at most `patience` [s]; to be called only when nothing moves any more."""

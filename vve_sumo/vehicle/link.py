@@ -47,6 +47,7 @@ _Text = Annotated[str, msgspec.Meta(max_length=MAX_TEXT)]
 _NAMES: Final = tuple(field.name for field in dataclasses.fields(Setpoint))
 _TYPES: Final[dict[str, Any]] = get_type_hints(Setpoint) | {
     "note": _Text,
+    "sequence": Annotated[int, msgspec.Meta(le=_MAX_INTEGER)],
     "faults": Annotated[tuple[_Text, ...], msgspec.Meta(max_length=MAX_CODES)],
     "fallback_path": _Path | None,
 }
@@ -65,7 +66,7 @@ _FEEDBACK: Final = MessageCodec[Feedback](MessageKind.FEEDBACK, Feedback)
 def encode_setpoint(setpoint: Setpoint) -> bytes:
     """Return the datagram of a setpoint; note and faults are cut at 255 characters each and 64 faults."""
     values = [*_fields(setpoint)]
-    values[_NOTE], values[_FAULTS] = _text(setpoint.note), _texts(setpoint.faults)
+    values[_NOTE], values[_FAULTS] = setpoint.note[:MAX_TEXT], _cut(setpoint.faults)
     values[_SEQUENCE] = _whole(setpoint.sequence)
     path = resolve_fallback_path(setpoint.fallback_path)
     values[_PATH] = None if path is None else (path.spacing, path.curvature[:_KNOTS_SENT])
@@ -96,10 +97,10 @@ def decode_operator_command(data: bytes) -> OperatorCommand | MalformedMessage:
 def encode_feedback(feedback: Feedback) -> bytes:
     """Return the datagram of a feedback; lists of codes are cut at 64, each at 255 characters."""
     status = feedback.status
-    reasons, limited = _texts(status.reasons), _texts(status.limited)
+    reasons, limited = _cut(status.reasons), _cut(status.limited)
     if (reasons, limited) != (status.reasons, status.limited):
         status = dataclasses.replace(status, reasons=reasons, limited=limited)
-    sent = feedback._replace(status=status, gear=_text(feedback.gear), sequence=_whole(feedback.sequence))
+    sent = feedback._replace(status=status, gear=feedback.gear[:MAX_TEXT], sequence=_whole(feedback.sequence))
     return _FEEDBACK.encode(sent)
 
 
@@ -112,11 +113,5 @@ def _whole(number: int) -> int:
     return min(max(number, -_MAX_INTEGER), _MAX_INTEGER)
 
 
-def _text(text: str) -> str:
-    # A controller's note may hold lone surrogates, which UTF-8 cannot encode.
-    text = text[:MAX_TEXT]
-    return text if text.isascii() else text.encode("utf-8", "replace").decode()
-
-
-def _texts(texts: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(map(_text, texts[:MAX_CODES]))
+def _cut(texts: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(text[:MAX_TEXT] for text in texts[:MAX_CODES])
