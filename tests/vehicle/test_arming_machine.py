@@ -188,7 +188,7 @@ def test_a_drive_does_not_count_the_park_of_the_one_before():
 def test_a_foot_stops_a_car_that_moves(state, going):
     machine = at(S.ENGAGED)
     if going:
-        machine.obey(Act.GO, may_go=True)
+        machine.apply_command(Act.GO, may_go=True)
     for event in WAYS[state][2:]:
         machine.apply(event)
     machine.judge_foot([])
@@ -227,7 +227,7 @@ def test_commands_lead_where_the_table_says_and_give_their_reasons(state):
     assert set(events) == set(Act)
     for act, event in events.items():
         machine = at(state)
-        machine.obey(act, may_go=True)
+        machine.apply_command(act, may_go=True)
         assert machine.state is TRANSITIONS[state][event]
         kept = state in COMMANDING or machine.state is S.FAULT
         reason = {Act.DISARM: "disarm_asked", **ENDS}.get(act)
@@ -245,14 +245,14 @@ def test_reasons_of_stops_have_plain_words_and_say_who_asked():
 def test_a_go_counts_once_and_only_for_its_drive():
     machine = at(S.ENGAGED)
     machine.begin_step(["shadow"], NONE)
-    machine.obey(Act.GO, may_go=False, obstacles=["driver_on_brake"])
+    machine.apply_command(Act.GO, may_go=False, obstacles=["driver_on_brake"])
     assert (machine.going, machine.notes) == (False, ["shadow", "go_too_early", "driver_on_brake"])
     machine.begin_step([], NONE)
-    machine.obey(Act.GO, may_go=True, obstacles=["driver_on_brake"])
+    machine.apply_command(Act.GO, may_go=True, obstacles=["driver_on_brake"])
     assert (machine.going, machine.notes) == (True, [])
-    machine.obey(Act.GO, may_go=False)
+    machine.apply_command(Act.GO, may_go=False)
     assert (machine.going, machine.notes) == (True, []), "said twice is said"
-    machine.obey(Act.STOP, may_go=True)
+    machine.apply_command(Act.STOP, may_go=True)
     assert machine.going is False
     machine.apply(E.OVERRIDE)
     for event in (E.DISARM, *WAYS[S.ENGAGED]):
@@ -264,8 +264,8 @@ def test_a_go_counts_once_and_only_for_its_drive():
 def test_no_command_acknowledges_a_fault_of_its_own_step(act):
     machine = at(S.READY)
     machine.apply(E.FAULT, ["timer_gap"])
-    machine.obey(act, may_go=True)
+    machine.apply_command(act, may_go=True)
     assert (machine.state, machine.reasons) == (S.FAULT, ("timer_gap",))
     machine.begin_step([], NONE)
-    machine.obey(Act.DISARM, may_go=True)
+    machine.apply_command(Act.DISARM, may_go=True)
     assert machine.state is S.DISARMED

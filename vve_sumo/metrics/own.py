@@ -28,13 +28,13 @@ RESERVED: Final = frozenset(
     | {"gateway_steps", "metric_errors", "record_broken", "summary_sha256", "record_parts_sha256"}
     | {"record_files_sha256", "number", "key", "error", "undisturbed", "wall_s", "cpu_s", "peak_mb", "said", "tick"}
 )
-#: characters of a text that a metric may return, and of what is told of one that failed
+#: characters of a text that a metric may return, and of the message about one that failed
 MAX_TEXT: Final = 200
 MAX_WHY: Final = 300
 #: greatest whole number that a table holds
 MAX_INT: Final = 2**63 - 1
 
-#: what a metric of the wrong kind is told that was expected
+#: what was expected of a metric, by the kind of its values
 _EXPECTED: Final = {
     "bool": "True or False",
     "int": "a whole number",

@@ -114,7 +114,7 @@ class ArmingMachine:
         if self._parked_long.step(now, parked and self.state is _STOPPED):
             self.apply(ArmingEvent.PARKED)
 
-    def obey(self, act: OperatorCommand, may_go: bool, obstacles: Sequence[str] = ()) -> None:
+    def apply_command(self, act: OperatorCommand, may_go: bool, obstacles: Sequence[str] = ()) -> None:
         """Carry out an operator's command; where the car must not move, a GO is noted with what stands in its way."""
         if self.state is _FAULT and self._before is not _FAULT:
             return  # a command given in the state before must not acknowledge a fault that nobody has seen yet

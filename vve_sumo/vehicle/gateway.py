@@ -173,7 +173,7 @@ class Gateway:
         else:
             self._judge_idle(now, faults)
         if act is not None:
-            self._obey(act)
+            self._apply_command(act)
         return self._encode(now)
 
     @property
@@ -343,14 +343,14 @@ class Gateway:
         wheels, satellite = abs(self.monitor.speed), abs(self.monitor.satellite_speed)
         return wheels if wheels >= satellite or satellite != satellite else satellite
 
-    def _obey(self, act: OperatorCommand) -> None:
+    def _apply_command(self, act: OperatorCommand) -> None:
         if act is OperatorCommand.DISARM and self._arming.state is _STOPPED:
             # Without brakes a car in drive creeps away, and the DBW watchdog brakes when EN drops in gear.
             self._arming.notes.append("not_in_park")
             return
         # A held car is never let go without brakes.
         may_go = not self._response_monitor.brakes_latched and self._engagement.may_go(self._driver)
-        self._arming.obey(act, may_go)
+        self._arming.apply_command(act, may_go)
 
     def _changed(self, event: ArmingEvent) -> None:
         """Do with the car what follows from a change of the arming state."""

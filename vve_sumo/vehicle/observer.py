@@ -61,7 +61,7 @@ class Observer:
         elif arming.state is not ArmingState.FAULT:
             arming.judge_idle(faults + monitor.missing(now))
         if act is not None:
-            self._obey(act)
+            self._apply_command(act)
         if arming.state is ArmingState.ENGAGED and not arming.going:
             arming.notes.append(WAITING)
         angle = monitor.measured_steering
@@ -94,8 +94,8 @@ class Observer:
         at_rest = monitor.standstill.at_rest
         arming.judge(now, faults, expired=not monitor.validator.valid(now), at_rest=at_rest, parked=at_rest)
 
-    def _obey(self, act: OperatorCommand) -> None:
+    def _apply_command(self, act: OperatorCommand) -> None:
         if self._arming.state is ArmingState.FAULT and act in ENDS:
             return  # the driver has ended the drive: nobody else's act is a cause of that
         driver = self.monitor.reports.driver()
-        self._arming.obey(act, may_go=not driver, obstacles=driver)
+        self._arming.apply_command(act, may_go=not driver, obstacles=driver)
