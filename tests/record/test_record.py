@@ -12,6 +12,7 @@ from pathlib import Path
 import can
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from tests.drive.street import drive_once
@@ -263,3 +264,16 @@ def test_a_live_record_whose_paths_cannot_be_written_goes_on(tmp_path: Path) -> 
     assert record.broken == {"commanded_paths"}
     record.flush()
     assert read_table(tmp_path, "ticks").num_rows == 3
+
+
+@pytest.mark.parametrize("column", ["tick", "x_m", "actor"])
+def test_a_file_whose_damage_takes_a_value_away_has_another_hash(tmp_path: Path, column: str) -> None:
+    """One changed bit of a Parquet file may say that a value is absent: no number can stand for it."""
+    closed(tmp_path / "r", 3)
+    whole_table, file = read_table(tmp_path / "r", "actors"), tmp_path / "r" / "actors.parquet"
+    before = hash_parts(tmp_path / "r")
+    values = whole_table.column(column).to_pylist()
+    lacking = pa.array([None, *values[1:]], whole_table.schema.field(column).type)
+    at = whole_table.schema.get_field_index(column)
+    pq.write_table(whole_table.set_column(at, column, lacking), file)
+    assert [name for name, digest in hash_parts(tmp_path / "r").items() if digest != before[name]] == ["actors"]
