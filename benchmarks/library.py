@@ -54,11 +54,11 @@ def drive(name: str, seed: int) -> dict[str, Any]:
 def paint(name: str, folder: Path) -> None:
     """Draw a scenario's picture into a folder."""
     from vve_sumo.drive.run import resolve_by_name
-    from vve_sumo.drive.scenario_text import circumstances
+    from vve_sumo.drive.scenario_text import special_conditions
     from vve_sumo.plotting.scenario import draw
 
     resolved = resolve_by_name(name, REPOSITORY)
-    draw(resolved, folder / f"{name}.png", circumstances(resolved, REPOSITORY))
+    draw(resolved, folder / f"{name}.png", special_conditions(resolved, REPOSITORY))
 
 
 def row(name: str, summaries: Sequence[dict[str, Any]]) -> str:

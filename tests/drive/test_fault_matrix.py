@@ -66,9 +66,9 @@ class Watched(ClosedLoop):
         self.refused: list[tuple[str, ...]] = []
 
     def _tick(
-        self, tick: int, now: float, heard: CarOutput, act: OperatorCommand | None
+        self, tick: int, now: float, heard: CarOutput, command: OperatorCommand | None
     ) -> tuple[Ticked, tuple[Frame, ...]]:
-        ticked, frames = super()._tick(tick, now, heard, act)
+        ticked, frames = super()._tick(tick, now, heard, command)
         self.sent.append(frames)
         self.refused.append(self.pipeline._reasons)
         return ticked, frames

@@ -133,9 +133,9 @@ class Bench:
         """What the gateway last told the console."""
         return self.feedbacks[-1].status.reasons if self.feedbacks else ()
 
-    def act(self, act: OperatorCommand) -> None:
+    def act(self, command: OperatorCommand) -> None:
         """Do what an operator does."""
-        self.console.send(link.encode_operator_command(act))
+        self.console.send(link.encode_operator_command(command))
 
     def kill(self, process: subprocess.Popen[bytes] | None, number: int) -> None:
         """Send a signal to one of the processes."""

@@ -31,7 +31,7 @@ from vve_sumo.live.gateway import (
     next_step_time,
 )
 from vve_sumo.live.messages import decode
-from vve_sumo.live.priority import NEVER_KILLED
+from vve_sumo.live.priority import OOM_NEVER
 from vve_sumo.record.reader import read_table
 from vve_sumo.timing import MAX_STEP_INTERVAL, MIN_STEP_INTERVAL
 from vve_sumo.values import ArmingState, Frame, Setpoint
@@ -108,7 +108,7 @@ def test_of_two_setpoints_the_newer_one_counts_and_the_older_ones_faults():
     newer = link.encode_setpoint(setpoint(2))
     inbox.take_from_drive(newer)
     taken = inbox.take()
-    assert (taken.setpoint.sequence, taken.datagram, taken.wrong) == (2, newer, ("pose_lost",))
+    assert (taken.setpoint.sequence, taken.datagram, taken.process_faults) == (2, newer, ("pose_lost",))
     assert inbox.take() == (None, b"", None, ())
 
 
@@ -120,13 +120,13 @@ def test_a_flipped_bit_is_found_and_asks_for_a_stop(where, bit):
     inbox.take_from_drive(bytes(whole))
     taken = inbox.take()
     assert taken.setpoint is None
-    assert taken.wrong == ("setpoint_corrupt",)
+    assert taken.process_faults == ("setpoint_corrupt",)
 
 
 def test_the_drive_has_no_say_in_acts():
     inbox = Inbox()
-    for act in OperatorCommand:
-        inbox.take_from_drive(link.encode_operator_command(act))
+    for command in OperatorCommand:
+        inbox.take_from_drive(link.encode_operator_command(command))
     assert inbox.take() == (None, b"", None, ())
     assert inbox.refused == len(OperatorCommand)
 
@@ -134,12 +134,12 @@ def test_the_drive_has_no_say_in_acts():
 @given(st.lists(st.sampled_from([*OperatorCommand, None]), max_size=6))
 def test_acts_come_in_their_order_and_stop_before_all_others(acts):
     inbox = Inbox()
-    for act in acts:
-        inbox.take_from_console(b"prose" if act is None else link.encode_operator_command(act))
-    operators = any(act in (OperatorCommand.STOP, None) for act in acts)
+    for command in acts:
+        inbox.take_from_console(b"prose" if command is None else link.encode_operator_command(command))
+    operators = any(command in (OperatorCommand.STOP, None) for command in acts)
     stops = operators or OperatorCommand.STOP_BY_PAGE in acts
     assert inbox.fresh is stops
-    taken = [inbox.take().act for _ in range(len(acts) + 1)]
+    taken = [inbox.take().command for _ in range(len(acts) + 1)]
     stop = OperatorCommand.STOP if operators else OperatorCommand.STOP_BY_PAGE
     assert taken == ([stop] if stops else acts) + [None] * (len(acts) + 1 - (1 if stops else len(acts)))
 
@@ -148,11 +148,11 @@ def test_a_stop_asked_for_again_and_again_is_urgent_once():
     inbox = Inbox()
     inbox.take_from_console(link.encode_operator_command(OperatorCommand.STOP))
     assert inbox.fresh
-    assert inbox.take().act is OperatorCommand.STOP
+    assert inbox.take().command is OperatorCommand.STOP
     for _ in range(50):
         inbox.take_from_console(link.encode_operator_command(OperatorCommand.STOP))
         assert not inbox.fresh
-        assert inbox.take().act is OperatorCommand.STOP
+        assert inbox.take().command is OperatorCommand.STOP
 
 
 @given(st.floats(0.0, 1e6), st.floats(0.0, 1e3))
@@ -218,9 +218,9 @@ def test_the_record_holds_all_that_went_in_and_came_out(bench: Open) -> None:
         sent = log[at + row["frames_received"] : at + row["frames_received"] + row["frames_sent"]]
         at += row["frames_received"] + row["frames_sent"]
         said = link.decode_setpoint(row["setpoint"]) if row["setpoint"] else None
-        act = OperatorCommand(row["operator_command"]) if row["operator_command"] else None
+        command = OperatorCommand(row["operator_command"]) if row["operator_command"] else None
         output = again.step(
-            row["time_s"], said, heard, act, [code for code in row["process_faults"].split("+") if code]
+            row["time_s"], said, heard, command, [code for code in row["process_faults"].split("+") if code]
         )
         assert list(output.frames) == sent, row["step"]
         assert "+".join(output.status.reasons) == row["reasons"]
@@ -408,8 +408,8 @@ def test_the_kernel_is_told_to_take_the_gateway_last(bench: Open) -> None:
     b = bench(sender=False)
     b.run_until(lambda: b.state is not None)
     given, said = Path(f"/proc/{b.gateway.pid}/oom_score_adj").read_text(), (b.folder / "gateway.txt").read_text()
-    assert f"oom_score_adj {NEVER_KILLED}" in said
-    assert (int(given) == NEVER_KILLED) is ("does not allow oom_score_adj" not in said)
+    assert f"oom_score_adj {OOM_NEVER}" in said
+    assert (int(given) == OOM_NEVER) is ("does not allow oom_score_adj" not in said)
     assert int(Path(f"/proc/{b.recorder.pid}/oom_score_adj").read_text()) > int(given)
     b.console.close()
     b.rest()

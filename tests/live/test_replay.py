@@ -298,12 +298,12 @@ def test_a_changed_setpoint_is_found_at_its_step(copy: Path) -> None:
     inputs.steps[step]["setpoint"] = bytes(torn)
     difference = replay_gateway(inputs)
     assert difference is not None
-    assert (difference.number, difference.what) == (step, "setpoint")
+    assert (difference.number, difference.item) == (step, "setpoint")
     # Sound bytes that no pipeline computed: whoever sent them to the gateway was not this drive.
     inputs.steps[step]["setpoint"] = link.encode_setpoint(replace(setpoint, yaw_rate=setpoint.yaw_rate + 1e-12))
     difference = replay_drive(inputs, REPOSITORY)
     assert difference is not None
-    assert difference.what == "setpoint"
+    assert difference.item == "setpoint"
 
 
 def test_setpoints_of_another_encoding_are_told_as_that(copy: Path) -> None:

@@ -58,7 +58,7 @@ SUBJECTS: Final[dict[str, Subject]] = {
     "engagement": _vehicle("engagement", "engagement.py", "safety_constants.py"),
     "reports": _vehicle("reports", "reports.py", "driver_reports.py", "safety_constants.py"),
     "report_consistency": _vehicle("report_consistency", "report_spikes.py", "safety_constants.py"),
-    "driver_signs": _vehicle("driver_signs", "driver_signs.py", "safety_constants.py"),
+    "driver_braking": _vehicle("driver_braking", "driver_braking.py", "safety_constants.py"),
     "command_echo": _vehicle("command_echo", "command_echo.py", "safety_constants.py"),
     "slowing_monitor": _vehicle("slowing_monitor", "slowing_monitor.py", "safety_constants.py"),
     "response": _vehicle("response", "response_monitor.py"),

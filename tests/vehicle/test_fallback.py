@@ -219,7 +219,7 @@ def test_a_way_that_comes_too_late_to_be_acted_on_is_not_taken():
 def test_a_newer_way_counts_on_the_way_to_rest_too():
     rig = Rig()
     rig.cruise(8.0)
-    rig.step(0.0, act=OperatorCommand.STOP, fallback_path=FallbackPath(1.0, (0.0,)))
+    rig.step(0.0, command=OperatorCommand.STOP, fallback_path=FallbackPath(1.0, (0.0,)))
     assert {status.steering for status in rig.run(1.0, fallback_path=FallbackPath(1.0, (0.0,)))} == {0.0}
     assert rig.run(1.0, fallback_path=FallbackPath(1.0, (-0.05,)))[-1].steering < -0.1
 

@@ -37,13 +37,13 @@ class Watched:
         elapsed: float,
         told: Pedals = COAST,
         wheels: float = 20.0,
-        satellite: float = math.nan,
+        gnss: float = math.nan,
         grade: float = 0.0,
         going: bool = True,
     ) -> list[str]:
         self.now += elapsed
         return self.monitor.step(
-            self.now, elapsed, told, self.reports, (wheels, satellite), grade, standstill=self.standstill, going=going
+            self.now, elapsed, told, self.reports, (wheels, gnss), grade, standstill=self.standstill, going=going
         )
 
 
@@ -96,11 +96,11 @@ def test_only_a_car_that_is_certain_to_be_at_rest_can_roll_off(certain: bool, at
     assert rolls(car) == [[], [], []]
 
 
-@pytest.mark.parametrize(("satellite", "found"), [(0.11, NOT_FOLLOWING), (math.nan, [])])
-def test_the_receivers_mean_shows_it_too_where_it_is_known(satellite: float, found: list[str]) -> None:
+@pytest.mark.parametrize(("gnss", "found"), [(0.11, NOT_FOLLOWING), (math.nan, [])])
+def test_the_receivers_mean_shows_it_too_where_it_is_known(gnss: float, found: list[str]) -> None:
     car = standing()
-    car.standstill.satellite_mean = 0.11
-    assert [car.step(elapsed, HELD, 0.0, satellite) for elapsed in (0.02, 0.29, 0.01)] == [[], [], found]
+    car.standstill.gnss_mean = 0.11
+    assert [car.step(elapsed, HELD, 0.0, gnss) for elapsed in (0.02, 0.29, 0.01)] == [[], [], found]
 
 
 # Modules that do not repeat what they are told.

@@ -29,7 +29,7 @@ class Drive:
         self, told: Pedals = COAST, calibration: Calibration = BARE, speed: float = 20.0, settled: bool = True
     ) -> None:
         self.monitor = SlowingMonitor(CAR, calibration)
-        self.wheels = self.satellite = speed
+        self.wheels = self.gnss = speed
         if settled:  # for so long that brakes and engine give what they are told
             assert self.monitor.step(1e12, told, speed, speed, 0.0) is False
 
@@ -39,12 +39,12 @@ class Drive:
         told: Pedals = COAST,
         elapsed: float = 1.0,
         grade: float = 0.0,
-        satellite: float | None = None,
+        gnss: float | None = None,
     ) -> bool:
         """A step in which the wheels gain so many m/s, and the receiver's speed as many unless it is told another."""
         self.wheels += gain
-        self.satellite += gain if satellite is None else satellite
-        return self.monitor.step(elapsed, told, self.wheels, self.satellite, grade)
+        self.gnss += gain if gnss is None else gnss
+        return self.monitor.step(elapsed, told, self.wheels, self.gnss, grade)
 
 
 ROLLING = {"rolling_resistance": 0.4 / 9.80665}  # 0.4 m/s2
@@ -103,9 +103,9 @@ def test_a_car_must_be_faster_than_one_metre_per_second_to_be_compared_with_itse
 def test_a_slow_car_forgets_what_it_missed_beside_itself() -> None:
     drive = Drive(PUSH, speed=2.0)
     assert drive.step(0.75, PUSH) is False, "0.6 m/s are missing, of 0.7"
-    drive.wheels = drive.satellite = 0.5
+    drive.wheels = drive.gnss = 0.5
     drive.monitor.step(100.0, PUSH, 0.5, 0.5, 1.0)  # so steep that nothing is missing
-    drive.wheels = drive.satellite = 1.5
+    drive.wheels = drive.gnss = 1.5
     drive.monitor.step(0.5, PUSH, 1.5, 1.5, 0.0)
     assert drive.step(0.75, PUSH) is False
     assert drive.step(0.75, PUSH) is True
@@ -141,7 +141,7 @@ def test_at_one_metre_per_second_nothing_is_learnt(speed: float, learns: bool) -
     assert drive.step(25.5, PUSH, elapsed=15.0) is False
     for drive.wheels in (math.nan, 20.0):  # the sums begin anew
         assert drive.step(0.0, PUSH) is False
-    drive.satellite = math.nan
+    drive.gnss = math.nan
     assert drive.step(0.55, PUSH) is not learns
 
 
@@ -194,7 +194,7 @@ def test_an_engine_need_not_push_once_the_throttle_is_closed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("told", "wheels", "satellite", "foot"),
+    ("told", "wheels", "gnss", "foot"),
     [
         # any car: 0.35 m/s2 are allowed
         (COAST, -0.66, -0.45 + NEAR, False),
@@ -211,24 +211,24 @@ def test_an_engine_need_not_push_once_the_throttle_is_closed() -> None:
     ],
 )
 def test_the_receiver_must_see_a_tenth_of_it_where_it_is_known(
-    told: Pedals, wheels: float, satellite: float, foot: bool
+    told: Pedals, wheels: float, gnss: float, foot: bool
 ) -> None:
-    assert Drive(told).step(wheels, told, satellite=satellite) is foot
+    assert Drive(told).step(wheels, told, gnss=gnss) is foot
 
 
 def test_what_the_receiver_sees_adds_up_too() -> None:
     """0.06 m/s missing by the receiver each second, and 0.4 m/s by the wheels."""
     drive = Drive()
-    assert [drive.step(-0.75, satellite=-0.41) for _ in range(2)] == [False, True]
+    assert [drive.step(-0.75, gnss=-0.41) for _ in range(2)] == [False, True]
     drive = Drive(PUSH)  # 1.35 m/s are expected in the first second and 1.2625 in the next: a sixteenth is learnt
-    assert [drive.step(0.60, PUSH, satellite=seen) for seen in (1.26, 1.24)] == [False, True]
+    assert [drive.step(0.60, PUSH, gnss=seen) for seen in (1.26, 1.24)] == [False, True]
 
 
 @pytest.mark.parametrize(("elapsed", "foot"), [(0.0257, False), (0.0258, True)])
 def test_wheels_that_fall_faster_than_any_car_brakes_count_as_that(elapsed: float, foot: bool) -> None:
     """12 m/s2, which is 11.65 beyond the margin: 0.30 m/s are missing after 25.75 ms."""
     drive = Drive()
-    assert drive.step(-20.0, elapsed=elapsed, satellite=math.nan) is foot
+    assert drive.step(-20.0, elapsed=elapsed, gnss=math.nan) is foot
 
 
 # Steps that tell nothing.
@@ -248,7 +248,7 @@ def test_wheels_that_are_unknown_for_a_step_begin_the_sums_anew_and_unteach_noth
     """The receiver is silent too, so that the wheels decide."""
     for told, lost in ((COAST, -0.55), (PUSH, 0.85)):
         drive = Drive(told)
-        drive.satellite = math.nan
+        drive.gnss = math.nan
         assert drive.step(lost, told) is False
         speed, drive.wheels = drive.wheels, math.nan
         assert drive.step(0.0, told) is False

@@ -28,7 +28,7 @@ from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.virtual_road import open_world, pose_at_rest, scenario_engine
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import move_point
-from vve_sumo.live.priority import GATEWAY_PRIORITY, NEVER_KILLED, rights
+from vve_sumo.live.priority import GATEWAY_PRIORITY, OOM_NEVER, rights
 from vve_sumo.scenario.schema import When
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Point
@@ -118,7 +118,7 @@ def _priority() -> Check:
     permitted = rights()
     words = {True: "permitted", False: "not permitted"}
     found = f"real-time priority {GATEWAY_PRIORITY} {words[permitted.real_time]}, "
-    found += f"locking memory {words[permitted.memory]}, oom_score_adj {NEVER_KILLED} {words[_kept()]}"
+    found += f"locking memory {words[permitted.memory]}, oom_score_adj {OOM_NEVER} {words[_kept()]}"
     lacking = permitted.lacking()
     return judged("priority", found, not lacking, lacking, otherwise=CheckResult.NOTE)
 
@@ -128,7 +128,7 @@ def _kept() -> bool:
     own = Path("/proc/self/oom_score_adj")
     try:
         before = own.read_text(encoding="ascii")
-        own.write_text(f"{NEVER_KILLED}\n", encoding="ascii")
+        own.write_text(f"{OOM_NEVER}\n", encoding="ascii")
         own.write_text(before, encoding="ascii")
     except OSError:
         return False

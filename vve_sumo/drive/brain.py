@@ -26,9 +26,9 @@ _NOTHING: Final = "no foreign setpoint"
 #: reason code of a brain that has let its whole time pass in lockstep
 OVERDUE: Final = "brain_overdue"
 
-#: who decides: the scenario's own controller, whose sensors a foreign computer only sees; a foreign brain by setpoints;
-#: one that commands the car by itself
-Decider = Literal["own", "setpoints", "external"]
+#: who decides, as `brain.kind` of a rig says: the scenario's own controller, whose sensors an external one only sees;
+#: an external controller by setpoints; one that commands the car itself
+ExternalControllerKind = Literal["own", "setpoints", "external"]
 
 
 class Link(Protocol):
@@ -135,7 +135,7 @@ class SetpointController:
             if not (came and owed):
                 return
 
-    def check_begun(self) -> None:
+    def require_answer(self) -> None:
         """Raise RigError where the brain has let its time pass before its first setpoint: it is not there."""
         if self.overdue and not self.inbox.taken:
             refused = ", ".join(f"{count} x {code}" for code, count in sorted(self.inbox.counts.items()))
@@ -149,7 +149,7 @@ class NoController:
     faults: tuple[str, ...] = ()
     overdue = ""
 
-    def check_begun(self) -> None:
+    def require_answer(self) -> None:
         """Nobody waits for a brain that commands the car by itself."""
 
     def step(self, observation: Observation) -> ControlCommand:
@@ -188,18 +188,18 @@ class ExternalController:
         """One line on a brain that has let its time pass in lockstep; else empty."""
         return "" if self.controller is None else self.controller.overdue
 
-    def check_begun(self) -> None:
+    def require_answer(self) -> None:
         """Raise RigError where the brain was waited for and is not there."""
         if self.controller is not None:
-            self.controller.check_begun()
+            self.controller.require_answer()
 
-    def in_place_of(self, own: Callable[[], Controller]) -> Controller:
+    def select_controller(self, own: Callable[[], Controller]) -> Controller:
         """Return the controller of the drive; the scenario's own is made only where it drives."""
         return own() if self.controller is None else self.controller
 
 
 def external_controller(
-    decides: Decider,
+    kind: ExternalControllerKind,
     link: Link,
     frame: MapFrame,
     mounting: Mounting,
@@ -208,15 +208,15 @@ def external_controller(
     *,
     waits: bool = False,
 ) -> ExternalController:
-    """Return what a drive has of the brain that a link leads to, as `brain.kind` of a rig says who `decides`.
+    """Return what a drive has of the external controller that a link leads to; `kind` is `brain.kind` of a rig.
 
     `frame` is the street's map, `mounting` the receiver's, `epoch` the GNSS second of drive time 0, `key` signs
     setpoints. `waits`: whether a tick waits for the setpoint that answers its sample.
     """
     # A brain that commands the car by itself would drive off by what it sees: it sees nothing before the go.
-    publisher = Publisher(link.send, virtual_placement(frame, mounting, epoch), epoch, held=decides == "external")
-    if decides == "setpoints":
+    publisher = Publisher(link.send, virtual_placement(frame, mounting, epoch), epoch, held=kind == "external")
+    if kind == "setpoints":
         return ExternalController(
             publisher, SetpointController(publisher, link, SetpointInbox(epoch, key), waits=waits)
         )
-    return ExternalController(publisher, NoController() if decides == "external" else None)
+    return ExternalController(publisher, NoController() if kind == "external" else None)

@@ -50,7 +50,7 @@ class Difference:
     """The first difference between a replay and its record."""
 
     number: int  #: of the tick, or of the gateway's step
-    what: str  #: name of the column, "frames", or the sensor and its row
+    item: str  #: name of the column, "frames", or the sensor and its row
     recorded: str
     replayed: str
 

@@ -28,7 +28,7 @@ from vve_sumo.record.tick_metrics import tick_metrics_table, write_tick_metrics
 from vve_sumo.scenario.schema import Criteria, CriterionBand, Scenario
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Vehicle
-from vve_sumo.vehicle.arming import DRIVER_SIGNS
+from vve_sumo.vehicle.arming import DRIVER_REASONS
 
 NOTHING: Final = Measured()
 NO_METRICS: Final = OwnMetrics()
@@ -133,7 +133,7 @@ def summary_of(
     return summary | {"passed": passed, "failed": failed} | hashes
 
 
-def unjudged(summary: dict[str, Any]) -> dict[str, Any]:
+def without_verdict(summary: dict[str, Any]) -> dict[str, Any]:
     """Return a summary of a drive that is no test of anything: in shadow mode the gateway commands nothing."""
     return summary | {"passed": None, "failed": []}
 
@@ -145,7 +145,7 @@ def unmet_criteria(criteria: Criteria, summary: Mapping[str, Any]) -> list[str]:
     """
     if summary["outcome"] == Outcome.PLAYED:
         return []
-    return [*filter(None, judged(criteria, summary).values()), *disturbances(criteria, summary)]
+    return [*filter(None, judged(criteria, summary).values()), *invalidating_events(criteria, summary)]
 
 
 def judged(criteria: Criteria, summary: Mapping[str, Any]) -> dict[str, str]:
@@ -156,7 +156,7 @@ def judged(criteria: Criteria, summary: Mapping[str, Any]) -> dict[str, str]:
     return {name: _unmet(name, wanted, summary) for name, wanted in criteria if wanted is not None}
 
 
-def disturbances(criteria: Criteria, summary: Mapping[str, Any]) -> list[str]:
+def invalidating_events(criteria: Criteria, summary: Mapping[str, Any]) -> list[str]:
     """Return a line for everything that makes a drive no test of its criteria, however many of them it meets.
 
     The drive was lost, its driver stepped in, or a gateway fault that no criterion speaks of ended it.
@@ -164,7 +164,7 @@ def disturbances(criteria: Criteria, summary: Mapping[str, Any]) -> list[str]:
     found = []
     if summary["outcome"] in (Outcome.BROKEN, Outcome.INTERRUPTED):
         found.append(f"the drive was {summary['outcome']}{_why('outcome', summary)}")
-    if not DRIVER_SIGNS.isdisjoint(summary.get("reasons") or ()):
+    if not DRIVER_REASONS.isdisjoint(summary.get("reasons") or ()):
         found.append(f"the driver stepped in{_why('outcome', summary)}")
     elif summary["outcome"] == Outcome.FAULT and criteria.outcome is None:
         found.append(f"a gateway fault ended the drive{_why('outcome', summary)}")

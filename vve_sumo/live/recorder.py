@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from vve_sumo.live import signals
 from vve_sumo.live.channel import Channel
-from vve_sumo.live.priority import KILLED_FIRST, lower_priority, set_oom_score
+from vve_sumo.live.priority import OOM_RECORDER, lower_priority, set_oom_score
 from vve_sumo.live.recorder_client import RECORD, RecordBatch
 from vve_sumo.live.spawn import receive_config
 from vve_sumo.live.summary import summarise
@@ -89,7 +89,7 @@ def finish(record: LiveRecord, ended: dict[str, Any] | None, summarise: Summaris
 def main() -> None:
     """Record one drive."""
     signals.ignore()
-    set_oom_score(KILLED_FIRST)
+    set_oom_score(OOM_RECORDER)
     lower_priority()
     config, channels = receive_config()
     record = LiveRecord(Path(config["folder"]), config["resolved"], config["epoch"])

@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any, Final, TextIO
 
-from vve_sumo.live.wording import ALARMS, phase, picture, rings, transition
+from vve_sumo.live.wording import ALARMS, bell_count, phase, picture, transition
 
 #: between two pictures, and between two rings of one bell [s]
 PICTURE_PERIOD: Final = 0.1
@@ -51,7 +51,7 @@ class Screen:
         if (tick := status.get("tick")) != self._tick:
             self._tick, self._told_at = tick, now
         if (now_in := phase(status)) != self._phase:
-            self._phase, self._rings, self._drawn_at = now_in, rings(status), -math.inf
+            self._phase, self._rings, self._drawn_at = now_in, bell_count(status), -math.inf
             self._lines.append(transition(status))
         if not self._flush():
             return

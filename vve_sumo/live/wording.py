@@ -22,10 +22,10 @@ MAX_REASONS: Final = 8
 MAX_REASONS_IN_A_LINE: Final = 4
 
 
-class Guard(enum.StrEnum):
+class GatewayProcessState(enum.StrEnum):
     """What the console knows of the gateway's process, which sends it a message about ten times a second."""
 
-    HEARD = "heard"  #: or not yet heard for the first time
+    RESPONDING = "responding"  #: or not yet heard for the first time
     SILENT = "silent"  #: it exists and sends nothing: it was stopped, or is not scheduled
     GONE = "gone"  #: it ended while it commanded the car
     ENDED = "ended"  #: it ended, having let go of the car
@@ -137,15 +137,15 @@ def phase(status: Mapping[str, Any]) -> str:
     """Return the drive's phase, in words; a change of phase is a transition."""
     engaged = bool(status.get("engaged"))
     match status.get("gateway"):
-        case Guard.SILENT if not in_shadow(status):
+        case GatewayProcessState.SILENT if not in_shadow(status):
             return BRAIN_SILENT if brain_commands(status) else SILENT
-        case Guard.GONE:
+        case GatewayProcessState.GONE:
             return SHADOW_GONE if in_shadow(status) else BRAIN_GONE if brain_commands(status) else GONE
-        case Guard.LEFT if engaged:
+        case GatewayProcessState.LEFT if engaged:
             return BRAIN_LEFT if brain_commands(status) else LEFT
-        case Guard.LEFT:
+        case GatewayProcessState.LEFT:
             return NEVER
-        case Guard.ENDED if not engaged:
+        case GatewayProcessState.ENDED if not engaged:
             return NEVER
     return _by_state(status, engaged) if "state" in status else "starting"
 
@@ -153,9 +153,9 @@ def phase(status: Mapping[str, Any]) -> str:
 def _by_state(status: Mapping[str, Any], engaged: bool) -> str:
     state, reasons = ArmingState(status["state"]), status.get("reasons", ())
     if state is ArmingState.FAULT and "driver_override" in reasons:
-        if "driver_needed" in reasons and status.get("gateway") != Guard.ENDED:
+        if "driver_needed" in reasons and status.get("gateway") != GatewayProcessState.ENDED:
             return ROLLS
-        return CONTROL_OVER if status.get("gateway") == Guard.ENDED else CONTROL
+        return CONTROL_OVER if status.get("gateway") == GatewayProcessState.ENDED else CONTROL
     if state is ArmingState.DISARMED and engaged:
         return PARKED if status.get("gear") == "park" else OVER
     rolls = state is ArmingState.STOPPED and "driver_needed" in reasons
@@ -192,7 +192,7 @@ def brain_commands(status: Mapping[str, Any]) -> bool:
     return EXTERNAL in status.get("reasons", ())
 
 
-def rings(status: Mapping[str, Any]) -> int:
+def bell_count(status: Mapping[str, Any]) -> int:
     """Return how often the bell rings when the drive comes to this status: twice for stopping, thrice for trouble."""
     if phase(status) in {*ALARMS, NEEDED}:
         return 3
@@ -243,11 +243,11 @@ def picture(status: Mapping[str, Any], silent: float = 0.0) -> list[str]:
     lines.append(_health(status))
     if status.get("doctor_overridden"):
         lines.append(f"  ! {doctor_overridden(status['doctor_overridden'])}")
-    if status.get("gateway") == Guard.SILENT:
+    if status.get("gateway") == GatewayProcessState.SILENT:
         lines.append("  ! the gateway's process tells nothing: it is not run")
     if not fresh and "tick" not in status:
         lines.append(f"  the drive's process loads the street: {_number(silent, '.0f')} s")
-    elif not fresh and status.get("gateway") not in (Guard.ENDED, Guard.GONE):
+    elif not fresh and status.get("gateway") not in (GatewayProcessState.ENDED, GatewayProcessState.GONE):
         lines.append(f"  ! the drive's process has told nothing for {_number(silent, '.1f')} s")
     words = why(status)
     words += [f"fix: {in_words(code)}" for code in status.get("pose_reasons", ())]

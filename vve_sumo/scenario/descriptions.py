@@ -110,7 +110,7 @@ def _between(band: CriterionBand) -> str:
     return f"at least {band.min:g}" if band.max is None else f"{band.min:g} to {band.max:g}"
 
 
-def circumstances(scenario: Scenario) -> list[str]:
+def special_conditions(scenario: Scenario) -> list[str]:
     """Return a line for everything besides actors and obstacles that makes the drive another than the usual one."""
     return [
         line

@@ -14,7 +14,7 @@ from typing import Any
 from vve_sumo import workspace
 from vve_sumo.config_file import read, read_as
 from vve_sumo.drive.plugged_in import CONTROLLER
-from vve_sumo.drive.provenance import deciding
+from vve_sumo.drive.provenance import decisive_versions
 from vve_sumo.errors import ConfigError, did_you_mean
 from vve_sumo.metrics.port import installed
 from vve_sumo.metrics.table import enter
@@ -114,7 +114,7 @@ def planned(
         parameters=spec.varied,
         criteria=criteria,
         files_sha256={},
-        versions=deciding(),
+        versions=decisive_versions(),
         rig=rig_file,
     )
     if isinstance(spec.search, Boundary) or not settings.metrics:

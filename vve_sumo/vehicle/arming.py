@@ -212,7 +212,7 @@ REASONS: Final[dict[str, str]] = {
 }
 
 #: Reasons that say that the driver has stepped in.
-DRIVER_SIGNS: Final = frozenset({"driver_inferred", "driver_on_brake", "driver_on_throttle", "driver_override"})
+DRIVER_REASONS: Final = frozenset({"driver_inferred", "driver_on_brake", "driver_on_throttle", "driver_override"})
 
 #: Reasons for the harder stop: the car does not follow its commands, two nodes command it, or it is not monitored.
 CRITICAL: Final = frozenset(

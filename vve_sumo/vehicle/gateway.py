@@ -39,7 +39,7 @@ UNATTENDED_TIME: Final = 1.0
 # A foot on a pedal that is reported for this long counts as one: a single old report among fresh ones is none [s].
 ATTENDED_TIME: Final = 0.1
 # Wheel speeds that are less than the receiver's by more than this are not trusted to limit the steering [m/s].
-WHEELS_TOO_SLOW: Final = 0.5
+MAX_WHEEL_SPEED_DEFICIT: Final = 0.5
 
 # Found once, for every step: looking them up in their class costs a call.
 _ENGAGED, _STOPPING, _STOPPED = ArmingState.ENGAGED, ArmingState.STOPPING, ArmingState.STOPPED
@@ -151,19 +151,19 @@ class Gateway:
         now: float,
         setpoint: Setpoint | None,
         reports: Sequence[Frame],
-        act: OperatorCommand | None = None,
-        found: Sequence[str] = (),
+        command: OperatorCommand | None = None,
+        process_faults: Sequence[str] = (),
     ) -> GatewayOutput:
         """Return gateway status and command frames at drive time `now` [s].
 
         `setpoint` is the newest one, or None if none arrived since the last step; `reports` are the frames received on
-        the car's bus since the last step, in order; `act` is the operator's command since then; `found` are reason
+        the car's bus since the last step, in order; `command` is the operator's since then; `process_faults` are reason
         codes of what the caller found wrong, each of which is a fault even if this module does not know the code.
         """
         arming, shadow = self._arming, self._shadow
         self._clear = False
         faults = self._watch(now, setpoint, reports)
-        faults += found
+        faults += process_faults
         notes = self.monitor.notes
         arming.begin_step(
             ["shadow", *notes] if shadow else notes, frozenset() if shadow else self._reports.overrides()
@@ -172,14 +172,14 @@ class Gateway:
             self._judge_commanded(now, faults)
         else:
             self._judge_idle(now, faults)
-        if act is not None:
-            self._apply_command(act)
+        if command is not None:
+            self._apply_command(command)
         return self._encode(now)
 
     @property
     def done(self) -> bool:
         """Whether a drive is over: it was begun and ended, and the car stands, or nothing has moved for long."""
-        return self._arming.ended and self.monitor.at_ease
+        return self._arming.ended and self.monitor.supervision_over
 
     # Observation: nothing in this section changes the arming state.
 
@@ -195,13 +195,13 @@ class Gateway:
         self._last_now = now
         self._elapsed = (gap if gap < longest else longest) if gap > 0.0 else 0.0
         self._driver = [] if self._shadow else reports.driver()
-        faults += monitor.look(now, setpoint)
+        faults += monitor.check_inputs(now, setpoint)
         if setpoint is not None and monitor.fresh:
             self._take_fallback_path(now, setpoint)
         idle = state not in COMMANDING
         commanded = not (idle or self._shadow)
         limiter, steered = self._limiter, commanded and self._engagement.enabled
-        faults += monitor.compare(
+        faults += monitor.check_motion(
             now,
             self._elapsed,
             idle=idle,
@@ -218,7 +218,7 @@ class Gateway:
                 self._elapsed,
                 self._last_pedals,
                 reports,
-                (monitor.speed, monitor.satellite_speed),
+                (monitor.speed, monitor.gnss_speed),
                 self._grade(),
                 standstill=standstill,
                 going=self._arming.going,
@@ -283,7 +283,7 @@ class Gateway:
                 return
             # The word of one module alone, which may be wrong: a car that nobody brakes must not be let go.
             faults.append("override_unconfirmed")
-        arming.judge_foot([*self._driver, "driver_inferred"] if self._foot_inferred else self._driver)
+        arming.judge_pedals([*self._driver, "driver_inferred"] if self._foot_inferred else self._driver)
         self._fastest = self._largest_speed()
         if self._limiter.too_fast(self._fastest):
             faults.append("speed_above_limit")
@@ -335,22 +335,22 @@ class Gateway:
 
     def _steering_speed(self) -> float:
         """Speed at which steering is limited [m/s]: the wheels', or the receiver's where wheels say far too little."""
-        wheels, satellite = self._reports.speed, self.monitor.satellite_speed
-        return satellite if satellite > wheels + WHEELS_TOO_SLOW else wheels
+        wheels, gnss = self._reports.speed, self.monitor.gnss_speed
+        return gnss if gnss > wheels + MAX_WHEEL_SPEED_DEFICIT else wheels
 
     def _largest_speed(self) -> float:
         """Largest speed that wheels or receiver report [m/s]; NaN where neither is known."""
-        wheels, satellite = abs(self.monitor.speed), abs(self.monitor.satellite_speed)
-        return wheels if wheels >= satellite or satellite != satellite else satellite
+        wheels, gnss = abs(self.monitor.speed), abs(self.monitor.gnss_speed)
+        return wheels if wheels >= gnss or gnss != gnss else gnss
 
-    def _apply_command(self, act: OperatorCommand) -> None:
-        if act is OperatorCommand.DISARM and self._arming.state is _STOPPED:
+    def _apply_command(self, command: OperatorCommand) -> None:
+        if command is OperatorCommand.DISARM and self._arming.state is _STOPPED:
             # Without brakes a car in drive creeps away, and the DBW watchdog brakes when EN drops in gear.
             self._arming.notes.append("not_in_park")
             return
         # A held car is never let go without brakes.
         may_go = not self._response_monitor.brakes_latched and self._engagement.may_go(self._driver)
-        self._arming.apply_command(act, may_go)
+        self._arming.apply_command(command, may_go)
 
     def _changed(self, event: ArmingEvent) -> None:
         """Do with the car what follows from a change of the arming state."""

@@ -40,7 +40,7 @@ def open_link(rig: Rig, resolved: ResolvedScenario, key: bytes) -> WiredLink:
     return WiredLink(*open_wires(rig, resolved, key), rig.brain.deadline_s)
 
 
-def brain_over(link: Link, rig: Rig, resolved: ResolvedScenario, working: Path) -> ExternalController:
+def external_controller_over(link: Link, rig: Rig, resolved: ResolvedScenario, working: Path) -> ExternalController:
     """Return the brain that is reached over a link, for `drive.run.run`; every tick waits for its answer.
 
     Raises ConfigError for a key file that cannot be read.
@@ -50,7 +50,9 @@ def brain_over(link: Link, rig: Rig, resolved: ResolvedScenario, working: Path) 
 
 
 @contextmanager
-def brain_of(rig: Rig, resolved: ResolvedScenario, working: Path) -> Iterator[ExternalController | None]:
+def open_external_controller(
+    rig: Rig, resolved: ResolvedScenario, working: Path
+) -> Iterator[ExternalController | None]:
     """Give the brain of a rig for a drive in lockstep; None for a rig without outputs, where nobody is told anything.
 
     Raises ConfigError for an external brain, which commands a car in real time; VveError for what cannot be opened
@@ -66,6 +68,6 @@ def brain_of(rig: Rig, resolved: ResolvedScenario, working: Path) -> Iterator[Ex
         return
     link = open_link(rig, resolved, key_of(rig.brain, working))
     try:
-        yield brain_over(link, rig, resolved, working)
+        yield external_controller_over(link, rig, resolved, working)
     finally:
         link.close()
