@@ -1,4 +1,4 @@
-"""A foreign brain over a link that is neither socket nor process: what a drive asks of it, in lockstep and live."""
+"""An external controller over a link that is neither socket nor process: what a drive asks of it, lockstep and live."""
 
 from __future__ import annotations
 

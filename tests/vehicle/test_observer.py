@@ -1,4 +1,4 @@
-"""The observer beside an external brain: same drive, same faults, and not one frame."""
+"""The observer beside an external controller: same drive, same faults, and not one frame."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from vve_sumo.vehicle.interface import ActuationCommand, Gear
 from vve_sumo.vehicle.observer import Observer
 
 S, Act = ArmingState, OperatorCommand
-#: what an external brain sends
+#: what an external controller sends
 COMMANDS = DataspeedDbw1().encode(ActuationCommand(300.0, 0.0, 0.1, 1.0, Gear.DRIVE, True, False))
 
 

@@ -85,7 +85,7 @@ class Run:
 
     @property
     def brain(self) -> str:
-        """Kind of the foreign brain that decided, `setpoints` or `external`; empty for the scenario's controller."""
+        """Kind of the external controller that decided, `setpoints` or `external`; empty for the scenario's own."""
         return recorded_brain(self.resolved)
 
     @property

@@ -32,7 +32,7 @@ examples:
   vve-sumo drive --controller mine.py:make      your own controller
   vve-sumo drive --vehicle lincoln_mkz          another car
   vve-sumo drive --rig rigs/ours.toml --lockstep   the simulated vehicle as the rig calibrates it
-  vve-sumo drive --rig foreign --lockstep       an external brain over UDP, in lockstep (docs/brains.md)
+  vve-sumo drive --rig foreign --lockstep       an external controller over UDP, in lockstep (docs/brains.md)
   vve-sumo drive --pose drive.csv               a recorded drive through the same pipeline; no car is commanded
   vve-sumo drive --rig simulated                live, with the simulated vehicle as a process of its own
   vve-sumo drive --rig simulated --view         the same with a page in a browser, which has a stop button
@@ -74,7 +74,7 @@ def arguments(parser: Parser) -> None:
         "--lockstep",
         action="store_true",
         help="with --rig: drive in lockstep, not live, with the simulated vehicle as the rig declares and calibrates "
-        "it and with the rig's faults injected; an external brain of the rig is awaited at every tick",
+        "it and with the rig's faults injected; an external controller of the rig is awaited at every tick",
     )
     parser.add_argument(
         "--shadow", action="store_true", help="live, with every enable bit off: the car is not commanded"
@@ -155,7 +155,7 @@ def _brain(
         return open_external_controller(loaded, resolved, working)
     if loaded.brain.kind != "own":
         raise ConfigError(
-            f"--pose: a recorded drive has no external brain, and brain.kind of the rig is {loaded.brain.kind!r}; "
+            f"--pose: a recorded drive has no external controller, and brain.kind of the rig is {loaded.brain.kind!r}; "
             "leave out one of --pose and --rig"
         )
     return nullcontext(None)

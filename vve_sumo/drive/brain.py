@@ -1,8 +1,8 @@
-"""A foreign control computer beside or in the place of the controller: samples go out to it, setpoints come back.
+"""An external controller (brain): a computer that gets samples, beside the scenario's controller or in its place.
 
-It knows samples and setpoints; it must not know what carries them, which is a `Link`. `external_controller` makes the
-one object that every drive has of a foreign brain, in lockstep, live, certified or replayed. Time is the drive's: in
-lockstep the brain is waited for at every tick, live it is not.
+Its setpoints come back. The module knows samples and setpoints; it must not know what carries them, which is a `Link`.
+`external_controller` makes the one object that every drive has of it, in lockstep, live, certified or replayed. Time
+is the drive's: in lockstep the external controller is waited for at every tick, live it is not.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ ExternalControllerKind = Literal["own", "setpoints", "external"]
 
 
 class Link(Protocol):
-    """The way to a foreign brain and back."""
+    """The way to an external controller and back."""
 
     def send(self, sample: Sample) -> None:
         """Send a sample on all outgoing wires; neither waits nor raises."""
@@ -100,7 +100,7 @@ class Publisher:
 
 
 class SetpointController:
-    """Answers an observation with the newest foreign setpoint that is alive."""
+    """Answers an observation with the newest external setpoint that is alive."""
 
     def __init__(self, publisher: Publisher, link: Link, inbox: SetpointInbox, *, waits: bool) -> None:
         """`waits`: whether a tick waits for the setpoint that answers its sample."""
@@ -144,7 +144,7 @@ class SetpointController:
 
 
 class NoController:
-    """Asks for nothing: an external brain commands the car by itself."""
+    """Asks for nothing: the external controller commands the car itself."""
 
     faults: tuple[str, ...] = ()
     overdue = ""
@@ -163,7 +163,7 @@ def _held(observation: Observation) -> float:
 
 @dataclass(frozen=True, slots=True)
 class ExternalController:
-    """What a drive has of foreign brains: the wires out, and what stands in the place of its controller."""
+    """What a drive has of external controllers: the wires out, and what stands in the place of its controller."""
 
     publisher: Publisher
     controller: SetpointController | NoController | None = None  #: None: the scenario's own controller drives

@@ -263,7 +263,7 @@ class _Bus:
         self._reports = [frame for _time, frame in reports]
 
     def faults(self) -> tuple[str, ...]:
-        """Return the foreign brain's faults; any other failure of this shell ends the drive.
+        """Return the external controller's faults; any other failure of this shell ends the drive.
 
         Raises RigError where the brain is not there.
         """

@@ -21,7 +21,7 @@ from vve_sumo.drive.brain import ExternalController
 from vve_sumo.drive.lockstep import Lockstep, TickCallback
 from vve_sumo.drive.playback import Playback
 from vve_sumo.drive.resolved_scenario import ResolvedScenario, resolve_scenario
-from vve_sumo.drive.summary import FOREIGN_BRAIN, measure, summary_of
+from vve_sumo.drive.summary import EXTERNAL_CONTROLLER, measure, summary_of
 from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.errors import ConfigError, RigError, SimulationError
 from vve_sumo.record.hashes import hash_files
@@ -155,7 +155,7 @@ def run(
         record.attach_table(TICK_METRICS, table)
     summary = summary_of(resolved, done, tables["ticks"], tables["actors"], parts, roads, measured, commanded)
     if foreign:
-        summary |= foreign | {"controller": FOREIGN_BRAIN}
+        summary |= foreign | {"controller": EXTERNAL_CONTROLLER}
     if isinstance(record, RecordWriter):
         summary |= {"record_files_sha256": hash_files(folder)}
         record.summarise(summary)

@@ -32,8 +32,8 @@ from vve_sumo.vehicle.arming import DRIVER_REASONS
 
 NOTHING: Final = Measured()
 NO_METRICS: Final = OwnMetrics()
-#: what stands in the place of the controller's name where a foreign brain decided
-FOREIGN_BRAIN: Final = "foreign_brain"
+#: what stands in the place of the controller's name where an external controller decided
+EXTERNAL_CONTROLLER: Final = "foreign_brain"
 
 
 class DrivenScenario(Protocol):

@@ -21,7 +21,7 @@ from vve_sumo.drive import provenance
 from vve_sumo.drive.resolved_scenario import read_resolved
 from vve_sumo.drive.snapshots import NO_ACTORS, snapshots
 from vve_sumo.drive.standstill_cause import StandstillClassifier
-from vve_sumo.drive.summary import FOREIGN_BRAIN, summary_of, without_verdict
+from vve_sumo.drive.summary import EXTERNAL_CONTROLLER, summary_of, without_verdict
 from vve_sumo.drive.termination import END_REASONS, MOVING_SPEED, DriveEnd, Outcome, TerminationMonitor
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.own import Measured
@@ -230,7 +230,7 @@ def _figures(folder: Path, recorded: RecordedDrive, summary: dict[str, Any]) -> 
     again = summary_of(recorded, done, ticks, actors, summary["record_parts_sha256"], roads, said, commanded)
     again |= {"versions": resolved["versions"]}
     if recorded_brain(resolved):
-        again |= {"controller": FOREIGN_BRAIN}
+        again |= {"controller": EXTERNAL_CONTROLLER}
     if resolved.get("gateway", {}).get("shadow"):
         again = without_verdict(again)
     if _is_live(folder, summary):
@@ -261,7 +261,7 @@ def _same(said: object, again: object) -> bool:
 
 
 def _names(resolved: dict[str, Any], summary: dict[str, Any]) -> Iterator[str]:
-    """Compare the foreign brain, and of a live drive the rig's name and the shadow mode, with `scenario.json`."""
+    """Compare the external controller, and of a live drive the rig's name and the shadow mode, with `scenario.json`."""
     brain = recorded_brain(resolved)
     said = {"brain": brain} if brain else {}
     if "rig" in resolved:

@@ -55,7 +55,7 @@ MAX_WAIT: Final = 0.1
 #: longest time to send the last messages to the recorder [s]
 RECORDER_TIMEOUT: Final = 5.0
 
-#: a gateway that has said nothing for so long is frozen [s]; a foreign brain's sensors then turn invalid
+#: a gateway that has said nothing for so long is frozen [s]; an external controller's sensors then turn invalid
 GATEWAY_SILENCE: Final = 0.07
 
 _NO_STATUS: Final = GatewayStatus(ArmingState.DISARMED, (), 0.0, 0.0, (), 0.0, 0.0)
@@ -106,7 +106,7 @@ class LiveDrive:
     def _foreign(
         self, rig: Rig, lot: LotAlignment, outputs: Channel | None, working: Path
     ) -> tuple[ChannelLink | None, ExternalController | None]:
-        """Return the way to a foreign brain, and the brain; neither where the rig has no outputs."""
+        """Return the way to an external controller, and the brain; neither where the rig has no outputs."""
         if outputs is None:
             return None, None
         said, key, setpoints = rig.brain, key_of(rig.brain, working), None
@@ -177,7 +177,7 @@ class LiveDrive:
                 self._latency.gateway_answered(feedback.sequence, feedback.sent)
 
     def _update_validity(self, status: GatewayStatus) -> None:
-        """Make a foreign brain's sensors invalid at once when the drive ends, an external one's also until its go."""
+        """Make an external controller's sensors invalid at the drive's end, and before the go where it commands the car."""
         if self._brain is None:
             return
         publisher = self._brain.publisher
@@ -216,7 +216,7 @@ class LiveDrive:
         ready = self._not_ready + self._before_engaging()
         foreign = () if self._brain is None or self._link is None else self._brain.faults + self._link.faults()
         if self._brain is not None and self._gateway_is_silent():
-            # Nothing else tells a foreign brain that nobody can stop the drive any more.
+            # Nothing else tells an external controller that nobody can stop the drive any more.
             foreign += ("gateway_silent",)
         return ready + self._scheduled_faults + self._latency_faults + recording + self._source.found() + foreign
 

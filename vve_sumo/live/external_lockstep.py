@@ -1,4 +1,4 @@
-"""A foreign brain in a drive in lockstep: the wires of a rig opened, and what stands in the controller's place.
+"""An external controller in a drive in lockstep: the wires of a rig opened, and what stands in the controller's place.
 
 It joins a rig to `drive.brain`; it must not know how a drive is run. A link of another make, such as one that alters
 what is on the wires, takes the place of `open_link`'s.
@@ -41,7 +41,7 @@ def open_link(rig: Rig, resolved: ResolvedScenario, key: bytes) -> WiredLink:
 
 
 def external_controller_over(link: Link, rig: Rig, resolved: ResolvedScenario, working: Path) -> ExternalController:
-    """Return the brain that is reached over a link, for `drive.run.run`; every tick waits for its answer.
+    """Return the external controller at the end of a link, for `drive.run.run`; every tick waits for its answer.
 
     Raises ConfigError for a key file that cannot be read.
     """
@@ -53,10 +53,10 @@ def external_controller_over(link: Link, rig: Rig, resolved: ResolvedScenario, w
 def open_external_controller(
     rig: Rig, resolved: ResolvedScenario, working: Path
 ) -> Iterator[ExternalController | None]:
-    """Give the brain of a rig for a drive in lockstep; None for a rig without outputs, where nobody is told anything.
+    """Give the external controller of a rig for a drive in lockstep; None for a rig without outputs.
 
-    Raises ConfigError for an external brain, which commands a car in real time; VveError for what cannot be opened
-    and for a key file that cannot be read.
+    Raises ConfigError where `brain.kind` is `external`: such a controller commands a car in real time. Raises VveError
+    for what cannot be opened and for a key file that cannot be read.
     """
     if rig.brain.kind == "external":
         raise ConfigError(

@@ -2,7 +2,7 @@
 
 `vehicle.gateway` decides; this module gives it the clock, the bus and the channels. A fresh setpoint becomes frames at
 once; without one, frames go out a little later. Each fault of this process goes to `vehicle.gateway` as a reason code.
-Beside an external brain `vehicle.observer` stands in its place, and the process only listens.
+Where an external controller commands the car, `vehicle.observer` stands in its place, and the process only listens.
 """
 
 from __future__ import annotations
@@ -331,7 +331,7 @@ class GatewayProcess:
 def build_gateway(config: Mapping[str, Any]) -> Gateway | Observer:
     """Return the gateway that a configuration describes; raises ConfigError where its interface can't be made.
 
-    A `silent` one, beside an external brain, is an `Observer`: it has no frames to send.
+    A `silent` one, where an external controller commands the car, is an `Observer`: it has no frames to send.
     """
     if config["silent"]:
         return Observer(

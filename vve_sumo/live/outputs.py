@@ -1,4 +1,4 @@
-"""Runs the process of the outgoing wires: samples of the drive in, datagrams and frames to a foreign brain out.
+"""Runs the process of the outgoing wires: samples of the drive in, datagrams and frames to an external controller out.
 
 It is fed one way and holds no way back: nothing that happens on a wire can slow the drive or reach the car's bus. It
 has a timer of its own: while the drive says nothing, every wire says *invalid* at the rate of the ticks. When this

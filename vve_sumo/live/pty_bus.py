@@ -77,7 +77,7 @@ class PtyOutlet:
 
 
 class TwoPortBus:
-    """The simulated vehicle's bus with two more nodes: the gateway at one adapter, an external brain at the other.
+    """The simulated vehicle's bus with two more nodes: the gateway at one adapter, an external controller at the other.
 
     As on a real bus every node hears every other one. The log says for each frame whose it is, which no real bus can.
     """

@@ -21,7 +21,7 @@ from vve_sumo.drive import plugged_in, provenance
 from vve_sumo.drive.assembly import LotAlignment, sensors_of
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.run import new_run_folder, resolve_by_name
-from vve_sumo.drive.summary import FOREIGN_BRAIN, without_verdict
+from vve_sumo.drive.summary import EXTERNAL_CONTROLLER, without_verdict
 from vve_sumo.drive.summary import summarise as summarise_drive
 from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.drive.virtual_road import pose_at_rest
@@ -104,7 +104,9 @@ def plan(
     rig_file = workspace.find("rig", rig, working)
     loaded = rigs.load(rig_file, working)
     if shadow and loaded.brain.kind == "external":
-        raise ConfigError(f"--shadow: {rig_file} has an external brain, which alone sets the enable bits; leave it out")
+        raise ConfigError(
+            f"--shadow: brain.kind of {rig_file} is 'external': it alone sets the enable bits; leave it out"
+        )
     if not shadow and (reason := arming_obstacle(loaded, datetime.date.today())) is not None:
         raise RigError(f"{rig_file}: {reason}; --shadow drives along with nothing enabled")
     if (reason := hardware_obstacle(loaded)) is not None:
@@ -441,7 +443,7 @@ def _summary(plan: DrivePlan, why: tuple[str, ...], notify: Notify) -> dict[str,
     }
     summary = full | extra | {"rig": plan.rig_file.stem, "shadow": plan.shadow, "brain": plan.rig.brain.kind}
     if plan.rig.brain.kind != "own":
-        summary["controller"] = FOREIGN_BRAIN
+        summary["controller"] = EXTERNAL_CONTROLLER
     if plan.shadow:
         summary = without_verdict(summary)
     try:

@@ -48,11 +48,11 @@ DRIVING: Final = "driving: any key stops"
 SHADOW_GONE: Final = "shadow drive over: the gateway is gone"
 SHADOW_HELD: Final = "shadow mode: g begins, any other key ends it"
 SHADOW_DRIVING: Final = "shadow mode: the driver drives, any key ends it"
-BRAIN_SILENT: Final = "gateway silent: the brain's sensors are invalid"
-BRAIN_GONE: Final = "gateway gone: the brain's sensors are invalid"
-BRAIN_LEFT: Final = "nobody is at the controls: the brain's sensors turn invalid"
-BRAIN_HELD: Final = "the brain's sensors are invalid until g"
-BRAIN_DRIVING: Final = "the external brain drives: any key makes its sensors invalid"
+BRAIN_SILENT: Final = "gateway silent: the external controller's sensors are invalid"
+BRAIN_GONE: Final = "gateway gone: the external controller's sensors are invalid"
+BRAIN_LEFT: Final = "nobody is at the controls: the external controller's sensors turn invalid"
+BRAIN_HELD: Final = "the external controller's sensors are invalid until g"
+BRAIN_DRIVING: Final = "the external controller drives: any key makes its sensors invalid"
 
 _PHASES: Final = {
     ArmingState.DISARMED: "not ready",
@@ -71,13 +71,13 @@ _SHADOW_PHASES: Final = {
     ArmingState.STOPPED: "shadow drive over: shift to P",
     ArmingState.FAULT: "fault: press r",
 }
-#: the same while an external brain commands the car: what this program has is the validity of the brain's sensors
+#: the same while an external controller commands the car: this program decides only whether its sensors are valid
 _BRAIN_PHASES: Final = {
     ArmingState.DISARMED: "not ready",
-    ArmingState.READY: "ready for the external brain: e begins",
+    ArmingState.READY: "ready for the external controller: e begins",
     ArmingState.ENGAGED: BRAIN_DRIVING,
-    ArmingState.STOPPING: "the brain's sensors are invalid: it has to stop the car",
-    ArmingState.STOPPED: "the brain's sensors are invalid, the car stands",
+    ArmingState.STOPPING: "the external controller's sensors are invalid: it has to stop the car",
+    ArmingState.STOPPED: "the external controller's sensors are invalid, the car stands",
     ArmingState.FAULT: "fault: press r",
 }
 _ENGAGED_PHASES: Final = {
@@ -188,7 +188,7 @@ def in_shadow(status: Mapping[str, Any]) -> bool:
 
 
 def brain_commands(status: Mapping[str, Any]) -> bool:
-    """Whether an external brain commands the car, and this program nothing."""
+    """Whether an external controller commands the car, and this program nothing."""
     return EXTERNAL in status.get("reasons", ())
 
 

@@ -352,9 +352,9 @@ class Brain(Table):
 
     kind: Literal["own", "setpoints", "external"] = Field(
         default="own",
-        description="`own`: the scenario's controller; `setpoints`: a foreign brain answers with setpoints, "
-        "and the gateway commands the car; `external`: a foreign brain commands the car itself, and not one command "
-        "frame is sent from here",
+        description="`own`: the scenario's controller; `setpoints`: an external controller answers with setpoints, "
+        "and the gateway commands the car; `external`: an external controller commands the car itself, and not one "
+        "command frame is sent from here",
     )
     address: Address = Field(default="127.0.0.1", description="`setpoints`: to listen on")
     port: NetworkPort = Field(default=5003, description="`setpoints`: to listen on")
@@ -390,7 +390,7 @@ class CarStart(StartPose, CarDifferences):
     brain_channel: PtyLink | None = Field(
         default=None,
         description="`pty:FILE`: a second port on the car's bus, where that is a pty: FILE becomes a link to the "
-        "serial port that an external brain opens",
+        "serial port that an external controller opens",
     )
 
 

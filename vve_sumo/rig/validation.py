@@ -154,7 +154,7 @@ def _of_the_watchdog(rig: Rig) -> Iterator[str]:
 
 
 def _of_the_brain(rig: Rig) -> Iterator[str]:
-    """A foreign brain that is not told what it needs."""
+    """An external controller that is not told what it needs."""
     kind, told = rig.brain.kind, {output.kind for output in rig.outputs}
     if kind != "own" and not told:
         yield f"outputs: a brain of kind {kind!r} needs one at least, or it sees nothing"

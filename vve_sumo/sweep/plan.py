@@ -165,7 +165,7 @@ def _rig(name: str, vehicle: str | None, spec: Spec, table: Mapping[str, Any], f
 def rig_that_drives(name: str, vehicle: str | None, working: Path) -> Path:
     """Return the file of the rig whose car is simulated in many runs.
 
-    Raises ConfigError where a `vehicle` is given as well, and for a faulty rig or one with an external brain.
+    Raises ConfigError where a `vehicle` is given as well, and for a faulty rig or one with an external controller.
     """
     from vve_sumo.rig.load import load
 
@@ -175,7 +175,8 @@ def rig_that_drives(name: str, vehicle: str | None, working: Path) -> Path:
     brain = load(file, working).brain.kind
     if brain != "own":
         raise ConfigError(
-            f"--rig: brain.kind of {file} is {brain!r}, expected 'own': only a single drive can use an external brain"
+            f"--rig: brain.kind of {file} is {brain!r}, expected 'own': "
+            "only a single drive can use an external controller"
         )
     return file
 

@@ -156,7 +156,7 @@ REASONS: Final[dict[str, str]] = {
     "driver_on_throttle": "the driver's foot is on the throttle",
     "driver_override": "the driver has control",
     "engaging": "waiting for the DBW controller to report that it is enabled",
-    "external_brain": "an external brain commands the car; not one frame is sent from here",
+    "external_brain": "an external controller commands the car; not one frame is sent from here",
     "gear_fault": "the shift module reports a fault",
     "gear_lost": "the car left drive by itself",
     "gear_not_confirmed": "the car did not confirm drive in time",

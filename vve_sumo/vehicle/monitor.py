@@ -1,7 +1,8 @@
 """Monitors a drive: whether car, receiver and setpoints can be believed, and whether the car stands.
 
-The gateway, which commands the car, has one, and so has the observer, in its place beside an external brain. A monitor
-keeps the newest reports and the newest setpoint, and finds what is wrong with them; it decides and commands nothing.
+The gateway, which commands the car, has one; so has the observer, in its place where an external controller commands
+the car. A monitor keeps the newest reports and the newest setpoint, and finds what is wrong with them; it decides and
+commands nothing.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Observer, in the gateway's place where an external brain commands the car: it monitors all and commands nothing.
+"""Observer, in the gateway's place where an external controller commands the car: it monitors all and commands nothing.
 
-It has no encoder: not one frame can come out of it. Its arming states are those of the gateway and say when the brain's
+It has no encoder: not one frame can come out of it. Its arming states are those of the gateway and say when its
 sensors may be valid, not when the car is commanded: from the operator's go until a stop, a fault or the driver's
 override, or his foot on a pedal of a car under way. The module has no map, bus or clock.
 """
@@ -26,7 +26,7 @@ EXTERNAL: Final = "external_brain"
 
 
 class Observer:
-    """Follows a drive that an external brain commands, with the inputs and the outputs of a `Gateway`, without frames.
+    """Follows a drive that an external controller commands; inputs and outputs of a `Gateway`, without frames.
 
     `wheel_bias` is the steering-wheel angle at which the wheels point straight [rad], left positive, as calibrated.
     """
