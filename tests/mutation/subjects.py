@@ -87,6 +87,7 @@ SUBJECTS: Final[dict[str, Subject]] = {
         "safety_constants.py",
     ),
     "gateway": _vehicle("gateway", *_GATEWAY),
+    "motion_control": _vehicle("motion_control", *_GATEWAY),
     "monitor": _vehicle("monitor", "monitor.py", "observer.py"),
     "trust": Subject("vve_sumo.pose.trust", ("tests/pose/test_trust.py", "tests/pose/test_trust_figures.py")),
     "steadiness": Subject("vve_sumo.pose.steadiness", ("tests/pose/test_steadiness.py",)),

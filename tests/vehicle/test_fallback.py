@@ -268,7 +268,7 @@ ASTRAY = [
     ("steering_fault", {"forged": codec.SteeringReport(0.4, 0.4, 6.0, 0.0, enabled=True, fault_bus_1=True)}, {}),
     ("steering_disabled", {"forged": codec.SteeringReport(0.4, 0.4, 6.0, 0.0, enabled=False)}, {}),
     ("steering_timeout", {"forged": codec.SteeringReport(0.4, 0.4, 6.0, 0.0, enabled=False, timeout=True)}, {}),
-    ("steering_not_following", {"found": ("steering_not_following",)}, {}),
+    ("steering_not_following", {"process_faults": ("steering_not_following",)}, {}),
 ]
 
 
@@ -281,7 +281,7 @@ def test_where_the_car_is_not_where_it_is_believed_to_be_the_measured_angle_is_h
     if "forged" in car:
         frame = codec.encode(car["forged"])
         rig.car.forged = {frame.id: frame}
-    arguments = step | ({"found": car["found"]} if "found" in car else {})
+    arguments = step | ({"process_faults": car["process_faults"]} if "process_faults" in car else {})
     while reason not in rig.step(0.0, 0.05, fallback_path=FallbackPath(1.0, (-0.05,)), **arguments).reasons:
         pass
     measured = rig.gateway.monitor.measured_steering

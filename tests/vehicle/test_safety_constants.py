@@ -21,6 +21,7 @@ from vve_sumo.vehicle import (
     engagement,
     gateway,
     limits,
+    motion_control,
     plausibility,
     report_consistency,
     reports,
@@ -82,12 +83,14 @@ FIGURES: Final[dict[ModuleType, dict[str, tuple[float | tuple[float, ...], str]]
         "PARK_TIME": (1.0, "a shift to drive under way shows within that"),
         "UNATTENDED_TIME": (1.0, "a driver's foot changes pedals within that"),
         "ATTENDED_TIME": (0.1, "a single old report among fresh ones is no foot"),
-        "MAX_WHEEL_SPEED_DEFICIT": (0.5, "ten sigma of RTK velocity, and the wheels' scale at 10 m/s"),
     },
     limits: {
         "SPEED_LIMIT_TIME": (0.8, "several times the drive's delay and lag"),
         "SPEED_LIMIT_BRAKING": (1.0, "who is a little too fast is not braked hard"),
         "SPEED_LIMIT_MARGIN": (1.0, "the wheels' scale, a steep slope, the last of a push"),
+    },
+    motion_control: {
+        "MAX_WHEEL_SPEED_DEFICIT": (0.5, "ten sigma of RTK velocity, and the wheels' scale at 10 m/s"),
     },
     plausibility: {
         "SPEED_DIFFERENCE": (0.30, "ten sigma of RTK velocity"),

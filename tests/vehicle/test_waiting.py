@@ -50,7 +50,7 @@ def test_frozen_wheels_count_for_five_seconds_and_then_the_driver_for_ten():
 
 def unknown_speed(rig: Rig, acceleration: float) -> float:
     """Brake torque for a deceleration where nobody knows the speed [N m]: mass and creep count, drag does not."""
-    calibration = rig.gateway._actuation._calibration
+    calibration = rig.gateway._motion.actuation._calibration
     return calibration.brake_torque(calibration.mass * -acceleration + calibration.creep_force)
 
 

@@ -129,7 +129,7 @@ def test_in_shadow_all_is_worked_out_and_nothing_is_commanded():
 
 
 TROUBLES = st.one_of(
-    st.builds(lambda code: {"found": (code,)}, st.sampled_from(["bus_down", "operator_gone", "what_is_this"])),
+    st.builds(lambda code: {"process_faults": (code,)}, st.sampled_from(["bus_down", "operator_gone", "what_is_this"])),
     st.builds(lambda code: {"faults": (code,)}, st.sampled_from(["pose_stale", "geofence_breach"])),
     st.builds(lambda command: {"command": command}, st.sampled_from(OperatorCommand)),
     st.builds(lambda fallback_path: {"fallback_path": fallback_path}, st.builds(

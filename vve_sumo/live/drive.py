@@ -177,7 +177,7 @@ class LiveDrive:
                 self._latency.gateway_answered(feedback.sequence, feedback.sent)
 
     def _update_validity(self, status: GatewayStatus) -> None:
-        """Make an external controller's sensors invalid at the drive's end, and before the go where it commands the car."""
+        """Make an external controller's sensors invalid at the end, and before the go where it commands the car."""
         if self._brain is None:
             return
         publisher = self._brain.publisher
