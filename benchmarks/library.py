@@ -83,7 +83,7 @@ def section(name: str, scenario: Scenario) -> Iterator[str]:
     """Return the lines of the page that are about one scenario."""
     yield from (f"### {name}", "", f"**{scenario.title}.** {' '.join(scenario.description.split())}", "")
     yield from (
-        f"![{name}: the street from above, what moves how and which trigger fires when](scenarios/{name}.png)",
+        f"![{name}: the virtual road from above, what moves how and which trigger fires when](scenarios/{name}.png)",
         "",
     )
     yield from (f"Passes if: {descriptions.passes(scenario.criteria)}.", "")

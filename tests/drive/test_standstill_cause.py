@@ -53,7 +53,7 @@ def ahead(*road: tuple[str, float, float, float], demand: tuple[str, ...] = ("li
         radar_cross_section=np.full(len(names), 10.0),
         lateral_speed=np.zeros(len(names)),
     )
-    return StandstillClassifier(scenario(*demand), path, FUSION.vehicle).ahead(pose, STATION, actors)
+    return StandstillClassifier(scenario(*demand), path, FUSION.vehicle).classify(pose, STATION, actors)
 
 
 def test_an_obstacle_stays_and_so_does_a_standing_actor_of_the_scenario() -> None:
@@ -90,8 +90,8 @@ def test_a_car_whose_place_is_unknown_stands_before_nothing() -> None:
     pose = Pose(0.0, Point.REAR_AXLE, STATION, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     empty = Actors(0.0, (), *(np.empty(0) for _ in range(8)))
     observer = StandstillClassifier(scenario(), path, FUSION.vehicle)
-    assert observer.ahead(None, STATION, empty) is StandstillCause.CLEAR
-    assert observer.ahead(pose, math.nan, empty) is StandstillCause.CLEAR
+    assert observer.classify(None, STATION, empty) is StandstillCause.CLEAR
+    assert observer.classify(pose, math.nan, empty) is StandstillCause.CLEAR
 
 
 def test_a_drive_goes_on_after_a_rest_for_a_car_that_crossed() -> None:

@@ -1,4 +1,4 @@
-"""The wires that lockstep opens know the street's map: its places lead back to where the street is on Earth."""
+"""The wires that lockstep opens know the virtual road's map: its places lead back to Earth."""
 
 from __future__ import annotations
 

@@ -222,7 +222,7 @@ def test_a_key_that_comes_too_early_is_answered_with_what_is_waited_for():
 def test_what_a_silent_drive_said_last_is_not_shown_for_what_is():
     shown = picture(DRIVING | {"wheel_speed_mps": 2.0}, silent=0.6)
     assert shown[0].startswith("DRIVING: ANY KEY STOPS  7.2 km/h  - m to go  ahead - m")
-    assert "loads the street" in "\n".join(picture({}, silent=3.0))
+    assert "loads the virtual road" in "\n".join(picture({}, silent=3.0))
 
 
 def test_bells():

@@ -83,7 +83,7 @@ def curve(dots: Any, row: int) -> Any:
 
 
 def street(dots: Any) -> Any:
-    """Cut both windows on the street, and the line between them."""
+    """Cut both windows on the virtual road, and the line between them."""
     return part(dots, page.LEFT, page.BOTTOM, page.LEFT_WIDTH, page.TOP - page.BOTTOM)
 
 

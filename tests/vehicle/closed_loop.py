@@ -1,6 +1,6 @@
 """The whole pipeline without a street: simulated vehicle with its faults, pose pipeline, path follower, gateway.
 
-As fast as it goes, and nothing in it is simpler than in a drive but the street, which is empty.
+As fast as it goes, and nothing in it is simpler than in a drive but the virtual road, which is empty.
 """
 
 from __future__ import annotations

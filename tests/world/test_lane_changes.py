@@ -62,7 +62,7 @@ def test_no_car_jumps_sideways(told: dict[str, list[Moment]]) -> None:
 
 
 def test_its_speeds_along_and_across_are_how_it_moves(told: dict[str, list[Moment]]) -> None:
-    """The street goes to the east, so y is the way across: the integral of what is said must give it."""
+    """The virtual road goes to the east, so y is the way across: the integral of what is said must give it."""
     for name, rows in told.items():
         y = rows[0][1]
         for before, (_, _, heading, speed, across) in pairwise(rows):

@@ -100,7 +100,7 @@ class Run:
 
     @cached_property
     def path(self) -> ReferencePath:
-        """Where the rear axle was to go, in the street's map."""
+        """Where the rear axle was to go, in the virtual road's map."""
         points = np.array([point.split() for point in self.resolved["path_m"]], np.float64)
         return ReferencePath.from_points(points[:, 0], points[:, 1])
 

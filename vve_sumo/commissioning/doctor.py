@@ -88,4 +88,4 @@ def _examine_scenario(report: CheckReport, resolved: ResolvedScenario, rig: Rig 
             report.add([Check("speed", f"{fitted.scenario.ego.speed_mps:g} of {rig.limits.speed_mps:g} m/s allowed")])
     report.add([machine_checks.braking(resolved)])
     advice = "correct the scenario's street, traffic or obstacles"
-    report.attempt("street", advice, lambda: report.add(machine_checks.street(resolved)))
+    report.attempt("street", advice, lambda: report.add(machine_checks.virtual_road(resolved)))

@@ -57,7 +57,7 @@ class NoLink:
 
 
 def virtual_placement(frame: MapFrame, mounting: Mounting, epoch: float) -> Placement:
-    """Return the placement of a receiver that drives on the street itself: the street's map is its own."""
+    """Return the placement of a receiver that drives on the virtual road itself: the virtual road's map is its own."""
     return Placement(frame, Alignment(), mounting, epoch)
 
 
@@ -210,7 +210,7 @@ def external_controller(
 ) -> ExternalController:
     """Return what a drive has of the external controller that a link leads to; `kind` is `brain.kind` of a rig.
 
-    `frame` is the street's map, `mounting` the receiver's, `epoch` the GNSS second of drive time 0, `key` signs
+    `frame` is the virtual road's map, `mounting` the receiver's, `epoch` the GNSS second of drive time 0, `key` signs
     setpoints. `waits`: whether a tick waits for the setpoint that answers its sample.
     """
     # A brain that commands the car by itself would drive off by what it sees: it sees nothing before the go.

@@ -103,7 +103,7 @@ class OutputPublisher(Protocol):
 class SensorFrame:
     """What a tick's virtual sensors say, for the outgoing wires."""
 
-    pose: Pose  #: of the rear axle on the street, predicted to the tick
+    pose: Pose  #: of the rear axle on the virtual road, predicted to the tick
     fix: Fix  #: the newest trusted one
     actors: Actors  #: that the sensors saw
     sensors: Mapping[str, SensorOutput]  #: the newest output of every sensor, by the sensor's name

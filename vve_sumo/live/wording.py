@@ -246,7 +246,7 @@ def picture(status: Mapping[str, Any], silent: float = 0.0) -> list[str]:
     if status.get("gateway") == GatewayProcessState.SILENT:
         lines.append("  ! the gateway's process tells nothing: it is not run")
     if not fresh and "tick" not in status:
-        lines.append(f"  the drive's process loads the street: {_number(silent, '.0f')} s")
+        lines.append(f"  the drive's process loads the virtual road: {_number(silent, '.0f')} s")
     elif not fresh and status.get("gateway") not in (GatewayProcessState.ENDED, GatewayProcessState.GONE):
         lines.append(f"  ! the drive's process has told nothing for {_number(silent, '.1f')} s")
     words = why(status)

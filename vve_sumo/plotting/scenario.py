@@ -1,4 +1,4 @@
-"""Draws a scenario before anybody has driven it: the street, who moves how, which trigger fires where and when.
+"""Draws a scenario before anybody has driven it: the virtual road, who moves how, which trigger fires where and when.
 
 What it draws is how the scenario would go if its ego never braked (`foreseen`). It must not know SUMO or a drive.
 """
@@ -243,7 +243,7 @@ def _street(axes: Axes, page: Page) -> None:
     axes.set(xlim=(-view.width / 2.0, view.width / 2.0), ylim=(-view.height / 2.0, view.height / 2.0))
     axes.set(xticks=(), yticks=())
     compass(axes, view, WIDE)
-    title = "the street from above, the ego drives to the right" if page.staged else "the way"
+    title = "the virtual road from above, the ego drives to the right" if page.staged else "the way"
     axes.set_title(title, loc="left", pad=5)
     _legend(axes, page)
 
@@ -423,7 +423,7 @@ def _whole_way(axes: Axes, page: Page) -> None:
 
 
 def _list(figure: Figure, page: Page, special_conditions: Sequence[str]) -> None:
-    """Write what happens, numbered as in the street, what makes the drive pass, and what cannot be drawn."""
+    """Write what happens, numbered as in the virtual road, what makes the drive pass, and what cannot be drawn."""
     texts = [*_texts(page, special_conditions)]
     laid = [
         [line for text, mark in texts for line in _wrapped(text, mark, column)] for _size, column, _most in SETTINGS

@@ -151,10 +151,10 @@ class RigAlignment(Table):
     date: Date | None = Field(default=None, description="day it was made; not for `matched_start`")
     origin: Corner | None = Field(default=None, description="`stored`: the lot's place that the turn is about")
     rotation_deg: Annotated[float, Field(ge=-360.0, le=360.0)] | None = Field(
-        default=None, description="`stored`: street heading minus lot heading, counter-clockwise"
+        default=None, description="`stored`: road heading minus lot heading, counter-clockwise"
     )
-    x_m: Finite | None = Field(default=None, description="`stored`: of the origin on the street's map")
-    y_m: Finite | None = Field(default=None, description="`stored`: of the origin on the street's map")
+    x_m: Finite | None = Field(default=None, description="`stored`: of the origin on the virtual road's map")
+    y_m: Finite | None = Field(default=None, description="`stored`: of the origin on the virtual road's map")
     residual_m: Annotated[float, Field(ge=0.0, le=1.0)] | None = Field(
         default=None, description="`stored`: worst error of its points; `surveyed_pairs`: the worst that is accepted"
     )
@@ -162,7 +162,7 @@ class RigAlignment(Table):
         default=None, description="`surveyed_pairs`: `[[latitude_deg, longitude_deg], …]`, two or more"
     )
     street_points_m: Annotated[tuple[MapPoint, ...], Field(strict=False)] | None = Field(
-        default=None, description="`surveyed_pairs`: the same places on the street's map, `[[x, y], …]`"
+        default=None, description="`surveyed_pairs`: the same places on the virtual road's map, `[[x, y], …]`"
     )
 
     @model_validator(mode="after")

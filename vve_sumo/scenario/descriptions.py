@@ -183,7 +183,7 @@ def _end(scenario: Scenario) -> str:
 
 
 def others(scenario: Scenario) -> str:
-    """Return who else is on the street: actors by kind, obstacles, traffic."""
+    """Return who else is on the virtual road: actors by kind, obstacles, traffic."""
     said = [name(actor) for actor in scenario.actors]
     said += [f"standing {one.id!r}" for one in scenario.obstacles]
     said += [f"traffic {name}" for name in scenario.road.demand]
