@@ -157,5 +157,5 @@ def test_a_changed_file_is_told(records: dict[str, Path], tmp_path: Path, role: 
     resolved["files_sha256"][role] = "0" * 64
     (folder / "scenario.json").write_text(json.dumps(resolved), encoding="utf-8")
     resolved = recorded_scenario(folder, REPOSITORY)
-    told = changed_since(folder, resolved) + changed_code(folder, REPOSITORY)
-    assert told == [f"{role} has changed since"]
+    reported = changed_since(folder, resolved) + changed_code(folder, REPOSITORY)
+    assert reported == [f"{role} has changed since"]

@@ -67,7 +67,7 @@ def bench(tmp_path: Path) -> Iterator[Open]:
 
 
 def counters(heard: list[Heard]) -> list[int]:
-    """The counters of what the car was told, unwrapped."""
+    """The counters of what the car was commanded, unwrapped."""
     count, unwrapped = 0, []
     for before, after in pairwise(heard):
         count += (after.brake.counter - before.brake.counter) & 0xFF
@@ -75,11 +75,11 @@ def counters(heard: list[Heard]) -> list[int]:
     return unwrapped
 
 
-def assert_stopping(told: list[Heard]) -> None:
+def assert_stopping(reported: list[Heard]) -> None:
     """Nothing but a stop: no throttle, and the kit enabled until park was asked for."""
-    assert told
-    assert all(heard.throttle.value == 0.0 for heard in told)
-    for before, after in pairwise(told):
+    assert reported
+    assert all(heard.throttle.value == 0.0 for heard in reported)
+    for before, after in pairwise(reported):
         if not after.brake.enable and before.brake.enable:
             assert before.gear.gear is Gear.PARK
         assert before.brake.enable or not after.brake.enable, "never enabled again"
@@ -193,9 +193,9 @@ def test_a_drive_from_ready_to_park(bench: Open) -> None:
     b = bench(3.0)
     b.act(OperatorCommand.END)
     b.rest()
-    told = {code for feedback in b.feedbacks for code in feedback.status.reasons}
-    assert "drive_over" in told
-    assert "stop_asked" not in told, "nobody asked for it"
+    reported = {code for feedback in b.feedbacks for code in feedback.status.reasons}
+    assert "drive_over" in reported
+    assert "stop_asked" not in reported, "nobody asked for it"
     assert b.car.gear is Gear.PARK
     assert b.feedbacks[-1].status.state is ArmingState.DISARMED
     gaps = [after.time - before.time for before, after in pairwise(b.heard)]
@@ -343,10 +343,10 @@ def test_a_recorder_that_hangs_stops_the_car_in_bounded_time_and_delays_no_step(
     b.kill(b.recorder, signal.SIGSTOP)
     frozen = b.now
     b.run_until(lambda: "record_full" in b.reasons, patience=300.0)
-    told = b.since(frozen)
+    reported = b.since(frozen)
     b.kill(b.recorder, signal.SIGCONT)
     b.rest()
-    assert len(told) == pytest.approx((told[-1].time - told[0].time) / PERIOD, rel=0.1)
+    assert len(reported) == pytest.approx((reported[-1].time - reported[0].time) / PERIOD, rel=0.1)
 
 
 @pytest.mark.live
@@ -368,12 +368,12 @@ def test_a_bus_that_is_gone_does_not_take_the_gateway_with_it(bench: Open) -> No
     b = bench(2.0)
     b.adapter.close()
 
-    def told() -> bool:
+    def reported() -> bool:
         for data in b.console.receive():
             b.feedbacks.append(link.decode_feedback(data))
         return b.state is ArmingState.STOPPING and "bus_down" in b.reasons
 
-    until(told)
+    until(reported)
     before = time.clock_gettime(time.CLOCK_MONOTONIC), cpu_time(b.gateway.pid)
     time.sleep(1.0)
     after = time.clock_gettime(time.CLOCK_MONOTONIC), cpu_time(b.gateway.pid)
@@ -419,13 +419,13 @@ def test_the_kernel_is_told_to_take_the_gateway_last(bench: Open) -> None:
 def test_a_bus_that_cannot_be_opened_is_one_line_and_the_rigs_exit_code(bench: Open) -> None:
     b = bench(sender=False, bus={"interface": "slcan", "channel": "/dev/none", "bitrate": 500_000})
     assert b.gateway.wait(30.0) == 3
-    (told,) = map(decode, b.console.receive())
-    assert told.exit_code == 3
-    assert told.text.startswith("CAN bus slcan:/dev/none cannot be opened: ")
+    (reported,) = map(decode, b.console.receive())
+    assert reported.exit_code == 3
+    assert reported.text.startswith("CAN bus slcan:/dev/none cannot be opened: ")
 
 
 def told_after(b: Bench, moment: float) -> list[Heard]:
-    """What the car was told in the steps after a moment of drive time, once the drive is over.
+    """What the car was commanded in the steps after a moment of drive time, once the drive is over.
 
     By the gateway's own times: when the car hears of it is also a matter of how soon this test's process is run.
     """
@@ -443,8 +443,8 @@ def finish(b: Bench) -> None:
 
 def reasons_of(b: Bench, recorded: bool = True) -> set[str]:
     """All reasons of a drive that is over, as told and, where there is one, as recorded."""
-    told = {reason for feedback in b.feedbacks for reason in feedback.status.reasons}
+    reported = {reason for feedback in b.feedbacks for reason in feedback.status.reasons}
     if not recorded:
-        return told
+        return reported
     finish(b)
     return {code for row in read_table(b.folder, "gateway")["reasons"].to_pylist() for code in row.split("+")}

@@ -60,11 +60,11 @@ def test_nothing_is_known_before_the_first_wake_up() -> None:
 
 def lines(late: float, seconds: float) -> list[str]:
     """Return what the operator is told while every wake-up is `late` [s] for so long."""
-    calm, told = JitterWait(), []
+    calm, reported = JitterWait(), []
     for tick in range(round(seconds / 0.02)):
         calm.observe(0.02 * tick, late)
-        told += filter(None, [calm.news()])
-    return told
+        reported += filter(None, [calm.news()])
+    return reported
 
 
 def test_the_operator_is_told_once_what_is_waited_for_and_once_that_it_is_given_up() -> None:

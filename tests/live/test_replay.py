@@ -366,22 +366,22 @@ def test_a_summary_that_its_tables_contradict_is_altered(copy: Path, key: str, v
 
 def test_a_gateway_that_is_gone_is_named(copy: Path) -> None:
     """Also where whoever took it away left no hash of it, and no summary's key that tells of it."""
-    told = json.loads((copy / "summary.json").read_text(encoding="utf-8"))
+    reported = json.loads((copy / "summary.json").read_text(encoding="utf-8"))
     (copy / "gateway.parquet").unlink()
-    parts = {name: digest for name, digest in told["record_parts_sha256"].items() if name != "gateway"}
-    files = {name: digest for name, digest in told["record_files_sha256"].items() if name != "gateway.parquet"}
-    del told["gateway_steps"]
+    parts = {name: digest for name, digest in reported["record_parts_sha256"].items() if name != "gateway"}
+    files = {name: digest for name, digest in reported["record_files_sha256"].items() if name != "gateway.parquet"}
+    del reported["gateway_steps"]
     write_summary(
-        copy, told | {"record_sha256": whole(parts), "record_parts_sha256": parts, "record_files_sha256": files}
+        copy, reported | {"record_sha256": whole(parts), "record_parts_sha256": parts, "record_files_sha256": files}
     )
     assert "gateway" in (altered_parts(copy) or [])
 
 
 def test_where_a_live_drive_comes_from(copy: Path) -> None:
-    told = json.loads((copy / "provenance.json").read_text(encoding="utf-8"))
-    assert len(told["rig_file_sha256"]) == len(told["scenario_file_sha256"]) == 64
-    assert told["doctor"] == {"verdict": "none", "caveats": []}
-    assert (told["operator"], told["driver"]) == (None, None), "nobody asks where a simulated vehicle drives"
+    reported = json.loads((copy / "provenance.json").read_text(encoding="utf-8"))
+    assert len(reported["rig_file_sha256"]) == len(reported["scenario_file_sha256"]) == 64
+    assert reported["doctor"] == {"verdict": "none", "caveats": []}
+    assert (reported["operator"], reported["driver"]) == (None, None), "nobody asks where a simulated vehicle drives"
     change_json(copy / "provenance.json", "operator", value="somebody")
     assert altered_parts(copy) == ["provenance.json"]
 

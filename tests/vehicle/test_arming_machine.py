@@ -46,15 +46,15 @@ def judge(machine: ArmingMachine, now: float = 0.0, *faults: str, **found: bool)
 
 @given(st.lists(st.sampled_from(E), max_size=12))
 def test_the_state_is_where_the_table_leads_and_every_change_is_told(events: list[ArmingEvent]) -> None:
-    told: list[tuple[ArmingState, ArmingEvent]] = []
-    machine = ArmingMachine(PARKED_TIME, lambda event: told.append((machine.state, event)))
+    reported: list[tuple[ArmingState, ArmingEvent]] = []
+    machine = ArmingMachine(PARKED_TIME, lambda event: reported.append((machine.state, event)))
     ways = [machine.state]
     for event in events:
         machine.apply(event)
         ways.append(TRANSITIONS[ways[-1]][event])
     assert machine.state is reduce(lambda state, event: TRANSITIONS[state][event], events, S.DISARMED)
     changes = [(after, event) for before, after, event in zip(ways, ways[1:], events, strict=False) if before != after]
-    assert told == changes
+    assert reported == changes
     assert machine.ended is (S.ENGAGED in ways and machine.state not in COMMANDING)
 
 

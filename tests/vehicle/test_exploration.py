@@ -31,7 +31,7 @@ LONG = 46  # steps: longer than anything that the gateway waits for
 
 
 class World(NamedTuple):
-    """What the gateway is told during a step."""
+    """What the gateway receives during a step."""
 
     enabled: bool = True  #: the kit says so
     gear: Gear = Gear.DRIVE

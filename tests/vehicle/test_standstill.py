@@ -8,7 +8,7 @@ import pytest
 from vve_sumo.vehicle.standstill import Standstill
 
 STEP = 0.015625  # [s], a binary fraction
-BRAKING = 4.0  # what the car is told [m/s2]
+BRAKING = 4.0  # commanded [m/s2]
 #: Wheels are believed where their fall to zero is what 12 m/s2 and their resolution explain in a step [m/s].
 BELIEVED = 12.0 * STEP + 0.04
 #: From 0.30 m/s the receiver's mean, with a lag of 0.1 s, comes from a reading of 0.03 below 0.05 m/s: 0.1 ln(27 / 2).
@@ -150,7 +150,7 @@ def test_wheels_that_say_zero_too_soon_wait_for_a_car_with_half_its_brakes():
 
 
 def test_a_car_that_is_told_next_to_nothing_rolls_out():
-    """At 0.3 m/s2 at least, even where it is told to brake with 0.2."""
+    """At 0.3 m/s2 at least, even where the command is to brake with 0.2."""
     assert moving(5.0).until("certain", 0.0, None, 0.2) == pytest.approx((5.0 - BELIEVED) / 0.3, abs=2.0 * STEP)
     assert moving(5.0).until("certain", 0.0, None, 0.0) == pytest.approx((5.0 - BELIEVED) / 0.3, abs=2.0 * STEP)
 

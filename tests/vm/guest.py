@@ -281,11 +281,11 @@ def _passes(check: Callable[..., str], wire: Wire, *car: LiveCar) -> bool:
     name = f"{wire.gateway:<6}{check.__name__.removeprefix('check_')}"
     begun = time.monotonic()
     try:
-        told = check(wire, *car)
+        output = check(wire, *car)
     except Exception:
         print(f"FAILED {name}\n{traceback.format_exc()}", flush=True)
         return False
-    print(f"ok     {name}: {told} [{time.monotonic() - begun:.1f} s]", flush=True)
+    print(f"ok     {name}: {output} [{time.monotonic() - begun:.1f} s]", flush=True)
     return True
 
 

@@ -109,7 +109,7 @@ def _processors() -> Check:
 
 def _clock() -> Check:
     resolution = time.get_clock_info("monotonic").resolution
-    found = f"monotonic, told to {resolution * 1e9:.0f} ns"
+    found = f"monotonic, resolution {resolution * 1e9:.0f} ns"
     return judged("clock", found, resolution <= RESOLUTION, "the kernel keeps time too coarsely for ticks of 20 ms")
 
 

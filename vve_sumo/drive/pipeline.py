@@ -141,7 +141,7 @@ class Pipeline:
         more than `speed_margin` [m/s] is the fault `above_desired_speed`.
         `dater` maps the receiver's times to drive time; without one the receiver's clock is the drive's. GNSS second
         `epoch` is drive time 0. `geofence` is the lot's; without one the car may stop anywhere.
-        `wires` carry the virtual sensors to an external controller; without them nobody else is told.
+        `wires` carry the virtual sensors to an external controller; without them nothing goes out.
         `fallback` gives the fallback path; where the gateway lives in this process it may be a deferred one.
         """
         self._decoder, self._gate, self._placement, self._predictor = decoder, gate, placement, predictor

@@ -175,9 +175,9 @@ def changed_since(provenance: dict[str, Any]) -> list[str]:
     parts = then if isinstance(then, dict) else {}
     parts = {**parts, "python": provenance.get("python"), "proj": provenance.get("proj")}
     now = {**mine["libraries"], "python": mine["python"], "proj": mine["proj"]}
-    told_elsewhere = versions()
+    compared_elsewhere = versions()
     return lines + [
         f"{part} was {parts.get(part)}, is {now[part]}"
         for part in sorted(now)
-        if parts.get(part) != now[part] and part not in told_elsewhere
+        if parts.get(part) != now[part] and part not in compared_elsewhere
     ]

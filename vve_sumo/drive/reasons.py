@@ -25,7 +25,7 @@ DRIVE_REASONS: Final[dict[str, str]] = {
     "drive_lost": "the drive's process ended before the drive did",
     "ego_absent": "the car is not on the virtual road yet",
     "ego_lost": "the car vanished from the virtual road",
-    "ego_not_placed": "the virtual road was stepped without being told where the car is",
+    "ego_not_placed": "the virtual road was stepped without a pose of the car",
     "ego_sync_heading": "SUMO turned the car away from the heading it was given",
     "ego_sync_position": "SUMO moved the car away from the place it was given",
     "ego_sync_speed": "SUMO gave the car another speed than it was given",

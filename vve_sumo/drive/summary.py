@@ -1,6 +1,6 @@
-"""Computes the content of a drive's `summary.json`: figures, and whether they meet the scenario's criteria.
+"""Computes the content of a drive's `summary.json`: metrics, and whether they meet the scenario's criteria.
 
-Knows tables and figures; neither how a drive is run nor how a summary is shown.
+Knows tables and metrics; neither how a drive is run nor how a summary is shown.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ EXTERNAL_CONTROLLER: Final = "foreign_brain"
 
 
 class DrivenScenario(Protocol):
-    """The scenario by which a drive's figures are judged: a resolved scenario, or a record's copy of one."""
+    """The scenario by which a drive's metrics are judged: a resolved scenario, or a record's copy of one."""
 
     @property
     def name(self) -> str:
@@ -188,7 +188,7 @@ def _within(band: CriterionBand, value: float) -> bool:
 
 
 def _found(name: str, value: float, summary: Mapping[str, Any]) -> str:
-    """Return the value of a figure that missed its band, with whom it is about, or with what it means to have none."""
+    """Return the value of a metric that missed its band, with whom it is about, or with what it means to have none."""
     metric = METRICS[name]
     if math.isnan(value):
         return f"none ({metric.missing or 'nothing was measured'})"

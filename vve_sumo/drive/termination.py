@@ -57,7 +57,7 @@ class DriveEnd:
     text: str = ""  #: message of an exception that ended the drive, or of the last failure on the way
     standoffs: tuple[str, ...] = ()  #: vehicles taken off the road because they and the ego waited for each other
     signals: tuple[SignalChange, ...] = ()  #: what the traffic signals showed, change by change
-    extra: Mapping[str, float] = field(default_factory=dict)  #: figures of this shell alone, by summary key
+    extra: Mapping[str, float] = field(default_factory=dict)  #: metrics of this shell alone, by summary key
 
 
 #: reason codes of end triggers, of which the first of a drive's reasons is one where a trigger ended it
@@ -125,7 +125,7 @@ class TerminationMonitor:
     def unless_contact(self, outcome: Outcome) -> Outcome:
         """Return the outcome of a drive that something else than its motion ends now: a contact so far is never hidden.
 
-        What ended the drive is told by its reasons.
+        Its reasons say what ended the drive.
         """
         return Outcome.CONTACT if self.collided else outcome
 

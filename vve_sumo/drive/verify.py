@@ -50,7 +50,7 @@ from vve_sumo.values import ArmingState, Point, Pose, Vehicle
 from vve_sumo.vehicle.arming import DRIVER_REASONS
 
 SUMMARY: Final = "summary.json"
-#: relative and absolute tolerance of a figure: another processor rounds differently
+#: relative and absolute tolerance of a metric: another processor rounds differently
 RELATIVE_TOLERANCE: Final = 1e-9
 #: outcomes of a lockstep drive that did not end by the car's motion or the time limit
 ABNORMAL_OUTCOMES: Final = frozenset({Outcome.INTERRUPTED, Outcome.BROKEN})
@@ -187,8 +187,8 @@ def _is(then: object, hashed: Callable[..., str], *of: Any) -> bool:
 def _contradictions(folder: Path, summary: dict[str, Any]) -> list[str]:
     """Return where a summary contradicts the rest of the record, whose hashes are all in order.
 
-    Another version of this program may compute figures differently, so only the version that wrote a summary checks it.
-    Nothing is checked for a killed drive, which has no figures, nor for a record whose recorder failed to write parts.
+    Another version of this program may compute metrics differently, so only the version that wrote a summary checks it.
+    Nothing is checked for a killed drive, which has no metrics, nor for a record whose recorder failed to write parts.
     """
     if "max_speed_mps" not in summary or summary.get("record_broken"):
         return []
@@ -197,8 +197,8 @@ def _contradictions(folder: Path, summary: dict[str, Any]) -> list[str]:
             return []
         resolved = read_resolved(folder)
         recorded = _recorded_drive(resolved, folder / "scenario.json")
-        figures, names = _figures(folder, recorded, summary), _names(resolved, summary)
-        return [*figures, *names, *_ending(folder, resolved, recorded, summary)]
+        metrics, names = _metrics(folder, recorded, summary), _names(resolved, summary)
+        return [*metrics, *names, *_ending(folder, resolved, recorded, summary)]
     except (ConfigError, KeyError, TypeError, ValueError) as error:
         return [f"it does not fit to the record: {error!r}"]
 
@@ -213,8 +213,8 @@ def _recorded_drive(resolved: dict[str, Any], file: Path) -> RecordedDrive:
     )
 
 
-def _figures(folder: Path, recorded: RecordedDrive, summary: dict[str, Any]) -> Iterator[str]:
-    """Compute every figure and the verdict again from the tables, and compare."""
+def _metrics(folder: Path, recorded: RecordedDrive, summary: dict[str, Any]) -> Iterator[str]:
+    """Compute every metric and the verdict again from the tables, and compare."""
     done = DriveEnd(
         Outcome(summary["outcome"]),
         tuple(summary["reasons"]),

@@ -292,7 +292,7 @@ class LiveDrive:
         return {code: words for code, words in numbers.items() if words and code in result.faults}
 
     def _beside(self, begun: ScheduledTick, result: TickResult) -> SampleContext:
-        """Return what the page's process is told beside the completed tick."""
+        """Return what the page's process gets beside the completed tick."""
         now = self._clock()
         return SampleContext(
             tick=begun.tick,

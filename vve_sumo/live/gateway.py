@@ -152,8 +152,8 @@ class GatewayProcess:
         self._alone = True
         self._steps = 0
         self._has_engaged = False
-        self._told: tuple[ArmingState, tuple[str, ...]] | None = None
-        self._told_at = -math.inf
+        self._last_status: tuple[ArmingState, tuple[str, ...]] | None = None
+        self._last_status_time = -math.inf
 
     def run(self) -> None:
         """Step until the drive is over, the console is gone before it began, or the DBW controller is gone."""
@@ -293,8 +293,8 @@ class GatewayProcess:
         )
         self._drive.send(word)
         news = (output.status.state, output.status.reasons)
-        if news != self._told or now - self._told_at >= STATUS_INTERVAL:
-            self._told, self._told_at = news, now
+        if news != self._last_status or now - self._last_status_time >= STATUS_INTERVAL:
+            self._last_status, self._last_status_time = news, now
             self._console.send(word)
 
     def _keep(

@@ -35,7 +35,7 @@ class JitterWait:
     def __init__(self) -> None:
         self._wake_ups: deque[tuple[float, float]] = deque()  # of the last second: when, and how late [s]
         self._begun = math.nan  # when the first was observed [s]
-        self._told = ""  # the last news
+        self._last_news = ""  # the last news
         self.waits = True  #: whether to wait still
         self.given_up = False  #: the wait is over because CALM_TIMEOUT has passed
 
@@ -67,9 +67,9 @@ class JitterWait:
         news = ""
         if self.given_up:
             news = f"no calm second in {CALM_TIMEOUT:.0f} s: the simulated vehicle drives all the same"
-        elif self.waits and self.worst_text and not self._told:
+        elif self.waits and self.worst_text and not self._last_news:
             news = f"waiting for a calm second: {self.worst_text}; close other programs"
-        if news in ("", self._told):
+        if news in ("", self._last_news):
             return ""
-        self._told = news
+        self._last_news = news
         return news

@@ -40,7 +40,7 @@ class Recorder:
     def __init__(self, record: LiveRecord, channels: list[Channel]) -> None:
         self._record = record
         self._channels = {channel.fileno(): channel for channel in channels}
-        self._told_failure = False
+        self._failure_reported = False
         self.ended: dict[str, Any] | None = None  #: the drive's message of how it ended
 
     def run(self) -> None:
@@ -72,8 +72,8 @@ class Recorder:
 
     def _flush(self) -> None:
         self._record.flush()
-        if self._record.broken and not self._told_failure:
-            self._told_failure = True
+        if self._record.broken and not self._failure_reported:
+            self._failure_reported = True
             for channel in self._channels.values():
                 channel.send(b"record_failed")
 

@@ -53,10 +53,10 @@ _KEYS: Final = ("key", "press r", "e engages", "e begins", "g goes")
 def said(status: Mapping[str, Any]) -> str:
     """Return a drive's phase and the reasons for it in plain words, as the console has them, without its keys."""
     silent = SILENT < status["status_age_s"] < float("inf")
-    told = {**status, "gateway": (GatewayProcessState.SILENT if silent else GatewayProcessState.RESPONDING).value}
-    words = phase(told)
+    shown = {**status, "gateway": (GatewayProcessState.SILENT if silent else GatewayProcessState.RESPONDING).value}
+    words = phase(shown)
     head, _, tail = words.partition(": ")
-    reasons = "; ".join(why(told))
+    reasons = "; ".join(why(shown))
     kept = head if any(key in tail for key in _KEYS) else words
     if not reasons:
         return kept

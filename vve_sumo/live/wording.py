@@ -86,9 +86,9 @@ _ENGAGED_PHASES: Final = {
     WAITING: "engaged and held: g goes, any other key stops",
 }
 #: reasons that every phase they come with, or its advice, already states
-_TOLD: Final = frozenset({*_ENGAGED_PHASES, "shadow", EXTERNAL})
+_STATED_REASONS: Final = frozenset({*_ENGAGED_PHASES, "shadow", EXTERNAL})
 #: reasons that this phase already states
-_SAID_BY: Final = {
+_STATED_BY_PHASE: Final = {
     BRAKES: {"brake_not_following"},
     NEEDED: {"driver_needed"},
     ROLLS: {"driver_needed"},
@@ -248,7 +248,7 @@ def picture(status: Mapping[str, Any], silent: float = 0.0) -> list[str]:
     if not fresh and "tick" not in status:
         lines.append(f"  the drive's process loads the virtual road: {_number(silent, '.0f')} s")
     elif not fresh and status.get("gateway") not in (GatewayProcessState.ENDED, GatewayProcessState.GONE):
-        lines.append(f"  ! the drive's process has told nothing for {_number(silent, '.1f')} s")
+        lines.append(f"  ! the drive's process has sent nothing for {_number(silent, '.1f')} s")
     words = why(status)
     words += [f"fix: {in_words(code)}" for code in status.get("pose_reasons", ())]
     lines += [f"  - {word}" for word in words[:MAX_REASONS]]
@@ -295,7 +295,7 @@ def _reasons(status: Mapping[str, Any]) -> list[str]:
     """
     missing = status.get("state", ArmingState.DISARMED) == ArmingState.DISARMED
     codes = dict.fromkeys([*status.get("reasons", ()), *(status.get("faults", ()) if missing else ())])
-    return [code for code in codes if code not in _TOLD | _SAID_BY.get(phase(status), set())]
+    return [code for code in codes if code not in _STATED_REASONS | _STATED_BY_PHASE.get(phase(status), set())]
 
 
 def _number(value: Any, form: str) -> str:

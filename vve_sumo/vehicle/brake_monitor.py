@@ -50,7 +50,7 @@ class BrakeMonitor:
     def reset(self) -> None:
         """Forget the past: the gateway does not command the car."""
         self._time = 0.0  # its own, by the steps' lengths [s]
-        self._told: deque[tuple[float, float]] = deque(((-math.inf, 0.0),))  # time and brake torque
+        self._commanded_torques: deque[tuple[float, float]] = deque(((-math.inf, 0.0),))  # time and brake torque
         self._torque = 0.0  # that should be there by now [N m]
         self._push = 0.0  # acceleration by the engine that there may still be [m/s2]
         self._acceleration = 0.0  # measured [m/s2]
@@ -94,7 +94,7 @@ class BrakeMonitor:
         """Advance the modelled brake torque and engine acceleration under the commanded `pedals`."""
         torque, throttle = pedals
         self._time += elapsed
-        queue, oldest = self._told, self._time - self._delay
+        queue, oldest = self._commanded_torques, self._time - self._delay
         queue.append((self._time, torque))
         while len(queue) > 1 and queue[1][0] <= oldest:
             queue.popleft()

@@ -1,6 +1,6 @@
 """How hard a car brakes as it is driven: the least of what car, brakes, wire, gateway and tyres allow.
 
-The one place where these figures meet: controllers, suites, the geofence, the doctor and the check of a rig's stops
+The one place where these values meet: controllers, suites, the geofence, the doctor and the check of a rig's stops
 take theirs from here. Everything holds on the level and at the declared mass, unless another is said.
 """
 
@@ -28,7 +28,7 @@ class Bound(NamedTuple):
 
     part: str  #: which part, in a word
     deceleration: float  #: largest [m/s2], a positive number
-    why: str  #: where the figure comes from
+    why: str  #: where the value comes from
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class EffectiveDeceleration:
         return f"{bounds} m/s2; least: {self.limiting.why}"
 
     def rounded_down(self) -> str:
-        """Return the greatest figure that a file may hold, rounded down."""
+        """Return the greatest value that a file may hold, rounded down."""
         return f"{_rounded(self.value):g} m/s2 or less ({self.in_words()})"
 
     def shortfall_text(self) -> str:
@@ -123,5 +123,5 @@ def limited_to(model: VehicleModel, effective: EffectiveDeceleration) -> Vehicle
 
 
 def _rounded(deceleration: float) -> float:
-    """Return a figure of two decimals that is not greater, but for what a number in binary loses."""
+    """Return a number of two decimals that is not greater, but for what a number in binary loses."""
     return math.floor(round(100.0 * deceleration, 6)) / 100.0

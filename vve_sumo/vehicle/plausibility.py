@@ -67,7 +67,7 @@ class CarMotion:
     yaw_rate: float  #: by the gyroscope [rad/s] counter-clockwise; NaN unknown
     steering: float  #: road-wheel angle as reported [rad], left positive; NaN unknown
     wheels: tuple[float, ...]  #: the wheels' angular speeds as reported [rad/s]
-    commanded_steering: float  #: road-wheel angle that the car is told [rad]; NaN where nobody tells it any
+    commanded_steering: float  #: commanded road-wheel angle [rad]; NaN where none is commanded
     stands: bool  #: by all evidence
 
 

@@ -37,7 +37,7 @@ class Standstill:
         self._long = Debounce(REST_TIME)
         self._satellite_long = Debounce(GNSS_REST_TIME)
         self.certain = False  #: the wheels say so, for long enough to be true, and nothing contradicts them
-        self.settled = False  #: certain for `REST_TIME`, and not told to drive off
+        self.settled = False  #: certain for `REST_TIME`, and not commanded to drive off
         self.at_rest = False  #: settled, or the receiver alone has said so for long
         self.contradicted = False  #: the receiver has long said rest, but the wheels do not confirm it
         self.moves = False  #: something says that the car moves
