@@ -40,8 +40,8 @@ def main(arguments: list[str] | None = None) -> int:
             longest = max(longest, reported.longest_wait)
             print(
                 f"seed {reported.seed}: {seconds / 3600.0:.2f} h, {driven / 1000.0:.1f} km; overlaps {overlaps}, "
-                f"of which avoidable {avoidable}; longest wait {longest:.0f} s; {jumps} jumps; up to {reported.most_standing} "
-                f"standing near the ego",
+                f"of which avoidable {avoidable}; longest wait {longest:.0f} s; {jumps} jumps; "
+                f"up to {reported.most_standing} standing near the ego",
                 flush=True,
             )
     return 1 if avoidable or longest > LONGEST_WAIT else 0

@@ -77,8 +77,8 @@ TERMS: tuple[Term, ...] = (
     Term("end trigger", "the condition at which a scenario ends a drive as planned; the outcome is then `completed`"),
     Term(
         'external controller ("brain" in keys and options)',
-        "a control computer that is not ours: it gets the virtual sensors, and drives by setpoints to the gateway or by "
-        "commands of its own on the car's bus",
+        "a control computer that is not ours: it gets the virtual sensors, and drives by setpoints to the gateway or "
+        "by commands of its own on the car's bus",
         ("external controller",),
     ),
     Term(
