@@ -191,7 +191,7 @@ def drive(hours: float, noise: float, seed: int, processes: int) -> Tally:
     return total
 
 
-def told(tally: Tally, noise: float) -> Iterator[str]:
+def reported(tally: Tally, noise: float) -> Iterator[str]:
     """The tally in words."""
     hours = tally.seconds / 3600.0
     yield f"{hours:.2f} h, {tally.moving / 3600.0:.2f} h moving, {tally.driven / 1000.0:.1f} km, noise x {noise:g}"
@@ -214,7 +214,7 @@ def main() -> None:
     begun = time.monotonic()
     tally = drive(LEG / 3600.0 if wanted.smoke else wanted.hours, wanted.noise, wanted.seed, wanted.processes)
     took = time.monotonic() - begun
-    print("\n".join(told(tally, wanted.noise)))
+    print("\n".join(reported(tally, wanted.noise)))
     if wanted.each:
         print("\n".join(tally.legs))
     print(f"{tally.seconds / took:.0f} times real time with {wanted.processes} process(es)")

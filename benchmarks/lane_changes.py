@@ -1,4 +1,4 @@
-"""How far the street's vehicles move across their own heading in one step, in an hour of each shipped demand.
+"""How far the virtual road's vehicles move across their own heading in one step, in an hour of each shipped demand.
 
 A vehicle that changes lanes takes seconds; one that jumps would vanish from a radar here and appear there. Every
 vehicle of Linden is compared with the snapshot before: the centre's step across the mean of the two headings. The ego

@@ -54,11 +54,11 @@ def drive(name: str, seed: int) -> dict[str, Any]:
 def paint(name: str, folder: Path) -> None:
     """Draw a scenario's picture into a folder."""
     from vve_sumo.drive.run import resolve_by_name
-    from vve_sumo.drive.scenario_text import circumstances
+    from vve_sumo.drive.scenario_text import special_conditions
     from vve_sumo.plotting.scenario import draw
 
     resolved = resolve_by_name(name, REPOSITORY)
-    draw(resolved, folder / f"{name}.png", circumstances(resolved, REPOSITORY))
+    draw(resolved, folder / f"{name}.png", special_conditions(resolved, REPOSITORY))
 
 
 def row(name: str, summaries: Sequence[dict[str, Any]]) -> str:
@@ -83,7 +83,7 @@ def section(name: str, scenario: Scenario) -> Iterator[str]:
     """Return the lines of the page that are about one scenario."""
     yield from (f"### {name}", "", f"**{scenario.title}.** {' '.join(scenario.description.split())}", "")
     yield from (
-        f"![{name}: the street from above, what moves how and which trigger fires when](scenarios/{name}.png)",
+        f"![{name}: the virtual road from above, what moves how and which trigger fires when](scenarios/{name}.png)",
         "",
     )
     yield from (f"Passes if: {descriptions.passes(scenario.criteria)}.", "")

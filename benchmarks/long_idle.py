@@ -58,14 +58,14 @@ def main() -> None:
     x = np.arange(0.0, ROAD * max(hours, 1.0), 1.0)
     path = ReferencePath.from_points(x, 2.0 * np.sin(x / 20.0) * np.minimum(x / 40.0, 1.0))
     loop = ClosedLoop(path, 3.0, controller=Dawdling(), pipeline=NoWayToRest, deviation_limit=4.0)
-    engaged, told, farthest, driven = False, 0.0, 0.0, 0.0
+    engaged, reported, farthest, driven = False, 0.0, 0.0, 0.0
     for ticked in loop.ticks():
         state = ticked.status.state
         engaged |= state is ArmingState.ENGAGED
         farthest, driven = max(farthest, abs(ticked.deviation)), driven + 0.02 * ticked.truth.speed
         over = ticked.now >= 3600.0 * hours or (engaged and state is not ArmingState.ENGAGED)
-        if ticked.now >= told or over:
-            told += EVERY
+        if ticked.now >= reported or over:
+            reported += EVERY
             words = f"{ticked.now / 3600.0:.2f} h: {memory():.1f} MB, {driven:.0f} m, {farthest:.3f} m off at most"
             print(f"{words}; {state} {'+'.join(ticked.status.reasons)}", flush=True)
         if over:

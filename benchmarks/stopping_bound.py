@@ -235,7 +235,7 @@ def drive_all(cases: Sequence[Case], file: Path, processes: int) -> None:
             lines.flush()
 
 
-def told(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
+def reported(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
     """Yield the table: a line for each fault, of nominal drives one for each kind of stop, and then what is wrong."""
     groups = {fault: [row for row in rows if row["fault"] == fault] for fault in FAULTS}
     nominal = groups.pop("nominal")
@@ -280,7 +280,7 @@ def measure(cases: Sequence[Case], folder: Path, processes: int) -> None:
     file = folder / "rows.jsonl"
     drive_all(cases, file, processes)
     wanted = {(one.fault, one.number) for one in cases}
-    print("\n".join(told([row for row in rows_in(file) if (row["fault"], row["number"]) in wanted])))
+    print("\n".join(reported([row for row in rows_in(file) if (row["fault"], row["number"]) in wanted])))
 
 
 if __name__ == "__main__":

@@ -108,7 +108,7 @@ def saturation(tau: float, seed: int, lanes: int = 1, cycles: int = CYCLES) -> f
 
 
 def crossings(duration: float, lanes: int) -> list[list[float]]:
-    """Step for `duration` [s] and return, for each lane, when vehicles left the street before the stop line."""
+    """Step for `duration` [s] and return, for each lane, when vehicles left the virtual road before the stop line."""
     import libsumo
 
     times: list[list[float]] = [[] for _ in range(lanes)]

@@ -68,13 +68,13 @@ def evolution(cost: Cost, dimensions: int, seed: int) -> Iterator[float]:
     """Costs in the order in which scipy's differential evolution asks for them, a generation at a time."""
     costs: list[float] = []
 
-    def told(shares: np.ndarray) -> float:
+    def reported(shares: np.ndarray) -> float:
         costs.append(cost(tuple(shares.tolist())))
         return costs[-1]
 
     differential_evolution(
-        told, [(0.0, 1.0)] * dimensions, popsize=math.ceil(POPULATION / dimensions), maxiter=TRIES[-1] // POPULATION,
-        tol=0.0, polish=False, updating="deferred", rng=seed,
+        reported, [(0.0, 1.0)] * dimensions, popsize=math.ceil(POPULATION / dimensions),
+        maxiter=TRIES[-1] // POPULATION, tol=0.0, polish=False, updating="deferred", rng=seed,
     )  # fmt: skip
     yield from costs
 

@@ -20,7 +20,7 @@ def test_the_gateways_frames_cross_a_bus_and_come_back_bit_identical():
     rig, sent, heard = Rig(), [], []
     with Bus("virtual", "crossing") as ours, can.Bus(interface="virtual", channel="crossing") as theirs:
         for tick in range(50):
-            rig.step(act=OperatorCommand.ENGAGE if tick == 0 else None)
+            rig.step(command=OperatorCommand.ENGAGE if tick == 0 else None)
             for frame in rig.frames:
                 ours.send(frame)
                 sent.append(frame)

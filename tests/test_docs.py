@@ -173,7 +173,7 @@ def _gallery() -> str:
     cards = []
     for file in sorted((REPOSITORY / "scenarios").glob("*.toml")):
         title = tomllib.loads(file.read_text(encoding="utf-8"))["title"]
-        picture = f"![{file.stem}: the street from above](scenarios/{file.stem}.png)"
+        picture = f"![{file.stem}: the virtual road from above](scenarios/{file.stem}.png)"
         cards.append(f"- [{picture}](library.md#{file.stem})\n\n    `{file.stem}`: {title}")
     return "\n\n".join(cards)
 

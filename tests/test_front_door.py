@@ -201,7 +201,7 @@ def _children() -> list[str]:
         (lambda: vve.drive("parked_car", vehicle="tank"), "no vehicle named 'tank'"),
         (lambda: vve.drive("parked_car", rig="nowhere"), "no rig named 'nowhere'"),
         (lambda: vve.drive("parked_car", rig="simulated", vehicle="fusion"), "a rig brings its own vehicle"),
-        (lambda: vve.sweep("parked_car", seeds=2, rig="foreign"), "only a single drive can use an external brain"),
+        (lambda: vve.sweep("parked_car", seeds=2, rig="foreign"), "only a single drive can use an external controller"),
         (lambda: vve.drive("parked_car", controller="nobody"), "controller nobody: unknown"),
         (lambda: vve.drive("parked_car", pose="no.csv"), "no.csv"),
         (lambda: vve.drive("parked_car", out="full"), "full is not empty"),

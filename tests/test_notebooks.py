@@ -114,23 +114,23 @@ def test_a_notebook_is_stripped_and_explains_itself(name: str) -> None:
 def test_the_papers_drive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     book = run("1_paper_drive", tmp_path, monkeypatch)
     assert figures(book) == 3
-    told = summary(tmp_path, "stopped")
+    reported = summary(tmp_path, "stopped")
     sentence = "From # m/s to rest in # m, # m behind the parked car."
     speed, distance, gap = numbers(sentence, said(book))
-    assert speed == pytest.approx(told["stop_onset_speed_mps"], abs=0.0051)
-    assert distance == pytest.approx(told["stop_distance_m"], abs=0.0051)
-    assert gap == pytest.approx(told["stop_gap_m"], abs=0.0051)
+    assert speed == pytest.approx(reported["stop_onset_speed_mps"], abs=0.0051)
+    assert distance == pytest.approx(reported["stop_distance_m"], abs=0.0051)
+    assert gap == pytest.approx(reported["stop_gap_m"], abs=0.0051)
 
 
 @pytest.mark.slow
 def test_a_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     book = run("2_stopping_over_a_sweep", tmp_path, monkeypatch)
     assert figures(book) == 3
-    rows, told = load(tmp_path / "nb" / "runs" / "stopping").rows(), said(book)
+    rows, reported = load(tmp_path / "nb" / "runs" / "stopping").rows(), said(book)
     assert len(rows) == 12
     for row in rows.itertuples():
-        assert f"{row.stop_distance_m:.2f}" in told
-        assert row.collision or f"{row.stop_gap_m:.2f}" in told
+        assert f"{row.stop_distance_m:.2f}" in reported
+        assert row.collision or f"{row.stop_gap_m:.2f}" in reported
     stopped = rows[rows["outcome"].eq("stopped")]
     assert len(stopped) == 10
     asked = zip(stopped["stop_onset_speed_mps"], stopped["controller.tuning.deceleration_m_s2"], strict=True)
@@ -156,10 +156,10 @@ def test_a_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     book = run("4_real_recording", tmp_path, monkeypatch)
     assert "no real recording" in said(book)
     assert figures(book) == 2
-    told = summary(tmp_path, "played")
+    reported = summary(tmp_path, "played")
     mean, most = numbers("predicted, it was off by # m on average, # m at most", said(book))
-    assert mean == pytest.approx(told["prediction_error_100ms_mean_m"], abs=0.00051)
-    assert most == pytest.approx(told["prediction_error_100ms_max_m"], abs=0.00051)
+    assert mean == pytest.approx(reported["prediction_error_100ms_mean_m"], abs=0.00051)
+    assert most == pytest.approx(reported["prediction_error_100ms_max_m"], abs=0.00051)
 
 
 @pytest.mark.slow
@@ -170,10 +170,10 @@ def test_a_real_recording(tmp_path: Path, shared_data: Path, monkeypatch: pytest
     monkeypatch.setenv("VVE_RECORDING", str(tmp_path / "comma.csv"))
     book = run("4_real_recording", tmp_path, monkeypatch)
     assert "comma.csv: taken for a real recording" in said(book)
-    told = summary(tmp_path, "played")
-    assert told["collision"]
+    reported = summary(tmp_path, "played")
+    assert reported["collision"]
     held, mean = numbers("off by # m on average (speed times age);\npredicted, it was off by # m", said(book))
-    assert mean == pytest.approx(told["prediction_error_100ms_mean_m"], abs=0.00051)
+    assert mean == pytest.approx(reported["prediction_error_100ms_mean_m"], abs=0.00051)
     assert mean < 0.05 * held
 
 
@@ -184,10 +184,10 @@ def test_two_controllers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     assert figures(book) == 4
     code = [line for cell in book.cells if cell.cell_type == "code" for line in cell.source.splitlines()]
     assert len(code) < 40
-    rows, told = load(tmp_path / "nb" / "runs" / "controllers").rows(), said(book)
+    rows, reported = load(tmp_path / "nb" / "runs" / "controllers").rows(), said(book)
     assert len(rows) == 36
     for name, part in rows.groupby("controller.name"):
-        (line,) = (line for line in told.splitlines() if str(name) in line)
+        (line,) = (line for line in reported.splitlines() if str(name) in line)
         apart = part["stop_gap_m"][~part["collision"]]  # an overlap is no gap at rest
         assert line.split()[2:5] == ["18", str(part["collision"].sum()), str(apart.notna().sum())]
         assert f"{apart.mean():.2f}" in line
@@ -196,7 +196,7 @@ def test_two_controllers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     on = ["ego.speed_mps", "ego.car.gnss_hidden_delay_s"]
     pairs = hardest.merge(regulated, on=on)
     alone = int((pairs["passed_x"].eq(False) & pairs["passed_y"].eq(True)).sum())
-    (line,) = (line for line in told.splitlines() if line.startswith("passed"))
+    (line,) = (line for line in reported.splitlines() if line.startswith("passed"))
     assert line.split()[3] == str(alone)
 
 

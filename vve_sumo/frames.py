@@ -1,4 +1,4 @@
-"""Frames: geodetic, projected, map and body, as inverse pairs, and the placement of a fix into the street.
+"""Frames: geodetic, projected, map and body, as inverse pairs, and the placement of a fix into the virtual road.
 
 Knows geometry and projections; must not know receivers' bytes, trust, SUMO or the controller. Headings in maps are
 counter-clockwise from the map's +x; a fix's heading is counter-clockwise from *true* east; what lies between is the
@@ -168,55 +168,55 @@ def _beside(x: float, y: float, heading: float, dx: float, dy: float) -> Pair:
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """Rigid transform that lays the lot's map onto the street's: turn about the lot's origin, then shift."""
+    """Rigid transform that lays the lot's map onto the virtual road's: turn about the lot's origin, then shift."""
 
-    rotation: float = 0.0  #: street heading minus lot heading [rad], counter-clockwise
-    x: float = 0.0  #: street x of the lot's origin [m]
-    y: float = 0.0  #: street y of the lot's origin [m]
+    rotation: float = 0.0  #: road heading minus lot heading [rad], counter-clockwise
+    x: float = 0.0  #: road x of the lot's origin [m]
+    y: float = 0.0  #: road y of the lot's origin [m]
     residuals: tuple[float, ...] = ()  #: what each surveyed pair is off after the fit [m]
 
     @classmethod
-    def from_matched_start(cls, lot_pose: Pose, street_pose: Pose) -> Alignment:
-        """Return the alignment that lays the lot pose onto the street pose of the same point.
+    def from_matched_start(cls, lot_pose: Pose, road_pose: Pose) -> Alignment:
+        """Return the alignment that lays the lot pose onto the virtual road pose of the same point.
 
         Raises ConfigError when the poses are of different points or not finite.
         """
-        if lot_pose.point != street_pose.point:
-            raise ConfigError(f"matched start: lot pose is of {lot_pose.point}, street pose of {street_pose.point}")
-        rotation = wrap_angle(street_pose.heading - lot_pose.heading)
+        if lot_pose.point != road_pose.point:
+            raise ConfigError(f"matched start: lot pose is of {lot_pose.point}, road pose of {road_pose.point}")
+        rotation = wrap_angle(road_pose.heading - lot_pose.heading)
         turned = cmath.exp(1j * rotation) * complex(lot_pose.x, lot_pose.y)
-        shift = complex(street_pose.x, street_pose.y) - turned
+        shift = complex(road_pose.x, road_pose.y) - turned
         if not cmath.isfinite(shift) or not math.isfinite(rotation):
             raise ConfigError("matched start: a pose holds a number that is not finite")
         return cls(rotation, shift.real, shift.imag)
 
     @classmethod
-    def from_surveyed_pairs(cls, lot_points: Sequence[Pair], street_points: Sequence[Pair], limit: float) -> Alignment:
+    def from_surveyed_pairs(cls, lot_points: Sequence[Pair], road_points: Sequence[Pair], limit: float) -> Alignment:
         """Return the least-squares alignment of two or more surveyed pairs; `limit` bounds every residual [m].
 
-        With points as complex numbers about their means, the rotation is the argument of the sum of conj(lot) street
+        With points as complex numbers about their means, the rotation is the argument of the sum of conj(lot) road
         (Procrustes in the plane). Raises ConfigError for too few, unequal, non-finite or coinciding points, for
         mirrored axes, for a scale off by more than `SCALE_LIMIT`, and for a residual above `limit`.
         """
-        lot, street = _centred(lot_points, "lot"), _centred(street_points, "street")
-        if len(lot_points) != len(street_points):
-            raise ConfigError(f"surveyed pairs: {len(lot_points)} lot points but {len(street_points)} street points")
-        product = sum(z.conjugate() * w for z, w in zip(lot, street, strict=True))
+        lot, road = _centred(lot_points, "lot"), _centred(road_points, "road")
+        if len(lot_points) != len(road_points):
+            raise ConfigError(f"surveyed pairs: {len(lot_points)} lot points but {len(road_points)} road points")
+        product = sum(z.conjugate() * w for z, w in zip(lot, road, strict=True))
         turn = product / abs(product) if product else 1.0
-        residuals = tuple(abs(turn * z - w) for z, w in zip(lot, street, strict=True))
-        if misfit := _misfit(lot, street, residuals, limit):
+        residuals = tuple(abs(turn * z - w) for z, w in zip(lot, road, strict=True))
+        if misfit := _misfit(lot, road, residuals, limit):
             raise ConfigError(f"surveyed pairs: {misfit}")
         rotation = cmath.phase(turn)
-        shift = _mean(street_points) - turn * _mean(lot_points)
+        shift = _mean(road_points) - turn * _mean(lot_points)
         return cls(rotation, shift.real, shift.imag, residuals)
 
     def inverse(self) -> Alignment:
-        """Return the alignment from the street to the lot; residuals are not carried over."""
+        """Return the alignment from the virtual road to the lot; residuals are not carried over."""
         cosine, sine = math.cos(self.rotation), math.sin(self.rotation)
         return Alignment(-self.rotation, -cosine * self.x - sine * self.y, sine * self.x - cosine * self.y)
 
     def apply(self, pose: Pose) -> Pose:
-        """Return the lot pose in the street's map."""
+        """Return the lot pose in the virtual road's map."""
         cosine, sine = math.cos(self.rotation), math.sin(self.rotation)
         x, y = cosine * pose.x - sine * pose.y + self.x, sine * pose.x + cosine * pose.y + self.y
         return Pose(
@@ -254,16 +254,16 @@ def _centred(points: Sequence[Pair], name: str) -> list[complex]:
     return centred
 
 
-def _misfit(lot: Sequence[complex], street: Sequence[complex], residuals: Sequence[float], limit: float) -> str:
+def _misfit(lot: Sequence[complex], road: Sequence[complex], residuals: Sequence[float], limit: float) -> str:
     """What is wrong with the pairs, in words; empty when they fit."""
     refused = not max(residuals) <= limit
-    turned = abs(sum(z.conjugate() * w for z, w in zip(lot, street, strict=True)))
-    mirrored = abs(sum(z * w for z, w in zip(lot, street, strict=True)))
+    turned = abs(sum(z.conjugate() * w for z, w in zip(lot, road, strict=True)))
+    mirrored = abs(sum(z * w for z, w in zip(lot, road, strict=True)))
     if refused and mirrored > turned * (1.0 + 1e-9):
         return "one side is mirrored (x and y, or left and right, are swapped in one of the surveys)"
-    scale = _spread(street) / _spread(lot)
+    scale = _spread(road) / _spread(lot)
     if abs(scale - 1.0) > SCALE_LIMIT:
-        return f"street distances are {scale:.4f} times the lot's: other units, or other points"
+        return f"road distances are {scale:.4f} times the lot's: other units, or other points"
     if refused:
         worst = max(range(len(residuals)), key=residuals.__getitem__)
         return f"pair {worst + 1} is off by {residuals[worst]:.3f} m after the fit, limit {limit} m"
@@ -280,10 +280,10 @@ class Mounting:
 
 
 class Placement:
-    """From a fix of the output point to the pose of the rear axle in the street, and back.
+    """From a fix of the output point to the pose of the rear axle in the virtual road, and back.
 
-    `lot_frame` is the map plane of the lot, `alignment` lays it onto the street's map; on the true place the lot's
-    frame *is* the street's and the alignment is `Alignment()`. `epoch` is the GNSS second of drive time 0.
+    `lot_frame` is the map plane of the lot, `alignment` lays it onto the virtual road's map; on the true place the
+    lot's frame *is* the virtual road's and the alignment is `Alignment()`. `epoch` is the GNSS second of drive time 0.
     """
 
     def __init__(self, lot_frame: MapFrame, alignment: Alignment, mounting: Mounting, epoch: float) -> None:
@@ -295,7 +295,7 @@ class Placement:
         self._x, self._y = alignment.x, alignment.y
 
     def place(self, fix: Fix) -> Pose:
-        """Return the rear axle's pose in the street.
+        """Return the rear axle's pose in the virtual road.
 
         Speeds are the true ones of the ground, not scaled to the map. Grade is the car's pitch, level where the
         receiver says none; gravity's share by pitch and the turning of the car axes (yaw rate times lateral speed)

@@ -1,4 +1,4 @@
-"""An external brain: NCOM over UDP and a Delphi ESR over CAN in, the car's own command frames out.
+"""An external controller: NCOM over UDP and a Delphi ESR over CAN in, the car's own command frames out.
 
     python drive_by_wire.py WAYPOINTS.csv [--gnss PORT] [--esr INTERFACE:CHANNEL] [--car INTERFACE:CHANNEL]
 

@@ -170,10 +170,10 @@ def test_the_stopping_bound_check_says_which_part_was_not_held() -> None:
         whole = reaction + build_up
         given = BrakeAnswer(one, other, TimeInterval(whole, whole, whole))
         terms = Tolerance(0.1, 0.0, 0.0, 0.0)
-        told = StoppingBoundCheck(12.0, 2.0, 0.0, 0.025, 0.015, 40.0, 40.0, terms, given)
-        assert told.held is (not told.missed)
-        assert told.broken is bool(told.missed)
-        return told.missed
+        reported = StoppingBoundCheck(12.0, 2.0, 0.0, 0.025, 0.015, 40.0, 40.0, terms, given)
+        assert reported.held is (not reported.missed)
+        assert reported.broken is bool(reported.missed)
+        return reported.missed
 
     assert missed(0.025 + LATE - 0.001, 0.0) == ()
     assert missed(0.025 + LATE + 0.001, 0.015) == ("reaction",)

@@ -255,9 +255,9 @@ def test_what_cannot_be_asked_is_one_line(sweep: Sweep, monkeypatch: pytest.Monk
 def test_what_a_search_found(tmp_path: Path) -> None:
     fill(tmp_path)
     assert Sweep(tmp_path).found is None
-    told = {"search": "worst", "lowest": "stop_gap_m", "worst": None}
-    (tmp_path / "search.json").write_text(json.dumps(told), encoding="utf-8")
-    assert Sweep(tmp_path).found == told
+    reported = {"search": "worst", "lowest": "stop_gap_m", "worst": None}
+    (tmp_path / "search.json").write_text(json.dumps(reported), encoding="utf-8")
+    assert Sweep(tmp_path).found == reported
     (tmp_path / "search.json").write_text("[]", encoding="utf-8")
     with pytest.raises(ConfigError, match=r"search\.json: not what a search writes"):
         _ = Sweep(tmp_path).found

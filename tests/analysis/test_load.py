@@ -101,8 +101,8 @@ def holding(name: str, content: str) -> Callable[[Path], None]:
 
 def changed(name: str, **keys: object) -> Callable[[Path], None]:
     def change(folder: Path) -> None:
-        told = json.loads((folder / name).read_text(encoding="utf-8"))
-        (folder / name).write_text(json.dumps(told | keys), encoding="utf-8")
+        reported = json.loads((folder / name).read_text(encoding="utf-8"))
+        (folder / name).write_text(json.dumps(reported | keys), encoding="utf-8")
 
     return change
 

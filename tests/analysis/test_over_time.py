@@ -86,9 +86,9 @@ def test_units_and_meanings_go_with_the_table(approach: Run) -> None:
 
 def test_extremes_are_the_figures_of_the_drive(approach: Run) -> None:
     frame = over_time(approach)
-    told = PER_DRIVE.measure(approach.data)
-    assert frame["ttc_s"].min() == told["min_ttc_s"]
-    assert frame["drac_mps2"].max() == told["max_drac_mps2"]
+    reported = PER_DRIVE.measure(approach.data)
+    assert frame["ttc_s"].min() == reported["min_ttc_s"]
+    assert frame["drac_mps2"].max() == reported["max_drac_mps2"]
 
 
 def test_exposure_adds_up_what_the_table_holds(approach: Run) -> None:

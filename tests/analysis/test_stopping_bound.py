@@ -61,9 +61,9 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, pd.DataFrame
 @pytest.mark.slow
 def test_the_car_as_declared_keeps_its_bound_and_any_other_breaks_it(driven: tuple[Path, pd.DataFrame]) -> None:
     folder, rows = driven
-    told = stopping_bound_checks(rows)
+    reported = stopping_bound_checks(rows)
     for name in DRIVES:
-        given, by_row = stopping_bound_check(Run(folder / name)), told.loc[name]
+        given, by_row = stopping_bound_check(Run(folder / name)), reported.loc[name]
         as_declared = not DRIVES[name][1]
         assert (given.held, given.broken) == (as_declared, not as_declared), name
         assert (by_row["held"], by_row["broken"]) == (given.held, given.broken)
@@ -71,7 +71,7 @@ def test_the_car_as_declared_keeps_its_bound_and_any_other_breaks_it(driven: tup
         assert by_row["tolerance_m"] == pytest.approx(given.tolerance, abs=1e-12)
         if as_declared:  # and it is no generous bound
             assert given.distance > 0.97 * given.bound
-    assert told.loc["hard, snow", "excess_m"] > 5.0
+    assert reported.loc["hard, snow", "excess_m"] > 5.0
 
 
 def test_the_summary_says_of_the_stop_what_the_analysis_does(driven: tuple[Path, pd.DataFrame]) -> None:
@@ -154,12 +154,12 @@ def test_rows_without_a_stop_or_a_tolerance_are_neither_held_nor_broken() -> Non
         },
         index=[7, 3, 5, 9, 4],
     )
-    told = stopping_bound_checks(rows)
-    assert told.index.tolist() == [7, 3, 5, 9, 4]
-    assert told["held"].tolist() == [True, False, False, False, False]
-    assert told["broken"].tolist() == [False, True, False, False, False]
-    assert told["broken"].dtype == bool
-    assert list(told.columns) == list(MEANINGS)
-    assert told.attrs["units"]["bound_m"] == "m"
+    reported = stopping_bound_checks(rows)
+    assert reported.index.tolist() == [7, 3, 5, 9, 4]
+    assert reported["held"].tolist() == [True, False, False, False, False]
+    assert reported["broken"].tolist() == [False, True, False, False, False]
+    assert reported["broken"].dtype == bool
+    assert list(reported.columns) == list(MEANINGS)
+    assert reported.attrs["units"]["bound_m"] == "m"
     with pytest.raises(ConfigError, match="no column stop_bound_m"):
         stopping_bound_checks(rows[["stop_distance_m"]])

@@ -28,7 +28,7 @@ def sweep(folder: Path, gap: float) -> Path:
     return folder
 
 
-def told(capsys: pytest.CaptureFixture[str], *words: str | Path) -> str:
+def reported(capsys: pytest.CaptureFixture[str], *words: str | Path) -> str:
     assert main(["compare", *map(str, words)]) == 0
     return capsys.readouterr().out
 
@@ -40,7 +40,7 @@ def cells(text: str, name: str) -> list[str]:
 
 
 def test_two_sweeps_are_compared_pair_by_pair(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    text = told(capsys, sweep(tmp_path / "old", 1.0), sweep(tmp_path / "new", 1.5), "--out", tmp_path / "pairs.png")
+    text = reported(capsys, sweep(tmp_path / "old", 1.0), sweep(tmp_path / "new", 1.5), "--out", tmp_path / "pairs.png")
     assert "6 pairs by speed, kind, seed" in text
     assert cells(text, "passed") == ["5", "0", "0", "1", "1"]
     gap = ["5", "0", "0", "2", "2.5", "0.5", "0.5", "0.5", "0.5", "0.5", "0", "1", "5", "0.0625", "lower"]
@@ -50,7 +50,7 @@ def test_two_sweeps_are_compared_pair_by_pair(tmp_path: Path, capsys: pytest.Cap
 
 
 def test_two_values_of_one_sweep_are_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    text = told(capsys, sweep(tmp_path / "sweep", 1.0), "--by", "kind")
+    text = reported(capsys, sweep(tmp_path / "sweep", 1.0), "--by", "kind")
     assert "3 pairs by speed, seed" in text
     assert cells(text, "collision") == ["0", "0", "1", "2", "1"]
     assert cells(text, "stop_gap_m")[:3] == ["2", "1", "0"]
@@ -59,7 +59,7 @@ def test_two_values_of_one_sweep_are_compared(tmp_path: Path, capsys: pytest.Cap
 def test_three_values_of_one_sweep_are_compared_each_with_each(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    text = told(capsys, sweep(tmp_path / "sweep", 1.0), "--by", "speed", "--out", tmp_path / "pairs.png")
+    text = reported(capsys, sweep(tmp_path / "sweep", 1.0), "--by", "speed", "--out", tmp_path / "pairs.png")
     for pair in ("1.0 minus 0.0", "2.0 minus 0.0", "2.0 minus 1.0"):
         assert f"differences are {pair}" in text
     assert text.count("2 pairs by kind, seed") == 3

@@ -76,8 +76,8 @@ def test_a_reason_arms_all_the_same_and_is_kept(tmp_path: Path) -> None:
     drive = made(tmp_path, rig)
     assert examined(drive, " receiver in service ")["override"] == "receiver in service"
     keep(rig, NO_GO, "seen_late", tmp_path, now())
-    told = examined(drive, "x")
-    assert (told["verdict"], told["override"]) == ("NO-GO", "x")
+    reported = examined(drive, "x")
+    assert (reported["verdict"], reported["override"]) == ("NO-GO", "x")
     keep(rig, GO, "seen_late", tmp_path, now())
     assert "override" not in examined(drive, "x"), "nothing was overridden"
 
@@ -160,7 +160,7 @@ def test_the_screen_shows_it_for_the_whole_drive_and_the_record_keeps_it(tmp_pat
     pictures = [picture for picture in shown.decode(errors="replace").split("\x1b[J") if "km/h" in picture]
     assert len(pictures) > 20
     assert all("! DOCTOR OVERRIDDEN: receiver in service" in picture for picture in pictures)
-    told = json.loads((tmp_path / "record" / "provenance.json").read_text(encoding="utf-8"))
-    assert told["doctor"]["override"] == "receiver in service"
+    reported = json.loads((tmp_path / "record" / "provenance.json").read_text(encoding="utf-8"))
+    assert reported["doctor"]["override"] == "receiver in service"
     assert vve_sumo("report", "record", cwd=tmp_path).returncode == 0
     assert "overridden: receiver in service" in (tmp_path / "record" / "report.html").read_text(encoding="utf-8")

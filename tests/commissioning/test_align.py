@@ -38,7 +38,7 @@ def on_the_lot(latitude: float, longitude: float) -> complex:
 
 
 def on_the_street(network: str = "linden") -> list[complex]:
-    """The path's points on the street's map, from the files alone."""
+    """The path's points on the virtual road's map, from the files alone."""
     head = (REPOSITORY / "networks" / f"{network}.net.xml").read_text(encoding="utf-8")[:20_000]
     offset = [float(number) for number in re.search(r'netOffset="([^"]*)"', head)[1].split(",")]
     street = pyproj.Proj(re.search(r'projParameter="([^"]*)"', head)[1])

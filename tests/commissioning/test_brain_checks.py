@@ -1,4 +1,4 @@
-"""What the doctor says of a foreign brain's rig, with ports that are free and ports that are not."""
+"""What the doctor says of an external controller's rig, with ports that are free and ports that are not."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from vve_sumo.rig.schema import Rig
 
 
 def rig(brain: dict[str, Any] | None = None, *outputs: dict[str, Any]) -> Rig:
-    """The shipped rig of a foreign brain on free ports, with more in its tables."""
+    """The shipped rig of an external controller on free ports, with more in its tables."""
     table = tomllib.loads((REPOSITORY / "rigs" / "foreign.toml").read_text(encoding="utf-8"))
     (table["brain"]["port"],) = free_ports(1)
     table["brain"] |= brain or {}

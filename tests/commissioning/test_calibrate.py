@@ -189,9 +189,9 @@ def rig(tmp_path: Path) -> Path:
 def test_the_command_draws_tells_and_writes_into_the_rig(copy: Path, rig: Path, capsys: Any) -> None:
     before = rig.read_text()
     assert conclude(copy, rig, DATE) == 0
-    told = capsys.readouterr().out
-    assert "brake torque for 1 m/s²" in told
-    assert "poor" not in told
+    reported = capsys.readouterr().out
+    assert "brake torque for 1 m/s²" in reported
+    assert "poor" not in reported
     assert (copy / calibrate.PICTURE).read_bytes().startswith(b"\x89PNG")
     text = rig.read_text()
     said, day = tomllib.loads(text), datetime.date(2026, 2, 3)
@@ -298,9 +298,9 @@ def test_the_rig_of_a_live_record_is_what_was_declared(copy: Path, rig: Path) ->
     rig.write_text(rig.read_text().replace("[limits]", "[vehicle]\nmass_kg = 1859.0\n[limits]"))
     ours = rigs.load(rig)
     model = model_of(ours).to_dict()
-    told = {"rig": ours.model_dump(mode="json", exclude_unset=True), "rig_name": "ours", "vehicle_model": model}
+    reported = {"rig": ours.model_dump(mode="json", exclude_unset=True), "rig_name": "ours", "vehicle_model": model}
     file = copy / "scenario.json"
-    file.write_text(json.dumps(json.loads(file.read_text()) | told | {"vehicle": model.pop("vehicle")}))
+    file.write_text(json.dumps(json.loads(file.read_text()) | reported | {"vehicle": model.pop("vehicle")}))
     found = calibrate.calibrate(copy)
     assert found.declared.vehicle.mass == 1859.0
     # The car's true mass, 1.1 times the Fusion's: now the forces are the true ones.

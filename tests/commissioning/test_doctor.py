@@ -33,7 +33,7 @@ from vve_sumo.vehicle.interface import Gear
 DAY = datetime.date(2026, 5, 1)
 
 
-def told(run: subprocess.CompletedProcess[str], name: str) -> tuple[str, str]:
+def reported(run: subprocess.CompletedProcess[str], name: str) -> tuple[str, str]:
     """Finding and text of a check, advice included."""
     lines = run.stdout.splitlines()
     at = next(number for number, line in enumerate(lines) if line[7:].startswith(f"{name} "))
@@ -46,14 +46,14 @@ def test_the_twin_is_go(tmp_path: Path) -> None:
     run = vve_sumo("doctor", "seen_late", "--rig", str(own_rig(tmp_path)), cwd=tmp_path)
     assert run.returncode == 0, run.stdout + run.stderr
     assert run.stdout.splitlines()[-1] == "GO"
-    assert "fits" in told(run, "path in the lot")[1]
-    rates = told(run, "reports")[1]
+    assert "fits" in reported(run, "path in the lot")[1]
+    rates = reported(run, "reports")[1]
     for name, rate in (("brake", 50), ("steering", 50), ("gear", 20), ("wheels", 100), ("yaw rate", 100)):
         heard = float(rates.split(f"{name} ")[1].split(",")[0].split(")")[0])
         assert heard == pytest.approx(rate, rel=0.1)
-    assert float(told(run, "fixes")[1].split()[0]) == pytest.approx(100.0, rel=0.05)
-    assert told(run, "gear") == ("go", "park")
-    assert "none" in told(run, "commands")[1]
+    assert float(reported(run, "fixes")[1].split()[0]) == pytest.approx(100.0, rel=0.05)
+    assert reported(run, "gear") == ("go", "park")
+    assert "none" in reported(run, "commands")[1]
     assert sorted(tmp_path.iterdir()) == [tmp_path / "mine.toml", tmp_path / "runs"]
     assert [str(file.relative_to(tmp_path)) for file in tmp_path.rglob("runs/*/*")] == ["runs/doctor/mine.json"]
 
@@ -63,7 +63,7 @@ def test_a_stored_alignment_says_where_the_car_stands_on_it(tmp_path: Path) -> N
     rig = own_rig(tmp_path)
     assert vve_sumo("align", "seen_late", "--rig", str(rig), "--write", cwd=tmp_path).returncode == 0
     run = vve_sumo("doctor", "seen_late", "--rig", str(rig), cwd=tmp_path)
-    finding, text = told(run, "start")
+    finding, text = reported(run, "start")
     assert finding == "go"
     left, along, turned = numbers(text)[:3]
     assert math.hypot(left, along) < 0.15
@@ -72,7 +72,7 @@ def test_a_stored_alignment_says_where_the_car_stands_on_it(tmp_path: Path) -> N
     moved = rig.read_text(encoding="utf-8").replace("latitude_deg = 40.0041", "latitude_deg = 40.0042")
     rig.write_text(moved.replace("\nheading_deg = 85.0", "\nheading_deg = 265.0"), encoding="utf-8")
     run = vve_sumo("doctor", "seen_late", "--rig", str(rig), cwd=tmp_path)
-    finding, text = told(run, "start")
+    finding, text = reported(run, "start")
     assert finding == "NO-GO"
     assert math.hypot(*numbers(text)[:2]) == pytest.approx(11.1, abs=0.2)
     assert numbers(text)[2] == pytest.approx(180.0, abs=1.0)
@@ -91,7 +91,7 @@ def test_a_lot_too_small_is_no_go(tmp_path: Path) -> None:
     run = vve_sumo("doctor", "seen_late", "--rig", str(own_rig(tmp_path, outline(*corners))), cwd=tmp_path)
     assert run.returncode == 3
     assert run.stdout.splitlines()[-1] == "NO-GO: path in the lot"
-    finding, text = told(run, "path in the lot")
+    finding, text = reported(run, "path in the lot")
     assert finding == "NO-GO"
     assert "could not stop inside" in text
     assert "vve-sumo align --fit" in text
@@ -107,7 +107,7 @@ def test_a_port_that_another_program_has_is_no_go_and_no_car_is_started(tmp_path
         with pytest.raises(BlockingIOError):
             other.recv(100)
     assert run.returncode == 3
-    finding, text = told(run, "receiver")
+    finding, text = reported(run, "receiver")
     assert finding == "NO-GO"
     assert "in use by another program" in text
     assert "Traceback" not in run.stderr
@@ -131,11 +131,11 @@ def test_a_bus_and_a_receiver_that_are_not_there_are_no_go(tmp_path: Path) -> No
     rig = real_rig(tmp_path, "/dev/nobody", *LASTING)
     run = isolated.command("doctor", "seen_late", "--rig", str(rig), cwd=tmp_path)
     assert run.returncode == 3
-    finding, text = told(run, "bus")
+    finding, text = reported(run, "bus")
     assert finding == "NO-GO"
     assert "/dev/nobody" in text
     assert len([line for line in run.stdout.splitlines() if "/dev/nobody" in line]) == 1
-    finding, text = told(run, "fixes")
+    finding, text = reported(run, "fixes")
     assert finding == "NO-GO"
     assert "pose.port" in text
     assert run.stdout.splitlines()[-1] == "NO-GO: watchdog record, bus, fixes, path in the lot"
@@ -161,9 +161,9 @@ def listened(rig: Path, car: LiveCar, adapter: Adapter, extra: tuple[Frame, ...]
 def test_on_a_real_cars_bus_it_listens_and_says_nothing(tmp_path: Path) -> None:
     with Adapter() as adapter:
         run = listened(real_rig(tmp_path, adapter.name, *LASTING), LiveCar(), adapter)
-    assert told(run, "reports")[0] == "go"
-    assert told(run, "enabled") == ("go", "nothing is enabled")
-    assert told(run, "calibration")[0] == "note"
+    assert reported(run, "reports")[0] == "go"
+    assert reported(run, "enabled") == ("go", "nothing is enabled")
+    assert reported(run, "calibration")[0] == "note"
     assert run.stdout.splitlines()[-1] == "NO-GO: watchdog record, fixes, path in the lot"
 
 
@@ -174,10 +174,10 @@ def test_another_writer_on_our_identifiers_is_no_go(tmp_path: Path) -> None:
         run = listened(
             real_rig(tmp_path, adapter.name, *LASTING), LiveCar(), adapter, (command, Frame(0x061, b"short"))
         )
-    finding, text = told(run, "commands")
+    finding, text = reported(run, "commands")
     assert finding == "NO-GO"
     assert "0x066" in text
-    assert told(run, "understood")[0] == "NO-GO"
+    assert reported(run, "understood")[0] == "NO-GO"
 
 
 FIX = replace(GOOD, time=1.4e9, latitude=math.radians(40.0041), longitude=math.radians(-83.0186), heading=0.1)
@@ -319,18 +319,18 @@ def test_what_is_named_wrongly_is_no_go_and_the_rest_is_told(tmp_path: Path) -> 
     run = isolated.command("doctor", "no_such", "--rig", "nobody", cwd=tmp_path)
     assert run.returncode == 3
     assert run.stderr == ""
-    assert "parked_car" in told(run, "scenario")[1]
-    assert "simulated" in told(run, "rig")[1]
+    assert "parked_car" in reported(run, "scenario")[1]
+    assert "simulated" in reported(run, "rig")[1]
     assert run.stdout.splitlines()[-1] == "NO-GO: scenario, rig"
-    assert told(run, "python")[0] == "go"
+    assert reported(run, "python")[0] == "go"
 
 
 def test_the_scenario_alone_is_examined_without_a_rig(tmp_path: Path) -> None:
     run = isolated.command("doctor", "seen_late", cwd=tmp_path)
     assert (run.returncode, run.stdout.splitlines()[-1]) == (0, "GO")
-    assert "200 steps" in told(run, "street")[1]
-    assert "there and back" in told(run, "network")[1]
-    assert told(run, "braking") == (
+    assert "200 steps" in reported(run, "street")[1]
+    assert "there and back" in reported(run, "network")[1]
+    assert reported(run, "braking") == (
         "go",
         "car 5.9, brakes 5.9, wire 6.2, gateway 9, tyres 8.82 m/s2; least: vehicle.deceleration_limit_mps2 is 5.9; "
         "laden with 2095 kg 4.76 m/s2",
@@ -341,7 +341,7 @@ def test_the_scenario_alone_is_examined_without_a_rig(tmp_path: Path) -> None:
 def test_a_speed_that_the_lot_does_not_allow_is_no_go(tmp_path: Path) -> None:
     rig = real_rig(tmp_path, "/dev/nobody", ("speed_mps = 12.0", "speed_mps = 5.0"))
     run = isolated.command("doctor", "seen_late", "--rig", str(rig), cwd=tmp_path)
-    assert told(run, "speed")[0] == "NO-GO"
+    assert reported(run, "speed")[0] == "NO-GO"
 
 
 def test_the_versions_asked_for_are_those_of_the_package() -> None:

@@ -25,9 +25,9 @@ def test_what_was_kept_is_found_with_its_checks(tmp_path: Path) -> None:
     rig = own_rig(tmp_path)
     assert last(rig, tmp_path, NOW) == NONE
     keep(rig, CHECKS, "seen_late", tmp_path, NOW)
-    told = last(rig, tmp_path, NOW + HOUR)
-    assert (told["verdict"], told["caveats"], told["scenario"]) == ("NO-GO", [], "seen_late")
-    assert told["checks"][1] == {"name": "fixes", "finding": "NO-GO", "found": "none"}
+    reported = last(rig, tmp_path, NOW + HOUR)
+    assert (reported["verdict"], reported["caveats"], reported["scenario"]) == ("NO-GO", [], "seen_late")
+    assert reported["checks"][1] == {"name": "fixes", "finding": "NO-GO", "found": "none"}
     keep(rig, CHECKS[:1], "seen_late", tmp_path, NOW)
     assert last(rig, tmp_path, NOW)["verdict"] == "GO"
     assert [file.name for file in file_of(rig, tmp_path).parent.iterdir()] == ["mine.json"]
@@ -69,9 +69,9 @@ def test_the_doctor_keeps_its_verdict_on_a_rig_and_on_nothing_else(tmp_path: Pat
         other.bind(("127.0.0.1", port))
         run = isolated.command("doctor", "seen_late", "--rig", "mine.toml", cwd=tmp_path)
     assert run.returncode == 3
-    told = json.loads((tmp_path / "runs" / "doctor" / "mine.json").read_text(encoding="utf-8"))
-    assert told["verdict"] == "NO-GO"
-    against = [check["name"] for check in told["checks"] if check["finding"] == "NO-GO"]
+    reported = json.loads((tmp_path / "runs" / "doctor" / "mine.json").read_text(encoding="utf-8"))
+    assert reported["verdict"] == "NO-GO"
+    against = [check["name"] for check in reported["checks"] if check["finding"] == "NO-GO"]
     assert run.stdout.splitlines()[-1] == f"NO-GO: {', '.join(against)}"
     assert "receiver" in against
     before = sorted(tmp_path.rglob("*"))

@@ -55,21 +55,21 @@ def stop(start: float, delay: float, ramp: float, deceleration: float, noise: fl
 def test_deceleration_and_delay_are_those_of_the_stop(
     start: float, delay: float, ramp: float, deceleration: float
 ) -> None:
-    told = stop(start, delay, ramp, deceleration)
-    assert told.speed == pytest.approx(start)
-    assert told.deceleration == pytest.approx(deceleration, rel=0.02 if ramp * deceleration < 0.4 * start else 0.2)
-    assert told.delay == pytest.approx(delay + 0.5 * ramp, abs=0.03 if ramp * deceleration < 0.4 * start else 0.2)
+    reported = stop(start, delay, ramp, deceleration)
+    assert reported.speed == pytest.approx(start)
+    assert reported.deceleration == pytest.approx(deceleration, rel=0.02 if ramp * deceleration < 0.4 * start else 0.2)
+    assert reported.delay == pytest.approx(delay + 0.5 * ramp, abs=0.03 if ramp * deceleration < 0.4 * start else 0.2)
     # The fence's own reckoning covers the way that was driven.
     driven = float(
         np.trapezoid(speeds(t := np.arange(STOPPED, STOPPED + 20.0, 0.001), start, delay, ramp, deceleration), t)
     )
-    assert start * told.delay + start**2 / (2.0 * told.deceleration) == pytest.approx(driven, rel=0.02)
+    assert start * reported.delay + start**2 / (2.0 * reported.deceleration) == pytest.approx(driven, rel=0.02)
 
 
 def test_a_receiver_s_noise_hides_nothing() -> None:
-    told = stop(5.0, 0.2, 0.2, 2.6, noise=0.03)
-    assert told.deceleration == pytest.approx(2.6, abs=0.1)
-    assert told.delay == pytest.approx(0.3, abs=0.05)
+    reported = stop(5.0, 0.2, 0.2, 2.6, noise=0.03)
+    assert reported.deceleration == pytest.approx(2.6, abs=0.1)
+    assert reported.delay == pytest.approx(0.3, abs=0.05)
 
 
 def test_what_holds_no_such_stop_says_why() -> None:
@@ -127,13 +127,13 @@ def test_the_doctor_reads_the_figures_of_a_live_test(tmp_path: Path) -> None:
     row = next(row for row in MATRIX if row.name == "gateway_paused")
     frozen = dataclasses.replace(row, signal=Signal("gateway", signal.SIGSTOP, continued=5.0))
     evidence = Stage(frozen, tmp_path / "run").run()
-    told, truth = read(evidence.folder), evidence.truth
+    reported, truth = read(evidence.folder), evidence.truth
     after = truth["time_s"] >= evidence.moment
     time, speed = truth["time_s"][after], truth["speed_mps"][after]
     upper, lower = (float(time[np.flatnonzero(speed <= share * speed[0])[0]]) for share in (0.8, 0.2))
-    assert told.speed == pytest.approx(speed[0], abs=0.2)
-    assert told.deceleration == pytest.approx(0.6 * speed[0] / (lower - upper), rel=0.05)
-    assert 0.1 <= told.delay <= 0.5
+    assert reported.speed == pytest.approx(speed[0], abs=0.2)
+    assert reported.deceleration == pytest.approx(0.6 * speed[0] / (lower - upper), rel=0.05)
+    assert 0.1 <= reported.delay <= 0.5
 
     # The rig as it was driven, and one that claims more; then what is no record of this test.
     records = ("armed = true", f'armed = true\nrecords = ["{evidence.folder.name}"]')
@@ -143,7 +143,7 @@ def test_the_doctor_reads_the_figures_of_a_live_test(tmp_path: Path) -> None:
 
     def said(rig: Rig = rig, **test: object) -> Check:
         assert rig.watchdog_test is not None
-        stated = {"deceleration_mps2": told.deceleration - 0.01, "delay_s": told.delay} | test
+        stated = {"deceleration_mps2": reported.deceleration - 0.01, "delay_s": reported.delay} | test
         rig = rig.model_copy(update={"watchdog_test": rig.watchdog_test.model_copy(update=stated)})
         (check,) = checks(rig, tmp_path / "run")
         return check
@@ -151,7 +151,7 @@ def test_the_doctor_reads_the_figures_of_a_live_test(tmp_path: Path) -> None:
     assert said().finding is CheckResult.GO
     assert "(1 run)" in said().found
     assert said(deceleration_mps2=9.0).finding is CheckResult.NO_GO
-    assert said(delay_s=0.1 * told.delay).finding is CheckResult.NO_GO
+    assert said(delay_s=0.1 * reported.delay).finding is CheckResult.NO_GO
     assert said(date=day + datetime.timedelta(days=1)).finding is CheckResult.GO, "there it was that day already"
     for refused, words in (
         (said(date=day + datetime.timedelta(days=2)), f"was driven on {day}, watchdog_test.date says"),

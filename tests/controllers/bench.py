@@ -28,7 +28,7 @@ CAR = vehicles.FUSION.vehicle
 
 
 class Body(NamedTuple):
-    """Something on the street: where the middle of its box is at a time [s], and its sizes [m]."""
+    """Something on the virtual road: where the middle of its box is at a time [s], and its sizes [m]."""
 
     place: Callable[[float], tuple[float, float, float, float]]  #: x, y, heading, speed
     length: float = 4.5

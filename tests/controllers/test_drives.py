@@ -221,7 +221,7 @@ def test_the_delay_margin_of_the_design_is_where_the_loop_breaks(make, part):
     path = bends(20.1, lateral=1.0)
 
     def wobble(share: float) -> float:
-        # The street itself spends a tick and a half on its way.
+        # The virtual road itself spends a tick and a half on its way.
         late = replace(FUSION, steering_delay=FUSION.steering_delay + share * row.delay_margin - 0.03)
         done = drive(make(), path, 20.1, [], 60.0, vehicle=late)
         return float(np.abs(done.offset).max())

@@ -184,7 +184,7 @@ def _waited() -> list[tuple[str, ...]]:
     street, seen = VirtualRoad(open_world(resolved), scenario_engine(resolved), waits=True), []
     for tick, (go, speed) in enumerate([(False, 0.0), (False, 0.1), (True, 0.0), (False, 0.0), (False, 0.0)]):
         if go:
-            street.operator_says_go()
+            street.start_actors()
         asked = replace(pose_at_rest(here.x, here.y, here.heading), time=9.0 + 0.02 * tick, speed=speed)
         street.advance(replace(asked, point=Point.FRONT_BUMPER))
         seen.append(street.actors.ids)

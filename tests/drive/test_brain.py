@@ -1,4 +1,4 @@
-"""A foreign brain over a link that is neither socket nor process: what a drive asks of it, in lockstep and live."""
+"""An external controller over a link that is neither socket nor process: what a drive asks of it, lockstep and live."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 from tests.test_controller import OBSERVATION
 from tests.wire.test_outputs import NOBODY, POSE, SCAN
-from vve_sumo.drive.brain import OVERDUE, Decider, ExternalController, Link, NoLink, external_controller
+from vve_sumo.drive.brain import OVERDUE, ExternalController, ExternalControllerKind, Link, NoLink, external_controller
 from vve_sumo.drive.pipeline import SensorFrame
 from vve_sumo.errors import RigError
 from vve_sumo.frames import MapFrame, Mounting
@@ -58,8 +58,8 @@ class Own:
         return ControlCommand(observation.steering, 1.0, note="own")
 
 
-def brain(decides: Decider, link: Link, key: bytes = b"", *, waits: bool = False) -> ExternalController:
-    return external_controller(decides, link, FRAME, Mounting(0.0, 0.0), EPOCH, key, waits=waits)
+def brain(kind: ExternalControllerKind, link: Link, key: bytes = b"", *, waits: bool = False) -> ExternalController:
+    return external_controller(kind, link, FRAME, Mounting(0.0, 0.0), EPOCH, key, waits=waits)
 
 
 def tick(subject: ExternalController, number: int, faults: tuple[str, ...] = (), seen: bool = True) -> ControlCommand:
@@ -67,7 +67,7 @@ def tick(subject: ExternalController, number: int, faults: tuple[str, ...] = (),
     now = number * PERIOD
     frame = SensorFrame(replace(POSE, time=now), no_fix(now, now), NOBODY, {"radar": replace(SCAN, time=now)})
     subject.publisher.publish(now, frame if seen else None, faults)
-    return subject.in_place_of(Own).step(replace(OBSERVATION, time=now, steering=STEERING))
+    return subject.select_controller(Own).step(replace(OBSERVATION, time=now, steering=STEERING))
 
 
 @pytest.mark.parametrize("waits", [False, True])
@@ -83,7 +83,7 @@ def test_a_brain_of_setpoints_drives_in_lockstep_and_live_alike(key: bytes, wait
     assert [sample.sequence for sample in link.sent] == [1, 2, 3, 4, 5]
     assert [sample.time for sample in link.sent] == [EPOCH + PERIOD * number for number in range(5)]
     assert (subject.taken, subject.refused) == (5, {})
-    subject.check_begun()
+    subject.require_answer()
 
 
 def test_answers_signed_with_another_key_are_counted_and_nothing_is_asked_of_the_car() -> None:
@@ -115,7 +115,7 @@ def test_a_brain_that_falls_silent_is_overdue_in_lockstep_and_never_waited_for_a
     tick(subject, 2)
     assert subject.faults == (OVERDUE,)
     assert subject.overdue == "drive time 0.04 s: no answer within 10 s"
-    subject.check_begun()
+    subject.require_answer()
     link.waits.clear()
     tick(subject, 3)
     assert link.waits == [False]
@@ -125,7 +125,7 @@ def test_a_brain_that_never_answers_in_lockstep_is_not_there() -> None:
     subject = brain("setpoints", Memory(deaf_from=0), waits=True)
     tick(subject, 0)
     with pytest.raises(RigError, match=r"does not answer, drive time 0\.00 s: no answer within 10 s: start it"):
-        subject.check_begun()
+        subject.require_answer()
 
 
 def test_live_a_setpoint_outlives_its_brain_by_its_lifetime() -> None:

@@ -59,7 +59,7 @@ def test_the_record_holds_the_paths_and_replays_bit_for_bit(record: Path) -> Non
     inputs.commanded[tick] = type(path)((np.nextafter(path.x[0], 1e9), *path.x[1:]), path.y, path.speed)
     difference = replay(resolved, inputs, frames, REPOSITORY)
     assert difference is not None
-    assert (difference.number, difference.what) == (tick, "commanded path")
+    assert (difference.number, difference.item) == (tick, "commanded path")
 
 
 def test_the_paths_are_in_the_records_hash(record: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

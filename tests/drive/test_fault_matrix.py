@@ -66,9 +66,9 @@ class Watched(ClosedLoop):
         self.refused: list[tuple[str, ...]] = []
 
     def _tick(
-        self, tick: int, now: float, heard: CarOutput, act: OperatorCommand | None
+        self, tick: int, now: float, heard: CarOutput, command: OperatorCommand | None
     ) -> tuple[Ticked, tuple[Frame, ...]]:
-        ticked, frames = super()._tick(tick, now, heard, act)
+        ticked, frames = super()._tick(tick, now, heard, command)
         self.sent.append(frames)
         self.refused.append(self.pipeline._reasons)
         return ticked, frames
@@ -123,9 +123,9 @@ def test_an_injected_fault_has_its_right_outcome(row: Row) -> None:
         assert_at_rest(row, came)
     else:
         assert_driver_has_control(came)
-    told = [code for ticked in came.ticks for code in ticked.status.reasons]
-    assert set(row.reasons) <= set(told)
-    assert set(told) <= set(reasons.ALL)
+    reported = [code for ticked in came.ticks for code in ticked.status.reasons]
+    assert set(row.reasons) <= set(reported)
+    assert set(reported) <= set(reasons.ALL)
     assert not row.fix or not came.refused.isdisjoint(row.fix)
 
 
@@ -149,7 +149,7 @@ def assert_at_rest(row: Row, came: Driven) -> None:
 
 def assert_driver_has_control(came: Driven) -> None:
     """Every enable bit is off from the first tick that says so on, and the counters go on."""
-    told = next(
+    reported = next(
         number
         for number, ticked in enumerate(came.ticks)
         if number > came.fault and "driver_override" in ticked.status.reasons
@@ -157,6 +157,6 @@ def assert_driver_has_control(came: Driven) -> None:
     for kind in (codec.BrakeCommand, codec.ThrottleCommand, codec.SteeringCommand):
         said = [next(one for one in map(codec.decode, frames) if isinstance(one, kind)) for frames in came.sent]
         assert said[came.fault - 1].enable
-        assert not any(message.enable for message in said[told:])
+        assert not any(message.enable for message in said[reported:])
         assert all((b.counter - a.counter) % 256 == 1 for a, b in pairwise(said[came.fault :]))
-    assert len(came.sent) - told > 20
+    assert len(came.sent) - reported > 20

@@ -64,11 +64,11 @@ def test_a_pedestrian_is_met_where_the_strip_and_the_time_agree(arrival: float, 
 
 def test_the_ego_slows_down_for_bends_and_for_nobody() -> None:
     seen = isolated(_foreseen, "rush_hour", {})
-    fastest = max(moment.speed for moment in seen.moments)
+    fastest = max(moment.speed for moment in seen.samples)
     assert fastest == pytest.approx(SPEED)
     assert seen.contact is None
-    speeds = np.array([moment.speed for moment in seen.moments])
-    ways = np.array([moment.s for moment in seen.moments])
+    speeds = np.array([moment.speed for moment in seen.samples])
+    ways = np.array([moment.s for moment in seen.samples])
     # 2 m/s2 on the tightest curve of 9.2 m.
     assert speeds[(ways > 150.0) & (ways < 180.0)].min() == pytest.approx(math.sqrt(2.0 * 9.2), rel=0.05)
 

@@ -94,11 +94,11 @@ def test_every_library_that_is_declared_has_its_version() -> None:
 
 
 def test_what_has_changed_since_is_a_line_each() -> None:
-    told = json.loads(json.dumps(software()))
-    assert changed_since(told) == []
-    told["libraries"]["pyarrow"], told["proj"], told["code"]["sha256"] = "1.0", "5.0", "0"
+    reported = json.loads(json.dumps(software()))
+    assert changed_since(reported) == []
+    reported["libraries"]["pyarrow"], reported["proj"], reported["code"]["sha256"] = "1.0", "5.0", "0"
     now = software()
-    assert changed_since(told) == [
+    assert changed_since(reported) == [
         "the code of vve-sumo has changed since",
         f"proj was 5.0, is {now['proj']}",
         f"pyarrow was 1.0, is {now['libraries']['pyarrow']}",
@@ -110,12 +110,12 @@ def test_what_has_changed_since_is_a_line_each() -> None:
 def test_the_record_tells_it_and_its_hash_does_not_hang_on_it(tmp_path: Path) -> None:
     folder = tmp_path / "r"
     summary = isolated(drive_once, {"duration_s": 1.0}, str(folder))
-    told = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
-    assert told["code"] == software()["code"]
-    assert told["libraries"] == libraries()
+    reported = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
+    assert reported["code"] == software()["code"]
+    assert reported["libraries"] == libraries()
     scenario = (REPOSITORY / "scenarios" / "parked_car.toml").read_bytes()
-    assert told["scenario_file_sha256"] == hashlib.sha256(scenario).hexdigest()
-    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00", told["began_utc"])
-    assert told["host"]["machine"]
+    assert reported["scenario_file_sha256"] == hashlib.sha256(scenario).hexdigest()
+    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00", reported["began_utc"])
+    assert reported["host"]["machine"]
     (folder / "provenance.json").write_text("{}", encoding="utf-8")
     assert hash_parts(folder) == summary["record_parts_sha256"]

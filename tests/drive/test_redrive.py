@@ -14,7 +14,7 @@ import pytest
 from tests.drive.street import REPOSITORY, recorded
 from vve_sumo import cli
 from vve_sumo.drive.lockstep import assemble
-from vve_sumo.drive.redrive import BRAKES, comparison_of, side_by_side
+from vve_sumo.drive.redrive import BRAKING_THRESHOLD, comparison_of, side_by_side
 from vve_sumo.drive.replay import read_pipeline_inputs, recorded_scenario, replayed_ticks
 from vve_sumo.record.reader import read_table
 
@@ -62,7 +62,7 @@ def other(tmp_path: Path) -> str:
 def redriven(record: Path, controller: str) -> pa.Table:
     """Return both answers of every tick."""
     resolved = recorded_scenario(record, REPOSITORY)
-    resolved = resolved.driven_by(controller)
+    resolved = resolved.with_controller(controller)
     return side_by_side(replayed_ticks(assemble(resolved, REPOSITORY).pipeline, read_pipeline_inputs(record)))
 
 
@@ -70,10 +70,10 @@ def test_the_same_controller_answers_the_same(record: Path) -> None:
     """With the tuning that it had."""
     table = redriven(record, "follow_and_stop")
     result = comparison_of(table)
-    assert result.differs_at is None
+    assert result.first_difference is None
     assert set(result.greatest.values()) == set(result.rms.values()) == {0.0}
     assert result.recorded == result.other
-    assert result.recorded.failed_at is None
+    assert result.recorded.first_failure is None
     assert result.ticks == np.isfinite(read_table(record, "ticks")["steering_setpoint_rad"].to_numpy()).sum()
 
 
@@ -89,12 +89,15 @@ def test_another_answers_as_its_code_says(record: Path, other: str) -> None:
     assert result.greatest["acceleration_mps2"] == np.abs(acceleration - asked)[there].max()
     assert result.rms["steering_rad"] == pytest.approx(np.sqrt(np.mean((0.01 - steering[there]) ** 2)))
     assert result.rms["acceleration_mps2"] == pytest.approx(np.sqrt(np.mean((acceleration - asked)[there] ** 2)))
-    assert result.differs_at == tick[there][0]
-    assert (result.other.brakes_at, result.other.emergency_at) == (time[tick == 150][0], time[tick == 180][0])
-    assert (result.other.notes, result.other.failed_at) == (("free", "near"), 200)
-    assert result.recorded.brakes_at == time[asked < -BRAKES][0]
+    assert result.first_difference == tick[there][0]
+    assert (result.other.first_braking_time, result.other.first_emergency_time) == (
+        time[tick == 150][0],
+        time[tick == 180][0],
+    )
+    assert (result.other.notes, result.other.first_failure) == (("free", "near"), 200)
+    assert result.recorded.first_braking_time == time[asked < -BRAKING_THRESHOLD][0]
     emergency = ticks["emergency"].to_numpy(zero_copy_only=False)
-    assert result.recorded.emergency_at == time[emergency][0]
+    assert result.recorded.first_emergency_time == time[emergency][0]
     assert set(result.recorded.notes) == set(ticks["note"].to_pylist()) - {""}
 
 
@@ -104,8 +107,8 @@ NAMES = (("steering", "rad"), ("acceleration", "mps2"))
 def test_what_never_comes_is_never(record: Path) -> None:
     result = comparison_of(redriven(record, "follow_and_stop").slice(0, 2))
     assert result.ticks == 0
-    assert math.isnan(result.other.brakes_at)
-    assert math.isnan(result.other.emergency_at)
+    assert math.isnan(result.other.first_braking_time)
+    assert math.isnan(result.other.first_emergency_time)
     assert result.greatest == result.rms == {"steering_rad": 0.0, "acceleration_mps2": 0.0}
 
 

@@ -67,7 +67,7 @@ def test_a_flipped_bit_of_a_pose_packet_is_found_at_its_tick(records: dict[str, 
     difference = replayed(folder)
     assert difference is not None
     assert difference.number in (1000, 1001)
-    assert difference.what == "x_m"
+    assert difference.item == "x_m"
 
 
 def change_line(folder: Path, identifier: str, after: float, mask: str) -> None:
@@ -87,7 +87,7 @@ def test_a_changed_command_is_found_at_its_tick(records: dict[str, Path], tmp_pa
     change_line(folder, "060", 12.0, "01" + 7 * "00")
     difference = replayed(folder)
     assert difference is not None
-    assert (difference.number, difference.what) == (601, "frames")
+    assert (difference.number, difference.item) == (601, "frames")
     assert difference.recorded != difference.replayed
 
 
@@ -157,5 +157,5 @@ def test_a_changed_file_is_told(records: dict[str, Path], tmp_path: Path, role: 
     resolved["files_sha256"][role] = "0" * 64
     (folder / "scenario.json").write_text(json.dumps(resolved), encoding="utf-8")
     resolved = recorded_scenario(folder, REPOSITORY)
-    told = changed_since(folder, resolved) + changed_code(folder, REPOSITORY)
-    assert told == [f"{role} has changed since"]
+    reported = changed_since(folder, resolved) + changed_code(folder, REPOSITORY)
+    assert reported == [f"{role} has changed since"]

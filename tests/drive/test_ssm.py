@@ -62,7 +62,7 @@ class Driven(NamedTuple):
 
     ego: list[dict[str, float]]
     actors: list[dict[str, object]]
-    told: dict[float, dict[str, float]]  #: by time [s], by name; NaN where it has none
+    reported: dict[float, dict[str, float]]  #: by time [s], by name; NaN where it has none
 
 
 def closing_in(folder: str) -> Driven:
@@ -94,14 +94,14 @@ def closing_in(folder: str) -> Driven:
 
 
 def read(file: Path) -> dict[float, dict[str, float]]:
-    told: dict[float, dict[str, float]] = {}
+    reported: dict[float, dict[str, float]] = {}
     for part in ElementTree.parse(file).getroot():
         assert part.attrib.get("foe", "leader") == "leader"
         series = {child.tag: child.attrib["values"].split() for child in part if "values" in child.attrib}
         for name in ("TTC", "DRAC", "MDRAC", "SGAP", "TGAP"):
             for time, value in zip(series["timeSpan"], series.get(f"{name}Span", ()), strict=False):
-                told.setdefault(round(float(time), 2), {})[name] = math.nan if value == "NA" else float(value)
-    return told
+                reported.setdefault(round(float(time), 2), {})[name] = math.nan if value == "NA" else float(value)
+    return reported
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +117,7 @@ def seen_by(driven: Driven) -> LeadVehicle:
 
 def device(driven: Driven, name: str) -> Floats:
     """What the device wrote of a measure, tick by tick; NaN where it wrote nothing."""
-    return np.array([driven.told.get(round(row["time_s"], 2), {}).get(name, math.nan) for row in driven.ego])
+    return np.array([driven.reported.get(round(row["time_s"], 2), {}).get(name, math.nan) for row in driven.ego])
 
 
 def test_sumos_safety_device_on_the_ego_sees_what_the_figures_say(driven: Driven) -> None:

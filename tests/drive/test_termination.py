@@ -7,10 +7,10 @@ from collections.abc import Callable
 
 import pytest
 
-from vve_sumo.drive.rest import Ahead
+from vve_sumo.drive.standstill_cause import StandstillCause
 from vve_sumo.drive.termination import DRIVE_OFF_TIME, MAX_REST, START_TIMEOUT, Outcome, TerminationMonitor
 from vve_sumo.values import ArmingState
-from vve_sumo.vehicle.arming import DRIVER_SIGNS
+from vve_sumo.vehicle.arming import DRIVER_REASONS
 
 ENGAGED, STOPPED = ArmingState.ENGAGED, ArmingState.STOPPED
 
@@ -33,7 +33,7 @@ class Watch(TerminationMonitor):
         reasons: tuple[str, ...] = (),
         contact: bool = False,
     ) -> Outcome | None:
-        return self.step(time, speed, station, state, reasons, contact, lambda: Ahead.NOTHING)
+        return self.step(time, speed, station, state, reasons, contact, lambda: StandstillCause.CLEAR)
 
 
 def ending() -> Watch:
@@ -68,7 +68,7 @@ def test_the_name_of_the_ending() -> None:
     assert at_rest(50.0, STOPPED, contact=True) is Outcome.CONTACT
 
 
-@pytest.mark.parametrize("sign", sorted(DRIVER_SIGNS))
+@pytest.mark.parametrize("sign", sorted(DRIVER_REASONS))
 def test_a_car_at_rest_after_its_driver_stepped_in_ended_by_the_driver(sign: str) -> None:
     assert at_rest(50.0, STOPPED, contact=False, reasons=("pose_stale", sign)) is Outcome.DRIVER
     assert at_rest(50.0, ArmingState.FAULT, contact=False, reasons=(sign,)) is Outcome.DRIVER
@@ -100,7 +100,7 @@ def test_a_car_that_never_starts_is_a_fault_unless_its_controller_stands_by_choi
 
 
 def ends(
-    ahead: Callable[[float], Ahead],
+    ahead: Callable[[float], StandstillCause],
     *,
     rest: float = 2.0,
     station: float = 50.0,
@@ -122,16 +122,23 @@ def ends(
     return math.inf, None
 
 
-@pytest.mark.parametrize(("what", "lasts"), [(Ahead.STAYS, 2.0), (Ahead.NOTHING, 2.0), (Ahead.TRAFFIC, DRIVE_OFF_TIME)])
-def test_a_rest_before_what_stays_lasts_as_long_as_the_scenario_says(what: Ahead, lasts: float) -> None:
+@pytest.mark.parametrize(
+    ("what", "lasts"),
+    [
+        (StandstillCause.PERMANENT, 2.0),
+        (StandstillCause.CLEAR, 2.0),
+        (StandstillCause.CLEAR_WITH_TRAFFIC, DRIVE_OFF_TIME),
+    ],
+)
+def test_a_rest_before_what_stays_lasts_as_long_as_the_scenario_says(what: StandstillCause, lasts: float) -> None:
     assert ends(lambda _rested: what) == (pytest.approx(lasts, abs=1.5 * TICK), Outcome.STOPPED)
 
 
 def test_a_rest_behind_traffic_is_not_the_end_and_the_car_has_time_to_drive_off() -> None:
     """As behind a queue at a signal: 40 s later the traffic is gone, and the controller lets go 3 s after that."""
 
-    def behind(rested: float) -> Ahead:
-        return Ahead.MOVES_ON if rested < 40.0 else Ahead.TRAFFIC
+    def behind(rested: float) -> StandstillCause:
+        return StandstillCause.TEMPORARY if rested < 40.0 else StandstillCause.CLEAR_WITH_TRAFFIC
 
     assert ends(behind, moving=lambda rested: rested >= 43.0) == (math.inf, None)
     assert ends(behind) == (pytest.approx(40.0 + DRIVE_OFF_TIME, abs=1.5 * TICK), Outcome.STOPPED)
@@ -139,13 +146,13 @@ def test_a_rest_behind_traffic_is_not_the_end_and_the_car_has_time_to_drive_off(
 
 def test_what_traffic_leaves_free_is_driven_up_to_before_the_rest_counts() -> None:
     """The car behind which the ego waited changes lanes, and the obstacle behind it is what stays."""
-    found, outcome = ends(lambda rested: Ahead.MOVES_ON if rested < 10.0 else Ahead.STAYS)
+    found, outcome = ends(lambda rested: StandstillCause.TEMPORARY if rested < 10.0 else StandstillCause.PERMANENT)
     assert (found, outcome) == (pytest.approx(10.0 + DRIVE_OFF_TIME, abs=1.5 * TICK), Outcome.STOPPED)
 
 
 @pytest.mark.parametrize("rest", [2.0, 200.0])
 def test_traffic_that_never_moves_again_is_the_end_at_last(rest: float) -> None:
-    found, outcome = ends(lambda _rested: Ahead.MOVES_ON, rest=rest)
+    found, outcome = ends(lambda _rested: StandstillCause.TEMPORARY, rest=rest)
     assert (found, outcome) == (pytest.approx(max(rest, MAX_REST), abs=1.5 * TICK), Outcome.STOPPED)
 
 
@@ -155,4 +162,7 @@ def test_traffic_that_never_moves_again_is_the_end_at_last(rest: float) -> None:
 def test_at_the_end_of_its_path_or_held_by_its_gateway_the_car_waits_for_nobody(
     station: float, state: ArmingState, outcome: Outcome
 ) -> None:
-    assert ends(lambda _rested: Ahead.MOVES_ON, station=station, state=state) == (pytest.approx(2.0, abs=0.03), outcome)
+    assert ends(lambda _rested: StandstillCause.TEMPORARY, station=station, state=state) == (
+        pytest.approx(2.0, abs=0.03),
+        outcome,
+    )

@@ -39,7 +39,7 @@ SETTINGS = {
 }
 
 
-#: the street up to where the ego begins, its left lane, the bend that the ego takes, and ways on foot
+#: the virtual road up to where the ego begins, its left lane, the bend that the ego takes, and ways on foot
 BEND = np.linspace(0.0, 0.8, 17)
 ROADS: list[dict[str, Any]] = [
     {"lane": "street_0", "kind": "lane", "width_m": 3.0, "x_m": [0.0, 0.0, 0.0], "y_m": [-60.0, -20.0, 0.0],
@@ -58,7 +58,7 @@ ROADS: list[dict[str, Any]] = [
 #: before GNSS time began, and 18 leap seconds
 EPOCH = 86_400.0 * (46 * 365 + 12 - 5) + 18.0
 UNIX_EPOCH = datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC).timestamp()
-#: the lot lies on the street turned by this [rad] and moved by so much [m]
+#: the lot lies on the virtual road turned by this [rad] and moved by so much [m]
 TURN, SHIFT = 0.5, (30.0, -12.0)
 #: of the pipeline's estimate, by which it is off the truth: x, y [m], heading [rad]
 ESTIMATE_OFF = (0.02, -0.03, 0.004)

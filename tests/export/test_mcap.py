@@ -167,7 +167,7 @@ def test_transforms_lead_from_the_map_to_the_bumper(read: dict[str, list[Sent]])
 
 
 def test_a_fix_is_where_the_car_was_in_the_lot(read: dict[str, list[Sent]]) -> None:
-    """PROJ takes each fix to the lot's plane; turned and moved it is the estimate on the street."""
+    """PROJ takes each fix to the lot's plane; turned and moved it is the estimate on the virtual road."""
     project, geod = pyproj.Proj(OF_DRIVE["lot_projection"]), pyproj.Geod(ellps="WGS84")
     assert_ticks(read["/ego/fix"])
     for one, x, y, heading in zip(read["/ego/fix"], X, Y, HEADING, strict=True):

@@ -43,7 +43,7 @@ def main(arguments: list[str] | None = None) -> int:
             rate = done / (said - begun)
             print(f"{options.what}: {done} of {options.count} {unit}, {rate:.0f}/s; next seed {seed}", flush=True)
     if options.what == "damaged":
-        print(*damaged.told(damaged.ALL), sep="\n")
+        print(*damaged.reported(damaged.ALL), sep="\n")
     print(f"{options.what}: {done} {unit} of the seeds {options.seed} to {seed - 1}, 0 violations")
     return 0
 

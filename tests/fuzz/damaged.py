@@ -197,7 +197,7 @@ class _Run:
             tally.worst[name] = max(tally.worst[name], value)
 
 
-def told(tally: Tally) -> list[str]:
+def reported(tally: Tally) -> list[str]:
     """The tally in lines."""
     lines = [
         f"{tally.fixes} fixes of {tally.damaged} damaged packets and the true ones between; {tally.given} fixes were "

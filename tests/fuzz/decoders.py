@@ -135,7 +135,7 @@ class _Gate:
                 hold(4, all(math.isfinite(getattr(fix, name)) for name in READ), fix)
 
 
-def _ncom(chance: random.Random, told: list[object]) -> None:
+def _ncom(chance: random.Random, reported: list[object]) -> None:
     decoder, encoder, gate = ncom.Decoder(), ncom.Encoder(), _Gate()
     fed, now = 0, 0.0
     for _ in range(INPUTS):
@@ -144,7 +144,7 @@ def _ncom(chance: random.Random, told: list[object]) -> None:
         if chance.random() < 0.3:
             packet = _resealed(chance, packet)
         data = _spoilt(chance, packet, packet[:-1] if chance.random() < 0.5 else b"\xe7" * 100)
-        told[:] = [now, data]
+        reported[:] = [now, data]
         fed += len(data)
         gate.judge(now, decoder.feed(data, now))
         hold(2, 0 <= fed - ncom.LENGTH * decoder.packets - decoder.discarded < ncom.LENGTH, decoder.counts)
@@ -162,7 +162,7 @@ def _resealed(chance: random.Random, packet: bytes) -> bytes:
     return bytes(changed)
 
 
-def _nmea(chance: random.Random, told: list[object]) -> None:
+def _nmea(chance: random.Random, reported: list[object]) -> None:
     decoder, gate = nmea.Decoder(velocity_sigma=0.05, heading_sigma=0.005), _Gate()
     now = 0.0
     for number in range(INPUTS):
@@ -172,7 +172,7 @@ def _nmea(chance: random.Random, told: list[object]) -> None:
         data = f"${body}*{_xor(body.encode()):02X}\r\n".encode()
         if chance.random() < 0.7:
             data = _spoilt(chance, data, b"$GPGGA,")
-        told[:] = [now, data]
+        reported[:] = [now, data]
         gate.judge(now, decoder.feed(data, now))
         hold(2, len(decoder._buffer) < 256, decoder._buffer)
 
@@ -216,7 +216,7 @@ def _sentence(chance: random.Random, kind: int, now: float) -> str:
     return ",".join(parts)
 
 
-def _oxts_can(chance: random.Random, told: list[object]) -> None:
+def _oxts_can(chance: random.Random, reported: list[object]) -> None:
     decoder, encoder, gate = oxts_can.Decoder(), oxts_can.Encoder(), _Gate()
     fed, now = 0, 0.0
     waiting: list[Frame] = []
@@ -230,7 +230,7 @@ def _oxts_can(chance: random.Random, told: list[object]) -> None:
             frame = Frame(identifier, chance.randbytes(chance.randrange(9)))
         elif chance.random() < 0.02:
             continue
-        told[:] = [now, frame]
+        reported[:] = [now, frame]
         fed += 1
         gate.judge(now, decoder.feed_frames([frame], now))
         hold(2, sum(decoder.counts.values()) + decoder.discarded == fed, decoder.counts)
@@ -239,13 +239,13 @@ def _oxts_can(chance: random.Random, told: list[object]) -> None:
 # The drive-by-wire codec.
 
 
-def _dbw(chance: random.Random, told: list[object]) -> None:
+def _dbw(chance: random.Random, reported: list[object]) -> None:
     variants = tuple(codec.Variant)
     for _ in range(INPUTS):
         identifier = chance.choice(tuple(LENGTHS)) if chance.random() < 0.9 else chance.randrange(0x800)
         length = LENGTHS.get(identifier, 8) if chance.random() < 0.9 else chance.randrange(65)
         frame, variant = Frame(identifier, chance.randbytes(length)), chance.choice(variants)
-        told[:] = [frame, variant]
+        reported[:] = [frame, variant]
         message = codec.decode(frame, variant)
         hold(5, (message is None) == (identifier not in LENGTHS), message)
         if message is None:
@@ -288,7 +288,7 @@ def _feedback(chance: random.Random) -> link.Feedback:
     return link.Feedback(numbers[4], chance.randrange(1 << 40), numbers[5], verdict, *numbers[6:8], _text(chance), 12)
 
 
-def _links(chance: random.Random, told: list[object]) -> None:
+def _links(chance: random.Random, reported: list[object]) -> None:
     kinds: tuple[tuple[Callable[[bytes], Any], Callable[[Any], bytes], Callable[[random.Random], Any]], ...] = (
         (link.decode_setpoint, link.encode_setpoint, _setpoint),
         (link.decode_operator_command, link.encode_operator_command, lambda one: one.choice(tuple(OperatorCommand))),
@@ -298,12 +298,12 @@ def _links(chance: random.Random, told: list[object]) -> None:
         decode, encode, made = chance.choice(kinds)
         message = made(chance)
         data = encode(message)
-        told[:] = [message, data]
+        reported[:] = [message, data]
         hold(6, repr(decode(data)) == repr(message).replace(r"\ud800", "?"), (message, decode(data)))
         spoilt = _spoilt(chance, data, data)
         if chance.random() < 0.7 and len(spoilt) > 4:
             spoilt = spoilt[:-4] + struct.pack("<I", zlib.crc32(spoilt[:-4]))
-        told[:] = [message, spoilt]
+        reported[:] = [message, spoilt]
         taken = decode(spoilt)
         if isinstance(taken, MalformedMessage):
             continue
@@ -319,15 +319,15 @@ def run(seed: int) -> int:
     """Try one decoder; how many inputs that were. Raises Violation, which says where."""
     chance = random.Random(f"decoders {seed}")
     fuzz = DECODERS[seed % len(DECODERS)]
-    told: list[object] = []
+    reported: list[object] = []
     begun = time.process_time()
     try:
-        fuzz(chance, told)
+        fuzz(chance, reported)
         hold(2, time.process_time() - begun < INPUTS * PATIENCE, "time")
     except Violation as violation:
-        raise Violation(f"invariant {violation}\n  seed {seed}, {fuzz.__name__[1:]}, input {told}") from violation
+        raise Violation(f"invariant {violation}\n  seed {seed}, {fuzz.__name__[1:]}, input {reported}") from violation
     except Exception as error:
         raise Violation(
-            f"invariant 1: {type(error).__name__}: {error}\n  seed {seed}, {fuzz.__name__[1:]}, input {told}"
+            f"invariant 1: {type(error).__name__}: {error}\n  seed {seed}, {fuzz.__name__[1:]}, input {reported}"
         ) from error
     return INPUTS

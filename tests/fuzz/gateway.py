@@ -152,7 +152,7 @@ class Drive:
         self.angle_limit = min(VEHICLE.steering_limit, layout.WHEEL_ANGLE_LIMIT[self.variant] / VEHICLE.steering_ratio)
         self.torque_limit = min(3250.0, layout.TORQUE_LIMIT[self.variant])
         self.disorder = {
-            what: chance.choice(DISORDER) for what in ("setpoint", "report", "act", "found", "time", "car")
+            what: chance.choice(DISORDER) for what in ("setpoint", "report", "command", "found", "time", "car")
         }
         if chance.random() < 0.5:  # most kinds of disorder hide what another would show
             keep = chance.choice(list(self.disorder))
@@ -293,7 +293,7 @@ class Drive:
 
     def _act(self) -> OperatorCommand | None:
         chance = self.chance
-        if self._hit("act"):
+        if self._hit("command"):
             return chance.choice(ACTS)
         lot = chance.random()
         if lot > 0.1:
@@ -314,16 +314,16 @@ class Drive:
 
     def _step(self, number: int) -> None:
         self._tick()
-        setpoint, reports, act = self._setpoint(), self._reports(), self._act()
+        setpoint, reports, command = self._setpoint(), self._reports(), self._act()
         found = (self.chance.choice(("bus_down", "drive_gone", "no_such_code")),) if self._hit("found") else ()
-        self.last_inputs = (number, self.now, setpoint, reports, act, found)
+        self.last_inputs = (number, self.now, setpoint, reports, command, found)
         self._note(setpoint, reports)
         try:
-            verdict, frames = self.gateway.step(self.now, setpoint, reports, act, found)
+            verdict, frames = self.gateway.step(self.now, setpoint, reports, command, found)
         except Exception as error:
             raise Violation(f"1: {type(error).__name__}: {error}") from error
-        self._judge_frames(verdict, frames, act)
-        self._judge_state(verdict, setpoint, act, found)
+        self._judge_frames(verdict, frames, command)
+        self._judge_state(verdict, setpoint, command, found)
         self._judge_rates(verdict)
         self.state, self.steering, self.acceleration = verdict.state, verdict.steering, verdict.acceleration
         self.last_now = self.now
@@ -356,7 +356,7 @@ class Drive:
                 self.in_park = data[0] & 7 == PARK
         self.overridden = override
 
-    def _judge_frames(self, verdict: object, frames: tuple[Frame, ...], act: OperatorCommand | None) -> None:
+    def _judge_frames(self, verdict: object, frames: tuple[Frame, ...], command: OperatorCommand | None) -> None:
         brake, throttle, steering, gear = (frame.data for frame in frames)
         ids = [frame.id for frame in frames]
         hold(2, ids == [0x60, 0x62, 0x64, 0x66] and [*map(len, (brake, throttle, steering, gear))] == [8, 8, 8, 1])
@@ -372,11 +372,11 @@ class Drive:
         engaging = state is STATE.ENGAGED and self.state is not STATE.ENGAGED
         hold(6, (flags & 2 == 2) == (gear[0] & 128 == 128) == (engaging and not self.shadow))
         if engaging:
-            hold(9, act is OperatorCommand.ENGAGE and self.state in (STATE.DISARMED, STATE.READY))
+            hold(9, command is OperatorCommand.ENGAGE and self.state in (STATE.DISARMED, STATE.READY))
             self.going = False
         elif state is not STATE.ENGAGED:
             self.going = False
-        elif act is OperatorCommand.GO and "go_too_early" not in verdict.reasons:  # type: ignore[attr-defined]
+        elif command is OperatorCommand.GO and "go_too_early" not in verdict.reasons:  # type: ignore[attr-defined]
             self.going = True
         torque, percent = brake[0] + 256 * brake[1], throttle[0] + 256 * throttle[1]
         hold(7, torque <= self.torque_limit and not (torque and percent) and (self.going or not percent))
@@ -389,12 +389,12 @@ class Drive:
             hold(11, wish == PARK or not self.going)
 
     def _judge_state(
-        self, verdict: object, setpoint: Setpoint | None, act: OperatorCommand | None, found: tuple[str, ...]
+        self, verdict: object, setpoint: Setpoint | None, command: OperatorCommand | None, found: tuple[str, ...]
     ) -> None:
         before, after = self.state, verdict.state  # type: ignore[attr-defined]
         hold(9, after in AFTER[before], f"{before} -> {after}")
         if before is STATE.FAULT and after is STATE.DISARMED:
-            hold(9, act is OperatorCommand.DISARM)
+            hold(9, command is OperatorCommand.DISARM)
         if before is STATE.STOPPED and after is STATE.DISARMED:
             hold(9, self.in_park and self.wheels_stand, "let go")
         if after is STATE.ENGAGED:
@@ -435,10 +435,10 @@ def run(seed: int) -> int:
     try:
         drive.run()
     except Violation as violation:
-        number, now, setpoint, reports, act, found = drive.last_inputs
+        number, now, setpoint, reports, command, found = drive.last_inputs
         raise Violation(
             f"invariant {violation}\n  seed {seed}, step {number}, now {now!r}, {drive.state} before\n"
             f"  setpoint {setpoint}\n"
-            f"  reports {[(hex(frame.id), frame.data.hex()) for frame in reports]}\n  act {act}, found {found}"  # type: ignore[attr-defined]
+            f"  reports {[(hex(frame.id), frame.data.hex()) for frame in reports]}\n  act {command}, found {found}"  # type: ignore[attr-defined]
         ) from violation
     return STEPS

@@ -43,7 +43,7 @@ COMMANDS = [codec.BRAKE_COMMAND, codec.THROTTLE_COMMAND, codec.STEERING_COMMAND,
 
 
 class Heard(NamedTuple):
-    """What the car was told in one step of the gateway."""
+    """What the car was commanded in one step of the gateway."""
 
     time: float  #: drive time of the last of the four frames [s]
     brake: codec.BrakeCommand
@@ -54,7 +54,7 @@ class Heard(NamedTuple):
 
 @dataclasses.dataclass
 class LiveCar(Car):
-    """The car of the tests in real time: what it was told last goes on where nothing new comes."""
+    """The car of the tests in real time: its last command goes on where nothing new comes."""
 
     _throttle_wish: float = 0.0
 
@@ -133,9 +133,9 @@ class Bench:
         """What the gateway last told the console."""
         return self.feedbacks[-1].status.reasons if self.feedbacks else ()
 
-    def act(self, act: OperatorCommand) -> None:
+    def act(self, command: OperatorCommand) -> None:
         """Do what an operator does."""
-        self.console.send(link.encode_operator_command(act))
+        self.console.send(link.encode_operator_command(command))
 
     def kill(self, process: subprocess.Popen[bytes] | None, number: int) -> None:
         """Send a signal to one of the processes."""
@@ -152,8 +152,8 @@ class Bench:
         """Let real time pass until a condition holds."""
         deadline = time.monotonic() + patience
         while not condition():
-            told = f"waited in vain: {self.state}, {self.reasons}, {self.car.speed:.2f} m/s"
-            assert time.monotonic() < deadline, told
+            reported = f"waited in vain: {self.state}, {self.reasons}, {self.car.speed:.2f} m/s"
+            assert time.monotonic() < deadline, reported
             self._once()
 
     def drive(self, speed: float) -> bool:
@@ -170,9 +170,9 @@ class Bench:
 
     @property
     def _stalled(self) -> bool:
-        told = {reason for feedback in self.feedbacks for reason in feedback.status.reasons}
+        reported = {reason for feedback in self.feedbacks for reason in feedback.status.reasons}
         state = self.state in (ArmingState.STOPPING, ArmingState.STOPPED, ArmingState.FAULT)
-        return "timer_gap" in told or state or self.gateway.poll() is not None
+        return "timer_gap" in reported or state or self.gateway.poll() is not None
 
     def rest(self) -> None:
         """Let real time pass until the gateway has let go of the car and ended."""
@@ -182,7 +182,7 @@ class Bench:
         assert abs(self.car.speed) < 0.01
 
     def since(self, moment: float) -> list[Heard]:
-        """What the car was told after a moment of drive time."""
+        """What the car was commanded after a moment of drive time."""
         return [heard for heard in self.heard if heard.time > moment]
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Foreign brains in lockstep: the shipped rig on free ports, and a brain as a process of its own."""
+"""External controllers in lockstep: the shipped rig on free ports, and a brain as a process of its own."""
 
 from __future__ import annotations
 

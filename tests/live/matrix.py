@@ -22,7 +22,7 @@ AT: Final = 3.0
 SPEED: Final = 4.4
 
 # From the fault to the moment at which whoever stops the car knows of it.
-STEP: Final = NOTICED  # the gateway looks at what it was told
+STEP: Final = NOTICED  # the gateway looks at what it received
 EXPIRY: Final = SETPOINT_LIFETIME + STEP  # the last setpoint is acted on to its end
 FIX: Final = 0.150 + PERIOD + STEP  # a fix that counts is too old, a tick says so
 REPORT: Final = MAX_REPORT_AGE + STEP  # a report is too old
@@ -310,7 +310,7 @@ MATRIX: Final = (
         faults=(Fault("steering_report_frozen"),), controller="weaving",
     ),
     Row(
-        "brakes_weak", "the brakes give half of what they are told, and report all of it", Right.REST,
+        "brakes_weak", "the brakes give half of what is commanded, and report all of it", Right.REST,
         ("brake_not_following",), HALF, 1.5, faults=(Fault("brakes_weak", value=0.5, later=-1.0),),
         controller="braking",
     ),
@@ -348,7 +348,7 @@ MATRIX: Final = (
     ),
     replace(
         _driver(
-            "brakes_dead", "the brakes give nothing of what they are told, and the driver brakes",
+            "brakes_dead", "the brakes give nothing of what is commanded, and the driver brakes",
             Fault("brakes_weak", value=0.0, later=-1.0), Fault("brake_override", later=1.5),
             reasons=("brake_not_following", "driver_override"),
         ),

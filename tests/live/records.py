@@ -40,9 +40,9 @@ class Drive:
     @property
     def processes(self) -> dict[str, int]:
         """Who is who."""
-        told = json.loads((self.folder / "processes.json").read_text(encoding="utf-8"))
-        self.t0 = told.pop("t0_monotonic_s")
-        return {name: int(number) for name, number in told.items()}
+        reported = json.loads((self.folder / "processes.json").read_text(encoding="utf-8"))
+        self.t0 = reported.pop("t0_monotonic_s")
+        return {name: int(number) for name, number in reported.items()}
 
     def moves(self, speed: float = 2.0) -> bool:
         """Wait until the record says that the car drives [m/s]; whether it came to that."""

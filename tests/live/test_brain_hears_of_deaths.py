@@ -1,4 +1,4 @@
-"""Each of our processes is killed or frozen while a foreign brain drives: its sensors say so, and the car stops.
+"""Each of our processes is killed or frozen while an external controller drives: its sensors say so, and the car stops.
 
 The brains are the shipped ones, processes that know only the wires: one that answers with setpoints, which our gateway
 stops in place of, and an external one, which commands the car and has to stop it by itself. Another process listens at
@@ -103,7 +103,7 @@ class Death(NamedTuple):
 
 
 def of_external(death: Death) -> Death:
-    """Return the same death beside an external brain: it stops the car, whatever of ours has died."""
+    """Return the same death beside an external controller: it stops the car, whatever of ours has died."""
     return death._replace(external=True, stops=BRAIN, notice=death.unknown + HEARD)
 
 

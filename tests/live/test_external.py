@@ -1,4 +1,4 @@
-"""An external brain drives: the reference brain as a process of its own, on a bus whose log says who sent what.
+"""An external controller drives: the reference brain as a process of its own, on a bus whose log says who sent what.
 
 One short drive is judged from all sides: what was on the bus and from whom, what the record holds, when the sensors
 were valid, and whether the record replays.
@@ -37,7 +37,7 @@ PERIOD = 0.02
 
 @dataclass
 class Evidence:
-    """What is left of a drive with an external brain."""
+    """What is left of a drive with an external controller."""
 
     record: Path
     said: str  #: by the console
@@ -175,4 +175,4 @@ def test_the_summary_says_who_commanded_and_the_record_replays(evidence: Evidenc
     assert inputs.torn == 0
     assert replay_gateway(inputs) is None
     assert replay_drive(inputs, REPOSITORY) is None
-    assert "THE EXTERNAL BRAIN DRIVES" in evidence.said
+    assert "THE EXTERNAL CONTROLLER DRIVES" in evidence.said

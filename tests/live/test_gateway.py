@@ -31,7 +31,7 @@ from vve_sumo.live.gateway import (
     next_step_time,
 )
 from vve_sumo.live.messages import decode
-from vve_sumo.live.priority import NEVER_KILLED
+from vve_sumo.live.priority import OOM_NEVER
 from vve_sumo.record.reader import read_table
 from vve_sumo.timing import MAX_STEP_INTERVAL, MIN_STEP_INTERVAL
 from vve_sumo.values import ArmingState, Frame, Setpoint
@@ -67,7 +67,7 @@ def bench(tmp_path: Path) -> Iterator[Open]:
 
 
 def counters(heard: list[Heard]) -> list[int]:
-    """The counters of what the car was told, unwrapped."""
+    """The counters of what the car was commanded, unwrapped."""
     count, unwrapped = 0, []
     for before, after in pairwise(heard):
         count += (after.brake.counter - before.brake.counter) & 0xFF
@@ -75,11 +75,11 @@ def counters(heard: list[Heard]) -> list[int]:
     return unwrapped
 
 
-def assert_stopping(told: list[Heard]) -> None:
+def assert_stopping(reported: list[Heard]) -> None:
     """Nothing but a stop: no throttle, and the kit enabled until park was asked for."""
-    assert told
-    assert all(heard.throttle.value == 0.0 for heard in told)
-    for before, after in pairwise(told):
+    assert reported
+    assert all(heard.throttle.value == 0.0 for heard in reported)
+    for before, after in pairwise(reported):
         if not after.brake.enable and before.brake.enable:
             assert before.gear.gear is Gear.PARK
         assert before.brake.enable or not after.brake.enable, "never enabled again"
@@ -108,7 +108,7 @@ def test_of_two_setpoints_the_newer_one_counts_and_the_older_ones_faults():
     newer = link.encode_setpoint(setpoint(2))
     inbox.take_from_drive(newer)
     taken = inbox.take()
-    assert (taken.setpoint.sequence, taken.datagram, taken.wrong) == (2, newer, ("pose_lost",))
+    assert (taken.setpoint.sequence, taken.datagram, taken.process_faults) == (2, newer, ("pose_lost",))
     assert inbox.take() == (None, b"", None, ())
 
 
@@ -120,13 +120,13 @@ def test_a_flipped_bit_is_found_and_asks_for_a_stop(where, bit):
     inbox.take_from_drive(bytes(whole))
     taken = inbox.take()
     assert taken.setpoint is None
-    assert taken.wrong == ("setpoint_corrupt",)
+    assert taken.process_faults == ("setpoint_corrupt",)
 
 
 def test_the_drive_has_no_say_in_acts():
     inbox = Inbox()
-    for act in OperatorCommand:
-        inbox.take_from_drive(link.encode_operator_command(act))
+    for command in OperatorCommand:
+        inbox.take_from_drive(link.encode_operator_command(command))
     assert inbox.take() == (None, b"", None, ())
     assert inbox.refused == len(OperatorCommand)
 
@@ -134,12 +134,12 @@ def test_the_drive_has_no_say_in_acts():
 @given(st.lists(st.sampled_from([*OperatorCommand, None]), max_size=6))
 def test_acts_come_in_their_order_and_stop_before_all_others(acts):
     inbox = Inbox()
-    for act in acts:
-        inbox.take_from_console(b"prose" if act is None else link.encode_operator_command(act))
-    operators = any(act in (OperatorCommand.STOP, None) for act in acts)
+    for command in acts:
+        inbox.take_from_console(b"prose" if command is None else link.encode_operator_command(command))
+    operators = any(command in (OperatorCommand.STOP, None) for command in acts)
     stops = operators or OperatorCommand.STOP_BY_PAGE in acts
     assert inbox.fresh is stops
-    taken = [inbox.take().act for _ in range(len(acts) + 1)]
+    taken = [inbox.take().command for _ in range(len(acts) + 1)]
     stop = OperatorCommand.STOP if operators else OperatorCommand.STOP_BY_PAGE
     assert taken == ([stop] if stops else acts) + [None] * (len(acts) + 1 - (1 if stops else len(acts)))
 
@@ -148,11 +148,11 @@ def test_a_stop_asked_for_again_and_again_is_urgent_once():
     inbox = Inbox()
     inbox.take_from_console(link.encode_operator_command(OperatorCommand.STOP))
     assert inbox.fresh
-    assert inbox.take().act is OperatorCommand.STOP
+    assert inbox.take().command is OperatorCommand.STOP
     for _ in range(50):
         inbox.take_from_console(link.encode_operator_command(OperatorCommand.STOP))
         assert not inbox.fresh
-        assert inbox.take().act is OperatorCommand.STOP
+        assert inbox.take().command is OperatorCommand.STOP
 
 
 @given(st.floats(0.0, 1e6), st.floats(0.0, 1e3))
@@ -193,9 +193,9 @@ def test_a_drive_from_ready_to_park(bench: Open) -> None:
     b = bench(3.0)
     b.act(OperatorCommand.END)
     b.rest()
-    told = {code for feedback in b.feedbacks for code in feedback.status.reasons}
-    assert "drive_over" in told
-    assert "stop_asked" not in told, "nobody asked for it"
+    reported = {code for feedback in b.feedbacks for code in feedback.status.reasons}
+    assert "drive_over" in reported
+    assert "stop_asked" not in reported, "nobody asked for it"
     assert b.car.gear is Gear.PARK
     assert b.feedbacks[-1].status.state is ArmingState.DISARMED
     gaps = [after.time - before.time for before, after in pairwise(b.heard)]
@@ -218,9 +218,9 @@ def test_the_record_holds_all_that_went_in_and_came_out(bench: Open) -> None:
         sent = log[at + row["frames_received"] : at + row["frames_received"] + row["frames_sent"]]
         at += row["frames_received"] + row["frames_sent"]
         said = link.decode_setpoint(row["setpoint"]) if row["setpoint"] else None
-        act = OperatorCommand(row["operator_command"]) if row["operator_command"] else None
+        command = OperatorCommand(row["operator_command"]) if row["operator_command"] else None
         output = again.step(
-            row["time_s"], said, heard, act, [code for code in row["process_faults"].split("+") if code]
+            row["time_s"], said, heard, command, [code for code in row["process_faults"].split("+") if code]
         )
         assert list(output.frames) == sent, row["step"]
         assert "+".join(output.status.reasons) == row["reasons"]
@@ -343,10 +343,10 @@ def test_a_recorder_that_hangs_stops_the_car_in_bounded_time_and_delays_no_step(
     b.kill(b.recorder, signal.SIGSTOP)
     frozen = b.now
     b.run_until(lambda: "record_full" in b.reasons, patience=300.0)
-    told = b.since(frozen)
+    reported = b.since(frozen)
     b.kill(b.recorder, signal.SIGCONT)
     b.rest()
-    assert len(told) == pytest.approx((told[-1].time - told[0].time) / PERIOD, rel=0.1)
+    assert len(reported) == pytest.approx((reported[-1].time - reported[0].time) / PERIOD, rel=0.1)
 
 
 @pytest.mark.live
@@ -368,12 +368,12 @@ def test_a_bus_that_is_gone_does_not_take_the_gateway_with_it(bench: Open) -> No
     b = bench(2.0)
     b.adapter.close()
 
-    def told() -> bool:
+    def reported() -> bool:
         for data in b.console.receive():
             b.feedbacks.append(link.decode_feedback(data))
         return b.state is ArmingState.STOPPING and "bus_down" in b.reasons
 
-    until(told)
+    until(reported)
     before = time.clock_gettime(time.CLOCK_MONOTONIC), cpu_time(b.gateway.pid)
     time.sleep(1.0)
     after = time.clock_gettime(time.CLOCK_MONOTONIC), cpu_time(b.gateway.pid)
@@ -408,8 +408,8 @@ def test_the_kernel_is_told_to_take_the_gateway_last(bench: Open) -> None:
     b = bench(sender=False)
     b.run_until(lambda: b.state is not None)
     given, said = Path(f"/proc/{b.gateway.pid}/oom_score_adj").read_text(), (b.folder / "gateway.txt").read_text()
-    assert f"oom_score_adj {NEVER_KILLED}" in said
-    assert (int(given) == NEVER_KILLED) is ("does not allow oom_score_adj" not in said)
+    assert f"oom_score_adj {OOM_NEVER}" in said
+    assert (int(given) == OOM_NEVER) is ("does not allow oom_score_adj" not in said)
     assert int(Path(f"/proc/{b.recorder.pid}/oom_score_adj").read_text()) > int(given)
     b.console.close()
     b.rest()
@@ -419,13 +419,13 @@ def test_the_kernel_is_told_to_take_the_gateway_last(bench: Open) -> None:
 def test_a_bus_that_cannot_be_opened_is_one_line_and_the_rigs_exit_code(bench: Open) -> None:
     b = bench(sender=False, bus={"interface": "slcan", "channel": "/dev/none", "bitrate": 500_000})
     assert b.gateway.wait(30.0) == 3
-    (told,) = map(decode, b.console.receive())
-    assert told.exit_code == 3
-    assert told.text.startswith("CAN bus slcan:/dev/none cannot be opened: ")
+    (reported,) = map(decode, b.console.receive())
+    assert reported.exit_code == 3
+    assert reported.text.startswith("CAN bus slcan:/dev/none cannot be opened: ")
 
 
 def told_after(b: Bench, moment: float) -> list[Heard]:
-    """What the car was told in the steps after a moment of drive time, once the drive is over.
+    """What the car was commanded in the steps after a moment of drive time, once the drive is over.
 
     By the gateway's own times: when the car hears of it is also a matter of how soon this test's process is run.
     """
@@ -443,8 +443,8 @@ def finish(b: Bench) -> None:
 
 def reasons_of(b: Bench, recorded: bool = True) -> set[str]:
     """All reasons of a drive that is over, as told and, where there is one, as recorded."""
-    told = {reason for feedback in b.feedbacks for reason in feedback.status.reasons}
+    reported = {reason for feedback in b.feedbacks for reason in feedback.status.reasons}
     if not recorded:
-        return told
+        return reported
     finish(b)
     return {code for row in read_table(b.folder, "gateway")["reasons"].to_pylist() for code in row.split("+")}

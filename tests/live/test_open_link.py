@@ -1,4 +1,4 @@
-"""The wires that lockstep opens know the street's map: its places lead back to where the street is on Earth."""
+"""The wires that lockstep opens know the virtual road's map: its places lead back to Earth."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.conftest import REPOSITORY
 from tests.live.stage import free_ports
 from tests.wire.test_outputs import sample
 from vve_sumo.drive.run import resolve_by_name
-from vve_sumo.live.foreign_lockstep import open_link
+from vve_sumo.live.external_lockstep import open_link
 from vve_sumo.rig.load import parse
 
 pytest.importorskip("osi3", reason="needs the extra osi")

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from vve_sumo.drive.brain import Publisher, virtual_placement
 from vve_sumo.frames import Mounting, local_frame
 from vve_sumo.live.channel import Channel, pair
-from vve_sumo.live.outputs import LATE, Outputs, OutputWire
+from vve_sumo.live.outputs import SAMPLE_TIMEOUT, Outputs, OutputWire
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Actors, Point, Pose
 from vve_sumo.wire.sample import NO_SCAN, Sample, SampleContent, no_fix, sequence_of
@@ -75,7 +75,7 @@ def test_a_drive_that_is_always_late_is_spoken_for() -> None:
     """Each sample is too late to be sent, and comes before the timer would have run out after the one before it."""
     echo = Echo()
     with running(echo) as (drive, t0, outputs):
-        ticks(drive, t0, range(60), lambda _: LATE + 0.01)
+        ticks(drive, t0, range(60), lambda _: SAMPLE_TIMEOUT + 0.01)
         assert outputs.sent == 0
         assert len(echo.sent) > 20
         assert not any(sample.valid for sample in echo.sent)

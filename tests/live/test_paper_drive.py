@@ -55,7 +55,7 @@ def test_it_stops_as_in_lockstep_and_says_how_late_it_was(tmp_path: Path) -> Non
     breakdown = latency_breakdown(Run(record))
     for leg, figures in latency["legs_ms"].items():
         assert {name: breakdown.loc[leg, f"{name}_ms"] for name in figures} == figures
-    # The first row counts the ticks that went by while the street was still being loaded: nobody drove yet.
+    # The first row counts the ticks that went by while the virtual road was still being loaded: nobody drove yet.
     missed = read_table(record, "latency")["missed"].to_pylist()
     assert sum(missed) == latency["missed"]
     assert sum(missed[1:]) < 0.02 * latency["ticks"]

@@ -102,9 +102,9 @@ def test_the_record_names_them_and_the_doctors_word(tmp_path: Path) -> None:
     (tmp_path / "short.toml").write_text("\n".join(lines), encoding="utf-8")
     people = ("--operator", "Ada Lovelace", "--driver", "Grace Hopper")
     run = vve_sumo("drive", "short.toml", "--rig", str(rig), *people, "--out", "record", cwd=tmp_path)
-    told = json.loads((tmp_path / "record" / "provenance.json").read_text(encoding="utf-8"))
-    assert (told["operator"], told["driver"]) == ("Ada Lovelace", "Grace Hopper"), run.stderr
-    assert (told["doctor"]["verdict"], told["doctor"]["caveats"]) == (word, [])
+    reported = json.loads((tmp_path / "record" / "provenance.json").read_text(encoding="utf-8"))
+    assert (reported["operator"], reported["driver"]) == ("Ada Lovelace", "Grace Hopper"), run.stderr
+    assert (reported["doctor"]["verdict"], reported["doctor"]["caveats"]) == (word, [])
     assert "Ada" not in (tmp_path / "record" / "scenario.json").read_text(encoding="utf-8")
     assert vve_sumo("replay", "record", cwd=tmp_path).returncode == 0
     assert vve_sumo("report", "record", cwd=tmp_path).returncode == 0

@@ -10,7 +10,7 @@ import sys
 
 import pytest
 
-from vve_sumo.live.priority import DRIVE_NICE, GATEWAY_PRIORITY, SHORT_TURN, Rights, rights
+from vve_sumo.live.priority import DRIVE_NICE, GATEWAY_PRIORITY, TIME_SLICE, Rights, rights
 
 #: takes all real-time rights away from a command; only root's processes need the first part
 PLAIN = ["prlimit", "--rtprio=0", "--nice=0", "--memlock=65536"]
@@ -51,11 +51,11 @@ def unprivileged(code: str) -> str:
 def test_without_the_rights_a_process_runs_all_the_same_and_says_so(asked: int) -> None:
     said, kernel = unprivileged(f"print(priority.raise_priority({asked}))\n{REPORT}").splitlines()
     assert said.startswith("no priority: the system does not allow it, but short turns, memory not locked")
-    assert kernel == f"{os.SCHED_OTHER} 0 0 {SHORT_TURN}"
+    assert kernel == f"{os.SCHED_OTHER} 0 0 {TIME_SLICE}"
 
 
 def test_on_a_processor_whose_call_is_not_known_the_turns_stay_as_they_are() -> None:
-    code = "import platform\nplatform.machine = lambda: 'another'\nprint(priority.ask_for_short_turns())"
+    code = "import platform\nplatform.machine = lambda: 'another'\nprint(priority.request_short_time_slice())"
     assert unprivileged(code) == "False"
     code += f"\nprint(priority.raise_priority({GATEWAY_PRIORITY}))"
     assert "no priority: the system does not allow it, memory not locked" in unprivileged(code)
@@ -103,7 +103,7 @@ def test_an_urgent_part_is_real_time_between_its_begin_and_its_end() -> None:
     code = """
 import os
 policies = []
-part = priority.UrgentPart(10)
+part = priority.RealTimeSection(10)
 policies.append(os.sched_getscheduler(0))
 part.begin()
 policies.append(os.sched_getscheduler(0))
@@ -115,7 +115,7 @@ print(policies == [os.SCHED_OTHER, os.SCHED_FIFO, os.SCHED_OTHER])
 
 
 def test_an_urgent_part_without_the_right_is_like_the_rest() -> None:
-    code = "import os\npart = priority.UrgentPart(10)\npart.begin()\nprint(os.sched_getscheduler(0), part.granted)"
+    code = "import os\npart = priority.RealTimeSection(10)\npart.begin()\nprint(os.sched_getscheduler(0), part.granted)"
     assert unprivileged(code) == f"{os.SCHED_OTHER} False"
 
 
@@ -125,7 +125,7 @@ def test_urgent_parts_count_together_until_a_pause(pauses: bool, expected: int) 
     code = f"""
 import time
 priority.MAX_REAL_TIME = 100_000
-part = priority.UrgentPart(1)
+part = priority.RealTimeSection(1)
 until = time.monotonic() + 1.0
 while time.monotonic() < until:
     part.begin()

@@ -298,12 +298,12 @@ def test_a_changed_setpoint_is_found_at_its_step(copy: Path) -> None:
     inputs.steps[step]["setpoint"] = bytes(torn)
     difference = replay_gateway(inputs)
     assert difference is not None
-    assert (difference.number, difference.what) == (step, "setpoint")
+    assert (difference.number, difference.item) == (step, "setpoint")
     # Sound bytes that no pipeline computed: whoever sent them to the gateway was not this drive.
     inputs.steps[step]["setpoint"] = link.encode_setpoint(replace(setpoint, yaw_rate=setpoint.yaw_rate + 1e-12))
     difference = replay_drive(inputs, REPOSITORY)
     assert difference is not None
-    assert difference.what == "setpoint"
+    assert difference.item == "setpoint"
 
 
 def test_setpoints_of_another_encoding_are_told_as_that(copy: Path) -> None:
@@ -366,22 +366,22 @@ def test_a_summary_that_its_tables_contradict_is_altered(copy: Path, key: str, v
 
 def test_a_gateway_that_is_gone_is_named(copy: Path) -> None:
     """Also where whoever took it away left no hash of it, and no summary's key that tells of it."""
-    told = json.loads((copy / "summary.json").read_text(encoding="utf-8"))
+    reported = json.loads((copy / "summary.json").read_text(encoding="utf-8"))
     (copy / "gateway.parquet").unlink()
-    parts = {name: digest for name, digest in told["record_parts_sha256"].items() if name != "gateway"}
-    files = {name: digest for name, digest in told["record_files_sha256"].items() if name != "gateway.parquet"}
-    del told["gateway_steps"]
+    parts = {name: digest for name, digest in reported["record_parts_sha256"].items() if name != "gateway"}
+    files = {name: digest for name, digest in reported["record_files_sha256"].items() if name != "gateway.parquet"}
+    del reported["gateway_steps"]
     write_summary(
-        copy, told | {"record_sha256": whole(parts), "record_parts_sha256": parts, "record_files_sha256": files}
+        copy, reported | {"record_sha256": whole(parts), "record_parts_sha256": parts, "record_files_sha256": files}
     )
     assert "gateway" in (altered_parts(copy) or [])
 
 
 def test_where_a_live_drive_comes_from(copy: Path) -> None:
-    told = json.loads((copy / "provenance.json").read_text(encoding="utf-8"))
-    assert len(told["rig_file_sha256"]) == len(told["scenario_file_sha256"]) == 64
-    assert told["doctor"] == {"verdict": "none", "caveats": []}
-    assert (told["operator"], told["driver"]) == (None, None), "nobody asks where a simulated vehicle drives"
+    reported = json.loads((copy / "provenance.json").read_text(encoding="utf-8"))
+    assert len(reported["rig_file_sha256"]) == len(reported["scenario_file_sha256"]) == 64
+    assert reported["doctor"] == {"verdict": "none", "caveats": []}
+    assert (reported["operator"], reported["driver"]) == (None, None), "nobody asks where a simulated vehicle drives"
     change_json(copy / "provenance.json", "operator", value="somebody")
     assert altered_parts(copy) == ["provenance.json"]
 

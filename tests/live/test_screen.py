@@ -27,12 +27,12 @@ from vve_sumo.live.wording import (
     PARKED,
     ROLLS,
     SILENT,
-    Guard,
+    GatewayProcessState,
     advice,
     answer,
+    bell_count,
     phase,
     picture,
-    rings,
     transition,
 )
 from vve_sumo.live.wording import (
@@ -131,7 +131,9 @@ def stopping(*reasons: str, **changes):
 
 def test_a_gateway_that_says_nothing_or_is_gone_is_an_alarm_whatever_it_said_last():
     for said in (DRIVING, stopping("stop_asked"), DRIVING | {"state": "stopped"}, DRIVING | {"state": "ready"}):
-        silent, gone = (phase(said | {"gateway": guard.value}) for guard in (Guard.SILENT, Guard.GONE))
+        silent, gone = (
+            phase(said | {"gateway": guard.value}) for guard in (GatewayProcessState.SILENT, GatewayProcessState.GONE)
+        )
         assert (silent, gone) == ("gateway silent: brake", "gateway gone: brake")
     assert {SILENT, GONE, BRAKES, ROLLS, BRAIN_SILENT, BRAIN_GONE} == ALARMS
     assert "any key" not in "\n".join(picture(DRIVING | {"gateway": "silent"})).lower()
@@ -162,7 +164,7 @@ def test_at_rest_and_in_a_fault_it_says_what_to_do():
     needed = phase(rest | {"reasons": ["stop_asked", "driver_needed"]})
     assert needed == NEEDED == "brake, shift to P: the gateway lets go when you do"
     assert phase(stopping("stop_asked", "driver_needed")) == NEEDED, "wheels that are locked say nothing of the car"
-    assert rings(stopping("driver_needed")) == 3
+    assert bell_count(stopping("driver_needed")) == 3
     assert phase(DRIVING | {"reasons": ["driver_needed"]}) == NEEDED, "also while it is engaged"
     assert "60 s" in advice(stopping("bus_down"))
     assert "60 s" in advice(rest | {"reasons": ["gear_report_stale"]})
@@ -181,7 +183,7 @@ def test_a_drive_that_is_over_is_parked_and_nobody_is_blamed_for_its_end():
 
 @pytest.mark.parametrize("state", ArmingState)
 def test_shadow_mode_never_promises_that_a_key_stops_the_car(state):
-    status = DRIVING | {"state": state.value, "reasons": ["shadow"], "gateway": "heard"}
+    status = DRIVING | {"state": state.value, "reasons": ["shadow"], "gateway": "responding"}
     text = "\n".join(picture(status)).lower()
     assert "any key stops" not in text
     assert "held" not in text
@@ -220,12 +222,12 @@ def test_a_key_that_comes_too_early_is_answered_with_what_is_waited_for():
 def test_what_a_silent_drive_said_last_is_not_shown_for_what_is():
     shown = picture(DRIVING | {"wheel_speed_mps": 2.0}, silent=0.6)
     assert shown[0].startswith("DRIVING: ANY KEY STOPS  7.2 km/h  - m to go  ahead - m")
-    assert "loads the street" in "\n".join(picture({}, silent=3.0))
+    assert "loads the virtual road" in "\n".join(picture({}, silent=3.0))
 
 
 def test_bells():
-    assert rings(DRIVING | {"gateway": "silent"}) == 3
-    assert [rings({"state": state}) for state in ("engaged", "stopping", "fault")] == [1, 2, 3]
+    assert bell_count(DRIVING | {"gateway": "silent"}) == 3
+    assert [bell_count({"state": state}) for state in ("engaged", "stopping", "fault")] == [1, 2, 3]
 
 
 def test_a_pipe_gets_a_line_for_every_transition_and_nothing_else():

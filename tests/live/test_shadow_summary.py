@@ -10,7 +10,7 @@ import pytest
 from tests.drive.street import altered, drive_once
 from tests.isolated import isolated
 from tests.live.command_line import own_rig
-from vve_sumo.drive.summary import unjudged
+from vve_sumo.drive.summary import without_verdict
 from vve_sumo.live import session
 
 
@@ -25,4 +25,4 @@ def test_a_drive_that_commands_nothing_is_not_judged(tmp_path: Path, shadow: boo
     assert summary["shadow"] is shadow
     assert summary["passed"] is (None if shadow else False)
     assert bool(summary["failed"]) is not shadow
-    assert unjudged(summary) == summary | {"passed": None, "failed": []}
+    assert without_verdict(summary) == summary | {"passed": None, "failed": []}

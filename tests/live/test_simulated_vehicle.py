@@ -104,14 +104,14 @@ class Running:
                 for fix in decoder.feed(data, at):
                     speed, place = math.hypot(fix.velocity_north, fix.velocity_east), place_of(fix)
             now, last = tick * PERIOD, self.statuses[-1] if self.statuses else None
-            acceleration, act = wish(speed, last) if last else (0.0, None)
+            acceleration, command = wish(speed, last) if last else (0.0, None)
             setpoint = complete(
                 0.0, acceleration, sequence=tick, time=now, expires=now + 0.1, x=place[0], y=place[1],
                 heading=place[2], speed=speed, yaw_rate=0.0,
             )  # fmt: skip
             if place == (0.0, 0.0, 0.0):
                 setpoint = None  # nothing is known yet
-            output = gateway.step(now, setpoint, bus.drain(), act)
+            output = gateway.step(now, setpoint, bus.drain(), command)
             for frame in output.frames:
                 bus.send(frame)
             self.statuses.append(output.status)

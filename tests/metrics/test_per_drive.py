@@ -19,7 +19,7 @@ def test_nothing_to_measure_is_not_a_number() -> None:
 
 
 def test_a_drive_that_broke_before_its_first_tick_has_no_figures() -> None:
-    """The street may have been looked at by then."""
+    """The virtual road may have been looked at by then."""
     actors = actors_of([{"tick": 0, "actor": "lead", "x_m": 60.0}])
     measured = PER_DRIVE.measure(drive_of(ticks_of([]), actors))
     assert math.isnan(measured["min_gap_m"])
@@ -79,7 +79,7 @@ def test_least_gap_and_greatest_deceleration_needed_are_those_of_the_whole_drive
 
 @pytest.mark.parametrize("heading", [0.0, 2.1])
 def test_impact_speed_is_that_at_the_first_contact_along_the_egos_heading(heading: float) -> None:
-    """Against vectors: the street found the contact with what it held for the next tick, and after that others."""
+    """Against vectors: the virtual road found the contact with what it held for the next tick, then others."""
     asked = {"requested_speed_mps": 7.0, "requested_heading_rad": heading}
     rows = [
         asked | {"contacts": ""},

@@ -1,1 +1,1 @@
-"""Odd driving in heavy traffic: the street's drivers must not drive into the ego where they can stop."""
+"""Odd driving in heavy traffic: the virtual road's drivers must not drive into the ego where they can stop."""

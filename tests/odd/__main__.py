@@ -32,16 +32,16 @@ def main(arguments: list[str] | None = None) -> int:
     seconds = driven = 0.0
     avoidable, overlaps, jumps, longest = 0, 0, 0, 0.0
     with ProcessPoolExecutor(os.cpu_count(), mp_context=context, max_tasks_per_child=1) as pool:
-        for told in pool.map(odd, seeds, [EPISODE] * count, [options.level] * count):
-            for line in (*told.overlaps, *told.waits, *told.jumps):
+        for reported in pool.map(odd, seeds, [EPISODE] * count, [options.level] * count):
+            for line in (*reported.overlaps, *reported.waits, *reported.jumps):
                 print(line)
-            seconds, driven, jumps = seconds + told.seconds, driven + told.driven, jumps + len(told.jumps)
-            avoidable, overlaps = avoidable + told.avoidable, overlaps + len(told.overlaps)
-            longest = max(longest, told.longest_wait)
+            seconds, driven, jumps = seconds + reported.seconds, driven + reported.driven, jumps + len(reported.jumps)
+            avoidable, overlaps = avoidable + reported.avoidable, overlaps + len(reported.overlaps)
+            longest = max(longest, reported.longest_wait)
             print(
-                f"seed {told.seed}: {seconds / 3600.0:.2f} h, {driven / 1000.0:.1f} km; overlaps {overlaps}, of which "
-                f"avoidable {avoidable}; longest wait {longest:.0f} s; {jumps} jumps; up to {told.most_standing} "
-                f"standing near the ego",
+                f"seed {reported.seed}: {seconds / 3600.0:.2f} h, {driven / 1000.0:.1f} km; overlaps {overlaps}, "
+                f"of which avoidable {avoidable}; longest wait {longest:.0f} s; {jumps} jumps; "
+                f"up to {reported.most_standing} standing near the ego",
                 flush=True,
             )
     return 1 if avoidable or longest > LONGEST_WAIT else 0

@@ -58,7 +58,7 @@ def drive(
     path, route, _lanes = read_path(REPOSITORY / "routes" / f"{along}.csv", network.frame(), network)
     ego = OddEgo(path, FUSION.vehicle, start * (path.length - 200.0), means)
     demand = [REPOSITORY / "routes" / f"linden_{level}.rou.xml"]
-    told, memory, touched = Told(seed), Memory(PERIOD), dict[str, float]()
+    reported, memory, touched = Told(seed), Memory(PERIOD), dict[str, float]()
     with World(
         network.path, demand=demand, seed=seed, period=PERIOD, vehicle=FUSION.vehicle, warm_up=warm_up, route=route
     ) as world:
@@ -72,17 +72,17 @@ def drive(
             world.place(pose)
             report = world.step()
             if report.faults:
-                told.overlaps.append(f"seed {seed} at {now:.2f} s: {report.faults}")
-            told.driven += abs(pose.speed) * PERIOD
+                reported.overlaps.append(f"seed {seed} at {now:.2f} s: {report.faults}")
+            reported.driven += abs(pose.speed) * PERIOD
             others = _near(world, pose.x, pose.y)
             memory.keep(now, ego.body(), others)
-            _look_for_jumps(told, now, before, others)
-            told.most_standing = max(told.most_standing, sum(speed < STANDS for _, _, speed in others))
+            _look_for_jumps(reported, now, before, others)
+            reported.most_standing = max(reported.most_standing, sum(speed < STANDS for _, _, speed in others))
             for name in world.contacts():
                 if now - touched.get(name, -math.inf) > APART and (moments := memory.of(name)):
                     verdict = judge(moments)
-                    told.avoidable += verdict.avoidable
-                    told.overlaps.append(
+                    reported.avoidable += verdict.avoidable
+                    reported.overlaps.append(
                         f"seed {seed} at {now:.2f} s: {name} at {verdict.impact:.1f} m/s, {ego.manoeuvre.name} at "
                         f"{pose.speed:.1f} m/s on {report.lane or 'no lane'}, which lay across its way for "
                         f"{verdict.lay:.1f} s, from when it drove {verdict.speed:.1f} m/s: "
@@ -92,15 +92,15 @@ def drive(
             waiting = now - ego.blocked_since
             if waiting > 0.0:
                 waited, lane = waiting, f"{ego.blocked_by} on {report.lane or 'no lane'}, {ego.manoeuvre.name}"
-                told.longest_wait = max(told.longest_wait, waited)
+                reported.longest_wait = max(reported.longest_wait, waited)
             elif waited > 0.0:
                 if waited > 60.0:
-                    told.waits.append(f"seed {seed} until {now:.0f} s: {waited:.0f} s for {lane}")
+                    reported.waits.append(f"seed {seed} until {now:.0f} s: {waited:.0f} s for {lane}")
                 waited = 0.0
         if waited > 60.0:
-            told.waits.append(f"seed {seed} until the end: {waited:.0f} s for {lane}")
-        told.seconds, told.cleared = seconds, world.cleared
-    return told
+            reported.waits.append(f"seed {seed} until the end: {waited:.0f} s for {lane}")
+        reported.seconds, reported.cleared = seconds, world.cleared
+    return reported
 
 
 def _near(world: World, x: float, y: float) -> list[tuple[str, Box, float]]:
@@ -115,13 +115,13 @@ def _near(world: World, x: float, y: float) -> list[tuple[str, Box, float]]:
     ]
 
 
-def _look_for_jumps(told: Told, now: float, before: dict[str, Box], others: list[tuple[str, Box, float]]) -> None:
+def _look_for_jumps(reported: Told, now: float, before: dict[str, Box], others: list[tuple[str, Box, float]]) -> None:
     for name, box, _ in others:
         last = before.get(name)
         if last is not None:
             middle = last.heading + 0.5 * math.remainder(box.heading - last.heading, math.tau)
             aside = (box.y - last.y) * math.cos(middle) - (box.x - last.x) * math.sin(middle)
             if abs(aside) > JUMP:
-                told.jumps.append(f"seed {told.seed} at {now:.2f} s: {name} by {aside:.2f} m")
+                reported.jumps.append(f"seed {reported.seed} at {now:.2f} s: {name} by {aside:.2f} m")
     before.clear()
     before.update({name: box for name, box, _ in others})

@@ -61,9 +61,9 @@ def test_an_ego_that_backs_into_a_standing_driver_is_not_the_drivers_fault():
 @pytest.mark.parametrize("seed", with_slow([6, 13], lambda seed: seed == 6))
 def test_traffic_does_not_drive_through_an_ego_that_creeps_through_a_left_turn(seed: int) -> None:
     """On 17th Avenue into Joyce: its body lies on lanes of the junction that SUMO does not map it to."""
-    told = isolated(_creep, seed)
-    assert told.overlaps == []
-    assert told.driven > 35.0
+    reported = isolated(_creep, seed)
+    assert reported.overlaps == []
+    assert reported.driven > 35.0
 
 
 def _creep(seed: int) -> Told:
@@ -73,6 +73,6 @@ def _creep(seed: int) -> Told:
 
 def test_a_minute_of_odd_driving() -> None:
     """In it SUMO turns a body that changes lanes behind a junction by 0.3 rad in one step."""
-    told = isolated(odd, 22, 60.0, "heavy")
-    assert (told.avoidable, told.jumps) == (0, [])
-    assert told.driven > 30.0
+    reported = isolated(odd, 22, 60.0, "heavy")
+    assert (reported.avoidable, reported.jumps) == (0, [])
+    assert reported.driven > 30.0

@@ -107,10 +107,10 @@ def test_noise_has_the_declared_size() -> None:
 
 def test_a_hidden_delay_dates_what_was_measured_later_than_it_was() -> None:
     parameters = ReceiverParameters(MOUNTING, noise=0.0)
-    told, hidden = record(parameters, 4.0), record(replace(parameters, hidden_delay=0.1), 4.0)
-    arrivals = [(late - early) for (early, _), (late, _) in zip(told, hidden, strict=False)]
+    reported, hidden = record(parameters, 4.0), record(replace(parameters, hidden_delay=0.1), 4.0)
+    arrivals = [(late - early) for (early, _), (late, _) in zip(reported, hidden, strict=False)]
     assert arrivals == pytest.approx([0.1] * len(arrivals))
-    for honest, dated_late in zip(decode(told), decode(hidden), strict=False):
+    for honest, dated_late in zip(decode(reported), decode(hidden), strict=False):
         assert dated_late.time - honest.time == pytest.approx(0.1, abs=1e-6)
         assert (dated_late.latitude, dated_late.longitude) == (honest.latitude, honest.longitude)
 

@@ -83,7 +83,7 @@ def curve(dots: Any, row: int) -> Any:
 
 
 def street(dots: Any) -> Any:
-    """Cut both windows on the street, and the line between them."""
+    """Cut both windows on the virtual road, and the line between them."""
     return part(dots, page.LEFT, page.BOTTOM, page.LEFT_WIDTH, page.TOP - page.BOTTOM)
 
 
@@ -193,8 +193,8 @@ def test_a_drive_that_nobody_obeyed_shows_what_was_asked(tmp_path: Path) -> None
     places = []
     for state in ("engaged", "disarmed"):
         dots = curve(painted(page_of(driving(50, **asked, state=state), []), tmp_path), ACCELERATION)
-        told, did = (np.nonzero(where)[0].mean() for where in (inked(dots), shows(dots, page.EGO_PALE)))
-        places.append(told > did)
+        reported, did = (np.nonzero(where)[0].mean() for where in (inked(dots), shows(dots, page.EGO_PALE)))
+        places.append(reported > did)
     assert places == [False, True]
 
 

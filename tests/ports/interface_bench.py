@@ -125,7 +125,7 @@ class Drive:
         self,
         acceleration: float,
         steering: float = 0.0,
-        act: OperatorCommand | None = None,
+        command: OperatorCommand | None = None,
         driver: DriverInputs = HANDS_OFF,
     ) -> None:
         """One tick."""
@@ -136,7 +136,7 @@ class Drive:
             expires=now + 0.1, x=truth.x, y=truth.y, heading=truth.heading, speed=truth.speed, yaw_rate=truth.yaw_rate,
             grade=0.0, faults=(), fallback_path=None,
         )  # fmt: skip
-        output = self.gateway.step(now, setpoint, self.heard, act)
+        output = self.gateway.step(now, setpoint, self.heard, command)
         self.state, self.reasons = output.status.state, output.status.reasons
         said = self.car.step((self._tick + 1) * PERIOD, output.frames, driver)
         self.heard = [frame for _time, frame in said.reports]
@@ -149,10 +149,10 @@ class Drive:
     def engage(self) -> None:
         """Bring the car to "engaged, in drive, free to go"."""
         self.run(0.3, 0.0)
-        self.step(0.0, act=OperatorCommand.ENGAGE)
+        self.step(0.0, command=OperatorCommand.ENGAGE)
         for _ in range(150):
             self.step(0.0)
             if self.reasons == ("waiting_for_go",):
                 break
-        self.step(0.0, act=OperatorCommand.GO)
+        self.step(0.0, command=OperatorCommand.GO)
         assert self.state is ArmingState.ENGAGED, self.reasons

@@ -398,7 +398,7 @@ class VehicleInterfaceConformance:
         drive.run(5.0, -2.0)
         assert drive.speed == 0.0
         assert drive.state is ArmingState.ENGAGED
-        drive.step(0.0, act=OperatorCommand.END)
+        drive.step(0.0, command=OperatorCommand.END)
         drive.run(5.0, 0.0)
         assert drive.car.interface.gear is Gear.PARK
         assert drive.gateway.done

@@ -367,7 +367,7 @@ def test_infinity_of_what_nobody_needs_is_refused_from_the_first_fix_on(name, va
 OF_A_JUMP = {"altitude_absurd", "tilt_absurd", "motion_absurd", "altitude_jump", "tilt_jump", "motion_jump"}
 
 
-def told(fixes: list[Fix]) -> set[str]:
+def reported(fixes: list[Fix]) -> set[str]:
     """All that the gate of a real car says of them."""
     gate = TrustGate(DRIVE, 0.0)
     return {reason for fix in fixes for reason in gate.step(fix.time, fix).reasons}
@@ -400,8 +400,8 @@ def test_a_suburban_drive_with_height_tilt_and_rates_jumps_nowhere(shared_data):
         for row in rows
     ]
     assert len(fixes) > 9000
-    assert OF_A_JUMP.isdisjoint(told(fixes))
-    assert OF_A_JUMP.isdisjoint(told([replace(fix, velocity_down=math.nan) for fix in fixes]))
+    assert OF_A_JUMP.isdisjoint(reported(fixes))
+    assert OF_A_JUMP.isdisjoint(reported([replace(fix, velocity_down=math.nan) for fix in fixes]))
 
 
 def test_a_minute_of_traffic_with_height_jumps_nowhere(shared_data):
@@ -422,7 +422,7 @@ def test_a_minute_of_traffic_with_height_jumps_nowhere(shared_data):
         for row in rows
     ]
     assert len(fixes) > 1000
-    assert OF_A_JUMP.isdisjoint(told(fixes))
+    assert OF_A_JUMP.isdisjoint(reported(fixes))
 
 
 @pytest.mark.parametrize("name", ["car_50km", "car_60km", "collision_assist_activated", "lkast_activated"])
@@ -435,4 +435,4 @@ def test_a_ford_fusion_s_own_rates_jump_nowhere(shared_data, name, felt):
     ]
     fixes = [fix for fix in fixes if math.isfinite(fix.yaw_rate + fix.acceleration)]
     assert len(fixes) > 400
-    assert OF_A_JUMP.isdisjoint(told(fixes))
+    assert OF_A_JUMP.isdisjoint(reported(fixes))

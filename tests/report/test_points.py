@@ -30,22 +30,22 @@ def rows_of(count: int, failing: int, chance: np.random.Generator) -> pd.DataFra
 @pytest.mark.parametrize(("count", "failing"), [(100, 10), (4000, 400), (100_000, 37), (100_000, 5000)])
 def test_every_failure_error_and_extreme_is_shown_and_the_rest_is_a_fair_draw(count: int, failing: int) -> None:
     rows = rows_of(count, failing, np.random.default_rng(5))
-    told = points(rows, ["speed"], ["stop_gap_m"])
-    assert told is not None
-    shown = set(told["key"])
-    assert len(shown) == len(told["key"])
+    reported = points(rows, ["speed"], ["stop_gap_m"])
+    assert reported is not None
+    shown = set(reported["key"])
+    assert len(shown) == len(reported["key"])
     matters = rows[rows["passed"].eq(False).fillna(False) | rows["error"].ne("")]
     assert set(matters["key"]) <= shown
-    assert told["passed"].count(False) == len(rows[rows["passed"].eq(False)])
+    assert reported["passed"].count(False) == len(rows[rows["passed"].eq(False)])
     assert rows["key"][rows["stop_gap_m"].idxmax()] in shown
     assert rows["key"][rows["stop_gap_m"].idxmin()] in shown
     assert len(shown) <= max(MAX_RUNS, len(matters) + MAX_RUNS // 2) + 4
     # Every k-th row of this grid would be of one speed: each of the four has about its share.
-    (speeds,) = (column["values"] for column in told["x"] if column["label"] == "speed")
-    passing = [speed for speed, passed in zip(speeds, told["passed"], strict=True) if passed]
+    (speeds,) = (column["values"] for column in reported["x"] if column["label"] == "speed")
+    passing = [speed for speed, passed in zip(speeds, reported["passed"], strict=True) if passed]
     for speed in range(4):
         assert passing.count(speed) / len(passing) == pytest.approx(0.25, abs=0.06)
-    assert points(rows, ["speed"], ["stop_gap_m"]) == told, "the same whenever it is written"
+    assert points(rows, ["speed"], ["stop_gap_m"]) == reported, "the same whenever it is written"
 
 
 VALUES = st.lists(st.one_of(st.floats(-100.0, 100.0), st.just(math.nan)), min_size=40, max_size=400)

@@ -74,15 +74,15 @@ SAYS = {
 def test_the_word_is_the_summarys_and_the_sentence_that_of_the_outcome(
     tmp_path: Path, outcome: Outcome, passed: bool | None
 ) -> None:
-    told = verdict(
+    reported = verdict(
         record(
             tmp_path / "r", MEASURED | {"outcome": outcome.value, "passed": passed, "text": "it fell over ../there."}
         )
     )
     judged = {True: "passed", False: "FAILED", None: "not judged"}[passed]
-    assert told.word == ("broken off" if outcome in (Outcome.BROKEN, Outcome.INTERRUPTED) else judged)
-    assert told.line.startswith(f"{told.word}: {SAYS[outcome.value]}")
-    assert told.line.endswith(
+    assert reported.word == ("broken off" if outcome in (Outcome.BROKEN, Outcome.INTERRUPTED) else judged)
+    assert reported.line.startswith(f"{reported.word}: {SAYS[outcome.value]}")
+    assert reported.line.endswith(
         "The smallest gap to an object in the car's path was 3.00 m; the minimum time to collision was 2.00 s."
     )
 
@@ -90,8 +90,8 @@ def test_the_word_is_the_summarys_and_the_sentence_that_of_the_outcome(
 @pytest.mark.parametrize("outcome", ["contact", "completed", "broken", None])
 @pytest.mark.parametrize("speed", [3.0, None])
 def test_a_contact_is_said_however_the_drive_ended(tmp_path: Path, outcome: str | None, speed: float | None) -> None:
-    told = {"outcome": outcome, "passed": False, "collision": True, "impact_speed_mps": speed}
-    line = verdict(record(tmp_path / "r", MEASURED | told if outcome else None, contact=True)).line
+    reported = {"outcome": outcome, "passed": False, "collision": True, "impact_speed_mps": speed}
+    line = verdict(record(tmp_path / "r", MEASURED | reported if outcome else None, contact=True)).line
     # A killed drive's impact is measured from its record: both stood.
     fast = " at 0.00 m/s" if outcome is None else (" at 3.00 m/s" if speed else "")
     assert f"hit parked{fast}{' and then stopped.' if outcome == 'contact' else '.'}" in line
@@ -177,8 +177,8 @@ def swept(folder: Path, *results: RunResult, cells: int | None = None) -> Sweep:
 
 
 def ran(passed: bool, **figures: Any) -> RunResult:
-    told = {"outcome": "stopped", "passed": passed, "collision": False, "failed": "", "stop_gap_m": 2.0}
-    return RunResult("", told | figures, "")
+    reported = {"outcome": "stopped", "passed": passed, "collision": False, "failed": "", "stop_gap_m": 2.0}
+    return RunResult("", reported | figures, "")
 
 
 FAULT = RunResult("", {}, "timed_out")
@@ -223,8 +223,8 @@ def test_a_sweep_that_varies_nothing_but_the_seed_is_judged(
 def test_of_runs_that_all_came_to_a_fault_nothing_is_known(tmp_path: Path) -> None:
     of = swept(tmp_path / "s", FAULT, FAULT)
     rows = runs.read(of)
-    told = sweep.verdict(of, rows, runs.counts(of, rows), None)
-    assert told.line == "not judged: Of 2 runs none was judged; 2 ended with an error."
+    reported = sweep.verdict(of, rows, runs.counts(of, rows), None)
+    assert reported.line == "not judged: Of 2 runs none was judged; 2 ended with an error."
 
 
 def test_what_a_search_drove_is_counted_and_not_shared_out(tmp_path: Path) -> None:
@@ -233,10 +233,10 @@ def test_what_a_search_drove_is_counted_and_not_shared_out(tmp_path: Path) -> No
     for number, result in enumerate((ran(True), ran(False), FAULT)):
         dataset.add(RunSpec(number, f"{number:016x}", {"speed": float(number)}, 1), result)
     dataset.close()
-    told = sweep.report(Sweep(tmp_path / "s"))
+    reported = sweep.report(Sweep(tmp_path / "s"))
     said = "The search was stopped or still runs. 3 runs were driven, 1 of them ended with an error. Over all runs:"
-    assert told.verdict.line.startswith(f"broken off: {said}")
-    assert [picture.name for picture in told.pictures if "distribution" in picture.name] == []
+    assert reported.verdict.line.startswith(f"broken off: {said}")
+    assert [picture.name for picture in reported.pictures if "distribution" in picture.name] == []
 
 
 def test_a_criterion_that_a_parameter_sets_is_not_said_to_be_the_files(tmp_path: Path) -> None:
@@ -312,8 +312,8 @@ def test_a_flip_is_told_the_right_way_round() -> None:
     flip = {"meets": 13.1, "fails": 13.2, "key_fails": "0"}
     line = {"values": {}, "meets_first": True, "flips": [flip], "seeds": [{"flips": [flip]}]}
     result = {"search": "boundary", "along": "speed", "criterion": "collision", "boundaries": [line]}
-    told = search_results.sentence(result, {})
-    assert told.startswith("“no collision” is met at speed = 13.1 and no longer at 13.2")
+    reported = search_results.sentence(result, {})
+    assert reported.startswith("“no collision” is met at speed = 13.1 and no longer at 13.2")
 
 
 def test_the_runs_that_broke_their_bound_are_listed_and_no_others() -> None:

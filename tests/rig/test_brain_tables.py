@@ -1,4 +1,4 @@
-"""The tables of a foreign brain and of the outgoing wires: each contradiction is one line that names its key."""
+"""The tables of an external controller and of the outgoing wires: each contradiction is one line that names its key."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ STOP = {"kind": "stop", "interface": "socketcan", "channel": "can2", "can_id": 0
 
 
 def foreign(**tables: Any) -> dict[str, Any]:
-    """The shipped rig of a foreign brain, with other tables."""
+    """The shipped rig of an external controller, with other tables."""
     return tomllib.loads((REPOSITORY / "rigs" / "foreign.toml").read_text(encoding="utf-8")) | tables
 
 

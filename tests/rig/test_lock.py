@@ -115,8 +115,10 @@ def test_two_rig_files_of_one_bus_exclude_each_other(tmp_path: Path) -> None:
     one, two = on_bus(tmp_path, "one"), on_bus(tmp_path, "two")
     with holder(one) as (said, process):
         assert said == "held"
-        told = refusal(two)
-        assert told.startswith(f"{two}: bus socketcan:vcan_lock0 is in use by another drive, doctor or align (process ")
+        reported = refusal(two)
+        assert reported.startswith(
+            f"{two}: bus socketcan:vcan_lock0 is in use by another drive, doctor or align (process "
+        )
         edit.put(one, {("calibration", "steering_wheel_bias_deg"): 1.0})
         assert f"(process {process.pid})" in refusal(two)
     assert free_again(two)
@@ -169,17 +171,17 @@ def test_whoever_inherits_the_lock_holds_it_until_it_ends(tmp_path: Path) -> Non
 
 
 def test_of_many_that_begin_at_once_one_has_the_rig(tmp_path: Path) -> None:
-    rig, gate, told = on_bus(tmp_path, "mine"), threading.Barrier(8), []
+    rig, gate, reported = on_bus(tmp_path, "mine"), threading.Barrier(8), []
     loaded = load(rig)
 
     def run() -> None:
         gate.wait()
         try:
             with held(rig, loaded):
-                told.append("held")
+                reported.append("held")
                 gate.wait()
         except RigError:
-            told.append("refused")
+            reported.append("refused")
             gate.wait()
 
     threads = [threading.Thread(target=run) for _ in range(8)]
@@ -187,7 +189,7 @@ def test_of_many_that_begin_at_once_one_has_the_rig(tmp_path: Path) -> None:
         thread.start()
     for thread in threads:
         thread.join()
-    assert sorted(told) == ["held"] + ["refused"] * 7
+    assert sorted(reported) == ["held"] + ["refused"] * 7
 
 
 def test_a_name_too_long_for_the_kernel_is_locked_as_well(tmp_path: Path) -> None:

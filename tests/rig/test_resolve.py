@@ -149,7 +149,7 @@ def test_alignments_that_are_none(change: dict[str, Any], words: str) -> None:
 
 
 def pairs(mirror: float) -> dict[str, Any]:
-    """Three corners of the example's lot, and the same places turned by 90 deg on the street, mirrored or not."""
+    """Three corners of the example's lot, and the same places turned by 90 deg on the virtual road, mirrored or not."""
     frame = resolve.frame_of(rig())
     lot = [[40.0030, -83.0200], [40.0030, -83.0180], [40.0045, -83.0180]]
     places = [frame.to_map(math.radians(a), math.radians(b)) for a, b in lot]

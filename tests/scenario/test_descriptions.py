@@ -12,7 +12,7 @@ import pytest
 from benchmarks import library
 from tests.conftest import REPOSITORY
 from vve_sumo.drive.run import resolve_by_name
-from vve_sumo.drive.scenario_text import lines, signals_on_the_way
+from vve_sumo.drive.scenario_text import lines, signals_along_path
 from vve_sumo.scenario import descriptions
 from vve_sumo.scenario.load import parse
 
@@ -56,8 +56,8 @@ def words(key: str, value: Any) -> str:
 def test_everything_in_a_shipped_scenario_is_told(name: str) -> None:
     file = REPOSITORY / "scenarios" / f"{name}.toml"
     text = "\n".join(lines(resolve_by_name(name, REPOSITORY), REPOSITORY))
-    told = [(key, value) for key, value in leaves(tomllib.loads(file.read_text(encoding="utf-8")))]
-    missing = [(key, value) for key, value in told if not isinstance(value, bool) and words(key, value) not in text]
+    reported = [(key, value) for key, value in leaves(tomllib.loads(file.read_text(encoding="utf-8")))]
+    missing = [(key, value) for key, value in reported if not isinstance(value, bool) and words(key, value) not in text]
     assert [one for one in missing if one[1] not in (0.0, "pedestrian", "bicycle", "child")] == []
 
 
@@ -73,11 +73,11 @@ def test_the_fault_the_manoeuvre_the_traffic_and_the_signals_are_told() -> None:
 
 def test_a_signal_beside_the_way_is_not_on_it() -> None:
     """Cleveland Avenue has one at Seventeenth Avenue; the paper's path meets none."""
-    assert len(signals_on_the_way(resolve_by_name("crossing_at_signal", REPOSITORY))) >= 1
-    assert signals_on_the_way(resolve_by_name("calibration", REPOSITORY)) == []
+    assert len(signals_along_path(resolve_by_name("crossing_at_signal", REPOSITORY))) >= 1
+    assert signals_along_path(resolve_by_name("calibration", REPOSITORY)) == []
 
 
 def test_a_scenario_as_usual_says_only_that_there_is_no_traffic() -> None:
     lot = {"latitude_deg": 0.0, "longitude_deg": 0.0, "heading_deg": 0.0}
     table: dict[str, Any] = {"title": "t", "road": {"network": "n"}, "ego": {"path": "p", "speed_mps": 5.0, "lot": lot}}
-    assert descriptions.circumstances(parse(table, Path("usual.toml"))) == ["no traffic"]
+    assert descriptions.special_conditions(parse(table, Path("usual.toml"))) == ["no traffic"]

@@ -150,14 +150,16 @@ def scans(poses: list[Pose], street: list[Actors]) -> list[tuple[int, RadarScan]
 
 @pytest.fixture(scope="module")
 def ours(scans: list[tuple[int, RadarScan]]) -> Told:
-    return told((scan.detections.time, zip(scan.actors, *_columns(scan.detections), strict=True)) for _, scan in scans)
+    return outcomes(
+        (scan.detections.time, zip(scan.actors, *_columns(scan.detections), strict=True)) for _, scan in scans
+    )
 
 
 def _columns(seen: Detections) -> tuple[Floats, Floats, Floats]:
     return seen.range * np.cos(seen.azimuth), seen.range * np.sin(seen.azimuth), seen.range_rate
 
 
-def told(scans: Iterable[tuple[float, Iterable[tuple[str | int, float, float, float]]]]) -> Told:
+def outcomes(scans: Iterable[tuple[float, Iterable[tuple[str | int, float, float, float]]]]) -> Told:
     """Return the tracks of scans: time, and name, x, y [m] and range rate [m/s] of every target."""
     times, reports = [], defaultdict(list)
     for time, targets in scans:
@@ -225,7 +227,7 @@ def test_the_wire_of_an_esr_adds_its_own_quanta_and_nothing_else(
     and then, which the range does not show and the range rate does by 8 %.
     """
     database = cantools.database.load_file(shared_data / "dbc" / "ESR.dbc", strict=False)
-    wire = told(_over_esr(database, poses, scans))
+    wire = outcomes(_over_esr(database, poses, scans))
     for column, quantum, within in (("ahead", 0.1, 0.05), ("rate", 0.01, 0.1)):
         expected = math.hypot(ours.noise(column), quantum / math.sqrt(12.0))
         assert wire.noise(column) == pytest.approx(expected, rel=within)

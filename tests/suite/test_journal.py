@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from tests.sweep.test_controllers import TOY
 from tests.vehicles import FUSION
 from vve_sumo.drive import provenance
-from vve_sumo.drive.provenance import deciding
+from vve_sumo.drive.provenance import decisive_versions
 from vve_sumo.errors import ConfigError
 from vve_sumo.suite import catalogue
 from vve_sumo.suite.journal import NAME, SuiteJournal
-from vve_sumo.suite.query import code_of, driven_by
+from vve_sumo.suite.query import code_of, with_controller
 from vve_sumo.suite.row import RowOutcome, RowVerdict
 
 #: a controller of one's own
@@ -58,7 +58,7 @@ def test_drives_of_two_versions_of_a_controller_are_in_no_one_journal(tmp_path: 
     first = tmp_path / "controllers" / "mine.py"
     first.parent.mkdir()
     first.write_text(OWN, encoding="utf-8")
-    rows = [driven_by(row, "mine") for row in ROWS]
+    rows = [with_controller(row, "mine") for row in ROWS]
     code = code_of(rows, tmp_path)
     assert code_of(rows, tmp_path) == code
     outcome = RowOutcome(row=rows[0], seed=1, verdict=RowVerdict.PASSED)
@@ -87,11 +87,11 @@ def test_another_car_under_the_same_name_is_another_test(tmp_path: Path) -> None
 def test_other_code_of_this_program_is_in_no_one_journal(tmp_path: Path) -> None:
     """A checkout keeps its version while its code changes: only the code's own hash tells."""
     before = code_of(ROWS, tmp_path)
-    deciding.cache_clear()
+    decisive_versions.cache_clear()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(provenance, "code_sha256", lambda _package: "0" * 64)
         other = code_of(ROWS, tmp_path)
-    deciding.cache_clear()
+    decisive_versions.cache_clear()
     assert other != before
     assert code_of(ROWS, tmp_path) == before
 

@@ -26,7 +26,7 @@ def made(folder: Path, speeds: list[float]) -> Path:
 
 @pytest.mark.parametrize("cuts_in", [False, True])
 def test_a_target_that_enters_as_the_drive_ends_has_tested_nothing(tmp_path: Path, cuts_in: bool) -> None:
-    """What the street held after a tick stands under the next one, which the last tick has not."""
+    """What the virtual road held after a tick stands under the next one, which the last tick has not."""
     assert ROW.approach is not None
     row = replace(ROW, cut_in=CutIn(ROW.approach.target, 2.0, 1.0, 0.1)) if cuts_in else ROW
     record = made(tmp_path / "r", [ROW.approach.speed] * 5)

@@ -22,7 +22,7 @@ from vve_sumo.record.reader import read_table
 from vve_sumo.suite import catalogue, euroncap, requirements, table
 from vve_sumo.suite.journal import digest
 from vve_sumo.suite.physics import DETECTION, Need
-from vve_sumo.suite.query import SuiteQuery, car_of, driven_by, rows_of
+from vve_sumo.suite.query import SuiteQuery, car_of, rows_of, with_controller
 from vve_sumo.suite.row import CutIn, JudgedRow, RequiredApproach, RowOutcome, RowVerdict, SuiteRow
 from vve_sumo.suite.run import invalidity, judge, run
 from vve_sumo.suite.run import job_of as run_job_of
@@ -102,9 +102,9 @@ def test_a_hidden_child_is_seen_where_the_closed_form_says(tmp_path):
     row = next(row for row in suite_rows("fmvss127_pedestrian") if row.id == "obstructed_crossing_right_50_30")
     outcome = driven("hidden", [row], tmp_path / "records", workers=1)[row.id]
     assert outcome.verdict is RowVerdict.PASSED
-    told = read_table(outcome.record, "sensor_radar").filter(pc.field("actor") == "target")["tick"][0].as_py()
+    reported = read_table(outcome.record, "sensor_radar").filter(pc.field("actor") == "target")["tick"][0].as_py()
     ticks = read_table(outcome.record, "ticks")
-    scan = read_table(outcome.record, "readings").filter(pc.field("tick") == told)
+    scan = read_table(outcome.record, "readings").filter(pc.field("tick") == reported)
     seen = round(scan["measured_s"][0].as_py() / PERIOD)
     (ego,) = ticks.filter(pc.field("tick") == seen).to_pylist()
     here = (pc.field("tick") == seen) & (pc.field("actor") == "target")
@@ -158,7 +158,7 @@ def test_what_goes_wrong_is_told_apart(tmp_path):
         replace(good, id="blind", scenario=good.scenario.model_copy(update={"controller": nothing})),
         replace(good, id="late", scenario=late, need=Need(good.need.needed, ahead)),
         replace(good, id="fast", approach=good.approach._replace(speed=good.approach.speed + 3.0 * KMH)),
-        driven_by(replace(good, id="nobody"), "nobody"),
+        with_controller(replace(good, id="nobody"), "nobody"),
     ]
     outcomes = driven("spoilt", rows, tmp_path / "records", workers=1)
 

@@ -15,7 +15,7 @@ from threading import Thread, main_thread
 import pytest
 
 from tests.sweep.test_processes import REPOSITORY, alive, driven, eventually, job, seeded, written
-from vve_sumo.drive.provenance import deciding
+from vve_sumo.drive.provenance import decisive_versions
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.sweep import process_tree
 from vve_sumo.sweep.cluster import Cluster
@@ -178,7 +178,7 @@ def test_other_versions_and_other_files_are_refused(machines: Machines, tmp_path
     late = Cluster(machines.address)
     line = seeded("one", 1).to_json()
     with Client(machines.address, set_as_default=False) as client:
-        site = remote.Site(deciding(), {"network": "0" * 64}, "names")
+        site = remote.Site(decisive_versions(), {"network": "0" * 64}, "names")
         with pytest.raises(ConfigError, match=r"^worker tcp://\S+: the file of \w+ differs from the client's"):
             client.submit(remote.drive, line, site).result()
         elsewhere = seeded("one", 1)
@@ -187,7 +187,7 @@ def test_other_versions_and_other_files_are_refused(machines: Machines, tmp_path
             client.submit(remote.drive, elsewhere.to_json(), site).result()
     machines.join(search=other)
     machines.wait_for(2)
-    said = rf"mixed versions: worker tcp://\S+ has numpy 0\.1, here {deciding()['numpy']}$"
+    said = rf"mixed versions: worker tcp://\S+ has numpy 0\.1, here {decisive_versions()['numpy']}$"
     with pytest.raises(ConfigError, match=f"^{said}"):
         collected(late, [dataclasses.replace(seeded(str(n), n), table={}) for n in range(4)])
     with pytest.raises(ConfigError, match=f"^{said}"):

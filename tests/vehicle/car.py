@@ -183,15 +183,15 @@ class Rig:
         self,
         acceleration: float | None = 0.0,
         steering: float = 0.0,
-        act: OperatorCommand | None = None,
+        command: OperatorCommand | None = None,
         extra: tuple[Frame, ...] = (),
-        found: tuple[str, ...] = (),
+        process_faults: tuple[str, ...] = (),
         **changes: object,
     ) -> GatewayStatus:
         """One tick; acceleration None sends no setpoint."""
         self.tick += 1
         setpoint = None if acceleration is None else self.setpoint(acceleration, steering, **changes)
-        output = self.gateway.step(self.now, setpoint, [*self.car.reports(), *extra], act, found)
+        output = self.gateway.step(self.now, setpoint, [*self.car.reports(), *extra], command, process_faults)
         self.frames = output.frames
         self.car.hear(output.frames)
         self.car.advance()
@@ -203,7 +203,7 @@ class Rig:
 
     def stand_by(self) -> None:
         """Bring the car to "engaged, in drive, held", or to where that fails."""
-        self.step(act=OperatorCommand.ENGAGE)
+        self.step(command=OperatorCommand.ENGAGE)
         for _ in range(200):
             if self.step().reasons == ("waiting_for_go",):
                 return
@@ -211,7 +211,7 @@ class Rig:
     def engage(self) -> None:
         """Bring the car to "engaged, in drive, standing, free to go"."""
         self.stand_by()
-        self.step(act=OperatorCommand.GO)
+        self.step(command=OperatorCommand.GO)
 
     def cruise(self, speed: float = 10.0) -> None:
         """Engage, and accelerate to about `speed`."""

@@ -1,6 +1,6 @@
 """The whole pipeline without a street: simulated vehicle with its faults, pose pipeline, path follower, gateway.
 
-As fast as it goes, and nothing in it is simpler than in a drive but the street, which is empty.
+As fast as it goes, and nothing in it is simpler than in a drive but the virtual road, which is empty.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ class ClosedLoop:
             yield ticked
 
     def _tick(
-        self, tick: int, now: float, heard: CarOutput, act: OperatorCommand | None
+        self, tick: int, now: float, heard: CarOutput, command: OperatorCommand | None
     ) -> tuple[Ticked, tuple[Frame, ...]]:
         pipeline, gateway = self.pipeline, self.gateway
         for time, data in heard.packets:
@@ -121,7 +121,7 @@ class ClosedLoop:
         pipeline.see(now, NOBODY)
         decided = pipeline.decide(tick, now, steering)
         setpoint = decided.setpoint if now < self.silent_from else None
-        output = gateway.step(now, setpoint, [frame for _time, frame in heard.reports], act)
+        output = gateway.step(now, setpoint, [frame for _time, frame in heard.reports], command)
         pipeline.prepare(now + PERIOD, steering)
         truth = self.car.truth()
         beside = self._path.project(truth.x, truth.y, self._station)

@@ -8,7 +8,7 @@ import re
 import pytest
 
 from vve_sumo.values import ArmingState
-from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, DRIVER_SIGNS, REASONS, TRANSITIONS, ArmingEvent, transition
+from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, DRIVER_REASONS, REASONS, TRANSITIONS, ArmingEvent, transition
 
 EVERY = list(itertools.product(ArmingState, ArmingEvent))
 S = ArmingState
@@ -100,4 +100,4 @@ def test_reasons_are_codes_with_plain_words():
 
 def test_what_a_driver_does_is_a_sign_and_what_is_wanted_of_one_is_none():
     of_drivers = {code for code in REASONS if code.startswith("driver_")}
-    assert of_drivers - {"driver_needed", "driver_not_on_brake"} == DRIVER_SIGNS
+    assert of_drivers - {"driver_needed", "driver_not_on_brake"} == DRIVER_REASONS

@@ -46,15 +46,15 @@ def judge(machine: ArmingMachine, now: float = 0.0, *faults: str, **found: bool)
 
 @given(st.lists(st.sampled_from(E), max_size=12))
 def test_the_state_is_where_the_table_leads_and_every_change_is_told(events: list[ArmingEvent]) -> None:
-    told: list[tuple[ArmingState, ArmingEvent]] = []
-    machine = ArmingMachine(PARKED_TIME, lambda event: told.append((machine.state, event)))
+    reported: list[tuple[ArmingState, ArmingEvent]] = []
+    machine = ArmingMachine(PARKED_TIME, lambda event: reported.append((machine.state, event)))
     ways = [machine.state]
     for event in events:
         machine.apply(event)
         ways.append(TRANSITIONS[ways[-1]][event])
     assert machine.state is reduce(lambda state, event: TRANSITIONS[state][event], events, S.DISARMED)
     changes = [(after, event) for before, after, event in zip(ways, ways[1:], events, strict=False) if before != after]
-    assert told == changes
+    assert reported == changes
     assert machine.ended is (S.ENGAGED in ways and machine.state not in COMMANDING)
 
 
@@ -191,9 +191,9 @@ def test_a_foot_stops_a_car_that_moves(state, going):
         machine.apply_command(Act.GO, may_go=True)
     for event in WAYS[state][2:]:
         machine.apply(event)
-    machine.judge_foot([])
+    machine.judge_pedals([])
     assert (machine.state, machine.reasons) == (state, ())
-    machine.judge_foot(["driver_on_brake"])
+    machine.judge_pedals(["driver_on_brake"])
     moves = state is S.STOPPING or (state is S.ENGAGED and going)
     assert machine.reasons == (("driver_on_brake",) if moves else ())
     assert machine.state is (S.STOPPING if moves else state)
@@ -218,20 +218,20 @@ def test_an_override_from_before_the_drive_counts_once_it_was_reset_or_all_is_se
 
 
 def test_commands_have_the_names_that_records_hold():
-    assert [act.value for act in Act] == ["engage", "go", "stop", "stop_by_page", "end", "disarm"]
+    assert [command.value for command in Act] == ["engage", "go", "stop", "stop_by_page", "end", "disarm"]
 
 
 @pytest.mark.parametrize("state", S)
 def test_commands_lead_where_the_table_says_and_give_their_reasons(state):
     events = {Act.ENGAGE: E.ENGAGE, Act.GO: E.GO, Act.DISARM: E.DISARM} | dict.fromkeys(ENDS, E.STOP)
     assert set(events) == set(Act)
-    for act, event in events.items():
+    for command, event in events.items():
         machine = at(state)
-        machine.apply_command(act, may_go=True)
+        machine.apply_command(command, may_go=True)
         assert machine.state is TRANSITIONS[state][event]
         kept = state in COMMANDING or machine.state is S.FAULT
-        reason = {Act.DISARM: "disarm_asked", **ENDS}.get(act)
-        if act is Act.GO and state is not S.ENGAGED:
+        reason = {Act.DISARM: "disarm_asked", **ENDS}.get(command)
+        if command is Act.GO and state is not S.ENGAGED:
             reason, kept = "go_too_early", True
         assert machine.reasons == ((reason,) if reason and kept else ())
 
@@ -260,11 +260,11 @@ def test_a_go_counts_once_and_only_for_its_drive():
     assert machine.going is False
 
 
-@pytest.mark.parametrize("act", Act)
-def test_no_command_acknowledges_a_fault_of_its_own_step(act):
+@pytest.mark.parametrize("command", Act)
+def test_no_command_acknowledges_a_fault_of_its_own_step(command):
     machine = at(S.READY)
     machine.apply(E.FAULT, ["timer_gap"])
-    machine.apply_command(act, may_go=True)
+    machine.apply_command(command, may_go=True)
     assert (machine.state, machine.reasons) == (S.FAULT, ("timer_gap",))
     machine.begin_step([], NONE)
     machine.apply_command(Act.DISARM, may_go=True)

@@ -29,26 +29,26 @@ class Drive:
         self, calibration: Calibration = BARE, delay: float = 0.0, lag: float = 0.0, speed: float = 10.0
     ) -> None:
         self.response = BrakeMonitor(replace(FUSION, brake_delay=delay, brake_lag=lag), calibration)
-        self.wheels = self.satellite = speed
+        self.wheels = self.gnss = speed
         self.step(COAST)
 
-    def step(self, told: Pedals, gain: float = 0.0, satellite: float | None = None, grade: float = 0.0) -> list[str]:
+    def step(self, reported: Pedals, gain: float = 0.0, gnss: float | None = None, grade: float = 0.0) -> list[str]:
         """One step at `gain` [m/s2]; the receiver's own gain where it is another."""
         self.wheels += gain * STEP
-        self.satellite += (gain if satellite is None else satellite) * STEP
-        return self.response.step(STEP, told, self.wheels, self.satellite, grade)
+        self.gnss += (gain if gnss is None else gnss) * STEP
+        return self.response.step(STEP, reported, self.wheels, self.gnss, grade)
 
-    def until(self, told: Pedals, gain: float, satellite: float | None = None, grade: float = 0.0) -> tuple[float, str]:
+    def until(self, reported: Pedals, gain: float, gnss: float | None = None, grade: float = 0.0) -> tuple[float, str]:
         """After which time something is said, and what; infinite for nothing in 10 s."""
         for number in range(500):
-            codes = self.step(told, gain, satellite, grade)
+            codes = self.step(reported, gain, gnss, grade)
             if codes:
                 return (number + 1) * STEP, *codes
         return math.inf, ""
 
-    def run(self, duration: float, told: Pedals, gain: float) -> None:
+    def run(self, duration: float, reported: Pedals, gain: float) -> None:
         for _ in range(round(duration / STEP)):
-            assert self.step(told, gain) == []
+            assert self.step(reported, gain) == []
 
 
 @pytest.mark.parametrize(
@@ -164,25 +164,25 @@ def test_braking_better_than_needed_earns_nothing():
 
 
 def test_a_receiver_that_sees_the_car_brake_denies_what_the_wheels_say():
-    assert Drive().until(BRAKE, 0.0, satellite=-2.0) == (math.inf, "")
+    assert Drive().until(BRAKE, 0.0, gnss=-2.0) == (math.inf, "")
 
 
 def test_a_receiver_that_sees_less_of_it_confirms_by_a_tenth():
     """At -1 m/s2 the receiver's excess grows by 0.25 m/s2: 0.1 m/s after 0.4 s, twice as late as the wheels' own."""
-    assert Drive().until(BRAKE, 0.0, satellite=-1.0)[0] == pytest.approx(0.4, abs=1.01 * STEP)
+    assert Drive().until(BRAKE, 0.0, gnss=-1.0)[0] == pytest.approx(0.4, abs=1.01 * STEP)
 
 
 def test_a_receiver_that_is_silent_denies_nothing():
     drive = Drive()
-    drive.satellite = math.nan
+    drive.gnss = math.nan
     assert drive.until(BRAKE, 0.0)[0] == pytest.approx(0.2, abs=1.01 * STEP)
 
 
 def test_a_receiver_that_comes_back_begins_to_count_then():
     drive = Drive()
-    drive.satellite = math.nan
+    drive.gnss = math.nan
     drive.run(0.1, BRAKE, 0.0)
-    drive.satellite = 10.0
+    drive.gnss = 10.0
     assert drive.until(BRAKE, 0.0)[0] == pytest.approx(0.1, abs=1.01 * STEP)
 
 
@@ -211,13 +211,13 @@ def test_without_wheels_the_receiver_decides(silent):
 
 
 @pytest.mark.parametrize(("gain", "found"), [(0.4995, []), (0.5005, ["brake_not_following"])])
-@pytest.mark.parametrize("told", [BRAKE, COAST])
-def test_a_car_that_others_brake_may_only_not_gain_speed(told, gain, found):
+@pytest.mark.parametrize("reported", [BRAKE, COAST])
+def test_a_car_that_others_brake_may_only_not_gain_speed(reported, gain, found):
     """In a second by 0.25 m/s2 and a quarter of a metre per second; how hard it is braked is not known."""
     subject = BrakeMonitor(replace(FUSION, brake_delay=0.0, brake_lag=0.0), BARE)
     for _ in range(9):
-        assert subject.step(1.0, told, 10.0, 10.0, 0.0, others_brake=True) == []
-    assert subject.step(1.0, told, 10.0 + gain, 10.0 + gain, 0.0, others_brake=True) == found
+        assert subject.step(1.0, reported, 10.0, 10.0, 0.0, others_brake=True) == []
+    assert subject.step(1.0, reported, 10.0 + gain, 10.0 + gain, 0.0, others_brake=True) == found
 
 
 # What is not judged.
@@ -246,7 +246,7 @@ def test_reset_forgets_everything():
     assert {k: v for k, v in vars(drive.response).items() if k != "_calibration"} == {
         k: v for k, v in vars(fresh.response).items() if k != "_calibration"
     }
-    drive.wheels = drive.satellite = 10.0
+    drive.wheels = drive.gnss = 10.0
     drive.step(COAST)
     assert drive.until(COAST, 1.0)[0] == pytest.approx(0.25 / 0.75, abs=1.01 * STEP)
 
@@ -262,8 +262,8 @@ def test_half_a_newton_metre_is_braking():
 
 
 def test_what_is_allowed_without_bound_leaves_no_excess():
-    assert brake_monitor.added(0.2, -math.inf) == 0.0
-    assert brake_monitor.added(0.2, math.nan) == 0.2
+    assert brake_monitor.cusum_step(0.2, -math.inf) == 0.0
+    assert brake_monitor.cusum_step(0.2, math.nan) == 0.2
 
 
 # A car that stands, held by its brakes.
@@ -312,12 +312,12 @@ def test_a_car_that_is_let_go_may_roll():
     assert rolls(STANDS, *((when, False, False, 0.5, 0.5) for when in (1.0, 2.0, 3.0))) == [False] * 4
 
 
-@pytest.mark.parametrize(("wheel", "satellite", "least"), [(0.5, 0.0, 0.1), (0.0, 0.5, 0.3)])
-def test_what_was_before_a_reset_holds_no_car(wheel, satellite, least):
+@pytest.mark.parametrize(("wheel", "gnss", "least"), [(0.5, 0.0, 0.1), (0.0, 0.5, 0.3)])
+def test_what_was_before_a_reset_holds_no_car(wheel, gnss, least):
     monitor = HoldMonitor()
-    rolls(STANDS, (1.0, True, True, wheel, satellite), monitor=monitor)
+    rolls(STANDS, (1.0, True, True, wheel, gnss), monitor=monitor)
     monitor.reset()
-    again = [(1.0 + when, True, True, wheel, satellite) for when in (0.05, least, 0.05 + least)]
+    again = [(1.0 + when, True, True, wheel, gnss) for when in (0.05, least, 0.05 + least)]
     assert rolls(*again, monitor=monitor) == [False, False, True], "the time counts from then on"
     monitor.reset()
     assert rolls(*((when, True, False, 0.5, 0.5) for when in (2.0, 3.0)), monitor=monitor) == [False, False]

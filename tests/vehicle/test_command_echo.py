@@ -33,8 +33,8 @@ def test_a_report_that_does_not_follow_a_command_up_or_down_is_frozen(
     of: str, differs: float, found: bool, sign: float
 ) -> None:
     change = CHANGES[of]
-    told = 1000.0 * change, 1000.0 * change + sign * differs
-    assert frozen(change, (0.0, told[0], told[0]), (0.02, told[1], told[0]), (0.12, told[1], told[0])) == [
+    output = 1000.0 * change, 1000.0 * change + sign * differs
+    assert frozen(change, (0.0, output[0], output[0]), (0.02, output[1], output[0]), (0.12, output[1], output[0])) == [
         False, False, found
     ]  # fmt: skip
 

@@ -95,15 +95,15 @@ class Moved(NamedTuple):
     turn: float = 0.0
     own: float | None = None  #: by the wheels [m]; None: as far as the receiver says
     speed: float = 8.0  #: by the receiver, at the end [m/s]
-    own_speed: float = 8.0  #: by the wheels, at the end [m/s]
+    wheel_speed: float = 8.0  #: by the wheels, at the end [m/s]
 
 
 class Way:
     """Where the moves lead from somewhere, headed nearly west, so that a turn to the left passes pi."""
 
-    def __init__(self, check: DriftCheck | None = None, speed: float = 8.0, own_speed: float = 8.0) -> None:
+    def __init__(self, check: DriftCheck | None = None, speed: float = 8.0, wheel_speed: float = 8.0) -> None:
         self.check = check or DriftCheck(SLIP, TOLERANCE)
-        self.sample = DriftSample(30.0, -20.0, 3.1, speed, own_speed, 50.0)
+        self.sample = DriftSample(30.0, -20.0, 3.1, speed, wheel_speed, 50.0)
         assert self.check.explain(self.sample) is True
 
     def move(self, moved: Moved) -> bool:
@@ -113,7 +113,7 @@ class Way:
         y += moved.ahead * math.sin(middle) + moved.left * math.cos(middle)
         heading = (heading + moved.turn + math.pi) % math.tau - math.pi
         own += moved.ahead if moved.own is None else moved.own
-        self.sample = DriftSample(x, y, heading, moved.speed, moved.own_speed, own)
+        self.sample = DriftSample(x, y, heading, moved.speed, moved.wheel_speed, own)
         return self.check.explain(self.sample)
 
 
@@ -140,11 +140,11 @@ def test_along_a_straight_way_noise_and_the_wheels_scale_are_explained(differs: 
 
 
 @pytest.mark.parametrize(("differs", "explained"), bounds(-2.82, 2.82))
-@pytest.mark.parametrize(("speed", "own_speed"), [(12.0, 8.0), (6.0, 6.0)])
-def test_a_late_receiver_is_explained(differs: float, explained: bool, speed: float, own_speed: float) -> None:
+@pytest.mark.parametrize(("speed", "wheel_speed"), [(12.0, 8.0), (6.0, 6.0)])
+def test_a_late_receiver_is_explained(differs: float, explained: bool, speed: float, wheel_speed: float) -> None:
     """From a mean of 8 m/s to one of 10 or of 6, by as much as 0.3 s: 0.6 m."""
-    way = Way(speed=6.0, own_speed=10.0)
-    assert way.move(Moved(100.0, own=100.0 - differs, speed=speed, own_speed=own_speed)) is explained
+    way = Way(speed=6.0, wheel_speed=10.0)
+    assert way.move(Moved(100.0, own=100.0 - differs, speed=speed, wheel_speed=wheel_speed)) is explained
 
 
 @pytest.mark.parametrize("turn", [0.1, -0.1])
@@ -177,7 +177,7 @@ def test_to_and_fro_the_way_counts_and_the_turns_do_not(left: float, explained: 
 @pytest.mark.parametrize("anew", ["reset", "unexplained"])
 @pytest.mark.parametrize(("left", "explained"), bounds(-0.62, 0.62))
 def test_a_way_that_begins_anew_knows_nothing_of_the_one_before(left: float, explained: bool, anew: str) -> None:
-    way = Way(speed=2.0, own_speed=2.0)
+    way = Way(speed=2.0, wheel_speed=2.0)
     assert way.move(Moved(50.0, 0.3, 0.2, own=50.1, speed=2.0)) is True
     if anew == "reset":
         way.check.reset()

@@ -71,7 +71,7 @@ def test_a_foot_closes_the_throttle_at_once_and_the_car_does_not_drive_off_when_
     assert not taken_over or {"driver_override", "driver_needed"} <= course.reasons
     assert course.statuses[-1][1].state in {S.DISARMED, S.READY, S.FAULT}
     for _ in range(50):
-        assert whole.step(2.0, act=OperatorCommand.GO).throttle == 0.0
+        assert whole.step(2.0, command=OperatorCommand.GO).throttle == 0.0
 
 
 @pytest.mark.parametrize("reports", ["sound", "brake report frozen", "bits at zero", "bits and pedal at zero"])

@@ -33,8 +33,8 @@ figure = st.floats(0.5, 12.0)
 def test_the_shipped_cars_brake_as_declared_to_the_last_bit(model: VehicleModel) -> None:
     braking = of_model(model)
     assert limited_to(model, braking) == model
-    assert braking.least.part == "car"
-    assert braking.shortfall() == ""
+    assert braking.limiting.part == "car"
+    assert braking.shortfall_text() == ""
 
 
 def test_a_dry_road_is_the_scenarios() -> None:
@@ -56,9 +56,9 @@ def test_the_least_holds_whichever_it_is(
                                                             (car, brakes, wire, gateway), strict=True)}  # fmt: skip
     allowed["tyres"] = 9.80665 * friction
     assert braking.value == pytest.approx(min(allowed.values()))
-    assert allowed[braking.least.part] == pytest.approx(min(allowed.values()))
-    assert float(braking.expected().split()[0]) <= braking.value + 1e-8
-    assert (braking.shortfall() == "") == (braking.car.deceleration <= 1.02 * braking.value)
+    assert allowed[braking.limiting.part] == pytest.approx(min(allowed.values()))
+    assert float(braking.rounded_down().split()[0]) <= braking.value + 1e-8
+    assert (braking.shortfall_text() == "") == (braking.car.deceleration <= 1.02 * braking.value)
 
 
 def test_a_weak_wire_is_named_and_planned_with(tmp_path: Path) -> None:
@@ -68,7 +68,7 @@ def test_a_weak_wire_is_named_and_planned_with(tmp_path: Path) -> None:
     assert limited.vehicle.deceleration_limit == pytest.approx(3412.0 / 868.0)
     assert limited == replace(heavy, vehicle=limited.vehicle)
     assert limited_to(limited, of_model(limited)) == limited
-    said = braking.shortfall()
+    said = braking.shortfall_text()
     assert said.startswith("this car brakes with 3.93 m/s2 at most, not with the declared 5.5: car 5.5, brakes 5.76")
     assert "least: Dataspeed DBW1 (dbw1_2024) takes 3412 N m" in said
     assert "\n" not in said
@@ -76,8 +76,8 @@ def test_a_weak_wire_is_named_and_planned_with(tmp_path: Path) -> None:
 
 def test_the_right_wire_limits_nothing(tmp_path: Path) -> None:
     heavy = load_vehicle(van_file(tmp_path, OWN_WIRE))
-    assert of_model(heavy).least.part == "car"
-    assert of_model(heavy).shortfall() == ""
+    assert of_model(heavy).limiting.part == "car"
+    assert of_model(heavy).shortfall_text() == ""
 
 
 @pytest.mark.parametrize(
@@ -127,7 +127,7 @@ def test_each_part_can_be_the_least_and_says_why(change: dict[str, Any], part: s
     }  # fmt: skip
     friction = {"friction": change["friction"]} if "friction" in change else {}
     braking = effective_deceleration(*figures.values(), **friction)
-    assert (braking.least.part, braking.value) == (part, pytest.approx(least))
+    assert (braking.limiting.part, braking.value) == (part, pytest.approx(least))
     heavier = effective_deceleration(*figures.values(), **friction, mass_factor=1.25)
     assert heavier.value == pytest.approx(min(least / (1.0 if part == "tyres" else 1.25), 5.9 / 1.25))
     rest = braking.without_gateway()
@@ -145,7 +145,7 @@ def test_all_parts_stand_in_one_line() -> None:
         "limits.emergency_deceleration_mps2 is 9",
         "friction 0.9",
     ]
-    assert of_model(FUSION).expected() == f"5.9 m/s2 or less ({of_model(FUSION).in_words()})"
+    assert of_model(FUSION).rounded_down() == f"5.9 m/s2 or less ({of_model(FUSION).in_words()})"
 
 
 def test_a_fully_laden_model_on_a_slippery_road() -> None:
@@ -157,4 +157,4 @@ def test_a_fully_laden_model_on_a_slippery_road() -> None:
 def test_two_percent_are_rounding(declared: float, noted: bool) -> None:
     facts = replace(FACTS, brake_torque_limit=2750.0)
     vehicle = replace(FUSION.vehicle, deceleration_limit=5.0 * declared)
-    assert bool(effective_deceleration(vehicle, FUSION.calibration, Limits(), facts).shortfall()) is noted
+    assert bool(effective_deceleration(vehicle, FUSION.calibration, Limits(), facts).shortfall_text()) is noted

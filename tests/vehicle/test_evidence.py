@@ -72,7 +72,7 @@ def test_one_wheel_that_turns_is_a_car_that_moves():
     rig = Rig()
     rig.cruise(4.0)
     rig.car.shift_time = math.inf
-    rig.step(act=OperatorCommand.STOP)
+    rig.step(command=OperatorCommand.STOP)
     rig.run(5.0)
     assert rig.commands()[3].gear is Gear.PARK
     frame = codec.encode(codec.WheelSpeeds(0.0, 0.0, 0.0, 1.0))
@@ -133,7 +133,7 @@ def test_dead_brakes_are_noticed_in_six_tenths_of_a_second(speed):
     rig.cruise(speed)
     rig.car.brake_gain = 0.0
     begun = rig.now
-    status = rig.step(act=OperatorCommand.STOP)
+    status = rig.step(command=OperatorCommand.STOP)
     while "brake_not_following" not in status.reasons:
         status = rig.step(0.0)
         assert rig.now - begun <= 0.6
@@ -160,7 +160,7 @@ def test_brakes_at_half_are_noticed_within_one_stop_that_stays_inside_the_bound(
     rig.cruise(speed)
     rig.car.brake_gain = 0.5
     begun = rig.car.speed
-    driven = stopping_distance(rig, act=OperatorCommand.STOP)
+    driven = stopping_distance(rig, command=OperatorCommand.STOP)
     assert "brake_not_following" in rig.step().reasons
     assert driven < bound(begun, 2.4, 5.0, 0.03 + 0.09)
 
@@ -341,7 +341,7 @@ def test_setpoints_twice_as_often_change_the_car_no_faster():
 
 
 def test_a_receiver_that_says_that_the_car_rolls_backwards_keeps_it_from_being_engaged():
-    status = Rig().step(act=OperatorCommand.ENGAGE, speed=-1.0)
+    status = Rig().step(command=OperatorCommand.ENGAGE, speed=-1.0)
     assert status.state is S.DISARMED
     assert "not_standing" in status.reasons
 
@@ -371,7 +371,7 @@ class Deaf(Car):
 def test_brakes_of_a_kit_that_never_confirmed_are_not_blamed():
     """The driver lets a car go that nobody brakes, and it rolls downhill: all that is known is that no kit answers."""
     rig = Rig(Deaf(gear=Gear.DRIVE, driver_brake=True, grade=-0.03))
-    rig.step(act=OperatorCommand.ENGAGE)
+    rig.step(command=OperatorCommand.ENGAGE)
     rig.car.driver_brake = False
     statuses = rig.run(3.0)
     assert rig.car.speed > 1.0
@@ -380,7 +380,7 @@ def test_brakes_of_a_kit_that_never_confirmed_are_not_blamed():
 
 def test_a_steering_that_a_driver_turns_before_the_kit_confirms_is_not_frozen():
     rig = Rig(Deaf())
-    rig.step(act=OperatorCommand.ENGAGE)
+    rig.step(command=OperatorCommand.ENGAGE)
     rig.car.wheel_angle = rig.car._angle_wish = 0.1 * FUSION.steering_ratio
     statuses = rig.run(1.3)
     assert statuses[-1].state is S.STOPPED
@@ -400,7 +400,7 @@ def time_to_notice(rig: Rig) -> float:
     """Engage a car in park whose brakes are dead, on a slope that nobody knows of; until that is noticed [s]."""
     rig.car.brake_gain, rig.car.grade, rig.car.shift_time = 0.0, -0.1, 0.0
     begun = rig.now
-    rig.step(act=OperatorCommand.ENGAGE, grade=0.0)
+    rig.step(command=OperatorCommand.ENGAGE, grade=0.0)
     while "brake_not_following" not in rig.step(grade=0.0).reasons:
         assert rig.now - begun < 3.0
     return rig.now - begun
@@ -414,7 +414,7 @@ def test_whoever_engages_again_is_watched_as_the_first_time():
     again.car.override = True
     again.step()
     again.car = Car(x=again.car.x, y=again.car.y, heading=again.car.heading)
-    again.step(act=OperatorCommand.DISARM)
+    again.step(command=OperatorCommand.DISARM)
     assert again.run(0.5)[-1].state is S.READY
     first = Rig()
     first.run(1.0)
@@ -430,7 +430,7 @@ def test_a_slope_that_is_known_of_is_no_failing_brake():
 
 def test_a_kit_that_has_not_confirmed_is_asked_for_no_gear():
     rig = Rig(Deaf())
-    rig.step(act=OperatorCommand.ENGAGE)
+    rig.step(command=OperatorCommand.ENGAGE)
     for _ in range(15):
         assert rig.commands()[3].gear is Gear.NONE
         assert rig.step().state is S.ENGAGED

@@ -31,7 +31,7 @@ LONG = 46  # steps: longer than anything that the gateway waits for
 
 
 class World(NamedTuple):
-    """What the gateway is told during a step."""
+    """What the gateway receives during a step."""
 
     enabled: bool = True  #: the kit says so
     gear: Gear = Gear.DRIVE
@@ -99,7 +99,7 @@ class Explored:
         self._pickled = self._pickled or pickle.dumps(self.gateway)
         return Explored(pickle.loads(self._pickled), self.tick, self.x)
 
-    def step(self, world: World, act: OperatorCommand | None = None) -> GatewayOutput:
+    def step(self, world: World, command: OperatorCommand | None = None) -> GatewayOutput:
         self.tick += 1
         now = self.tick * PERIOD
         self.x += world.speed * PERIOD
@@ -110,7 +110,7 @@ class Explored:
                 0.0, 1.0, sequence=self.tick, time=now, expires=now + 0.5 * PERIOD, speed=world.speed, yaw_rate=0.0,
                 x=self.x, y=0.0, heading=0.0, faults=faults,
             )  # fmt: skip
-        return self.gateway.step(now, setpoint, reports(world), act, world.found)
+        return self.gateway.step(now, setpoint, reports(world), command, world.found)
 
     @property
     def state(self) -> ArmingState:
@@ -134,22 +134,22 @@ class Explored:
         )
 
 
-def watched(before: Explored, world: World, act: OperatorCommand | None) -> None:
+def watched(before: Explored, world: World, command: OperatorCommand | None) -> None:
     """One step, and all that must hold of any step whatever."""
     was, going = before.state, before.going
-    status, frames = before.step(world, act)
+    status, frames = before.step(world, command)
     brake, throttle, steering, gear = map(codec.decode, frames)
     state = status.state
     assert brake.enable == throttle.enable == steering.enable == (state in COMMANDING)
     if state is S.ENGAGED and was is not S.ENGAGED:
-        assert act is OperatorCommand.ENGAGE
+        assert command is OperatorCommand.ENGAGE
         assert was in (S.DISARMED, S.READY)
         assert (world.said, world.found, world.speed, world.driver) in (
             ("good", (), 0.0, ""), ("good", (), 0.0, "brake")
         )  # fmt: skip
         assert not before.going
     if was is S.ENGAGED and before.going and not going:
-        assert act is OperatorCommand.GO
+        assert command is OperatorCommand.GO
         assert (world.enabled, world.gear, world.driver) == (True, Gear.DRIVE, "")
     if throttle.value > 0.0:
         assert state is S.ENGAGED
@@ -173,12 +173,12 @@ def watched(before: Explored, world: World, act: OperatorCommand | None) -> None
 
 
 def successors(place: Explored, worlds: list[World]) -> Iterator[Explored]:
-    """Where one gateway can get: by every act in each of the worlds, and by each that goes on for long."""
+    """Where one gateway can get: by every command in each of the worlds, and by each that goes on for long."""
     alike = {OperatorCommand.STOP_BY_PAGE, OperatorCommand.END} if worlds is FEW_WORLDS else set()
     for world in worlds:
-        for act in (None, *(act for act in OperatorCommand if act not in alike)):
+        for command in (None, *(command for command in OperatorCommand if command not in alike)):
             after = place.copy()
-            watched(after, world, act)
+            watched(after, world, command)
             yield after
         if not world.driver:
             after = place.copy()
@@ -261,9 +261,9 @@ def test_no_run_without_the_act_of_engaging_ever_engages(reached):
     while idle:
         place = idle.pop()
         for world in reached.worlds:
-            for act in (None, OperatorCommand.GO, OperatorCommand.STOP, OperatorCommand.DISARM):
+            for command in (None, OperatorCommand.GO, OperatorCommand.STOP, OperatorCommand.DISARM):
                 after = place.copy()
-                after.step(world, act)
+                after.step(world, command)
                 assert after.state not in COMMANDING
                 if after.key not in seen:
                     seen.add(after.key)

@@ -219,7 +219,7 @@ def test_a_way_that_comes_too_late_to_be_acted_on_is_not_taken():
 def test_a_newer_way_counts_on_the_way_to_rest_too():
     rig = Rig()
     rig.cruise(8.0)
-    rig.step(0.0, act=OperatorCommand.STOP, fallback_path=FallbackPath(1.0, (0.0,)))
+    rig.step(0.0, command=OperatorCommand.STOP, fallback_path=FallbackPath(1.0, (0.0,)))
     assert {status.steering for status in rig.run(1.0, fallback_path=FallbackPath(1.0, (0.0,)))} == {0.0}
     assert rig.run(1.0, fallback_path=FallbackPath(1.0, (-0.05,)))[-1].steering < -0.1
 
@@ -268,7 +268,7 @@ ASTRAY = [
     ("steering_fault", {"forged": codec.SteeringReport(0.4, 0.4, 6.0, 0.0, enabled=True, fault_bus_1=True)}, {}),
     ("steering_disabled", {"forged": codec.SteeringReport(0.4, 0.4, 6.0, 0.0, enabled=False)}, {}),
     ("steering_timeout", {"forged": codec.SteeringReport(0.4, 0.4, 6.0, 0.0, enabled=False, timeout=True)}, {}),
-    ("steering_not_following", {"found": ("steering_not_following",)}, {}),
+    ("steering_not_following", {"process_faults": ("steering_not_following",)}, {}),
 ]
 
 
@@ -281,7 +281,7 @@ def test_where_the_car_is_not_where_it_is_believed_to_be_the_measured_angle_is_h
     if "forged" in car:
         frame = codec.encode(car["forged"])
         rig.car.forged = {frame.id: frame}
-    arguments = step | ({"found": car["found"]} if "found" in car else {})
+    arguments = step | ({"process_faults": car["process_faults"]} if "process_faults" in car else {})
     while reason not in rig.step(0.0, 0.05, fallback_path=FallbackPath(1.0, (-0.05,)), **arguments).reasons:
         pass
     measured = rig.gateway.monitor.measured_steering

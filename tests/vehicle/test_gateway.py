@@ -18,6 +18,7 @@ from vve_sumo.vehicle import (
     engagement,
     gateway,
     monitor,
+    motion_control,
     plausibility,
     report_consistency,
     reports,
@@ -65,10 +66,10 @@ def test_whatever_comes_it_never_breaks_and_never_says_what_it_must_not(engaged,
     if engaged:
         rig.cruise(8.0)
         state = rig.step().state
-    for odd, frames, act in steps:
+    for odd, frames, command in steps:
         rig.tick += 1
         setpoint = rig.setpoint(odd[0], odd[1], emergency=odd[2]) if isinstance(odd, tuple) else odd
-        status, out = rig.gateway.step(rig.now, setpoint, [*rig.car.reports(), *frames], act)
+        status, out = rig.gateway.step(rig.now, setpoint, [*rig.car.reports(), *frames], command)
         rig.car.hear(out)
         rig.car.advance()
         for frame in out:
@@ -79,10 +80,10 @@ def test_whatever_comes_it_never_breaks_and_never_says_what_it_must_not(engaged,
         assert brake.enable == throttle.enable == steering.enable == (status.state in COMMANDING)
         assert brake.clear == gear.clear == (state is not S.ENGAGED and status.state is S.ENGAGED)
         going = status.state is S.ENGAGED and (
-            going or (act is OperatorCommand.GO and "go_too_early" not in status.reasons)
+            going or (command is OperatorCommand.GO and "go_too_early" not in status.reasons)
         )
         assert going or throttle.value == 0.0
-        assert not brake.clear or act is OperatorCommand.ENGAGE
+        assert not brake.clear or command is OperatorCommand.ENGAGE
         state = status.state
         assert all(map(math.isfinite, (status.steering, status.acceleration, status.brake_torque, status.throttle)))
         assert status.state is S.ENGAGED or throttle.value == 0.0
@@ -117,6 +118,7 @@ def test_every_reason_it_can_give_has_plain_words():
         gateway,
         arming_machine,
         monitor,
+        motion_control,
         setpoint_validation,
         engagement,
         plausibility,

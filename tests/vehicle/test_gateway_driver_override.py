@@ -32,7 +32,7 @@ def test_the_driver_has_the_car_within_the_same_step_and_for_good(report, before
     rig.cruise(10.0)
     if before != "driving":
         rig.car.shift_time = math.inf
-        rig.step(act=OperatorCommand.STOP)
+        rig.step(command=OperatorCommand.STOP)
         rig.run(1.0 if before == "stopping" else 7.0)
     counter = rig.commands()[0].counter
     status = rig.step(1.0, extra=(codec.encode(report),))
@@ -41,7 +41,7 @@ def test_the_driver_has_the_car_within_the_same_step_and_for_good(report, before
     assert enabled(rig) == {False}
     assert {command.counter for command in rig.commands()[:3]} == {(counter + 1) % 256}
     taken_over = set(status.reasons)
-    for status in rig.run(1.0, acceleration=2.0, act=OperatorCommand.ENGAGE):
+    for status in rig.run(1.0, acceleration=2.0, command=OperatorCommand.ENGAGE):
         assert status.state is S.FAULT
         assert set(status.reasons) <= taken_over
         assert enabled(rig) == {False}
@@ -89,7 +89,7 @@ def test_a_driver_at_the_pedals_ends_the_drive_at_once_and_for_good(report, name
     status = rig.step(1.0, extra=(codec.encode(report),))
     assert (status.state, status.throttle, status.reasons) == (S.STOPPING, 0.0, (name,))
     assert enabled(rig) == {True}
-    seen = [rig.step(2.0, act=OperatorCommand.GO) for _ in range(round(8.0 / PERIOD))]
+    seen = [rig.step(2.0, command=OperatorCommand.GO) for _ in range(round(8.0 / PERIOD))]
     assert {status.throttle for status in seen} == {0.0}
     assert max(status.brake_torque for status in seen) > 500.0, "the brakes work on"
     assert (seen[-1].state, rig.car.speed) in {(S.STOPPED, 0.0), (S.DISARMED, 0.0), (S.READY, 0.0)}
@@ -125,15 +125,15 @@ def test_an_act_of_the_same_moment_does_not_wipe_away_that_the_driver_took_over(
     rig = Rig()
     rig.cruise(5.0)
     rig.car.override = True
-    status = rig.step(1.0, act=OperatorCommand.DISARM)
+    status = rig.step(1.0, command=OperatorCommand.DISARM)
     assert (status.state, status.reasons) == (S.FAULT, ("driver_override",))
-    assert rig.step(1.0, act=OperatorCommand.DISARM).state is S.DISARMED
+    assert rig.step(1.0, command=OperatorCommand.DISARM).state is S.DISARMED
 
 
 def test_an_override_that_the_act_does_not_clear_is_not_fought():
     rig = Rig(Car(override=True))
     latched = codec.encode(ENABLED_BRAKE._replace(override=True, enabled=False))
     rig.car.forged = forged(latched)
-    rig.step(act=OperatorCommand.ENGAGE)
+    rig.step(command=OperatorCommand.ENGAGE)
     statuses = rig.run(1.0)
     assert statuses[-1].reasons == ("handshake_timeout",)

@@ -70,7 +70,7 @@ def test_counters_count_once_a_step_whatever_happens():
     for tick in range(700):
         rig.step(
             -1.0 if tick % 3 else None,
-            act=(OperatorCommand.ENGAGE, OperatorCommand.STOP, OperatorCommand.DISARM, None)[tick // 50 % 4],
+            command=(OperatorCommand.ENGAGE, OperatorCommand.STOP, OperatorCommand.DISARM, None)[tick // 50 % 4],
         )
         brake, throttle, steering, _ = rig.commands()
         assert brake.counter == throttle.counter == steering.counter

@@ -60,13 +60,13 @@ FAULTS = [
     ("yaw_rate_mismatch", {}, {"yaw_rate": 0.15}),
     ("setpoint_not_finite", {}, {"yaw_rate": math.nan}),
     ("profile_invalid", {}, {"fallback_path": FallbackPath(1.0, (0.0, math.nan))}),
-    ("bus_down", {}, {"found": ("bus_down",)}),
-    ("setpoint_corrupt", {}, {"found": ("setpoint_corrupt",)}),
-    ("operator_gone", {}, {"found": ("operator_gone",)}),
-    ("a_code_that_nobody_knows", {}, {"found": ("a_code_that_nobody_knows",)}),
-    ("stop_asked", {}, {"act": OperatorCommand.STOP}),
-    ("stop_asked_by_page", {}, {"act": OperatorCommand.STOP_BY_PAGE}),
-    ("disarm_asked", {}, {"act": OperatorCommand.DISARM}),
+    ("bus_down", {}, {"process_faults": ("bus_down",)}),
+    ("setpoint_corrupt", {}, {"process_faults": ("setpoint_corrupt",)}),
+    ("operator_gone", {}, {"process_faults": ("operator_gone",)}),
+    ("a_code_that_nobody_knows", {}, {"process_faults": ("a_code_that_nobody_knows",)}),
+    ("stop_asked", {}, {"command": OperatorCommand.STOP}),
+    ("stop_asked_by_page", {}, {"command": OperatorCommand.STOP_BY_PAGE}),
+    ("disarm_asked", {}, {"command": OperatorCommand.DISARM}),
 ]  # fmt: skip
 
 
@@ -79,7 +79,7 @@ def test_whatever_goes_wrong_brings_the_car_to_rest_and_keeps_it_there(reason, c
     rig.car.forged = forged(car["forged"]) if "forged" in car else {}
     arguments = {"acceleration": 1.0} | step
     first = rig.step(**arguments)
-    arguments.pop("act", None)
+    arguments.pop("command", None)
 
     statuses = [first, *rig.run(0.7, **arguments)]
     at = next(i for i, status in enumerate(statuses) if status.state is not S.ENGAGED)
@@ -104,7 +104,7 @@ def test_whatever_goes_wrong_brings_the_car_to_rest_and_keeps_it_there(reason, c
     assert enabled(rig) == {True}
     rig.car.forged, rig.car.silent = {}, set()
     for tick in range(round(20.0 / PERIOD)):
-        status = rig.step(2.0, act=(OperatorCommand.ENGAGE, OperatorCommand.GO, OperatorCommand.DISARM)[tick % 3])
+        status = rig.step(2.0, command=(OperatorCommand.ENGAGE, OperatorCommand.GO, OperatorCommand.DISARM)[tick % 3])
         assert status.state is S.STOPPED, "no way from stopped to engaged, and none to a car that creeps"
         assert rig.car.speed == 0.0
     assert not rig.gateway.done
@@ -186,8 +186,8 @@ def test_its_own_troubles_latch_before_engaging_too(trouble):
     else:
         status = rig.step(extra=(Frame(layout.GEAR_COMMAND, b"\x04"),))
     assert (status.state, status.reasons) == (S.FAULT, (trouble,))
-    assert rig.step(act=OperatorCommand.ENGAGE).state is S.FAULT
-    assert rig.step(act=OperatorCommand.DISARM).state is S.DISARMED
+    assert rig.step(command=OperatorCommand.ENGAGE).state is S.FAULT
+    assert rig.step(command=OperatorCommand.DISARM).state is S.DISARMED
     assert rig.step().state is S.READY
 
 

@@ -92,7 +92,7 @@ def test_a_car_stands_for_a_while_before_its_drive_is_over():
 def test_who_does_nothing_is_not_told_that_it_is_too_early():
     rig = Rig()
     assert not any("go_too_early" in status.reasons for status in rig.run(0.2))
-    assert "go_too_early" in rig.step(act=OperatorCommand.GO).reasons
+    assert "go_too_early" in rig.step(command=OperatorCommand.GO).reasons
     assert "go_too_early" not in rig.step().reasons
 
 
@@ -115,6 +115,6 @@ def test_a_step_at_a_wrong_time_brakes_for_two_periods_at_most(late: float, elap
 
 def test_in_shadow_a_driver_who_drives_is_no_objection() -> None:
     rig = Rig(Car(driver_brake=True), Gateway(FUSION, CALIBRATION, period=PERIOD, shadow=True))
-    rig.step(act=OperatorCommand.ENGAGE)
+    rig.step(command=OperatorCommand.ENGAGE)
     rig.run(3.0)
-    assert rig.step(act=OperatorCommand.GO).reasons == ("shadow",)
+    assert rig.step(command=OperatorCommand.GO).reasons == ("shadow",)

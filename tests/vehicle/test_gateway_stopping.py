@@ -24,7 +24,7 @@ def test_stopping_holds_the_angle_that_the_wheels_have():
     rig.run(1.0, steering=0.15)
     status = rig.step(1.0, steering=-0.3)  # a last wish that is never reached
     measured = rig.car.wheel_angle / FUSION.steering_ratio
-    rig.step(acceleration=1.0, steering=-0.3, act=OperatorCommand.STOP)
+    rig.step(acceleration=1.0, steering=-0.3, command=OperatorCommand.STOP)
     status = rig.step(acceleration=1.0, steering=-0.3)
     assert status.steering == pytest.approx(measured, abs=math.radians(0.1) / FUSION.steering_ratio)
     assert {v.steering for v in rig.run(6.0, steering=-0.3)} == {status.steering}
@@ -36,7 +36,7 @@ def test_a_steering_report_that_jumps_does_not_turn_the_wheels_at_once():
     rig.cruise(10.0)
     before = rig.step().steering
     rig.car.forged = forged(codec.SteeringReport(8.0, 0.0, 10.0, 0.0, enabled=True))
-    statuses = [rig.step(act=OperatorCommand.STOP), *rig.run(0.1)]
+    statuses = [rig.step(command=OperatorCommand.STOP), *rig.run(0.1)]
     largest = 10.0 * FUSION.wheelbase / rig.car.speed**2 * PERIOD
     for status in statuses:
         assert abs(status.steering - before) <= 1.1 * largest
@@ -109,7 +109,7 @@ def test_stopping_sets_in_with_bounded_jerk_after_the_throttle_is_gone():
     rig = Rig()
     rig.cruise(10.0)
     rig.run(1.0, acceleration=1.5)
-    granted = [rig.step(1.5, act=OperatorCommand.STOP).acceleration] + [v.acceleration for v in rig.run(1.0)]
+    granted = [rig.step(1.5, command=OperatorCommand.STOP).acceleration] + [v.acceleration for v in rig.run(1.0)]
     assert granted[0] == pytest.approx(-5.0 * PERIOD)
     assert max(a - b for a, b in itertools.pairwise(granted)) <= 5.0 * PERIOD + 1e-12
     assert granted[-1] == -2.4
@@ -118,7 +118,7 @@ def test_stopping_sets_in_with_bounded_jerk_after_the_throttle_is_gone():
 def test_a_worse_fault_on_the_way_makes_it_brake_harder():
     rig = Rig()
     rig.cruise(12.0)
-    rig.step(act=OperatorCommand.STOP)
+    rig.step(command=OperatorCommand.STOP)
     assert rig.run(1.0)[-1].acceleration == -2.4
     rig.step(extra=(Frame(codec.BRAKE_COMMAND, bytes(8)),))
     status = rig.run(0.3)[-1]
@@ -128,7 +128,7 @@ def test_a_worse_fault_on_the_way_makes_it_brake_harder():
 def test_stopped_uphill_it_never_touches_the_throttle():
     rig = Rig(Car(grade=0.03))
     rig.cruise(3.0)
-    statuses = [rig.step(2.0, act=OperatorCommand.STOP), *rig.run(6.0)]
+    statuses = [rig.step(2.0, command=OperatorCommand.STOP), *rig.run(6.0)]
     assert {status.throttle for status in statuses} == {0.0}
 
 
@@ -139,7 +139,7 @@ AVERAGED = 0.18
 def test_rest_is_standing_for_a_while():
     rig = Rig()
     rig.cruise(5.0)
-    statuses = [rig.step(act=OperatorCommand.STOP)]
+    statuses = [rig.step(command=OperatorCommand.STOP)]
     standing = 0
     while statuses[-1].state is not S.STOPPED:
         statuses.append(rig.step())
@@ -150,11 +150,11 @@ def test_rest_is_standing_for_a_while():
 def test_at_rest_it_asks_for_park_and_lets_go_only_there():
     rig = Rig(Car(shift_time=2.0))
     rig.cruise(5.0)
-    rig.step(act=OperatorCommand.STOP)
+    rig.step(command=OperatorCommand.STOP)
     while rig.step().state is not S.STOPPED:
         assert rig.commands()[3].gear is Gear.NONE
     assert rig.commands()[3].gear is Gear.PARK
-    status = rig.step(act=OperatorCommand.DISARM)
+    status = rig.step(command=OperatorCommand.DISARM)
     assert (status.state, status.reasons) == (S.STOPPED, ("stop_asked", "not_in_park"))
     while rig.car.gear is not Gear.PARK:
         assert rig.step().state is S.STOPPED
@@ -184,7 +184,7 @@ def test_at_rest_it_asks_for_park_and_lets_go_only_there():
 def test_a_park_that_nobody_can_be_sure_of_lets_nothing_go(trouble):
     rig = Rig()
     rig.cruise(5.0)
-    rig.step(act=OperatorCommand.STOP)
+    rig.step(command=OperatorCommand.STOP)
     while rig.step().state is not S.STOPPED:
         pass
     rig.car.silent = trouble.get("silent", set())
@@ -199,13 +199,13 @@ def test_a_park_that_nobody_can_be_sure_of_lets_nothing_go(trouble):
 
 def test_no_gear_is_asked_for_while_the_wheels_turn():
     rig = Rig(Car(shift_time=math.inf))
-    rig.step(act=OperatorCommand.ENGAGE)
+    rig.step(command=OperatorCommand.ENGAGE)
     rig.run(1.0)
     assert rig.commands()[3].gear is Gear.DRIVE
     rig.car.speed = 0.5
     rig.step()
     assert rig.commands()[3].gear is Gear.NONE
-    rig.step(act=OperatorCommand.STOP)
+    rig.step(command=OperatorCommand.STOP)
     while rig.step().state is not S.STOPPED:
         assert rig.commands()[3].gear is Gear.NONE
     rig.step()
@@ -233,11 +233,11 @@ def test_a_brake_module_that_drops_out_calls_the_driver_while_the_car_moves():
 def test_after_parking_another_controller_may_count_from_zero():
     rig = Rig()
     rig.engage()
-    rig.step(act=OperatorCommand.STOP)
+    rig.step(command=OperatorCommand.STOP)
     rig.run(3.0)
     rig.sequence = -1
     assert rig.gateway.monitor.sequence > 100
-    rig.step(act=OperatorCommand.DISARM)
+    rig.step(command=OperatorCommand.DISARM)
     assert rig.gateway.monitor.sequence == -1
     rig.run(0.1)
     assert rig.gateway.monitor.sequence == rig.sequence

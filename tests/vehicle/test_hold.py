@@ -13,7 +13,7 @@ from tests.vehicle.whole_car import LOT, PARAMETERS, PERIOD, WholeCar
 from vve_sumo.plant.car import ActuatorFaults, Car, CarOutput
 from vve_sumo.values import ArmingState, Frame
 from vve_sumo.vehicle.arming_machine import OperatorCommand
-from vve_sumo.vehicle.brake_monitor import ROLL_SPEED, ROLL_TIME, SATELLITE_ROLL_SPEED, SATELLITE_ROLL_TIME, HoldMonitor
+from vve_sumo.vehicle.brake_monitor import GNSS_ROLL_SPEED, GNSS_ROLL_TIME, ROLL_SPEED, ROLL_TIME, HoldMonitor
 from vve_sumo.vehicle.interface import HANDS_OFF, DriverInputs
 
 S = ArmingState
@@ -39,7 +39,7 @@ def held() -> WholeCar:
     whole = WholeCar()
     for _ in range(10):
         whole.step()
-    whole.step(act=OperatorCommand.ENGAGE)
+    whole.step(command=OperatorCommand.ENGAGE)
     while whole.step().reasons != ("waiting_for_go",):
         assert whole.tick < 200
     for _ in range(50):
@@ -74,7 +74,7 @@ def test_brakes_that_are_dead_from_the_start_raise_the_alarm_before_go():
     whole.car.actuator_faults = ActuatorFaults(brake_share=0.0)
     for _ in range(10):
         whole.step()
-    whole.step(act=OperatorCommand.ENGAGE)
+    whole.step(command=OperatorCommand.ENGAGE)
     time, way = alarmed(whole)
     assert time < 0.5
     assert way < 0.1
@@ -86,7 +86,7 @@ def test_a_car_that_rolls_after_it_came_to_rest_raises_the_alarm():
     whole.engage()
     for _ in range(150):
         whole.step(1.0)
-    status = whole.step(act=OperatorCommand.STOP)
+    status = whole.step(command=OperatorCommand.STOP)
     while status.state is not S.STOPPED:
         status = whole.step()
     assert whole.car.truth().speed == 0.0
@@ -130,16 +130,16 @@ STEP = 0.02
 def test_by_brute_force(steps):
     """It rolls if wheels or receiver were faster than their bound for their time, held ever since it stood."""
     monitor = HoldMonitor()
-    for index, (held_now, stands, wheel, satellite) in enumerate(steps):
+    for index, (held_now, stands, wheel, gnss) in enumerate(steps):
         expected = False
         for begin in range(index + 1):
             past = steps[begin : index + 1]
             stood = [n for n in range(index + 1) if steps[n][1] and all(held for held, _, _, _ in steps[n : index + 1])]
             lasted = (index - begin) * STEP + 1e-9
             rolls = lasted >= ROLL_TIME and all(speed > ROLL_SPEED for _, _, speed, _ in past)
-            moves = lasted >= SATELLITE_ROLL_TIME and all(abs(mean) > SATELLITE_ROLL_SPEED for *_, mean in past)
+            moves = lasted >= GNSS_ROLL_TIME and all(abs(mean) > GNSS_ROLL_SPEED for *_, mean in past)
             expected |= (rolls or moves) and bool(stood) and min(stood) <= begin
-        assert monitor.step(index * STEP, held_now, stands, wheel, satellite) is expected
+        assert monitor.step(index * STEP, held_now, stands, wheel, gnss) is expected
         assert not expected or held_now
 
 

@@ -159,7 +159,7 @@ def test_without_braking_there_is_no_brake_gain():
     found = identification.identify(simulate(brakes=0.0), FUSION, DECLARED).estimates
     for name in ("brake_gain", "brake_delay", "brake_lag"):
         assert not found[name].good, name
-    assert found["brake_gain"].trouble == "nothing in this drive to learn it from"
+    assert found["brake_gain"].problem == "nothing in this drive to learn it from"
     assert found["drive_force_limit"].good
 
 
@@ -173,7 +173,7 @@ def test_without_steering_there_is_no_ratio():
 def test_a_steering_motor_that_cannot_keep_up_is_no_lag():
     """Half the rate that the commands have: no delay and lag describe that."""
     found = identification.identify(simulate(rate=0.4), FUSION, DECLARED).estimates
-    assert "what is tolerated" in found["steering_lag"].trouble
+    assert "what is tolerated" in found["steering_lag"].problem
 
 
 def test_air_drag_that_does_not_show_is_left_as_declared():

@@ -80,9 +80,9 @@ def test_a_feedback_comes_back_bit_for_bit(feedback):
     assert isinstance(back.status.state, ArmingState)
 
 
-@pytest.mark.parametrize("act", OperatorCommand)
-def test_an_act_comes_back(act):
-    assert link.decode_operator_command(link.encode_operator_command(act)) is act
+@pytest.mark.parametrize("command", OperatorCommand)
+def test_a_command_comes_back(command):
+    assert link.decode_operator_command(link.encode_operator_command(command)) is command
 
 
 def test_the_layout_on_the_wire():

@@ -28,8 +28,8 @@ class Bench:
         self.wire.said = reports
         assert self.monitor.reports.take(now, [Frame(BRAKE_REPORT, b"")]) == []
 
-    def compare(self, now: float, elapsed: float = 0.0, idle: bool = True) -> list[str]:
-        return self.monitor.compare(now, elapsed, idle=idle, braking=None, steering=math.nan)
+    def check_motion(self, now: float, elapsed: float = 0.0, idle: bool = True) -> list[str]:
+        return self.monitor.check_motion(now, elapsed, idle=idle, braking=None, steering=math.nan)
 
 
 def wheels(speed: float) -> WheelSpeeds:
@@ -59,28 +59,28 @@ def test_every_fault_is_found() -> None:
     """Of reports, of jumps in one of them, of a setpoint that is refused, and of the one before it."""
     bench = Bench()
     monitor = bench.monitor
-    assert monitor.look(0.0, wish(7, faults=("geofence_breach",)))[-1] == "geofence_breach"
+    assert monitor.check_inputs(0.0, wish(7, faults=("geofence_breach",)))[-1] == "geofence_breach"
     for tick in range(6):
         bench.say(0.01 * tick, YawRate(0.0, 0.1 * (tick % 2)))
     refused = wish(8, steering=math.nan, faults=("pose_stale",))
-    assert monitor.look(0.05, refused) == [
+    assert monitor.check_inputs(0.05, refused) == [
         *STALE, "gear_report_stale", "report_invalid", "reports_inconsistent", "setpoint_not_finite", "pose_stale",
         "geofence_breach",
     ]  # fmt: skip
     assert (monitor.sequence, monitor.fresh) == (7, False)
-    assert monitor.look(0.05, None)[-2:] == ["reports_inconsistent", "geofence_breach"]
+    assert monitor.check_inputs(0.05, None)[-2:] == ["reports_inconsistent", "geofence_breach"]
 
 
 def test_a_setpoint_that_is_out_of_order_is_noted_and_its_faults_count() -> None:
     bench = Bench()
     monitor = bench.monitor
-    monitor.look(0.0, wish(7))
+    monitor.check_inputs(0.0, wish(7))
     assert (monitor.notes, monitor.fresh) == ([], True)
-    assert monitor.look(0.0, wish(7, faults=("geofence_breach",)))[-2:] == ["report_invalid", "geofence_breach"]
+    assert monitor.check_inputs(0.0, wish(7, faults=("geofence_breach",)))[-2:] == ["report_invalid", "geofence_breach"]
     assert (monitor.notes, monitor.fresh) == (["setpoint_out_of_order"], False)
-    assert monitor.look(0.0, wish(8))[-1] == "report_invalid"
+    assert monitor.check_inputs(0.0, wish(8))[-1] == "report_invalid"
     assert (monitor.notes, monitor.fresh) == ([], True)
-    monitor.look(0.0, None)
+    monitor.check_inputs(0.0, None)
     assert (monitor.notes, monitor.fresh) == ([], False)
 
 
@@ -89,8 +89,8 @@ def test_a_setpoint_that_is_out_of_order_is_noted_and_its_faults_count() -> None
 
 def compared(bench: Bench, now: float, elapsed: float = 0.0) -> tuple[float, float]:
     """The speeds by the wheels and by the receiver that are believed."""
-    assert bench.compare(now, elapsed) == []
-    return bench.monitor.speed, bench.monitor.satellite_speed
+    assert bench.check_motion(now, elapsed) == []
+    return bench.monitor.speed, bench.monitor.gnss_speed
 
 
 def test_speeds_are_believed_while_they_are_fresh() -> None:
@@ -98,7 +98,7 @@ def test_speeds_are_believed_while_they_are_fresh() -> None:
     monitor = bench.monitor
     assert all(map(math.isnan, compared(bench, 0.0)))
     bench.say(0.0, wheels(5.0))
-    monitor.look(0.05, wish(1, 0.05, speed=5.25))
+    monitor.check_inputs(0.05, wish(1, 0.05, speed=5.25))
     by_wheels, by_receiver = compared(bench, 0.1)
     assert by_wheels == pytest.approx(5.0)
     assert by_receiver == 5.25
@@ -112,7 +112,7 @@ def test_a_speed_that_the_drive_only_guesses_is_not_believed() -> None:
     bench = Bench()
     monitor = bench.monitor
     for sequence, faults, believed in ((1, ("geofence_breach",), True), (2, ("pose_stale",), False)):
-        monitor.look(0.0, wish(sequence, speed=5.0, faults=faults))
+        monitor.check_inputs(0.0, wish(sequence, speed=5.0, faults=faults))
         assert math.isfinite(compared(bench, 0.0)[1]) is believed
 
 
@@ -122,8 +122,8 @@ def test_wheels_and_receiver_that_disagree_are_a_fault() -> None:
     for tick in range(12):
         now = 0.02 * tick
         bench.say(now, wheels(5.0), YawRate(0.0, 0.0))
-        monitor.look(now, wish(tick, now, speed=10.0))
-        faults = bench.compare(now, 0.02)
+        monitor.check_inputs(now, wish(tick, now, speed=10.0))
+        faults = bench.check_motion(now, 0.02)
     assert "speed_mismatch" in faults
 
 
@@ -150,19 +150,19 @@ def test_a_drive_needs_a_setpoint_and_a_car_that_stands() -> None:
     bench = Bench()
     monitor = bench.monitor
     assert monitor.missing(0.0) == ["no_setpoint", "not_standing"]
-    monitor.look(0.0, wish(7))
+    monitor.check_inputs(0.0, wish(7))
     bench.say(0.0, wheels(0.0))
-    bench.compare(0.0)
+    bench.check_motion(0.0)
     assert monitor.missing(0.0) == []
     assert monitor.missing(0.2) == ["no_setpoint"]
 
 
 def test_the_next_drives_setpoints_may_count_from_zero_again() -> None:
     monitor = Bench().monitor
-    monitor.look(0.0, wish(7))
+    monitor.check_inputs(0.0, wish(7))
     monitor.forget_setpoints()
     assert monitor.sequence == -1
-    monitor.look(0.0, wish(0))
+    monitor.check_inputs(0.0, wish(0))
     assert (monitor.sequence, monitor.fresh) == (0, True)
 
 
@@ -170,19 +170,19 @@ def test_the_next_drives_setpoints_may_count_from_zero_again() -> None:
 def test_who_watches_a_car_is_at_ease_where_it_stands_for_certain(certain: bool, at_rest: bool) -> None:
     monitor = Bench().monitor
     monitor.standstill.certain, monitor.standstill.at_rest = certain, at_rest
-    assert monitor.at_ease is (certain and at_rest)
+    assert monitor.supervision_over is (certain and at_rest)
 
 
 def test_a_car_is_let_go_after_ten_seconds_without_motion() -> None:
     """Of a car that reports nothing nobody knows whether it stands; nothing says that it moves, either."""
-    for idle, at_ease in ((True, [False, False, True]), (False, [False] * 3)):
+    for idle, supervision_over in ((True, [False, False, True]), (False, [False] * 3)):
         bench, seen = Bench(), []
         for now in (0.0, 9.99, 10.0):
-            bench.compare(now, idle=idle)
-            seen.append(bench.monitor.at_ease)
-        assert seen == at_ease
+            bench.check_motion(now, idle=idle)
+            seen.append(bench.monitor.supervision_over)
+        assert seen == supervision_over
     bench = Bench()
     for tick in range(300):
         bench.say(0.1 * tick, wheels(5.0 + 0.1 * (tick % 2)))
-        bench.compare(0.1 * tick, 0.1)
-        assert not bench.monitor.at_ease, "it moves"
+        bench.check_motion(0.1 * tick, 0.1)
+        assert not bench.monitor.supervision_over, "it moves"

@@ -35,8 +35,8 @@ def rehearsing() -> Rig:
     """A rehearsal that follows its setpoints, of a car that stands in drive with the driver's foot on the brake."""
     car = Driven(gear=Gear.DRIVE, driver_brake=True)
     rig = Rig(car, Gateway(FUSION, CALIBRATION, period=PERIOD, shadow=True))
-    rig.step(act=OperatorCommand.ENGAGE)
-    rig.step(act=OperatorCommand.GO)
+    rig.step(command=OperatorCommand.ENGAGE)
+    rig.step(command=OperatorCommand.GO)
     car.driver_brake, car.foot = False, 0.0
     return rig
 
@@ -58,7 +58,7 @@ def test_after_a_drive_the_driver_drives_off_without_being_told_that_the_car_doe
     rig.car.override = True
     rig.step()
     rig.car.override = False
-    assert rig.step(act=OperatorCommand.DISARM).state is S.DISARMED
+    assert rig.step(command=OperatorCommand.DISARM).state is S.DISARMED
     rig.car.foot = 2.0
     reasons = {reason for status in rig.run(1.0) for reason in status.reasons}
     assert reasons == {"not_standing", "driver_not_on_brake"}
@@ -104,7 +104,7 @@ def test_a_rehearsal_enables_nothing_clears_nothing_and_asks_for_no_gear():
     acts = {5: OperatorCommand.ENGAGE, 20: OperatorCommand.GO, 40: OperatorCommand.STOP}
     states = set()
     for tick in range(100):
-        states.add(rig.step(1.0, act=acts.get(tick)).state)
+        states.add(rig.step(1.0, command=acts.get(tick)).state)
         brake, throttle, steering, gear = rig.commands()
         assert not any(command.enable or command.clear for command in (brake, throttle, steering))
         assert (gear.gear, gear.clear) == (Gear.NONE, False)
@@ -128,7 +128,7 @@ def test_a_rehearsal_that_calls_for_the_driver_still_says_that_it_is_one():
 def test_who_says_go_to_a_car_that_goes_is_not_told_that_it_is_too_early():
     rig = Rig()
     rig.cruise(3.0)
-    assert rig.step(act=OperatorCommand.GO).reasons == ()
+    assert rig.step(command=OperatorCommand.GO).reasons == ()
 
 
 def test_a_driver_at_the_pedals_hides_nothing_else():
@@ -149,19 +149,19 @@ def test_a_driver_at_the_pedals_is_granted_no_acceleration_from_the_first_step_o
 def test_a_driver_who_takes_over_while_the_kit_is_being_enabled_has_the_car():
     rig = Rig(Car(gear=Gear.DRIVE, driver_brake=True))
     rig.run(0.1)
-    rig.step(act=OperatorCommand.ENGAGE)
+    rig.step(command=OperatorCommand.ENGAGE)
     rig.car.override = True
     status = rig.step()
     assert (status.state, status.reasons) == (S.FAULT, ("driver_override",))
 
 
 def test_an_override_of_old_that_a_confirmed_kit_still_reports_ends_the_drive():
-    """The gear module holds on to it after the act, while the others confirm; nobody moved the lever."""
+    """The gear module holds on to it after the command, while the others confirm; nobody moved the lever."""
     rig = Rig()
     rig.car.forged = {layout.GEAR_REPORT: codec.encode(codec.GearReport(Gear.PARK, override=True))}
     rig.run(0.1)
     begun = rig.now
-    assert rig.step(act=OperatorCommand.ENGAGE).state is S.ENGAGED
+    assert rig.step(command=OperatorCommand.ENGAGE).state is S.ENGAGED
     while rig.step().state is S.ENGAGED:
         assert rig.now - begun < 0.5
     assert rig.now - begun > 0.4

@@ -1,4 +1,4 @@
-"""The observer beside an external brain: same drive, same faults, and not one frame."""
+"""The observer beside an external controller: same drive, same faults, and not one frame."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from vve_sumo.vehicle.interface import ActuationCommand, Gear
 from vve_sumo.vehicle.observer import Observer
 
 S, Act = ArmingState, OperatorCommand
-#: what an external brain sends
+#: what an external controller sends
 COMMANDS = DataspeedDbw1().encode(ActuationCommand(300.0, 0.0, 0.1, 1.0, Gear.DRIVE, True, False))
 
 
@@ -31,7 +31,7 @@ class Watched:
     tick: int = 0
 
     def step(
-        self, act: OperatorCommand | None = None, found: Sequence[str] = (), faults: tuple[str, ...] = ()
+        self, command: OperatorCommand | None = None, process_faults: Sequence[str] = (), faults: tuple[str, ...] = ()
     ) -> GatewayStatus:
         """Let one period go by."""
         self.tick += 1
@@ -42,7 +42,7 @@ class Watched:
             0.0, 0.0, sequence=self.tick, time=now, expires=now + 0.1, speed=car.speed, yaw_rate=0.0, x=car.x, y=0.0,
             heading=0.0, faults=faults,
         )  # fmt: skip
-        output = self.observer.step(now, said, [*COMMANDS, *car.reports()], act, found)
+        output = self.observer.step(now, said, [*COMMANDS, *car.reports()], command, process_faults)
         assert output.frames == ()
         return output.status
 
@@ -64,11 +64,11 @@ class Watched:
         return self
 
 
-@pytest.mark.parametrize(("act", "reason"), [(Act.STOP, "stop_asked"), (Act.STOP_BY_PAGE, "stop_asked_by_page")])
-def test_a_drive_from_ready_to_its_end_with_the_car_in_drive_all_the_time(act, reason):
+@pytest.mark.parametrize(("command", "reason"), [(Act.STOP, "stop_asked"), (Act.STOP_BY_PAGE, "stop_asked_by_page")])
+def test_a_drive_from_ready_to_its_end_with_the_car_in_drive_all_the_time(command, reason):
     """The brain's own command frames are no second writer's, and a car that stands in drive is enough for the end."""
     watched = Watched().driving()
-    assert watched.step(act).state is S.STOPPING
+    assert watched.step(command).state is S.STOPPING
     assert watched.run(1.0).state is S.STOPPING  # the brain takes its time
     assert not watched.observer.done
     watched.car.speed = 0.0
@@ -88,13 +88,13 @@ def test_an_operator_who_disarms_a_car_under_way_is_named_as_what_ended_the_driv
 
 
 def test_every_fault_ends_the_drive_and_is_kept_as_its_reason():
-    for found, faults, reason in (
+    for process_faults, faults, reason in (
         (("bus_down",), (), "bus_down"),
         ((), ("geofence_breach",), "geofence_breach"),
         (("stop_input",), (), "stop_input"),
     ):
         watched = Watched().driving()
-        assert watched.step(found=found, faults=faults).state is S.STOPPING
+        assert watched.step(process_faults=process_faults, faults=faults).state is S.STOPPING
         assert reason in watched.run(0.2).reasons
 
 
@@ -152,9 +152,9 @@ FRAMES = st.builds(Frame, st.integers(0x60, 0x7F), st.binary(max_size=8))
 @given(st.lists(st.tuples(ACTS, st.lists(FRAMES, max_size=4), st.booleans()), max_size=30))
 def test_whatever_comes_no_frame_goes_out(steps: list[tuple[OperatorCommand | None, list[Frame], bool]]) -> None:
     observer, car = Observer(FUSION, CALIBRATION, DataspeedDbw1()), Car()
-    for number, (act, strange, whole) in enumerate(steps):
+    for number, (command, strange, whole) in enumerate(steps):
         now = number * PERIOD
         still = {"speed": 0.0, "yaw_rate": 0.0, "x": 0.0, "y": 0.0, "heading": 0.0}
         said = setpoint(0.0, 0.0, sequence=number, time=now, expires=now + 0.1, **still)
-        output = observer.step(now, said if whole else None, [*car.reports(), *strange], act)
+        output = observer.step(now, said if whole else None, [*car.reports(), *strange], command)
         assert output.frames == ()

@@ -86,7 +86,7 @@ def test_brakes_that_do_not_answer_are_pressed_as_hard_as_car_calibration_and_wi
     rig = Rig(gateway=Gateway(vehicle, calibration, period=PERIOD, interface=interface(Variant.DBW1_2024)))
     rig.cruise(4.0)
     rig.car.brake_gain = 0.0
-    statuses = [rig.step(act=OperatorCommand.STOP), *rig.run(1.0)]
+    statuses = [rig.step(command=OperatorCommand.STOP), *rig.run(1.0)]
     assert "brake_not_following" in statuses[-1].reasons
     assert rig.commands()[0].value == pytest.approx(900.0, abs=0.5)
 
@@ -123,7 +123,7 @@ def test_a_drive_that_has_not_begun_is_not_over():
 def test_a_rig_with_a_gentler_stop_is_stopped_gently():
     rig = rig_of(limits=Limits(stop_deceleration=1.0))
     rig.cruise(6.0)
-    rig.step(act=OperatorCommand.STOP)
+    rig.step(command=OperatorCommand.STOP)
     moving = [status for status in rig.run(3.0, None) if rig.car.speed > 0.5]
     assert min(status.acceleration for status in moving) == pytest.approx(-1.0, abs=1e-9)
 

@@ -15,14 +15,14 @@ from vve_sumo.plant.actuators import Lagged
 from vve_sumo.vehicle.actuation import Pedals
 from vve_sumo.vehicle.command_echo import ECHO_TIME, OPENING_CHANGE, TORQUE_CHANGE, CommandEcho
 from vve_sumo.vehicle.dataspeed.controller import BRAKE_RAMP
-from vve_sumo.vehicle.driver_signs import (
+from vve_sumo.vehicle.driver_braking import (
     LATCH_TIME,
     LATCH_TORQUE,
     RELEASE_RATE,
     REPORT_DELAY,
     UNASKED_TIME,
     UNASKED_TORQUE,
-    DriverSigns,
+    DriverBrakingDetector,
 )
 from vve_sumo.vehicle.slowing_monitor import DECELERATION_MARGIN, SPEED_DEFICIT, SlowingMonitor
 
@@ -43,7 +43,7 @@ def spread(commands: list[tuple[float, int]]) -> list[float]:
 
 @given(COMMANDS)
 def test_the_largest_of_the_last_commands_is_that_of_a_brute_force(commands):
-    signs, torques = DriverSigns(FUSION), spread(commands)
+    signs, torques = DriverBrakingDetector(FUSION), spread(commands)
     times = [index * STEP for index in range(len(torques))]
     for index, (now, torque) in enumerate(zip(times, torques, strict=True)):
         recent = [torques[n] for n in range(index + 1) if times[n] >= now - DELAY]
@@ -53,13 +53,13 @@ def test_the_largest_of_the_last_commands_is_that_of_a_brute_force(commands):
 @given(COMMANDS)
 def test_what_the_commands_explain_falls_no_faster_than_a_brake_lets_go(commands):
     """In closed form: the largest over all commands of its torque, less RELEASE_RATE from DELAY after it on."""
-    signs, torques = DriverSigns(FUSION), spread(commands)
+    signs, torques = DriverBrakingDetector(FUSION), spread(commands)
     for index, torque in enumerate(torques):
         signs.step(index * STEP, STEP, torque, math.nan, math.nan)
         # How many steps a command is still among the recent ones; one that is just as old may not be.
         whole = math.floor(DELAY / STEP - 1e-9)
         explained = max(
-            told - RELEASE_RATE * STEP * max(index - n - whole, 0) for n, told in enumerate(torques[: index + 1])
+            output - RELEASE_RATE * STEP * max(index - n - whole, 0) for n, output in enumerate(torques[: index + 1])
         )
         assert signs._explained == pytest.approx(max(explained, 0.0), abs=1.01 * RELEASE_RATE * STEP)
         assert signs._explained >= explained - 1e-6, "never less than what the brakes may still give"
@@ -69,7 +69,7 @@ def test_what_the_commands_explain_falls_no_faster_than_a_brake_lets_go(commands
 @given(COMMANDS, st.sampled_from([vehicles.FUSION.vehicle, vehicles.MKZ.vehicle]), st.integers(0, 3))
 def test_no_sequence_of_commands_through_ramp_delay_and_lag_looks_like_a_foot(commands, vehicle, phase):
     """The DBW controller's ramp, the actuator's delay and lag, a report every 20 ms, at any phase to the gateway."""
-    signs, brakes = DriverSigns(vehicle), Lagged(vehicle.brake_delay, vehicle.brake_lag, FINE)
+    signs, brakes = DriverBrakingDetector(vehicle), Lagged(vehicle.brake_delay, vehicle.brake_lag, FINE)
     ramped = reported = 0.0
     torques = spread(commands)
     for index, (before, torque) in enumerate(pairwise([0.0, *torques, *[0.0] * 50])):
@@ -85,7 +85,7 @@ def test_no_sequence_of_commands_through_ramp_delay_and_lag_looks_like_a_foot(co
 
 @given(st.floats(0.0, 3000.0), st.floats(UNASKED_TORQUE + 1.0, 3000.0))
 def test_a_foot_beyond_the_command_is_found_after_two_reports(commanded, foot):
-    signs = DriverSigns(FUSION)
+    signs = DriverBrakingDetector(FUSION)
     for index in range(50):
         assert not signs.step(index * STEP, STEP, commanded, commanded, 0.0)
     found = next(
@@ -96,19 +96,19 @@ def test_a_foot_beyond_the_command_is_found_after_two_reports(commanded, foot):
 
 @given(st.floats(0.0, 3000.0), st.floats(-3000.0, UNASKED_TORQUE))
 def test_a_torque_that_is_hardly_more_or_less_is_nobodys(commanded, beyond):
-    signs = DriverSigns(FUSION)
+    signs = DriverBrakingDetector(FUSION)
     assert not any(signs.step(n * STEP, STEP, commanded, 1.15 * commanded + beyond - 1e-6, 0.0) for n in range(50))
 
 
 def test_a_torque_that_is_not_reported_is_nobodys():
-    signs = DriverSigns(FUSION)
+    signs = DriverBrakingDetector(FUSION)
     assert not any(signs.step(n * STEP, STEP, 0.0, math.nan, math.nan) for n in range(50))
     assert not signs.brakes_latched
 
 
 @pytest.mark.parametrize(("reported", "foot"), [(LATCH_TORQUE + 1.0, 0.0), (0.0, LATCH_TORQUE + 1.0)])
 def test_a_strong_foot_is_taken_to_have_the_brakes_until_the_next_engagement(reported, foot):
-    signs, latched = DriverSigns(FUSION), []
+    signs, latched = DriverBrakingDetector(FUSION), []
     for index in range(20):
         signs.step(index * STEP, STEP, 0.0, reported, foot)
         latched.append(signs.brakes_latched)
@@ -207,16 +207,16 @@ def test_no_sequence_of_pedals_on_a_sound_car_looks_like_a_foot(wishes, mass_fac
     brakes = Lagged(FUSION.brake_delay, FUSION.brake_lag, FINE)
     engine = Lagged(vehicles.parameters().throttle_delay, CALIBRATION.drive_lag, FINE)
     speed, ramped, mass = 8.0, 0.0, CALIBRATION.mass * mass_factor
-    told = Pedals(0.0, 0.0)
+    output = Pedals(0.0, 0.0)
     for wish, steps in wishes:
         for _ in range(steps):
-            assert not monitor.step(STEP, told, speed, speed, grade)
+            assert not monitor.step(STEP, output, speed, speed, grade)
             force = CALIBRATION.mass * (wish + GRAVITY * math.sin(grade)) + CALIBRATION.drag(speed)
             push = CALIBRATION.throttle(force, speed) if force > 0.0 else 0.0
-            told = Pedals(CALIBRATION.brake_torque(-force) if force < 0.0 else 0.0, push)
+            output = Pedals(CALIBRATION.brake_torque(-force) if force < 0.0 else 0.0, push)
             for _ in range(round(STEP / FINE)):
-                ramped += min(max(told.brake_torque - ramped, -BRAKE_RAMP * FINE), BRAKE_RAMP * FINE)
+                ramped += min(max(output.brake_torque - ramped, -BRAKE_RAMP * FINE), BRAKE_RAMP * FINE)
                 braking = gain_factor * CALIBRATION.brake_force(brakes.step(ramped))
-                pushing = CALIBRATION.drive_force(engine.step(told.throttle), speed) + CALIBRATION.creep(speed)
+                pushing = CALIBRATION.drive_force(engine.step(output.throttle), speed) + CALIBRATION.creep(speed)
                 along = pushing - CALIBRATION.drag(speed) - braking
                 speed = max(speed + (along / mass - GRAVITY * math.sin(grade)) * FINE, 0.0)

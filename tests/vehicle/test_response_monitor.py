@@ -35,19 +35,19 @@ class Watched:
     def step(
         self,
         elapsed: float,
-        told: Pedals = COAST,
+        reported: Pedals = COAST,
         wheels: float = 20.0,
-        satellite: float = math.nan,
+        gnss: float = math.nan,
         grade: float = 0.0,
         going: bool = True,
     ) -> list[str]:
         self.now += elapsed
         return self.monitor.step(
-            self.now, elapsed, told, self.reports, (wheels, satellite), grade, standstill=self.standstill, going=going
+            self.now, elapsed, reported, self.reports, (wheels, gnss), grade, standstill=self.standstill, going=going
         )
 
 
-# The car does not do what it is told.
+# The car does not do what is commanded.
 
 
 def test_a_car_that_keeps_its_speed_under_its_brakes_does_not_follow() -> None:
@@ -68,10 +68,10 @@ def standing() -> Watched:
     return car
 
 
-def rolls(car: Watched, told: Pedals = HELD) -> list[list[str]]:
+def rolls(car: Watched, reported: Pedals = HELD) -> list[list[str]]:
     """Its wheels turn with 0.1 m/s."""
     car.say(WheelSpeeds(0.2, 0.2, 0.2, 0.2))
-    return [car.step(elapsed, told, 0.0) for elapsed in (0.02, 0.09, 0.01)]
+    return [car.step(elapsed, reported, 0.0) for elapsed in (0.02, 0.09, 0.01)]
 
 
 def test_a_car_that_rolls_off_under_its_holding_torque_does_not_follow() -> None:
@@ -96,14 +96,14 @@ def test_only_a_car_that_is_certain_to_be_at_rest_can_roll_off(certain: bool, at
     assert rolls(car) == [[], [], []]
 
 
-@pytest.mark.parametrize(("satellite", "found"), [(0.11, NOT_FOLLOWING), (math.nan, [])])
-def test_the_receivers_mean_shows_it_too_where_it_is_known(satellite: float, found: list[str]) -> None:
+@pytest.mark.parametrize(("gnss", "found"), [(0.11, NOT_FOLLOWING), (math.nan, [])])
+def test_the_receivers_mean_shows_it_too_where_it_is_known(gnss: float, found: list[str]) -> None:
     car = standing()
-    car.standstill.satellite_mean = 0.11
-    assert [car.step(elapsed, HELD, 0.0, satellite) for elapsed in (0.02, 0.29, 0.01)] == [[], [], found]
+    car.standstill.gnss_mean = 0.11
+    assert [car.step(elapsed, HELD, 0.0, gnss) for elapsed in (0.02, 0.29, 0.01)] == [[], [], found]
 
 
-# Modules that do not repeat what they are told.
+# Modules that do not repeat what is commanded.
 
 PUSHED, PUSHED_MORE = Pedals(0.0, 0.2), Pedals(0.0, 0.3)
 SAYS_BRAKE, SAYS_THROTTLE = BrakeState(enabled=True, command=2000.0), ThrottleState(enabled=True, command=0.2)
@@ -131,8 +131,8 @@ def test_a_module_that_goes_on_repeating_an_old_command_is_frozen(
 
 def test_all_that_is_wrong_is_said() -> None:
     car = Watched()
-    for elapsed, told in ((1.0, BRAKE), (1.0, BRAKE), (0.0, BRAKE), (0.0, Pedals(3000.0, 0.0))):
-        car.step(elapsed, told)
+    for elapsed, reported in ((1.0, BRAKE), (1.0, BRAKE), (0.0, BRAKE), (0.0, Pedals(3000.0, 0.0))):
+        car.step(elapsed, reported)
         car.say(SAYS_BRAKE)
     assert car.step(0.02, Pedals(3000.0, 0.0)) == []
     assert car.step(0.08, Pedals(3000.0, 0.0), 25.0) == ["brake_not_following", "brake_report_frozen"]

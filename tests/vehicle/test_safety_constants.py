@@ -17,10 +17,11 @@ from vve_sumo.vehicle import (
     brake_monitor,
     command_echo,
     drift,
-    driver_signs,
+    driver_braking,
     engagement,
     gateway,
     limits,
+    motion_control,
     plausibility,
     report_consistency,
     reports,
@@ -37,12 +38,12 @@ FIGURES: Final[dict[ModuleType, dict[str, tuple[float | tuple[float, ...], str]]
         "PUSH_SHARE": (1.5, "an engine may push harder than calibrated, and its push fade more slowly"),
         "PUSH_MARGIN": (0.3, "creep differs with the engine's temperature"),
         "SPEED_EXCESS": (0.25, "what a car without brakes gains against a stop of 2.4 m/s2 in 0.1 s"),
-        "SATELLITE_EXCESS": (0.10, "three sigma of RTK velocity: wheels alone may be wrong"),
+        "GNSS_EXCESS": (0.10, "three sigma of RTK velocity: wheels alone may be wrong"),
         "MIN_SPEED": (0.1, "twice what a wheel at rest may be reported to turn"),
         "ROLL_SPEED": (0.08, "six times what a Fusion's reports resolve, 13 mm/s"),
-        "SATELLITE_ROLL_SPEED": (0.10, "twice what the mean of a standing receiver's speed may be"),
+        "GNSS_ROLL_SPEED": (0.10, "twice what the mean of a standing receiver's speed may be"),
         "ROLL_TIME": (0.1, "ten reports"),
-        "SATELLITE_ROLL_TIME": (0.3, "a body that rocks after a stop does so at 1 to 2 Hz"),
+        "GNSS_ROLL_TIME": (0.3, "a body that rocks after a stop does so at 1 to 2 Hz"),
         "ACCELERATION_LAG": (0.1, "five steps: a difference of two noisy speeds needs a mean"),
     },
     command_echo: {
@@ -50,7 +51,7 @@ FIGURES: Final[dict[ModuleType, dict[str, tuple[float | tuple[float, ...], str]]
         "TORQUE_CHANGE": (250.0, "a quarter of a light braking, and more than any wire rounds"),
         "OPENING_CHANGE": (0.04, "more than any wire rounds and a module cuts off"),
     },
-    driver_signs: {
+    driver_braking: {
         "UNASKED_TORQUE": (150.0, "less than a pedal at 0.19 of its range asks for, 172 N m"),
         "UNASKED_SHARE": (0.15, "a brake controller that is 10 % off"),
         "UNASKED_TIME": (0.03, "two reports of 50 Hz"),
@@ -82,12 +83,14 @@ FIGURES: Final[dict[ModuleType, dict[str, tuple[float | tuple[float, ...], str]]
         "PARK_TIME": (1.0, "a shift to drive under way shows within that"),
         "UNATTENDED_TIME": (1.0, "a driver's foot changes pedals within that"),
         "ATTENDED_TIME": (0.1, "a single old report among fresh ones is no foot"),
-        "WHEELS_TOO_SLOW": (0.5, "ten sigma of RTK velocity, and the wheels' scale at 10 m/s"),
     },
     limits: {
         "SPEED_LIMIT_TIME": (0.8, "several times the drive's delay and lag"),
         "SPEED_LIMIT_BRAKING": (1.0, "who is a little too fast is not braked hard"),
         "SPEED_LIMIT_MARGIN": (1.0, "the wheels' scale, a steep slope, the last of a push"),
+    },
+    motion_control: {
+        "MAX_WHEEL_SPEED_DEFICIT": (0.5, "ten sigma of RTK velocity, and the wheels' scale at 10 m/s"),
     },
     plausibility: {
         "SPEED_DIFFERENCE": (0.30, "ten sigma of RTK velocity"),
@@ -142,15 +145,15 @@ FIGURES: Final[dict[ModuleType, dict[str, tuple[float | tuple[float, ...], str]]
         "THROTTLE_DELAY": (0.10, "an engine that is slower than declared"),
         "SPEED_DEFICIT": (0.30, "what 0.6 m/s2 take away in half a second"),
         "CHANGE_DEFICIT": (0.70, "a shift of the transmission costs 0.5"),
-        "SATELLITE_DEFICIT": (0.10, "three sigma of RTK velocity: wheels alone may be wrong"),
+        "GNSS_DEFICIT": (0.10, "three sigma of RTK velocity: wheels alone may be wrong"),
     },
     standstill: {
         "WHEEL_REST": (0.05, "four times what a Fusion's reports resolve, 13 mm/s"),
-        "SATELLITE_REST": (0.30, "ten sigma of RTK velocity"),
-        "SATELLITE_MEAN_REST": (0.05, "noise averages out, and a creeping car does not"),
-        "SATELLITE_LAG": (0.1, "ten fixes"),
+        "GNSS_REST": (0.30, "ten sigma of RTK velocity"),
+        "GNSS_MEAN_REST": (0.05, "noise averages out, and a creeping car does not"),
+        "GNSS_LAG": (0.1, "ten fixes"),
         "REST_TIME": (0.3, "fifteen steps"),
-        "SATELLITE_REST_TIME": (3.0, "against wheels that are missing or turn, the receiver needs a long look"),
+        "GNSS_REST_TIME": (3.0, "against wheels that are missing or turn, the receiver needs a long look"),
         "MAX_BRAKING": (12.0, "more than the friction of a dry road gives"),
         "QUANTUM": (0.04, "three times what a Fusion's reports resolve, 13 mm/s"),
         "BRAKING_SHARE": (0.5, "half of the commanded deceleration is a very weak car's"),
@@ -187,9 +190,9 @@ def test_reasons_that_can_be_reckoned() -> None:
     slope = GRAVITY * math.sin(math.atan(0.015))
     assert slope < brake_monitor.ACCELERATION_MARGIN < slowing_monitor.DECELERATION_MARGIN
     assert reports.IDLE_TORQUE < pedal_to_torque(0.18) < reports.FOOT_TORQUE < pedal_to_torque(0.19)
-    assert pedal_to_torque(0.19) > driver_signs.UNASKED_TORQUE
-    assert pedal_to_torque(0.22) > driver_signs.LATCH_TORQUE
-    assert PERIOD < driver_signs.UNASKED_TIME < 2 * PERIOD
-    assert math.exp(-driver_signs.LAGS) < 0.05
+    assert pedal_to_torque(0.19) > driver_braking.UNASKED_TORQUE
+    assert pedal_to_torque(0.22) > driver_braking.LATCH_TORQUE
+    assert PERIOD < driver_braking.UNASKED_TIME < 2 * PERIOD
+    assert math.exp(-driver_braking.LAGS) < 0.05
     assert standstill.WHEEL_REST < brake_monitor.ROLL_SPEED < brake_monitor.MIN_SPEED
-    assert standstill.SATELLITE_MEAN_REST < brake_monitor.SATELLITE_ROLL_SPEED
+    assert standstill.GNSS_MEAN_REST < brake_monitor.GNSS_ROLL_SPEED

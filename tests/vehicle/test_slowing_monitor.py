@@ -26,25 +26,25 @@ class Drive:
     """A car that gains what a test says, and whether a foot is seen."""
 
     def __init__(
-        self, told: Pedals = COAST, calibration: Calibration = BARE, speed: float = 20.0, settled: bool = True
+        self, reported: Pedals = COAST, calibration: Calibration = BARE, speed: float = 20.0, settled: bool = True
     ) -> None:
         self.monitor = SlowingMonitor(CAR, calibration)
-        self.wheels = self.satellite = speed
-        if settled:  # for so long that brakes and engine give what they are told
-            assert self.monitor.step(1e12, told, speed, speed, 0.0) is False
+        self.wheels = self.gnss = speed
+        if settled:  # for so long that brakes and engine give what is commanded
+            assert self.monitor.step(1e12, reported, speed, speed, 0.0) is False
 
     def step(
         self,
         gain: float,
-        told: Pedals = COAST,
+        reported: Pedals = COAST,
         elapsed: float = 1.0,
         grade: float = 0.0,
-        satellite: float | None = None,
+        gnss: float | None = None,
     ) -> bool:
         """A step in which the wheels gain so many m/s, and the receiver's speed as many unless it is told another."""
         self.wheels += gain
-        self.satellite += gain if satellite is None else satellite
-        return self.monitor.step(elapsed, told, self.wheels, self.satellite, grade)
+        self.gnss += gain if gnss is None else gnss
+        return self.monitor.step(elapsed, reported, self.wheels, self.gnss, grade)
 
 
 ROLLING = {"rolling_resistance": 0.4 / 9.80665}  # 0.4 m/s2
@@ -53,7 +53,7 @@ WEAK = {"drive_power_limit": 40_000.0}  # 2000 N at 20 m/s, a fifth of the force
 
 
 @pytest.mark.parametrize(
-    ("car", "told", "grade", "speed", "least"),
+    ("car", "reported", "grade", "speed", "least"),
     [
         # Any car: half of the push, 1.35 of the brakes, 1.5 of the drag, 0.35 m/s2 of margin; 0.30 m/s are left.
         ({}, COAST, 0.0, 20.0, -0.35 - 0.30),
@@ -72,12 +72,12 @@ WEAK = {"drive_power_limit": 40_000.0}  # 2000 N at 20 m/s, a fifth of the force
     ],
 )
 def test_the_least_that_a_sound_car_gains_in_a_second(
-    car: dict[str, float], told: Pedals, grade: float, speed: float, least: float
+    car: dict[str, float], reported: Pedals, grade: float, speed: float, least: float
 ) -> None:
     """Speed at the second's end; a millimetre per second less is a foot."""
     for gain, foot in ((least + NEAR, False), (least - NEAR, True)):
-        drive = Drive(told, replace(BARE, **car), speed - gain)
-        assert drive.step(gain, told, grade=grade) is foot
+        drive = Drive(reported, replace(BARE, **car), speed - gain)
+        assert drive.step(gain, reported, grade=grade) is foot
 
 
 def test_what_is_missing_adds_up_and_what_is_too_much_earns_nothing() -> None:
@@ -103,9 +103,9 @@ def test_a_car_must_be_faster_than_one_metre_per_second_to_be_compared_with_itse
 def test_a_slow_car_forgets_what_it_missed_beside_itself() -> None:
     drive = Drive(PUSH, speed=2.0)
     assert drive.step(0.75, PUSH) is False, "0.6 m/s are missing, of 0.7"
-    drive.wheels = drive.satellite = 0.5
+    drive.wheels = drive.gnss = 0.5
     drive.monitor.step(100.0, PUSH, 0.5, 0.5, 1.0)  # so steep that nothing is missing
-    drive.wheels = drive.satellite = 1.5
+    drive.wheels = drive.gnss = 1.5
     drive.monitor.step(0.5, PUSH, 1.5, 1.5, 0.0)
     assert drive.step(0.75, PUSH) is False
     assert drive.step(0.75, PUSH) is True
@@ -141,7 +141,7 @@ def test_at_one_metre_per_second_nothing_is_learnt(speed: float, learns: bool) -
     assert drive.step(25.5, PUSH, elapsed=15.0) is False
     for drive.wheels in (math.nan, 20.0):  # the sums begin anew
         assert drive.step(0.0, PUSH) is False
-    drive.satellite = math.nan
+    drive.gnss = math.nan
     assert drive.step(0.55, PUSH) is not learns
 
 
@@ -194,7 +194,7 @@ def test_an_engine_need_not_push_once_the_throttle_is_closed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("told", "wheels", "satellite", "foot"),
+    ("reported", "wheels", "gnss", "foot"),
     [
         # any car: 0.35 m/s2 are allowed
         (COAST, -0.66, -0.45 + NEAR, False),
@@ -211,52 +211,52 @@ def test_an_engine_need_not_push_once_the_throttle_is_closed() -> None:
     ],
 )
 def test_the_receiver_must_see_a_tenth_of_it_where_it_is_known(
-    told: Pedals, wheels: float, satellite: float, foot: bool
+    reported: Pedals, wheels: float, gnss: float, foot: bool
 ) -> None:
-    assert Drive(told).step(wheels, told, satellite=satellite) is foot
+    assert Drive(reported).step(wheels, reported, gnss=gnss) is foot
 
 
 def test_what_the_receiver_sees_adds_up_too() -> None:
     """0.06 m/s missing by the receiver each second, and 0.4 m/s by the wheels."""
     drive = Drive()
-    assert [drive.step(-0.75, satellite=-0.41) for _ in range(2)] == [False, True]
+    assert [drive.step(-0.75, gnss=-0.41) for _ in range(2)] == [False, True]
     drive = Drive(PUSH)  # 1.35 m/s are expected in the first second and 1.2625 in the next: a sixteenth is learnt
-    assert [drive.step(0.60, PUSH, satellite=seen) for seen in (1.26, 1.24)] == [False, True]
+    assert [drive.step(0.60, PUSH, gnss=seen) for seen in (1.26, 1.24)] == [False, True]
 
 
 @pytest.mark.parametrize(("elapsed", "foot"), [(0.0257, False), (0.0258, True)])
 def test_wheels_that_fall_faster_than_any_car_brakes_count_as_that(elapsed: float, foot: bool) -> None:
     """12 m/s2, which is 11.65 beyond the margin: 0.30 m/s are missing after 25.75 ms."""
     drive = Drive()
-    assert drive.step(-20.0, elapsed=elapsed, satellite=math.nan) is foot
+    assert drive.step(-20.0, elapsed=elapsed, gnss=math.nan) is foot
 
 
 # Steps that tell nothing.
 
 
-@pytest.mark.parametrize("told", [COAST, PUSH])
-def test_a_step_of_no_length_begins_the_sums_anew_and_moves_no_pedal(told: Pedals) -> None:
-    drive = Drive(told)
-    lost = -0.55 if told is COAST else 0.85
-    assert drive.step(lost, told) is False
+@pytest.mark.parametrize("reported", [COAST, PUSH])
+def test_a_step_of_no_length_begins_the_sums_anew_and_moves_no_pedal(reported: Pedals) -> None:
+    drive = Drive(reported)
+    lost = -0.55 if reported is COAST else 0.85
+    assert drive.step(lost, reported) is False
     assert drive.step(0.0, HARD, elapsed=0.0) is False
     assert drive.step(0.0, COAST, elapsed=0.0) is False
-    assert [drive.step(lost, told) for _ in range(2)] == [False, True]
+    assert [drive.step(lost, reported) for _ in range(2)] == [False, True]
 
 
 def test_wheels_that_are_unknown_for_a_step_begin_the_sums_anew_and_unteach_nothing() -> None:
     """The receiver is silent too, so that the wheels decide."""
-    for told, lost in ((COAST, -0.55), (PUSH, 0.85)):
-        drive = Drive(told)
-        drive.satellite = math.nan
-        assert drive.step(lost, told) is False
+    for reported, lost in ((COAST, -0.55), (PUSH, 0.85)):
+        drive = Drive(reported)
+        drive.gnss = math.nan
+        assert drive.step(lost, reported) is False
         speed, drive.wheels = drive.wheels, math.nan
-        assert drive.step(0.0, told) is False
+        assert drive.step(0.0, reported) is False
         drive.wheels = speed
-        assert drive.step(0.0, told) is False
-        assert [drive.step(lost, told) for _ in range(2)] == [False, True]
+        assert drive.step(0.0, reported) is False
+        assert [drive.step(lost, reported) for _ in range(2)] == [False, True]
         drive.wheels = math.nan
-        assert drive.step(0.0, told) is False
+        assert drive.step(0.0, reported) is False
 
 
 def test_what_was_before_a_reset_does_not_count() -> None:

@@ -32,10 +32,10 @@ def limited_car(limit: float, grade: float = 0.0, mass_factor: float = 1.0) -> W
 def engaged(whole: WholeCar, grade: float) -> None:
     for _ in range(10):
         whole.step(grade=grade)
-    whole.step(act=OperatorCommand.ENGAGE, grade=grade)
+    whole.step(command=OperatorCommand.ENGAGE, grade=grade)
     while whole.step(grade=grade).reasons != ("waiting_for_go",):
         assert whole.tick < 200
-    whole.step(act=OperatorCommand.GO, grade=grade)
+    whole.step(command=OperatorCommand.GO, grade=grade)
 
 
 @pytest.mark.parametrize("limit", [3.0, 12.0])

@@ -8,7 +8,7 @@ import pytest
 from vve_sumo.vehicle.standstill import Standstill
 
 STEP = 0.015625  # [s], a binary fraction
-BRAKING = 4.0  # what the car is told [m/s2]
+BRAKING = 4.0  # commanded [m/s2]
 #: Wheels are believed where their fall to zero is what 12 m/s2 and their resolution explain in a step [m/s].
 BELIEVED = 12.0 * STEP + 0.04
 #: From 0.30 m/s the receiver's mean, with a lag of 0.1 s, comes from a reading of 0.03 below 0.05 m/s: 0.1 ln(27 / 2).
@@ -21,10 +21,10 @@ class Weighed:
     def __init__(self) -> None:
         self.subject, self.now = Standstill(), 0.0
 
-    def step(self, wheels: float | None, satellite: float | None, braking: float | None = BRAKING) -> tuple[bool, ...]:
+    def step(self, wheels: float | None, gnss: float | None, braking: float | None = BRAKING) -> tuple[bool, ...]:
         """Certain, at rest, moves."""
         self.now += STEP
-        self.subject.step(self.now, STEP, wheels, satellite, braking)
+        self.subject.step(self.now, STEP, wheels, gnss, braking)
         return self.subject.certain, self.subject.at_rest, self.subject.moves
 
     def until(self, flag: str, *evidence: float | None) -> float:
@@ -61,7 +61,7 @@ def test_a_car_that_is_not_heard_may_still_do_what_it_did(last, may_move):
 
 
 @pytest.mark.parametrize(
-    ("wheels", "satellite", "certain", "moves"),
+    ("wheels", "gnss", "certain", "moves"),
     [
         (0.0, 0.0, True, False),
         (0.049, 0.299, True, False),
@@ -74,9 +74,9 @@ def test_a_car_that_is_not_heard_may_still_do_what_it_did(last, may_move):
         (0.05, None, False, True),
     ],
 )
-def test_a_car_that_has_not_moved_stands_when_wheels_say_so_and_nobody_against_it(wheels, satellite, certain, moves):
+def test_a_car_that_has_not_moved_stands_when_wheels_say_so_and_nobody_against_it(wheels, gnss, certain, moves):
     """Wheels below 0.05 m/s; the receiver below 0.30 m/s, ten sigma of its velocity, or silent."""
-    assert Weighed().step(wheels, satellite) == (certain, False, moves)
+    assert Weighed().step(wheels, gnss) == (certain, False, moves)
 
 
 def test_standing_for_three_tenths_of_a_second_is_rest():
@@ -108,16 +108,16 @@ def test_a_car_that_no_receiver_sees_is_not_at_rest_while_its_wheels_turn():
 def test_the_receivers_mean_goes_half_way_to_what_it_reads_in_a_tenth_of_a_second():
     subject = Standstill()
     subject.step(0.1, 0.1, None, 0.2, BRAKING)
-    assert subject.satellite_mean == pytest.approx(0.1)
+    assert subject.gnss_mean == pytest.approx(0.1)
     subject.step(0.4, 0.3, None, -0.1, BRAKING)
-    assert subject.satellite_mean == pytest.approx(-0.05), "and three quarters in three"
+    assert subject.gnss_mean == pytest.approx(-0.05), "and three quarters in three"
 
 
 @pytest.mark.parametrize("speed", [0.3, -0.3, 5.0, -5.0])
 def test_a_speed_above_rest_is_at_once_the_mean(speed):
     weighed = Weighed()
     weighed.step(None, speed)
-    assert weighed.subject.satellite_mean == (0.3 if speed > 0.0 else -0.3)
+    assert weighed.subject.gnss_mean == (0.3 if speed > 0.0 else -0.3)
 
 
 def test_the_receiver_alone_is_believed_after_three_seconds_and_for_rest_only():
@@ -150,7 +150,7 @@ def test_wheels_that_say_zero_too_soon_wait_for_a_car_with_half_its_brakes():
 
 
 def test_a_car_that_is_told_next_to_nothing_rolls_out():
-    """At 0.3 m/s2 at least, even where it is told to brake with 0.2."""
+    """At 0.3 m/s2 at least, even where the command is to brake with 0.2."""
     assert moving(5.0).until("certain", 0.0, None, 0.2) == pytest.approx((5.0 - BELIEVED) / 0.3, abs=2.0 * STEP)
     assert moving(5.0).until("certain", 0.0, None, 0.0) == pytest.approx((5.0 - BELIEVED) / 0.3, abs=2.0 * STEP)
 
@@ -169,12 +169,12 @@ def test_where_the_receiver_confirms_or_a_driver_may_brake_the_hardest_braking_c
     assert moving(5.0).until("certain", 0.0, None, None) == pytest.approx((5.0 - BELIEVED) / 12.0, abs=2.0 * STEP)
 
 
-@pytest.mark.parametrize("satellite", [0.3, -0.3, 5.0, -5.0])
-def test_a_receiver_that_sees_the_car_move_confirms_no_sudden_zero(satellite):
+@pytest.mark.parametrize("gnss", [0.3, -0.3, 5.0, -5.0])
+def test_a_receiver_that_sees_the_car_move_confirms_no_sudden_zero(gnss):
     """A second of it counts at half of 4 m/s2, like one without a receiver."""
     weighed = moving(5.0)
     for _ in range(64):
-        weighed.step(0.0, satellite)
+        weighed.step(0.0, gnss)
     assert weighed.until("certain", 0.0, None) == pytest.approx((5.0 - BELIEVED) / 2.0 - 1.0, abs=2.0 * STEP)
 
 

@@ -38,14 +38,14 @@ def test_an_ordinary_stop_is_not_softer_than_the_braking_before_it():
 def test_a_stop_of_a_car_that_brakes_gently_brakes_harder():
     rig = cruising()
     rig.run(1.0, -1.0)
-    rig.step(-1.0, act=OperatorCommand.STOP)
+    rig.step(-1.0, command=OperatorCommand.STOP)
     assert rig.run(1.0, -1.0)[-1].acceleration == -2.4
 
 
 @pytest.mark.parametrize("asked", [-1.0, -20.0])
 def test_an_emergency_makes_a_stop_no_softer_and_no_harder_than_the_emergency_limit(asked):
     rig = cruising(12.0)
-    rig.step(act=OperatorCommand.STOP)
+    rig.step(command=OperatorCommand.STOP)
     rig.run(0.6)
     status = rig.run(0.5, asked, emergency=True)[-1]
     assert status.state is S.STOPPING
@@ -54,13 +54,13 @@ def test_an_emergency_makes_a_stop_no_softer_and_no_harder_than_the_emergency_li
 
 def test_braking_that_is_no_emergency_makes_a_stop_no_harder():
     rig = cruising(10.0)
-    rig.step(act=OperatorCommand.STOP)
+    rig.step(command=OperatorCommand.STOP)
     assert rig.run(1.0, -3.5)[-1].acceleration == -2.4
 
 
 def test_a_gentle_rig_stops_as_gently_and_sets_in_as_slowly_as_it_says():
     rig = cruising(4.0, stop_deceleration=0.5, stop_jerk=0.5)
-    begun = rig.step(act=OperatorCommand.STOP).acceleration
+    begun = rig.step(command=OperatorCommand.STOP).acceleration
     assert begun == pytest.approx(-0.5 * PERIOD)
     assert rig.run(1.2)[-1].acceleration == -0.5
 
@@ -69,7 +69,7 @@ def test_a_rig_whose_ordinary_stop_is_the_harder_one_keeps_it_in_trouble():
     """Neither an emergency that asks for little nor a critical fault makes the stop softer or slower."""
     for step in ({"extra": ANOTHER_WRITER}, {"acceleration": -1.0, "emergency": True}):
         rig = cruising(8.0, stop_deceleration=5.0, stop_jerk=40.0)
-        status = rig.step(act=OperatorCommand.STOP, **step)
+        status = rig.step(command=OperatorCommand.STOP, **step)
         assert status.acceleration == pytest.approx(-40.0 * PERIOD)
         assert rig.run(0.4, **step)[-1].acceleration == -5.0
 
@@ -77,7 +77,7 @@ def test_a_rig_whose_ordinary_stop_is_the_harder_one_keeps_it_in_trouble():
 def test_brakes_that_do_not_follow_are_asked_for_all_that_an_emergency_may():
     rig = cruising()
     rig.car.brake_gain = 0.0
-    rig.step(act=OperatorCommand.STOP)
+    rig.step(command=OperatorCommand.STOP)
     while "brake_not_following" not in (status := rig.step()).reasons:
         before = status.acceleration
     assert status.acceleration == pytest.approx(before - 30.0 * PERIOD)
@@ -90,11 +90,11 @@ def test_a_car_at_rest_is_held_as_it_was_held_before_it_started(gain):
     rig = Rig()
     rig.stand_by()
     held = rig.run(0.5)[-1].brake_torque
-    rig.step(act=OperatorCommand.GO)
+    rig.step(command=OperatorCommand.GO)
     while rig.car.speed < 4.0:
         rig.step(1.5)
     rig.car.brake_gain, rig.car.shift_time = gain, 10.0
-    rig.step(act=OperatorCommand.STOP)
+    rig.step(command=OperatorCommand.STOP)
     while (status := rig.step()).state is not S.STOPPED:
         pass
     assert ("brake_not_following" in status.reasons) is (gain < 1.0)
@@ -104,7 +104,7 @@ def test_a_car_at_rest_is_held_as_it_was_held_before_it_started(gain):
 @pytest.mark.parametrize("how", ["silent", "turning"])
 def test_a_car_in_park_whose_wheels_do_not_say_that_it_stands_is_not_let_go(how):
     rig = cruising(2.0)
-    rig.step(act=OperatorCommand.STOP)
+    rig.step(command=OperatorCommand.STOP)
     while rig.car.gear is not Gear.PARK:
         rig.step()
     if how == "silent":
@@ -118,23 +118,23 @@ def test_a_car_in_park_whose_wheels_do_not_say_that_it_stands_is_not_let_go(how)
 
 
 @pytest.mark.parametrize(
-    ("act", "reason"), [(OperatorCommand.END, "drive_over"), (OperatorCommand.DISARM, "disarm_asked")]
+    ("command", "reason"), [(OperatorCommand.END, "drive_over"), (OperatorCommand.DISARM, "disarm_asked")]
 )
-def test_the_end_of_a_drive_is_a_stop_that_says_so(act, reason):
+def test_the_end_of_a_drive_is_a_stop_that_says_so(command, reason):
     rig = cruising(3.0)
-    status = rig.step(act=act)
+    status = rig.step(command=command)
     assert (status.state, status.reasons) == (S.STOPPING, (reason,))
 
 
 def test_a_stop_needs_no_setpoints_and_blames_nobody_for_their_absence():
     rig = cruising(3.0)
-    rig.step(act=OperatorCommand.STOP)
+    rig.step(command=OperatorCommand.STOP)
     assert {status.reasons for status in rig.run(1.0, None)} == {("stop_asked",)}
 
 
 def test_a_driver_who_takes_over_a_car_that_stops_hides_not_why_it_did():
     rig = cruising(5.0)
-    rig.step(act=OperatorCommand.STOP)
+    rig.step(command=OperatorCommand.STOP)
     rig.car.override = True
     status = rig.step()
     assert (status.state, status.reasons) == (S.FAULT, ("stop_asked", "driver_override"))
@@ -178,14 +178,14 @@ def test_the_next_drive_stops_with_the_angle_that_its_own_wheels_have():
     rig = Rig()
     rig.cruise(3.0)
     rig.run(1.0, steering=0.1)
-    rig.step(act=OperatorCommand.STOP)
+    rig.step(command=OperatorCommand.STOP)
     assert rig.run(1.0)[-1].steering == pytest.approx(0.1, abs=1e-3)
     while rig.step().state is not S.READY:
         pass
     rig.engage()
     rig.run(1.0, 1.0)
     rig.run(0.5, 0.0, steering=-0.05)
-    rig.step(act=OperatorCommand.STOP)
+    rig.step(command=OperatorCommand.STOP)
     assert rig.run(0.5)[-1].steering == pytest.approx(-0.05, abs=2e-3)
 
 

@@ -50,14 +50,14 @@ def test_frozen_wheels_count_for_five_seconds_and_then_the_driver_for_ten():
 
 def unknown_speed(rig: Rig, acceleration: float) -> float:
     """Brake torque for a deceleration where nobody knows the speed [N m]: mass and creep count, drag does not."""
-    calibration = rig.gateway._actuation._calibration
+    calibration = rig.gateway._motion.actuation._calibration
     return calibration.brake_torque(calibration.mass * -acceleration + calibration.creep_force)
 
 
 def test_a_speed_that_is_known_counts_drag():
     rig = Rig()
     rig.cruise(8.0)
-    status = rig.run(1.0, act=OperatorCommand.STOP)[-1]
+    status = rig.run(1.0, command=OperatorCommand.STOP)[-1]
     assert not math.isclose(status.brake_torque, unknown_speed(rig, status.acceleration), rel_tol=1e-3)
     assert status.brake_torque <= FUSION.brake_torque_limit
 
@@ -115,7 +115,7 @@ def test_wheels_that_say_zero_of_a_moving_car_tell_no_way_along_the_path():
 def test_a_car_that_rolls_to_rest_for_long_needs_no_driver():
     rig = Rig()
     rig.cruise(10.0)
-    statuses = [rig.step(act=OperatorCommand.STOP)] + [rig.step() for _ in range(400)]
+    statuses = [rig.step(command=OperatorCommand.STOP)] + [rig.step() for _ in range(400)]
     assert sum(status.state is S.STOPPING for status in statuses) * PERIOD > 3.5
     assert not any("driver_needed" in status.reasons for status in statuses)
 
@@ -132,7 +132,7 @@ def stopping_in_a_bend() -> Rig:
     rig.run(0.2, fallback_path=BEND)
     rig.car.shift_time = math.inf
     rig.car.steering_stuck, rig.car.wheel_angle = True, 0.0
-    rig.step(act=OperatorCommand.STOP, fallback_path=BEND)
+    rig.step(command=OperatorCommand.STOP, fallback_path=BEND)
     assert rig.run(0.5, None)[-1].steering == pytest.approx(IN_THE_BEND, abs=0.02)
     while not rig.gateway.monitor.standstill.certain:
         rig.step(None)
@@ -189,7 +189,7 @@ def test_a_car_that_rolls_on_after_it_seemed_to_stand_follows_the_path():
 def driven_and_parked() -> Rig:
     rig = Rig(Car(grade=0.04))
     rig.cruise(3.0)
-    rig.step(act=OperatorCommand.STOP)
+    rig.step(command=OperatorCommand.STOP)
     while rig.gateway._arming.state is not S.DISARMED:
         rig.step(0.0)
     rig.run(1.0)
@@ -199,7 +199,7 @@ def driven_and_parked() -> Rig:
 def test_whoever_engages_again_finds_the_brakes_as_the_first_one_did():
     first, again = Rig(Car(grade=0.04)), driven_and_parked()
     first.run(1.0)
-    torques = [[rig.step(act=OperatorCommand.ENGAGE).brake_torque] + [rig.step().brake_torque for _ in range(5)]
+    torques = [[rig.step(command=OperatorCommand.ENGAGE).brake_torque] + [rig.step().brake_torque for _ in range(5)]
                for rig in (first, again)]  # fmt: skip
     assert torques[0] == pytest.approx(torques[1], rel=1e-6)
     assert torques[0][0] < torques[0][-1]
@@ -208,7 +208,7 @@ def test_whoever_engages_again_finds_the_brakes_as_the_first_one_did():
 def test_after_parking_the_next_controller_may_count_from_zero():
     rig = Rig()
     rig.engage()
-    rig.step(act=OperatorCommand.STOP)
+    rig.step(command=OperatorCommand.STOP)
     while rig.step(None).state is not S.DISARMED:
         pass
     rig.sequence = -1
@@ -232,7 +232,7 @@ def test_a_fault_that_is_acknowledged_is_forgotten():
     rig.step()
     rig.run(0.5)
     assert "timer_gap" in rig.step().reasons
-    rig.step(act=OperatorCommand.DISARM)
+    rig.step(command=OperatorCommand.DISARM)
     assert "timer_gap" not in rig.step().reasons
 
 
@@ -240,11 +240,11 @@ def test_an_emergency_of_the_drive_before_is_none_of_the_next():
     rig = Rig()
     rig.cruise(3.0)
     rig.run(0.1, -9.0, emergency=True)
-    rig.step(act=OperatorCommand.STOP)
+    rig.step(command=OperatorCommand.STOP)
     while rig.step().state is not S.READY:
         pass
     rig.stand_by()
-    rig.step(act=OperatorCommand.STOP)
+    rig.step(command=OperatorCommand.STOP)
     assert rig.run(1.0)[-1].acceleration == -2.4
 
 
@@ -252,8 +252,8 @@ def test_park_is_waited_for_again_in_the_next_drive():
     """A bus that fails at once: the car stands in park, and is held until a shift on its way would have come out."""
     rig = driven_and_parked()
     assert rig.step().reasons == ("stop_asked",)
-    assert rig.step(act=OperatorCommand.ENGAGE).reasons == ("engaging",)
-    held = [rig.step(found=("bus_down",))]
+    assert rig.step(command=OperatorCommand.ENGAGE).reasons == ("engaging",)
+    held = [rig.step(process_faults=("bus_down",))]
     assert held[0].state is S.STOPPED
     while held[-1].state is S.STOPPED:
         held.append(rig.step())
@@ -268,16 +268,16 @@ def test_the_next_drive_begins_with_no_acceleration_and_the_angle_that_the_wheel
     rig.step()
     rig.car = Car(x=rig.car.x, y=rig.car.y, heading=rig.car.heading, wheel_angle=0.2 * FUSION.steering_ratio)
     rig.car._angle_wish = rig.car.wheel_angle
-    rig.step(act=OperatorCommand.DISARM)
+    rig.step(command=OperatorCommand.DISARM)
     rig.run(0.5)
     rig.stand_by()
     assert rig.step(2.0, 0.2).steering == pytest.approx(0.2, abs=1e-3)
-    assert rig.step(2.0, 0.2, act=OperatorCommand.GO).acceleration == pytest.approx(5.0 * PERIOD)
+    assert rig.step(2.0, 0.2, command=OperatorCommand.GO).acceleration == pytest.approx(5.0 * PERIOD)
 
 
 def test_a_gear_that_did_not_come_is_not_asked_for_after_the_drive():
     rig = Rig(Car(shift_time=math.inf))
-    rig.step(act=OperatorCommand.ENGAGE)
+    rig.step(command=OperatorCommand.ENGAGE)
     while rig.step().state in (S.ENGAGED, S.STOPPED):
         pass
     for _ in range(10):

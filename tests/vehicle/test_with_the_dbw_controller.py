@@ -25,7 +25,7 @@ def test_a_drive_from_park_to_park():
     for _ in range(300):
         whole.step(min(8.0 - whole.car.truth().speed, 1.5))
     assert whole.car.truth().speed > 6.0
-    whole.step(act=OperatorCommand.STOP)
+    whole.step(command=OperatorCommand.STOP)
     states = []
     while not whole.gateway.done:
         states.append(whole.step().state)
@@ -44,15 +44,15 @@ def test_in_drive_the_driver_hands_over_with_the_foot_on_the_brake():
     for _ in range(10):
         status = whole.step(driver=foot)
     assert status.state is S.READY
-    whole.step(act=OperatorCommand.ENGAGE, driver=foot)
+    whole.step(command=OperatorCommand.ENGAGE, driver=foot)
     for _ in range(50):
         assert whole.step(1.0, driver=foot).state is S.ENGAGED
-    assert whole.step(1.0, act=OperatorCommand.GO, driver=foot).reasons == ("go_too_early", "driver_on_brake")
+    assert whole.step(1.0, command=OperatorCommand.GO, driver=foot).reasons == ("go_too_early", "driver_on_brake")
     for _ in range(50):
         status = whole.step(1.0)
     assert status.reasons == ("waiting_for_go",)
     assert whole.car.truth().speed == 0.0
-    whole.step(1.0, act=OperatorCommand.GO)
+    whole.step(1.0, command=OperatorCommand.GO)
     for _ in range(100):
         whole.step(1.0)
     assert whole.car.truth().speed > 1.0
@@ -73,7 +73,7 @@ def test_a_driver_who_takes_over_has_the_car_and_the_watchdog_keeps_still(limb, 
     for _ in range(200):
         whole.step(1.5)
     if after:
-        whole.step(act=OperatorCommand.STOP)
+        whole.step(command=OperatorCommand.STOP)
         for _ in range(round(after / PERIOD)):
             whole.step()
     ticks, throttle = 0, []
@@ -101,9 +101,9 @@ def test_in_shadow_all_is_worked_out_and_nothing_is_commanded():
     for _ in range(10):
         status = whole.step()
     assert (status.state, status.reasons) == (S.READY, ("shadow",))
-    status = whole.step(act=OperatorCommand.ENGAGE)
+    status = whole.step(command=OperatorCommand.ENGAGE)
     assert (status.state, status.reasons) == (S.ENGAGED, ("shadow", "waiting_for_go"))
-    status = whole.step(1.0, act=OperatorCommand.GO)
+    status = whole.step(1.0, command=OperatorCommand.GO)
     whole.car.interface.controller.gear = Gear.DRIVE
     seen = []
     for tick in range(400):
@@ -118,7 +118,7 @@ def test_in_shadow_all_is_worked_out_and_nothing_is_commanded():
     assert max(status.throttle for status in seen) > 0.1
     assert max(status.brake_torque for status in seen) > 800.0
     assert seen[150].steering == pytest.approx(0.05)
-    whole.step(act=OperatorCommand.STOP, driver=DriverInputs(brake_pedal=0.24))
+    whole.step(command=OperatorCommand.STOP, driver=DriverInputs(brake_pedal=0.24))
     for _ in range(50):
         status = whole.step(driver=DriverInputs(brake_pedal=0.24))
     assert (status.state, status.reasons) == (S.STOPPED, ("stop_asked", "shadow"))
@@ -129,9 +129,9 @@ def test_in_shadow_all_is_worked_out_and_nothing_is_commanded():
 
 
 TROUBLES = st.one_of(
-    st.builds(lambda code: {"found": (code,)}, st.sampled_from(["bus_down", "operator_gone", "what_is_this"])),
+    st.builds(lambda code: {"process_faults": (code,)}, st.sampled_from(["bus_down", "operator_gone", "what_is_this"])),
     st.builds(lambda code: {"faults": (code,)}, st.sampled_from(["pose_stale", "geofence_breach"])),
-    st.builds(lambda act: {"act": act}, st.sampled_from(OperatorCommand)),
+    st.builds(lambda command: {"command": command}, st.sampled_from(OperatorCommand)),
     st.builds(lambda fallback_path: {"fallback_path": fallback_path}, st.builds(
         FallbackPath, st.floats(-1.0, 5.0), st.lists(st.floats(-0.2, 0.2), max_size=66).map(tuple)
     )),
@@ -155,7 +155,7 @@ def test_whatever_happens_the_kits_watchdog_has_nothing_to_do(driven, phases):
         status = whole.step(**({"acceleration": 1.5} | arguments))
         brake, throttle, steering, gear = map(codec.decode, whole.frames)
         taken_over = any(module.override for module in whole.car.interface.controller.modules)
-        if arguments.get("act") is OperatorCommand.GO and was is S.ENGAGED and "go_too_early" not in status.reasons:
+        if arguments.get("command") is OperatorCommand.GO and was is S.ENGAGED and "go_too_early" not in status.reasons:
             going = True
         going = going and status.state is S.ENGAGED
         assert throttle.value == 0.0 or going
@@ -168,7 +168,7 @@ def test_whatever_happens_the_kits_watchdog_has_nothing_to_do(driven, phases):
         was = status.state
 
     for index in range(80 + driven):
-        tick(act={10: OperatorCommand.ENGAGE, 60: OperatorCommand.GO}.get(index))
+        tick(command={10: OperatorCommand.ENGAGE, 60: OperatorCommand.GO}.get(index))
     for ticks, trouble in phases:
         for _ in range(ticks):
             tick(**(trouble or {}))

@@ -59,15 +59,15 @@ class WholeCar:
         self,
         acceleration: float | None = 0.0,
         steering: float = 0.0,
-        act: OperatorCommand | None = None,
+        command: OperatorCommand | None = None,
         driver: DriverInputs = HANDS_OFF,
-        found: tuple[str, ...] = (),
+        process_faults: tuple[str, ...] = (),
         **changes: Any,
     ) -> GatewayStatus:
         """One tick; acceleration None sends no setpoint."""
         self.tick += 1
         setpoint = None if acceleration is None else self.setpoint(acceleration, steering, **changes)
-        output = self.gateway.step(self.tick * PERIOD, setpoint, self.heard, act, found)
+        output = self.gateway.step(self.tick * PERIOD, setpoint, self.heard, command, process_faults)
         self.frames = output.frames
         before = self.car.truth()
         self.heard = [frame for _time, frame in self.car.step((self.tick + 1) * PERIOD, output.frames, driver).reports]
@@ -79,8 +79,8 @@ class WholeCar:
         """Bring the car to "engaged, in drive, free to go"."""
         for _ in range(10):
             self.step()
-        self.step(act=OperatorCommand.ENGAGE)
+        self.step(command=OperatorCommand.ENGAGE)
         for _ in range(100):
             if self.step().reasons == ("waiting_for_go",):
                 break
-        assert self.step(act=OperatorCommand.GO).state is ArmingState.ENGAGED
+        assert self.step(command=OperatorCommand.GO).state is ArmingState.ENGAGED

@@ -112,7 +112,7 @@ class Seen:
     lost_after: float  #: from the last frame before the page's process was stopped to the page's saying so [s]
     stopped_after: float  #: from the click to the state on the page [s]
     colours: int
-    told: list[str]  #: of the gateway's states, in the list of events
+    reported: list[str]  #: of the gateway's states, in the list of events
     said: list[str]  #: on the page's console
     foreign: list[str]  #: requests to other places
     address: str
@@ -145,7 +145,7 @@ def watched(browser: Any, folder: Path) -> Seen:
         os.kill(drive.view, signal.SIGCONT)
         until(lambda: holds(page, f"{FEED} === 'live'"))
         colours = page.evaluate(COLOURS)
-        told = page.locator(".events .kind-state").all_inner_texts()
+        reported = page.locator(".events .kind-state").all_inner_texts()
         # The button needs no feed: the socket goes and does not come back.
         page.evaluate("() => { vveSumo.shown.connect = () => {}; globalThis.cut = vveSumo.shown.socket; }")
         clicked = time.monotonic()
@@ -163,7 +163,7 @@ def watched(browser: Any, folder: Path) -> Seen:
     foreign = [one for one in asked if not one.startswith((drive.address, drive.address.rsplit("/", 2)[0] + "/stop"))]
     said_of_signals = read_signals(drive.folder)
     return Seen(
-        frames, lost_after, stopped_after, colours, told, said, foreign, drive.address, printed, unheard, summary,
+        frames, lost_after, stopped_after, colours, reported, said, foreign, drive.address, printed, unheard, summary,
         ticks, said_of_signals,
     )  # fmt: skip
 
@@ -208,7 +208,7 @@ def test_signals_show_what_the_record_says(seen: Seen) -> None:
 
 def test_states_change_on_the_page(seen: Seen) -> None:
     assert seen.frames[-1]["state"] == "engaged"
-    assert len(set(seen.told)) >= 2
+    assert len(set(seen.reported)) >= 2
     assert seen.colours >= 5
 
 

@@ -179,7 +179,7 @@ class Bench:
 
 
 class Brain:
-    """An external brain on the car's side of the wire, on a socket of the kernel's own; it drives straight on."""
+    """An external controller on the car's side of the wire, on a socket of the kernel's own; it drives straight on."""
 
     def __init__(self, wire: Wire) -> None:
         self.sent: list[Frame] = []

@@ -31,7 +31,7 @@ from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.vehicle.interface import Gear
 
 LINK_DOWN = 0.5  # [s]
-BRAIN_SPEED = 2.0  # from which an external brain is stopped [m/s]
+BRAIN_SPEED = 2.0  # from which an external controller is stopped [m/s]
 #: Gateway's and kit's stop alike are harder than this, and begin sooner [m/s2], [s].
 STOP_DECELERATION, STOP_DELAY = 2.2, 0.45
 GAP = 0.040  # longest between two commands of a gateway that is well [s]
@@ -281,11 +281,11 @@ def _passes(check: Callable[..., str], wire: Wire, *car: LiveCar) -> bool:
     name = f"{wire.gateway:<6}{check.__name__.removeprefix('check_')}"
     begun = time.monotonic()
     try:
-        told = check(wire, *car)
+        output = check(wire, *car)
     except Exception:
         print(f"FAILED {name}\n{traceback.format_exc()}", flush=True)
         return False
-    print(f"ok     {name}: {told} [{time.monotonic() - begun:.1f} s]", flush=True)
+    print(f"ok     {name}: {output} [{time.monotonic() - begun:.1f} s]", flush=True)
     return True
 
 

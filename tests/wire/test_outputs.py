@@ -85,10 +85,10 @@ def test_a_radar_that_is_told_repeats_its_host_and_without_it_reports_an_error(
             tracks = sum(any(frames[0x500 + number].data) for number in range(64))
             seen[round(now, 2)] = status(database, frames), tracks
     before = [found for now, found in seen.items() if now < 0.2]
-    told = [found for now, found in seen.items() if 0.25 <= now <= 0.6]
+    reported = [found for now, found in seen.items() if 0.25 <= now <= 0.6]
     after = [found for now, found in seen.items() if now > 0.72]
-    assert min(len(before), len(told), len(after)) >= 3
-    for read, tracks in told:
+    assert min(len(before), len(reported), len(after)) >= 3
+    for read, tracks in reported:
         assert (read["COMM_ERROR"], read["XCVR_OPERATIONAL"], tracks) == (0, 1, 1)
         assert read["VEHICLE_SPEED_CALC"] == pytest.approx(7.5)
         assert read["YAW_RATE_CALC"] == pytest.approx(5.0)

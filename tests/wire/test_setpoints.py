@@ -1,4 +1,4 @@
-"""The inbox of foreign setpoints against a plain model of its rules, and against floods of bytes."""
+"""The inbox of external setpoints against a plain model of its rules, and against floods of bytes."""
 
 from __future__ import annotations
 

@@ -54,11 +54,11 @@ def _ten_minutes(folder: str) -> dict[str, object]:
 
 @pytest.mark.slow
 def test_sumo_has_the_asked_pose_and_speed_in_every_tick_of_ten_minutes(tmp_path):
-    told = isolated(_ten_minutes, str(tmp_path))
-    assert told["faults"] == []
-    assert max(told["worst"]) <= TOLERANCE
-    assert told["off_road"] > 1000
-    assert told["lanes"] > 10
+    reported = isolated(_ten_minutes, str(tmp_path))
+    assert reported["faults"] == []
+    assert max(reported["worst"]) <= TOLERANCE
+    assert reported["off_road"] > 1000
+    assert reported["lanes"] > 10
 
 
 def _refusals(folder: str) -> list[tuple[str, tuple[str, ...], float, float, float]]:
@@ -66,7 +66,7 @@ def _refusals(folder: str) -> list[tuple[str, tuple[str, ...], float, float, flo
     bad = [math.nan, math.inf, -math.inf, 1e300, -1e300, 1e18]
     cases = [(field, value) for field in ("x", "y", "heading", "speed") for value in bad]
     random.Random(1).shuffle(cases)
-    told = []
+    reported = []
     with World(network, seed=1, period=PERIOD, vehicle=FUSION) as world:
         world.place(pose(0.0, 100.0, -1.6, 0.0, 5.0))
         assert world.step().faults == ()
@@ -74,10 +74,10 @@ def _refusals(folder: str) -> list[tuple[str, tuple[str, ...], float, float, flo
             world.place(dataclasses.replace(pose(0.0, 100.0, -1.6, 0.0, 5.0), **{field: value}))
             report = world.step()
             x, y = libsumo.vehicle.getPosition("ego")
-            told.append((f"{field}={value}", report.faults, x, y, libsumo.vehicle.getSpeed("ego")))
+            reported.append((f"{field}={value}", report.faults, x, y, libsumo.vehicle.getSpeed("ego")))
         world.place(pose(0.0, 101.0, -1.6, 0.0, 5.0))
         assert world.step().faults == ()
-    return told
+    return reported
 
 
 def test_a_pose_that_sumo_must_not_see_is_a_fault_and_the_ego_stands(tmp_path):
@@ -91,40 +91,40 @@ def test_a_pose_that_sumo_must_not_see_is_a_fault_and_the_ego_stands(tmp_path):
 
 def _odd_ticks(folder: str) -> list[tuple[str, ...]]:
     network = street(Path(folder))
-    told = []
+    reported = []
     with World(network, seed=1, period=PERIOD, vehicle=FUSION) as world:
-        told.append(world.step().faults)
+        reported.append(world.step().faults)
         start = pose(0.0, 100.0, -1.6, 0.0, 33.3)
         world.place(dataclasses.replace(start, x=math.nan))
-        told.append(world.step().faults)
+        reported.append(world.step().faults)
         world.place(start)
-        told.append(world.step().faults)
-        told.append(world.step().faults)
+        reported.append(world.step().faults)
+        reported.append(world.step().faults)
         world.place(dataclasses.replace(start, point=Point.REAR_AXLE))
-        told.append(world.step().faults)
+        reported.append(world.step().faults)
         world.place(dataclasses.replace(start, speed=-2.0))
-        told.append(world.step().faults)
+        reported.append(world.step().faults)
         libsumo.vehicle.remove("ego")
         world.place(start)
-        told.append(world.step().faults)
+        reported.append(world.step().faults)
         world.place(start)
-        told.append(world.step().faults)
+        reported.append(world.step().faults)
         world.place(start)
-        told.append(world.step().faults)
-        told.append(world.actors().ids)
-    return told
+        reported.append(world.step().faults)
+        reported.append(world.actors().ids)
+    return reported
 
 
 def test_missing_wrong_and_lost_egos_are_named_and_come_back(tmp_path):
-    told = isolated(_odd_ticks, str(tmp_path))
-    assert told[0] == ("ego_not_placed", "ego_absent")
-    assert told[1] == ("pose_not_finite", "ego_absent")
-    assert told[2] == ()  # its first step has the right speed, above the lane's limit
-    assert told[3] == ("ego_not_placed",)
-    assert told[4] == ("pose_not_front_bumper",)
-    assert told[5] == ()  # SUMO knows no reversing: the contract is on max(speed, 0)
-    assert "ego_lost" in told[6]
-    assert told[8] == ()
+    reported = isolated(_odd_ticks, str(tmp_path))
+    assert reported[0] == ("ego_not_placed", "ego_absent")
+    assert reported[1] == ("pose_not_finite", "ego_absent")
+    assert reported[2] == ()  # its first step has the right speed, above the lane's limit
+    assert reported[3] == ("ego_not_placed",)
+    assert reported[4] == ("pose_not_front_bumper",)
+    assert reported[5] == ()  # SUMO knows no reversing: the contract is on max(speed, 0)
+    assert "ego_lost" in reported[6]
+    assert reported[8] == ()
 
 
 @given(st.floats(-1e9, 1e9))

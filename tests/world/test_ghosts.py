@@ -40,7 +40,7 @@ def _polygon(shape: Box) -> Polygon:
 
 
 def _watch(folder: str, x: float, y: float, heading: float, speed: float, seconds: float) -> Seen:
-    """Put the ego on the street (east lanes at y = -4.8 and -1.6, west at 1.6) and look at the traffic."""
+    """Put the ego on the virtual road (east lanes at y = -4.8 and -1.6, west at 1.6) and look at the traffic."""
     root = Path(folder)
     seen = Seen(set(), {}, set(), set(), "")
     cars = demand(root, FLOWS)

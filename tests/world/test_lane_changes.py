@@ -36,7 +36,7 @@ Moment = tuple[float, float, float, float, float]  #: x, y, heading, speed, spee
 
 def _overtaken(folder: str) -> dict[str, list[Moment]]:
     """What the snapshots say of every car."""
-    root, told = Path(folder), dict[str, list[Moment]]()
+    root, reported = Path(folder), dict[str, list[Moment]]()
     with World(street(root), demand=[demand(root, OVERTAKING)], seed=1, period=PERIOD, vehicle=FUSION) as world:
         for k in range(round(SECONDS / PERIOD)):
             # Beside the road, where it is in nobody's way.
@@ -45,31 +45,33 @@ def _overtaken(folder: str) -> dict[str, list[Moment]]:
             actors = world.actors()
             columns = (actors.x, actors.y, actors.heading, actors.speed, actors.lateral_speed)
             for name, *moment in zip(actors.ids, *(column.tolist() for column in columns), strict=True):
-                told.setdefault(name, []).append(tuple(moment))
-    return told
+                reported.setdefault(name, []).append(tuple(moment))
+    return reported
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Moment]]:
+def reported(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Moment]]:
     return isolated(_overtaken, str(tmp_path_factory.mktemp("street")))
 
 
-def test_no_car_jumps_sideways(told: dict[str, list[Moment]]) -> None:
-    sideways = {name: [abs(b[1] - a[1]) for a, b in pairwise(rows)] for name, rows in told.items()}
-    changed = [name for name, rows in told.items() if max(y for _, y, *_ in rows) - min(y for _, y, *_ in rows) > 3.0]
+def test_no_car_jumps_sideways(reported: dict[str, list[Moment]]) -> None:
+    sideways = {name: [abs(b[1] - a[1]) for a, b in pairwise(rows)] for name, rows in reported.items()}
+    changed = [
+        name for name, rows in reported.items() if max(y for _, y, *_ in rows) - min(y for _, y, *_ in rows) > 3.0
+    ]
     assert len(changed) >= 3, "cars that overtook"
     assert max(map(max, sideways.values())) < 0.05, "3.2 m take 3 s, which is 0.02 m a step"
 
 
-def test_its_speeds_along_and_across_are_how_it_moves(told: dict[str, list[Moment]]) -> None:
-    """The street goes to the east, so y is the way across: the integral of what is said must give it."""
-    for name, rows in told.items():
+def test_its_speeds_along_and_across_are_how_it_moves(reported: dict[str, list[Moment]]) -> None:
+    """The virtual road goes to the east, so y is the way across: the integral of what is said must give it."""
+    for name, rows in reported.items():
         y = rows[0][1]
         for before, (_, _, heading, speed, across) in pairwise(rows):
             middle = before[2] + 0.5 * math.remainder(heading - before[2], math.tau)
             y += PERIOD * (0.5 * (before[3] + speed) * math.sin(middle) + across * math.cos(middle))
         assert y == pytest.approx(rows[-1][1], abs=0.15), name
-    fastest = max(abs(row[4]) for rows in told.values() for row in rows)
+    fastest = max(abs(row[4]) for rows in reported.values() for row in rows)
     assert 0.3 < fastest < 0.8, "half of 3.2 m in 3 s, where SUMO's body begins to turn"
 
 

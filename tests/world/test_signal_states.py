@@ -58,8 +58,8 @@ def test_the_changes_say_what_sumo_showed_after_every_step(driven: Any) -> None:
 def test_the_file_gives_back_what_was_written(driven: Any, tmp_path: Path) -> None:
     changes = driven[0]
     (tmp_path / SIGNALS).write_text(signals_text(changes), encoding="utf-8")
-    told = read_signals(tmp_path)
-    again = sorted((time, name, state) for name, pair in told.items() for time, state in zip(*pair, strict=True))
+    reported = read_signals(tmp_path)
+    again = sorted((time, name, state) for name, pair in reported.items() for time, state in zip(*pair, strict=True))
     assert again == sorted((round(time, 3), name, state) for time, name, state in changes)
 
 

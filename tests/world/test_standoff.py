@@ -23,10 +23,10 @@ def car(x: float, y: float, heading: float) -> Box:
 
 
 def over(box: Box, seconds: float = MAX_WAIT + 1.0, speed: float = 0.0) -> list[str]:
-    standoff, told = Standoff(), list[str]()
+    standoff, reported = Standoff(), list[str]()
     for second in range(round(seconds) + 1):
-        told = standoff.over(float(second), EGO, speed, [("other", box)])
-    return told
+        reported = standoff.over(float(second), EGO, speed, [("other", box)])
+    return reported
 
 
 @pytest.mark.parametrize(

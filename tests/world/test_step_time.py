@@ -1,4 +1,4 @@
-"""Traffic held within what a tick has room for: the budget on numbers, the street on a clock that counts vehicles."""
+"""Traffic held within what a tick has room for: the budget on numbers, SUMO on a clock that counts vehicles."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def test_measures_come_in_order_and_with_time_between(times):
 
 
 class Scale:
-    """A clock on which a step takes so long for each vehicle on the street."""
+    """A clock on which a step takes so long for each vehicle on the virtual road."""
 
     def __init__(self, each: float) -> None:
         self.each, self.calls, self.now = each, 0, 0.0

@@ -105,19 +105,19 @@ def test_the_same_seed_gives_the_same_street_bit_for_bit(tmp_path):
 def _contact(folder: str) -> list[tuple[str, ...]]:
     root = Path(folder)
     cars = demand(root, PARKED)
-    told = []
+    reported = []
     with World(street(root), demand=[cars], seed=1, period=PERIOD, vehicle=FUSION, warm_up=60.0) as world:
-        told.append(world.contacts())
+        reported.append(world.contacts())
         for y in (-20.0, -6.4, -6.0):
             world.place(pose(0.0, 308.0, y, 0.0, 0.0))
             world.step()
-            told.append(world.contacts())
-    return told
+            reported.append(world.contacts())
+    return reported
 
 
 def test_contact_is_overlap_of_the_boxes(tmp_path):
-    told = isolated(_contact, str(tmp_path))
-    assert told == [(), (), ("parked",), ()]
+    reported = isolated(_contact, str(tmp_path))
+    assert reported == [(), (), ("parked",), ()]
 
 
 def _entry(folder: str, speed: float) -> tuple[tuple[str, ...], bool]:
@@ -149,16 +149,16 @@ def _again(folder: str) -> list[float]:
     root = Path(folder)
     network = grid(root)
     cars = trips(root, network, 60, 1.0)
-    told = []
+    reported = []
     for _ in range(3):
         with World(network, demand=[cars], seed=1, period=PERIOD, vehicle=FUSION, warm_up=30.0) as world:
             with pytest.raises(SimulationError, match="once"):
                 World(network, seed=1, period=PERIOD, vehicle=FUSION)
             world.place(pose(0.0, 121.6, 60.0, math.pi / 2, 5.0))
-            told.append(world.step().position_error)
+            reported.append(world.step().position_error)
             world.place(pose(0.02, 121.6, 60.1, math.pi / 2, 5.0))
         world.close()
-    return told
+    return reported
 
 
 def test_a_street_can_follow_another_in_one_process(tmp_path):
@@ -207,7 +207,7 @@ def test_another_release_of_sumo_is_refused():
 
 def test_nothing_is_printed_while_the_street_runs(tmp_path, repository):
     program = f"from pathlib import Path; from tests.world.test_world import _drive; _drive({str(tmp_path)!r}, 1)"
-    told = subprocess.run(
+    reported = subprocess.run(
         [sys.executable, "-c", program],
         cwd=repository,
         env={**os.environ, "PYTHONPATH": str(repository)},
@@ -215,4 +215,4 @@ def test_nothing_is_printed_while_the_street_runs(tmp_path, repository):
         text=True,
         check=True,
     )
-    assert (told.stdout, told.stderr) == ("", "")
+    assert (reported.stdout, reported.stderr) == ("", "")

@@ -85,7 +85,7 @@ class Run:
 
     @property
     def brain(self) -> str:
-        """Kind of the foreign brain that decided, `setpoints` or `external`; empty for the scenario's controller."""
+        """Kind of the external controller that decided, `setpoints` or `external`; empty for the scenario's own."""
         return recorded_brain(self.resolved)
 
     @property
@@ -100,7 +100,7 @@ class Run:
 
     @cached_property
     def path(self) -> ReferencePath:
-        """Where the rear axle was to go, in the street's map."""
+        """Where the rear axle was to go, in the virtual road's map."""
         points = np.array([point.split() for point in self.resolved["path_m"]], np.float64)
         return ReferencePath.from_points(points[:, 0], points[:, 1])
 

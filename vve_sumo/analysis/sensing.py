@@ -85,7 +85,7 @@ STATISTICS = rows(
     Metric(
         "ghosts",
         "ghosts",
-        "detections of an actor that the street did not have when they were measured; a false alarm has no name",
+        "detections of an actor that the virtual road did not have when they were measured; a false alarm has no name",
         worse="higher",
         kind="int",
     ),
@@ -253,7 +253,7 @@ def _first(found: pd.DataFrame, scans: _Scans) -> dict[str, Any]:
 
 
 def _detections(run: Run, table: SensedTable, scans: _Scans) -> pd.DataFrame:
-    """Every detection of the scans, and whether the street had an actor of its name when they were measured."""
+    """Every detection of the scans, and whether the virtual road had an actor of its name when they were measured."""
     import pandas as pd
 
     rate = table.drawing.range_rate
@@ -308,7 +308,7 @@ def _poses(run: Run, at: NDArray[np.intp]) -> Iterator[Pose]:
 
 
 def _snapshots(run: Run, ticks: NDArray[np.int64]) -> Iterator[Actors]:
-    """The street as each tick looked at it; the table holds the ticks in order."""
+    """The virtual road as each tick looked at it; the table holds the ticks in order."""
     table = run.arrow("actors")
     tick = table["tick"].to_numpy()
     begin, end = np.searchsorted(tick, ticks, "left").tolist(), np.searchsorted(tick, ticks, "right").tolist()

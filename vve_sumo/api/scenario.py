@@ -97,7 +97,7 @@ class Scenario:
         return tomlkit.dumps(self._table)
 
     def draw(self) -> Figure:
-        """Draw the street, who moves how, and which trigger fires where and when if the ego never braked."""
+        """Draw the virtual road, who moves how, and which trigger fires where and when if the ego never braked."""
         from vve_sumo.drive.resolved_scenario import resolve_scenario
         from vve_sumo.plotting.scenario import picture
 

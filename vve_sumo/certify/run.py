@@ -37,7 +37,7 @@ from vve_sumo.drive.run import resolve_by_name
 from vve_sumo.drive.run import run as run_drive
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.live.brain_link import key_of
-from vve_sumo.live.foreign_lockstep import brain_over, open_wires
+from vve_sumo.live.external_lockstep import external_controller_over, open_wires
 from vve_sumo.rig.load import load as load_rig
 from vve_sumo.rig.schema import Rig
 
@@ -142,7 +142,7 @@ class Bench:
         with self._brain(case, place, folder) as (quiet, unheard), ExitStack() as stack:
             link = self._link(case, resolved, job, place, quiet)
             stack.callback(link.close)
-            brain = brain_over(link, place.rig, resolved, self.working)
+            brain = external_controller_over(link, place.rig, resolved, self.working)
             done = run_drive(resolved, folder / "record", self.working, brain=brain)
         if done.summary["outcome"] in BROKEN:
             if done.summary["outcome"] == "interrupted":

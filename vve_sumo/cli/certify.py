@@ -1,4 +1,4 @@
-"""`vve-sumo certify`: tests an external brain in a scenario, with faults on its wires."""
+"""`vve-sumo certify`: tests an external controller in a scenario, with faults on its wires."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ examples:
   vve-sumo drive --controller mine.py:make      your own controller
   vve-sumo drive --vehicle lincoln_mkz          another car
   vve-sumo drive --rig rigs/ours.toml --lockstep   the simulated vehicle as the rig calibrates it
-  vve-sumo drive --rig foreign --lockstep       an external brain over UDP, in lockstep (docs/brains.md)
+  vve-sumo drive --rig foreign --lockstep       an external controller over UDP, in lockstep (docs/brains.md)
   vve-sumo drive --pose drive.csv               a recorded drive through the same pipeline; no car is commanded
   vve-sumo drive --rig simulated                live, with the simulated vehicle as a process of its own
   vve-sumo drive --rig simulated --view         the same with a page in a browser, which has a stop button
@@ -74,7 +74,7 @@ def arguments(parser: Parser) -> None:
         "--lockstep",
         action="store_true",
         help="with --rig: drive in lockstep, not live, with the simulated vehicle as the rig declares and calibrates "
-        "it and with the rig's faults injected; an external brain of the rig is awaited at every tick",
+        "it and with the rig's faults injected; an external controller of the rig is awaited at every tick",
     )
     parser.add_argument(
         "--shadow", action="store_true", help="live, with every enable bit off: the car is not commanded"
@@ -110,7 +110,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _lockstep(arguments: argparse.Namespace) -> int:
-    from vve_sumo.drive.progress import progress_watch
+    from vve_sumo.drive.progress import progress_callback
     from vve_sumo.drive.run import new_run_folder, resolve_by_name, run
     from vve_sumo.drive.termination import Outcome
 
@@ -131,8 +131,8 @@ def _lockstep(arguments: argparse.Namespace) -> int:
     folder = arguments.out if arguments.out is not None else new_run_folder(resolved.name, working)
     foreign = nullcontext(None) if arguments.rig is None else _brain(arguments, resolved, working)
     with foreign as brain, progress_bar.of_drive(resolved.name, quiet=arguments.quiet) as show:
-        watch = progress_watch(resolved.path.length, show)
-        done = run(resolved, folder, working, pose=arguments.pose, brain=brain, watch=watch)
+        on_tick = progress_callback(resolved.path.length, show)
+        done = run(resolved, folder, working, pose=arguments.pose, brain=brain, on_tick=on_tick)
     draw_and_show(resolved, done, as_json=arguments.json)
     if done.summary["outcome"] == Outcome.BROKEN:
         complain(f"the simulation broke: {done.summary['text']}")
@@ -146,16 +146,16 @@ def _brain(
     """Return the context that opens the wires to the rig's brain; a recorded drive is played without wires."""
     from vve_sumo import workspace
     from vve_sumo.live.brain_link import refuse_controller
-    from vve_sumo.live.foreign_lockstep import brain_of
+    from vve_sumo.live.external_lockstep import open_external_controller
     from vve_sumo.rig.load import load
 
     loaded = load(workspace.find("rig", arguments.rig, working), working)
     refuse_controller(loaded, arguments.controller)
     if arguments.pose is None:
-        return brain_of(loaded, resolved, working)
+        return open_external_controller(loaded, resolved, working)
     if loaded.brain.kind != "own":
         raise ConfigError(
-            f"--pose: a recorded drive has no external brain, and brain.kind of the rig is {loaded.brain.kind!r}; "
+            f"--pose: a recorded drive has no external controller, and brain.kind of the rig is {loaded.brain.kind!r}; "
             "leave out one of --pose and --rig"
         )
     return nullcontext(None)

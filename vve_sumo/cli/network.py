@@ -152,12 +152,12 @@ def _edges_of(path: str | None) -> tuple[str, ...]:
     """Return the edges that a path's file names."""
     if path is None:
         return ()
-    from vve_sumo.drive.resolved_scenario import EDGES_COMMENT
+    from vve_sumo.drive.resolved_scenario import EDGES_PREFIX
     from vve_sumo.workspace import find
 
     file = find("path", path, Path.cwd())
     lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
-    edges = next((tuple(line[len(EDGES_COMMENT) :].split()) for line in lines if line.startswith(EDGES_COMMENT)), ())
+    edges = next((tuple(line[len(EDGES_PREFIX) :].split()) for line in lines if line.startswith(EDGES_PREFIX)), ())
     if not edges:
-        raise ConfigError(f"{file}: expected a line {EDGES_COMMENT!r} that names the edges of the path, got none")
+        raise ConfigError(f"{file}: expected a line {EDGES_PREFIX!r} that names the edges of the path, got none")
     return edges

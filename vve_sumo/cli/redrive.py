@@ -61,7 +61,7 @@ def _show(redriven: RedriveResult, names: tuple[str, str]) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from vve_sumo.drive.redrive import BRAKES
+    from vve_sumo.drive.redrive import BRAKING_THRESHOLD
 
     comparison = redriven.comparison
     title = Text(f"open loop: the car followed {names[0]}; the commands of {names[1]} had no effect")
@@ -69,16 +69,16 @@ def _show(redriven: RedriveResult, names: tuple[str, str]) -> None:
     for head in ("", *names):
         table.add_column(Text(head))
     pair = (comparison.recorded, comparison.other)
-    table.add_row(f"first brakes (> {BRAKES:g} m/s²)", *(_at(one.brakes_at) for one in pair))
-    table.add_row("first requests emergency braking", *(_at(one.emergency_at) for one in pair))
+    table.add_row(f"first brakes (> {BRAKING_THRESHOLD:g} m/s²)", *(_at(one.first_braking_time) for one in pair))
+    table.add_row("first requests emergency braking", *(_at(one.first_emergency_time) for one in pair))
     table.add_row("notes", *(Text(", ".join(one.notes)) for one in pair))
-    if any(one.failed_at is not None for one in pair):
-        table.add_row("first fails to return a command", *(_tick(one.failed_at) for one in pair))
+    if any(one.first_failure is not None for one in pair):
+        table.add_row("first fails to return a command", *(_tick(one.first_failure) for one in pair))
     console = Console(soft_wrap=True)
     console.print(table)
     plain: dict[str, Any] = {"highlight": False, "markup": False}
     console.print(
-        f"{comparison.ticks} ticks compared; first tick that differs: {_tick(comparison.differs_at)}", **plain
+        f"{comparison.ticks} ticks compared; first tick that differs: {_tick(comparison.first_difference)}", **plain
     )
     for name, difference in (("greatest", comparison.greatest), ("rms", comparison.rms)):
         steering, acceleration = math.degrees(difference["steering_rad"]), difference["acceleration_mps2"]

@@ -57,5 +57,5 @@ def run(arguments: argparse.Namespace) -> int:
     for line in replayed.differences:
         print(line)
     if not replayed.differences:
-        print(f"{replayed.what} of {folder} replayed: every setpoint and every frame is the same")
+        print(f"{replayed.scope} of {folder} replayed: every setpoint and every frame is the same")
     return 1 if replayed.differences else 0

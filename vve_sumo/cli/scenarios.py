@@ -118,10 +118,10 @@ def _draw(name: str, file: Path, *, text: bool) -> None:
         raise ConfigError(f"--out: expected the name of a PNG file, got {file}")
     resolved = resolve_by_name(name, Path.cwd())
     # Only now: matplotlib leaves folders of its own behind, also where the name is wrong.
-    from vve_sumo.drive.scenario_text import circumstances, lines
+    from vve_sumo.drive.scenario_text import lines, special_conditions
     from vve_sumo.plotting.scenario import draw
 
-    draw(resolved, file, circumstances(resolved, Path.cwd()))
+    draw(resolved, file, special_conditions(resolved, Path.cwd()))
     if text:
         print("\n  ".join([f"{resolved.name}: {resolved.scenario.title}", *lines(resolved, Path.cwd())]))
     print(f"{name}: drawn into {file}")

@@ -50,7 +50,7 @@ class AlignmentSite:
     resolved: ResolvedScenario
     rig: Rig
     rig_file: Path
-    geofence: Geofence  #: with the lot's map as the street's
+    geofence: Geofence  #: with the lot's map as the virtual road's
 
     @property
     def speed(self) -> float:
@@ -115,28 +115,28 @@ def matched(site: AlignmentSite, notify: Callable[[str], None] = lambda line: No
 
 
 def paired(site: AlignmentSite, file: Path) -> AlignmentResult:
-    """Align the surveyed places of a CSV file with their places on the street.
+    """Align the surveyed places of a CSV file with their places on the virtual road.
 
     Raises ConfigError for what is no such file, for mirrored or scaled surveys, and for a pair that is off by too much.
     """
-    lot, street = read_pairs(file, site)
+    lot, road = read_pairs(file, site)
     wanted = site.rig.alignment
     limit = wanted.residual_m if wanted.kind == "surveyed_pairs" and wanted.residual_m else RESIDUAL_LIMIT
     try:
-        loose = Alignment.from_surveyed_pairs(lot, street, math.inf)
-        scale = np.std(np.array(street) @ (1.0, 1.0j)) / np.std(np.array(lot) @ (1.0, 1.0j))
-        alignment = Alignment.from_surveyed_pairs(lot, street, limit)
+        loose = Alignment.from_surveyed_pairs(lot, road, math.inf)
+        scale = np.std(np.array(road) @ (1.0, 1.0j)) / np.std(np.array(lot) @ (1.0, 1.0j))
+        alignment = Alignment.from_surveyed_pairs(lot, road, limit)
     except ConfigError as error:
         raise ConfigError(f"{file}: {error}") from None
     evidence = (
         *(f"pair {number}: off by {residual:.3f} m" for number, residual in enumerate(loose.residuals, 1)),
-        f"street distances are {scale:.5f} times the lot's",
+        f"road distances are {scale:.5f} times the lot's",
     )
     return AlignmentResult(alignment, max(alignment.residuals), site.fits(alignment), evidence)
 
 
 def read_pairs(file: Path, site: AlignmentSite) -> tuple[list[Pair], list[Pair]]:
-    """Return the same places on the lot's map and on the street's [m]; raises ConfigError naming file and line."""
+    """Return the same places on the lot's map and on the virtual road's [m]; ConfigError names file and line."""
     table = CsvNumbers(file, "pairs")
     by_map = set(STREET_COLUMNS) <= set(table.header)
     columns = (*LOT_COLUMNS, *(STREET_COLUMNS if by_map else GEODETIC_COLUMNS))
@@ -145,15 +145,15 @@ def read_pairs(file: Path, site: AlignmentSite) -> tuple[list[Pair], list[Pair]]
             f"{table.name}: expected a header with {', '.join(LOT_COLUMNS)} and {', '.join(STREET_COLUMNS)} "
             f"or {', '.join(GEODETIC_COLUMNS)}"
         )
-    frame, lot, street = meaning.frame_of(site.rig), [], []
+    frame, lot, road = meaning.frame_of(site.rig), [], []
     for where, numbers in table.numbers(columns):
         if not all(map(math.isfinite, numbers)):
             raise ConfigError(f"{where}: expected four finite numbers, got {', '.join(map(str, numbers))}")
         latitude, longitude, one, other = numbers
         lot.append(frame.to_map(math.radians(latitude), math.radians(longitude)))
         there = (one, other)
-        street.append(there if by_map else site.resolved.map_frame.to_map(math.radians(one), math.radians(other)))
-    return lot, street
+        road.append(there if by_map else site.resolved.map_frame.to_map(math.radians(one), math.radians(other)))
+    return lot, road
 
 
 def searched(site: AlignmentSite) -> AlignmentResult:
@@ -164,7 +164,7 @@ def searched(site: AlignmentSite) -> AlignmentResult:
         raise ConfigError(f"{site.rig_file}: {error}") from None
     turn, shift = math.degrees(found.alignment.rotation), (found.alignment.x, found.alignment.y)
     evidence = (
-        f"most room: the lot turned by {turn:.3f} deg, its origin at ({shift[0]:.2f}, {shift[1]:.2f}) m on the street"
+        f"most room: the lot turned by {turn:.3f} deg, its origin at ({shift[0]:.2f}, {shift[1]:.2f}) m on the road"
     )
     return AlignmentResult(found.alignment, 0.0, found, (evidence,))
 

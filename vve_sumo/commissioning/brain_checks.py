@@ -1,4 +1,4 @@
-"""The doctor's checks of a foreign brain: the port and the key of its setpoints, and the wires that go out to it.
+"""The doctor's checks of an external controller: the port and the key of its setpoints, and the outgoing wires.
 
 What is opened is closed at once, and nothing is sent.
 """

@@ -286,9 +286,9 @@ def _row(quantity: Quantity, declared: float, estimate: Estimate) -> Calibration
     def in_digits(value: float) -> str:
         return "" if math.isnan(value) else f"{quantity.factor * value:z.{decimals}f} {quantity.unit}".strip()
 
-    verdict = "good" if estimate.good else f"poor: {estimate.trouble}"
+    verdict = "good" if estimate.good else f"poor: {estimate.problem}"
     if quantity.optional and not estimate.good:
-        verdict = f"left as declared: {estimate.trouble}"
+        verdict = f"left as declared: {estimate.problem}"
     return CalibrationRow(quantity.words, in_digits(declared), in_digits(estimate.value), f"{sigma:.2g}", verdict)
 
 
@@ -300,7 +300,7 @@ def _values(calibrated: Calibrated, leave: Sequence[str]) -> dict[tuple[str, str
     for name, estimate in calibrated.poor.items():
         if name not in leave:
             raise ConfigError(
-                f"{calibrated.folder}: {name} is poor ({estimate.trouble}): drive again, or leave it as it is"
+                f"{calibrated.folder}: {name} is poor ({estimate.problem}): drive again, or leave it as it is"
             )
     found = calibrated.identified.estimates
     values = {

@@ -36,9 +36,9 @@ def refuse_altered(record: Path) -> None:
 
 
 def plan(rig: str, working: Path, out: Path | None) -> session.DrivePlan:
-    """Return the plan of the calibration drive, in which the calibration's own controller drives and no brain is told.
+    """Return the plan of the calibration drive, driven by its own controller, without outgoing wires.
 
-    Raises ConfigError or RigError as `session.plan`, and ConfigError for an external brain.
+    Raises ConfigError or RigError as `session.plan`, and ConfigError for an external controller that commands the car.
     """
     plan = session.plan(SCENARIO, rig, working, out=out, seed=None, controller=None, shadow=False)
     if plan.rig.brain.kind == "external":

@@ -63,7 +63,7 @@ def examine(
 
 
 def _examine_brain(report: CheckReport, rig: Rig, working: Path) -> None:
-    """Make the checks of a foreign brain's setpoints and of the wires out, where the rig has them."""
+    """Make the checks of an external controller's setpoints and of the wires out, where the rig has them."""
     if rig.brain.kind == "setpoints":
         advice = "correct the table [brain] of the rig, or end the program that has the port"
         report.attempt("setpoints", advice, lambda: report.add([brain_checks.setpoints(rig, working)]))
@@ -88,4 +88,4 @@ def _examine_scenario(report: CheckReport, resolved: ResolvedScenario, rig: Rig 
             report.add([Check("speed", f"{fitted.scenario.ego.speed_mps:g} of {rig.limits.speed_mps:g} m/s allowed")])
     report.add([machine_checks.braking(resolved)])
     advice = "correct the scenario's street, traffic or obstacles"
-    report.attempt("street", advice, lambda: report.add(machine_checks.street(resolved)))
+    report.attempt("street", advice, lambda: report.add(machine_checks.virtual_road(resolved)))

@@ -1,4 +1,4 @@
-"""The doctor's checks that need no rig: this machine, the installed libraries, and the time of the street's steps.
+"""The doctor's checks that need no rig: this machine, the installed libraries, the time of SUMO's steps.
 
 They open no bus, no socket and no receiver; they run SUMO for some seconds, and write and remove a temporary file.
 """
@@ -28,7 +28,7 @@ from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.virtual_road import open_world, pose_at_rest, scenario_engine
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import move_point
-from vve_sumo.live.priority import GATEWAY_PRIORITY, NEVER_KILLED, rights
+from vve_sumo.live.priority import GATEWAY_PRIORITY, OOM_NEVER, rights
 from vve_sumo.scenario.schema import When
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Point
@@ -109,7 +109,7 @@ def _processors() -> Check:
 
 def _clock() -> Check:
     resolution = time.get_clock_info("monotonic").resolution
-    found = f"monotonic, told to {resolution * 1e9:.0f} ns"
+    found = f"monotonic, resolution {resolution * 1e9:.0f} ns"
     return judged("clock", found, resolution <= RESOLUTION, "the kernel keeps time too coarsely for ticks of 20 ms")
 
 
@@ -118,7 +118,7 @@ def _priority() -> Check:
     permitted = rights()
     words = {True: "permitted", False: "not permitted"}
     found = f"real-time priority {GATEWAY_PRIORITY} {words[permitted.real_time]}, "
-    found += f"locking memory {words[permitted.memory]}, oom_score_adj {NEVER_KILLED} {words[_kept()]}"
+    found += f"locking memory {words[permitted.memory]}, oom_score_adj {OOM_NEVER} {words[_kept()]}"
     lacking = permitted.lacking()
     return judged("priority", found, not lacking, lacking, otherwise=CheckResult.NOTE)
 
@@ -128,7 +128,7 @@ def _kept() -> bool:
     own = Path("/proc/self/oom_score_adj")
     try:
         before = own.read_text(encoding="ascii")
-        own.write_text(f"{NEVER_KILLED}\n", encoding="ascii")
+        own.write_text(f"{OOM_NEVER}\n", encoding="ascii")
         own.write_text(before, encoding="ascii")
     except OSError:
         return False
@@ -207,8 +207,8 @@ def network(resolved: ResolvedScenario) -> Iterator[Check]:
     yield judged("network", found, lost <= ROUND_TRIP, "its projection has no inverse: build it again from map data")
 
 
-def street(resolved: ResolvedScenario) -> Iterator[Check]:
-    """Step the street with its traffic at the pace of a drive, the ego standing at its start, and time the steps.
+def virtual_road(resolved: ResolvedScenario) -> Iterator[Check]:
+    """Step the virtual road with its traffic at the pace of a drive, the ego standing at its start, and time the steps.
 
     All of the scenario's actors enter at the first step, so that their cost shows here and not during a drive.
     Raises ConfigError and SimulationError as `World` does.
@@ -227,13 +227,13 @@ def street(resolved: ResolvedScenario) -> Iterator[Check]:
             faults = world.step().faults
             took.append(time.perf_counter() - before)
             if faults:
-                raise ConfigError(f"the street does not take the ego at the path's start: {', '.join(faults)}")
+                raise ConfigError(f"the virtual road does not take the ego at the path's start: {', '.join(faults)}")
             time.sleep(max(0.0, begun + (step + 1) * PERIOD - time.monotonic()))
         budget = world.step_time_budget
     assert budget is not None  # for there is a clock
-    yield _judged_street(took, budget.fits, budget.summary)
+    yield _judged_virtual_road(took, budget.fits, budget.summary)
     if actors := resolved.scenario.actors:
-        yield Check("actors", f"{len(actors)}, all at once on the street whose steps were timed")
+        yield Check("actors", f"{len(actors)}, all at once on the virtual road whose steps were timed")
 
 
 def _all_at_once(resolved: ResolvedScenario) -> ResolvedScenario:
@@ -242,12 +242,12 @@ def _all_at_once(resolved: ResolvedScenario) -> ResolvedScenario:
     return replace(resolved, scenario=resolved.scenario.model_copy(update={"actors": actors}))
 
 
-def _judged_street(took: list[float], fits: bool, load: dict[str, float]) -> Check:
+def _judged_virtual_road(took: list[float], fits: bool, load: dict[str, float]) -> Check:
     p50, p99 = (1e3 * float(value) for value in np.quantile(took, (0.5, 0.99)))
     found = f"{len(took)} steps: median {p50:.1f} ms, p99 {p99:.1f} ms of {1e3 * LIMIT:.0f} ms"
     kept_out = int(load["refused"] + load["removed"])
     if kept_out:
-        found += f"; {kept_out} vehicles kept off the street"
+        found += f"; {kept_out} vehicles kept off the virtual road"
     advice = "take lighter traffic or fewer actors, let nothing else run, or take a faster machine"
     if not fits:
         return Check("street", found, CheckResult.NO_GO, advice)

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from typing import Final
 
 from vve_sumo.commissioning.findings import Check, CheckResult, judged
-from vve_sumo.live.calm import LATE
-from vve_sumo.live.priority import DRIVE_PRIORITY, UrgentPart, ask_for_short_turns
+from vve_sumo.live.jitter_wait import MAX_WAKE_UP_LATENESS
+from vve_sumo.live.priority import DRIVE_PRIORITY, RealTimeSection, request_short_time_slice
 from vve_sumo.timing import PERIOD
 
 WAKE_UPS: Final = 150  #: number measured; 3 s
@@ -26,9 +26,9 @@ def wake_up() -> Check:
 
     def measure() -> None:
         # Only this thread gets the priority, and it ends with the measurement.
-        urgent = UrgentPart(DRIVE_PRIORITY)
+        urgent = RealTimeSection(DRIVE_PRIORITY)
         if not urgent.granted:
-            ask_for_short_turns()
+            request_short_time_slice()
         urgent.begin()
         found.extend(lateness(WAKE_UPS, time.monotonic, time.sleep))
 
@@ -53,5 +53,5 @@ def judged_wake_up(worst: float) -> Check:
     found = f"at worst {1e3 * worst:.1f} ms late in {WAKE_UPS * PERIOD:.0f} s"
     advice = "close other programs, and see the line priority; a virtual machine also waits for its host"
     if worst <= TOO_LATE:
-        return judged("wake-up", found, worst <= LATE, advice, otherwise=CheckResult.NOTE)
+        return judged("wake-up", found, worst <= MAX_WAKE_UP_LATENESS, advice, otherwise=CheckResult.NOTE)
     return Check("wake-up", found, CheckResult.NO_GO, f"the gateway would stop the car: {advice}")

@@ -105,7 +105,7 @@ def build_pipeline(
     the fallback path, see `Pipeline`; `around` returns what is asked in place of the scenario's controller.
     """
     own = partial(resolved.controller, working)
-    controller = own() if brain is None else brain.in_place_of(own)
+    controller = own() if brain is None else brain.select_controller(own)
     return Pipeline(
         decoder=pose.decoder,
         gate=TrustGate(pose.profile, pose.epoch),

@@ -1,8 +1,8 @@
-"""A foreign control computer beside or in the place of the controller: samples go out to it, setpoints come back.
+"""An external controller (brain): a computer that gets samples, beside the scenario's controller or in its place.
 
-It knows samples and setpoints; it must not know what carries them, which is a `Link`. `external_controller` makes the
-one object that every drive has of a foreign brain, in lockstep, live, certified or replayed. Time is the drive's: in
-lockstep the brain is waited for at every tick, live it is not.
+Its setpoints come back. The module knows samples and setpoints; it must not know what carries them, which is a `Link`.
+`external_controller` makes the one object that every drive has of it, in lockstep, live, certified or replayed. Time
+is the drive's: in lockstep the external controller is waited for at every tick, live it is not.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ _NOTHING: Final = "no foreign setpoint"
 #: reason code of a brain that has let its whole time pass in lockstep
 OVERDUE: Final = "brain_overdue"
 
-#: who decides: the scenario's own controller, whose sensors a foreign computer only sees; a foreign brain by setpoints;
-#: one that commands the car by itself
-Decider = Literal["own", "setpoints", "external"]
+#: who decides, as `brain.kind` of a rig says: the scenario's own controller, whose sensors an external one only sees;
+#: an external controller by setpoints; one that commands the car itself
+ExternalControllerKind = Literal["own", "setpoints", "external"]
 
 
 class Link(Protocol):
-    """The way to a foreign brain and back."""
+    """The way to an external controller and back."""
 
     def send(self, sample: Sample) -> None:
         """Send a sample on all outgoing wires; neither waits nor raises."""
@@ -57,7 +57,7 @@ class NoLink:
 
 
 def virtual_placement(frame: MapFrame, mounting: Mounting, epoch: float) -> Placement:
-    """Return the placement of a receiver that drives on the street itself: the street's map is its own."""
+    """Return the placement of a receiver that drives on the virtual road itself: the virtual road's map is its own."""
     return Placement(frame, Alignment(), mounting, epoch)
 
 
@@ -100,7 +100,7 @@ class Publisher:
 
 
 class SetpointController:
-    """Answers an observation with the newest foreign setpoint that is alive."""
+    """Answers an observation with the newest external setpoint that is alive."""
 
     def __init__(self, publisher: Publisher, link: Link, inbox: SetpointInbox, *, waits: bool) -> None:
         """`waits`: whether a tick waits for the setpoint that answers its sample."""
@@ -135,7 +135,7 @@ class SetpointController:
             if not (came and owed):
                 return
 
-    def check_begun(self) -> None:
+    def require_answer(self) -> None:
         """Raise RigError where the brain has let its time pass before its first setpoint: it is not there."""
         if self.overdue and not self.inbox.taken:
             refused = ", ".join(f"{count} x {code}" for code, count in sorted(self.inbox.counts.items()))
@@ -144,12 +144,12 @@ class SetpointController:
 
 
 class NoController:
-    """Asks for nothing: an external brain commands the car by itself."""
+    """Asks for nothing: the external controller commands the car itself."""
 
     faults: tuple[str, ...] = ()
     overdue = ""
 
-    def check_begun(self) -> None:
+    def require_answer(self) -> None:
         """Nobody waits for a brain that commands the car by itself."""
 
     def step(self, observation: Observation) -> ControlCommand:
@@ -163,7 +163,7 @@ def _held(observation: Observation) -> float:
 
 @dataclass(frozen=True, slots=True)
 class ExternalController:
-    """What a drive has of foreign brains: the wires out, and what stands in the place of its controller."""
+    """What a drive has of external controllers: the wires out, and what stands in the place of its controller."""
 
     publisher: Publisher
     controller: SetpointController | NoController | None = None  #: None: the scenario's own controller drives
@@ -188,18 +188,18 @@ class ExternalController:
         """One line on a brain that has let its time pass in lockstep; else empty."""
         return "" if self.controller is None else self.controller.overdue
 
-    def check_begun(self) -> None:
+    def require_answer(self) -> None:
         """Raise RigError where the brain was waited for and is not there."""
         if self.controller is not None:
-            self.controller.check_begun()
+            self.controller.require_answer()
 
-    def in_place_of(self, own: Callable[[], Controller]) -> Controller:
+    def select_controller(self, own: Callable[[], Controller]) -> Controller:
         """Return the controller of the drive; the scenario's own is made only where it drives."""
         return own() if self.controller is None else self.controller
 
 
 def external_controller(
-    decides: Decider,
+    kind: ExternalControllerKind,
     link: Link,
     frame: MapFrame,
     mounting: Mounting,
@@ -208,15 +208,15 @@ def external_controller(
     *,
     waits: bool = False,
 ) -> ExternalController:
-    """Return what a drive has of the brain that a link leads to, as `brain.kind` of a rig says who `decides`.
+    """Return what a drive has of the external controller that a link leads to; `kind` is `brain.kind` of a rig.
 
-    `frame` is the street's map, `mounting` the receiver's, `epoch` the GNSS second of drive time 0, `key` signs
+    `frame` is the virtual road's map, `mounting` the receiver's, `epoch` the GNSS second of drive time 0, `key` signs
     setpoints. `waits`: whether a tick waits for the setpoint that answers its sample.
     """
     # A brain that commands the car by itself would drive off by what it sees: it sees nothing before the go.
-    publisher = Publisher(link.send, virtual_placement(frame, mounting, epoch), epoch, held=decides == "external")
-    if decides == "setpoints":
+    publisher = Publisher(link.send, virtual_placement(frame, mounting, epoch), epoch, held=kind == "external")
+    if kind == "setpoints":
         return ExternalController(
             publisher, SetpointController(publisher, link, SetpointInbox(epoch, key), waits=waits)
         )
-    return ExternalController(publisher, NoController() if decides == "external" else None)
+    return ExternalController(publisher, NoController() if kind == "external" else None)

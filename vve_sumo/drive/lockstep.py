@@ -18,7 +18,7 @@ from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline, see
 from vve_sumo.drive.brain import ExternalController
 from vve_sumo.drive.pipeline import Pipeline, TickResult
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
-from vve_sumo.drive.rest import RestObserver
+from vve_sumo.drive.standstill_cause import StandstillClassifier
 from vve_sumo.drive.termination import DriveEnd, Outcome, TerminationMonitor, end_reason
 from vve_sumo.drive.tick import DueTick, Tick
 from vve_sumo.drive.virtual_road import VirtualRoad, open_world, pose_at_rest, scenario_engine
@@ -44,7 +44,7 @@ from vve_sumo.vehicle.model import VehicleModel
 from vve_sumo.world.loaded_road import LoadedRoad
 
 #: called once a tick with the tick's number, drive time [s], speed [m/s] and distance along the path [m]
-Watch = Callable[[int, float, float, float], None]
+TickCallback = Callable[[int, float, float, float], None]
 
 CAR_BUS = "can0"  #: name of the car's bus in the record
 
@@ -178,7 +178,7 @@ class Lockstep:
         self._resolved = resolved
         self._road = VirtualRoad(open_world(resolved, loaded=loaded), scenario_engine(resolved))
         self._termination = TerminationMonitor(resolved.path.length, resolved.scenario.after_stop_s)
-        self._rest = RestObserver(resolved.scenario, resolved.path, resolved.vehicle)
+        self._standstill_classifier = StandstillClassifier(resolved.scenario, resolved.path, resolved.vehicle)
         self._end_trigger = None if resolved.scenario.end_trigger == EndTrigger() else resolved.scenario.end_trigger
         self._operator = ScriptedOperator()
 
@@ -204,20 +204,20 @@ class Lockstep:
         finally:
             tick.finish()
 
-    def run(self, record: MemoryRecorder, watch: Watch) -> DriveEnd:
+    def run(self, record: MemoryRecorder, on_tick: TickCallback) -> DriveEnd:
         """Drive to the end and return how the drive ended; everything else is in the record."""
         with closing(self.ticks(record)) as ticks:
-            done = self._run(ticks, watch)
+            done = self._run(ticks, on_tick)
         overdue = "" if self._brain is None else self._brain.overdue
         return replace(done, text=overdue) if overdue else done
 
-    def _run(self, ticks: Iterator[LockstepTick], watch: Watch) -> DriveEnd:
+    def _run(self, ticks: Iterator[LockstepTick], on_tick: TickCallback) -> DriveEnd:
         last = round(self._resolved.scenario.duration_s / PERIOD) - 1
         for tick, ticked in enumerate(ticks):
             now, contact = tick * PERIOD, bool(self._road.contacts)
             speed, s, status = ticked.truth.speed, ticked.result.s, ticked.output.status
-            watch(tick, now, speed, s)
-            ahead = partial(self._rest.ahead, ticked.truth, s, ticked.actors)
+            on_tick(tick, now, speed, s)
+            ahead = partial(self._standstill_classifier.classify, ticked.truth, s, ticked.actors)
             outcome = self._termination.step(now, speed, s, status.state, status.reasons, contact, ahead)
             if self._end_trigger is not None and (why := self._end_reason(self._end_trigger, ticked)):
                 outcome = self._termination.unless_contact(Outcome.COMPLETED)
@@ -263,13 +263,13 @@ class _Bus:
         self._reports = [frame for _time, frame in reports]
 
     def faults(self) -> tuple[str, ...]:
-        """Return the foreign brain's faults; any other failure of this shell ends the drive.
+        """Return the external controller's faults; any other failure of this shell ends the drive.
 
         Raises RigError where the brain is not there.
         """
         if self._brain is None:
             return ()
-        self._brain.check_begun()
+        self._brain.require_answer()
         return self._brain.faults
 
     def hand_over(self, now: float, setpoint: Setpoint | None) -> GatewayStatus:

@@ -20,9 +20,9 @@ from vve_sumo.timing import PERIOD
 from vve_sumo.values import ActorState, Point, Pose
 
 #: the shipped controller's accelerations on a free road: speeding up, slowing for bends, lateral in bends [m/s2]
-SPEEDING_UP, SLOWING, LATERAL = 1.5, 1.5, 2.0
+ACCELERATION, BRAKING, LATERAL_ACCELERATION = 1.5, 1.5, 2.0
 #: time by which the preview goes on after the first contact [s]
-AFTERWARDS = 1.0
+TIME_AFTER_CONTACT = 1.0
 
 
 class TriggeredEvent(NamedTuple):
@@ -60,31 +60,34 @@ class PreviewSample(NamedTuple):
 class NoBrakePreview:
     """How a scenario goes with an ego that never brakes for an actor."""
 
-    moments: Sequence[PreviewSample]  #: one every PERIOD
+    samples: Sequence[PreviewSample]  #: one every PERIOD
     events: Sequence[TriggeredEvent]  #: until the contact
     contact: Contact | None
 
 
 def preview_without_braking(resolved: ResolvedScenario) -> NoBrakePreview:
-    """Play a scenario without traffic against an ego that keeps its speed, to its end or AFTERWARDS after contact."""
+    """Play a scenario without traffic against an ego that keeps its speed.
+
+    The preview ends with the scenario, or TIME_AFTER_CONTACT after a contact.
+    """
     engine, begun = scenario_engine(resolved), [-1] * len(resolved.scenario.actors)
-    boxes = standing_boxes(resolved)
-    moments: list[PreviewSample] = []
+    boxes = obstacle_boxes(resolved)
+    samples: list[PreviewSample] = []
     events: list[TriggeredEvent] = []
     contact: Contact | None = None
     for time, ego, pose, s in _ego(resolved):
         actors = engine.step(time, pose)
-        moments.append(PreviewSample(time, ego, s, pose.speed, actors))
+        samples.append(PreviewSample(time, ego, s, pose.speed, actors))
         if contact is None:
-            events += _events(resolved, begun, engine.begun, moments[-1])
-            contact = _contact(moments[-1], boxes)
+            events += _events(resolved, begun, engine.begun, samples[-1])
+            contact = _contact(samples[-1], boxes)
         begun = list(engine.begun)
-        if contact is not None and time > contact.time + AFTERWARDS:
+        if contact is not None and time > contact.time + TIME_AFTER_CONTACT:
             break
-    return NoBrakePreview(moments, events, contact)
+    return NoBrakePreview(samples, events, contact)
 
 
-def standing_boxes(resolved: ResolvedScenario) -> dict[str, Box]:
+def obstacle_boxes(resolved: ResolvedScenario) -> dict[str, Box]:
     """Return the box of each of the scenario's obstacles, by id."""
     placed = {}
     for one in resolved.scenario.obstacles:
@@ -111,14 +114,16 @@ def _ego(resolved: ResolvedScenario) -> Iterator[tuple[float, Box, Pose, float]]
         bumper = path.project(x, y, s + car.rear_axle_to_bumper).s
         yield tick * PERIOD, behind_bumper(x, y, at.heading, car.length, car.width), pose, bumper
         allowed = min(scenario.ego.speed_mps, limits[min(int(s / SAMPLE_SPACING), len(limits) - 1)])
-        speed = min(speed + SPEEDING_UP * PERIOD, allowed)
+        speed = min(speed + ACCELERATION * PERIOD, allowed)
         s, tick = s + speed * PERIOD, tick + 1
 
 
 def _limits(path: ReferencePath) -> list[float]:
-    """Return the greatest speed [m/s] at every SAMPLE_SPACING of the path, limited by LATERAL and SLOWING."""
+    """Return the greatest speed [m/s] at every SAMPLE_SPACING of the path, by LATERAL_ACCELERATION and BRAKING."""
     bends = [path.at(number * SAMPLE_SPACING).curvature for number in range(int(path.length / SAMPLE_SPACING) + 1)]
-    return [math.sqrt(v2) for v2 in squared_speed_limits(bends, math.inf, LATERAL, SLOWING, SAMPLE_SPACING)]
+    return [
+        math.sqrt(v2) for v2 in squared_speed_limits(bends, math.inf, LATERAL_ACCELERATION, BRAKING, SAMPLE_SPACING)
+    ]
 
 
 def _events(

@@ -44,11 +44,11 @@ from vve_sumo.values import (
 )
 
 #: greatest difference of a tick's time from the time for which its fallback path was prepared [s]; else prepared anew
-PREPARED_TOLERANCE = 0.01
+PREPARED_TIME_TOLERANCE = 0.01
 #: below it the car stands, and a commanded path that was refused is judged anew [m/s]
 STANDSTILL = 0.1
 #: of how many setpoints the requested angles are kept for the geofence: those that a car may not have answered yet
-REQUESTS = 10
+STEERING_HISTORY = 10
 
 #: the sensors' readings at a tick: the columns of each sensor's table in the record, by the sensor's name
 Readings = Mapping[str, tuple[Column, ...]]
@@ -103,7 +103,7 @@ class OutputPublisher(Protocol):
 class SensorFrame:
     """What a tick's virtual sensors say, for the outgoing wires."""
 
-    pose: Pose  #: of the rear axle on the street, predicted to the tick
+    pose: Pose  #: of the rear axle on the virtual road, predicted to the tick
     fix: Fix  #: the newest trusted one
     actors: Actors  #: that the sensors saw
     sensors: Mapping[str, SensorOutput]  #: the newest output of every sensor, by the sensor's name
@@ -141,7 +141,7 @@ class Pipeline:
         more than `speed_margin` [m/s] is the fault `above_desired_speed`.
         `dater` maps the receiver's times to drive time; without one the receiver's clock is the drive's. GNSS second
         `epoch` is drive time 0. `geofence` is the lot's; without one the car may stop anywhere.
-        `wires` carry the virtual sensors to a foreign control computer; without them nobody else is told.
+        `wires` carry the virtual sensors to an external controller; without them nothing goes out.
         `fallback` gives the fallback path; where the gateway lives in this process it may be a deferred one.
         """
         self._decoder, self._gate, self._placement, self._predictor = decoder, gate, placement, predictor
@@ -162,7 +162,7 @@ class Pipeline:
         self._fallback: FallbackPath | DeferredFallbackPath | None = None
         self._prepared_for = -math.inf
         self._geofence_breach: tuple[str, ...] = ()
-        self._requested: deque[float] = deque(maxlen=REQUESTS)  # road-wheel angles [rad]
+        self._requested: deque[float] = deque(maxlen=STEERING_HISTORY)  # road-wheel angles [rad]
         # Of the newest command, and where along it the car is [m].
         self._commanded: CommandedPath | None = None
         self._commanded_s = 0.0
@@ -224,7 +224,7 @@ class Pipeline:
             self._moved = now
             faults += ("off_path",) if not abs(d) <= self._deviation_limit else ()
             faults += ("above_desired_speed",) if not pose.speed <= self._speed_limit else ()
-            if not abs(now - self._prepared_for) <= PREPARED_TOLERANCE:
+            if not abs(now - self._prepared_for) <= PREPARED_TIME_TOLERANCE:
                 # Ticks were skipped: the car is no longer where the prepared fallback path begins.
                 self.prepare(now, steering)
             faults += self._geofence_breach

@@ -12,7 +12,7 @@ from itertools import count
 from pathlib import Path
 
 from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline
-from vve_sumo.drive.lockstep import CAR_BUS, Watch, drive_end, gateway_of
+from vve_sumo.drive.lockstep import CAR_BUS, TickCallback, drive_end, gateway_of
 from vve_sumo.drive.prediction_error import PredictionError
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.termination import DriveEnd, Outcome
@@ -85,18 +85,18 @@ class Playback:
         """End the simulation."""
         self._road.close()
 
-    def run(self, record: MemoryRecorder, watch: Watch) -> DriveEnd:
+    def run(self, record: MemoryRecorder, on_tick: TickCallback) -> DriveEnd:
         """Play to the end of the recording and return how the drive ended; everything else is in the record."""
         tick = Tick(self._pipeline, self._road, self._resolved.path, _Unheard(self._gateway, record), record)
         try:
-            reasons = self._play(tick, watch)
+            reasons = self._play(tick, on_tick)
         finally:
             tick.finish()
         error = self._prediction_error
         extra = {"prediction_error_100ms_mean_m": error.mean, "prediction_error_100ms_max_m": error.greatest}
         return replace(drive_end(Outcome.PLAYED, reasons, self._pipeline, self._road), extra=extra)
 
-    def _play(self, tick: Tick, watch: Watch) -> tuple[str, ...]:
+    def _play(self, tick: Tick, on_tick: TickCallback) -> tuple[str, ...]:
         """Tick until the recording ends; return the gateway's reason codes of the last tick."""
         reasons: tuple[str, ...] = ()
         coming = next(self._fixes, None)
@@ -111,7 +111,7 @@ class Playback:
                 coming = next(self._fixes, None)
             done = tick.step(DueTick(number, now, (number + 1) * PERIOD), math.nan)
             pose, reasons = done.result.pose, done.status.reasons
-            watch(number, now, pose.speed if pose else 0.0, done.result.s)
+            on_tick(number, now, pose.speed if pose else 0.0, done.result.s)
         return reasons
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from vve_sumo.drive.lockstep import Watch
+    from vve_sumo.drive.lockstep import TickCallback
 
 #: ticks of a drive between two reports of its progress
 TICKS_PER_REPORT = 25
@@ -23,11 +23,11 @@ class DriveProgress:
     length: float  #: of the path [m]
 
 
-def progress_watch(length: float, report: Callable[[DriveProgress], None]) -> Watch:
-    """Return a `Watch` that reports a drive's progress along a path of `length` [m] twice a second of drive time."""
+def progress_callback(length: float, report: Callable[[DriveProgress], None]) -> TickCallback:
+    """Return a callback that reports a drive's progress along a path of `length` [m] twice a second of drive time."""
 
-    def watch(tick: int, now: float, speed: float, s: float) -> None:
+    def on_tick(tick: int, now: float, speed: float, s: float) -> None:
         if tick % TICKS_PER_REPORT == 0 and s == s:  # s is NaN before the first pose
             report(DriveProgress(now, speed, s, length))
 
-    return watch
+    return on_tick

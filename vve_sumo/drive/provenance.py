@@ -28,7 +28,7 @@ from vve_sumo.record.layout import PROVENANCE
 PACKAGE: Final = Path(__file__).parent.parent
 SHIPPED: Final = "shipped"
 #: endings of the files that decide what the program does: its code, and the car's message layout
-ENDINGS: Final = (".py", ".dbc")
+CODE_SUFFIXES: Final = (".py", ".dbc")
 #: time that git has to answer [s]
 GIT_TIMEOUT: Final = 2.0
 
@@ -55,7 +55,7 @@ def software() -> dict[str, Any]:
 
 
 @cache
-def deciding() -> dict[str, str]:
+def decisive_versions() -> dict[str, str]:
     """Return the versions of what decides how a drive goes, and the hash of the code, which a version may not tell.
 
     A checkout keeps its version while somebody works in it. Computed once per process.
@@ -78,12 +78,14 @@ def host() -> dict[str, str]:
 
 
 def code_sha256(package: Path) -> str:
-    """Return the hash of a package: relative path and bytes of every file with one of ENDINGS, sorted (hex SHA-256).
+    """Return the hash of a package: relative path and bytes of every file with a code suffix, sorted (hex SHA-256).
 
     The shipped workspace inside a wheel is left out, so that a wheel and the checkout that it was built from have the
     same hash.
     """
-    files = {file.relative_to(package).as_posix(): file for ending in ENDINGS for file in package.rglob(f"*{ending}")}
+    files = {
+        file.relative_to(package).as_posix(): file for ending in CODE_SUFFIXES for file in package.rglob(f"*{ending}")
+    }
     whole = hashlib.sha256()
     for name in sorted(name for name in files if not name.startswith(f"{SHIPPED}/")):
         data = files[name].read_bytes()
@@ -173,9 +175,9 @@ def changed_since(provenance: dict[str, Any]) -> list[str]:
     parts = then if isinstance(then, dict) else {}
     parts = {**parts, "python": provenance.get("python"), "proj": provenance.get("proj")}
     now = {**mine["libraries"], "python": mine["python"], "proj": mine["proj"]}
-    told_elsewhere = versions()
+    compared_elsewhere = versions()
     return lines + [
         f"{part} was {parts.get(part)}, is {now[part]}"
         for part in sorted(now)
-        if parts.get(part) != now[part] and part not in told_elsewhere
+        if parts.get(part) != now[part] and part not in compared_elsewhere
     ]

@@ -24,9 +24,9 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.values import ControlCommand, Floats
 
 #: a controller brakes if it asks for more than this deceleration [m/s2]; less is coasting or holding speed
-BRAKES: Final = 0.5
+BRAKING_THRESHOLD: Final = 0.5
 #: endings of a table's file
-ENDINGS: Final = (".parquet", ".csv")
+TABLE_SUFFIXES: Final = (".parquet", ".csv")
 
 _WHOSE: Final = ("recorded", "other")
 _NUMBERS: Final = ("steering_rad", "acceleration_mps2")
@@ -47,13 +47,13 @@ _FAILURES: Final = ("controller_raised", "controller_wrong_type", "controller_no
 
 
 @dataclass(frozen=True, slots=True)
-class Answers:
+class ControllerResponse:
     """What one controller did over all its ticks; a time is NaN where the event never came."""
 
-    brakes_at: float  #: drive time of its first braking [s]
-    emergency_at: float  #: drive time at which it first asked for the emergency envelope [s]
+    first_braking_time: float  #: drive time of its first braking [s]
+    first_emergency_time: float  #: drive time at which it first asked for the emergency envelope [s]
     notes: tuple[str, ...]  #: its different notes, in the order of first appearance
-    failed_at: int | None  #: first tick at which the controller gave no valid command; None where it never failed
+    first_failure: int | None  #: first tick at which the controller gave no valid command; None where it never failed
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,11 +61,11 @@ class ControllerComparison:
     """Two controllers on the same inputs."""
 
     ticks: int  #: number of ticks at which both controllers gave a command; only these are compared
-    differs_at: int | None  #: first tick at which the commands differ in anything; None where they never do
+    first_difference: int | None  #: first tick at which the commands differ in anything; None where they never do
     greatest: dict[str, float]  #: greatest absolute difference, by "steering_rad" and "acceleration_mps2"
     rms: dict[str, float]  #: root mean square difference, by the same keys
-    recorded: Answers
-    other: Answers
+    recorded: ControllerResponse
+    other: ControllerResponse
 
 
 def side_by_side(pairs: Iterable[tuple[dict[str, Any], TickResult]]) -> pa.Table:
@@ -107,7 +107,7 @@ def comparison_of(table: pa.Table) -> ControllerComparison:
     known = {name: values[both] for name, values in difference.items()}
     return ControllerComparison(
         ticks=int(both.sum()),
-        differs_at=_first(tick, differs),
+        first_difference=_first(tick, differs),
         greatest={name: float(np.abs(values).max(initial=0.0)) for name, values in known.items()},
         rms={name: math.sqrt(float(values @ values) / max(len(values), 1)) for name, values in known.items()},
         recorded=_answers(table, "recorded"),
@@ -115,15 +115,15 @@ def comparison_of(table: pa.Table) -> ControllerComparison:
     )
 
 
-def _answers(table: pa.Table, whose: str) -> Answers:
+def _answers(table: pa.Table, whose: str) -> ControllerResponse:
     time, acceleration = numeric_column(table, "time_s"), numeric_column(table, f"{whose}_acceleration_mps2")
     asked = table[f"{whose}_emergency"].to_numpy(zero_copy_only=False)
-    brakes, emergency = _first(time, acceleration < -BRAKES), _first(time, asked)
-    return Answers(
-        brakes_at=math.nan if brakes is None else float(brakes),
-        emergency_at=math.nan if emergency is None else float(emergency),
+    brakes, emergency = _first(time, acceleration < -BRAKING_THRESHOLD), _first(time, asked)
+    return ControllerResponse(
+        first_braking_time=math.nan if brakes is None else float(brakes),
+        first_emergency_time=math.nan if emergency is None else float(emergency),
         notes=tuple(note for note in dict.fromkeys(table[f"{whose}_note"].to_pylist()) if note),
-        failed_at=_first(table["tick"].to_numpy(), [code != "" for code in table[f"{whose}_failure"].to_pylist()]),
+        first_failure=_first(table["tick"].to_numpy(), [code != "" for code in table[f"{whose}_failure"].to_pylist()]),
     )
 
 
@@ -141,8 +141,8 @@ def numeric_column(table: pa.Table, name: str) -> Floats:
 
 def require_writable(file: Path) -> None:
     """Raise ConfigError where `write` could not write a table: wrong file ending, or no such folder."""
-    if file.suffix not in ENDINGS:
-        raise ConfigError(f"{file}: expected a name that ends in {' or '.join(ENDINGS)}")
+    if file.suffix not in TABLE_SUFFIXES:
+        raise ConfigError(f"{file}: expected a name that ends in {' or '.join(TABLE_SUFFIXES)}")
     if not file.absolute().parent.is_dir():
         raise ConfigError(f"{file}: its folder does not exist")
 

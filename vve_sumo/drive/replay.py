@@ -50,7 +50,7 @@ class Difference:
     """The first difference between a replay and its record."""
 
     number: int  #: of the tick, or of the gateway's step
-    what: str  #: name of the column, "frames", or the sensor and its row
+    item: str  #: name of the column, "frames", or the sensor and its row
     recorded: str
     replayed: str
 
@@ -132,9 +132,9 @@ def changed_code(folder: Path, working: Path, *, controller: bool = True) -> lis
     run = (part for part in parts if not part.role.startswith(plugged_in.METRIC))
     asked = (part for part in run if part.role != plugged_in.CONTROLLER or (controller and not foreign))
     lines = [line for part in asked for line in part.changed(recorded)]
-    # An external brain's commands are in the record, as frames of the car's bus; setpoints are not.
+    # An external controller's commands are in the record, as frames of the car's bus; setpoints are not.
     if foreign == "setpoints":
-        lines.append("controller: a foreign brain decided, which cannot be asked again")
+        lines.append("controller: an external controller decided, which cannot be asked again")
     return lines
 
 

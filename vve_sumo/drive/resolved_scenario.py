@@ -67,9 +67,9 @@ LANE_POINT_SPACING = 10.0
 #: lanes that come within this distance of the path are kept for the record [m]; it reaches what the sensors see
 MAX_DISTANCE_FROM_PATH = 150.0
 #: points of a line that are looked at together when others are looked for near it
-NEAR_BLOCK = 64
+DISTANCE_BATCH = 64
 #: comment in a path's file that names the edges it runs along
-EDGES_COMMENT = "# edges:"
+EDGES_PREFIX = "# edges:"
 
 
 class LoadedPath(NamedTuple):
@@ -196,7 +196,7 @@ class ResolvedScenario:
         except ConfigError as error:
             raise ConfigError(f"{self.file}: {error}") from None
 
-    def driven_by(self, name: str) -> ResolvedScenario:
+    def with_controller(self, name: str) -> ResolvedScenario:
         """Return the same scenario with another controller and default tuning; tuning belongs to one controller."""
         control = self.scenario.controller
         if name == control.name:
@@ -218,7 +218,7 @@ class ResolvedScenario:
         refuse_tight_bend(self.path, model.vehicle.tightest_curvature, str(self.files["path"]))
         ego = self.scenario.ego.model_copy(update={"vehicle": rig.vehicle.model})
         scenario = self.scenario.model_copy(update={"ego": ego})
-        model, note = braking_as_it_can(model)
+        model, note = with_effective_deceleration(model)
         files = self.files | {"vehicle": file}
         return replace(self, scenario=scenario, model=model, note=note, files=files, faults=faults_of(rig))
 
@@ -230,15 +230,15 @@ def load_vehicle_model(file: Path) -> tuple[VehicleModel, str]:
     """
     model = load_vehicle(file)
     try:
-        return braking_as_it_can(model)
+        return with_effective_deceleration(model)
     except ConfigError as error:
         raise ConfigError(f"{file}: drive_by_wire: {error}") from None
 
 
-def braking_as_it_can(model: VehicleModel) -> tuple[VehicleModel, str]:
+def with_effective_deceleration(model: VehicleModel) -> tuple[VehicleModel, str]:
     """Return a model braking no harder than it can, and the line that says so; raises ConfigError as `of_model`."""
     braking = of_model(model)
-    return limited_to(model, braking), braking.shortfall()
+    return limited_to(model, braking), braking.shortfall_text()
 
 
 @cache
@@ -350,7 +350,7 @@ def read_path(file: Path, map_frame: MapFrame, network: Network) -> LoadedPath:
     """
     table = CsvNumbers(file, "path")
     edges = next(
-        (tuple(line[len(EDGES_COMMENT) :].split()) for line in table.comments if line.startswith(EDGES_COMMENT)), ()
+        (tuple(line[len(EDGES_PREFIX) :].split()) for line in table.comments if line.startswith(EDGES_PREFIX)), ()
     )
     places, placed = [], []
     for where, (latitude, longitude) in table.numbers(PATH_COLUMNS):
@@ -385,7 +385,7 @@ def _lanes_along(path: ReferencePath, lanes: list[NetworkLane], lines: list[Floa
     """Return those of the lanes, drawn as `lines`, that come within MAX_DISTANCE_FROM_PATH of the path."""
     if not lanes:
         return ()
-    close = are_near(np.vstack(lines), _dense(np.array(path.points)), MAX_DISTANCE_FROM_PATH)
+    close = within_distance(np.vstack(lines), _dense(np.array(path.points)), MAX_DISTANCE_FROM_PATH)
     first = np.cumsum([0, *map(len, lines[:-1])])
     kept = np.logical_or.reduceat(close, first)
     return tuple(lane for lane, near in zip(lanes, kept.tolist(), strict=True) if near)
@@ -394,7 +394,7 @@ def _lanes_along(path: ReferencePath, lanes: list[NetworkLane], lines: list[Floa
 def _on_the_roads(places: list[str], points: Floats, lines: list[Floats], network: Network) -> None:
     """Raise ConfigError at the first point that is far from every lane: a wrong network or wrong coordinates."""
     spots = np.vstack(lines) if lines else np.zeros((0, 2))
-    far = np.flatnonzero(~are_near(points, spots, MAX_DISTANCE_FROM_LANES))
+    far = np.flatnonzero(~within_distance(points, spots, MAX_DISTANCE_FROM_LANES))
     if len(far):
         at = int(far[0])
         raise ConfigError(
@@ -430,21 +430,21 @@ def _without_gaps(
         if spacing > MAX_POINT_SPACING:
             raise ConfigError(f"{gap} at most {MAX_POINT_SPACING:g} m")
         between = [path.at(s)[:2] for s in np.linspace(starts[at - 1], starts[at], math.ceil(spacing)).tolist()]
-        if not are_near(np.array(between), spots, MAX_DISTANCE_BETWEEN).all():
+        if not within_distance(np.array(between), spots, MAX_DISTANCE_BETWEEN).all():
             raise ConfigError(
                 f"{gap} at most {MAX_FREE_SPACING:g} m where the path leaves the lanes of {network.path.name} between "
                 "them"
             )
 
 
-def are_near(points: Floats, others: Floats, distance: float) -> NDArray[np.bool_]:
+def within_distance(points: Floats, others: Floats, distance: float) -> NDArray[np.bool_]:
     """Return for each point (n, 2) whether one of the others (m, 2) is at most so far away.
 
     The others are best in the order of a line. A tree of scipy's would be no faster than its import is slow.
     """
     near = np.zeros(len(points), dtype=np.bool_)
-    for first in range(0, len(others), NEAR_BLOCK):
-        some = others[first : first + NEAR_BLOCK]
+    for first in range(0, len(others), DISTANCE_BATCH):
+        some = others[first : first + DISTANCE_BATCH]
         inside = (points >= some.min(axis=0) - distance) & (points <= some.max(axis=0) + distance)
         left = np.flatnonzero(inside.all(axis=1) & ~near)
         apart = points[left, None] - some

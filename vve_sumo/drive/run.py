@@ -18,10 +18,10 @@ from vve_sumo.config_file import read_as
 from vve_sumo.drive import provenance
 from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.drive.brain import ExternalController
-from vve_sumo.drive.lockstep import Lockstep, Watch
+from vve_sumo.drive.lockstep import Lockstep, TickCallback
 from vve_sumo.drive.playback import Playback
 from vve_sumo.drive.resolved_scenario import ResolvedScenario, resolve_scenario
-from vve_sumo.drive.summary import FOREIGN_BRAIN, measure, summary_of
+from vve_sumo.drive.summary import EXTERNAL_CONTROLLER, measure, summary_of
 from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.errors import ConfigError, RigError, SimulationError
 from vve_sumo.record.hashes import hash_files
@@ -41,7 +41,7 @@ class DriveHost(Protocol):
 
     lot: LotAlignment  #: how the lot lies on the virtual road, and which GNSS time is drive time 0
 
-    def run(self, record: MemoryRecorder, watch: Watch) -> DriveEnd:
+    def run(self, record: MemoryRecorder, on_tick: TickCallback) -> DriveEnd:
         """Drive to the end."""
         ...
 
@@ -102,7 +102,7 @@ def run(
     pose: Path | None = None,
     brain: ExternalController | None = None,
     kept: bool = True,
-    watch: Watch = lambda tick, now, speed, station: None,
+    on_tick: TickCallback = lambda tick, now, speed, station: None,
     loaded: LoadedRoad | None = None,
 ) -> Drive:
     """Drive a scenario, or play the recording `pose` in it, into a new record folder.
@@ -138,7 +138,7 @@ def run(
             record.attach_table(ROADS, roads_table(resolved.lanes))
             record.attach(PROVENANCE, provenance.text_of(provenance.provenance(resolved, now)))
         try:
-            done = run_guarded(shell, record, watch)
+            done = run_guarded(shell, record, on_tick)
         except (ConfigError, RigError):
             record.discard()
             raise
@@ -155,18 +155,18 @@ def run(
         record.attach_table(TICK_METRICS, table)
     summary = summary_of(resolved, done, tables["ticks"], tables["actors"], parts, roads, measured, commanded)
     if foreign:
-        summary |= foreign | {"controller": FOREIGN_BRAIN}
+        summary |= foreign | {"controller": EXTERNAL_CONTROLLER}
     if isinstance(record, RecordWriter):
         summary |= {"record_files_sha256": hash_files(folder)}
         record.summarise(summary)
     return Drive(folder, summary)
 
 
-def run_guarded(shell: DriveHost, record: MemoryRecorder, watch: Watch) -> DriveEnd:
+def run_guarded(shell: DriveHost, record: MemoryRecorder, on_tick: TickCallback) -> DriveEnd:
     """Drive to the end; a failure on the way becomes the drive's outcome, except ConfigError and RigError."""
     broken = DriveEnd(Outcome.BROKEN, ())
     try:
-        return shell.run(record, watch)
+        return shell.run(record, on_tick)
     except KeyboardInterrupt:
         return replace(broken, outcome=Outcome.INTERRUPTED, reasons=("interrupted",))
     except (ConfigError, RigError):

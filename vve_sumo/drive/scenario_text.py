@@ -17,7 +17,7 @@ from vve_sumo.scenario.schema import Actor, Control
 from vve_sumo.world.network import signals
 
 #: a junction whose middle is this near to the path lies on it [m]
-ON_THE_WAY = 12.0
+MAX_SIGNAL_DISTANCE = 12.0
 
 
 def lines(resolved: ResolvedScenario, working: Path) -> list[str]:
@@ -26,18 +26,18 @@ def lines(resolved: ResolvedScenario, working: Path) -> list[str]:
     road = f"{scenario.road.network}, path {scenario.ego.path} of {resolved.path.length:.0f} m"
     return [
         f"{road}, ego at {scenario.ego.speed_mps:g} m/s, seed {scenario.seed}",
-        *circumstances(resolved, working),
+        *special_conditions(resolved, working),
         *(_standing(one.id, one.at_m, one.offset_m) for one in scenario.obstacles),
         *(line for actor in scenario.actors for line in _of_actor(actor)),
         f"passes if: {descriptions.passes(scenario.criteria)}",
     ]
 
 
-def circumstances(resolved: ResolvedScenario, working: Path) -> list[str]:
+def special_conditions(resolved: ResolvedScenario, working: Path) -> list[str]:
     """Return a line for everything besides actors and obstacles that makes the drive another than the usual one."""
-    said = descriptions.circumstances(resolved.scenario)
+    said = descriptions.special_conditions(resolved.scenario)
     manoeuvre = _manoeuvre(resolved.scenario.controller, working)
-    found = ", ".join(f"{at:.0f} m" for at in signals_on_the_way(resolved))
+    found = ", ".join(f"{at:.0f} m" for at in signals_along_path(resolved))
     return [
         *([f"manoeuvre: {manoeuvre}"] if manoeuvre else []),
         *([f"signals at {found} of the path: the traffic obeys, no sensor shows them"] if found else []),
@@ -45,12 +45,12 @@ def circumstances(resolved: ResolvedScenario, working: Path) -> list[str]:
     ]
 
 
-def signals_on_the_way(resolved: ResolvedScenario) -> list[float]:
+def signals_along_path(resolved: ResolvedScenario) -> list[float]:
     """Return where along the path [m] junctions with signals lie on it, in order."""
     path, found = resolved.path, []
     for x, y in signals(resolved.network.path).values():
         foot = path.project(x, y)
-        if abs(foot.offset) <= ON_THE_WAY and 0.0 <= foot.s <= path.length:
+        if abs(foot.offset) <= MAX_SIGNAL_DISTANCE and 0.0 <= foot.s <= path.length:
             found.append(foot.s)
     return sorted(found)
 

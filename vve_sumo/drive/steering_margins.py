@@ -18,7 +18,7 @@ from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.errors import ConfigError
 
 #: attribute of a controller that steers by the preview law: the `PreviewTuning` of that law
-DECLARATION: Final = "preview_tuning"
+TUNING_ATTRIBUTE: Final = "preview_tuning"
 #: what the design takes of it
 DESIGN_FIELDS: Final = ("look_ahead_time", "look_ahead_least", "derivative_time")
 
@@ -61,17 +61,17 @@ def margins_at_speed(resolved: ResolvedScenario, working: Path) -> SteeringMargi
 
 def _margins(resolved: ResolvedScenario, working: Path, *speeds: Sequence[float]) -> SteeringMargins:
     name = resolved.scenario.controller.name
-    declared = getattr(resolved.controller(working), DECLARATION, None)
+    declared = getattr(resolved.controller(working), TUNING_ATTRIBUTE, None)
     if declared is None:
         raise ConfigError(
             f"controller {name}{_of_law(resolved)}: nothing is known of the margin of its steering: the gain design "
-            f"knows the preview law alone, and the controller does not declare it by an attribute {DECLARATION}"
+            f"knows the preview law alone, and the controller does not declare it by an attribute {TUNING_ATTRIBUTE}"
         )
     design: Any = module("design", workspace.controller_folders(working))
     try:
         stated = {field: float(getattr(declared, field)) for field in DESIGN_FIELDS}
     except (AttributeError, TypeError, ValueError) as error:
-        raise ConfigError(f"controller {name}: {DECLARATION}: expected a PreviewTuning: {error}") from None
+        raise ConfigError(f"controller {name}: {TUNING_ATTRIBUTE}: expected a PreviewTuning: {error}") from None
     return SteeringMargins(design, design.margins(resolved.vehicle, replace(design.DEFAULT, **stated), *speeds))
 
 

@@ -1,6 +1,6 @@
-"""Computes the content of a drive's `summary.json`: figures, and whether they meet the scenario's criteria.
+"""Computes the content of a drive's `summary.json`: metrics, and whether they meet the scenario's criteria.
 
-Knows tables and figures; neither how a drive is run nor how a summary is shown.
+Knows tables and metrics; neither how a drive is run nor how a summary is shown.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ from vve_sumo.record.tick_metrics import tick_metrics_table, write_tick_metrics
 from vve_sumo.scenario.schema import Criteria, CriterionBand, Scenario
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Vehicle
-from vve_sumo.vehicle.arming import DRIVER_SIGNS
+from vve_sumo.vehicle.arming import DRIVER_REASONS
 
 NOTHING: Final = Measured()
 NO_METRICS: Final = OwnMetrics()
-#: what stands in the place of the controller's name where a foreign brain decided
-FOREIGN_BRAIN: Final = "foreign_brain"
+#: what stands in the place of the controller's name where an external controller decided
+EXTERNAL_CONTROLLER: Final = "foreign_brain"
 
 
 class DrivenScenario(Protocol):
-    """The scenario by which a drive's figures are judged: a resolved scenario, or a record's copy of one."""
+    """The scenario by which a drive's metrics are judged: a resolved scenario, or a record's copy of one."""
 
     @property
     def name(self) -> str:
@@ -133,7 +133,7 @@ def summary_of(
     return summary | {"passed": passed, "failed": failed} | hashes
 
 
-def unjudged(summary: dict[str, Any]) -> dict[str, Any]:
+def without_verdict(summary: dict[str, Any]) -> dict[str, Any]:
     """Return a summary of a drive that is no test of anything: in shadow mode the gateway commands nothing."""
     return summary | {"passed": None, "failed": []}
 
@@ -145,7 +145,7 @@ def unmet_criteria(criteria: Criteria, summary: Mapping[str, Any]) -> list[str]:
     """
     if summary["outcome"] == Outcome.PLAYED:
         return []
-    return [*filter(None, judged(criteria, summary).values()), *disturbances(criteria, summary)]
+    return [*filter(None, judged(criteria, summary).values()), *invalidating_events(criteria, summary)]
 
 
 def judged(criteria: Criteria, summary: Mapping[str, Any]) -> dict[str, str]:
@@ -156,7 +156,7 @@ def judged(criteria: Criteria, summary: Mapping[str, Any]) -> dict[str, str]:
     return {name: _unmet(name, wanted, summary) for name, wanted in criteria if wanted is not None}
 
 
-def disturbances(criteria: Criteria, summary: Mapping[str, Any]) -> list[str]:
+def invalidating_events(criteria: Criteria, summary: Mapping[str, Any]) -> list[str]:
     """Return a line for everything that makes a drive no test of its criteria, however many of them it meets.
 
     The drive was lost, its driver stepped in, or a gateway fault that no criterion speaks of ended it.
@@ -164,7 +164,7 @@ def disturbances(criteria: Criteria, summary: Mapping[str, Any]) -> list[str]:
     found = []
     if summary["outcome"] in (Outcome.BROKEN, Outcome.INTERRUPTED):
         found.append(f"the drive was {summary['outcome']}{_why('outcome', summary)}")
-    if not DRIVER_SIGNS.isdisjoint(summary.get("reasons") or ()):
+    if not DRIVER_REASONS.isdisjoint(summary.get("reasons") or ()):
         found.append(f"the driver stepped in{_why('outcome', summary)}")
     elif summary["outcome"] == Outcome.FAULT and criteria.outcome is None:
         found.append(f"a gateway fault ended the drive{_why('outcome', summary)}")
@@ -188,7 +188,7 @@ def _within(band: CriterionBand, value: float) -> bool:
 
 
 def _found(name: str, value: float, summary: Mapping[str, Any]) -> str:
-    """Return the value of a figure that missed its band, with whom it is about, or with what it means to have none."""
+    """Return the value of a metric that missed its band, with whom it is about, or with what it means to have none."""
     metric = METRICS[name]
     if math.isnan(value):
         return f"none ({metric.missing or 'nothing was measured'})"

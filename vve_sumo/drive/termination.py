@@ -10,10 +10,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from vve_sumo.drive.rest import Ahead
+from vve_sumo.drive.standstill_cause import StandstillCause
 from vve_sumo.scenario.schema import EndTrigger
 from vve_sumo.values import ArmingState, SignalChange
-from vve_sumo.vehicle.arming import DRIVER_SIGNS
+from vve_sumo.vehicle.arming import DRIVER_REASONS
 
 #: below this speed the car counts as at standstill [m/s]
 STANDSTILL_SPEED = 0.05
@@ -57,7 +57,7 @@ class DriveEnd:
     text: str = ""  #: message of an exception that ended the drive, or of the last failure on the way
     standoffs: tuple[str, ...] = ()  #: vehicles taken off the road because they and the ego waited for each other
     signals: tuple[SignalChange, ...] = ()  #: what the traffic signals showed, change by change
-    extra: Mapping[str, float] = field(default_factory=dict)  #: figures of this shell alone, by summary key
+    extra: Mapping[str, float] = field(default_factory=dict)  #: metrics of this shell alone, by summary key
 
 
 #: reason codes of end triggers, of which the first of a drive's reasons is one where a trigger ended it
@@ -102,7 +102,7 @@ class TerminationMonitor:
         state: ArmingState,
         reasons: Sequence[str],
         contact: bool,
-        ahead: Callable[[], Ahead],
+        ahead: Callable[[], StandstillCause],
     ) -> Outcome | None:
         """Return the outcome if the drive has ended at drive time `time` [s], or None while it goes on.
 
@@ -125,17 +125,17 @@ class TerminationMonitor:
     def unless_contact(self, outcome: Outcome) -> Outcome:
         """Return the outcome of a drive that something else than its motion ends now: a contact so far is never hidden.
 
-        What ended the drive is told by its reasons.
+        Its reasons say what ended the drive.
         """
         return Outcome.CONTACT if self.collided else outcome
 
-    def _lasts(self, time: float, ahead: Ahead) -> bool:
+    def _lasts(self, time: float, ahead: StandstillCause) -> bool:
         """Return whether the rest of an engaged car on its way has lasted long enough to be the end."""
         assert self._standing_since is not None
-        if ahead is Ahead.MOVES_ON:
+        if ahead is StandstillCause.TEMPORARY:
             self._traffic_until = time
         since, needed = self._standing_since, self.rest
-        if self._traffic_until is not None or ahead is Ahead.TRAFFIC:
+        if self._traffic_until is not None or ahead is StandstillCause.CLEAR_WITH_TRAFFIC:
             needed = max(self.rest, DRIVE_OFF_TIME)
         if self._traffic_until is not None:
             since = self._traffic_until
@@ -150,7 +150,7 @@ class TerminationMonitor:
     def _name(self, station: float, state: ArmingState, reasons: Sequence[str]) -> Outcome:
         if self.collided:
             return Outcome.CONTACT
-        if state is not ArmingState.ENGAGED and not DRIVER_SIGNS.isdisjoint(reasons):
+        if state is not ArmingState.ENGAGED and not DRIVER_REASONS.isdisjoint(reasons):
             return Outcome.DRIVER
         if state is not ArmingState.ENGAGED:
             return Outcome.FAULT

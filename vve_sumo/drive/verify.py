@@ -19,9 +19,9 @@ import pyarrow as pa
 
 from vve_sumo.drive import provenance
 from vve_sumo.drive.resolved_scenario import read_resolved
-from vve_sumo.drive.rest import RestObserver
 from vve_sumo.drive.snapshots import NO_ACTORS, snapshots
-from vve_sumo.drive.summary import FOREIGN_BRAIN, summary_of, unjudged
+from vve_sumo.drive.standstill_cause import StandstillClassifier
+from vve_sumo.drive.summary import EXTERNAL_CONTROLLER, summary_of, without_verdict
 from vve_sumo.drive.termination import END_REASONS, MOVING_SPEED, DriveEnd, Outcome, TerminationMonitor
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.own import Measured
@@ -47,17 +47,17 @@ from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import EndTrigger, Scenario
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import ArmingState, Point, Pose, Vehicle
-from vve_sumo.vehicle.arming import DRIVER_SIGNS
+from vve_sumo.vehicle.arming import DRIVER_REASONS
 
 SUMMARY: Final = "summary.json"
-#: relative and absolute tolerance of a figure: another processor rounds differently
+#: relative and absolute tolerance of a metric: another processor rounds differently
 RELATIVE_TOLERANCE: Final = 1e-9
 #: outcomes of a lockstep drive that did not end by the car's motion or the time limit
-ENDED_OTHERWISE: Final = frozenset({Outcome.INTERRUPTED, Outcome.BROKEN})
+ABNORMAL_OUTCOMES: Final = frozenset({Outcome.INTERRUPTED, Outcome.BROKEN})
 #: columns of the true pose of the rear axle
-TRUE_POSE: Final = ("true_x_m", "true_y_m", "true_heading_rad", "true_speed_mps")
+TRUE_POSE_COLUMNS: Final = ("true_x_m", "true_y_m", "true_heading_rad", "true_speed_mps")
 #: reason codes of a live drive's summary, for a lost process, that no row of the ticks or the gateway has
-WITHOUT_ROW: Final = frozenset({"drive_lost", "gateway_gone"})
+PROCESS_LOSS_REASONS: Final = frozenset({"drive_lost", "gateway_gone"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,8 +187,8 @@ def _is(then: object, hashed: Callable[..., str], *of: Any) -> bool:
 def _contradictions(folder: Path, summary: dict[str, Any]) -> list[str]:
     """Return where a summary contradicts the rest of the record, whose hashes are all in order.
 
-    Another version of this program may compute figures differently, so only the version that wrote a summary checks it.
-    Nothing is checked for a killed drive, which has no figures, nor for a record whose recorder failed to write parts.
+    Another version of this program may compute metrics differently, so only the version that wrote a summary checks it.
+    Nothing is checked for a killed drive, which has no metrics, nor for a record whose recorder failed to write parts.
     """
     if "max_speed_mps" not in summary or summary.get("record_broken"):
         return []
@@ -197,8 +197,8 @@ def _contradictions(folder: Path, summary: dict[str, Any]) -> list[str]:
             return []
         resolved = read_resolved(folder)
         recorded = _recorded_drive(resolved, folder / "scenario.json")
-        figures, names = _figures(folder, recorded, summary), _names(resolved, summary)
-        return [*figures, *names, *_ending(folder, resolved, recorded, summary)]
+        metrics, names = _metrics(folder, recorded, summary), _names(resolved, summary)
+        return [*metrics, *names, *_ending(folder, resolved, recorded, summary)]
     except (ConfigError, KeyError, TypeError, ValueError) as error:
         return [f"it does not fit to the record: {error!r}"]
 
@@ -213,8 +213,8 @@ def _recorded_drive(resolved: dict[str, Any], file: Path) -> RecordedDrive:
     )
 
 
-def _figures(folder: Path, recorded: RecordedDrive, summary: dict[str, Any]) -> Iterator[str]:
-    """Compute every figure and the verdict again from the tables, and compare."""
+def _metrics(folder: Path, recorded: RecordedDrive, summary: dict[str, Any]) -> Iterator[str]:
+    """Compute every metric and the verdict again from the tables, and compare."""
     done = DriveEnd(
         Outcome(summary["outcome"]),
         tuple(summary["reasons"]),
@@ -230,9 +230,9 @@ def _figures(folder: Path, recorded: RecordedDrive, summary: dict[str, Any]) -> 
     again = summary_of(recorded, done, ticks, actors, summary["record_parts_sha256"], roads, said, commanded)
     again |= {"versions": resolved["versions"]}
     if recorded_brain(resolved):
-        again |= {"controller": FOREIGN_BRAIN}
+        again |= {"controller": EXTERNAL_CONTROLLER}
     if resolved.get("gateway", {}).get("shadow"):
-        again = unjudged(again)
+        again = without_verdict(again)
     if _is_live(folder, summary):
         again |= {"gateway_steps": read_table(folder, "gateway").num_rows}
         latency = read_table(folder, "latency")
@@ -261,7 +261,7 @@ def _same(said: object, again: object) -> bool:
 
 
 def _names(resolved: dict[str, Any], summary: dict[str, Any]) -> Iterator[str]:
-    """Compare the foreign brain, and of a live drive the rig's name and the shadow mode, with `scenario.json`."""
+    """Compare the external controller, and of a live drive the rig's name and the shadow mode, with `scenario.json`."""
     brain = recorded_brain(resolved)
     said = {"brain": brain} if brain else {}
     if "rig" in resolved:
@@ -296,7 +296,7 @@ def _lockstep_ending(
         if recorded.scenario.end_trigger == EndTrigger():
             yield f"reasons begin with {reasons[0]}, and the scenario has no [end_trigger]"
         ended = Outcome.CONTACT if any(ticks["contacts"].to_pylist()) else Outcome.COMPLETED
-    if outcome is not ended and not (outcome in ENDED_OTHERWISE and ended is None):
+    if outcome is not ended and not (outcome in ABNORMAL_OUTCOMES and ended is None):
         yield f"outcome is {outcome}, the ticks come to {ended or 'no end'}"
     said = reasons[1:] if triggered else reasons
     last = [code for code in (ticks["reasons"][-1].as_py() if ticks.num_rows else "").split("+") if code]
@@ -307,13 +307,13 @@ def _lockstep_ending(
 def _ended(ticks: pa.Table, actors: pa.Table, recorded: RecordedDrive) -> Outcome | None:
     """Return a lockstep drive's outcome by the first of its rows that shows an end; None where no row does."""
     ending = TerminationMonitor(recorded.path.length, recorded.scenario.after_stop_s)
-    rest, seen = RestObserver(recorded.scenario, recorded.path, recorded.vehicle), snapshots(actors)
+    standstill, seen = StandstillClassifier(recorded.scenario, recorded.path, recorded.vehicle), snapshots(actors)
     last = round(recorded.scenario.duration_s / PERIOD) - 1
-    names = ("tick", "time_s", "s_m", "state", "reasons", "contacts", *TRUE_POSE)
+    names = ("tick", "time_s", "s_m", "state", "reasons", "contacts", *TRUE_POSE_COLUMNS)
     for row in zip(*(ticks[name].to_pylist() for name in names), strict=True):
         tick, time, station, state, reasons, contacts, x, y, heading, speed = row
         pose = Pose(time, Point.REAR_AXLE, x, y, heading, speed, 0.0, 0.0, 0.0, 0.0)
-        ahead = partial(rest.ahead, pose, station, seen.get(tick, NO_ACTORS))
+        ahead = partial(standstill.classify, pose, station, seen.get(tick, NO_ACTORS))
         outcome = ending.step(time, speed, station, ArmingState(state), reasons.split("+"), bool(contacts), ahead)
         if outcome is None and tick >= last:
             outcome = ending.unless_contact(Outcome.TIMEOUT)
@@ -333,8 +333,8 @@ def _live_ending(outcome: Outcome, reasons: list[str], ticks: pa.Table, gateway:
     ]
     if outcome in (Outcome.STOPPED, Outcome.ARRIVED) and any(map(all, zip(contacts, under_way, strict=True))):
         yield f"outcome is {outcome}, and something was touched"
-    if outcome is Outcome.DRIVER and DRIVER_SIGNS.isdisjoint(reasons):
+    if outcome is Outcome.DRIVER and DRIVER_REASONS.isdisjoint(reasons):
         yield f"outcome is {outcome}, and no reason says that the driver stepped in"
     said = {code for table in (ticks, gateway) for joined in table["reasons"].to_pylist() for code in joined.split("+")}
-    if strange := [code for code in reasons if code not in said | WITHOUT_ROW]:
+    if strange := [code for code in reasons if code not in said | PROCESS_LOSS_REASONS]:
         yield f"reasons are {reasons}, the gateway never said {strange[0]}"

@@ -133,7 +133,7 @@ class VirtualRoad:
         """End the simulation."""
         self._world.close()
 
-    def operator_says_go(self) -> None:
+    def start_actors(self) -> None:
         """Let the scenario's actors begin: the operator said go."""
         self._waits = False
 

@@ -1,7 +1,8 @@
 """SUMO's floating car data (FCD): the file that `sumo --fcd-output` writes, of the ego and the actors of a drive.
 
-x, y are the middle of the front in the street's map, `angle` is in degrees clockwise from north (the map's +y), as in
-SUMO's documentation of FCD output. Persons on foot are `person` elements, which come after a time step's vehicles.
+x, y are the middle of the front in the virtual road's map, `angle` is in degrees clockwise from north (the map's +y),
+as in SUMO's documentation of FCD output. Persons on foot are `person` elements, which come after a time
+step's vehicles.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 Poses, places, scene and sensors' readings are messages of Foxglove's own schemas as protobuf; what those have no schema
 for (CAN frames, signals, states) is JSON with a schema of its own, which says of every field its unit and its meaning.
-The frames are `map` (the street's), `ego` (rear axle, on the ground) and one of each sensor that declares how it is
-drawn, by the name of its table in the record.
+The frames are `map` (the virtual road's), `ego` (rear axle, on the ground) and one of each sensor that declares how it
+is drawn, by the name of its table in the record.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """ASAM OpenSCENARIO XML 1.2 of a drive: every body follows the trajectory that it took, a polyline over time.
 
-The file needs no OpenDRIVE road: all positions are in the street's map. The ego's reference point is the middle of its
-rear axle, as the standard has it of vehicles. Where others have their axles is not recorded: theirs is the middle of
-the box. What the standard requires beside (heights, axles, masses, greatest speeds) is typical of the kind of body, and
-no trajectory depends on it.
+The file needs no OpenDRIVE road: all positions are in the virtual road's map. The ego's reference point is the middle
+of its rear axle, as the standard has it of vehicles. Where others have their axles is not recorded: theirs is the
+middle of the box. What the standard requires beside (heights, axles, masses, greatest speeds) is typical of the kind of
+body, and no trajectory depends on it.
 """
 
 from __future__ import annotations

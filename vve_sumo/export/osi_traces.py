@@ -1,4 +1,4 @@
-"""ASAM OSI traces of a drive: what the street was as SensorView with ground truth, what the radar saw as SensorData.
+"""ASAM OSI traces of a drive: the virtual road as SensorView with ground truth, the radar's sight as SensorData.
 
 Messages and time (GNSS) are those of the outgoing wire. A trace is a file for each kind of message, or one MCAP file
 with a channel for each, named as OSI's convention for trace files has it.
@@ -81,15 +81,17 @@ def mcap_of_drive(run: Run) -> Iterator[ExportPart]:
 
 def _traces(run: Run) -> list[Trace]:
     """Return the traces that have messages."""
-    # A record does not hold the projection of the street's map.
+    # A record does not hold the projection of the virtual road's map.
     encoder, epoch = Encoder(run.vehicle, projection=""), float(run.resolved["epoch_gnss_s"])
-    views = Trace("sv", "ground_truth", "ego and actors on the street, every tick", [*_views(run, encoder, epoch)])
+    views = Trace(
+        "sv", "ground_truth", "ego and actors on the virtual road, every tick", [*_views(run, encoder, epoch)]
+    )
     scans = [*_scans(run, encoder, epoch)] if STANDARD in run.resolved["sensors"] else []
     return [views, Trace("sd", "radar", "detections of the radar, every scan", scans)] if scans else [views]
 
 
 def _views(run: Run, encoder: Encoder, epoch: float) -> Iterator[Message]:
-    """Yield the street at every tick at which the ego's pose is known, by the truth where there is one."""
+    """Yield the virtual road at every tick at which the ego's pose is known, by the truth where there is one."""
     motion, rows, table = run.motion, run.data.actor_rows, run.arrow("actors")
     columns = [table[name].to_numpy()[rows.rows] for name in ACTOR_COLUMNS]
     yaw_rates = np.nan_to_num(run.arrow("ticks")["yaw_rate_radps"].to_numpy())

@@ -29,7 +29,7 @@ from vve_sumo.hunt.truth import TruthSample
 from vve_sumo.live.wording import CONTROL
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import ArmingState
-from vve_sumo.vehicle.arming import COMMANDING, DRIVER_SIGNS
+from vve_sumo.vehicle.arming import COMMANDING, DRIVER_REASONS
 from vve_sumo.vehicle.gateway import UNATTENDED_TIME
 
 
@@ -223,7 +223,7 @@ class HonestVerdict:
 
     def judge(self, outcome: Outcome | None, reasons: Sequence[str]) -> str | None:
         """Return what is wrong with an outcome and the drive's reasons, by which a drive's criteria fail."""
-        if self.stepped_in and outcome in UNTROUBLED and DRIVER_SIGNS.isdisjoint(reasons):
+        if self.stepped_in and outcome in UNTROUBLED and DRIVER_REASONS.isdisjoint(reasons):
             self.margin = 0.0
             return f"outcome {outcome.value} though the driver had to step in, and no reason says so"
         return None

@@ -16,7 +16,7 @@ from vve_sumo.controller import Controller
 from vve_sumo.drive.assembly import PoseInput, build_pipeline, seed_of
 from vve_sumo.drive.lockstep import car_parameters
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
-from vve_sumo.drive.rest import RestObserver
+from vve_sumo.drive.standstill_cause import StandstillClassifier
 from vve_sumo.drive.termination import Outcome, TerminationMonitor
 from vve_sumo.drive.tick import DueTick, Tick
 from vve_sumo.drive.virtual_road import VirtualRoad, pose_at_rest
@@ -188,7 +188,7 @@ class EpisodeDrive:
         self.road = EmptyRoad(resolved)
         self._tick = Tick(pipeline, cast(VirtualRoad, self.road), resolved.path, self, NoRecord())
         self._termination = TerminationMonitor(resolved.path.length, resolved.scenario.after_stop_s)
-        self._rest = RestObserver(resolved.scenario, resolved.path, resolved.vehicle)
+        self._standstill_classifier = StandstillClassifier(resolved.scenario, resolved.path, resolved.vehicle)
         self.operator = HuntOperator()
         self._said: OperatorCommand | None = None
         self._status: GatewayStatus | None = None
@@ -257,7 +257,7 @@ class EpisodeDrive:
 
     def _watch_for_the_end(self, now: float, truth: Pose, actors: Actors) -> None:
         assert self._status is not None
-        ahead = partial(self._rest.ahead, self.alignment.apply(truth), self.s, actors)
+        ahead = partial(self._standstill_classifier.classify, self.alignment.apply(truth), self.s, actors)
         contact = bool(self.road.contacts)
         outcome = self._termination.step(
             now, truth.speed, self.s, self._status.state, self._status.reasons, contact, ahead

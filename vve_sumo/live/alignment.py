@@ -94,10 +94,10 @@ def standing_pose(
 def lot_alignment(
     standing: StandingPose, frame: MapFrame, mounting: Mounting, begin: Pose, stored: Alignment | None
 ) -> LotAlignment:
-    """Return how the lot, with its map `frame`, lies on the street.
+    """Return how the lot, with its map `frame`, lies on the virtual road.
 
     A `stored` alignment is used unchanged. Without one, the alignment maps the pose of the standing car to `begin`, the
-    start of the path on the street.
+    start of the path on the virtual road.
     """
     if stored is not None:
         return LotAlignment(frame.projection, stored, standing.epoch)

@@ -1,4 +1,4 @@
-"""The way to a foreign brain and back over real sockets, lines and buses, from the tables of a rig.
+"""The way to an external controller and back over real sockets, lines and buses, from the tables of a rig.
 
 It opens what the rig names; it must not know what a brain does, nor how a drive is run.
 """

@@ -19,11 +19,11 @@ import msgspec
 from vve_sumo.drive.lockstep import ScriptedOperator
 from vve_sumo.drive.reasons import in_words
 from vve_sumo.live import messages
-from vve_sumo.live.calm import PATIENCE
 from vve_sumo.live.channel import ALIVE, Channel
+from vve_sumo.live.jitter_wait import CALM_TIMEOUT
 from vve_sumo.live.keys import KeyCommand, OperatorInput
 from vve_sumo.live.screen import Screen
-from vve_sumo.live.wording import Guard, answer, doctor_overridden, why
+from vve_sumo.live.wording import GatewayProcessState, answer, doctor_overridden, why
 from vve_sumo.values import ArmingState
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING, ENDING, WAITING
@@ -40,8 +40,8 @@ ALARM_TIME: Final = 3.0
 DRIVE_TIMEOUT: Final = 8.0
 #: time for the page's process to end [s]
 VIEW_TIMEOUT: Final = 3.0
-#: an automatic rig that is not engaged by then is refused [s]; it may wait PATIENCE for a calm second
-READY_LIMIT: Final = 60.0 + PATIENCE
+#: an automatic rig that is not engaged by then is refused [s]; it may wait CALM_TIMEOUT for a calm second
+READY_TIMEOUT: Final = 60.0 + CALM_TIMEOUT
 
 _ACTS: Final = {
     KeyCommand.ENGAGE: OperatorCommand.ENGAGE,
@@ -51,7 +51,7 @@ _ACTS: Final = {
 #: commands that count only while the gateway waits for them, and their keys
 _KEYS: Final = {KeyCommand.ENGAGE: "e", KeyCommand.GO: "g"}
 #: the gateway's reason code for a go that it rejected
-TOO_EARLY: Final = "go_too_early"
+GO_TOO_EARLY: Final = "go_too_early"
 
 
 @dataclass(slots=True)
@@ -146,29 +146,31 @@ class Console:
             self._read_gateway()
             self._judge()
             self._give_commands()
-            self._show(Guard.SILENT if begun - self._heard_at > SILENT else Guard.HEARD)
+            self._show(
+                GatewayProcessState.SILENT if begun - self._heard_at > SILENT else GatewayProcessState.RESPONDING
+            )
         self._read_gateway()
         if not self._engaged and not self._over:
             self._refuse("the gateway's process ended before anything moved; see gateway.log in the record", 3)
         if self._state in COMMANDING:
             self._show_gateway_lost()
         else:
-            self._show(Guard.ENDED)
+            self._show(GatewayProcessState.ENDED)
 
-    def _show(self, guard: Guard) -> None:
-        if self._left or (self.processes.to_gateway.closed and guard is Guard.SILENT):
+    def _show(self, state: GatewayProcessState) -> None:
+        if self._left or (self.processes.to_gateway.closed and state is GatewayProcessState.SILENT):
             # A gateway that has closed its channel is ending: its silence is no alarm.
-            guard = Guard.LEFT if self._left else Guard.HEARD
-        self._status |= {"gateway": guard.value, "engaged": self._engaged}
+            state = GatewayProcessState.LEFT if self._left else GatewayProcessState.RESPONDING
+        self._status |= {"gateway": state.value, "engaged": self._engaged}
         self._screen.show(self._status)
 
     def _show_gateway_lost(self) -> None:
         """Show for ALARM_TIME that a car that was commanded is commanded no more."""
         until = time.monotonic() + ALARM_TIME
         while not self._left and time.monotonic() < until:
-            self._show(Guard.GONE)
+            self._show(GatewayProcessState.GONE)
             time.sleep(POLL_INTERVAL)
-        self._show(Guard.GONE)
+        self._show(GatewayProcessState.GONE)
 
     @staticmethod
     def _alive(channel: Channel | None) -> list[int]:
@@ -187,7 +189,7 @@ class Console:
         if command is KeyCommand.STOP:
             self._ask_to_stop(OperatorCommand.STOP)
         elif command is KeyCommand.RESET or waited_for:
-            self._act(_ACTS[command])
+            self._give_command(_ACTS[command])
 
     def _ask_to_stop(self, command: OperatorCommand) -> None:
         """Have a stop sent; the operator's counts before that of the page."""
@@ -209,9 +211,9 @@ class Console:
             return not self._over
         return command is KeyCommand.GO and self._state is ArmingState.ENGAGED and not self._status["went"]
 
-    def _act(self, act: OperatorCommand) -> None:
-        self.processes.to_gateway.send(link.encode_operator_command(act))
-        if act is OperatorCommand.GO:
+    def _give_command(self, command: OperatorCommand) -> None:
+        self.processes.to_gateway.send(link.encode_operator_command(command))
+        if command is OperatorCommand.GO:
             self._status["went"] = True
 
     def _give_commands(self) -> None:
@@ -242,7 +244,7 @@ class Console:
             match messages.decode(data):
                 case messages.Refused() as refused:
                     self.refused = refused
-                case messages.News(text):
+                case messages.Notice(text):
                     self._screen.say(text)
                 case messages.DriveStatus() as status:
                     self._status |= msgspec.structs.asdict(status)
@@ -257,7 +259,7 @@ class Console:
                 continue
             status = feedback.status
             self._heard_at = time.monotonic()
-            if TOO_EARLY in status.reasons:
+            if GO_TOO_EARLY in status.reasons:
                 self._status["went"] = False
             self._state = status.state
             self._engaged |= status.state in COMMANDING
@@ -272,9 +274,9 @@ class Console:
             }
             if self._operator is not None and not self._over:
                 self._operator.observe(status)
-                act = self._operator.next_command()
-                if act is not None:
-                    self._act(act)
+                command = self._operator.next_command()
+                if command is not None:
+                    self._give_command(command)
 
     def _read_refusal(self, data: bytes) -> None:
         """Take the refusal of a gateway that cannot open its bus."""
@@ -291,9 +293,9 @@ class Console:
             self._refuse("the drive's process ended before anything moved", 4)
         elif not self._engaged and self.processes.recorder.poll() is not None:
             self._refuse("the recorder's process ended before anything moved", 3)
-        elif self._operator is not None and not self._engaged and time.monotonic() - self._begun > READY_LIMIT:
+        elif self._operator is not None and not self._engaged and time.monotonic() - self._begun > READY_TIMEOUT:
             missing = "; ".join(why(self._status)) or "the gateway does not answer"
-            self._refuse(f"not ready after {READY_LIMIT:.0f} s: {missing}", 3)
+            self._refuse(f"not ready after {READY_TIMEOUT:.0f} s: {missing}", 3)
 
     def _refuse(self, why: str, exit_code: int) -> None:
         self._read_drive()

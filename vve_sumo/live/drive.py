@@ -21,7 +21,7 @@ from typing import Any, Final
 from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.drive.brain import ExternalController, external_controller
 from vve_sumo.drive.pipeline import TickResult
-from vve_sumo.drive.rest import RestObserver
+from vve_sumo.drive.standstill_cause import StandstillClassifier
 from vve_sumo.drive.termination import Outcome, TerminationMonitor
 from vve_sumo.drive.tick import CompletedTick, DueTick, Tick
 from vve_sumo.drive.virtual_road import open_world, scenario_engine
@@ -29,10 +29,10 @@ from vve_sumo.errors import VveError
 from vve_sumo.live import messages, signals, spawn, start_pose
 from vve_sumo.live.assembly import from_dict, pipeline_of, source_of
 from vve_sumo.live.brain_link import ChannelLink, key_of, open_setpoints
-from vve_sumo.live.calm import JitterWait, gateway_lateness
 from vve_sumo.live.channel import Channel
+from vve_sumo.live.jitter_wait import JitterWait, gateway_lateness
 from vve_sumo.live.latency_monitor import LatencyMonitor
-from vve_sumo.live.priority import DRIVE_NICE, DRIVE_PRIORITY, KILLED_SECOND, UrgentPart, raise_priority, set_oom_score
+from vve_sumo.live.priority import DRIVE_NICE, DRIVE_PRIORITY, OOM_DRIVE, RealTimeSection, raise_priority, set_oom_score
 from vve_sumo.live.recorder_client import RecorderClient
 from vve_sumo.live.road import LiveRoad
 from vve_sumo.live.tick_scheduler import ScheduledTick, TickScheduler
@@ -43,7 +43,7 @@ from vve_sumo.rig.schema import Rig
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import ArmingState, GatewayStatus, Setpoint, newest_scan
 from vve_sumo.vehicle import link
-from vve_sumo.vehicle.arming import COMMANDING, DRIVER_SIGNS, ENDING, WAITING
+from vve_sumo.vehicle.arming import COMMANDING, DRIVER_REASONS, ENDING, WAITING
 from vve_sumo.wire.outputs import KINDS
 
 #: between two status messages to the console [s]
@@ -55,7 +55,7 @@ MAX_WAIT: Final = 0.1
 #: longest time to send the last messages to the recorder [s]
 RECORDER_TIMEOUT: Final = 5.0
 
-#: a gateway that has said nothing for so long is frozen [s]; a foreign brain's sensors then turn invalid
+#: a gateway that has said nothing for so long is frozen [s]; an external controller's sensors then turn invalid
 GATEWAY_SILENCE: Final = 0.07
 
 _NO_STATUS: Final = GatewayStatus(ArmingState.DISARMED, (), 0.0, 0.0, (), 0.0, 0.0)
@@ -79,11 +79,13 @@ class LiveDrive:
         self._road = LiveRoad(open_world(self._resolved, time.perf_counter), scenario_engine(self._resolved))
         self._tick = Tick(self._pipeline, self._road, self._resolved.path, self, self._recorder, self._clock)
         self._source = source_of(rig)
-        self._urgent = UrgentPart(DRIVE_PRIORITY)
+        self._urgent = RealTimeSection(DRIVE_PRIORITY)
         self._latency = LatencyMonitor(rig.latency.budget_ms / 1000.0, rig.latency.breaches)
         self._scheduler = TickScheduler(self._clock(), PERIOD, rig.latency.deadline_ms / 1000.0)
         self._termination = TerminationMonitor(self._resolved.path.length, self._resolved.scenario.after_stop_s)
-        self._rest = RestObserver(self._resolved.scenario, self._resolved.path, self._resolved.vehicle)
+        self._standstill_classifier = StandstillClassifier(
+            self._resolved.scenario, self._resolved.path, self._resolved.vehicle
+        )
         self._feedback: link.Feedback | None = None
         self._feedback_at = math.inf  # when the newest came; inf before the first
         self._scheduled_faults: tuple[str, ...] = ()  # of the tick under way
@@ -104,7 +106,7 @@ class LiveDrive:
     def _foreign(
         self, rig: Rig, lot: LotAlignment, outputs: Channel | None, working: Path
     ) -> tuple[ChannelLink | None, ExternalController | None]:
-        """Return the way to a foreign brain, and the brain; neither where the rig has no outputs."""
+        """Return the way to an external controller, and the brain; neither where the rig has no outputs."""
         if outputs is None:
             return None, None
         said, key, setpoints = rig.brain, key_of(rig.brain, working), None
@@ -175,7 +177,7 @@ class LiveDrive:
                 self._latency.gateway_answered(feedback.sequence, feedback.sent)
 
     def _update_validity(self, status: GatewayStatus) -> None:
-        """Make a foreign brain's sensors invalid at once when the drive ends, an external one's also until its go."""
+        """Make an external controller's sensors invalid at the end, and before the go where it commands the car."""
         if self._brain is None:
             return
         publisher = self._brain.publisher
@@ -214,7 +216,7 @@ class LiveDrive:
         ready = self._not_ready + self._before_engaging()
         foreign = () if self._brain is None or self._link is None else self._brain.faults + self._link.faults()
         if self._brain is not None and self._gateway_is_silent():
-            # Nothing else tells a foreign brain that nobody can stop the drive any more.
+            # Nothing else tells an external controller that nobody can stop the drive any more.
             foreign += ("gateway_silent",)
         return ready + self._scheduled_faults + self._latency_faults + recording + self._source.found() + foreign
 
@@ -241,7 +243,7 @@ class LiveDrive:
             return
         self._calm.observe(now, max(late, gateway_late))
         if news := self._calm.news():
-            self._console.send(messages.encode(messages.News(news)))
+            self._console.send(messages.encode(messages.Notice(news)))
 
     def hand_over(self, now: float, setpoint: Setpoint | None) -> GatewayStatus:
         """Send a setpoint to the gateway; return the gateway's newest status, which is of an earlier step.
@@ -285,12 +287,12 @@ class LiveDrive:
             "start_position": start.place_text(),
             "start_heading": start.turn_text(),
             "off_path": f"{abs(result.d):.1f} m",
-            "not_calm": "" if self._calm is None else self._calm.words,
+            "not_calm": "" if self._calm is None else self._calm.worst_text,
         }
         return {code: words for code, words in numbers.items() if words and code in result.faults}
 
     def _beside(self, begun: ScheduledTick, result: TickResult) -> SampleContext:
-        """Return what the page's process is told beside the completed tick."""
+        """Return what the page's process gets beside the completed tick."""
         now = self._clock()
         return SampleContext(
             tick=begun.tick,
@@ -325,10 +327,10 @@ class LiveDrive:
             if status.state is ArmingState.FAULT:
                 return
             self._go_time = now
-            self._road.operator_says_go()
+            self._road.start_actors()
         pose, contact = result.pose, bool(self._road.contacts)
         speed, driven = pose.speed if pose else math.nan, now - self._go_time
-        ahead = partial(self._rest.ahead, pose, result.s, done.actors)
+        ahead = partial(self._standstill_classifier.classify, pose, result.s, done.actors)
         outcome = self._termination.step(driven, speed, result.s, status.state, status.reasons, contact, ahead)
         if outcome is None and driven > self._resolved.scenario.duration_s:
             outcome = Outcome.TIMEOUT
@@ -348,7 +350,7 @@ class LiveDrive:
             self._close(Outcome.INTERRUPTED, self._stop_reasons)
         elif self._termination.collided:
             self._close(Outcome.CONTACT, self._stop_reasons)
-        elif not DRIVER_SIGNS.isdisjoint(self._stop_reasons):
+        elif not DRIVER_REASONS.isdisjoint(self._stop_reasons):
             self._close(Outcome.DRIVER, self._stop_reasons)
         elif set(self._stop_reasons[:1]) <= {"stop_asked", "stop_asked_by_page", "operator_gone"}:
             # The first reason counts: the drive was over before any fault found on the fallback path.
@@ -418,7 +420,7 @@ def main() -> int:
     """Run the process and return its exit code: an error's own, 1 for a bug, else 0."""
     # Signals are ignored: this process ends with the gateway, for a moving car needs fallback paths.
     signals.ignore()
-    set_oom_score(KILLED_SECOND)
+    set_oom_score(OOM_DRIVE)
     config, channels = spawn.receive_config()
     folder = Path(config["folder"])
     try:

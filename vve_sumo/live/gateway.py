@@ -2,7 +2,7 @@
 
 `vehicle.gateway` decides; this module gives it the clock, the bus and the channels. A fresh setpoint becomes frames at
 once; without one, frames go out a little later. Each fault of this process goes to `vehicle.gateway` as a reason code.
-Beside an external brain `vehicle.observer` stands in its place, and the process only listens.
+Where an external controller commands the car, `vehicle.observer` stands in its place, and the process only listens.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from vve_sumo.bus import Bus
 from vve_sumo.errors import RigError, VveError
 from vve_sumo.live import messages, signals
 from vve_sumo.live.channel import ALIVE, Channel
-from vve_sumo.live.priority import GATEWAY_PRIORITY, NEVER_KILLED, raise_priority, set_oom_score
+from vve_sumo.live.priority import GATEWAY_PRIORITY, OOM_NEVER, raise_priority, set_oom_score
 from vve_sumo.live.recorder_client import RecorderClient
 from vve_sumo.live.spawn import receive_config
 from vve_sumo.record.rows import GatewayRow
@@ -70,8 +70,8 @@ class StepInputs(NamedTuple):
 
     setpoint: Setpoint | None
     datagram: bytes  #: the setpoint's, as received
-    act: OperatorCommand | None
-    wrong: tuple[str, ...]  #: reason codes
+    command: OperatorCommand | None
+    process_faults: tuple[str, ...]  #: reason codes
 
 
 class Inbox:
@@ -81,8 +81,8 @@ class Inbox:
         self.refused = 0  #: operator commands that came from the drive, which may give none
         self._setpoint: Setpoint | None = None
         self._datagram = b""
-        self._wrong: list[str] = []
-        self._acts: deque[OperatorCommand] = deque()
+        self._process_faults: list[str] = []
+        self._commands: deque[OperatorCommand] = deque()
         self._stopped = False  # a stop has been handed on
 
     @property
@@ -91,7 +91,7 @@ class Inbox:
 
         The gateway counts in periods: an operator who hammers a key must not make them shorter.
         """
-        return self._setpoint is not None or (not STOPS.isdisjoint(self._acts) and not self._stopped)
+        return self._setpoint is not None or (not STOPS.isdisjoint(self._commands) and not self._stopped)
 
     def take_from_drive(self, datagram: bytes) -> None:
         """Take in a datagram of the drive."""
@@ -99,34 +99,34 @@ class Inbox:
         if isinstance(setpoint, Setpoint):
             if self._setpoint is not None:
                 # A newer setpoint replaces this one, but the faults that this one reports count.
-                self._wrong += self._setpoint.faults
+                self._process_faults += self._setpoint.faults
             self._setpoint, self._datagram = setpoint, datagram
         elif isinstance(link.decode_operator_command(datagram), OperatorCommand):
             self.refused += 1
         else:
-            self._wrong.append("setpoint_corrupt")
+            self._process_faults.append("setpoint_corrupt")
 
     def take_from_console(self, datagram: bytes) -> None:
         """Take in an operator command; a datagram that cannot be understood counts as the operator's stop.
 
         A stop goes before all that waits, the operator's before that of the page.
         """
-        act = link.decode_operator_command(datagram)
-        if not isinstance(act, OperatorCommand):
-            act = OperatorCommand.STOP
-        waiting = STOPS.intersection(self._acts)
-        if act in STOPS and OperatorCommand.STOP not in waiting:
-            self._acts.clear()
-            self._acts.append(act)
+        command = link.decode_operator_command(datagram)
+        if not isinstance(command, OperatorCommand):
+            command = OperatorCommand.STOP
+        waiting = STOPS.intersection(self._commands)
+        if command in STOPS and OperatorCommand.STOP not in waiting:
+            self._commands.clear()
+            self._commands.append(command)
         elif not waiting:
-            self._acts.append(act)
+            self._commands.append(command)
 
     def take(self) -> StepInputs:
         """Return the inputs of the next step and remove them."""
-        act = self._acts.popleft() if self._acts else None
-        self._stopped |= act in STOPS
-        taken = StepInputs(self._setpoint, self._datagram, act, tuple(self._wrong))
-        self._setpoint, self._datagram, self._wrong = None, b"", []
+        command = self._commands.popleft() if self._commands else None
+        self._stopped |= command in STOPS
+        taken = StepInputs(self._setpoint, self._datagram, command, tuple(self._process_faults))
+        self._setpoint, self._datagram, self._process_faults = None, b"", []
         return taken
 
 
@@ -152,8 +152,8 @@ class GatewayProcess:
         self._alone = True
         self._steps = 0
         self._has_engaged = False
-        self._told: tuple[ArmingState, tuple[str, ...]] | None = None
-        self._told_at = -math.inf
+        self._last_status: tuple[ArmingState, tuple[str, ...]] | None = None
+        self._last_status_time = -math.inf
 
     def run(self) -> None:
         """Step until the drive is over, the console is gone before it began, or the DBW controller is gone."""
@@ -231,9 +231,9 @@ class GatewayProcess:
         self._read_console()
         taken = self._inbox.take()
         received, self._received = self._received, []
-        found = tuple(dict.fromkeys([*taken.wrong, *self._find(received)]))
+        found = tuple(dict.fromkeys([*taken.process_faults, *self._find(received)]))
         now = self._clock()
-        output = self._gateway.step(now, taken.setpoint, received, taken.act, found)
+        output = self._gateway.step(now, taken.setpoint, received, taken.command, found)
         count = self._send(output.frames)
         sent = self._clock() if count else math.nan
         self._last, self._alone = now, taken.setpoint is None
@@ -293,8 +293,8 @@ class GatewayProcess:
         )
         self._drive.send(word)
         news = (output.status.state, output.status.reasons)
-        if news != self._told or now - self._told_at >= STATUS_INTERVAL:
-            self._told, self._told_at = news, now
+        if news != self._last_status or now - self._last_status_time >= STATUS_INTERVAL:
+            self._last_status, self._last_status_time = news, now
             self._console.send(word)
 
     def _keep(
@@ -308,7 +308,7 @@ class GatewayProcess:
                 step=self._steps - 1,
                 time_s=now,
                 setpoint=taken.datagram,
-                operator_command="" if taken.act is None else taken.act.value,
+                operator_command="" if taken.command is None else taken.command.value,
                 process_faults="+".join(found),
                 frames_received=received,
                 frames_sent=sent,
@@ -331,7 +331,7 @@ class GatewayProcess:
 def build_gateway(config: Mapping[str, Any]) -> Gateway | Observer:
     """Return the gateway that a configuration describes; raises ConfigError where its interface can't be made.
 
-    A `silent` one, beside an external brain, is an `Observer`: it has no frames to send.
+    A `silent` one, where an external controller commands the car, is an `Observer`: it has no frames to send.
     """
     if config["silent"]:
         return Observer(
@@ -365,7 +365,7 @@ def main() -> int:
     signals.ignore()
     config, channels = receive_config()
     bus_config = config["bus"]
-    _say(set_oom_score(NEVER_KILLED))
+    _say(set_oom_score(OOM_NEVER))
     _say(raise_priority(GATEWAY_PRIORITY))  # before the bus is opened, so that its thread has the priority too
     try:
         bus = Bus(bus_config["interface"], bus_config["channel"], bus_config["bitrate"])

@@ -82,7 +82,7 @@ class LatencyMonitor:
         return self._recent[-1] if self._recent else math.nan
 
     def summary(self) -> dict[str, Any]:
-        """Return the drive's figures so far: those of `latency_summary`, and the budget."""
+        """Return the drive's latencies so far: those of `latency_summary`, and the budget."""
         return self._tally.summary() | {"budget_ms": milliseconds(self._budget)}
 
     def _complete(self, row: LatencyRow, *, answered: bool) -> None:

@@ -23,7 +23,7 @@ class Refused(Struct, frozen=True, tag=True):
     exit_code: int  #: of the drive
 
 
-class News(Struct, frozen=True, tag=True):
+class Notice(Struct, frozen=True, tag=True):
     """A line for the operator."""
 
     text: str
@@ -54,7 +54,7 @@ class Verdict(Struct, frozen=True, tag=True):
     verdict: dict[str, Any]
 
 
-ConsoleMessage = Ready | Refused | News | DriveStatus | Verdict
+ConsoleMessage = Ready | Refused | Notice | DriveStatus | Verdict
 _CODEC: Final = MessageCodec[ConsoleMessage](MessageKind.CONSOLE, ConsoleMessage)
 
 

@@ -1,4 +1,4 @@
-"""Runs the process of the outgoing wires: samples of the drive in, datagrams and frames to a foreign brain out.
+"""Runs the process of the outgoing wires: samples of the drive in, datagrams and frames to an external controller out.
 
 It is fed one way and holds no way back: nothing that happens on a wire can slow the drive or reach the car's bus. It
 has a timer of its own: while the drive says nothing, every wire says *invalid* at the rate of the ticks. When this
@@ -21,7 +21,7 @@ from vve_sumo.bus import Bus
 from vve_sumo.errors import VveError
 from vve_sumo.live import messages, signals
 from vve_sumo.live.channel import Channel
-from vve_sumo.live.priority import DRIVE_NICE, KILLED_SECOND, raise_priority, set_oom_score
+from vve_sumo.live.priority import DRIVE_NICE, OOM_DRIVE, raise_priority, set_oom_score
 from vve_sumo.live.pty_bus import PREFIX, PtyOutlet
 from vve_sumo.live.spawn import receive_config
 from vve_sumo.messages import MalformedMessage
@@ -35,9 +35,9 @@ from vve_sumo.wire.sample_codec import decode_sample
 from vve_sumo.wire.signature import signed
 
 #: a sample that is this much later than due is no longer waited for [s]: the wires turn invalid
-LATE: Final = 0.03
+SAMPLE_TIMEOUT: Final = 0.03
 #: so long every wire says invalid after the drive has ended [s], before it falls silent
-FAREWELL: Final = 0.3
+FINAL_INVALID_TIME: Final = 0.3
 
 
 class OutputWire(NamedTuple):
@@ -99,7 +99,7 @@ class Outputs:
     def __init__(self, wires: list[OutputWire], drive: Channel, t0: float, epoch: float) -> None:
         """`t0` is the monotonic second of drive time 0, `epoch` its GNSS second."""
         self._wires, self._drive, self._t0, self._epoch = wires, drive, t0, epoch
-        self._due = time.monotonic() + LATE + PERIOD
+        self._due = time.monotonic() + SAMPLE_TIMEOUT + PERIOD
         self._sequence = 0  # of the newest sample sent
         self._failed: set[str] = set()  # wires whose encoder has failed
         self.sent = self.silent = 0  #: samples of the drive, and ticks at which it said nothing
@@ -115,7 +115,7 @@ class Outputs:
             if time.monotonic() >= self._due:
                 self._say_invalid()
             if self._drive.closed and until == float("inf"):
-                until = time.monotonic() + FAREWELL
+                until = time.monotonic() + FINAL_INVALID_TIME
 
     def _forward(self) -> None:
         """Send the newest sample that waits; older ones would be old on the wire."""
@@ -126,9 +126,9 @@ class Outputs:
         if isinstance(sample, MalformedMessage):
             return
         now = time.monotonic()
-        if now - self._t0 - sample.drive_time > LATE or sample.sequence <= self._sequence:
+        if now - self._t0 - sample.drive_time > SAMPLE_TIMEOUT or sample.sequence <= self._sequence:
             return  # the drive was held up after it had made the sample; the timer speaks in its place
-        self._due = now + PERIOD + LATE
+        self._due = now + PERIOD + SAMPLE_TIMEOUT
         self.sent += 1
         self._send(sample)
 
@@ -137,8 +137,8 @@ class Outputs:
         self._due = now + PERIOD
         self.silent += 1
         drive_time = now - self._t0
-        # Not after the sequence of a sample that may still come: one of a tick more than LATE ago is not sent.
-        sequence = max(self._sequence + 1, sequence_of(drive_time - LATE))
+        # Not after the sequence of a sample that may still come: one of a tick before SAMPLE_TIMEOUT is not sent.
+        sequence = max(self._sequence + 1, sequence_of(drive_time - SAMPLE_TIMEOUT))
         self._send(Sample(sequence, self._epoch + drive_time, drive_time, None))
 
     def _send(self, sample: Sample) -> None:
@@ -183,7 +183,7 @@ def _context(config: Mapping[str, Any]) -> Context:
 def main() -> int:
     """Run the process and return its exit code."""
     signals.ignore()
-    set_oom_score(KILLED_SECOND)
+    set_oom_score(OOM_DRIVE)
     config, channels = receive_config()
     try:
         wires = opened(config["outputs"], _context(config))

@@ -29,9 +29,9 @@ DRIVE_NICE: Final = -15  #: nice value of an ordinary process
 # Added to a process's badness when memory runs out, in thousandths of the machine's memory; the kernel kills the worst.
 # Drive and recorder are killed before the gateway even where the user may not protect it. The gateway stops the car
 # along the drive's setpoints if the recorder is gone, along the last setpoint's fallback path if the drive is gone.
-NEVER_KILLED: Final = -1000  #: never killed: the gateway
-KILLED_SECOND: Final = 100  #: the drive
-KILLED_FIRST: Final = 200  #: the recorder
+OOM_NEVER: Final = -1000  #: never killed: the gateway
+OOM_DRIVE: Final = 100  #: the drive
+OOM_RECORDER: Final = 200  #: the recorder
 
 BACKGROUND_NICE: Final = 5  #: nice value of the recorder and the console, which can wait
 
@@ -43,7 +43,7 @@ MAX_REAL_TIME: Final = 500_000
 PAUSE: Final = 1e-4
 #: turn on the processor that a process without the right asks for [ns]: about what a step of the drive computes between
 #: a fix and its frames
-SHORT_TURN: Final = 500_000
+TIME_SLICE: Final = 500_000
 
 MCL_CURRENT, MCL_FUTURE = 1, 2  # Linux, asm-generic/mman.h
 CAP_IPC_LOCK: Final = 14  # Linux, linux/capability.h
@@ -110,7 +110,7 @@ def raise_priority(priority: int) -> str:
             os.setpriority(os.PRIO_PROCESS, 0, priority)
         granted = f"real-time priority {priority}" if priority > 0 else f"nice value {priority}"
     except OSError:
-        short = ", but short turns" if ask_for_short_turns() else ""
+        short = ", but short turns" if request_short_time_slice() else ""
         granted = f"no priority: the system does not allow it{short}"
     # Under a finite limit, MCL_FUTURE would make later allocations fail instead of leaving them unlocked.
     flags = MCL_CURRENT | MCL_FUTURE if _may_lock_future_memory() else MCL_CURRENT
@@ -118,7 +118,7 @@ def raise_priority(priority: int) -> str:
     return granted + (", memory locked" if locked else ", memory not locked: the system does not allow it")
 
 
-class UrgentPart:
+class RealTimeSection:
     """The part of an ordinary process's loop that is run with real-time priority; without the right, like the rest."""
 
     def __init__(self, priority: int) -> None:
@@ -149,7 +149,7 @@ class UrgentPart:
         self.end()
 
 
-def ask_for_short_turns() -> bool:
+def request_short_time_slice() -> bool:
     """Ask for short turns on the processor, for which a thread that wakes up waits less; return whether it was granted.
 
     Linux grants it to every user from release 6.12 on; an older one leaves the turns as they are.
@@ -159,7 +159,7 @@ def ask_for_short_turns() -> bool:
         return False
     nice = os.getpriority(os.PRIO_PROCESS, 0)
     # struct sched_attr: size, policy, flags, nice, priority, then the turn [ns] in the place of a runtime.
-    attributes = struct.pack("=IIQiIQQQ", _SCHED_ATTR_SIZE, os.SCHED_OTHER, 0, nice, 0, SHORT_TURN, 0, 0)
+    attributes = struct.pack("=IIQiIQQQ", _SCHED_ATTR_SIZE, os.SCHED_OTHER, 0, nice, 0, TIME_SLICE, 0, 0)
     return bool(ctypes.CDLL(None).syscall(number, 0, attributes, 0) == 0)
 
 

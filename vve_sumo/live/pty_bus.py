@@ -25,7 +25,7 @@ TERMINALS: Final = Path("/dev/pts")
 #: lines that wait for a slow reader: two cycles of a radar's, so that nothing old is read
 MAX_LINES: Final = 140
 #: frames of the other end that wait to be taken
-MAX_HEARD: Final = 256
+MAX_RECEIVED_FRAMES: Final = 256
 
 
 class LinkedAdapter(Adapter):
@@ -57,7 +57,7 @@ class PtyOutlet:
     def __init__(self, channel: str) -> None:
         self.lost = 0
         self._adapter = LinkedAdapter(channel)
-        self._heard: deque[Frame] = deque(maxlen=MAX_HEARD)
+        self._heard: deque[Frame] = deque(maxlen=MAX_RECEIVED_FRAMES)
 
     def send(self, portions: Sequence[Frame]) -> None:
         """Send each frame; called without one, too, for the adapter answers its host in between."""
@@ -77,7 +77,7 @@ class PtyOutlet:
 
 
 class TwoPortBus:
-    """The simulated vehicle's bus with two more nodes: the gateway at one adapter, an external brain at the other.
+    """The simulated vehicle's bus with two more nodes: the gateway at one adapter, an external controller at the other.
 
     As on a real bus every node hears every other one. The log says for each frame whose it is, which no real bus can.
     """

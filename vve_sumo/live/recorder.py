@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from vve_sumo.live import signals
 from vve_sumo.live.channel import Channel
-from vve_sumo.live.priority import KILLED_FIRST, lower_priority, set_oom_score
+from vve_sumo.live.priority import OOM_RECORDER, lower_priority, set_oom_score
 from vve_sumo.live.recorder_client import RECORD, RecordBatch
 from vve_sumo.live.spawn import receive_config
 from vve_sumo.live.summary import summarise
@@ -40,7 +40,7 @@ class Recorder:
     def __init__(self, record: LiveRecord, channels: list[Channel]) -> None:
         self._record = record
         self._channels = {channel.fileno(): channel for channel in channels}
-        self._told_failure = False
+        self._failure_reported = False
         self.ended: dict[str, Any] | None = None  #: the drive's message of how it ended
 
     def run(self) -> None:
@@ -72,8 +72,8 @@ class Recorder:
 
     def _flush(self) -> None:
         self._record.flush()
-        if self._record.broken and not self._told_failure:
-            self._told_failure = True
+        if self._record.broken and not self._failure_reported:
+            self._failure_reported = True
             for channel in self._channels.values():
                 channel.send(b"record_failed")
 
@@ -89,7 +89,7 @@ def finish(record: LiveRecord, ended: dict[str, Any] | None, summarise: Summaris
 def main() -> None:
     """Record one drive."""
     signals.ignore()
-    set_oom_score(KILLED_FIRST)
+    set_oom_score(OOM_RECORDER)
     lower_priority()
     config, channels = receive_config()
     record = LiveRecord(Path(config["folder"]), config["resolved"], config["epoch"])

@@ -93,7 +93,7 @@ def rebuilt_pipeline(scenario_content: dict[str, Any], working: Path, controller
     """
     resolved, rig = from_dict(scenario_content, working)
     if controller is not None:
-        resolved = resolved.driven_by(controller)
+        resolved = resolved.with_controller(controller)
     lot = LotAlignment.from_dict(scenario_content)
     brain = None
     if rig.brain.kind == "external" and controller is None:
@@ -137,8 +137,8 @@ def replay_gateway(inputs: LiveInputs) -> Difference | None:
             raise ConfigError("gateway: its setpoints are encoded as another version of vve-sumo did it")
         if isinstance(setpoint, MalformedMessage):
             return Difference(step, "setpoint", row["setpoint"].hex(), f"no setpoint: {setpoint.reason}")
-        act = OperatorCommand(row["operator_command"]) if row["operator_command"] else None
-        output = gateway.step(row["time_s"], setpoint, received, act, reason_codes(row["process_faults"]))
+        command = OperatorCommand(row["operator_command"]) if row["operator_command"] else None
+        output = gateway.step(row["time_s"], setpoint, received, command, reason_codes(row["process_faults"]))
         difference = compare(step, row, _gateway_columns(step, gateway, output.status)) or compare_frames(
             step, sent, output.frames[: row["frames_sent"]]
         )

@@ -45,7 +45,7 @@ class Inspection:
 class ReplayResult:
     """The result of a replay."""
 
-    what: str  #: what was replayed
+    scope: str  #: what was replayed
     notes: list[str]  #: what could not be replayed
     differences: list[str]  #: the first difference of each part
 
@@ -126,7 +126,7 @@ def _described(kind: str, rows: list[dict[str, Any]], difference: Difference | N
     when = next((f" ({row['time_s']:.2f} s)" for row in rows if row[kind] == difference.number), "")
     whose = "of the gateway " if kind == "step" else ""
     return [
-        f"{kind} {difference.number}{when} {whose}differs in {difference.what}:",
+        f"{kind} {difference.number}{when} {whose}differs in {difference.item}:",
         f"  recorded {difference.recorded}",
         f"  replayed {difference.replayed}",
     ]
@@ -151,5 +151,5 @@ def _with(folder: Path, controller: str, working: Path) -> tuple[ResolvedScenari
         resolved, _rig = from_dict(inputs.scenario_content, working)
         return resolved, inputs.pipeline, live.rebuilt_pipeline(inputs.scenario_content, working, controller)
     resolved = lockstep.recorded_scenario(folder, working)
-    other = resolved.driven_by(controller)
+    other = resolved.with_controller(controller)
     return resolved, read_pipeline_inputs(folder), assemble(other, working).pipeline

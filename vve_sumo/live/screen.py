@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any, Final, TextIO
 
-from vve_sumo.live.wording import ALARMS, phase, picture, rings, transition
+from vve_sumo.live.wording import ALARMS, bell_count, phase, picture, transition
 
 #: between two pictures, and between two rings of one bell [s]
 PICTURE_PERIOD: Final = 0.1
@@ -43,15 +43,15 @@ class Screen:
         self._painted = 0  # lines of the picture that stand on the terminal
         self._drawn_at = self._rung_at = -math.inf
         self._rings = 0
-        self._tick, self._told_at = None, time.monotonic()
+        self._tick, self._tick_time = None, time.monotonic()
 
     def show(self, status: Mapping[str, Any]) -> None:
         """Show a status; to be called often, draws at most ten times a second."""
         now = time.monotonic()
         if (tick := status.get("tick")) != self._tick:
-            self._tick, self._told_at = tick, now
+            self._tick, self._tick_time = tick, now
         if (now_in := phase(status)) != self._phase:
-            self._phase, self._rings, self._drawn_at = now_in, rings(status), -math.inf
+            self._phase, self._rings, self._drawn_at = now_in, bell_count(status), -math.inf
             self._lines.append(transition(status))
         if not self._flush():
             return
@@ -59,7 +59,7 @@ class Screen:
             self._write("".join(f"{line}\n" for line in self._taken()))
         elif now - self._drawn_at >= PICTURE_PERIOD:
             self._drawn_at = now
-            self._write(self._bell(now) + self._frame(picture(status, now - self._told_at)))
+            self._write(self._bell(now) + self._frame(picture(status, now - self._tick_time)))
 
     def say(self, line: str) -> None:
         """Print a line of its own above the picture."""

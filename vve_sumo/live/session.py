@@ -21,7 +21,7 @@ from vve_sumo.drive import plugged_in, provenance
 from vve_sumo.drive.assembly import LotAlignment, sensors_of
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.run import new_run_folder, resolve_by_name
-from vve_sumo.drive.summary import FOREIGN_BRAIN, unjudged
+from vve_sumo.drive.summary import EXTERNAL_CONTROLLER, without_verdict
 from vve_sumo.drive.summary import summarise as summarise_drive
 from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.drive.virtual_road import pose_at_rest
@@ -36,7 +36,7 @@ from vve_sumo.live.priority import Rights, lower_priority, rights
 from vve_sumo.live.screen import Screen
 from vve_sumo.live.summary import summarise
 from vve_sumo.live.view_token import certificate_of, token_of
-from vve_sumo.live.virtual_can import card_obstacle
+from vve_sumo.live.virtual_can import hardware_obstacle
 from vve_sumo.messages import MalformedMessage
 from vve_sumo.pose.sources import Source
 from vve_sumo.record.hashes import hash_file
@@ -104,10 +104,12 @@ def plan(
     rig_file = workspace.find("rig", rig, working)
     loaded = rigs.load(rig_file, working)
     if shadow and loaded.brain.kind == "external":
-        raise ConfigError(f"--shadow: {rig_file} has an external brain, which alone sets the enable bits; leave it out")
+        raise ConfigError(
+            f"--shadow: brain.kind of {rig_file} is 'external': it alone sets the enable bits; leave it out"
+        )
     if not shadow and (reason := arming_obstacle(loaded, datetime.date.today())) is not None:
         raise RigError(f"{rig_file}: {reason}; --shadow drives along with nothing enabled")
-    if (reason := card_obstacle(loaded)) is not None:
+    if (reason := hardware_obstacle(loaded)) is not None:
         raise RigError(f"{rig_file}: {reason}")
     refuse_controller(loaded, controller)
     key_of(loaded.brain, working)  # raises for one that cannot be read
@@ -441,9 +443,9 @@ def _summary(plan: DrivePlan, why: tuple[str, ...], notify: Notify) -> dict[str,
     }
     summary = full | extra | {"rig": plan.rig_file.stem, "shadow": plan.shadow, "brain": plan.rig.brain.kind}
     if plan.rig.brain.kind != "own":
-        summary["controller"] = FOREIGN_BRAIN
+        summary["controller"] = EXTERNAL_CONTROLLER
     if plan.shadow:
-        summary = unjudged(summary)
+        summary = without_verdict(summary)
     try:
         write_summary(plan.folder, summary)
     except OSError as error:

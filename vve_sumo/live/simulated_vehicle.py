@@ -104,7 +104,7 @@ class CarConfig:
     bus: tuple[str, str] | None = None  #: python-can's interface and channel; None is a pty of the car's own
     faults: tuple[InjectedFault, ...] = ()
     truth: Path | None = None  #: file that the truth is written to
-    brain: str | None = None  #: `pty:FILE`: a second port on a pty of the car's own, for an external brain
+    brain: str | None = None  #: `pty:FILE`: a second port on a pty of the car's own, for an external controller
     bus_log: Path | None = None  #: file that the frames of such a bus are written to, with who sent each
 
     def to_dict(self) -> dict[str, Any]:

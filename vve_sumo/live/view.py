@@ -23,9 +23,9 @@ from starlette.routing import Route, WebSocketRoute
 from vve_sumo.errors import VveError
 from vve_sumo.live import messages, signals
 from vve_sumo.live.channel import Channel
-from vve_sumo.live.priority import KILLED_FIRST, lower_priority, set_oom_score
+from vve_sumo.live.priority import OOM_RECORDER, lower_priority, set_oom_score
 from vve_sumo.live.spawn import receive_config
-from vve_sumo.live.wording import Guard, phase, why
+from vve_sumo.live.wording import GatewayProcessState, phase, why
 from vve_sumo.record.roads import read_roads
 from vve_sumo.view.guard import STOP_PATH
 from vve_sumo.view.hub import Hub
@@ -42,7 +42,7 @@ MAX_FILES: Final = 256
 #: a gateway whose newest status is older counts as silent [s]
 SILENT: Final = 0.2
 #: for pages to hear that the drive is over [s]
-FAREWELL: Final = 0.3
+CLOSING_TIME: Final = 0.3
 #: the request to stop; the console reads no content
 STOP: Final = b"stop"
 
@@ -53,10 +53,10 @@ _KEYS: Final = ("key", "press r", "e engages", "e begins", "g goes")
 def said(status: Mapping[str, Any]) -> str:
     """Return a drive's phase and the reasons for it in plain words, as the console has them, without its keys."""
     silent = SILENT < status["status_age_s"] < float("inf")
-    told = {**status, "gateway": (Guard.SILENT if silent else Guard.HEARD).value}
-    words = phase(told)
+    shown = {**status, "gateway": (GatewayProcessState.SILENT if silent else GatewayProcessState.RESPONDING).value}
+    words = phase(shown)
     head, _, tail = words.partition(": ")
-    reasons = "; ".join(why(told))
+    reasons = "; ".join(why(shown))
     kept = head if any(key in tail for key in _KEYS) else words
     if not reasons:
         return kept
@@ -94,7 +94,7 @@ class ViewProcess:
         serving = asyncio.create_task(self.server.serve())
         await self._over.wait()
         self._hub.end(self._verdict)
-        await asyncio.sleep(FAREWELL)
+        await asyncio.sleep(CLOSING_TIME)
         self.server.close()
         await serving
 
@@ -125,7 +125,7 @@ class ViewProcess:
 def main() -> int:
     """Run the process and return its exit code."""
     signals.ignore()
-    set_oom_score(KILLED_FIRST)
+    set_oom_score(OOM_RECORDER)
     lower_priority()
     resource.setrlimit(resource.RLIMIT_NOFILE, (MAX_FILES, MAX_FILES))
     config, channels = receive_config()

@@ -17,7 +17,7 @@ INTERFACES: Final = Path("/sys/class/net")
 VIRTUAL_DEVICES: Final = ("devices", "virtual", "net")
 
 
-def card_obstacle(rig: Rig, interfaces: Path = INTERFACES) -> str | None:
+def hardware_obstacle(rig: Rig, interfaces: Path = INTERFACES) -> str | None:
     """Return why the program may not engage by itself over the car's bus, because it is hardware; None where it may.
 
     An interface that is not there is refused when it is opened.

@@ -22,10 +22,10 @@ MAX_REASONS: Final = 8
 MAX_REASONS_IN_A_LINE: Final = 4
 
 
-class Guard(enum.StrEnum):
+class GatewayProcessState(enum.StrEnum):
     """What the console knows of the gateway's process, which sends it a message about ten times a second."""
 
-    HEARD = "heard"  #: or not yet heard for the first time
+    RESPONDING = "responding"  #: or not yet heard for the first time
     SILENT = "silent"  #: it exists and sends nothing: it was stopped, or is not scheduled
     GONE = "gone"  #: it ended while it commanded the car
     ENDED = "ended"  #: it ended, having let go of the car
@@ -48,11 +48,11 @@ DRIVING: Final = "driving: any key stops"
 SHADOW_GONE: Final = "shadow drive over: the gateway is gone"
 SHADOW_HELD: Final = "shadow mode: g begins, any other key ends it"
 SHADOW_DRIVING: Final = "shadow mode: the driver drives, any key ends it"
-BRAIN_SILENT: Final = "gateway silent: the brain's sensors are invalid"
-BRAIN_GONE: Final = "gateway gone: the brain's sensors are invalid"
-BRAIN_LEFT: Final = "nobody is at the controls: the brain's sensors turn invalid"
-BRAIN_HELD: Final = "the brain's sensors are invalid until g"
-BRAIN_DRIVING: Final = "the external brain drives: any key makes its sensors invalid"
+BRAIN_SILENT: Final = "gateway silent: the external controller's sensors are invalid"
+BRAIN_GONE: Final = "gateway gone: the external controller's sensors are invalid"
+BRAIN_LEFT: Final = "nobody is at the controls: the external controller's sensors turn invalid"
+BRAIN_HELD: Final = "the external controller's sensors are invalid until g"
+BRAIN_DRIVING: Final = "the external controller drives: any key makes its sensors invalid"
 
 _PHASES: Final = {
     ArmingState.DISARMED: "not ready",
@@ -71,13 +71,13 @@ _SHADOW_PHASES: Final = {
     ArmingState.STOPPED: "shadow drive over: shift to P",
     ArmingState.FAULT: "fault: press r",
 }
-#: the same while an external brain commands the car: what this program has is the validity of the brain's sensors
+#: the same while an external controller commands the car: this program decides only whether its sensors are valid
 _BRAIN_PHASES: Final = {
     ArmingState.DISARMED: "not ready",
-    ArmingState.READY: "ready for the external brain: e begins",
+    ArmingState.READY: "ready for the external controller: e begins",
     ArmingState.ENGAGED: BRAIN_DRIVING,
-    ArmingState.STOPPING: "the brain's sensors are invalid: it has to stop the car",
-    ArmingState.STOPPED: "the brain's sensors are invalid, the car stands",
+    ArmingState.STOPPING: "the external controller's sensors are invalid: it has to stop the car",
+    ArmingState.STOPPED: "the external controller's sensors are invalid, the car stands",
     ArmingState.FAULT: "fault: press r",
 }
 _ENGAGED_PHASES: Final = {
@@ -86,9 +86,9 @@ _ENGAGED_PHASES: Final = {
     WAITING: "engaged and held: g goes, any other key stops",
 }
 #: reasons that every phase they come with, or its advice, already states
-_TOLD: Final = frozenset({*_ENGAGED_PHASES, "shadow", EXTERNAL})
+_STATED_REASONS: Final = frozenset({*_ENGAGED_PHASES, "shadow", EXTERNAL})
 #: reasons that this phase already states
-_SAID_BY: Final = {
+_STATED_BY_PHASE: Final = {
     BRAKES: {"brake_not_following"},
     NEEDED: {"driver_needed"},
     ROLLS: {"driver_needed"},
@@ -137,15 +137,15 @@ def phase(status: Mapping[str, Any]) -> str:
     """Return the drive's phase, in words; a change of phase is a transition."""
     engaged = bool(status.get("engaged"))
     match status.get("gateway"):
-        case Guard.SILENT if not in_shadow(status):
+        case GatewayProcessState.SILENT if not in_shadow(status):
             return BRAIN_SILENT if brain_commands(status) else SILENT
-        case Guard.GONE:
+        case GatewayProcessState.GONE:
             return SHADOW_GONE if in_shadow(status) else BRAIN_GONE if brain_commands(status) else GONE
-        case Guard.LEFT if engaged:
+        case GatewayProcessState.LEFT if engaged:
             return BRAIN_LEFT if brain_commands(status) else LEFT
-        case Guard.LEFT:
+        case GatewayProcessState.LEFT:
             return NEVER
-        case Guard.ENDED if not engaged:
+        case GatewayProcessState.ENDED if not engaged:
             return NEVER
     return _by_state(status, engaged) if "state" in status else "starting"
 
@@ -153,9 +153,9 @@ def phase(status: Mapping[str, Any]) -> str:
 def _by_state(status: Mapping[str, Any], engaged: bool) -> str:
     state, reasons = ArmingState(status["state"]), status.get("reasons", ())
     if state is ArmingState.FAULT and "driver_override" in reasons:
-        if "driver_needed" in reasons and status.get("gateway") != Guard.ENDED:
+        if "driver_needed" in reasons and status.get("gateway") != GatewayProcessState.ENDED:
             return ROLLS
-        return CONTROL_OVER if status.get("gateway") == Guard.ENDED else CONTROL
+        return CONTROL_OVER if status.get("gateway") == GatewayProcessState.ENDED else CONTROL
     if state is ArmingState.DISARMED and engaged:
         return PARKED if status.get("gear") == "park" else OVER
     rolls = state is ArmingState.STOPPED and "driver_needed" in reasons
@@ -188,11 +188,11 @@ def in_shadow(status: Mapping[str, Any]) -> bool:
 
 
 def brain_commands(status: Mapping[str, Any]) -> bool:
-    """Whether an external brain commands the car, and this program nothing."""
+    """Whether an external controller commands the car, and this program nothing."""
     return EXTERNAL in status.get("reasons", ())
 
 
-def rings(status: Mapping[str, Any]) -> int:
+def bell_count(status: Mapping[str, Any]) -> int:
     """Return how often the bell rings when the drive comes to this status: twice for stopping, thrice for trouble."""
     if phase(status) in {*ALARMS, NEEDED}:
         return 3
@@ -243,12 +243,12 @@ def picture(status: Mapping[str, Any], silent: float = 0.0) -> list[str]:
     lines.append(_health(status))
     if status.get("doctor_overridden"):
         lines.append(f"  ! {doctor_overridden(status['doctor_overridden'])}")
-    if status.get("gateway") == Guard.SILENT:
+    if status.get("gateway") == GatewayProcessState.SILENT:
         lines.append("  ! the gateway's process tells nothing: it is not run")
     if not fresh and "tick" not in status:
-        lines.append(f"  the drive's process loads the street: {_number(silent, '.0f')} s")
-    elif not fresh and status.get("gateway") not in (Guard.ENDED, Guard.GONE):
-        lines.append(f"  ! the drive's process has told nothing for {_number(silent, '.1f')} s")
+        lines.append(f"  the drive's process loads the virtual road: {_number(silent, '.0f')} s")
+    elif not fresh and status.get("gateway") not in (GatewayProcessState.ENDED, GatewayProcessState.GONE):
+        lines.append(f"  ! the drive's process has sent nothing for {_number(silent, '.1f')} s")
     words = why(status)
     words += [f"fix: {in_words(code)}" for code in status.get("pose_reasons", ())]
     lines += [f"  - {word}" for word in words[:MAX_REASONS]]
@@ -295,7 +295,7 @@ def _reasons(status: Mapping[str, Any]) -> list[str]:
     """
     missing = status.get("state", ArmingState.DISARMED) == ArmingState.DISARMED
     codes = dict.fromkeys([*status.get("reasons", ()), *(status.get("faults", ()) if missing else ())])
-    return [code for code in codes if code not in _TOLD | _SAID_BY.get(phase(status), set())]
+    return [code for code in codes if code not in _STATED_REASONS | _STATED_BY_PHASE.get(phase(status), set())]
 
 
 def _number(value: Any, form: str) -> str:

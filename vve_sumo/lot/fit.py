@@ -35,7 +35,7 @@ MIN_PATH_LENGTH: Final = 5.0  #: a path cut shorter than this is refused [m]
 class Fit:
     """How a path lies in the lot."""
 
-    alignment: Alignment  #: from the lot's map to the street's
+    alignment: Alignment  #: from the lot's map to the virtual road's
     clearance: float  #: least distance of the swept ground from the lot's edge less its margin [m]
     station: float  #: the drive can stop inside the lot from every place up to here [m]
     whole: bool  #: whether that is the whole path
@@ -44,7 +44,7 @@ class Fit:
 
 @dataclass(frozen=True, slots=True)
 class _Placement:
-    """Rotation about the middle of the swept area, then shift: from the street's map to the lot's."""
+    """Rotation about the middle of the swept area, then shift: from the virtual road's map to the lot's."""
 
     rotation: float
     x: float

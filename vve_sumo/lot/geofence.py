@@ -77,7 +77,7 @@ class DrivenPlace(NamedTuple):
     """One place of a drive that keeps to its path."""
 
     station: float  #: along the path [m]
-    pose: Pose  #: of the rear axle, in the street's map
+    pose: Pose  #: of the rear axle, in the virtual road's map
     steering: float  #: road-wheel angle that the path's curvature asks for [rad], left positive
     fallback_path: FallbackPath  #: the path itself
 
@@ -90,8 +90,8 @@ def no_drift(_driven: float) -> float:
 class Geofence:
     """Checks that every fallback path stays inside the lot.
 
-    `alignment` maps the lot's map to the street's. `gateway` is the gateway's stop, on the fallback path or at a held
-    wheel angle; `watchdog` is that of the DBW controller, with a wheel angle anywhere between held and straight.
+    `alignment` maps the lot's map to the virtual road's. `gateway` is the gateway's stop, on the fallback path or at a
+    held wheel angle; `watchdog` is that of the DBW controller, with a wheel angle anywhere between held and straight.
     `downhill` is the lot's worst slope, positive. `turning` is what setpoints may still do to the wheel before a stop
     begins; without it they hold it. `drift` gives the receiver's largest drift that is not noticed [m] over a way [m]:
     the ground that is checked grows by it.
@@ -126,8 +126,8 @@ class Geofence:
     ) -> tuple[str, ...]:
         """Return ("geofence_breach",) unless the car comes to rest inside the lot from this pose, whoever stops it.
 
-        `pose` is the rear axle's in the street's map, `steering` the road-wheel angle that the car reports [rad, left
-        positive], `fallback_path` the one that the setpoint carries, None for none. `driven` is the way since the
+        `pose` is the rear axle's in the virtual road's map, `steering` the road-wheel angle that the car reports [rad,
+        left positive], `fallback_path` the one that the setpoint carries, None for none. `driven` is the way since the
         receiver was first compared with the car [m], `requested` the least and the greatest road-wheel angle that the
         latest setpoints asked for [rad], by default the reported one. A value that is not finite is a breach.
         """

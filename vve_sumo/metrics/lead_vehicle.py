@@ -144,7 +144,7 @@ def lead_vehicle_now(
     """Return the lead vehicle of one tick while the drive goes on: one entry, the nearest of every actor in the strip.
 
     While the drive goes on nothing is known of what actors do later, so nothing is judged by predicted paths here.
-    `ego` is the rear axle's pose on the street, `station` [m] near its own, NaN where nobody knows it yet.
+    `ego` is the rear axle's pose on the virtual road, `station` [m] near its own, NaN where nobody knows it yet.
     `commanded` is the path that the newest command carries, which then is the ego's in place of `path`.
     """
     if not math.isfinite(station):

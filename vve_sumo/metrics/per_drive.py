@@ -192,7 +192,7 @@ def impact_speed(drive: DriveData) -> float:
     first = next((row for row, names in enumerate(contacts) if names), -1)
     if first < 0:
         return 0.0
-    # A tick's row tells of the step that it ended with; what the street then held stands under the next tick.
+    # A tick's row tells of the step that it ended with; what the virtual road then held stands under the next tick.
     tick = actors["tick"].to_numpy()
     later = tick[tick > ticks["tick"][first].as_py()]
     rows = np.flatnonzero(tick == later.min()) if len(later) else np.zeros(0, np.int64)

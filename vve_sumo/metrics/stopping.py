@@ -1,6 +1,6 @@
 """The braking episodes of a drive, and its last stop: where its braking began, what was demanded, how the car stopped.
 
-Reads columns of a drive's ticks after the drive. It must not know the street, the controller or who asks.
+Reads columns of a drive's ticks after the drive. It must not know the virtual road, the controller or who asks.
 """
 
 from __future__ import annotations

@@ -68,13 +68,13 @@ KINDS: Final[dict[str, str]] = {
     "throttle_report_frozen": "the throttle module's report stays what it was, to the last bit",
     "brake_torque_frozen": "the brake torque that the car reports stays what it was",
     "brake_torque_scaled": "the brake torque that the car reports is value times the true one",
-    "brakes_weak": "the brakes give value times the torque that they are told and believe; a driver's foot gets all",
+    "brakes_weak": "the brakes give value times the torque that is commanded and reported; a driver's foot gets all",
     "brakes_drag": "the brakes bind with value [N m], nobody asked, and no report shows it",
     "throttle_weak": "the engine gives value times the force of its throttle",
-    "steering_weak": "the steering wheel turns value times as far as its motor is told in each step",
+    "steering_weak": "the steering wheel turns value times as far as its motor is commanded in each step",
     "steering_stuck": "the steering wheel stays where it is",
     "drive_unasked": "the throttle is stuck open by value, and nobody asked",
-    "dbw_dropout": "a module works no more, whatever it is told: 1 brake, 2 throttle, 3 steering, as value says",
+    "dbw_dropout": "a module works no more, whatever is commanded: 1 brake, 2 throttle, 3 steering, as value says",
 }
 
 MAX_REPORT_AGE: Final = 2.0  # of an old report that is sent again [s]

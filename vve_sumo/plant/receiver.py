@@ -1,7 +1,7 @@
 """The simulated vehicle's GNSS receiver: true motion in, its bytes out, with the errors of a good RTK fix.
 
-It knows the lot's place on the Earth and the receiver's mounting, nothing of the street, and no format: it is handed an
-encoder.
+It knows the lot's place on the Earth and the receiver's mounting, nothing of the virtual road, and no format: it is
+handed an encoder.
 """
 
 from __future__ import annotations

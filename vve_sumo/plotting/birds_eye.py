@@ -1,4 +1,4 @@
-"""Draws the street from above into turned windows: the whole drive in one, the end of it closer in another.
+"""Draws the virtual road from above into turned windows: the whole drive in one, the end of it closer in another.
 
 The windows are given; it must not know how they are chosen, the curves over time, SUMO, or how the drive was run.
 """

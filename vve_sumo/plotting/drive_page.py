@@ -1,4 +1,4 @@
-"""Draws `drive.png`: lays out the page, chooses what of the street its two windows show, and writes the file.
+"""Draws `drive.png`: lays out the page, chooses what of the virtual road its two windows show, and writes the file.
 
 Computes nothing that is not drawn. It knows neither SUMO nor how the drive was run.
 """
@@ -38,7 +38,7 @@ from vve_sumo.values import Floats
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: the overview shows at least this much of the street [m]
+#: the overview shows at least this much of the virtual road [m]
 MIN_OVERVIEW = 120.0
 #: height over width of the overview at least and at most; the closer view takes what it leaves
 FLATTEST, TALLEST = 0.36, 0.5
@@ -92,11 +92,11 @@ def _close_up(ticks: pa.Table, bumper: float, gap: float, shape: float) -> MapWi
 
 
 def _from_above(figure: Figure, page: DrivePage) -> None:
-    """Draw the two windows on the street; their heights follow from the shape of the trace."""
+    """Draw the two windows on the virtual road; their heights follow from the shape of the trace."""
     if len(trace(page.ticks)[0]) == 0:
         axes = panel(figure, LEFT, BOTTOM, LEFT_WIDTH, TOP - BOTTOM)
         axes.set_xticks(())
-        say(axes, "no pose, no place on the street")
+        say(axes, "no pose, no place on the virtual road")
         return
     view = _overview(page.ticks)
     height = LEFT_WIDTH * view.height / view.width

@@ -53,7 +53,7 @@ Curves = tuple[tuple[str, SeriesStyle, str], ...]
 
 
 def drive_overview(run: Run) -> Figure:
-    """Draw the page of a drive from its record alone: the street from above, the moment that matters, and curves.
+    """Draw the page of a drive from its record alone: the virtual road from above, the moment that matters, and curves.
 
     A drive that was killed is drawn up to its last tick. A record of layout 7 holds no lanes, so its street is bare.
     """

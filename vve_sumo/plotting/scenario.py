@@ -1,4 +1,4 @@
-"""Draws a scenario before anybody has driven it: the street, who moves how, which trigger fires where and when.
+"""Draws a scenario before anybody has driven it: the virtual road, who moves how, which trigger fires where and when.
 
 What it draws is how the scenario would go if its ego never braked (`foreseen`). It must not know SUMO or a drive.
 """
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vve_sumo.drive.no_brake_preview import NoBrakePreview, TriggeredEvent, preview_without_braking, standing_boxes
+from vve_sumo.drive.no_brake_preview import NoBrakePreview, TriggeredEvent, obstacle_boxes, preview_without_braking
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.errors import ConfigError
 from vve_sumo.geometry import Box
@@ -111,22 +111,22 @@ class Page:
         """Time of the contact, else of the last event or the last moment [s]."""
         if self.seen.contact is not None:
             return self.seen.contact.time
-        return self.seen.events[-1].time if self.seen.events else self.seen.moments[-1].time
+        return self.seen.events[-1].time if self.seen.events else self.seen.samples[-1].time
 
 
-def draw(resolved: ResolvedScenario, file: Path, circumstances: Sequence[str] = ()) -> None:
+def draw(resolved: ResolvedScenario, file: Path, special_conditions: Sequence[str] = ()) -> None:
     """Write the picture of a scenario as a PNG file; raises ConfigError where none can be written there.
 
-    `circumstances` are lines about what cannot be drawn, for the list beside the picture.
+    `special_conditions` are lines about what cannot be drawn, for the list beside the picture.
     """
     import matplotlib as mpl
 
     with mpl.rc_context(STYLE):
-        _save(picture(resolved, circumstances), file)
+        _save(picture(resolved, special_conditions), file)
 
 
-def picture(resolved: ResolvedScenario, circumstances: Sequence[str] = ()) -> Figure:
-    """Return the picture of a scenario; `circumstances` as in `draw`."""
+def picture(resolved: ResolvedScenario, special_conditions: Sequence[str] = ()) -> Figure:
+    """Return the picture of a scenario; `special_conditions` as in `draw`."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -139,7 +139,7 @@ def picture(resolved: ResolvedScenario, circumstances: Sequence[str] = ()) -> Fi
         _street(panel(figure, LEFT, TOP - HIGH, WIDE, HIGH), page)
         _over_time(panel(figure, CURVES, BOTTOM, CURVES_WIDTH, LOW_HEIGHT), page)
         _whole_way(panel(figure, WAY, BOTTOM, WAY_WIDTH, LOW_HEIGHT), page)
-        _list(figure, page, circumstances)
+        _list(figure, page, special_conditions)
         _head(figure, resolved)
         return figure
 
@@ -172,7 +172,7 @@ def _colours() -> list[tuple[int, int, int]]:
 
 
 def _page(resolved: ResolvedScenario) -> Page:
-    seen, boxes = preview_without_braking(resolved), standing_boxes(resolved)
+    seen, boxes = preview_without_braking(resolved), obstacle_boxes(resolved)
     view = _view(resolved, seen, boxes)
     points = np.vstack((_path_points(resolved), view.corners()))
     (left, low), (right, high) = points.min(axis=0), points.max(axis=0)
@@ -212,7 +212,7 @@ def _shown(seen: NoBrakePreview, boxes: dict[str, Box]) -> list[Box]:
     ego = events[-1].ego if contact is None else contact.ego
     before = [
         moment.ego
-        for moment in seen.moments
+        for moment in seen.samples
         if math.dist((moment.ego.x, moment.ego.y), (ego.x, ego.y)) < LEAD_IN_DISTANCE
     ]
     others = [*(event.ego for event in events), *(_box(event.actor_state) for event in events), *boxes.values()]
@@ -243,7 +243,7 @@ def _street(axes: Axes, page: Page) -> None:
     axes.set(xlim=(-view.width / 2.0, view.width / 2.0), ylim=(-view.height / 2.0, view.height / 2.0))
     axes.set(xticks=(), yticks=())
     compass(axes, view, WIDE)
-    title = "the street from above, the ego drives to the right" if page.staged else "the way"
+    title = "the virtual road from above, the ego drives to the right" if page.staged else "the way"
     axes.set_title(title, loc="left", pad=5)
     _legend(axes, page)
 
@@ -259,7 +259,7 @@ def _lines_of_motion(axes: Axes, page: Page) -> None:
     """Draw each actor's way from its first moment to a little after the contact, with an arrow at its end."""
     until = page.end + LEAD_OUT
     for actor in page.resolved.scenario.actors:
-        moved = [p for m in page.seen.moments if m.time <= until for p in m.actors if p.id == actor.id]
+        moved = [p for m in page.seen.samples if m.time <= until for p in m.actors if p.id == actor.id]
         if not moved:
             continue
         line = page.view.place(np.array([p.x for p in moved]), np.array([p.y for p in moved]))
@@ -358,7 +358,7 @@ def _crosses(turned: float) -> bool:
 
 def _within(axes: Axes, page: Page) -> list[Any]:
     low, high = axes.get_xlim()
-    return [moment for moment in page.seen.moments if low <= moment.time <= high]
+    return [moment for moment in page.seen.samples if low <= moment.time <= high]
 
 
 def _along(axes: Axes, page: Page) -> None:
@@ -422,9 +422,9 @@ def _whole_way(axes: Axes, page: Page) -> None:
     axes.set_xlabel(f"{page.resolved.path.length:.0f} m from the circle on", labelpad=3)
 
 
-def _list(figure: Figure, page: Page, circumstances: Sequence[str]) -> None:
-    """Write what happens, numbered as in the street, what makes the drive pass, and what cannot be drawn."""
-    texts = [*_texts(page, circumstances)]
+def _list(figure: Figure, page: Page, special_conditions: Sequence[str]) -> None:
+    """Write what happens, numbered as in the virtual road, what makes the drive pass, and what cannot be drawn."""
+    texts = [*_texts(page, special_conditions)]
     laid = [
         [line for text, mark in texts for line in _wrapped(text, mark, column)] for _size, column, _most in SETTINGS
     ]
@@ -437,7 +437,7 @@ def _list(figure: Figure, page: Page, circumstances: Sequence[str]) -> None:
     figure.text(WORDS / SIZE[0], (BOTTOM + LOW_HEIGHT + 0.1) / SIZE[1], "\n".join(lines), **place)
 
 
-def _texts(page: Page, circumstances: Sequence[str]) -> Iterator[tuple[str, str]]:
+def _texts(page: Page, special_conditions: Sequence[str]) -> Iterator[tuple[str, str]]:
     """Yield the texts of the list, each with the mark before it."""
     for actor in page.resolved.scenario.actors:
         if not _enters_later(page, actor.id):
@@ -450,7 +450,7 @@ def _texts(page: Page, circumstances: Sequence[str]) -> Iterator[tuple[str, str]
         contact = page.seen.contact
         yield f"{contact.time:.1f} s: contact with {contact.id!r} if the ego never braked", "o"
     yield f"passes if: {descriptions.passes(page.resolved.scenario.criteria)}", "✓"
-    for text in circumstances:
+    for text in special_conditions:
         yield text, "·"
 
 
@@ -469,7 +469,7 @@ def _still_to_come(page: Page) -> list[str]:
 def _entering(page: Page, actor: Actor) -> str:
     """Return how an actor enters that is there from the start, or that an ego which never braked would not see."""
     enters = f"{descriptions.name(actor)} {descriptions.entrance(actor)}"
-    seen = any(actor_state.id == actor.id for moment in page.seen.moments for actor_state in moment.actors)
+    seen = any(actor_state.id == actor.id for moment in page.seen.samples for actor_state in moment.actors)
     return enters if seen else f"later, if at all: {descriptions.condition(actor.enters)}; {enters}"
 
 

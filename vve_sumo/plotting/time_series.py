@@ -1,6 +1,6 @@
 """Draws the drive over time: speed, gap, acceleration and deviation, one panel each, with their legends.
 
-Knows the page; it must not know the street from above, SUMO, or how the drive was run.
+Knows the page; it must not know the virtual road from above, SUMO, or how the drive was run.
 """
 
 from __future__ import annotations

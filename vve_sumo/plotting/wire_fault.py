@@ -1,4 +1,4 @@
-"""What a foreign brain did when its inputs lied: speed, gap and its setpoints around the fault.
+"""What an external controller did when its inputs lied: speed, gap and its setpoints around the fault.
 
 Knows arrays; it must not know what the fault was, nor what was required.
 """

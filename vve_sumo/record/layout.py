@@ -169,7 +169,7 @@ def tick_metrics_schema(rows: Mapping[str, Metric]) -> pa.Schema:
 
 
 def recorded_brain(resolved: Mapping[str, Any]) -> str:
-    """Return the kind of the foreign brain that decided in a record's drive, by `scenario.json`; empty for none."""
+    """Return the kind of the external controller that decided in a drive, by `scenario.json`; empty for none."""
     kind = resolved.get("brain") or resolved.get("rig", {}).get("brain", {}).get("kind", "own")
     return "" if kind == "own" else str(kind)
 

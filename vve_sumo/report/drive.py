@@ -180,7 +180,7 @@ def _provenance(run: Run, figures: Figures) -> dict[str, object]:
 
 
 def _drive_command(run: Run) -> str | None:
-    """Return the command that drives a scenario again; None for a live drive, a playback, and a foreign brain.
+    """Return the command that drives a scenario again; None for a live drive, a playback, and an external controller.
 
     None also where `again` knows none.
     """
@@ -194,7 +194,7 @@ def _origin(run: Run, figures: Figures, name: str) -> ReportTable:
         ("record", name),
         ("scenario", run.name),
         ("seed", short(scenario.get("seed"))),
-        ("controller", f"a foreign brain ({run.brain})" if run.brain else str(scenario["controller"]["name"])),
+        ("controller", f"an external controller ({run.brain})" if run.brain else str(scenario["controller"]["name"])),
         ("hash of the record, as the drive left it", Cell(digest, kind="hash")),
         ("ticks", f"{integer(len(run.time))} of {number(1000.0 * run.period, 'ms', 0)}"),
         *_machine_and_people(run),

@@ -76,6 +76,12 @@ TERMS: tuple[Term, ...] = (
     Term("ego", "the car under test; its *twin* is the ego in SUMO"),
     Term("end trigger", "the condition at which a scenario ends a drive as planned; the outcome is then `completed`"),
     Term(
+        'external controller ("brain" in keys and options)',
+        "a control computer that is not ours: it gets the virtual sensors, and drives by setpoints to the gateway or "
+        "by commands of its own on the car's bus",
+        ("external controller",),
+    ),
+    Term(
         "fallback path",
         "the path that the car follows to rest when the gateway stops it by itself; it comes with every setpoint",
         ("fallback path",),

@@ -22,7 +22,7 @@ from vve_sumo.report.settings import varied_criteria
 if TYPE_CHECKING:
     import pandas as pd
 
-#: what the lower one of the two windows on the street shows, by what the moment was chosen; None for no moment
+#: what the lower one of the two windows on the virtual road shows, by what the moment was chosen; None for no moment
 WINDOW = {
     MomentMeasure.CONTACT: "the first contact",
     MomentMeasure.TIME_TO_COLLISION: "the moment of the least time to collision",

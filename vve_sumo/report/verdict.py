@@ -17,7 +17,7 @@ from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.metrics.table import label_of
 from vve_sumo.report.formatting import SPACE, number
-from vve_sumo.vehicle.arming import DRIVER_SIGNS
+from vve_sumo.vehicle.arming import DRIVER_REASONS
 
 #: the verdict itself
 Word = Literal["passed", "FAILED", "explored", "not judged", "broken off", "altered", "INCOMPLETE"]
@@ -138,7 +138,7 @@ def _after_contact(figures: Mapping[str, Any], at: str) -> str:
     codes: Sequence[str] = figures.get("reasons") or ()
     if not END_REASONS.isdisjoint(codes[:1]):
         return f"; the scenario ended the drive after {at}: {in_words(codes[0])}"
-    return "; then the driver took over" if not DRIVER_SIGNS.isdisjoint(codes) else " and then stopped"
+    return "; then the driver took over" if not DRIVER_REASONS.isdisjoint(codes) else " and then stopped"
 
 
 def _place_of_the_stop(figures: Mapping[str, Any]) -> str:

@@ -137,10 +137,10 @@ def lot_of(rig: Rig) -> Lot:
 
 
 def alignment_of(rig: Rig, network: str) -> Alignment | None:
-    """Return the alignment of the lot's map with the street's; None where it is matched at the start.
+    """Return the alignment of the lot's map with the virtual road's; None where it is matched at the start.
 
-    `network` is the name of the street's. Raises ConfigError for an alignment that was made for another one, and for
-    surveyed pairs that do not fit each other.
+    `network` is the name of the virtual road's. Raises ConfigError for an alignment that was made for another one, and
+    for surveyed pairs that do not fit each other.
     """
     wanted = rig.alignment
     if wanted.kind == "matched_start":
@@ -169,7 +169,7 @@ def _surveyed(rig: Rig) -> Alignment:
 
 
 def geofence_of(rig: Rig, alignment: Alignment) -> Geofence:
-    """Return the geofence of the lot, which `alignment` maps to the street.
+    """Return the geofence of the lot, which `alignment` maps to the virtual road.
 
     Where the watchdog was never tried (then the car cannot be armed), the gateway's own stop stands for it. No stop is
     stronger than the lot's friction allows.

@@ -151,10 +151,10 @@ class RigAlignment(Table):
     date: Date | None = Field(default=None, description="day it was made; not for `matched_start`")
     origin: Corner | None = Field(default=None, description="`stored`: the lot's place that the turn is about")
     rotation_deg: Annotated[float, Field(ge=-360.0, le=360.0)] | None = Field(
-        default=None, description="`stored`: street heading minus lot heading, counter-clockwise"
+        default=None, description="`stored`: road heading minus lot heading, counter-clockwise"
     )
-    x_m: Finite | None = Field(default=None, description="`stored`: of the origin on the street's map")
-    y_m: Finite | None = Field(default=None, description="`stored`: of the origin on the street's map")
+    x_m: Finite | None = Field(default=None, description="`stored`: of the origin on the virtual road's map")
+    y_m: Finite | None = Field(default=None, description="`stored`: of the origin on the virtual road's map")
     residual_m: Annotated[float, Field(ge=0.0, le=1.0)] | None = Field(
         default=None, description="`stored`: worst error of its points; `surveyed_pairs`: the worst that is accepted"
     )
@@ -162,7 +162,7 @@ class RigAlignment(Table):
         default=None, description="`surveyed_pairs`: `[[latitude_deg, longitude_deg], …]`, two or more"
     )
     street_points_m: Annotated[tuple[MapPoint, ...], Field(strict=False)] | None = Field(
-        default=None, description="`surveyed_pairs`: the same places on the street's map, `[[x, y], …]`"
+        default=None, description="`surveyed_pairs`: the same places on the virtual road's map, `[[x, y], …]`"
     )
 
     @model_validator(mode="after")
@@ -352,9 +352,9 @@ class Brain(Table):
 
     kind: Literal["own", "setpoints", "external"] = Field(
         default="own",
-        description="`own`: the scenario's controller; `setpoints`: a foreign brain answers with setpoints, "
-        "and the gateway commands the car; `external`: a foreign brain commands the car itself, and not one command "
-        "frame is sent from here",
+        description="`own`: the scenario's controller; `setpoints`: an external controller answers with setpoints, "
+        "and the gateway commands the car; `external`: an external controller commands the car itself, and not one "
+        "command frame is sent from here",
     )
     address: Address = Field(default="127.0.0.1", description="`setpoints`: to listen on")
     port: NetworkPort = Field(default=5003, description="`setpoints`: to listen on")
@@ -390,7 +390,7 @@ class CarStart(StartPose, CarDifferences):
     brain_channel: PtyLink | None = Field(
         default=None,
         description="`pty:FILE`: a second port on the car's bus, where that is a pty: FILE becomes a link to the "
-        "serial port that an external brain opens",
+        "serial port that an external controller opens",
     )
 
 

@@ -32,7 +32,7 @@ def _of_the_gateway(rig: Rig, braking: EffectiveDeceleration) -> Iterator[str]:
     for key, value in stops.items():
         if value > braking.value:
             usual = "" if key in said else ", its default"
-            yield f"limits.{key}: expected {braking.expected()}; got {value:g}{usual}"
+            yield f"limits.{key}: expected {braking.rounded_down()}; got {value:g}{usual}"
 
 
 def _of_the_watchdog(
@@ -43,7 +43,7 @@ def _of_the_watchdog(
     if stops.action is WhenCommandsStop.HOLDS:
         yield f"watchdog_test: expected none: {by_itself}, so nothing stops the car; drive with --shadow"
     if value > braking.value:
-        yield f"{key}: expected {braking.expected()}; got {value:g}"
+        yield f"{key}: expected {braking.rounded_down()}; got {value:g}"
     if not test.armed:
         return
     if stops.action is WhenCommandsStop.RELEASES:

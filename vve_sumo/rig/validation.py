@@ -154,11 +154,11 @@ def _of_the_watchdog(rig: Rig) -> Iterator[str]:
 
 
 def _of_the_brain(rig: Rig) -> Iterator[str]:
-    """A foreign brain that is not told what it needs."""
-    kind, told = rig.brain.kind, {output.kind for output in rig.outputs}
-    if kind != "own" and not told:
+    """An external controller that is without the outputs that it needs."""
+    kind, output_kinds = rig.brain.kind, {output.kind for output in rig.outputs}
+    if kind != "own" and not output_kinds:
         yield f"outputs: a brain of kind {kind!r} needs one at least, or it sees nothing"
-    elif kind == "setpoints" and "radar" not in told:
+    elif kind == "setpoints" and "radar" not in output_kinds:
         yield "outputs: expected one of kind 'radar': a setpoint of the brain names the radar datagram that it answers"
     for number, output in enumerate(rig.outputs):
         if output.sensor is not None and KINDS[output.kind].content is None:

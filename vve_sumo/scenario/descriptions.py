@@ -110,7 +110,7 @@ def _between(band: CriterionBand) -> str:
     return f"at least {band.min:g}" if band.max is None else f"{band.min:g} to {band.max:g}"
 
 
-def circumstances(scenario: Scenario) -> list[str]:
+def special_conditions(scenario: Scenario) -> list[str]:
     """Return a line for everything besides actors and obstacles that makes the drive another than the usual one."""
     return [
         line
@@ -183,7 +183,7 @@ def _end(scenario: Scenario) -> str:
 
 
 def others(scenario: Scenario) -> str:
-    """Return who else is on the street: actors by kind, obstacles, traffic."""
+    """Return who else is on the virtual road: actors by kind, obstacles, traffic."""
     said = [name(actor) for actor in scenario.actors]
     said += [f"standing {one.id!r}" for one in scenario.obstacles]
     said += [f"traffic {name}" for name in scenario.road.demand]

@@ -315,7 +315,7 @@ class ActorController:
         return -1 if self._line is None else len(self._actor.events) - len(self._waiting)
 
     def step(self, now: float, ego: EgoMotion | None) -> ActorState | None:
-        """Advance to a time [s] of the drive and return the actor; None while it is not on the street."""
+        """Advance to a time [s] of the drive and return the actor; None while it is not on the virtual road."""
         if self._line is None:
             self._enter(now, ego)
         else:
@@ -445,7 +445,7 @@ class ScenarioEngine:
         return tuple(part.begun for part in self._parts)
 
     def step(self, now: float, pose: Pose | None) -> tuple[ActorState, ...]:
-        """Advance to a time [s] since the drive began and return who is on the street, in the scenario's order.
+        """Advance to a time [s] since the drive began and return who is on the virtual road, in the scenario's order.
 
         `pose` is that of the ego's front bumper at the same moment; where it is None or not finite the actors move
         on and no trigger that asks for the ego fires. A time that is not later than the last moves nobody.

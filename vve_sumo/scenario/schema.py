@@ -153,7 +153,7 @@ class ActorEvent(Table):
         description="replays a recorded speed from its first row on: CSV of time_s,speed_mps, a name under routes/ or "
         "a file; its last speed holds",
     )
-    leaves: bool = Field(default=False, description="is taken off the street, for good")
+    leaves: bool = Field(default=False, description="is taken off the virtual road, for good")
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
@@ -193,7 +193,7 @@ class Actor(Table):
     turned_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = Field(
         default=0.0,
         description="where it goes: 0 along the path, 180 or -180 against it, anything else straight on at this angle "
-        "to the path, counter-clockwise; at the end of a path it leaves the street",
+        "to the path, counter-clockwise; at the end of a path it leaves the virtual road",
     )
     speed_mps: RoadSpeed = Field(default=0.0, description="at which it enters")
     fidelity: Literal["ideal", "measured"] = Field(
@@ -201,7 +201,7 @@ class Actor(Table):
         description="of a change of speed whose event states no acceleration: `ideal` at once, `measured` as people "
         "change theirs, where its kind walks",
     )
-    enters: When = Field(default=When(), description="it is on the street from then on; left out: from the start")
+    enters: When = Field(default=When(), description="it is on the virtual road from then on; left out: from the start")
     events: tuple[ActorEvent, ...] = Field(default=(), strict=False)
 
     @model_validator(mode="after")

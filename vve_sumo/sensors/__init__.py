@@ -1,1 +1,1 @@
-"""Virtual sensors of the twin in the virtual street."""
+"""Virtual sensors of the twin in the virtual road."""

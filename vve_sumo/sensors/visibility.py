@@ -1,7 +1,7 @@
 """Computes which boxes a point antenna sees past each other, and the nearest visible point of each.
 
 Plane geometry in the antenna's frame: the antenna at the origin, its boresight along +x, +y to the left. Must not
-know radar, noise, time or the street. Plain numbers, because arrays do not pay for the few boxes in view.
+know radar, noise, time or the virtual road. Plain numbers, because arrays do not pay for the few boxes in view.
 
 The method: (x, y) -> (y/x, 1/x) maps what lies ahead of the antenna so that every ray becomes a vertical line and every
 straight edge stays straight (inverse depth is linear on the screen: Blinn, "W Pleasure, W Fun", IEEE CG&A 18(3), 1998).

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 from vve_sumo import workspace
 from vve_sumo.drive.plugged_in import PREFIXES
-from vve_sumo.drive.provenance import deciding
-from vve_sumo.drive.resolved_scenario import braking_as_it_can, load_vehicle_model, resolve_scenario
+from vve_sumo.drive.provenance import decisive_versions
+from vve_sumo.drive.resolved_scenario import load_vehicle_model, resolve_scenario, with_effective_deceleration
 from vve_sumo.errors import ConfigError
 from vve_sumo.scenario.schema import DEFAULT_VEHICLE
 from vve_sumo.suite import catalogue
@@ -65,7 +65,7 @@ def car_of(query: SuiteQuery, working: Path) -> SuiteCar:
 
     file = rig_that_drives(query.rig, query.vehicle, working)
     rig = load(file, working)
-    model, note = braking_as_it_can(model_of(rig))
+    model, note = with_effective_deceleration(model_of(rig))
     return SuiteCar(model, rig.vehicle.model, file, note)
 
 
@@ -73,14 +73,14 @@ def rows_of(name: str, query: SuiteQuery, car: SuiteCar, working: Path) -> list[
     """Return the rows to drive; raises ConfigError for a query that cannot be driven."""
     rows = [with_vehicle(row, car.vehicle) for row in catalogue.rows(name, car.model)]
     if query.controller is not None:
-        rows = [driven_by(row, query.controller) for row in rows]
+        rows = [with_controller(row, query.controller) for row in rows]
     first = next(row.scenario for row in rows if row.scenario is not None)
     resolve_scenario(name, first, Path(f"suite {name}"), working).controller(working)
     _check(query)
     return rows
 
 
-def driven_by(row: SuiteRow, controller: str) -> SuiteRow:
+def with_controller(row: SuiteRow, controller: str) -> SuiteRow:
     """Return a row with another controller, without the tuning of the row's own controller."""
     if row.scenario is None or row.scenario.controller.name == controller:
         return row
@@ -143,7 +143,7 @@ def code_of(rows: Sequence[SuiteRow], working: Path) -> str:
 
     Raises ConfigError for a controller that cannot be made.
     """
-    hashes: dict[str, Any] = {"versions": deciding()}
+    hashes: dict[str, Any] = {"versions": decisive_versions()}
     for scenario in {row.scenario.controller.name: row.scenario for row in rows if row.scenario is not None}.values():
         resolved = resolve_scenario("suite", scenario, Path("suite"), working)
         resolved.controller(working)

@@ -20,7 +20,7 @@ from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import TYPE_CHECKING, Any
 
-from vve_sumo.drive.provenance import deciding
+from vve_sumo.drive.provenance import decisive_versions
 from vve_sumo.errors import ConfigError, SimulationError, VveError
 from vve_sumo.sweep import remote
 from vve_sumo.sweep.engine import Done, check_room
@@ -51,10 +51,10 @@ class Cluster:
         self._address = address
         self._sites: dict[str, Site] = {}  #: by the hash of the names of all files of a run
         with self._client() as client:
-            for worker, versions in _on_all_workers(client, deciding).items():
+            for worker, versions in _on_all_workers(client, decisive_versions).items():
                 if isinstance(versions, Exception):
                     raise ConfigError(f"worker {worker} cannot run vve_sumo: {_line(versions)}")
-                refuse_mixed(deciding(), versions, f"worker {worker}")
+                refuse_mixed(decisive_versions(), versions, f"worker {worker}")
 
     def run(self, jobs: Iterable[Job | None], done: Done) -> None:
         """Drive every job; see `Engine.run`. Raises SimulationError when the scheduler is lost."""
@@ -200,7 +200,9 @@ class _ClusterRun:
         if names not in self._sites:
             previews = preview([job])
             fit = bool(previews) and not previews[0].complaint
-            self._sites[names] = Site(deciding(), previews[0].files_sha256, names) if fit else Site(deciding())
+            self._sites[names] = (
+                Site(decisive_versions(), previews[0].files_sha256, names) if fit else Site(decisive_versions())
+            )
         return self._sites[names]
 
     def _result(self, job: Job, future: Future[remote.Reply]) -> RunResult:

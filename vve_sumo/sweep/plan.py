@@ -14,7 +14,7 @@ from typing import Any
 from vve_sumo import workspace
 from vve_sumo.config_file import read, read_as
 from vve_sumo.drive.plugged_in import CONTROLLER
-from vve_sumo.drive.provenance import deciding
+from vve_sumo.drive.provenance import decisive_versions
 from vve_sumo.errors import ConfigError, did_you_mean
 from vve_sumo.metrics.port import installed
 from vve_sumo.metrics.table import enter
@@ -114,7 +114,7 @@ def planned(
         parameters=spec.varied,
         criteria=criteria,
         files_sha256={},
-        versions=deciding(),
+        versions=decisive_versions(),
         rig=rig_file,
     )
     if isinstance(spec.search, Boundary) or not settings.metrics:
@@ -165,7 +165,7 @@ def _rig(name: str, vehicle: str | None, spec: Spec, table: Mapping[str, Any], f
 def rig_that_drives(name: str, vehicle: str | None, working: Path) -> Path:
     """Return the file of the rig whose car is simulated in many runs.
 
-    Raises ConfigError where a `vehicle` is given as well, and for a faulty rig or one with an external brain.
+    Raises ConfigError where a `vehicle` is given as well, and for a faulty rig or one with an external controller.
     """
     from vve_sumo.rig.load import load
 
@@ -175,7 +175,8 @@ def rig_that_drives(name: str, vehicle: str | None, working: Path) -> Path:
     brain = load(file, working).brain.kind
     if brain != "own":
         raise ConfigError(
-            f"--rig: brain.kind of {file} is {brain!r}, expected 'own': only a single drive can use an external brain"
+            f"--rig: brain.kind of {file} is {brain!r}, expected 'own': "
+            "only a single drive can use an external controller"
         )
     return file
 

@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple
 
-from vve_sumo.drive.provenance import deciding
+from vve_sumo.drive.provenance import decisive_versions
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.sweep.job import DISK_FULL, DISK_FULL_ERRNOS, Job, RunResult
 from vve_sumo.sweep.preflight import preview
@@ -121,7 +121,7 @@ def _verify(job: Job, site: Site, where: str) -> None:
     mark = hashlib.sha256(json.dumps([site.versions, site.files_sha256, site.names]).encode()).hexdigest()
     if mark in _verified:
         return
-    refuse_mixed(site.versions, deciding(), where)
+    refuse_mixed(site.versions, decisive_versions(), where)
     for run_preview in preview([job]) if site.names else ():
         if run_preview.complaint:
             raise ConfigError(f"{where}: {run_preview.complaint}; expected the same files as on the client")

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from vve_sumo.drive import plugged_in
-from vve_sumo.drive.provenance import deciding
+from vve_sumo.drive.provenance import decisive_versions
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.run import Drive
 from vve_sumo.errors import ConfigError
@@ -75,7 +75,7 @@ def rerun(folder: Path, key: str, out: Path | None, warn: Callable[[str], None])
     controller or a sensor whose code has changed, and for a record that exists already.
     """
     plan = SweepPlan.of(folder)
-    here = deciding()
+    here = decisive_versions()
     refuse_mixed(folder, plan, here | {"code": plan.versions.get("code", "none")})
     row = _row(folder, key)
     if not Path(plan.working).is_dir():

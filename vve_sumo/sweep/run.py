@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from vve_sumo.drive import run as drives
-from vve_sumo.drive.progress import DriveProgress, progress_watch
-from vve_sumo.drive.summary import disturbances, judged
+from vve_sumo.drive.progress import DriveProgress, progress_callback
+from vve_sumo.drive.summary import invalidating_events, judged
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.writer import claim as claim_folder
@@ -48,8 +48,8 @@ def run_job(
         resolved = resolve_job(job, cache)
         claim(job)
         folder, kept = growing(job, scratch), job.keep is not None
-        watch = progress_watch(resolved.path.length, report)
-        drive = drives.run(resolved, folder, job.working, pose=job.pose, kept=kept, watch=watch, loaded=loaded)
+        on_tick = progress_callback(resolved.path.length, report)
+        drive = drives.run(resolved, folder, job.working, pose=job.pose, kept=kept, on_tick=on_tick, loaded=loaded)
         summary = drive.summary
     except ConfigError as error:
         return refused(job, error)
@@ -96,7 +96,7 @@ def verdicts(criteria: Criteria, summary: dict[str, Any]) -> dict[str, bool | No
     # A gateway fault is planned only if the criterion asks for it; else it is a disturbance.
     planned = summary["outcome"] != Outcome.FAULT or criteria.outcome == "fault"
     met: dict[str, bool | None] = {f"meets_{name}": not line for name, line in lines.items()}
-    return {"undisturbed": planned and not disturbances(criteria, summary)} | met
+    return {"undisturbed": planned and not invalidating_events(criteria, summary)} | met
 
 
 def _portable_text(text: str, scratch: Path) -> str:

@@ -32,7 +32,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from vve_sumo.drive.progress import DriveProgress
-from vve_sumo.drive.provenance import deciding, software
+from vve_sumo.drive.provenance import decisive_versions, software
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.sweep import process_tree
 from vve_sumo.sweep.input_cache import InputCache, resolve_job
@@ -121,7 +121,7 @@ class ForkServer:
         """Drive jobs until the parent has ended or closed the pipe."""
         for module in IMPORTED_AHEAD:
             importlib.import_module(module)
-        deciding()
+        decisive_versions()
         gc.collect()
         self._write_line(READY)
         self._serve()

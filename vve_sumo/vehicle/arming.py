@@ -134,9 +134,9 @@ ENDING: Final = frozenset({_STOPPING, _STOPPED, _FAULT})
 #: Reason code to plain words; every code that the gateway itself or its process gives is here.
 REASONS: Final[dict[str, str]] = {
     "another_writer": "another node on the bus sends our command frames",
-    "brake_disabled": "the brake module dropped out although it is told to work",
+    "brake_disabled": "the brake module dropped out although it is commanded",
     "brake_fault": "the brake module reports a fault",
-    "brake_not_following": "the car brakes less than its brakes are told to: the driver must brake",
+    "brake_not_following": "the car brakes less than its brakes are commanded to: the driver must brake",
     "brake_report_frozen": "the brake report stays the same although the brakes are commanded otherwise",
     "brake_report_stale": "no brake report for too long",
     "brake_timeout": "the brake module misses our commands",
@@ -156,7 +156,7 @@ REASONS: Final[dict[str, str]] = {
     "driver_on_throttle": "the driver's foot is on the throttle",
     "driver_override": "the driver has control",
     "engaging": "waiting for the DBW controller to report that it is enabled",
-    "external_brain": "an external brain commands the car; not one frame is sent from here",
+    "external_brain": "an external controller commands the car; not one frame is sent from here",
     "gear_fault": "the shift module reports a fault",
     "gear_lost": "the car left drive by itself",
     "gear_not_confirmed": "the car did not confirm drive in time",
@@ -187,17 +187,17 @@ REASONS: Final[dict[str, str]] = {
     "speed_above_limit": "the car is faster than the rig's speed limit",
     "speed_mismatch": "satellite speed and wheel speeds disagree",
     "standstill_uncertain": "the wheels and the receiver disagree on whether the car stands",
-    "steering_disabled": "the steering module dropped out although it is told to work",
+    "steering_disabled": "the steering module dropped out although it is commanded",
     "steering_fault": "the steering module reports a fault",
     "steering_mismatch": "the reported steering angle and the car's gyroscope disagree",
     "steering_not_following": "the steering does not follow its command",
-    "steering_report_frozen": "the steering report stays the same although the steering is told to move",
+    "steering_report_frozen": "the steering report stays the same although the steering is commanded to move",
     "steering_report_stale": "no steering report for too long",
     "steering_timeout": "the steering module misses our commands",
     "stop_asked": "the operator asked to stop",
     "stop_asked_by_page": "somebody asked to stop over the page in a browser",
     "stop_input": "the stop button on the bus was pressed",
-    "throttle_disabled": "the throttle module dropped out although it is told to work",
+    "throttle_disabled": "the throttle module dropped out although it is commanded",
     "throttle_fault": "the throttle module reports a fault",
     "throttle_report_frozen": "the throttle report stays the same although the throttle is commanded otherwise",
     "throttle_report_stale": "no throttle report for too long",
@@ -212,7 +212,7 @@ REASONS: Final[dict[str, str]] = {
 }
 
 #: Reasons that say that the driver has stepped in.
-DRIVER_SIGNS: Final = frozenset({"driver_inferred", "driver_on_brake", "driver_on_throttle", "driver_override"})
+DRIVER_REASONS: Final = frozenset({"driver_inferred", "driver_on_brake", "driver_on_throttle", "driver_override"})
 
 #: Reasons for the harder stop: the car does not follow its commands, two nodes command it, or it is not monitored.
 CRITICAL: Final = frozenset(

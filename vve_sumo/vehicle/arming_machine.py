@@ -98,7 +98,7 @@ class ArmingMachine:
         self._old_overrides = frozenset() if settled else self._old_overrides & self._latched
         return self._latched - self._old_overrides
 
-    def judge_foot(self, signs: Sequence[str]) -> None:
+    def judge_pedals(self, signs: Sequence[str]) -> None:
         """Stop a car under way on whose pedals the driver's foot is, by these `signs`."""
         if signs and (self.state is _STOPPING or self.going):
             self.apply(ArmingEvent.DRIVER, signs)
@@ -114,11 +114,11 @@ class ArmingMachine:
         if self._parked_long.step(now, parked and self.state is _STOPPED):
             self.apply(ArmingEvent.PARKED)
 
-    def apply_command(self, act: OperatorCommand, may_go: bool, obstacles: Sequence[str] = ()) -> None:
+    def apply_command(self, command: OperatorCommand, may_go: bool, obstacles: Sequence[str] = ()) -> None:
         """Carry out an operator's command; where the car must not move, a GO is noted with what stands in its way."""
         if self.state is _FAULT and self._before is not _FAULT:
             return  # a command given in the state before must not acknowledge a fault that nobody has seen yet
-        match act:
+        match command:
             case OperatorCommand.ENGAGE:
                 self.apply(ArmingEvent.ENGAGE)
             case OperatorCommand.GO if self.going:
@@ -131,7 +131,7 @@ class ArmingMachine:
             case OperatorCommand.DISARM:
                 self.apply(ArmingEvent.DISARM, ["disarm_asked"])
             case _:
-                self.apply(ArmingEvent.STOP, [ENDS[act]])
+                self.apply(ArmingEvent.STOP, [ENDS[command]])
 
     def apply(self, event: ArmingEvent, causes: Sequence[str] = ()) -> None:
         """Apply `event` to the arming state, and keep the causes of what ends the drive."""

@@ -24,16 +24,14 @@ ACCELERATION_MARGIN: Final = 0.25
 PUSH_SHARE: Final = 1.5
 PUSH_MARGIN: Final = 0.3  # [m/s2]
 SPEED_EXCESS: Final = 0.25  # faster than the weakest car that is still sound by this is a fault [m/s]
-SATELLITE_EXCESS: Final = 0.10  # and by the receiver's speed this much at least, where it is known [m/s]
+GNSS_EXCESS: Final = 0.10  # and by the receiver's speed this much at least, where it is known [m/s]
 MIN_SPEED: Final = 0.1  # slower than this the car counts as standing, and `HoldMonitor` judges it [m/s]
 # A car that was standing under a holding torque and is faster than this for this long is not held by its brakes.
 ROLL_SPEED: Final = 0.08  # of the fastest wheel; reports resolve 13 mm/s on a Fusion [m/s]
-SATELLITE_ROLL_SPEED: Final = (
-    0.10  # of the receiver's averaged speed; a standing receiver's stays below half of it [m/s]
-)
+GNSS_ROLL_SPEED: Final = 0.10  # of the receiver's averaged speed; a standing receiver's stays below half of it [m/s]
 ROLL_TIME: Final = 0.1  # [s]
 # A body that rocks after a stop moves the receiver to and fro, so its speed has to last longer [s].
-SATELLITE_ROLL_TIME: Final = 0.3
+GNSS_ROLL_TIME: Final = 0.3
 ACCELERATION_LAG: Final = 0.1  # of the measured acceleration [s]
 
 
@@ -52,18 +50,18 @@ class BrakeMonitor:
     def reset(self) -> None:
         """Forget the past: the gateway does not command the car."""
         self._time = 0.0  # its own, by the steps' lengths [s]
-        self._told: deque[tuple[float, float]] = deque(((-math.inf, 0.0),))  # time and brake torque
+        self._commanded_torques: deque[tuple[float, float]] = deque(((-math.inf, 0.0),))  # time and brake torque
         self._torque = 0.0  # that should be there by now [N m]
         self._push = 0.0  # acceleration by the engine that there may still be [m/s2]
         self._acceleration = 0.0  # measured [m/s2]
         self._speeds: tuple[float, float] | None = None  # by wheels and receiver, a step ago
         self._by_wheels = True
-        self._excess = self._satellite_excess = 0.0
+        self._excess = self._gnss_excess = 0.0
 
     def step(
-        self, elapsed: float, pedals: Pedals, wheels: float, satellite: float, grade: float, others_brake: bool = False
+        self, elapsed: float, pedals: Pedals, wheels: float, gnss: float, grade: float, others_brake: bool = False
     ) -> list[str]:
-        """Reason codes at speeds `wheels` and `satellite` [m/s], NaN where one is not known, on `grade` [rad].
+        """Reason codes at speeds `wheels` and `gnss` [m/s], NaN where one is not known, on `grade` [rad].
 
         Where the DBW controller brakes by itself (`others_brake`), how hard it does is not known: the car may only not
         gain speed.
@@ -71,22 +69,22 @@ class BrakeMonitor:
         by_wheels = math.isfinite(wheels)
         if by_wheels is not self._by_wheels:
             self._by_wheels, self._speeds = by_wheels, None
-        wheels = wheels if by_wheels else satellite  # without wheels the receiver is all there is
-        before, self._speeds = self._speeds, (wheels, satellite)
+        wheels = wheels if by_wheels else gnss  # without wheels the receiver is all there is
+        before, self._speeds = self._speeds, (wheels, gnss)
         self._follow(elapsed, pedals)
         if before is None or elapsed <= 0.0 or not wheels > MIN_SPEED:
-            self._excess = self._satellite_excess = 0.0
+            self._excess = self._gnss_excess = 0.0
             return []
-        wheels_before, satellite_before = before
-        gained, satellite_gained = wheels - wheels_before, satellite - satellite_before
+        wheels_before, gnss_before = before
+        gained, gnss_gained = wheels - wheels_before, gnss - gnss_before
         allowed = self._most(wheels, grade, 0.0 if others_brake else self._torque) * elapsed
-        self._excess = added(self._excess, gained - allowed)
-        self._satellite_excess = added(self._satellite_excess, satellite_gained - allowed)
+        self._excess = cusum_step(self._excess, gained - allowed)
+        self._gnss_excess = cusum_step(self._gnss_excess, gnss_gained - allowed)
         if math.isfinite(gained):
             share = elapsed / (ACCELERATION_LAG + elapsed)
             self._acceleration += (gained / elapsed - self._acceleration) * share
         # An excess in one of two speeds alone points at frozen wheels or a wrong receiver, not at the brakes.
-        confirmed = self._satellite_excess > SATELLITE_EXCESS or not math.isfinite(satellite)
+        confirmed = self._gnss_excess > GNSS_EXCESS or not math.isfinite(gnss)
         if not (self._excess > SPEED_EXCESS and confirmed):
             return []
         braked = self._torque > 0.0 or others_brake
@@ -96,7 +94,7 @@ class BrakeMonitor:
         """Advance the modelled brake torque and engine acceleration under the commanded `pedals`."""
         torque, throttle = pedals
         self._time += elapsed
-        queue, oldest = self._told, self._time - self._delay
+        queue, oldest = self._commanded_torques, self._time - self._delay
         queue.append((self._time, torque))
         while len(queue) > 1 and queue[1][0] <= oldest:
             queue.popleft()
@@ -123,7 +121,7 @@ class HoldMonitor:
 
     def __init__(self) -> None:
         self._was_at_rest = False
-        self._rolls_long, self._moves_long = Debounce(ROLL_TIME), Debounce(SATELLITE_ROLL_TIME)
+        self._rolls_long, self._moves_long = Debounce(ROLL_TIME), Debounce(GNSS_ROLL_TIME)
 
     def reset(self) -> None:
         """Forget the past: the gateway does not hold the car."""
@@ -131,18 +129,18 @@ class HoldMonitor:
         self._rolls_long.reset()
         self._moves_long.reset()
 
-    def step(self, now: float, held: bool, stands: bool, fastest_wheel: float, satellite: float) -> bool:
+    def step(self, now: float, held: bool, stands: bool, fastest_wheel: float, gnss: float) -> bool:
         """Return whether the car rolls off although it is `held`; that it `stands` is certain.
 
-        `fastest_wheel` and the receiver's averaged speed `satellite` are in m/s, NaN where unknown. Either is enough.
+        `fastest_wheel` and the receiver's averaged speed `gnss` are in m/s, NaN where unknown. Either is enough.
         """
         self._was_at_rest = held and (self._was_at_rest or stands)
         rolls = self._rolls_long.step(now, self._was_at_rest and fastest_wheel > ROLL_SPEED)
-        moves = self._moves_long.step(now, self._was_at_rest and abs(satellite) > SATELLITE_ROLL_SPEED)
+        moves = self._moves_long.step(now, self._was_at_rest and abs(gnss) > GNSS_ROLL_SPEED)
         return rolls or moves
 
 
-def added(excess: float, more: float) -> float:
+def cusum_step(excess: float, more: float) -> float:
     """Return the cumulative sum, never below zero; NaN and +inf add nothing, -inf resets it to zero."""
     if more == -math.inf:
         return 0.0

@@ -48,8 +48,8 @@ class DriftSample(NamedTuple):
     y: float
     heading: float  #: by the receiver [rad]
     speed: float  #: by the receiver [m/s]
-    own_speed: float  #: by the wheels [m/s]
-    own_way: float  #: driven by the wheels since the start, backwards counts negative [m]
+    wheel_speed: float  #: by the wheels [m/s]
+    odometer: float  #: driven by the wheels since the start, backwards counts negative [m]
 
 
 class FeasibleSet:
@@ -121,11 +121,11 @@ class DriftCheck:
         self._ahead += ahead
         self._slipped += slipped
         self._left += left - slipped
-        self._differs += ahead - (sample.own_way - last.own_way)
+        self._differs += ahead - (sample.odometer - last.odometer)
         self._driven += abs(ahead)
         self._turned += turn
         # A late receiver is behind by its delay times the mean of the speeds then and now.
-        gained = 0.5 * (sample.speed + sample.own_speed) - self._first_speed
+        gained = 0.5 * (sample.speed + sample.wheel_speed) - self._first_speed
         allowed = NOISE + CHANGE * self._driven + LEVER * abs(self._turned)
         explained = self._across.explain(self._left, self._ahead, self._slipped, allowed) and self._along.explain(
             self._differs, self._ahead, gained, allowed
@@ -138,4 +138,4 @@ class DriftCheck:
         self._across = FeasibleSet(MISALIGNMENT, SLIP_SHARE)  # misalignment [rad], share of the slip
         self._along = FeasibleSet(self._tolerance, DELAY)  # share of the way, delay [s]
         self._ahead = self._left = self._slipped = self._differs = self._driven = self._turned = 0.0
-        self._first_speed = 0.5 * (sample.speed + sample.own_speed)
+        self._first_speed = 0.5 * (sample.speed + sample.wheel_speed)

@@ -1,6 +1,6 @@
 """How hard a car brakes as it is driven: the least of what car, brakes, wire, gateway and tyres allow.
 
-The one place where these figures meet: controllers, suites, the geofence, the doctor and the check of a rig's stops
+The one place where these values meet: controllers, suites, the geofence, the doctor and the check of a rig's stops
 take theirs from here. Everything holds on the level and at the declared mass, unless another is said.
 """
 
@@ -28,7 +28,7 @@ class Bound(NamedTuple):
 
     part: str  #: which part, in a word
     deceleration: float  #: largest [m/s2], a positive number
-    why: str  #: where the figure comes from
+    why: str  #: where the value comes from
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,14 +39,14 @@ class EffectiveDeceleration:
     others: tuple[Bound, ...]  #: brakes, wire, gateway, tyres
 
     @property
-    def least(self) -> Bound:
+    def limiting(self) -> Bound:
         """The part that allows least; the car where another allows just as much."""
         return min((self.car, *self.others), key=lambda bound: bound.deceleration)
 
     @property
     def value(self) -> float:
         """The effective deceleration [m/s2]."""
-        return self.least.deceleration
+        return self.limiting.deceleration
 
     def without_gateway(self) -> EffectiveDeceleration:
         """Return the same without the gateway, as for what brakes when the gateway is dead."""
@@ -55,13 +55,13 @@ class EffectiveDeceleration:
     def in_words(self) -> str:
         """Return what every part allows, in one line."""
         bounds = ", ".join(f"{bound.part} {_rounded(bound.deceleration):g}" for bound in (self.car, *self.others))
-        return f"{bounds} m/s2; least: {self.least.why}"
+        return f"{bounds} m/s2; least: {self.limiting.why}"
 
-    def expected(self) -> str:
-        """Return the greatest figure that a file may hold, rounded down."""
+    def rounded_down(self) -> str:
+        """Return the greatest value that a file may hold, rounded down."""
         return f"{_rounded(self.value):g} m/s2 or less ({self.in_words()})"
 
-    def shortfall(self) -> str:
+    def shortfall_text(self) -> str:
         """Return the line for whoever drives such a car; empty where it brakes as declared, but for rounding."""
         if self.car.deceleration <= ROUNDING * self.value:
             return ""
@@ -117,11 +117,11 @@ def of_model(model: VehicleModel, *, friction: float = DRY_FRICTION, mass_factor
 
 def limited_to(model: VehicleModel, effective: EffectiveDeceleration) -> VehicleModel:
     """Return the model with its declared deceleration lowered to the effective one, which controllers plan with."""
-    if effective.least is effective.car:
+    if effective.limiting is effective.car:
         return model
     return replace(model, vehicle=replace(model.vehicle, deceleration_limit=effective.value))
 
 
 def _rounded(deceleration: float) -> float:
-    """Return a figure of two decimals that is not greater, but for what a number in binary loses."""
+    """Return a number of two decimals that is not greater, but for what a number in binary loses."""
     return math.floor(round(100.0 * deceleration, 6)) / 100.0

@@ -35,7 +35,7 @@ class FrameReading(NamedTuple):
     """How a frame is read in two steps: one that repeats the counts of the one before need not be understood again."""
 
     signals: struct.Struct  #: takes the bytes that are read out of a frame of this length
-    understand: Callable[..., Any]  #: from their counts to the tuple, or to `Malformed`
+    decode: Callable[..., Any]  #: from their counts to the tuple, or to `Malformed`
 
 
 def maximum_of(signal: Signal) -> float:
@@ -86,8 +86,8 @@ def reading(
         source.lines.append(f"if {source.flag([name])}: return not_{name}")
     words = [word for word in source.words if word in source.used]
     source.known |= {"made": made, "no_value": Malformed(message.id, "value"), "nan": math.nan}
-    understand = source.function(", ".join(word.name for word in words), f"new(made, ({', '.join(values)},))")
-    return FrameReading(_struct(words, message.size), understand)
+    decode = source.function(", ".join(word.name for word in words), f"new(made, ({', '.join(values)},))")
+    return FrameReading(_struct(words, message.size), decode)
 
 
 class _Word(NamedTuple):

@@ -15,15 +15,15 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.laws import clamp
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import ArmingState, Frame, GatewayStatus, Setpoint, Vehicle, resolve_fallback_path
-from vve_sumo.vehicle.actuation import Actuation, Pedals
-from vve_sumo.vehicle.arming import COMMANDING, CRITICAL, ArmingEvent
+from vve_sumo.vehicle.actuation import Pedals
+from vve_sumo.vehicle.arming import COMMANDING, ArmingEvent
 from vve_sumo.vehicle.arming_machine import ArmingMachine, OperatorCommand
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.engagement import Engagement
-from vve_sumo.vehicle.fallback import FallbackTracker
 from vve_sumo.vehicle.interface import DEFAULT, ActuationCommand, Gear, VehicleInterface, load
-from vve_sumo.vehicle.limits import Limiter, Limits, move_towards
+from vve_sumo.vehicle.limits import Limits
 from vve_sumo.vehicle.monitor import Monitor
+from vve_sumo.vehicle.motion_control import MotionControl
 from vve_sumo.vehicle.reports import TOLERANCE
 from vve_sumo.vehicle.response import ResponseMonitor
 from vve_sumo.vehicle.setpoint_validation import Debounce
@@ -38,38 +38,15 @@ PARK_TIME: Final = 1.0  # [s]
 UNATTENDED_TIME: Final = 1.0
 # A foot on a pedal that is reported for this long counts as one: a single old report among fresh ones is none [s].
 ATTENDED_TIME: Final = 0.1
-# Wheel speeds that are less than the receiver's by more than this are not trusted to limit the steering [m/s].
-WHEELS_TOO_SLOW: Final = 0.5
 
 # Found once, for every step: looking them up in their class costs a call.
 _ENGAGED, _STOPPING, _STOPPED = ArmingState.ENGAGED, ArmingState.STOPPING, ArmingState.STOPPED
-_NO_GEAR: Final = Gear.NONE
 
 #: Faults that latch even while nothing is commanded: they concern the gateway itself or a second node that commands.
 _LATCHING: Final = frozenset({"another_writer", "timer_gap"})
 
-#: Faults after which the odometry may be wrong on where the car is, or the steering may not follow its commands.
-_ASTRAY: Final = frozenset(
-    {
-        "reports_inconsistent",
-        "speed_mismatch",
-        "steering_disabled",
-        "steering_fault",
-        "steering_not_following",
-        "steering_report_stale",
-        "steering_timeout",
-        "wheel_speeds_frozen",
-        "yaw_rate_mismatch",
-    }
-)
-
-#: Faults after which the wheel speeds are wrong, or it is not known whether wheels or receiver are right.
-_SPEED_UNKNOWN: Final = frozenset({"reports_inconsistent", "speed_mismatch", "wheel_speeds_frozen"})
-
-
 #: Faults after which the brakes cannot be relied on, so that the driver is called while the car moves.
 _HELPLESS: Final = frozenset({"brake_disabled", "brake_not_following", "override_unconfirmed"})
-
 
 #: Faults while which it is not known how the car moves; of the gear that is no matter.
 _MOTION_UNHEARD: Final = frozenset({"brake_report_stale", "bus_down", "wheel_speeds_stale"})
@@ -80,10 +57,6 @@ class GatewayOutput(NamedTuple):
 
     status: GatewayStatus  #: what was made of the setpoint
     frames: tuple[Frame, ...]  #: to be sent now, in this order
-
-
-#: Actuation granted in one step: pedals, acceleration [m/s2], road-wheel angle [rad] and the limits that changed it.
-_Command = tuple[Pedals, float, float, tuple[str, ...]]
 
 
 class Gateway:
@@ -112,26 +85,21 @@ class Gateway:
         self._reports, self._standstill = self.monitor.reports, self.monitor.standstill
         self._arming = ArmingMachine(PARK_TIME, self._changed)
         self._ratio, self._wheel_bias = vehicle.steering_ratio, wheel_bias
-        self._limits = limits or Limits()
         self._period = period
         self._interface = interface
         self._wire = wire = interface.facts
         if not period <= wire.command_timeout:
             raise ConfigError(f"{wire.title}: lets go after {wire.command_timeout:g} s, but a step takes {period:g} s")
         self._shadow = shadow
-        steering_limit = min(vehicle.steering_limit, wire.wheel_angle_limit / vehicle.steering_ratio)
-        self._steering_limit = steering_limit
         self._wheel_rate = min(vehicle.steering_rate_limit * vehicle.steering_ratio, wire.wheel_rate_limit)
-        self._torque_limit = min(
-            vehicle.brake_torque_limit, calibration.brake_torque_limit, wire.brake_torque_limit
-        )  # fmt: skip
-        self._fallback_tracker = FallbackTracker(vehicle)
-        self._limiter = Limiter(vehicle, self._limits, steering_limit)
-        self._actuation = Actuation(calibration, vehicle.brake_delay, vehicle.brake_lag)
-        self._response_monitor = ResponseMonitor(vehicle, calibration, self._actuation.holding_torque)
         self._engagement = Engagement(
             vehicle.steering_rate_limit * (vehicle.steering_delay + vehicle.steering_lag), shadow=shadow
         )
+        self._motion = motion = MotionControl(
+            vehicle, calibration, limits or Limits(), wire, self.monitor, self._arming, self._engagement
+        )
+        self._limiter, self._fallback_tracker = motion.limiter, motion.fallback_tracker
+        self._response_monitor = ResponseMonitor(vehicle, calibration, motion.actuation.holding_torque)
         self._uncertain_long = Debounce(UNCERTAIN_TIME)
 
         self._last_now = math.nan
@@ -141,29 +109,25 @@ class Gateway:
         self._driver: list[str] = []  # pedals that the driver touches
         self._unattended_long, self._attended_long = Debounce(UNATTENDED_TIME), Debounce(ATTENDED_TIME)
         self._clear = False
-        self._stop_deceleration = 0.0
-        self._stop_jerk = 0.0
-        self._followed: Setpoint | None = None  # the last setpoint that the car was given
-        self._held_steering: float | None = None  # where the wheels are held on the fallback path, having no way
 
     def step(
         self,
         now: float,
         setpoint: Setpoint | None,
         reports: Sequence[Frame],
-        act: OperatorCommand | None = None,
-        found: Sequence[str] = (),
+        command: OperatorCommand | None = None,
+        process_faults: Sequence[str] = (),
     ) -> GatewayOutput:
         """Return gateway status and command frames at drive time `now` [s].
 
         `setpoint` is the newest one, or None if none arrived since the last step; `reports` are the frames received on
-        the car's bus since the last step, in order; `act` is the operator's command since then; `found` are reason
+        the car's bus since the last step, in order; `command` is the operator's since then; `process_faults` are reason
         codes of what the caller found wrong, each of which is a fault even if this module does not know the code.
         """
         arming, shadow = self._arming, self._shadow
         self._clear = False
         faults = self._watch(now, setpoint, reports)
-        faults += found
+        faults += process_faults
         notes = self.monitor.notes
         arming.begin_step(
             ["shadow", *notes] if shadow else notes, frozenset() if shadow else self._reports.overrides()
@@ -172,14 +136,14 @@ class Gateway:
             self._judge_commanded(now, faults)
         else:
             self._judge_idle(now, faults)
-        if act is not None:
-            self._apply_command(act)
+        if command is not None:
+            self._apply_command(command)
         return self._encode(now)
 
     @property
     def done(self) -> bool:
         """Whether a drive is over: it was begun and ended, and the car stands, or nothing has moved for long."""
-        return self._arming.ended and self.monitor.at_ease
+        return self._arming.ended and self.monitor.supervision_over
 
     # Observation: nothing in this section changes the arming state.
 
@@ -195,13 +159,13 @@ class Gateway:
         self._last_now = now
         self._elapsed = (gap if gap < longest else longest) if gap > 0.0 else 0.0
         self._driver = [] if self._shadow else reports.driver()
-        faults += monitor.look(now, setpoint)
+        faults += monitor.check_inputs(now, setpoint)
         if setpoint is not None and monitor.fresh:
             self._take_fallback_path(now, setpoint)
         idle = state not in COMMANDING
         commanded = not (idle or self._shadow)
         limiter, steered = self._limiter, commanded and self._engagement.enabled
-        faults += monitor.compare(
+        faults += monitor.check_motion(
             now,
             self._elapsed,
             idle=idle,
@@ -218,8 +182,8 @@ class Gateway:
                 self._elapsed,
                 self._last_pedals,
                 reports,
-                (monitor.speed, monitor.satellite_speed),
-                self._grade(),
+                (monitor.speed, monitor.gnss_speed),
+                self._motion.grade(),
                 standstill=standstill,
                 going=self._arming.going,
             )
@@ -283,7 +247,7 @@ class Gateway:
                 return
             # The word of one module alone, which may be wrong: a car that nobody brakes must not be let go.
             faults.append("override_unconfirmed")
-        arming.judge_foot([*self._driver, "driver_inferred"] if self._foot_inferred else self._driver)
+        arming.judge_pedals([*self._driver, "driver_inferred"] if self._foot_inferred else self._driver)
         self._fastest = self._largest_speed()
         if self._limiter.too_fast(self._fastest):
             faults.append("speed_above_limit")
@@ -333,24 +297,19 @@ class Gateway:
         if helpless and not self._standstill.certain and "driver_needed" not in arming.notes:
             arming.notes.append("driver_needed")
 
-    def _steering_speed(self) -> float:
-        """Speed at which steering is limited [m/s]: the wheels', or the receiver's where wheels say far too little."""
-        wheels, satellite = self._reports.speed, self.monitor.satellite_speed
-        return satellite if satellite > wheels + WHEELS_TOO_SLOW else wheels
-
     def _largest_speed(self) -> float:
         """Largest speed that wheels or receiver report [m/s]; NaN where neither is known."""
-        wheels, satellite = abs(self.monitor.speed), abs(self.monitor.satellite_speed)
-        return wheels if wheels >= satellite or satellite != satellite else satellite
+        wheels, gnss = abs(self.monitor.speed), abs(self.monitor.gnss_speed)
+        return wheels if wheels >= gnss or gnss != gnss else gnss
 
-    def _apply_command(self, act: OperatorCommand) -> None:
-        if act is OperatorCommand.DISARM and self._arming.state is _STOPPED:
+    def _apply_command(self, command: OperatorCommand) -> None:
+        if command is OperatorCommand.DISARM and self._arming.state is _STOPPED:
             # Without brakes a car in drive creeps away, and the DBW watchdog brakes when EN drops in gear.
             self._arming.notes.append("not_in_park")
             return
         # A held car is never let go without brakes.
         may_go = not self._response_monitor.brakes_latched and self._engagement.may_go(self._driver)
-        self._arming.apply_command(act, may_go)
+        self._arming.apply_command(command, may_go)
 
     def _changed(self, event: ArmingEvent) -> None:
         """Do with the car what follows from a change of the arming state."""
@@ -358,59 +317,34 @@ class Gateway:
         if state is _ENGAGED:
             self._engage()
         elif state is _STOPPING:
-            self._begin_stop()
+            self._motion.begin_stop()
         elif event is ArmingEvent.DISARM or event is ArmingEvent.PARKED:
             self.monitor.forget_setpoints()
             self._fallback_tracker.take(0.0, None)  # no path outlives the drive that it was worked out for
 
     def _engage(self) -> None:
         self._engagement.begin(self._last_now)
-        self._followed = None
         self._clear = True
         self._response_monitor.engage()
         self._unattended_long.reset()
-        self._limiter.reset(0.0, self._measured_steering())
-        self._actuation.reset()
-
-    def _begin_stop(self) -> None:
-        # A stop closes the throttle at once and never releases brakes that are already applied.
-        limits = self._limits
-        self._stop_deceleration = max(-self._limiter.acceleration, limits.stop_deceleration)
-        self._stop_jerk = limits.stop_jerk
-        # A fault during requested emergency braking must not soften that braking.
-        self._apply_emergency(self._followed)
-        self._limiter.acceleration = min(self._limiter.acceleration, 0.0)
-        self._held_steering = None
-
-    def _apply_emergency(self, setpoint: Setpoint | None) -> None:
-        """Stop at least as hard as an emergency setpoint asks; never softer than before."""
-        if setpoint is not None and setpoint.emergency:
-            emergency = self._limits.emergency
-            asked = min(-setpoint.acceleration, emergency.deceleration)
-            self._stop_deceleration = max(self._stop_deceleration, asked)
-            self._stop_jerk = max(self._stop_jerk, emergency.jerk)
-
-    def _measured_steering(self) -> float:
-        angle = self.monitor.measured_steering
-        if angle != angle:
-            return 0.0
-        return clamp(angle, -self._steering_limit, self._steering_limit)
+        self._motion.engage()
 
     # Commands to the car.
 
     def _encode(self, now: float) -> GatewayOutput:
-        pedals, acceleration, steering, limited = self._command(now)
+        pedals, acceleration, steering, limited = self._motion.step(now, self._elapsed, self._fastest, self._driver)
         torque, throttle = pedals
-        if torque > self._torque_limit:
-            torque = self._torque_limit
+        if torque > self._motion.torque_limit:
+            torque = self._motion.torque_limit
             pedals = Pedals(torque, throttle)
         self._last_pedals = pedals
         enable = self._arming.state in COMMANDING and not self._shadow
         wheel_limit = self._wire.wheel_angle_limit
         wheel_angle = clamp(steering * self._ratio + self._wheel_bias, -wheel_limit, wheel_limit)
         clear = self._clear and not self._shadow
+        gear = Gear.NONE if self._shadow else self._motion.gear()
         frames = self._interface.encode(
-            ActuationCommand(torque, throttle, wheel_angle, self._wheel_rate, self._gear_wish(), enable, clear)
+            ActuationCommand(torque, throttle, wheel_angle, self._wheel_rate, gear, enable, clear)
         )
         status = GatewayStatus(
             state=self._arming.state,
@@ -422,98 +356,3 @@ class Gateway:
             throttle=throttle,
         )
         return GatewayOutput(status, frames)
-
-    def _command(self, now: float) -> _Command:
-        setpoint, arming = self.monitor.validator.setpoint, self._arming
-        if arming.state is _ENGAGED:
-            if arming.going and setpoint is not None:
-                return self._follow(setpoint)
-            arming.notes += self._engagement.waits_for(self._driver)
-            return self._wait()
-        if arming.state in COMMANDING:
-            return self._stop(now)
-        return Pedals(0.0, 0.0), 0.0, self._measured_steering(), ()
-
-    def _follow(self, setpoint: Setpoint) -> _Command:
-        self._followed = setpoint
-        speed, limiter = self._reports.speed, self._limiter
-        requested = limiter.within_speed(setpoint.acceleration, self._fastest)
-        acceleration, steering, limited = limiter.step(
-            requested, setpoint.steering, self._steering_speed(), setpoint.emergency, self._elapsed
-        )  # fmt: skip
-        pedals = self._actuation.step(acceleration, speed, setpoint.grade, self._elapsed)
-        if requested != setpoint.acceleration:
-            limited = (*limited, "speed")
-        return pedals, acceleration, steering, limited
-
-    def _wait(self) -> _Command:
-        """Hold the brakes until DBW controller and gear are confirmed, no pedal is touched and the operator says go."""
-        pedals = self._actuation.step(0.0, self._reports.speed, self._grade(), self._elapsed)
-        return pedals, 0.0, self._limiter.steering, ()
-
-    def _stop(self, now: float) -> _Command:
-        limits, limiter = self._limits, self._limiter
-        if self.monitor.validator.valid(now):
-            self._apply_emergency(self.monitor.validator.setpoint)
-        weak = "brake_not_following" in self._arming.causes
-        critical = not CRITICAL.isdisjoint(self._arming.causes)
-        jerk = max(self._stop_jerk, limits.critical_jerk if critical else 0.0)
-        requested = max(self._stop_deceleration, limits.critical_deceleration if critical else 0.0)
-        if weak:
-            jerk, requested = limits.emergency.jerk, limits.emergency.deceleration
-        limiter.acceleration = move_towards(limiter.acceleration, -requested, jerk, jerk, self._elapsed)
-        if self._standstill.certain or self._speed_believed(now):
-            pedals = self._actuation.step(
-                limiter.acceleration, self._reports.speed, self._grade(), self._elapsed, brakes_only=True
-            )  # fmt: skip
-        else:
-            pedals = self._brake_in_doubt(now)
-        if weak and not self._standstill.certain:
-            # Brakes that do not follow get the full torque at once.
-            pedals = Pedals(self._torque_limit, 0.0)
-        limited = self._steer_to_rest()
-        return pedals, limiter.acceleration, limiter.steering, limited
-
-    def _brake_in_doubt(self, now: float) -> Pedals:
-        """Pedals of a stop whose speed is not believed: as hard as by feedforward, or harder where the wheels ask."""
-        limiter, grade = self._limiter, self._grade()
-        blind = self._actuation.without_speed(-limiter.acceleration, grade)
-        if not self._reports.speed_known(now):
-            return blind
-        seen = self._actuation.step(
-            limiter.acceleration, self._reports.speed, grade, self._elapsed, brakes_only=True
-        )  # fmt: skip
-        return Pedals(max(blind.brake_torque, seen.brake_torque), 0.0)
-
-    def _speed_believed(self, now: float) -> bool:
-        """Whether the wheel speeds are known, above rest and not in doubt."""
-        moving = self._reports.speed_known(now) and not self._reports.fastest_wheel < WHEEL_REST
-        return moving and _SPEED_UNKNOWN.isdisjoint(self._arming.causes)
-
-    def _steer_to_rest(self) -> tuple[str, ...]:
-        """Steer along the fallback path while there is one; names of the limits that changed it."""
-        angle, arming = None, self._arming
-        if arming.state is _STOPPING and not self._standstill.certain and _ASTRAY.isdisjoint(arming.causes):
-            angle = self._fallback_tracker.steering()
-        if angle is not None:
-            self._held_steering = None
-            return self._limiter.steer(angle, self._steering_speed(), self._elapsed)
-        if self._held_steering is None:
-            # The measured angle is the best guess of where the road goes, better than zero and better than a request
-            # not reached. At rest it keeps the wheels where they are. The limiter still applies: a wrong report must
-            # not turn the wheels at once.
-            self._held_steering = self._measured_steering()
-        return self._limiter.steer(self._held_steering, self._steering_speed(), self._elapsed)
-
-    def _grade(self) -> float:
-        return 0.0 if self.monitor.validator.setpoint is None else self.monitor.validator.setpoint.grade
-
-    def _gear_wish(self) -> Gear:
-        if self._shadow or not self._standstill.certain:
-            return _NO_GEAR
-        if self._arming.state is _STOPPED:
-            # A car that rolled a moment ago may only seem to stand.
-            return Gear.PARK if self._standstill.settled else _NO_GEAR
-        if self._arming.state is _ENGAGED and self._engagement.enabled and not self._engagement.in_drive:
-            return Gear.DRIVE
-        return _NO_GEAR

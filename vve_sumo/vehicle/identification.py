@@ -71,7 +71,7 @@ class Log:
     begin: float  #: the car is in drive and obeys commands from here ... [s]
     end: float  #: ... to here [s]
 
-    def obedient(self, time: Floats, radius: float = 1.0, least: float = -math.inf) -> Mask:
+    def usable(self, time: Floats, radius: float = 1.0, least: float = -math.inf) -> Mask:
         """Which times lie between, with the car moving forward at `least` [m/s] or more on wheels of `radius` [m]."""
         return (time >= self.begin) & (time <= self.end) & (radius * self.wheels.at(time) >= least)
 
@@ -82,12 +82,12 @@ class Estimate:
 
     value: float
     sigma: float  #: its standard deviation, by the fit's residuals
-    trouble: str = ""  #: why it should not be used; empty where it may be
+    problem: str = ""  #: why it should not be used; empty where it may be
 
     @property
     def good(self) -> bool:
         """Whether it may be used."""
-        return not self.trouble
+        return not self.problem
 
 
 class Curve(NamedTuple):
@@ -282,23 +282,23 @@ def _judged(name: str, model: str, value: float, sigma: float, fit: _Fit, edge: 
     """The estimate with its verdict; `model` is its key in `MAX_RESIDUAL`. NaN fails every comparison."""
     absolute, share = REQUIRED_PRECISION[name]
     wanted = absolute + share * abs(value)
-    trouble = ""
+    problem = ""
     if not math.isfinite(value + sigma):
-        trouble = "nothing in this drive to learn it from"
+        problem = "nothing in this drive to learn it from"
     elif not fit.curve.misfit <= MAX_RESIDUAL[model]:
-        trouble = f"its model leaves {fit.curve.misfit / MAX_RESIDUAL[model]:.1f} times what is tolerated"
+        problem = f"its model leaves {fit.curve.misfit / MAX_RESIDUAL[model]:.1f} times what is tolerated"
     elif not sigma <= wanted:
-        trouble = f"uncertain by {sigma / wanted:.1f} times what is wanted"
+        problem = f"uncertain by {sigma / wanted:.1f} times what is wanted"
     elif edge:
-        trouble = "at the edge of what was searched"
+        problem = "at the edge of what was searched"
     elif name not in SIGNED and value < -2.0 * sigma:
-        trouble = "below zero, which no car has"
-    return Estimate(value if name in SIGNED else max(value, 0.0), sigma, trouble)
+        problem = "below zero, which no car has"
+    return Estimate(value if name in SIGNED else max(value, 0.0), sigma, problem)
 
 
 def wheel_radius(log: Log, declared: float) -> tuple[Estimate, Curve]:
     """Rolling radius [m]: GNSS speed over the rear wheels' rate; the clocks' difference is fitted too, and dropped."""
-    measured = log.speed.where(log.obedient(log.speed.time, declared, MIN_SPEED))
+    measured = log.speed.where(log.usable(log.speed.time, declared, MIN_SPEED))
     fit = _fit(
         lambda guess: guess[0] * log.wheels.at(measured.time - guess[1]),
         measured,
@@ -315,7 +315,7 @@ def heading_misalignment(log: Log, vehicle: Vehicle, radius: float) -> tuple[Est
     """
     slip = log.slip
     speed, yaw_rate = radius * log.wheels.at(slip.time), log.yaw_rate.at(slip.time)
-    straight = log.obedient(slip.time, radius, COURSE_SPEED) & (np.abs(yaw_rate) < MAX_STRAIGHT_YAW_RATE)
+    straight = log.usable(slip.time, radius, COURSE_SPEED) & (np.abs(yaw_rate) < MAX_STRAIGHT_YAW_RATE)
     needed = -_rear_compliance(vehicle) * speed * yaw_rate
     # As a lateral speed, whose noise does not depend on the speed.
     measured, speed = Series(slip.time, (needed - slip.value) * speed).where(straight), speed[straight]
@@ -348,7 +348,7 @@ def acceleration_bias(log: Log, radius: float) -> tuple[Estimate, Curve]:
 
 def steering_response(log: Log, vehicle: Vehicle) -> tuple[dict[str, Estimate], Curve]:
     """Dead time and lag [s] from a commanded steering-wheel angle to the reported one, beyond the declared rate."""
-    measured = log.wheel_angle.where(log.obedient(log.wheel_angle.time))
+    measured = log.wheel_angle.where(log.usable(log.wheel_angle.time))
     passed = rate_limited(log.wheel_command, vehicle.steering_rate_limit * vehicle.steering_ratio)
     fit = _fit(
         lambda guess: FirstOrderResponse(passed, guess[0], guess[1]).at(measured.time) + guess[2],
@@ -372,7 +372,7 @@ def steering_geometry(log: Log, vehicle: Vehicle, radius: float) -> tuple[dict[s
     time = log.yaw_rate.time
     angle, speed = log.wheel_angle.at(time), radius * log.wheels.at(time)
     gentle = np.abs(angle) < MAX_LINEAR_STEERING * vehicle.steering_ratio
-    measured = log.yaw_rate.where(gentle & log.obedient(time, radius, MIN_SPEED))
+    measured = log.yaw_rate.where(gentle & log.usable(time, radius, MIN_SPEED))
     length = vehicle.wheelbase + vehicle.understeer_gradient * speed * speed
 
     def model(guess: Floats) -> Floats:
@@ -403,7 +403,7 @@ class _Forces:
         time, speed = log.wheels.time, radius * log.wheels.value
         top = calibration.drive_power_limit / calibration.drive_force_limit
         self._log, self._time, self._speed = log, time, speed
-        self._keep = log.obedient(time, radius, ROLLING_SPEED) & (speed < top)
+        self._keep = log.usable(time, radius, ROLLING_SPEED) & (speed < top)
         self.measured = Series(time, speed).where(self._keep)
         rows = np.flatnonzero(self._keep)
         self._piece = np.cumsum(np.diff(rows, prepend=rows[:1]) > 1)

@@ -84,9 +84,9 @@ def decode_setpoint(data: bytes) -> Setpoint | MalformedMessage:
     return Setpoint(*values)
 
 
-def encode_operator_command(act: OperatorCommand) -> bytes:
+def encode_operator_command(command: OperatorCommand) -> bytes:
     """Return the datagram of an operator command."""
-    return _COMMAND.encode(act)
+    return _COMMAND.encode(command)
 
 
 def decode_operator_command(data: bytes) -> OperatorCommand | MalformedMessage:

@@ -1,7 +1,8 @@
 """Monitors a drive: whether car, receiver and setpoints can be believed, and whether the car stands.
 
-The gateway, which commands the car, has one, and so has the observer, in its place beside an external brain. A monitor
-keeps the newest reports and the newest setpoint, and finds what is wrong with them; it decides and commands nothing.
+The gateway, which commands the car, has one; so has the observer, in its place where an external controller commands
+the car. A monitor keeps the newest reports and the newest setpoint, and finds what is wrong with them; it decides and
+commands nothing.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ class Monitor:
         self.fresh = False  #: this step's setpoint was accepted
         self.notes: list[str] = []  #: reason codes of why this step's setpoint was refused, where that is no fault
         self.speed = math.nan  #: by the wheels [m/s]; NaN where it is not known
-        self.satellite_speed = math.nan  #: by the receiver [m/s]; NaN without a valid setpoint from trusted fixes
+        self.gnss_speed = math.nan  #: by the receiver [m/s]; NaN without a valid setpoint from trusted fixes
         self._let_go = False  # for long nothing was commanded, and nothing said that the car moves
 
     @property
@@ -74,7 +75,7 @@ class Monitor:
         return self.reports.last_dbw_report
 
     @property
-    def at_ease(self) -> bool:
+    def supervision_over(self) -> bool:
         """Whether nobody needs to watch a car that is not commanded: it stands, or nothing moved for DRIVER_TIME."""
         return (self.standstill.certain and self.standstill.at_rest) or self._let_go
 
@@ -87,7 +88,7 @@ class Monitor:
             missing.append("not_standing")
         return missing
 
-    def look(self, now: float, setpoint: Setpoint | None) -> list[str]:
+    def check_inputs(self, now: float, setpoint: Setpoint | None) -> list[str]:
         """Reason codes of faults in what car and drive say, one by one; `setpoint` is None if none arrived."""
         reports = self.reports
         faults = reports.stale(now)
@@ -115,22 +116,24 @@ class Monitor:
         self.notes.append(rejection.reason)
         return list(setpoint.faults)
 
-    def compare(self, now: float, elapsed: float, *, idle: bool, braking: float | None, steering: float) -> list[str]:
+    def check_motion(
+        self, now: float, elapsed: float, *, idle: bool, braking: float | None, steering: float
+    ) -> list[str]:
         """Weigh whether the car stands, and compare receiver and car on its motion; reason codes of what disagrees.
 
-        With `idle` the car's owner does not command it. The car is told to brake with `braking` [m/s2], None where
-        nobody tells it, and to steer with the road-wheel angle `steering` [rad], NaN where nobody does.
+        With `idle` the car's owner does not command it. `braking` is the commanded deceleration [m/s2], None for
+        none, and `steering` the commanded road-wheel angle [rad], NaN for none.
         """
         reports, standstill, setpoint = self.reports, self.standstill, self.validator.setpoint
         if setpoint is not None and (_GUESSED in setpoint.faults or not self.validator.valid(now)):
             setpoint = None
         known = reports.speed_known(now)
         fastest = reports.fastest_wheel if known and not reports.unchanged(now) > UNCHANGED_TIME else None
-        satellite = None if setpoint is None else setpoint.speed
-        standstill.step(now, elapsed, fastest, satellite, braking)
+        gnss = None if setpoint is None else setpoint.speed
+        standstill.step(now, elapsed, fastest, gnss, braking)
         self._let_go = self._let_go_long.step(now, idle and not standstill.moves)
         self.speed = speed = reports.speed if known else math.nan
-        self.satellite_speed = math.nan if satellite is None else satellite
+        self.gnss_speed = math.nan if gnss is None else gnss
         car = CarMotion(
             speed, reports.yaw_rate, self.measured_steering, reports.wheels, steering, standstill.certain
         )  # fmt: skip

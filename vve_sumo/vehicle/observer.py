@@ -1,6 +1,6 @@
-"""Observer, in the gateway's place where an external brain commands the car: it monitors all and commands nothing.
+"""Observer, in the gateway's place where an external controller commands the car: it monitors all and commands nothing.
 
-It has no encoder: not one frame can come out of it. Its arming states are those of the gateway and say when the brain's
+It has no encoder: not one frame can come out of it. Its arming states are those of the gateway and say when its
 sensors may be valid, not when the car is commanded: from the operator's go until a stop, a fault or the driver's
 override, or his foot on a pedal of a car under way. The module has no map, bus or clock.
 """
@@ -26,7 +26,7 @@ EXTERNAL: Final = "external_brain"
 
 
 class Observer:
-    """Follows a drive that an external brain commands, with the inputs and the outputs of a `Gateway`, without frames.
+    """Follows a drive that an external controller commands; inputs and outputs of a `Gateway`, without frames.
 
     `wheel_bias` is the steering-wheel angle at which the wheels point straight [rad], left positive, as calibrated.
     """
@@ -42,26 +42,26 @@ class Observer:
     @property
     def done(self) -> bool:
         """Whether a drive is over: it was begun and ended, and the car stands, or nothing has moved for long."""
-        return self._arming.ended and self.monitor.at_ease
+        return self._arming.ended and self.monitor.supervision_over
 
     def step(
         self,
         now: float,
         setpoint: Setpoint | None,
         reports: Sequence[Frame],
-        act: OperatorCommand | None = None,
-        found: Sequence[str] = (),
+        command: OperatorCommand | None = None,
+        process_faults: Sequence[str] = (),
     ) -> GatewayOutput:
         """Return the status at drive time `now` [s], and no frame; the inputs are those of `Gateway.step`."""
         arming, monitor = self._arming, self.monitor
-        faults = [*self._watch(now, setpoint, reports), *found]
+        faults = [*self._watch(now, setpoint, reports), *process_faults]
         arming.begin_step([EXTERNAL, *monitor.notes], monitor.reports.overrides())
         if arming.state in COMMANDING:
             self._judge_commanded(now, faults)
         elif arming.state is not ArmingState.FAULT:
             arming.judge_idle(faults + monitor.missing(now))
-        if act is not None:
-            self._apply_command(act)
+        if command is not None:
+            self._apply_command(command)
         if arming.state is ArmingState.ENGAGED and not arming.going:
             arming.notes.append(WAITING)
         angle = monitor.measured_steering
@@ -81,8 +81,8 @@ class Observer:
         faults = monitor.reports.take(now, [frame for frame in frames if frame.id not in self._commands])
         elapsed = max(now - self._last_now, 0.0) if math.isfinite(self._last_now) else 0.0
         self._last_now = now
-        faults += monitor.look(now, setpoint)
-        return faults + monitor.compare(now, elapsed, idle=True, braking=None, steering=math.nan)
+        faults += monitor.check_inputs(now, setpoint)
+        return faults + monitor.check_motion(now, elapsed, idle=True, braking=None, steering=math.nan)
 
     def _judge_commanded(self, now: float, faults: list[str]) -> None:
         arming, monitor = self._arming, self.monitor
@@ -90,12 +90,12 @@ class Observer:
         if arming.new_overrides():
             arming.apply(ArmingEvent.OVERRIDE, ["driver_override", *faults])
             return
-        arming.judge_foot(monitor.reports.driver())
+        arming.judge_pedals(monitor.reports.driver())
         at_rest = monitor.standstill.at_rest
         arming.judge(now, faults, expired=not monitor.validator.valid(now), at_rest=at_rest, parked=at_rest)
 
-    def _apply_command(self, act: OperatorCommand) -> None:
-        if self._arming.state is ArmingState.FAULT and act in ENDS:
-            return  # the driver has ended the drive: nobody else's act is a cause of that
+    def _apply_command(self, command: OperatorCommand) -> None:
+        if self._arming.state is ArmingState.FAULT and command in ENDS:
+            return  # the driver has ended the drive: nobody else's command is a cause of that
         driver = self.monitor.reports.driver()
-        self._arming.apply_command(act, may_go=not driver, obstacles=driver)
+        self._arming.apply_command(command, may_go=not driver, obstacles=driver)

@@ -18,7 +18,7 @@ from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.drift import DELAY, DriftCheck, DriftSample
 from vve_sumo.vehicle.setpoint_validation import Debounce
 
-# Allowed difference of satellite and wheel speed: this for the noise of both, plus the wheels' calibrated scale error
+# Allowed difference of gnss and wheel speed: this for the noise of both, plus the wheels' calibrated scale error
 # and DELAY times the acceleration.
 SPEED_DIFFERENCE: Final = 0.30  # [m/s]
 ACCELERATION_LAG: Final = 0.1  # of that acceleration [s]
@@ -67,7 +67,7 @@ class CarMotion:
     yaw_rate: float  #: by the gyroscope [rad/s] counter-clockwise; NaN unknown
     steering: float  #: road-wheel angle as reported [rad], left positive; NaN unknown
     wheels: tuple[float, ...]  #: the wheels' angular speeds as reported [rad/s]
-    commanded_steering: float  #: road-wheel angle that the car is told [rad]; NaN where nobody tells it any
+    commanded_steering: float  #: commanded road-wheel angle [rad]; NaN where none is commanded
     stands: bool  #: by all evidence
 
 

@@ -13,7 +13,7 @@ from vve_sumo.vehicle.actuation import Pedals
 from vve_sumo.vehicle.brake_monitor import BrakeMonitor, HoldMonitor
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.command_echo import OPENING_CHANGE, TORQUE_CHANGE, CommandEcho
-from vve_sumo.vehicle.driver_signs import DriverSigns
+from vve_sumo.vehicle.driver_braking import DriverBrakingDetector
 from vve_sumo.vehicle.interface import BrakeState, ThrottleState
 from vve_sumo.vehicle.reports import TOLERANCE, CarReports
 from vve_sumo.vehicle.slowing_monitor import SlowingMonitor
@@ -28,7 +28,7 @@ class ResponseMonitor:
         self._brakes = BrakeMonitor(vehicle, calibration)
         self._hold = HoldMonitor()
         self._slowing = SlowingMonitor(vehicle, calibration)
-        self._signs = DriverSigns(vehicle)
+        self._signs = DriverBrakingDetector(vehicle)
         self._brake_echo, self._throttle_echo = CommandEcho(TORQUE_CHANGE), CommandEcho(OPENING_CHANGE)
         self.driver_inferred = False  #: the car brakes or slows down as under a driver's foot
         #: a foot has been strong enough, for long enough, to take the brakes until the next engagement
@@ -64,10 +64,10 @@ class ResponseMonitor:
         known of its `standstill`; the car may be allowed to move (`going`).
         """
         foot, others_brake, torque = reports.brake.driver_torque, reports.brake.watchdog_braking, pedals.brake_torque
-        wheels, satellite = speeds
-        faults = self._brakes.step(elapsed, pedals, wheels, satellite, grade, others_brake)
+        wheels, gnss = speeds
+        faults = self._brakes.step(elapsed, pedals, wheels, gnss, grade, others_brake)
         held = torque >= self._holding_torque and not others_brake
-        mean = math.nan if satellite != satellite else standstill.satellite_mean
+        mean = math.nan if gnss != gnss else standstill.gnss_mean
         stands = standstill.certain and standstill.at_rest
         if self._hold.step(now, held, stands, reports.fastest_wheel, mean):
             faults.append("brake_not_following")
@@ -76,7 +76,7 @@ class ResponseMonitor:
         self.brakes_latched = self._signs.brakes_latched
         slowed = False
         if going:
-            slowed = self._slowing.step(elapsed, pedals, wheels, satellite, grade)
+            slowed = self._slowing.step(elapsed, pedals, wheels, gnss, grade)
         else:
             self._slowing.reset()
         self.driver_inferred = (unasked or slowed) and not others_brake

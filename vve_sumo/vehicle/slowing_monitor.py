@@ -12,7 +12,7 @@ from typing import Final
 from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.actuation import Pedals
-from vve_sumo.vehicle.brake_monitor import added
+from vve_sumo.vehicle.brake_monitor import cusum_step
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.standstill import MAX_BRAKING
 
@@ -40,7 +40,7 @@ THROTTLE_DELAY: Final = 0.10
 SPEED_DEFICIT: Final = 0.30  # slower than explained by this is a foot on the brake [m/s]
 # The same beside what was learnt; a shift of the transmission costs 0.5 [m/s].
 CHANGE_DEFICIT: Final = 0.70
-SATELLITE_DEFICIT: Final = 0.10  # and by the receiver's speed this much at least, where it is known [m/s]
+GNSS_DEFICIT: Final = 0.10  # and by the receiver's speed this much at least, where it is known [m/s]
 
 
 class SlowingMonitor:
@@ -62,40 +62,40 @@ class SlowingMonitor:
         self._torque = self._calibration.brake_torque_limit  # that may still brake [N m]
         self._opening = 0.0  # of the throttle that pushes by now, 0 to 1
         self._speeds: tuple[float, float] | None = None  # by wheels and receiver, a step ago
-        self._deficit = self._satellite_deficit = self._changed = self._satellite_changed = 0.0
+        self._deficit = self._gnss_deficit = self._changed = self._gnss_changed = 0.0
         self._learnt = 0.0  # measured minus modelled acceleration [m/s2]
 
     def step(
-        self, elapsed: float, pedals: Pedals, wheels: float, satellite: float, grade: float
+        self, elapsed: float, pedals: Pedals, wheels: float, gnss: float, grade: float
     ) -> bool:  # fmt: skip
-        """Return whether a foot slows the car at speeds `wheels`, `satellite` [m/s, NaN unknown] on `grade` [rad]."""
+        """Return whether a foot slows the car at speeds `wheels`, `gnss` [m/s, NaN unknown] on `grade` [rad]."""
         known = math.isfinite(wheels)  # a change of speed needs both: one that is NaN would unteach what is learnt
-        before, self._speeds = self._speeds, (wheels, satellite) if known else None
+        before, self._speeds = self._speeds, (wheels, gnss) if known else None
         self._follow(elapsed, pedals)
         if before is None or elapsed <= 0.0 or not known:
-            self._deficit = self._satellite_deficit = self._changed = self._satellite_changed = 0.0
+            self._deficit = self._gnss_deficit = self._changed = self._gnss_changed = 0.0
             return False
         # Wheel speeds that fall faster than any car brakes have failed: what they lose beyond that is nobody's foot.
-        wheels_before, satellite_before = before
+        wheels_before, gnss_before = before
         gained, least = wheels - wheels_before, -MAX_BRAKING * elapsed
         if gained < least:
             gained = least
-        seen = satellite - satellite_before
+        seen = gnss - gnss_before
         any_car, modelled, margin = self._expected(wheels, grade)
         allowed = any_car * elapsed
-        self._deficit = added(self._deficit, allowed - gained)
-        self._satellite_deficit = added(self._satellite_deficit, allowed - seen)
+        self._deficit = cusum_step(self._deficit, allowed - gained)
+        self._gnss_deficit = cusum_step(self._gnss_deficit, allowed - seen)
         if wheels > LEARNING_SPEED:
             allowed = (modelled + self._learnt - margin) * elapsed
-            self._changed = added(self._changed, allowed - gained)
-            self._satellite_changed = added(self._satellite_changed, allowed - seen)
+            self._changed = cusum_step(self._changed, allowed - gained)
+            self._gnss_changed = cusum_step(self._gnss_changed, allowed - seen)
             self._learnt += (gained / elapsed - modelled - self._learnt) * elapsed / (LEARNING_TIME + elapsed)
         else:
-            self._changed = self._satellite_changed = 0.0
+            self._changed = self._gnss_changed = 0.0
         # One of two speeds alone points at locked wheels or a wrong receiver, not at a foot.
-        unknown = not math.isfinite(satellite)
-        slow = self._deficit > SPEED_DEFICIT and (unknown or self._satellite_deficit > SATELLITE_DEFICIT)
-        slower = self._changed > CHANGE_DEFICIT and (unknown or self._satellite_changed > SATELLITE_DEFICIT)
+        unknown = not math.isfinite(gnss)
+        slow = self._deficit > SPEED_DEFICIT and (unknown or self._gnss_deficit > GNSS_DEFICIT)
+        slower = self._changed > CHANGE_DEFICIT and (unknown or self._gnss_changed > GNSS_DEFICIT)
         return slow or slower
 
     def _follow(self, elapsed: float, pedals: Pedals) -> None:

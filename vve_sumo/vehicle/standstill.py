@@ -12,13 +12,13 @@ from typing import Final
 from vve_sumo.vehicle.setpoint_validation import Debounce
 
 WHEEL_REST: Final = 0.05  # no wheel turns faster [m/s]; reports resolve 13 mm/s on a Fusion, 3 mm/s on the wire
-SATELLITE_REST: Final = 0.30  # the receiver's speed at standstill stays below [m/s]: ten sigma of RTK velocity
+GNSS_REST: Final = 0.30  # the receiver's speed at standstill stays below [m/s]: ten sigma of RTK velocity
 # Its mean over the last tenths of a second stays below this: noise averages out, and a creeping car does not.
-SATELLITE_MEAN_REST: Final = 0.05  # [m/s]
-SATELLITE_LAG: Final = 0.1  # of that mean [s]
+GNSS_MEAN_REST: Final = 0.05  # [m/s]
+GNSS_LAG: Final = 0.1  # of that mean [s]
 REST_TIME: Final = 0.3  # standing this long is rest [s]
 # Time after which the receiver alone is believed, against wheel speeds that are missing or above rest [s].
-SATELLITE_REST_TIME: Final = 3.0
+GNSS_REST_TIME: Final = 3.0
 # No car brakes harder, so wheel speeds that fall faster are not the car's speed [m/s2].
 MAX_BRAKING: Final = 12.0
 QUANTUM: Final = 0.04  # of wheel speeds, three times what they resolve on a Fusion [m/s]
@@ -33,29 +33,29 @@ class Standstill:
 
     def __init__(self) -> None:
         self._possible = 0.0  # the speed that the car may still have [m/s]
-        self.satellite_mean = 0.0  #: the receiver's speed, averaged near standstill [m/s]; the last one where unknown
+        self.gnss_mean = 0.0  #: the receiver's speed, averaged near standstill [m/s]; the last one where unknown
         self._long = Debounce(REST_TIME)
-        self._satellite_long = Debounce(SATELLITE_REST_TIME)
+        self._satellite_long = Debounce(GNSS_REST_TIME)
         self.certain = False  #: the wheels say so, for long enough to be true, and nothing contradicts them
-        self.settled = False  #: certain for `REST_TIME`, and not told to drive off
+        self.settled = False  #: certain for `REST_TIME`, and not commanded to drive off
         self.at_rest = False  #: settled, or the receiver alone has said so for long
         self.contradicted = False  #: the receiver has long said rest, but the wheels do not confirm it
         self.moves = False  #: something says that the car moves
         self.may_move = False  #: it moves, or it did when wheels or receiver were last heard
 
     def step(
-        self, now: float, elapsed: float, wheels: float | None, satellite: float | None, braking: float | None
+        self, now: float, elapsed: float, wheels: float | None, gnss: float | None, braking: float | None
     ) -> None:  # fmt: skip
         """Weigh the evidence at `now` [s], `elapsed` after the last step.
 
-        `wheels` is the speed of the fastest wheel, without sign, `satellite` the receiver's, forward positive [m/s];
+        `wheels` is the speed of the fastest wheel, without sign, `gnss` the receiver's, forward positive [m/s];
         None is "not known". `braking` is the commanded deceleration [m/s2], None where a driver may brake as hard as
         the car can.
         """
-        if satellite is not None:
-            self._average(satellite, elapsed)
-        satellite_stands = satellite is not None and abs(satellite) < SATELLITE_REST
-        satellite_moves = satellite is not None and abs(self.satellite_mean) >= SATELLITE_MEAN_REST
+        if gnss is not None:
+            self._average(gnss, elapsed)
+        satellite_stands = gnss is not None and abs(gnss) < GNSS_REST
+        gnss_moves = gnss is not None and abs(self.gnss_mean) >= GNSS_MEAN_REST
         wheels_stand = wheels is not None and wheels < WHEEL_REST
         if wheels is not None and wheels >= self._possible - MAX_BRAKING * elapsed - QUANTUM:
             self._possible = wheels
@@ -63,18 +63,18 @@ class Standstill:
             sure = satellite_stands or braking is None
             fall = MAX_BRAKING if sure else max(BRAKING_SHARE * (braking or 0.0), MIN_BRAKING)
             self._possible = max(self._possible - fall * elapsed, 0.0)
-        self.moves = satellite_moves or (wheels is not None and not wheels_stand)
-        if wheels is not None or satellite is not None:
+        self.moves = gnss_moves or (wheels is not None and not wheels_stand)
+        if wheels is not None or gnss is not None:
             self.may_move = self.moves
-        self.certain = wheels_stand and not satellite_moves and self._possible < WHEEL_REST
+        self.certain = wheels_stand and not gnss_moves and self._possible < WHEEL_REST
         # Reports that stop as the car moves off are those of a car that stood.
         self.settled = self._long.step(now, self.certain and not (braking is not None and braking < 0.0))
-        self.at_rest = self._satellite_long.step(now, satellite_stands and not satellite_moves) or self.settled
+        self.at_rest = self._satellite_long.step(now, satellite_stands and not gnss_moves) or self.settled
         self.contradicted = self.at_rest and not self.certain
 
-    def _average(self, satellite: float, elapsed: float) -> None:
+    def _average(self, gnss: float, elapsed: float) -> None:
         """Average the receiver's speed; one that is above rest is taken as it is, so that the mean does not lag it."""
-        if abs(satellite) >= SATELLITE_REST:
-            self.satellite_mean = math.copysign(SATELLITE_REST, satellite)
+        if abs(gnss) >= GNSS_REST:
+            self.gnss_mean = math.copysign(GNSS_REST, gnss)
         elif elapsed > 0.0:
-            self.satellite_mean += (satellite - self.satellite_mean) * elapsed / (SATELLITE_LAG + elapsed)
+            self.gnss_mean += (gnss - self.gnss_mean) * elapsed / (GNSS_LAG + elapsed)

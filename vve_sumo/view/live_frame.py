@@ -54,7 +54,9 @@ class LiveFrames:
         self._footprint: tuple[float, list[list[float]] | None] = (-math.inf, None)
         self._engaged = False
         self._before: ViewSample | None = None
-        self._told: tuple[float, GatewayStatus] | None = None  # when the last event of the gateway was, and of what
+        self._last_event: tuple[float, GatewayStatus] | None = (
+            None  # when the last event of the gateway was, and of what
+        )
         self.bodies: dict[str, dict[str, Any]] = {}  #: of every actor seen so far, as the scene has them
         self.events: deque[dict[str, Any]] = deque(maxlen=MAX_EVENTS)
         self.newest: ViewSample | None = None
@@ -161,13 +163,13 @@ class LiveFrames:
     def _happened(self, sample: ViewSample) -> list[dict[str, Any]]:
         before, time, status = self._before, sample.time, sample.status
         found: list[dict[str, Any]] = []
-        told = self._told
-        if told is None or told[1].state != status.state:
+        last = self._last_event
+        if last is None or last[1].state != status.state:
             found.append(_event(time, "state", self._said(sample)))
-            self._told = time, status
-        elif told[1].reasons != status.reasons and time - told[0] >= REASON_PERIOD:
+            self._last_event = time, status
+        elif last[1].reasons != status.reasons and time - last[0] >= REASON_PERIOD:
             found.append(_event(time, "reason", self._said(sample)))
-            self._told = time, status
+            self._last_event = time, status
         if sample.note and (before is None or before.note != sample.note):
             found.append(_event(time, "note", f"controller: {sample.note}"))
         for sensor in self._sensors.values():

@@ -28,7 +28,7 @@ class LotView:
         self._vehicle = vehicle
 
     def place(self, pose: Pose) -> Pose:
-        """Return a pose on the street as it is in the lot."""
+        """Return a pose on the virtual road as it is in the lot."""
         return self._to_lot.apply(pose)
 
     def to_edges(self, x: Floats, y: Floats, heading: Floats) -> Floats:

@@ -30,7 +30,7 @@ class ViewSample:
     tick: int
     time: float  #: drive time [s]
     wall: float  #: Unix time of that [s]
-    pose: Pose | None  #: of the rear axle on the street; None before the first trusted fix
+    pose: Pose | None  #: of the rear axle on the virtual road; None before the first trusted fix
     s: float  #: distance along the path [m]; NaN for none
     d: float  #: lateral deviation [m], left positive; NaN for none
     wished: float  #: acceleration that the controller asks for [m/s2]; NaN for none

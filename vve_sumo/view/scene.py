@@ -47,7 +47,7 @@ def vehicle_of(resolved: Mapping[str, Any]) -> Vehicle:
 
 
 def path_of(resolved: Mapping[str, Any]) -> ReferencePath:
-    """Return where the rear axle is to go, in the street's map."""
+    """Return where the rear axle is to go, in the virtual road's map."""
     points = np.array([point.split() for point in resolved["path_m"]], np.float64)
     return ReferencePath.from_points(points[:, 0], points[:, 1])
 

@@ -1,8 +1,8 @@
-"""Encoder of ASAM OSI 3.8 messages: the street as SensorView with ground truth, the radar's detections as SensorData.
+"""Encoder of ASAM OSI 3.8 messages: the virtual road as SensorView with ground truth, radar detections as SensorData.
 
-OSI's global frame is the street's map, x east, y north; the origin of its vehicle frame is the middle of the rear axle,
-its sensor frame here in the middle of the front bumper, where a scan counts from. Angles are counter-clockwise in both.
-Needs the packages of the extra `osi`; it must not know where messages go.
+OSI's global frame is the virtual road's map, x east, y north; the origin of its vehicle frame is the middle of the rear
+axle, its sensor frame here in the middle of the front bumper, where a scan counts from. Angles are counter-clockwise in
+both. Needs the packages of the extra `osi`; it must not know where messages go.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Encoder:
     """Makes the messages of one drive; an actor keeps its identifier for as long as the encoder lives."""
 
     def __init__(self, vehicle: Vehicle, projection: str, map_offset: tuple[float, float] = (0.0, 0.0)) -> None:
-        """`projection` is the PROJ string of the street's map, empty where nobody knows it.
+        """`projection` is the PROJ string of the virtual road's map, empty where nobody knows it.
 
         Raises ConfigError where the packages are missing.
         """
@@ -48,7 +48,7 @@ class Encoder:
         self._cycle = 0
 
     def sensor_view(self, time: float, pose: Pose, actors: Actors) -> SensorView:
-        """Return the street at a time [s]: the ego from the rear axle's pose, and every actor, in the map."""
+        """Return the virtual road at a time [s]: the ego from the rear axle's pose, and every actor, in the map."""
         message = self._view.SensorView()
         _head(message, time)
         message.sensor_id.value = RADAR

@@ -38,7 +38,7 @@ class Context:
     """What the kinds need to know of a drive."""
 
     vehicle: Vehicle
-    projection: str  #: PROJ string of the street's map
+    projection: str  #: PROJ string of the virtual road's map
     map_offset: tuple[float, float] = (0.0, 0.0)  #: what the map's coordinates have beyond the projected ones [m]
     rate_nmea: float = 10.0  #: [Hz]
     hear: Hear | None = None  #: what others say on the wire's own bus; None where nobody is listened to

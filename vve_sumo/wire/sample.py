@@ -28,10 +28,10 @@ class SampleContent:
     """What a valid sample carries."""
 
     fix: Fix  #: of the receiver's output point at the virtual place, predicted to the sample's time
-    pose: Pose  #: of the rear axle on the street, predicted to the sample's time
+    pose: Pose  #: of the rear axle on the virtual road, predicted to the sample's time
     scan: Detections  #: the newest of the sensor that every scenario has, in drive time, which is -inf before the first
     scan_age: float  #: since the scan was measured [s]; inf before the first
-    actors: Actors  #: on the street, as the sensors saw them
+    actors: Actors  #: on the virtual road, as the sensors saw them
     others: Mapping[str, Detections] = field(default_factory=dict)  #: the newest of each other sensor of detections
 
 
@@ -72,10 +72,10 @@ def sequence_of(drive_time: float) -> int:
 
 
 def virtual_fix(pose: Pose, placement: Placement, newest: Fix) -> Fix:
-    """Return the fix of a receiver that stood at a pose on the street.
+    """Return the fix of a receiver that stood at a pose on the virtual road.
 
-    `placement` carries the street's own map; quality, accuracies and altitude are those of the `newest` real fix, for
-    the virtual place is known no better than the real one.
+    `placement` carries the virtual road's own map; quality, accuracies and altitude are those of the `newest` real fix,
+    for the virtual place is known no better than the real one.
     """
     exact = placement.unplace(pose)
     return replace(

@@ -1,4 +1,4 @@
-"""Builds the street that certificates are driven on: straight, a wide bend to the left, straight again.
+"""Builds the virtual road that certificates are driven on: straight, a wide bend to the left, straight again.
 
     python build_street.py     writes bend.net.xml and bend.csv beside this file
 
@@ -21,13 +21,13 @@ RADIUS, TURN = 70.0, math.radians(80.0)  # of the bend: 9.2 m/s take 1.2 m/s2 si
 BEFORE, AFTER = 110.0, 150.0  # straight street before and behind the bend [m]
 RUN_IN, RUN_OUT = 60.0, 20.0  # street before the path begins and behind its end [m]
 SPACING = 1.0  # between two points of the path [m]
-SHAPE_SPACING = 2.0  # between two points of the street [m]
+SHAPE_SPACING = 2.0  # between two points of the virtual road [m]
 NOTE = "A street of our own making: it stands for no place on Earth and holds nobody's map data"
 HERE = Path(__file__).parent
 
 
 def place(s: float) -> tuple[float, float]:
-    """Return x, y of the middle of the street at a distance from its beginning [m]."""
+    """Return x, y of the middle of the virtual road at a distance from its beginning [m]."""
     bend = RADIUS * TURN
     turned = min(max(s - BEFORE, 0.0), bend) / RADIUS
     straight = min(s, BEFORE)
@@ -37,7 +37,7 @@ def place(s: float) -> tuple[float, float]:
 
 
 def main() -> None:
-    """Write the street and its path."""
+    """Write the virtual road and its path."""
     length, frame = BEFORE + RADIUS * TURN + AFTER, MapFrame(projection(ORIGIN))
     shape = [place(length * n / round(length / SHAPE_SPACING)) for n in range(round(length / SHAPE_SPACING) + 1)]
 

@@ -11,7 +11,7 @@ MOVES = 0.5  # [m/s]
 
 
 def spoil() -> None:
-    """Wrap the placing and the stepping of the street."""
+    """Wrap the placing and the stepping of the virtual road."""
     from pathlib import Path
 
     from vve_sumo.world.world import World

@@ -72,12 +72,12 @@ def decode(frame: Frame, variant: Variant = Variant.DBW1_2024) -> Message | Malf
     known = _DECODERS[variant].get(identifier)
     if known is None:
         return None
-    length, unpack, understand = known
+    length, unpack, interpret = known
     if len(data) == length:
-        message: Message | Malformed = understand(*unpack(data))
+        message: Message | Malformed = interpret(*unpack(data))
         return message
     if len(data) == 4 and identifier in _CLEAR_ALONE:
-        command = understand(*unpack(data + bytes(4)))
+        command = interpret(*unpack(data + bytes(4)))
         return command if isinstance(command, Malformed) else command._replace(counter=None)
     return Malformed(identifier, "length")
 
@@ -103,8 +103,8 @@ def _decoders(variant: Variant) -> dict[int, tuple[int, Callable[..., Any], Call
     decoders: dict[int, tuple[int, Callable[..., Any], Callable[..., Any]]] = {}
     for made, signals in _SIGNALS.items():
         layout = MESSAGES[variant][made.__name__]
-        counts, understand = frame_codec.reading(layout, made, signals, zero=_REFUSED.get(made))
-        decoders[layout.id] = counts.size, counts.unpack, understand
+        counts, interpret = frame_codec.reading(layout, made, signals, zero=_REFUSED.get(made))
+        decoders[layout.id] = counts.size, counts.unpack, interpret
     return decoders
 
 

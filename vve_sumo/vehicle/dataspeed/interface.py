@@ -122,14 +122,14 @@ class DataspeedDbw1:
         reading = READINGS[self._variant].get(number)
         if reading is None:
             return ()
-        signals, understand = reading
+        signals, interpret = reading
         if len(data) != signals.size:
             return Malformed(number, "length")
         counts = signals.unpack(data)
         before = self._understood.get(number)
         if before is not None and before[0] == counts:
             return before[1]
-        report = understand(*counts)
+        report = interpret(*counts)
         if isinstance(report, Malformed):
             return report
         reports = (report,)

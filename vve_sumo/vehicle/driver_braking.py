@@ -30,7 +30,7 @@ LATCH_TORQUE: Final = 450.0  # [N m]
 LATCH_TIME: Final = 0.08  # [s]
 
 
-class DriverSigns:
+class DriverBrakingDetector:
     """Compares the reported brake torque with the commanded one, step by step."""
 
     def __init__(self, vehicle: Vehicle) -> None:

@@ -12,7 +12,7 @@ import pytest
 from tests.drive.street import drive_once
 from tests.isolated import isolated
 from tests.vehicles import FUSION
-from vve_sumo.drive.rest import REACH, Ahead, RestObserver
+from vve_sumo.drive.standstill_cause import REACH, StandstillCause, StandstillClassifier
 from vve_sumo.path import ReferencePath
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Scenario
@@ -35,7 +35,7 @@ def scenario(*demand: str) -> Scenario:
     return parse(table, Path("straight.toml"))
 
 
-def ahead(*road: tuple[str, float, float, float], demand: tuple[str, ...] = ("light",)) -> Ahead:
+def ahead(*road: tuple[str, float, float, float], demand: tuple[str, ...] = ("light",)) -> StandstillCause:
     """Return what the car stands before: `road` are names, gaps ahead of its bumper [m], offsets [m], speeds [m/s]."""
     path = ReferencePath.from_points(np.array([0.0, 300.0]), np.array([0.0, 0.0]))
     pose = Pose(0.0, Point.REAR_AXLE, STATION, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -53,28 +53,32 @@ def ahead(*road: tuple[str, float, float, float], demand: tuple[str, ...] = ("li
         radar_cross_section=np.full(len(names), 10.0),
         lateral_speed=np.zeros(len(names)),
     )
-    return RestObserver(scenario(*demand), path, FUSION.vehicle).ahead(pose, STATION, actors)
+    return StandstillClassifier(scenario(*demand), path, FUSION.vehicle).classify(pose, STATION, actors)
 
 
 def test_an_obstacle_stays_and_so_does_a_standing_actor_of_the_scenario() -> None:
-    assert ahead(("parked", 5.0, 0.0, 0.0)) is Ahead.STAYS
-    assert ahead(("lead", 5.0, 0.0, 0.0)) is Ahead.STAYS
+    assert ahead(("parked", 5.0, 0.0, 0.0)) is StandstillCause.PERMANENT
+    assert ahead(("lead", 5.0, 0.0, 0.0)) is StandstillCause.PERMANENT
 
 
 def test_traffic_moves_on_whether_it_stands_or_not_and_so_does_a_moving_actor() -> None:
-    assert ahead(("sedan.7", 5.0, 0.0, 0.0)) is Ahead.MOVES_ON
-    assert ahead(("sedan.7", 5.0, 0.0, 3.0)) is Ahead.MOVES_ON
-    assert ahead(("lead", 5.0, 0.0, 1.4)) is Ahead.MOVES_ON
+    assert ahead(("sedan.7", 5.0, 0.0, 0.0)) is StandstillCause.TEMPORARY
+    assert ahead(("sedan.7", 5.0, 0.0, 3.0)) is StandstillCause.TEMPORARY
+    assert ahead(("lead", 5.0, 0.0, 1.4)) is StandstillCause.TEMPORARY
 
 
 def test_the_nearest_in_the_strip_decides() -> None:
-    assert ahead(("sedan.7", 3.0, 0.0, 0.0), ("parked", 15.0, 0.0, 0.0)) is Ahead.MOVES_ON
-    assert ahead(("parked", 3.0, 0.0, 0.0), ("sedan.7", 15.0, 0.0, 8.0)) is Ahead.STAYS
-    assert ahead(("sedan.7", 3.0, 3.5, 8.0), ("parked", 5.0, 0.0, 0.0)) is Ahead.STAYS
+    assert ahead(("sedan.7", 3.0, 0.0, 0.0), ("parked", 15.0, 0.0, 0.0)) is StandstillCause.TEMPORARY
+    assert ahead(("parked", 3.0, 0.0, 0.0), ("sedan.7", 15.0, 0.0, 8.0)) is StandstillCause.PERMANENT
+    assert ahead(("sedan.7", 3.0, 3.5, 8.0), ("parked", 5.0, 0.0, 0.0)) is StandstillCause.PERMANENT
 
 
-@pytest.mark.parametrize(("demand", "nothing"), [(("light",), Ahead.TRAFFIC), ((), Ahead.NOTHING)])
-def test_nothing_is_ahead_beside_the_strip_too_far_away_or_behind(demand: tuple[str, ...], nothing: Ahead) -> None:
+@pytest.mark.parametrize(
+    ("demand", "nothing"), [(("light",), StandstillCause.CLEAR_WITH_TRAFFIC), ((), StandstillCause.CLEAR)]
+)
+def test_nothing_is_ahead_beside_the_strip_too_far_away_or_behind(
+    demand: tuple[str, ...], nothing: StandstillCause
+) -> None:
     assert ahead(demand=demand) is nothing
     assert ahead(("sedan.7", 5.0, 3.5, 0.0), demand=demand) is nothing
     assert ahead(("sedan.7", REACH + 0.1, 0.0, 0.0), demand=demand) is nothing
@@ -85,9 +89,9 @@ def test_a_car_whose_place_is_unknown_stands_before_nothing() -> None:
     path = ReferencePath.from_points(np.array([0.0, 300.0]), np.array([0.0, 0.0]))
     pose = Pose(0.0, Point.REAR_AXLE, STATION, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     empty = Actors(0.0, (), *(np.empty(0) for _ in range(8)))
-    observer = RestObserver(scenario(), path, FUSION.vehicle)
-    assert observer.ahead(None, STATION, empty) is Ahead.NOTHING
-    assert observer.ahead(pose, math.nan, empty) is Ahead.NOTHING
+    observer = StandstillClassifier(scenario(), path, FUSION.vehicle)
+    assert observer.classify(None, STATION, empty) is StandstillCause.CLEAR
+    assert observer.classify(pose, math.nan, empty) is StandstillCause.CLEAR
 
 
 def test_a_drive_goes_on_after_a_rest_for_a_car_that_crossed() -> None:

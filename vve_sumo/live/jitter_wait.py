@@ -11,11 +11,11 @@ from typing import Final
 
 from vve_sumo.timing import MAX_STEP_INTERVAL, MIN_STEP_INTERVAL, PERIOD
 
-SECOND: Final = 1.0  #: time that must pass without a late wake-up [s]
+CALM_TIME: Final = 1.0  #: time that must pass without a late wake-up [s]
 #: a later wake-up counts as late [s]. While it waits for a late setpoint, the gateway may itself be woken 10 ms late
 #: before its own clock stops the car; this is half of it
-LATE: Final = 0.005
-PATIENCE: Final = 30.0  #: time without a calm second after which nobody waits for one any more [s]
+MAX_WAKE_UP_LATENESS: Final = 0.005
+CALM_TIMEOUT: Final = 30.0  #: time without a calm second after which nobody waits for one any more [s]
 
 
 def gateway_lateness(before: float, step: float, handed: float) -> float:
@@ -35,19 +35,19 @@ class JitterWait:
     def __init__(self) -> None:
         self._wake_ups: deque[tuple[float, float]] = deque()  # of the last second: when, and how late [s]
         self._begun = math.nan  # when the first was observed [s]
-        self._told = ""  # the last news
+        self._last_news = ""  # the last news
         self.waits = True  #: whether to wait still
-        self.given_up = False  #: the wait is over because PATIENCE has passed
+        self.given_up = False  #: the wait is over because CALM_TIMEOUT has passed
 
     def observe(self, now: float, late: float) -> None:
         """Take a wake-up at time `now` [s], which does not run backwards, that was `late` [s]."""
         if not self._begun <= now:
             self._begun = now
         self._wake_ups.append((now, late))
-        while self._wake_ups[0][0] <= now - SECOND:
+        while self._wake_ups[0][0] <= now - CALM_TIME:
             self._wake_ups.popleft()
-        calm = now - self._begun >= SECOND and self.worst <= LATE
-        self.given_up |= self.waits and not calm and now - self._begun >= PATIENCE
+        calm = now - self._begun >= CALM_TIME and self.worst <= MAX_WAKE_UP_LATENESS
+        self.given_up |= self.waits and not calm and now - self._begun >= CALM_TIMEOUT
         self.waits &= not calm and not self.given_up
 
     @property
@@ -56,18 +56,20 @@ class JitterWait:
         return max((late for _, late in self._wake_ups), default=0.0)
 
     @property
-    def words(self) -> str:
+    def worst_text(self) -> str:
         """How late the worst wake-up of the last second was, in words; empty while none was late."""
-        return f"worst wake-up {1e3 * self.worst:.0f} ms in the last second" if self.worst > LATE else ""
+        return (
+            f"worst wake-up {1e3 * self.worst:.0f} ms in the last second" if self.worst > MAX_WAKE_UP_LATENESS else ""
+        )
 
     def news(self) -> str:
         """Return a line for the operator, once for the begin of the wait and once where it was given up; else empty."""
         news = ""
         if self.given_up:
-            news = f"no calm second in {PATIENCE:.0f} s: the simulated vehicle drives all the same"
-        elif self.waits and self.words and not self._told:
-            news = f"waiting for a calm second: {self.words}; close other programs"
-        if news in ("", self._told):
+            news = f"no calm second in {CALM_TIMEOUT:.0f} s: the simulated vehicle drives all the same"
+        elif self.waits and self.worst_text and not self._last_news:
+            news = f"waiting for a calm second: {self.worst_text}; close other programs"
+        if news in ("", self._last_news):
             return ""
-        self._told = news
+        self._last_news = news
         return news

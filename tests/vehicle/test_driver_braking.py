@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from tests import vehicles
-from vve_sumo.vehicle.driver_signs import DriverSigns
+from vve_sumo.vehicle.driver_braking import DriverBrakingDetector
 
 #: its torque is explained for 0.15 s, the delay and three lags after a command: 0.395 s
 BRAKES = replace(vehicles.FUSION.vehicle, brake_delay=0.095, brake_lag=0.05)
@@ -15,7 +15,7 @@ BRAKES = replace(vehicles.FUSION.vehicle, brake_delay=0.095, brake_lag=0.05)
 
 def signs(*steps: tuple[float, float, float, float]) -> list[bool]:
     """Whether a foot shows at each of several steps: time [s], torque commanded, reported, and the foot's [N m]."""
-    compared, then, shown = DriverSigns(BRAKES), steps[0][0], []
+    compared, then, shown = DriverBrakingDetector(BRAKES), steps[0][0], []
     for now, commanded, reported, foot in steps:
         shown.append(compared.step(now, now - then, commanded, reported, foot))
         then = now
@@ -24,7 +24,7 @@ def signs(*steps: tuple[float, float, float, float]) -> list[bool]:
 
 def latches(*steps: tuple[float, float, float, float]) -> list[bool]:
     """Whether the brakes are taken to be latched after each of several steps."""
-    compared, then, latched = DriverSigns(BRAKES), steps[0][0], []
+    compared, then, latched = DriverBrakingDetector(BRAKES), steps[0][0], []
     for now, commanded, reported, foot in steps:
         compared.step(now, now - then, commanded, reported, foot)
         latched.append(compared.brakes_latched)
@@ -86,7 +86,7 @@ def test_nothing_is_explained_before_the_first_command() -> None:
 
 
 def test_what_was_before_a_reset_does_not_count() -> None:
-    compared = DriverSigns(BRAKES)
+    compared = DriverBrakingDetector(BRAKES)
     compared.step(0.0, 0.0, 0.0, 800.0, 0.0)
     compared.reset()
     assert not compared.step(0.08, 0.08, 0.0, 800.0, 0.0)

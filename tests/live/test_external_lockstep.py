@@ -1,4 +1,4 @@
-"""A foreign brain in lockstep over real UDP: its record is the same every time; one that is silent stops the car."""
+"""An external controller in lockstep over real UDP: always the same record; a silent one stops the car."""
 
 from __future__ import annotations
 
@@ -75,11 +75,11 @@ def test_the_record_says_that_a_foreign_brain_decided_and_cannot_be_asked_again(
     assert Run(tmp_path / "one").brain == "setpoints"
     replayed = command("replay", "one", cwd=tmp_path)
     assert replayed.returncode == 1
-    assert "a foreign brain decided, which cannot be asked again" in replayed.stdout
+    assert "an external controller decided, which cannot be asked again" in replayed.stdout
     assert command("redrive", "one", "--controller", "follow_and_stop", cwd=tmp_path).returncode == 0
     assert command("report", "one", cwd=tmp_path).returncode == 0
     page = (tmp_path / "one" / "report.html").read_text(encoding="utf-8")
-    assert "a foreign brain (setpoints)" in page
+    assert "an external controller (setpoints)" in page
     assert "vve-sumo replay one" not in page
     assert "--controller follow_and_stop" not in page
 
@@ -164,7 +164,7 @@ def test_a_recorded_drive_has_no_brain(tmp_path: Path) -> None:
     done = command("drive", "parked_car", *SHORT, "--pose", "walk.csv", "--out", "none", cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr.strip().endswith(
-        "--pose: a recorded drive has no external brain, and brain.kind of the rig is 'setpoints'; "
+        "--pose: a recorded drive has no external controller, and brain.kind of the rig is 'setpoints'; "
         "leave out one of --pose and --rig"
     )
     assert not (tmp_path / "none").exists()

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vve_sumo.live.calm import LATE, PATIENCE, SECOND, JitterWait, gateway_lateness
+from vve_sumo.live.jitter_wait import CALM_TIME, CALM_TIMEOUT, MAX_WAKE_UP_LATENESS, JitterWait, gateway_lateness
 
 UNIT = 2.0**-10  #: of time [s]; a power of two, so that sums and differences are exact
 #: time since the wake-up before [UNIT], and how late it was [ms]
@@ -23,10 +23,10 @@ def test_the_wait_is_over_after_a_second_without_a_late_wake_up_or_its_patience(
         now += elapsed
         seen.append((now, late))
         calm.observe(now * UNIT, late / 1000.0)
-        within = [late for when, late in seen if when * UNIT > now * UNIT - SECOND]
-        if (now - seen[0][0]) * UNIT >= SECOND and max(within) <= 1000.0 * LATE:
+        within = [late for when, late in seen if when * UNIT > now * UNIT - CALM_TIME]
+        if (now - seen[0][0]) * UNIT >= CALM_TIME and max(within) <= 1000.0 * MAX_WAKE_UP_LATENESS:
             waits = False
-        elif waits and (now - seen[0][0]) * UNIT >= PATIENCE:
+        elif waits and (now - seen[0][0]) * UNIT >= CALM_TIMEOUT:
             waits, given_up = False, True
         assert calm.worst == max(within) / 1000.0
         assert (calm.waits, calm.given_up) == (waits, given_up)
@@ -60,18 +60,18 @@ def test_nothing_is_known_before_the_first_wake_up() -> None:
 
 def lines(late: float, seconds: float) -> list[str]:
     """Return what the operator is told while every wake-up is `late` [s] for so long."""
-    calm, told = JitterWait(), []
+    calm, reported = JitterWait(), []
     for tick in range(round(seconds / 0.02)):
         calm.observe(0.02 * tick, late)
-        told += filter(None, [calm.news()])
-    return told
+        reported += filter(None, [calm.news()])
+    return reported
 
 
 def test_the_operator_is_told_once_what_is_waited_for_and_once_that_it_is_given_up() -> None:
     assert lines(0.001, 100.0) == []
     waiting = "waiting for a calm second: worst wake-up 14 ms in the last second; close other programs"
-    assert lines(0.014, PATIENCE - 1.0) == [waiting]
-    assert lines(0.014, 3.0 * PATIENCE) == [
+    assert lines(0.014, CALM_TIMEOUT - 1.0) == [waiting]
+    assert lines(0.014, 3.0 * CALM_TIMEOUT) == [
         waiting,
         "no calm second in 30 s: the simulated vehicle drives all the same",
     ]

@@ -1,4 +1,4 @@
-"""A foreign brain in a drive in lockstep: the wires of a rig opened, and what stands in the controller's place.
+"""An external controller in a drive in lockstep: the wires of a rig opened, and what stands in the controller's place.
 
 It joins a rig to `drive.brain`; it must not know how a drive is run. A link of another make, such as one that alters
 what is on the wires, takes the place of `open_link`'s.
@@ -40,8 +40,8 @@ def open_link(rig: Rig, resolved: ResolvedScenario, key: bytes) -> WiredLink:
     return WiredLink(*open_wires(rig, resolved, key), rig.brain.deadline_s)
 
 
-def brain_over(link: Link, rig: Rig, resolved: ResolvedScenario, working: Path) -> ExternalController:
-    """Return the brain that is reached over a link, for `drive.run.run`; every tick waits for its answer.
+def external_controller_over(link: Link, rig: Rig, resolved: ResolvedScenario, working: Path) -> ExternalController:
+    """Return the external controller at the end of a link, for `drive.run.run`; every tick waits for its answer.
 
     Raises ConfigError for a key file that cannot be read.
     """
@@ -50,11 +50,13 @@ def brain_over(link: Link, rig: Rig, resolved: ResolvedScenario, working: Path) 
 
 
 @contextmanager
-def brain_of(rig: Rig, resolved: ResolvedScenario, working: Path) -> Iterator[ExternalController | None]:
-    """Give the brain of a rig for a drive in lockstep; None for a rig without outputs, where nobody is told anything.
+def open_external_controller(
+    rig: Rig, resolved: ResolvedScenario, working: Path
+) -> Iterator[ExternalController | None]:
+    """Give the external controller of a rig for a drive in lockstep; None for a rig without outputs.
 
-    Raises ConfigError for an external brain, which commands a car in real time; VveError for what cannot be opened
-    and for a key file that cannot be read.
+    Raises ConfigError where `brain.kind` is `external`: such a controller commands a car in real time. Raises VveError
+    for what cannot be opened and for a key file that cannot be read.
     """
     if rig.brain.kind == "external":
         raise ConfigError(
@@ -66,6 +68,6 @@ def brain_of(rig: Rig, resolved: ResolvedScenario, working: Path) -> Iterator[Ex
         return
     link = open_link(rig, resolved, key_of(rig.brain, working))
     try:
-        yield brain_over(link, rig, resolved, working)
+        yield external_controller_over(link, rig, resolved, working)
     finally:
         link.close()

@@ -18,25 +18,25 @@ REACH = 30.0
 STANDING = 0.2
 
 
-class Ahead(enum.Enum):
+class StandstillCause(enum.Enum):
     """What a car at rest stands before."""
 
-    STAYS = enum.auto()  #: an obstacle, or a standing actor of the scenario
-    MOVES_ON = enum.auto()  #: a vehicle or person of the traffic, standing or not, or a moving actor of the scenario
-    TRAFFIC = enum.auto()  #: nothing, on a road with traffic, which may have passed ahead a moment ago
-    NOTHING = enum.auto()  #: nothing, on a road without traffic
+    PERMANENT = enum.auto()  #: an obstacle, or a standing actor of the scenario
+    TEMPORARY = enum.auto()  #: a vehicle or person of the traffic, standing or not, or a moving actor of the scenario
+    CLEAR_WITH_TRAFFIC = enum.auto()  #: nothing, on a road with traffic, which may have passed ahead a moment ago
+    CLEAR = enum.auto()  #: nothing, on a road without traffic
 
 
-class RestObserver:
+class StandstillClassifier:
     """Looks ahead of the car along its path, in the strip that the car covers."""
 
     def __init__(self, scenario: Scenario, path: ReferencePath, vehicle: Vehicle) -> None:
         self._path, self._vehicle = path, vehicle
         self._obstacles = frozenset(one.id for one in scenario.obstacles)
         self._actors = frozenset(one.id for one in scenario.actors)
-        self._nothing = Ahead.TRAFFIC if scenario.road.demand else Ahead.NOTHING
+        self._nothing = StandstillCause.CLEAR_WITH_TRAFFIC if scenario.road.demand else StandstillCause.CLEAR
 
-    def ahead(self, pose: Pose | None, station: float, actors: Actors) -> Ahead:
+    def classify(self, pose: Pose | None, station: float, actors: Actors) -> StandstillCause:
         """Return what a car at rest with its rear axle at `pose` stands before.
 
         `station` [m] is the rear axle's s along the path, NaN where it is unknown; `actors` are those of the tick.
@@ -49,6 +49,6 @@ class RestObserver:
         if not name or not lead.gap[0] <= REACH:
             return self._nothing
         if name in self._obstacles:
-            return Ahead.STAYS
+            return StandstillCause.PERMANENT
         stands = abs(float(actors.speed[actors.ids.index(name)])) < STANDING
-        return Ahead.STAYS if name in self._actors and stands else Ahead.MOVES_ON
+        return StandstillCause.PERMANENT if name in self._actors and stands else StandstillCause.TEMPORARY
