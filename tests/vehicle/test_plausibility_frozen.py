@@ -40,9 +40,9 @@ def test_a_gyroscope_that_does_not_change_while_the_receiver_sees_a_turn(change,
 @pytest.mark.parametrize(("change", "found"), [(0.029, False), (0.031, True)])
 def test_a_steering_report_that_does_not_change_while_it_is_told_to(change, found, sign):
     drive = Drive()
-    output(drive, 0.0, 0.001)  # it moved once since it is told anything
-    assert not any(output(drive, 0.0) for _ in range(50))
-    seen = [output(drive, sign * change) for _ in range(60)]
+    found_frozen(drive, 0.0, 0.001)  # it moved once since it is told anything
+    assert not any(found_frozen(drive, 0.0) for _ in range(50))
+    seen = [found_frozen(drive, sign * change) for _ in range(60)]
     assert seen.index(True) == 25 if found else not any(seen)
 
 
@@ -86,19 +86,19 @@ def test_the_bias_of_a_frozen_gyroscope_neither_hides_it_nor_betrays_it(change, 
 def test_a_steering_report_to_which_the_command_comes_back_is_not_frozen(left, found, sign):
     """The report, 0, last changed as the command was 0.08 rad off."""
     drive = Drive()
-    output(drive, sign * 0.08, 0.001)
-    assert not any(output(drive, sign * 0.08) for _ in range(10))
-    seen = [output(drive, sign * left) for _ in range(60)]
+    found_frozen(drive, sign * 0.08, 0.001)
+    assert not any(found_frozen(drive, sign * 0.08) for _ in range(10))
+    seen = [found_frozen(drive, sign * left) for _ in range(60)]
     assert seen.index(True) == 25 if found else not any(seen)
 
 
 def test_what_was_told_before_a_silence_is_not_compared_with_what_is_told_after_it():
     drive = Drive()
-    output(drive, 0.0, 0.001)
-    assert not any(output(drive, angle) for angle in [0.0] * 50 + [math.nan] + [0.05] * 60)
+    found_frozen(drive, 0.0, 0.001)
+    assert not any(found_frozen(drive, angle) for angle in [0.0] * 50 + [math.nan] + [0.05] * 60)
 
 
-def output(drive: Drive, angle: float, reported: float = 0.0) -> bool:
+def found_frozen(drive: Drive, angle: float, reported: float = 0.0) -> bool:
     drive._tick()
     motion = CarMotion(10.0, 0.0, reported, (float(drive.ticks),), angle, False)
     drive.x += 10.0 * STEP * math.cos(drive.heading)
