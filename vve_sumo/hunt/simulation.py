@@ -229,7 +229,7 @@ class EpisodeDrive:
 
     def hand_over(self, now: float, setpoint: Setpoint | None) -> GatewayStatus:
         """Run one gateway step on what reaches it of a setpoint, and on the car's newest reports."""
-        self._said = self.operator.command(now, self._status, self._car.truth().speed)
+        self._said = self.operator.command(now, self._status, self._car.speed)
         sent = self._brain.sent(now, setpoint)
         output = self.gateway.step(now, sent, self._reports, self._said)
         self.operator.observe(self._said, output.status)

@@ -71,7 +71,8 @@ class FeasibleSet:
             beyond = [sign * (a * p + b * q - difference) - allowed for a, b in self._corners]
             if min(beyond) > 0.0:
                 return False
-            self._cut(beyond)
+            if max(beyond) > 0.0:
+                self._cut(beyond)
         return True
 
     def _cut(self, values: list[float]) -> None:
