@@ -129,8 +129,8 @@ class Geofence:
         """Return ("geofence_breach",) unless the car comes to rest inside the lot from this pose, whoever stops it.
 
         `pose` is the rear axle's in the street's map, `steering` the road-wheel angle that the car reports [rad, left
-        positive], `fallback_path` the one that the setpoint carries, None for none; a deferred one is computed only near
-        an edge. `driven` is the way since the receiver was first compared with the car [m], `requested` the least and
+        positive], `fallback_path` the one that the setpoint carries, None for none; near an edge a deferred one is
+        computed. `driven` is the way since the receiver was first compared with the car [m], `requested` the least and
         the greatest road-wheel angle that the latest setpoints asked for [rad], by default the reported one. A value
         that is not finite is a breach.
         """
