@@ -144,7 +144,9 @@ class HoldMonitor:
 
 def added(excess: float, more: float) -> float:
     """Return the cumulative sum, never below zero; NaN and +inf add nothing, -inf resets it to zero."""
-    total = excess + more
-    if total < 0.0 or more == -math.inf:
+    if more == -math.inf:
         return 0.0
-    return total if math.isfinite(more) else excess
+    if not math.isfinite(more):
+        return excess
+    total = excess + more
+    return 0.0 if total < 0.0 else total
