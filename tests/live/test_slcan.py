@@ -81,6 +81,20 @@ def test_our_own_bus_opens_it(adapter):
         assert [one and one[1] for one in got] == [Frame(0x61, b""), Frame(0x65, bytes(8))]
 
 
+def test_frames_cross_to_our_own_bus_and_back_bit_identical(adapter):
+    frames = [Frame(0x7FF - 13 * n, bytes(range(n % 9))) for n in range(100)]
+    with Bus("slcan", adapter.name) as bus:
+        adapter.receive()
+        adapter.send(frames[:50])
+        came: list[Frame] = []
+        until(lambda: came.extend(bus.drain()) or len(came) >= 50, 5.0)
+        assert came == frames[:50]
+        assert bus.drain() == []
+        for frame in frames[50:]:
+            bus.send(frame)
+        assert taken(adapter, len(frames[50:])) == frames[50:]
+
+
 def test_what_a_frame_cannot_hold_is_acknowledged_and_goes_nowhere(adapter):
     with python_can(adapter) as bus:
         for message in (

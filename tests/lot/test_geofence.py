@@ -18,7 +18,7 @@ from vve_sumo.lot.polygon import Lot
 from vve_sumo.lot.turning import Turning
 from vve_sumo.path import ReferencePath
 from vve_sumo.physical_constants import GRAVITY
-from vve_sumo.values import FallbackPath, Point, Pose
+from vve_sumo.values import DeferredFallbackPath, FallbackPath, Point, Pose
 
 VEHICLE = vehicles.FUSION.vehicle
 GATEWAY, WATCHDOG = StopModel(2.4, 0.16, 0.48, 0.25), StopModel(2.5, 0.22, 0.0, 0.25)
@@ -255,3 +255,19 @@ def test_a_bend_is_checked_at_the_speed_that_it_allows() -> None:
     assert max(in_bend) <= math.sqrt(3.0 * 10.0) + 0.5
     assert 6.0 < fastest < 15.0
     assert places[0].pose.speed == 0.0
+
+
+def test_a_deferred_fallback_path_is_computed_only_near_an_edge_and_judged_there_like_any_other() -> None:
+    astray, straight = FallbackPath(1.0, (0.15,) * 32), FallbackPath(1.0, (0.0,) * 32)
+    fence, computed = geofence(Lot(LANE)), []
+
+    def deferred(path: FallbackPath) -> DeferredFallbackPath:
+        return DeferredFallbackPath(lambda: computed.append(path) or path)
+
+    assert fence.check(pose(40.0), 0.0, deferred(astray)) == ()
+    assert not computed
+    for path in (astray, straight):
+        near = pose(40.0, 24.0)
+        assert fence.check(near, 0.0, deferred(path)) == fence.check(near, 0.0, path)
+        assert computed.pop() is path
+    assert fence.check(near, 0.0, astray) != fence.check(near, 0.0, straight)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vve_sumo.errors import ConfigError
@@ -43,9 +43,24 @@ def test_discs_agree_with_distances_by_hand(x: float, y: float, radius: float) -
         assert room <= radius + 2e-3
 
 
+WALKS = st.lists(st.tuples(st.floats(-6.0, 6.0), st.floats(-6.0, 6.0), st.floats(0.0, 8.0)), min_size=2, max_size=12)
+
+
+@settings(deadline=None)
+@given(begin=st.tuples(st.floats(1.0, 39.0), st.floats(1.0, 39.0)), walk=WALKS)
+def test_a_lot_answers_for_each_disc_as_one_that_was_asked_for_no_other(
+    begin: tuple[float, float], walk: list[tuple[float, float, float]]
+) -> None:
+    (x, y), lot = begin, Lot(SQUARE, [POLE], margin=1.0)
+    for dx, dy, radius in [(0.0, 0.0, 0.0), *walk]:
+        x, y = x + dx, y + dy
+        assert lot.holds_disc(x, y, radius) == Lot(SQUARE, [POLE], margin=1.0).holds_disc(x, y, radius)
+
+
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_what_is_not_finite_lies_nowhere(bad: float) -> None:
     lot = Lot(SQUARE)
+    assert lot.holds_disc(10.0, 10.0, 1.0)
     assert not lot.holds(np.concatenate((box(10.0, 10.0), box(bad, 10.0))))
     assert not lot.holds_disc(bad, 10.0, 1.0)
     assert lot.clearance(box(bad, 10.0)) == -math.inf

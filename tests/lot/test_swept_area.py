@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests import vehicles
+from vve_sumo.lot.geofence import GROWN_CORNER
 from vve_sumo.lot.swept_area import Body, as_pairs, fan, relaxing, trail
 
 BODY = Body.of(vehicles.FUSION.vehicle)
@@ -26,6 +27,15 @@ def union(shapes: np.ndarray) -> shapely.Geometry:
 def outside(ground: shapely.Geometry, places: np.ndarray) -> float:
     """Largest distance of complex places from a ground [m]."""
     return float(shapely.distance(ground, shapely.points(places.real, places.imag)).max())
+
+
+@given(st.floats(0.5, 6.0), st.floats(0.0, 3.0), st.floats(0.2, 2.0), st.floats(0.0, 100.0))
+def test_no_corner_of_a_grown_body_is_farther_out_than_the_geofence_takes_it_to_be(
+    front: float, rear: float, half: float, by: float
+) -> None:
+    corners = np.array([front + 1j * half, -rear + 1j * half, -rear - 1j * half, front - 1j * half])
+    body = Body(corners, float(np.abs(corners).max()))
+    assert body.grown(by).reach <= body.reach + GROWN_CORNER * by
 
 
 def driven(curvature: np.ndarray, step: float) -> np.ndarray:

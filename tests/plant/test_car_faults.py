@@ -9,7 +9,9 @@ import pytest
 
 from tests.plant.faulty_ride import AT, PARAMETERS, Ride, fault, lively, straight
 from tests.plant.test_car import EPOCH, LOT, START
+from vve_sumo.plant.car import HEALTHY
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
+from vve_sumo.plant.fault_injector import ACTUATOR_KINDS
 from vve_sumo.plant.injected_faults import DRIVER_ACTIONS, KINDS, FaultClock, InjectedFault
 from vve_sumo.vehicle.dataspeed.messages import BrakeInfo, BrakeReport, GearReport, SteeringReport, ThrottleReport
 from vve_sumo.vehicle.interface import PEDAL_REST, Gear
@@ -33,6 +35,23 @@ def test_weak_brakes_slow_the_car_by_their_share_and_believe_more(share):
     assert (speeds[3.5] - speeds[3.6]) / 0.1 == pytest.approx(expected - creep, abs=0.03)
     (believed,) = {info.torque_actual for time, info in ride.said(BrakeInfo) if 3.5 < time < 3.6}
     assert believed == pytest.approx(600.0, abs=4.0)
+
+
+@pytest.mark.parametrize("kind", [*ACTUATOR_KINDS, "steering_stuck", "dbw_dropout"])
+def test_other_faults_injected_in_place_of_one_restore_what_it_broke(kind):
+    seeds = np.random.SeedSequence
+    faults = [InjectedFault(kind, 0.0, 9.0, clock=FaultClock.DRIVE)]
+    car = FaultInjectedCar(PARAMETERS, START, LOT, EPOCH, seeds(1), faults, seeds(0))
+    car.step(0.1, [])
+
+    def broken() -> bool:
+        return any(module.broken for module in car.car.interface.controller.modules)  # type: ignore[attr-defined]
+
+    assert broken() or car.car.actuator_faults != HEALTHY
+    car.inject([InjectedFault("pose_lost", 0.0, 9.0)])
+    car.step(0.2, [])
+    assert not broken()
+    assert car.car.actuator_faults == HEALTHY
 
 
 def test_the_drivers_foot_gets_all_of_the_brakes():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import os
 from collections.abc import Iterator, Sequence
@@ -110,6 +111,16 @@ def test_an_unlocked_fix_between_locked_ones_is_dated_by_them_and_refused_by_the
     dated = dater.date(received, fix)
     assert isinstance(dated, Fix)
     assert gate.step(received, dated).reasons == ("status_not_locked",)
+
+
+def test_nothing_of_a_fix_is_changed_but_its_time() -> None:
+    sent = replace(
+        GOOD, **{one.name: 0.001 * n for n, one in enumerate(dataclasses.fields(Fix)) if one.type == "float"}
+    )
+    dated = FixDater(DELAY, 0.0).date(5.0, sent)
+    assert isinstance(dated, Fix)
+    assert dated.time != sent.time
+    assert replace(dated, time=sent.time) == sent
 
 
 def test_a_locked_fix_that_is_ahead_has_no_date_and_no_number_is_no_time() -> None:

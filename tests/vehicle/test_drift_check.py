@@ -35,6 +35,31 @@ def test_what_is_left_to_explain_is_what_a_linear_programme_finds(seed: int, cou
             break
 
 
+class CutAlways(FeasibleSet):
+    """Cuts at both sides of every band, also where nothing is taken away."""
+
+    __slots__ = ()
+
+    def explain(self, difference: float, p: float, q: float, allowed: float) -> bool:
+        for sign in (1.0, -1.0):
+            beyond = [sign * (a * p + b * q - difference) - allowed for a, b in self._corners]
+            if min(beyond) > 0.0:
+                return False
+            self._cut(beyond)
+        return True
+
+
+@given(st.integers(0, 2**31), st.floats(0.2, 30.0))
+def test_cuts_that_are_left_out_would_take_nothing_away(seed: int, growth: float) -> None:
+    random = np.random.default_rng(seed)
+    quick, full = FeasibleSet(0.004, 1.0), CutAlways(0.004, 1.0)
+    for n in range(30):
+        p, q = growth * n, random.uniform(-0.3, 0.3)
+        difference = 0.001 * p + 0.3 * q + random.uniform(-0.1, 0.1)
+        assert quick.explain(difference, p, q, 0.1) is full.explain(difference, p, q, 0.1)
+        assert quick._corners == full._corners
+
+
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("field", DriftSample._fields)
 def test_a_sample_that_is_not_finite_is_not_explained(field: str, bad: float) -> None:

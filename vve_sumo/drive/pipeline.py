@@ -40,7 +40,6 @@ from vve_sumo.values import (
     SensorOutput,
     Setpoint,
     Vehicle,
-    resolve_fallback_path,
 )
 
 #: greatest difference of a tick's time from the time for which its fallback path was prepared [s]; else prepared anew
@@ -299,7 +298,7 @@ class Pipeline:
         requested = (min(self._requested), max(self._requested)) if self._requested else None
         # The gateway compares the receiver with the car from the first setpoint on, however the car drives.
         driven = max(self._s, self._way)
-        return fallback, self._geofence.check(pose, steering, resolve_fallback_path(fallback), driven, requested)
+        return fallback, self._geofence.check(pose, steering, fallback, driven, requested)
 
     def front_bumper_at(self, time: float) -> Pose | None:
         """Return the front bumper's pose to request of SUMO for drive time `time` [s]; None before a trusted fix."""

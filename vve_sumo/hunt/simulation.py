@@ -26,6 +26,7 @@ from vve_sumo.hunt.empty_road import EmptyRoad
 from vve_sumo.hunt.episode import KEYS, Action, RoadConditions
 from vve_sumo.hunt.truth import TruthSample, WitnessedInterface
 from vve_sumo.live.wording import phase
+from vve_sumo.lot.fallback import deferred_fallback_path
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
 from vve_sumo.plant.injected_faults import KINDS, START_SPEED, VALUES
 from vve_sumo.pose.receivers.port import standard
@@ -164,7 +165,8 @@ class EpisodeDrive:
         placement = Placement(frame, self.alignment, resolved.model.mounting, DEFAULT_EPOCH)
         geofence = meaning.geofence_of(rig, self.alignment)
         pose = PoseInput(standard().decoder(), DRIVE, placement, DEFAULT_EPOCH, geofence=geofence)
-        pipeline = build_pipeline(resolved, pose, course.working, around=self._around)
+        # The gateway is in this process: a fallback path is computed when a stop or the geofence needs it.
+        pipeline = build_pipeline(resolved, pose, course.working, fallback=deferred_fallback_path, around=self._around)
         model = resolved.model
         self.parameters = car_parameters(resolved)
         self._witness = WitnessedInterface(load(model.interface))
@@ -229,7 +231,7 @@ class EpisodeDrive:
 
     def hand_over(self, now: float, setpoint: Setpoint | None) -> GatewayStatus:
         """Run one gateway step on what reaches it of a setpoint, and on the car's newest reports."""
-        self._said = self.operator.command(now, self._status, self._car.truth().speed)
+        self._said = self.operator.command(now, self._status, self._car.speed)
         sent = self._brain.sent(now, setpoint)
         output = self.gateway.step(now, sent, self._reports, self._said)
         self.operator.observe(self._said, output.status)

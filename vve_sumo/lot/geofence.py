@@ -21,11 +21,13 @@ from vve_sumo.lot.swept_area import Body, Complexes, as_pairs, fan, relaxing, tr
 from vve_sumo.lot.turning import Turning
 from vve_sumo.path import EXTENSION, SAMPLE_SPACING, ReferencePath
 from vve_sumo.physical_constants import GRAVITY
-from vve_sumo.values import FallbackPath, Floats, Point, Pose, Vehicle
+from vve_sumo.values import DeferredFallbackPath, FallbackPath, Floats, Point, Pose, Vehicle, resolve_fallback_path
 
 GEOFENCE_BREACH: Final = ("geofence_breach",)
 #: a fallback path with more knots is refused [-]; the gateway takes no more than 64
 MAX_KNOTS: Final = 200
+#: by how much a corner moves out at most where every side does by 1, and more than rounding can take from it
+GROWN_CORNER: Final = 1.415
 #: how fast and up to what setpoints may ask for more acceleration, where the limits say nothing else; ISO 15622
 JERK, ACCELERATION = 5.0, 2.0  # [m/s3], [m/s2]
 #: a shorter rise counts as 0 [s], its jerk would be too large to compute with
@@ -120,24 +122,30 @@ class Geofence:
         self,
         pose: Pose,
         steering: float,
-        fallback_path: FallbackPath | None,
+        fallback_path: FallbackPath | DeferredFallbackPath | None,
         driven: float = 0.0,
         requested: tuple[float, float] | None = None,
     ) -> tuple[str, ...]:
         """Return ("geofence_breach",) unless the car comes to rest inside the lot from this pose, whoever stops it.
 
-        `pose` is the rear axle's in the virtual road's map, `steering` the road-wheel angle that the car reports [rad,
-        left positive], `fallback_path` the one that the setpoint carries, None for none. `driven` is the way since the
-        receiver was first compared with the car [m], `requested` the least and the greatest road-wheel angle that the
-        latest setpoints asked for [rad], by default the reported one. A value that is not finite is a breach.
+        `pose` is the rear axle's in the virtual road's map, `steering` the road-wheel angle that the car reports [rad, left
+        positive], `fallback_path` the one that the setpoint carries, None for none; near an edge a deferred one is
+        computed. `driven` is the way since the receiver was first compared with the car [m], `requested` the least and
+        the greatest road-wheel angle that the latest setpoints asked for [rad], by default the reported one. A value
+        that is not finite is a breach.
         """
         distances = self._distances(pose, steering + driven + sum(requested or ()))
         if distances is None:
             return GEOFENCE_BREACH
-        placed, body = self._to_lot.apply(pose), self._body.grown(self._drift(driven))
-        if self.lot.holds_disc(placed.x, placed.y, max(map(abs, distances)) + body.reach):
+        placed, drift, farthest = self._to_lot.apply(pose), self._drift(driven), max(map(abs, distances))
+        # No corner of the grown body is farther out than this. So a car in the open costs next to nothing.
+        if self.lot.holds_disc(placed.x, placed.y, farthest + self._body.reach + GROWN_CORNER * drift):
             return ()
-        shapes = self._shapes(body, pose.speed, distances, steering, fallback_path, requested)
+        body = self._body.grown(drift)
+        if self.lot.holds_disc(placed.x, placed.y, farthest + body.reach):
+            return ()
+        way = resolve_fallback_path(fallback_path)
+        shapes = self._shapes(body, pose.speed, distances, steering, way, requested)
         if shapes is None or not self.lot.holds(as_pairs(shapes, placed.x, placed.y, placed.heading)):
             return GEOFENCE_BREACH
         return ()

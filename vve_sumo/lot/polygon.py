@@ -23,6 +23,7 @@ MAX_AREA: Final = 25e6  #: larger than the largest proving grounds [m2]
 ARC_STEPS: Final = 16  #: chords of a quarter circle where the margin rounds a corner
 MIN_CELL_SIZE: Final = 0.25  #: cell of a table of clearances [m]
 OUTLINE_TOLERANCE: Final = 0.02  #: of a line that is drawn around covered ground [m]
+CLEARANCE_TOLERANCE: Final = 1e-6  #: more than what rounding adds to a distance in a lot [m]
 BORDER_CELLS: Final = 4  #: cells of such a table beyond the lot
 
 
@@ -54,6 +55,8 @@ class Lot:
             raise ConfigError(f"margin: {margin:g} m leaves nothing of the lot")
         self._edge = self._inner.boundary
         shapely.prepare((self._inner, self._edge))
+        # A place inside, x and y, and its distance to the edge [m], which bounds that of every place near it.
+        self._cleared = (0.0, 0.0, -math.inf)
 
     @property
     def edges(self) -> list[Floats]:
@@ -71,8 +74,14 @@ class Lot:
 
     def holds_disc(self, x: float, y: float, radius: float) -> bool:
         """Tell whether everything within `radius` of a place lies inside [m]; False where a value is not finite."""
+        cleared_x, cleared_y, clearance = self._cleared
+        if math.hypot(x - cleared_x, y - cleared_y) + radius < clearance - CLEARANCE_TOLERANCE:
+            return True
         place = shapely.Point(x, y)
-        return bool(self._inner.contains(place)) and not bool(shapely.dwithin(self._edge, place, radius))
+        if not self._inner.contains(place) or shapely.dwithin(self._edge, place, radius):
+            return False
+        self._cleared = x, y, float(shapely.distance(self._edge, place))
+        return True
 
     def clearance(self, shapes: Floats) -> float:
         """Return the distance from shapes that lie inside to the nearest edge [m]; -inf where they don't."""

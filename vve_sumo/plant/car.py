@@ -191,6 +191,11 @@ class Car:
                 self._speak(reports)
         return CarOutput(reports, self._receiver.arrived(until))
 
+    @property
+    def speed(self) -> float:
+        """True speed of the rear axle [m/s], forward positive."""
+        return self._motion.speed
+
     def truth(self) -> Pose:
         """True pose of the rear axle in the lot map, for analysis only."""
         motion = self._motion

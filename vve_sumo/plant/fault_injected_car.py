@@ -62,6 +62,11 @@ class FaultInjectedCar:
             frames = ()
         return output
 
+    @property
+    def speed(self) -> float:
+        """True speed of the rear axle [m/s], forward positive."""
+        return self.car.speed
+
     def truth(self) -> Pose:
         """True pose of the rear axle in the lot map."""
         return self.car.truth()
@@ -81,7 +86,7 @@ class FaultInjectedCar:
         self._steps += 1
         until = self._steps / STEPS_PER_SECOND
         output = car.step(until, commands, self.driver_inputs)
-        injector.moves(until, car.truth().speed)
+        injector.moves(until, car.speed)
         return CarOutput(
             injector.on_reports(until, output.reports, car.interface), injector.on_packets(until, output.packets)
         )

@@ -12,8 +12,15 @@ from typing import Final
 
 import numpy as np
 
-from vve_sumo.plant.car import ActuatorFaults, Car
-from vve_sumo.plant.injected_faults import MAX_REPORT_AGE, ROUNDING, Due, InjectedFault
+from vve_sumo.plant.car import HEALTHY, ActuatorFaults, Car
+from vve_sumo.plant.injected_faults import (
+    DRIVER_ACTIONS,
+    MAX_REPORT_AGE,
+    POSE_KINDS,
+    ROUNDING,
+    Due,
+    InjectedFault,
+)
 from vve_sumo.plant.receiver_faults import Forger, ReceiverFaults, WrongMinute
 from vve_sumo.plant.sensor_faults import SensorFaults
 from vve_sumo.pose.receivers.port import Receiver, standard
@@ -32,6 +39,15 @@ from vve_sumo.vehicle.interface import (
 )
 
 MAX_GARBAGE_LENGTH: Final = 150  # bytes; about two packets
+
+#: Kinds of fault of the car's actuators, and what each sets.
+ACTUATOR_KINDS: Final = {
+    "brakes_weak": "brake_share",
+    "brakes_drag": "brake_drag",
+    "drive_unasked": "stuck_throttle",
+    "throttle_weak": "drive_share",
+    "steering_weak": "steering_share",
+}
 
 
 class OldReports:
@@ -82,6 +98,10 @@ class FaultInjector:
         kinds = self._writer.facts.reports.items()
         self._brake_reports = frozenset(number for number, reported in kinds if BrakeState in reported)
         self._packets = 0
+        # What is injected at all: nothing else needs to be looked for in every step.
+        self._packets_altered, self._driver_acts = due.ever(*POSE_KINDS), due.ever(*DRIVER_ACTIONS)
+        self._car_fails = due.ever(*ACTUATOR_KINDS, "steering_stuck", "dbw_dropout")
+        self._car_restored = False  # from what was injected before
         self._kept: bytes | None = None  # packet that is sent after its successor
         self._held: deque[tuple[float, bytes]] = deque()  # moment of release and packet
         self._foreign: list[Frame] = []  # the other writer's frames that the DBW controller has not yet received
@@ -133,11 +153,14 @@ class FaultInjector:
     def on_commands(self, now: float, commands: Sequence[Frame]) -> list[Frame]:
         """Return the frames that the DBW controller receives at `now`, from the `commands` on the bus."""
         foreign, self._foreign = self._foreign, []
-        lost = any(self._due.value(kind, now) is not None for kind in ("bus_silent", "commands_lost"))
+        value = self._due.value
+        lost = value("bus_silent", now) is not None or value("commands_lost", now) is not None
         return [] if lost else [*commands, *foreign]
 
     def driver(self, now: float) -> DriverInputs:
         """Return what the driver does at `now`."""
+        if not self._driver_acts:
+            return HANDS_OFF
         value = self._due.value
         brake = max(value("driver_touch", now) or PEDAL_REST, value("brake_override", now) or PEDAL_REST)
         throttle = value("throttle_override", now) or PEDAL_REST
@@ -148,20 +171,21 @@ class FaultInjector:
 
     def on_car(self, now: float, car: Car) -> None:
         """Make the car's modules and actuators fail while a fault is due, and restore them."""
+        if self._car_restored and not self._car_fails:
+            return
+        self._car_restored = True
         value = self._due.value
         broken = value("dbw_dropout", now)
         car.interface.drop_out(None if broken is None else int(broken))
-        stuck = value("steering_stuck", now) is not None
-        car.actuator_faults = ActuatorFaults(
-            brake_share=_or(value("brakes_weak", now), 1.0),
-            brake_drag=_or(value("brakes_drag", now), 0.0),
-            stuck_throttle=_or(value("drive_unasked", now), 0.0),
-            drive_share=_or(value("throttle_weak", now), 1.0),
-            steering_share=0.0 if stuck else _or(value("steering_weak", now), 1.0),
-        )
+        wrong = {name: size for kind, name in ACTUATOR_KINDS.items() if (size := value(kind, now)) is not None}
+        if value("steering_stuck", now) is not None:
+            wrong["steering_share"] = 0.0
+        car.actuator_faults = ActuatorFaults(**wrong) if wrong else HEALTHY
 
     def _mangled(self, time: float, packet: bytes) -> list[bytes]:
         """The packets that replace `packet`, in order."""
+        if not self._packets_altered:
+            return [packet]
         packet = self._minute.alter(time, packet)
         pieces = self._forger.surround(time, packet)
         if (period := self._due.value("pose_garbage", time)) is not None:
@@ -200,7 +224,3 @@ class FaultInjector:
             for frame, command in said
             if command is not None and not (math.isnan(command.brake_torque) and math.isnan(command.wheel_angle))
         ]
-
-
-def _or(value: float | None, usual: float) -> float:
-    return usual if value is None else value

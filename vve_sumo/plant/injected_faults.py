@@ -138,6 +138,8 @@ NEUTRAL: Final[dict[str, float]] = {
     "driver_touch": PEDAL_REST,
 }
 
+#: Kinds that concern the receiver and its packets.
+POSE_KINDS: Final = frozenset(kind for kind in KINDS if kind.startswith("pose_"))
 #: Kinds that are no fault: what the driver does.
 DRIVER_ACTIONS: Final = frozenset(
     {"brake_override", "throttle_override", "steering_override", "driver_touch", "gear_lever"}
@@ -260,9 +262,9 @@ class Due:
         if abs(speed) > START_SPEED:
             self.moved = min(self.moved, time)
 
-    def ever(self, kind: str) -> bool:
-        """Whether the `kind` is injected at all."""
-        return kind in self._faults
+    def ever(self, *kinds: str) -> bool:
+        """Whether one of the `kinds` is injected at all."""
+        return not self._faults.keys().isdisjoint(kinds)
 
     def share(self, kind: str, time: float) -> Share | None:
         """Return the fault of the `kind` that is due at `time`; None where none is due."""
@@ -274,6 +276,8 @@ class Due:
 
     def value(self, kind: str, time: float) -> float | None:
         """Value of the `kind` that is due at `time`, NaN where it takes none; None where none is due."""
+        if kind not in self._faults:  # as nearly every one of those asked for in each step
+            return None
         share = self.share(kind, time)
         return None if share is None else share.value
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Final
 
 from vve_sumo.physical_constants import EARTH_RADIUS
-from vve_sumo.plant.injected_faults import Due, Share
+from vve_sumo.plant.injected_faults import POSE_KINDS, Due, Share
 from vve_sumo.plant.receiver import PERIOD
 from vve_sumo.pose.receivers.port import FixEncoder, MinuteEncoder, Receiver
 from vve_sumo.values import Fix, FixQuality
@@ -25,11 +25,14 @@ class ReceiverFaults:
 
     def __init__(self, due: Due) -> None:
         self._due = due
+        self._active = due.ever(*POSE_KINDS)
         self._frozen: Fix | None = None
         self._dated = False  # one fix has got the wrong time already
 
     def alter(self, fix: Fix) -> Fix | None:
         """Return what is sent in place of `fix`, None for nothing."""
+        if not self._active:
+            return fix
         time, value = fix.time_received, self._due.value
         if value("pose_lost", time) is not None:
             return None
@@ -98,7 +101,7 @@ class Forger:
 
     def __init__(self, due: Due, receiver: Receiver) -> None:
         self._due = due
-        self._decoder = receiver.decoder() if due.ever("pose_forged") or due.ever("pose_overtaken") else None
+        self._decoder = receiver.decoder() if due.ever("pose_forged", "pose_overtaken") else None
         self._encoder = receiver.encoder()
 
     def surround(self, time: float, packet: bytes) -> list[bytes]:

@@ -33,7 +33,7 @@ class SensorFaults:
     def __init__(self, due: Due, random: np.random.Generator) -> None:
         """`random` is the source of noise."""
         self._due, self._random = due, random
-        self._active = any(due.ever(kind) for kind in SENSOR_KINDS)
+        self._active = due.ever(*SENSOR_KINDS)
         self._wheels: WheelSpeeds | None = None  # frozen
         self._rates: YawRate | None = None  # frozen
         self._brake_torque: float | None = None  # frozen [N m]

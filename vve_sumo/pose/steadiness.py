@@ -37,13 +37,11 @@ class Steadiness:
             return
         interrupts = refused and not self._was_refused
         self._was_refused = refused
-        self._count(refused, interrupts, 1)
         judged = self._judged
         judged.append((now, refused, interrupts))
+        self._refused += refused
+        self._interruptions += interrupts
         while judged[0][0] < now - WINDOW:
             _, refused, interrupts = judged.popleft()
-            self._count(refused, interrupts, -1)
-
-    def _count(self, refused: bool, interrupts: bool, sign: int) -> None:
-        self._refused += sign * refused
-        self._interruptions += sign * interrupts
+            self._refused -= refused
+            self._interruptions -= interrupts

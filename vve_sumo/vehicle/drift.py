@@ -67,12 +67,21 @@ class FeasibleSet:
         """
         if not math.isfinite(difference + p + q):
             return False
-        for sign in (1.0, -1.0):
-            beyond = [sign * (a * p + b * q - difference) - allowed for a, b in self._corners]
-            if min(beyond) > 0.0:
+        left = self._left(difference, p, q)
+        if max(left) > allowed:
+            if min(left) > allowed:
                 return False
-            self._cut(beyond)
+            self._cut([value - allowed for value in left])
+            left = self._left(difference, p, q)
+        if min(left) < -allowed:
+            if max(left) < -allowed:
+                return False
+            self._cut([-value - allowed for value in left])
         return True
+
+    def _left(self, difference: float, p: float, q: float) -> list[float]:
+        """What each corner's pair leaves of the difference, with its sign turned."""
+        return [a * p + b * q - difference for a, b in self._corners]
 
     def _cut(self, values: list[float]) -> None:
         """Keep the part of the polygon where a linear function is not positive, given its `values` at the corners."""

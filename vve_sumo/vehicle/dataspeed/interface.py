@@ -70,6 +70,9 @@ def _encoders(variant: layout.Variant) -> tuple[Callable[[Any], Frame], ...]:
     )
 
 
+#: Counts and reports of a frame that was not read before.
+_NOTHING: Final[tuple[None, tuple[Report, ...]]] = (None, ())
+
 #: What encodes brake torque, throttle opening and steering, as tuples of their fields without the kind.
 _ENCODERS: Final = layout.OfVariant(_encoders)
 
@@ -96,6 +99,7 @@ class DataspeedDbw1:
         self._gear_frames = {
             (gear, clear): codec.encode(GearCommand(gear, clear), variant) for gear in Gear for clear in (False, True)
         }
+        self._readings = READINGS[variant]
         # Identifier to the last counts that were read, and to their reports. Most reports repeat themselves.
         self._understood: dict[int, tuple[tuple[int, ...], tuple[Report, ...]]] = {}
 
@@ -119,16 +123,16 @@ class DataspeedDbw1:
     def decode(self, frame: Frame) -> tuple[Report, ...] | Malformed:
         """Return what a frame reports; repeated signals give the same reports again."""
         number, data = frame
-        reading = READINGS[self._variant].get(number)
+        reading = self._readings.get(number)
         if reading is None:
             return ()
         signals, interpret = reading
         if len(data) != signals.size:
             return Malformed(number, "length")
         counts = signals.unpack(data)
-        before = self._understood.get(number)
-        if before is not None and before[0] == counts:
-            return before[1]
+        before, reports = self._understood.get(number, _NOTHING)
+        if before == counts:
+            return reports
         report = interpret(*counts)
         if isinstance(report, Malformed):
             return report
