@@ -128,8 +128,8 @@ class Geofence:
     ) -> tuple[str, ...]:
         """Return ("geofence_breach",) unless the car comes to rest inside the lot from this pose, whoever stops it.
 
-        `pose` is the rear axle's in the virtual road's map, `steering` the road-wheel angle that the car reports [rad, left
-        positive], `fallback_path` the one that the setpoint carries, None for none; near an edge a deferred one is
+        `pose` is the rear axle's in the virtual road's map, `steering` the road-wheel angle that the car reports [rad,
+        left positive], `fallback_path` the one that the setpoint carries, None for none; near an edge a deferred one is
         computed. `driven` is the way since the receiver was first compared with the car [m], `requested` the least and
         the greatest road-wheel angle that the latest setpoints asked for [rad], by default the reported one. A value
         that is not finite is a breach.
