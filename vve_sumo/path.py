@@ -96,6 +96,13 @@ class Samples(NamedTuple):
         # ... and the circle lies off the tangent by the sagitta.
         return self.s[rows] + arc, across - 0.5 * curvature * along * arc, arc
 
+    def project_within(self, x: Floats, y: Floats, index: Indices) -> tuple[Floats, Floats, Floats]:
+        """Return s, d [m] and path heading [rad] of map points (n,), each by its samples' row numbers (n, m)."""
+        distance = (self.x[index] - x[:, None]) ** 2 + (self.y[index] - y[:, None]) ** 2
+        rows = index[np.arange(len(x)), np.argmin(distance, axis=1)]
+        s, d, arc = self.project(x, y, rows)
+        return s, d, np.arctan2(self.tangent_y[rows], self.tangent_x[rows]) + self.curvature[rows] * arc
+
 
 class ReferencePath:
     """A curve of cubic pieces over arc length with continuous position, slope and curvature.
@@ -242,10 +249,7 @@ class ReferencePath:
         reach = math.ceil(window / step)
         centre = np.rint((near - table.s[0]) / step).astype(np.int64)
         index = np.clip(centre[:, None] + np.arange(-reach, reach + 1), 0, len(table.s) - 1)
-        distance = (table.x[index] - x[:, None]) ** 2 + (table.y[index] - y[:, None]) ** 2
-        rows = index[np.arange(len(x)), np.argmin(distance, axis=1)]
-        s, d, arc = table.project(x, y, rows)
-        return s, d, np.arctan2(table.tangent_y[rows], table.tangent_x[rows]) + table.curvature[rows] * arc
+        return table.project_within(x, y, index)
 
     def _nearest_sample(self, x: float, y: float) -> float:
         """Return s of the earliest sample that is nearest, to BRANCH_TOLERANCE: a loop's start, not its end."""
