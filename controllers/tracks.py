@@ -307,8 +307,7 @@ class Tracker:
         for track in self._tracks:
             track.predict(time)
         known = list(self._tracks)
-        costs = [{number: track.cost(sighting) for number, track in enumerate(known)} for sighting in sightings]
-        taken = assign([{number: cost for number, cost in row.items() if cost < math.inf} for row in costs])
+        taken = assign([[track.cost(sighting) for track in known] for sighting in sightings])
         for number, sighting in enumerate(sightings):
             if number in taken:
                 known[taken[number]].update(sighting)

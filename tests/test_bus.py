@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.vehicle.car import Rig
-from vve_sumo.bus import Bus, candump_line, read_log
+from vve_sumo.bus import Bus, candump_lines, read_log
 from vve_sumo.errors import ConfigError, RigError
 from vve_sumo.values import Frame
 from vve_sumo.vehicle.arming_machine import OperatorCommand
@@ -73,7 +73,7 @@ def test_a_closed_bus_says_so_instead_of_breaking():
 @given(st.lists(st.tuples(st.integers(0, 2**51), st.sampled_from(["can0", "car", "0"]), FRAMES), max_size=8))
 def test_candump_lines_are_read_back_identically_by_python_can(tmp_path_factory, rows):
     path = tmp_path_factory.mktemp("log") / "drive.log"
-    path.write_text("".join(candump_line(us / 1e6, channel, frame) for us, channel, frame in rows))
+    path.write_text("".join(candump_lines(us / 1e6, channel, [frame]) for us, channel, frame in rows))
     read = list(can.CanutilsLogReader(path))
     assert [(m.arbitration_id, bytes(m.data), m.is_extended_id, str(m.channel)) for m in read] == [
         (frame.id, frame.data, False, channel) for _, channel, frame in rows
@@ -86,7 +86,7 @@ def test_a_real_recording_is_written_back_as_it_was(shared_data):
     path = shared_data / "drives" / "ford_fusion" / "collision_assist_activated.log"
     lines = path.read_text().splitlines(keepends=True)
     assert len(lines) > 8000
-    assert [candump_line(*row) for row in read_log(path)] == lines
+    assert [candump_lines(time, channel, [frame]) for time, channel, frame in read_log(path)] == lines
 
 
 def test_a_log_that_is_not_there_or_not_a_log_is_named(tmp_path):

@@ -1,6 +1,6 @@
 """What the documents say is what the program does; tables that come from code are written from it.
 
-`python -m tests.test_docs` rewrites the generated tables.
+`python -m tests.test_docs` rewrites the generated tables, and the picture of the arming machine.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from tests import commands_page
 from tests.conftest import REPOSITORY
 from tests.live import matrix
 from tests.record.declared import LIVE_TABLES
+from tests.vehicle import arming_diagram
 from vve_sumo.analysis.latency import PERCENTILES
 from vve_sumo.analysis.sensing import STATISTICS
 from vve_sumo.certify.cases import CASES
@@ -46,7 +47,7 @@ from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Scenario, When
 from vve_sumo.sweep.controllers import VariedController
 from vve_sumo.sweep.spec import Boundary, Spec, WorstCase, parse_spec
-from vve_sumo.vehicle import arming, diagram
+from vve_sumo.vehicle import arming
 from vve_sumo.vehicle.interface import INTERFACE_KINDS
 from vve_sumo.vehicle.schema import VehicleFile
 
@@ -209,7 +210,6 @@ GENERATED = {
     ("sweeps.md", "worst keys"): lambda: keys(WorstCase, "search."),
     ("vehicle.md", "interface kinds"): _interface_kinds,
     ("vehicle.md", "keys"): lambda: keys(VehicleFile),
-    ("vehicle.md", "arming diagram"): lambda: f"```mermaid\n{diagram.mermaid()}\n```",
     ("vehicle.md", "gateway reasons"): lambda: _codes(arming.REASONS),
     ("vehicle.md", "trust reasons"): lambda: _codes(trust.REASONS),
 }
@@ -314,6 +314,7 @@ def _rewrite() -> None:
     for (page, name), table in GENERATED.items():
         head, _old, tail = _parts(DOCS / page, name)
         (DOCS / page).write_text(f"{head}\n{table()}\n\n{tail}", encoding="utf-8")
+    (DOCS / "arming.svg").write_text(arming_diagram.svg(), encoding="utf-8")
 
 
 if __name__ == "__main__":

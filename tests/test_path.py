@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from shapely.geometry import Polygon
 from shapely.ops import unary_union
 
-from vve_sumo.errors import ConfigError
 from vve_sumo.path import Corridor, ReferencePath, swept_half_widths
 
 FRONT, REAR, WIDTH = 3.84, 1.032, 1.852
@@ -200,6 +199,6 @@ def test_a_path_travels_to_another_process_unchanged():
     ],
 )
 def test_bad_points_are_refused_in_one_line(x: list[float], y: list[float], says: str):
-    with pytest.raises(ConfigError, match=says) as refused:
+    with pytest.raises(ValueError, match=says) as refused:
         ReferencePath.from_points(x, y)
     assert "\n" not in str(refused.value)

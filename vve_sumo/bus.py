@@ -188,13 +188,8 @@ def read_log(path: Path) -> Iterator[tuple[float, str, Frame]]:
         raise ConfigError(f"{path}: not a candump log after {frames} frames ({error})") from error
 
 
-def candump_line(timestamp: float, channel: str, frame: Frame) -> str:
-    """One line of a candump log, with its line end; `timestamp` [s] is kept to the microsecond."""
-    return candump_lines(timestamp, channel, (frame,))
-
-
 def candump_lines(timestamp: float, channel: str, frames: Iterable[Frame]) -> str:
-    """A line for each frame of one moment, as `candump_line` writes it."""
+    """Return a line of a candump log for each frame of one moment; `timestamp` [s] is kept to the microsecond."""
     head = f"({timestamp:017.6f}) {channel}"
     return "".join([f"{head} {identifier:03X}#{data.hex().upper()}\n" for identifier, data in frames])
 

@@ -12,6 +12,7 @@ from itertools import groupby, pairwise
 from operator import itemgetter
 from typing import TYPE_CHECKING, Final
 
+from vve_sumo.errors import ConfigError
 from vve_sumo.path import ReferencePath, Segment
 from vve_sumo.values import CommandedPath, Pose
 
@@ -99,7 +100,10 @@ def curve(path: CommandedPath) -> ReferencePath:
 
     Raises ConfigError for points that `flaw` refuses. The newest are remembered: a tick asks for the same one again.
     """
-    return ReferencePath.from_points(path.x, path.y, rounds=ROUNDS)
+    try:
+        return ReferencePath.from_points(path.x, path.y, rounds=ROUNDS)
+    except ValueError as error:
+        raise ConfigError(f"commanded {error}") from None
 
 
 def _advances(piece: Segment, span: float, dx: float, dy: float) -> bool:

@@ -1,7 +1,7 @@
 """The cubic path that the rear axle shall follow, and the corridor that the car's body sweeps along it.
 
-It knows geometry in the map frame and nothing of cars, speeds, sensors or files. It imports no values of other
-packages, because those values hold a path.
+It knows geometry in the map frame and nothing of cars, speeds, sensors or files. It imports nothing of other
+packages, because their values hold a path.
 """
 
 from __future__ import annotations
@@ -14,8 +14,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-from vve_sumo.errors import ConfigError
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -98,6 +96,13 @@ class Samples(NamedTuple):
         # ... and the circle lies off the tangent by the sagitta.
         return self.s[rows] + arc, across - 0.5 * curvature * along * arc, arc
 
+    def project_within(self, x: Floats, y: Floats, index: Indices) -> tuple[Floats, Floats, Floats]:
+        """Return s, d [m] and path heading [rad] of map points (n,), each by its samples' row numbers (n, m)."""
+        distance = (self.x[index] - x[:, None]) ** 2 + (self.y[index] - y[:, None]) ** 2
+        rows = index[np.arange(len(x)), np.argmin(distance, axis=1)]
+        s, d, arc = self.project(x, y, rows)
+        return s, d, np.arctan2(self.tangent_y[rows], self.tangent_x[rows]) + self.curvature[rows] * arc
+
 
 class ReferencePath:
     """A curve of cubic pieces over arc length with continuous position, slope and curvature.
@@ -129,7 +134,7 @@ class ReferencePath:
         x, y: map [m], shape (n,), n >= 2. `noise` is the standard deviation of the points [m]: with 0 the path
         passes through every point, otherwise it is the smoothest curve within that noise (for recorded drives).
         `rounds` is how often the spline is fitted again over its own arc length; with 0 its parameter is the chords'.
-        Raises ConfigError for too few points, x and y of different lengths, and non-finite or repeated points.
+        Raises ValueError for too few points, x and y of different lengths, and non-finite or repeated points.
         """
         xs, ys = _checked(x, y)
         if noise > 0.0:
@@ -244,10 +249,7 @@ class ReferencePath:
         reach = math.ceil(window / step)
         centre = np.rint((near - table.s[0]) / step).astype(np.int64)
         index = np.clip(centre[:, None] + np.arange(-reach, reach + 1), 0, len(table.s) - 1)
-        distance = (table.x[index] - x[:, None]) ** 2 + (table.y[index] - y[:, None]) ** 2
-        rows = index[np.arange(len(x)), np.argmin(distance, axis=1)]
-        s, d, arc = table.project(x, y, rows)
-        return s, d, np.arctan2(table.tangent_y[rows], table.tangent_x[rows]) + table.curvature[rows] * arc
+        return table.project_within(x, y, index)
 
     def _nearest_sample(self, x: float, y: float) -> float:
         """Return s of the earliest sample that is nearest, to BRANCH_TOLERANCE: a loop's start, not its end."""
@@ -317,15 +319,15 @@ def swept_half_widths(curvature: ArrayLike, front: float, width: float) -> tuple
 def _checked(x: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
     xs, ys = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
     if xs.ndim != 1 or xs.shape != ys.shape:
-        raise ConfigError(f"path: x and y must be two lists of the same length, got shapes {xs.shape} and {ys.shape}")
+        raise ValueError(f"path: x and y must be two lists of the same length, got shapes {xs.shape} and {ys.shape}")
     if xs.size < 2:
-        raise ConfigError(f"path: at least 2 points are needed, got {xs.size}")
+        raise ValueError(f"path: at least 2 points are needed, got {xs.size}")
     lost = np.flatnonzero(~(np.isfinite(xs) & np.isfinite(ys)))
     if lost.size:
-        raise ConfigError(f"path: point {lost[0]} is not finite: ({xs[lost[0]]}, {ys[lost[0]]})")
+        raise ValueError(f"path: point {lost[0]} is not finite: ({xs[lost[0]]}, {ys[lost[0]]})")
     twice = np.flatnonzero(np.diff(xs) ** 2 + np.diff(ys) ** 2 < MIN_POINT_SPACING**2)
     if twice.size:
-        raise ConfigError(
+        raise ValueError(
             f"path: points {twice[0]} and {twice[0] + 1} are the same place to {MIN_POINT_SPACING} m: "
             f"({xs[twice[0]]:.3f}, {ys[twice[0]]:.3f})"
         )
@@ -337,7 +339,7 @@ def _smoothed(x: Floats, y: Floats, noise: float) -> tuple[Floats, Floats]:
     from scipy.interpolate import splev, splprep
 
     if x.size < 4:
-        raise ConfigError(f"path: smoothing needs at least 4 points, got {x.size}")
+        raise ValueError(f"path: smoothing needs at least 4 points, got {x.size}")
     fitted: Any = splprep((x, y), k=3, s=2.0 * x.size * noise**2)
     spline, parameters = fitted
     xs, ys = np.asarray(splev(parameters, spline), dtype=np.float64)

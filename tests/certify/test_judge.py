@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.certify.courses import CASE, ONSET, SPEED, TICK, course
-from vve_sumo.certify.cases import CASES, NAMES, TIMED, Case, inapplicable, select_cases
+from vve_sumo.certify.cases import CASES, NAMES, Case, Reaction, inapplicable, select_cases
 from vve_sumo.certify.diagnosis import NOT_ANSWERING, NOT_DRIVING, RATE_UNIT, REFUSED, RULES, SIGN, Rule, diagnose
 from vve_sumo.certify.judge import Judgement, Rules
 from vve_sumo.certify.judge import judge as judge_by
@@ -222,7 +222,7 @@ def test_without_a_nominal_drive_only_ghosts_say_something() -> None:
 def test_the_table_of_cases_is_consistent() -> None:
     assert len(set(NAMES)) == len(NAMES)
     for case in CASES:
-        assert math.isfinite(case.within) == (case.reaction in TIMED), case.name
+        assert math.isfinite(case.within) == (case.reaction in (Reaction.STOP, Reaction.BRAKE)), case.name
         assert case.injects == (case.name != "nominal")
         assert not (case.make_wire_fault and case.make_scan_fault), case.name
 

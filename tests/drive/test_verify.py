@@ -12,6 +12,8 @@ import pytest
 from tests.drive.forge import change_json, cut_off, seal_again
 from tests.drive.street import REPOSITORY, recorded
 from vve_sumo import cli
+from vve_sumo.analysis.comparison import compare
+from vve_sumo.analysis.run import Run
 from vve_sumo.drive.verify import alterations, altered_parts
 from vve_sumo.record.hashes import hash_parts
 
@@ -187,3 +189,19 @@ def test_a_redrive_says_what_was_altered(
         cli.main(["redrive", str(folder), "--controller", str(REPOSITORY / "controllers/follow_and_stop.py:make")]) == 0
     )
     assert "summary.json is not as the drive left it" in capsys.readouterr().err
+
+
+def test_a_comparison_notes_what_was_altered(
+    records: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Hashes are compared for whoever compares; the command also notes a summary that contradicts its tables."""
+    told, damaged = (Path(shutil.copytree(records["stopped"], tmp_path / name)) for name in ("told", "damaged"))
+    seal_again(told, outcome="arrived")
+    with (damaged / "can.log").open("a") as log:
+        log.write("\n")
+    as_left = f"{damaged}: changed since the drive: can.log"
+    assert [note for note in compare(Run(told), Run(damaged)).notes if "changed" in note] == [as_left]
+    assert cli.main(["compare", str(told), str(damaged)]) == 0
+    said = "".join(capsys.readouterr().out.split())
+    for note in (as_left, f"{told}: changed since the drive: summary.json"):
+        assert "".join(note.split()) in said

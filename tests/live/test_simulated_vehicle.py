@@ -22,6 +22,7 @@ import pytest
 from tests import vehicles
 from tests.setpoints import setpoint as complete
 from vve_sumo.bus import Bus
+from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, MapFrame, Placement
 from vve_sumo.live.channel import Channel, pair
 from vve_sumo.live.messages import decode
@@ -191,6 +192,20 @@ def test_what_is_told_is_heard(tmp_path):
     assert configuration(None, 3000).to_dict() == CarConfig.from_dict(configuration(None, 3000).to_dict()).to_dict() | {
         "t0": pytest.approx(time.monotonic(), abs=5.0)
     }
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"seed": "seven"}, "simulated vehicle: Expected `int`, got `str` - at `$.seed`"),
+        ({"faults": [{"kind": "no_such", "at": 1.0, "duration": 1.0}]}, "kind must be one of"),
+    ],
+)
+def test_a_configuration_that_is_none_is_refused_in_one_line(change: dict[str, Any], says: str) -> None:
+    with pytest.raises(ConfigError) as refused:
+        CarConfig.from_dict(configuration(None, 3000).to_dict() | change)
+    assert says in str(refused.value)
+    assert "\n" not in str(refused.value)
 
 
 def test_a_full_disk_ends_the_truth_and_not_the_car():

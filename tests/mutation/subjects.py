@@ -49,7 +49,7 @@ SUBJECTS: Final[dict[str, Subject]] = {
     "arming": _vehicle(
         "arming",
         "arming.py",
-        "diagram.py",
+        "arming_diagram.py",
         "figures.py",
         "gateway.py::test_every_reason_it_can_give_has_plain_words",
     ),

@@ -92,7 +92,9 @@ class Live:
             self.late.append(time.monotonic() - due)
             tick += 1
             if not self.silent.is_set():
-                self.hub.changed(self.frames.take(decode(encode(sample(tick, self._count)))))
+                took = decode(encode(sample(tick, self._count)))
+                assert isinstance(took, ViewSample)
+                self.hub.changed(self.frames.take(took))
         self.hub.end(self._verdict)
         await asyncio.sleep(0.1)
         self.server.close()

@@ -6,7 +6,9 @@ Knows records and signals; must not know which of the two is the truth. Both are
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -21,6 +23,7 @@ from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.metric import Metric, unit_of
 from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.metrics.table import label_of
+from vve_sumo.record.alterations import parts_altered_by_hash
 from vve_sumo.record.layout import COMMANDED
 from vve_sumo.values import Floats
 
@@ -97,12 +100,15 @@ class _Side(NamedTuple):
     begin: float  #: drive time of first motion [s]
 
 
-def compare(one: Run, other: Run) -> Comparison:
+def compare(
+    one: Run, other: Run, altered: Callable[[Path], Sequence[str] | None] = parts_altered_by_hash
+) -> Comparison:
     """Compare two records of drives, laid together at first motion.
 
     Both are measured by the truth if both have it, else both by the pipeline's estimate, so that an estimator's error
-    is no difference between the drives. What the path causes is compared over the path. Raises ConfigError where one
-    never moves, or where they have less than MIN_OVERLAP [s] in common.
+    is no difference between the drives. What the path causes is compared over the path. `altered` names the parts of a
+    record that are not as its drive left them, which become notes. Raises ConfigError where one never moves, or where
+    they have less than MIN_OVERLAP [s] in common.
     """
     true = one.motion.true and other.motion.true
     first, second = _side(one, true), _side(other, true)
@@ -115,7 +121,7 @@ def compare(one: Run, other: Run) -> Comparison:
         signals=_signals(series),
         outcomes=_outcomes(first, second),
         series=series,
-        notes=_notes(one, other, true),
+        notes=(*_notes(one, other, true), *_changed((one, other), altered)),
     )
 
 
@@ -316,14 +322,13 @@ def _notes(one: Run, other: Run, true: bool) -> tuple[str, ...]:
     notes += [
         f"{run.folder}: the drive was broken off, its record ends early" for run in (one, other) if not run.complete
     ]
-    from vve_sumo.drive.verify import altered_parts  # all that drives, for those who compare records
-
-    notes += [
-        f"{run.folder}: changed since the drive: {', '.join(altered)}"
-        for run in (one, other)
-        if (altered := altered_parts(run.folder))
-    ]
     return tuple(notes)
+
+
+def _changed(runs: Iterable[Run], altered: Callable[[Path], Sequence[str] | None]) -> Iterator[str]:
+    for run in runs:
+        if parts := altered(run.folder):
+            yield f"{run.folder}: changed since the drive: {', '.join(parts)}"
 
 
 def _asked(run: Run, key: str) -> str:

@@ -7,7 +7,6 @@ must not know how a drive is run, nor what anybody makes of it.
 from __future__ import annotations
 
 import math
-from dataclasses import fields
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,6 +26,7 @@ from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.lead_vehicle import LeadVehicle
 from vve_sumo.metrics.own import DeclaredMetrics
 from vve_sumo.path import ReferencePath
+from vve_sumo.record.declared import read_resolved, recorded_path, recorded_vehicle
 from vve_sumo.record.layout import (
     COMMANDED,
     LIVE_SCHEMAS,
@@ -36,7 +36,6 @@ from vve_sumo.record.layout import (
     ROADS_SCHEMA,
     SCHEMAS,
     TICK_METRICS,
-    check_layout,
     recorded_brain,
     recorded_metrics,
     sensor_schemas,
@@ -101,13 +100,12 @@ class Run:
     @cached_property
     def path(self) -> ReferencePath:
         """Where the rear axle was to go, in the virtual road's map."""
-        points = np.array([point.split() for point in self.resolved["path_m"]], np.float64)
-        return ReferencePath.from_points(points[:, 0], points[:, 1])
+        return recorded_path(self.resolved)
 
     @cached_property
     def vehicle(self) -> Vehicle:
         """The car as it was declared."""
-        return Vehicle(**{field.name: float(self.resolved["vehicle"][field.name]) for field in fields(Vehicle)})
+        return recorded_vehicle(self.resolved)
 
     def holds(self, name: str) -> bool:
         """Whether the record has a table of that name; `gateway` and `latency` are of live drives alone."""
@@ -240,8 +238,7 @@ def _rows_of(number: NDArray[np.int64], table: pa.Table) -> NDArray[np.int64]:
 
 def _resolved(folder: Path) -> dict[str, Any]:
     file = folder / "scenario.json"
-    resolved = read_json(file, "a drive", "settings")
-    check_layout(resolved, file)
+    resolved = read_resolved(folder, "settings")
     json_models.check(resolved, json_models.RecordModel, file)
     return resolved
 

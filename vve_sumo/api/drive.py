@@ -8,9 +8,9 @@ from pathlib import Path
 from vve_sumo import progress_bar
 from vve_sumo.api.results import Run
 from vve_sumo.api.scenario import Scenario
-from vve_sumo.drive.resolved_scenario import read_resolved
 from vve_sumo.drive.run import new_run_folder
 from vve_sumo.errors import ConfigError, SimulationError
+from vve_sumo.record.declared import read_resolved
 from vve_sumo.record.writer import claim
 from vve_sumo.sweep.engine import run_one
 from vve_sumo.sweep.job import CONFIG, Job, RunResult

@@ -51,8 +51,6 @@ class Reaction(enum.StrEnum):
     HOLD = "keep the distance"  #: no contact and `min_left_m` left, by whatever reaction
 
 
-#: reactions for which a time is measured
-TIMED: Final = (Reaction.STOP, Reaction.BRAKE)
 #: reactions that show only where the nominal drive does not brake by itself
 UNBRAKED: Final = (Reaction.STOP, Reaction.BRAKE, Reaction.IGNORE, Reaction.EASE)
 #: reactions after which the drive ends as without a fault

@@ -69,7 +69,9 @@ def run(arguments: argparse.Namespace) -> int:
         return sweeps.run(one, arguments.other, arguments.by, arguments.figure, out)
     if arguments.by is not None or arguments.other is None:
         raise ConfigError(f"{arguments.one}: is the record of one drive, expected another record as OTHER and no --by")
-    compared = compare(one, _record(arguments.other))
+    from vve_sumo.drive.verify import altered_parts  # all that drives, for those who compare records
+
+    compared = compare(one, _record(arguments.other), altered_parts)
     _show(compared)
     if out is not None:
         from vve_sumo.plotting import comparison, save

@@ -24,7 +24,6 @@ from vve_sumo.drive.lockstep import ScriptedOperator, assemble
 from vve_sumo.drive.pipeline import Pipeline, TickResult
 from vve_sumo.drive.resolved_scenario import (
     ResolvedScenario,
-    read_resolved,
     recorded_faults,
     recorded_model,
     resolve_scenario,
@@ -34,6 +33,7 @@ from vve_sumo.drive.snapshots import NO_ACTORS, snapshots
 from vve_sumo.drive.tick_rows import result_columns, status_columns
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.car_bus import with_direction
+from vve_sumo.record.declared import read_resolved
 from vve_sumo.record.layout import LIVE_SCHEMAS, OPTIONAL_SCHEMAS, SCHEMAS, recorded_brain, sensor_table
 from vve_sumo.record.reader import read_commanded, read_pose_chunks, read_table, sensor_tables
 from vve_sumo.scenario.load import parse

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vve_sumo import workspace
-from vve_sumo.config_file import read_json
 from vve_sumo.controller import Controller, load
 from vve_sumo.csv_numbers import CsvNumbers
 from vve_sumo.drive import plugged_in
@@ -29,7 +28,7 @@ from vve_sumo.metrics.own import OwnMetrics, load_own
 from vve_sumo.path import ReferencePath
 from vve_sumo.path_feasibility import find_reversal, refuse_tight_bend
 from vve_sumo.record import drawings
-from vve_sumo.record.layout import LAYOUT, check_layout
+from vve_sumo.record.layout import LAYOUT
 from vve_sumo.rig.car_parameters import imperfections_of
 from vve_sumo.scenario.load import check_criteria
 from vve_sumo.scenario.schema import Scenario
@@ -247,14 +246,6 @@ def versions() -> dict[str, str]:
     return {"vve-sumo": __version__} | {name: version(name) for name in DECISIVE_LIBRARIES}
 
 
-def read_resolved(folder: Path) -> dict[str, Any]:
-    """Return the content of a record's `scenario.json`; raises ConfigError if it is missing or of another layout."""
-    file = folder / "scenario.json"
-    resolved = read_json(file, "a drive")
-    check_layout(resolved, file)
-    return resolved
-
-
 def recorded_model(resolved: Mapping[str, Any]) -> VehicleModel:
     """Return the vehicle model from a record's `scenario.json`; raises ConfigError where it holds none."""
     try:
@@ -366,7 +357,7 @@ def read_path(file: Path, map_frame: MapFrame, network: Network) -> LoadedPath:
     _on_the_roads(places, points, lines, network)
     try:
         path = ReferencePath.from_points([x for x, _y in placed], [y for _x, y in placed])
-    except ConfigError as error:
+    except ValueError as error:
         raise ConfigError(f"{table.name}: {error}") from None
     _forward(places, points)
     _without_gaps(places, points, path, lines, network)

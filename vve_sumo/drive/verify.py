@@ -8,17 +8,15 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
+from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 import pyarrow as pa
 
 from vve_sumo.drive import provenance
-from vve_sumo.drive.resolved_scenario import read_resolved
 from vve_sumo.drive.snapshots import NO_ACTORS, snapshots
 from vve_sumo.drive.standstill_cause import StandstillClassifier
 from vve_sumo.drive.summary import EXTERNAL_CONTROLLER, summary_of, without_verdict
@@ -26,30 +24,18 @@ from vve_sumo.drive.termination import END_REASONS, MOVING_SPEED, DriveEnd, Outc
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.own import Measured
 from vve_sumo.path import ReferencePath
-from vve_sumo.record.hashes import hash_file, hash_part, hash_parts, hashed_files, whole
+from vve_sumo.record.alterations import SUMMARY, Alteration, alterations_by_hash, is_live, parts_of, table_in
+from vve_sumo.record.declared import read_resolved, recorded_path, recorded_vehicle
 from vve_sumo.record.latencies import latency_summary
-from vve_sumo.record.layout import (
-    CLOSED_ENDING,
-    LIVE_SCHEMAS,
-    OPTIONAL_SCHEMAS,
-    PROVENANCE,
-    RAW_PARTS,
-    SCHEMAS,
-    TICK_METRICS,
-    UNHASHED,
-    recorded_brain,
-    recorded_metrics,
-)
-from vve_sumo.record.reader import holds_table, read_commanded, read_table, sensor_tables
+from vve_sumo.record.layout import recorded_brain, recorded_metrics
+from vve_sumo.record.reader import read_commanded, read_table
 from vve_sumo.record.roads import read_roads
-from vve_sumo.record.summary import SUMMARY_HASH_KEY, sealed
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import EndTrigger, Scenario
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import ArmingState, Point, Pose, Vehicle
 from vve_sumo.vehicle.arming import DRIVER_REASONS
 
-SUMMARY: Final = "summary.json"
 #: relative and absolute tolerance of a metric: another processor rounds differently
 RELATIVE_TOLERANCE: Final = 1e-9
 #: outcomes of a lockstep drive that did not end by the car's motion or the time limit
@@ -58,18 +44,6 @@ ABNORMAL_OUTCOMES: Final = frozenset({Outcome.INTERRUPTED, Outcome.BROKEN})
 TRUE_POSE_COLUMNS: Final = ("true_x_m", "true_y_m", "true_heading_rad", "true_speed_mps")
 #: reason codes of a live drive's summary, for a lost process, that no row of the ticks or the gateway has
 PROCESS_LOSS_REASONS: Final = frozenset({"drive_lost", "gateway_gone"})
-
-
-@dataclass(frozen=True, slots=True)
-class Alteration:
-    """A part of a record that is not as the drive left it."""
-
-    part: str  #: "can.log", "ticks", "summary.json", …
-    why: str  #: what shows it
-
-    def __str__(self) -> str:
-        """Return it in one line."""
-        return f"{self.part} is not as the drive left it: {self.why}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,104 +58,19 @@ class RecordedDrive:
 
 def altered_parts(folder: Path) -> list[str] | None:
     """Return the names of the parts that are not as the drive left them, as `alterations` does."""
-    found = alterations(folder)
-    return None if found is None else list(dict.fromkeys(each.part for each in found))
+    return parts_of(alterations(folder))
 
 
 def alterations(folder: Path) -> list[Alteration] | None:
-    """Return everything in a record that is not as its drive left it; None for a drive that never wrote hashes.
+    """Return everything in a record that is not as its drive left it, as `alterations_by_hash` does.
 
-    Such a drive was cut off, or could not read back its own files.
+    Where all hashes are in order, what the summary says is compared with the tables.
     """
-    file = folder / SUMMARY
-    if not file.exists():
-        finished = all((folder / f"{name}{CLOSED_ENDING}").exists() for name in SCHEMAS)
-        return [Alteration(SUMMARY, "it is gone, and the drive had finished its tables")] if finished else None
-    try:
-        text = file.read_text(encoding="utf-8")
-        summary = json.loads(text)
-        whole_seal = isinstance(summary, dict) and sealed(summary) == text
-    except (OSError, ValueError) as error:
-        return [Alteration(SUMMARY, f"it cannot be read: {error}")]
-    if not isinstance(summary, dict):
-        return [Alteration(SUMMARY, "expected a table of keys")]
-    found = [] if whole_seal else [Alteration(SUMMARY, f"{SUMMARY_HASH_KEY} is not the hash of it")]
-    if not summary.get("record_parts_sha256") and not _hashable(folder):
-        return found or None
-    found += [*_parts(folder, summary), *_files(folder, summary)]
-    return found or [Alteration(SUMMARY, why) for why in _contradictions(folder, summary)]
-
-
-def _hashable(folder: Path) -> bool:
-    """Return whether every part can be read: then the drive must have written the hashes."""
-    try:
-        hash_parts(folder)
-    except ConfigError:
-        return False
-    return True
-
-
-def _parts(folder: Path, summary: dict[str, Any]) -> Iterator[Alteration]:
-    """Compare the hash of every part that a record of its kind has."""
-    digests = _table(summary, "record_parts_sha256")
-    gateway = [name for name in LIVE_SCHEMAS if name not in UNHASHED and _is_live(folder, summary)]
-    optional = [name for name in OPTIONAL_SCHEMAS if name in digests or holds_table(folder, name)]
-    for name in (*RAW_PARTS, *SCHEMAS, *_sensor_tables(folder), *gateway, *optional):
-        if name not in digests:
-            yield Alteration(name, f"{SUMMARY} has no hash of it")
-        elif not _is(digests[name], hash_part, folder, name):
-            yield Alteration(name, f"its hash differs from {SUMMARY}'s")
-    if summary.get("record_sha256") != whole({name: str(digest) for name, digest in digests.items()}):
-        yield Alteration(SUMMARY, "record_sha256 is not that of the parts")
-
-
-def _files(folder: Path, summary: dict[str, Any]) -> Iterator[Alteration]:
-    """Compare the hash of the bytes of every table's file and of the provenance."""
-    told, broken = _table(summary, "record_files_sha256"), summary.get("record_broken") or ()
-    always = (*SCHEMAS, *_sensor_tables(folder))
-    tables = [f"{name}{CLOSED_ENDING}" for name in (*always, *LIVE_SCHEMAS)]
-    own = [name for name in told if name == f"{TICK_METRICS}{CLOSED_ENDING}"]
-    for name in dict.fromkeys((*tables, *own, PROVENANCE, *(file.name for file in hashed_files(folder)))):
-        part = name.removesuffix(CLOSED_ENDING)
-        missing = not (folder / name).exists()
-        needed = part in (*always, PROVENANCE) or _is_live(folder, summary)
-        if name in told:
-            if not _is(told[name], hash_file, folder / name):
-                yield Alteration(part, f"its file's hash differs from {SUMMARY}'s")
-        elif not missing:
-            yield Alteration(part, f"{SUMMARY} has no hash of its file")
-        elif needed and part not in broken and not (folder / f"{part}.arrows").exists():
-            yield Alteration(part, "it is gone")
-
-
-def _sensor_tables(folder: Path) -> tuple[str, ...]:
-    """Return the names of the sensors' tables; none where `scenario.json` is damaged, which its own hash shows."""
-    try:
-        return tuple(sensor_tables(folder))
-    except ConfigError:
-        return ()
-
-
-def _is_live(folder: Path, summary: dict[str, Any]) -> bool:
-    """Return whether a record is of a live drive: one of three files suffices, as each may have been altered."""
-    try:
-        live = "rig" in read_resolved(folder)
-    except ConfigError:
-        live = False
-    return live or "gateway_steps" in summary or any(folder.glob("gateway.*"))
-
-
-def _table(summary: dict[str, Any], key: str) -> dict[str, Any]:
-    table = summary.get(key)
-    return table if isinstance(table, dict) else {}
-
-
-def _is(then: object, hashed: Callable[..., str], *of: Any) -> bool:
-    """Return whether a hash is still the same; false for a file that cannot be read."""
-    try:
-        return hashed(*of) == then
-    except ConfigError:
-        return False
+    found = alterations_by_hash(folder)
+    if found is None or found:
+        return found
+    summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
+    return [Alteration(SUMMARY, why) for why in _contradictions(folder, summary)]
 
 
 def _contradictions(folder: Path, summary: dict[str, Any]) -> list[str]:
@@ -204,12 +93,11 @@ def _contradictions(folder: Path, summary: dict[str, Any]) -> list[str]:
 
 
 def _recorded_drive(resolved: dict[str, Any], file: Path) -> RecordedDrive:
-    points = np.array([point.split() for point in resolved["path_m"]], np.float64)
     return RecordedDrive(
         name=resolved["scenario"],
         scenario=parse(resolved["settings"], file),
-        path=ReferencePath.from_points(points[:, 0], points[:, 1]),
-        vehicle=Vehicle(**{field.name: float(resolved["vehicle"][field.name]) for field in fields(Vehicle)}),
+        path=recorded_path(resolved),
+        vehicle=recorded_vehicle(resolved),
     )
 
 
@@ -233,7 +121,7 @@ def _metrics(folder: Path, recorded: RecordedDrive, summary: dict[str, Any]) -> 
         again |= {"controller": EXTERNAL_CONTROLLER}
     if resolved.get("gateway", {}).get("shadow"):
         again = without_verdict(again)
-    if _is_live(folder, summary):
+    if is_live(folder, summary):
         again |= {"gateway_steps": read_table(folder, "gateway").num_rows}
         latency = read_table(folder, "latency")
         again |= {"latency": latency_summary(latency) if latency.num_rows else {}}
@@ -249,7 +137,7 @@ def _measured(resolved: dict[str, Any], summary: dict[str, Any]) -> Measured:
     rows = own.per_drive
     values = {name: summary[name] for name in rows}
     missing = {name: math.nan for name, row in rows.items() if row.kind == "float" and values[name] is None}
-    return Measured(values | missing, {}, _table(summary, "metric_errors"))
+    return Measured(values | missing, {}, table_in(summary, "metric_errors"))
 
 
 def _same(said: object, again: object) -> bool:

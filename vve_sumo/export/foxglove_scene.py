@@ -7,7 +7,6 @@ from collections import defaultdict
 from collections.abc import Iterator
 from typing import Final
 
-import numpy as np
 from foxglove_schemas_protobuf.Color_pb2 import Color
 from foxglove_schemas_protobuf.CubePrimitive_pb2 import CubePrimitive
 from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
@@ -25,6 +24,7 @@ from vve_sumo.analysis.bodies import EGO, PERSONS, TYPICAL, RecordedBody, bodies
 from vve_sumo.analysis.run import Run
 from vve_sumo.export.commonroad import bounds
 from vve_sumo.export.lanes import lanes_of
+from vve_sumo.record.declared import recorded_points
 from vve_sumo.values import Floats
 
 # Colours of Okabe and Ito (2008), which people who are colour-blind tell apart.
@@ -52,8 +52,7 @@ def turned(heading: float) -> Quaternion:
 def roads(run: Run, at: Timestamp, frame: str) -> SceneUpdate:
     """Return both bounds of every lane, as far as the record has them, and the path."""
     lanes = [_line(bound, ROAD_WIDTH, ROAD_COLOUR) for lane in lanes_of(run) for bound in bounds(lane.line, lane.width)]
-    points = np.array([point.split() for point in run.resolved["path_m"]], np.float64)
-    path = [_line(points, PATH_WIDTH, PATH_COLOUR)]
+    path = [_line(recorded_points(run.resolved), PATH_WIDTH, PATH_COLOUR)]
     entities = [
         SceneEntity(timestamp=at, frame_id=frame, id=name, lines=lines)
         for name, lines in (("lanes", lanes), ("path", path))

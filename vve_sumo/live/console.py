@@ -18,7 +18,7 @@ import msgspec
 
 from vve_sumo.drive.lockstep import ScriptedOperator
 from vve_sumo.drive.reasons import in_words
-from vve_sumo.live import messages
+from vve_sumo.live import messages, spawn
 from vve_sumo.live.channel import ALIVE, Channel
 from vve_sumo.live.jitter_wait import CALM_TIMEOUT
 from vve_sumo.live.keys import KeyCommand, OperatorInput
@@ -80,13 +80,13 @@ class ProcessGroup:
         self.to_gateway.close()
         self.to_drive.close()
         self.gateway.wait()
-        _end(self.drive, min(timeout, DRIVE_TIMEOUT))
+        spawn.end(self.drive, min(timeout, DRIVE_TIMEOUT))
         if self.outputs is not None:
-            _end(self.outputs, DRIVE_TIMEOUT)
-        _end(self.recorder, timeout)
+            spawn.end(self.outputs, DRIVE_TIMEOUT)
+        spawn.end(self.recorder, timeout)
         if self.car is not None and self.to_car is not None:
             self.to_car.close()
-            _end(self.car, timeout)
+            spawn.end(self.car, timeout)
 
     def end_view(self, verdict: Mapping[str, Any] | None = None) -> None:
         """Show a drive's verdict on the page, as `words.verdict_of` has it, and end the page; again is nothing."""
@@ -95,15 +95,7 @@ class ProcessGroup:
         if verdict is not None:
             self.to_view.send(messages.encode(messages.Verdict(dict(verdict))))
         self.to_view.close()
-        _end(self.view, VIEW_TIMEOUT)
-
-
-def _end(process: subprocess.Popen[bytes], timeout: float) -> None:
-    try:
-        process.wait(timeout)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
+        spawn.end(self.view, VIEW_TIMEOUT)
 
 
 class Console:

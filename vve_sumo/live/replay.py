@@ -27,12 +27,12 @@ from vve_sumo.drive.replay import (
     reason_codes,
     replayed_ticks,
 )
-from vve_sumo.drive.resolved_scenario import read_resolved
 from vve_sumo.drive.tick_rows import status_columns
 from vve_sumo.errors import ConfigError
 from vve_sumo.live.assembly import from_dict, pipeline_of
 from vve_sumo.live.gateway import build_gateway
 from vve_sumo.messages import MalformedMessage
+from vve_sumo.record.declared import read_resolved
 from vve_sumo.rig.resolve import mounting_of
 from vve_sumo.values import Frame, GatewayStatus, Setpoint
 from vve_sumo.vehicle import link

@@ -24,10 +24,11 @@ from vve_sumo.drive.replay import (
     replayed_ticks,
 )
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
-from vve_sumo.drive.verify import Alteration, alterations
+from vve_sumo.drive.verify import alterations
 from vve_sumo.errors import ConfigError
 from vve_sumo.live import replay as live
 from vve_sumo.live.assembly import from_dict
+from vve_sumo.record.alterations import Alteration
 
 
 @dataclass(frozen=True, slots=True)

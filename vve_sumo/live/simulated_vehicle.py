@@ -15,11 +15,12 @@ import signal
 import sys
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
+import msgspec
 import numpy as np
 
 from vve_sumo.errors import ConfigError, RigError, VveError
@@ -34,7 +35,6 @@ from vve_sumo.plant.fault_injected_car import FaultInjectedCar
 from vve_sumo.plant.injected_faults import InjectedFault
 from vve_sumo.pose.receivers.port import configured
 from vve_sumo.values import Frame, Pose
-from vve_sumo.vehicle.model import rebuilt
 
 if TYPE_CHECKING:
     from vve_sumo.bus import Bus
@@ -109,48 +109,31 @@ class CarConfig:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the configuration as `spawn.start` takes it."""
-        return {
-            "parameters": asdict(self.parameters),
-            "lot": {"projection": self.lot.projection, "offset": self.lot.offset},
-            "start": [self.latitude_deg, self.longitude_deg, self.heading_deg],
-            "epoch": self.epoch,
-            "t0": self.t0,
-            "seed": self.seed,
-            "receiver": self.receiver,
-            "bus": self.bus,
-            "faults": [fault.to_dict() for fault in self.faults],
-            "truth": None if self.truth is None else str(self.truth),
-            "brain": self.brain,
-            "bus_log": None if self.bus_log is None else str(self.bus_log),
-        }
+        plain: dict[str, Any] = msgspec.to_builtins(self, enc_hook=_plain)
+        return plain
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> CarConfig:
-        """Return the configuration that `to_dict` gave."""
-        latitude, longitude, heading = data["start"]
-        interface, channel = data["bus"] or ("", "")
-        return cls(
-            parameters=rebuilt(CarParameters, data["parameters"]),
-            lot=MapFrame(data["lot"]["projection"], tuple(data["lot"]["offset"])),
-            latitude_deg=latitude,
-            longitude_deg=longitude,
-            heading_deg=heading,
-            epoch=data["epoch"],
-            t0=data["t0"],
-            seed=data["seed"],
-            receiver=data["receiver"],
-            bus=(interface, channel) if data["bus"] else None,
-            faults=tuple(map(InjectedFault.from_dict, data["faults"])),
-            truth=None if data["truth"] is None else Path(data["truth"]),
-            brain=data["brain"],
-            bus_log=None if data["bus_log"] is None else Path(data["bus_log"]),
-        )
+        """Return the configuration that `to_dict` gave; raises ConfigError for other data."""
+        try:
+            return msgspec.convert(data, cls, dec_hook=_made)
+        except msgspec.ValidationError as error:
+            raise ConfigError(f"simulated vehicle: {error}") from None
 
     def start(self) -> tuple[float, float, float]:
         """Return x, y [m] and heading [rad] of the rear axle at the start, in the lot's map."""
         latitude, longitude = math.radians(self.latitude_deg), math.radians(self.longitude_deg)
         x, y = self.lot.to_map(latitude, longitude)
         return x, y, math.radians(90.0 - self.heading_deg) + self.lot.convergence(latitude, longitude)
+
+
+def _plain(value: object) -> Any:
+    """Return what is sent for a part of a configuration that msgspec does not know."""
+    return {"projection": value.projection, "offset": value.offset} if isinstance(value, MapFrame) else str(value)
+
+
+def _made(kind: type[Any], value: Any) -> Any:
+    return MapFrame(value["projection"], tuple(value["offset"])) if kind is MapFrame else kind(value)
 
 
 class TruthFile:

@@ -49,6 +49,15 @@ def start(
     return process
 
 
+def end(process: subprocess.Popen[bytes], timeout: float) -> None:
+    """Wait for a process that was told to end, by its closed channel; after `timeout` [s] it is killed."""
+    try:
+        process.wait(timeout)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
 def receive_config() -> tuple[dict[str, Any], dict[str, Channel]]:
     """Return what `start` handed to this process; to be called once, before anything else."""
     handed = json.load(sys.stdin.buffer)

@@ -49,7 +49,7 @@ def start(
     ours, theirs = pair()
     log = {} if folder is None else {"log": str(folder / "car.log")}
     process = spawn.start("simulated_vehicle", config | log, {"console": theirs}, own_session=True)
-    stack.callback(_end, process)
+    stack.callback(spawn.end, process, START_TIMEOUT)
     stack.callback(ours.close)
     match _first_message(ours):
         case messages.Ready((interface, channel)):
@@ -58,15 +58,6 @@ def start(
             raise RigError(f"the simulated vehicle: {text}")
         case message:
             raise RigError(f"the simulated vehicle: {message}")
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """Wait for a car whose channel was closed; one that hangs is killed."""
-    try:
-        process.wait(START_TIMEOUT)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
 
 
 def _config(rig: Rig, t0: float, seed: int, folder: Path | None, friction: float) -> CarConfig:

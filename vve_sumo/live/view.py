@@ -30,7 +30,7 @@ from vve_sumo.record.roads import read_roads
 from vve_sumo.view.guard import STOP_PATH
 from vve_sumo.view.hub import Hub
 from vve_sumo.view.live_frame import LiveFrames
-from vve_sumo.view.sample import decode
+from vve_sumo.view.sample import ViewSample, decode
 from vve_sumo.view.scene import VERSION, scene_of
 from vve_sumo.view.server import NO_FRAMES, PageServer, json_route, page_routes
 from vve_sumo.view.street import with_network
@@ -101,7 +101,8 @@ class ViewProcess:
     def _read_drive(self) -> None:
         events = []
         for datagram in self._drive.receive():
-            events += self._frames.take(decode(datagram))
+            if isinstance(sample := decode(datagram), ViewSample):
+                events += self._frames.take(sample)
         if self._drive.closed:
             asyncio.get_running_loop().remove_reader(self._drive.fileno())
         self._hub.changed(events)

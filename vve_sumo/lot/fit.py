@@ -57,7 +57,7 @@ class _Ground:
 
     points: Floats  #: (n, 2) [m]
     station: Floats  #: (n,) [m]
-    middle: tuple[float, float]  #: street's map [m]
+    middle: tuple[float, float]  #: virtual road's map [m]
 
     def until(self, station: float) -> Floats:
         return self.points[self.station <= station]

@@ -90,11 +90,7 @@ class Routes:
         table, reach = self.samples, math.ceil(window / SAMPLE_SPACING)
         centre = np.rint((near - table.s[self.first[route]]) / SAMPLE_SPACING).astype(np.int64)
         index = np.clip(centre[:, None] + np.arange(-reach, reach + 1), 0, self.count[route][:, None] - 1)
-        index += self.first[route][:, None]
-        distance = (table.x[index] - x[:, None]) ** 2 + (table.y[index] - y[:, None]) ** 2
-        rows = index[np.arange(len(x)), np.argmin(distance, axis=1)]
-        s, d, arc = table.project(x, y, rows)
-        return s, d, np.arctan2(table.tangent_y[rows], table.tangent_x[rows]) + table.curvature[rows] * arc
+        return table.project_within(x, y, index + self.first[route][:, None])
 
 
 def _line(path: ReferencePath, station: float, own: ReferencePath, base: Routes) -> tuple[Samples, float]:

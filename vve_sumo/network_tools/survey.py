@@ -73,7 +73,10 @@ def record_path(
         roads.place(f"{edge}_0", position)
     closed = len(edges) > 1 and (start, start_position) == (end, stop)
     points, deviation = _smoothed(_moved(front_track(network, edges, start_position, stop)), tolerance, closed)
-    path = ReferencePath.from_points(points[:, 0], points[:, 1])
+    try:
+        path = ReferencePath.from_points(points[:, 0], points[:, 1])
+    except ValueError as error:
+        raise ConfigError(f"{network}: from {start} to {end}: {error}") from None
     if tightest is not None:
         refuse_tight_bend(path, tightest, f"{network}: from {start} to {end}")
     _write(out, roads.network, points, edges)

@@ -62,11 +62,6 @@ def head_of(column: str, units: Mapping[str, str] | None = None, labels: Mapping
     return f"{label} [{unit}]" if unit else label
 
 
-def headed(column: str, units: Mapping[str, str] | None = None) -> Column:
-    """Return the column of a figure or parameter, which holds numbers, with the meaning of its head."""
-    return Column(head_of(column, units), True, meaning_of(column))
-
-
 def named(key: str) -> Cell:
     """Return the label of a figure with its meaning."""
     return Cell(label_of(key), meaning_of(key))

@@ -13,8 +13,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from vve_sumo.drive.resolved_scenario import read_resolved, recorded_model
+from vve_sumo.drive.resolved_scenario import recorded_model
 from vve_sumo.physical_constants import GRAVITY
+from vve_sumo.record.declared import read_resolved
 from vve_sumo.record.reader import read_table
 from vve_sumo.suite.row import CutIn, SuiteRow
 from vve_sumo.values import Floats, Vehicle

@@ -19,8 +19,8 @@ from vve_sumo.scenario.overrides import check_bounds, numbered, places, refuse_u
 from vve_sumo.sweep.axes import Axis, Choice, NumberRange, Steps, axes, flattened
 from vve_sumo.sweep.controllers import VariedController, columns, compared
 
-#: designs that draw `samples` points, and those that take every value that is listed
-SAMPLED, LISTED = ("latin_hypercube", "sobol", "random"), ("grid", "list")
+#: designs that draw `samples` points; the others take every value that is listed
+SAMPLED = ("latin_hypercube", "sobol", "random")
 
 MAX_SEED = 2**31 - 1
 KEY = re.compile("[0-9a-f]{16}")

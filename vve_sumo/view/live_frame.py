@@ -15,12 +15,13 @@ import numpy as np
 from vve_sumo.analysis.bodies import declared_kinds, kind_of
 from vve_sumo.drive.reasons import in_words
 from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
+from vve_sumo.record.declared import recorded_path, recorded_vehicle
 from vve_sumo.record.drawings import drawings_of
 from vve_sumo.sensors.drawing import Drawing, placed, quantities, ranges
 from vve_sumo.values import Actors, CommandedPath, Floats, GatewayStatus, Pose
 from vve_sumo.view.lot_view import LotView
 from vve_sumo.view.sample import ReadingView, ViewSample
-from vve_sumo.view.scene import body, finite, path_of, rig_of, vehicle_of
+from vve_sumo.view.scene import body, finite, rig_of
 from vve_sumo.view.sight import Look
 from vve_sumo.view.words import detection_in_words
 
@@ -42,7 +43,7 @@ class LiveFrames:
 
     def __init__(self, resolved: Mapping[str, Any], wording: Wording) -> None:
         """`resolved` is the content of `scenario.json`; `wording` says in plain words what the console would say."""
-        self._vehicle, self._path, self._wording = vehicle_of(resolved), path_of(resolved), wording
+        self._vehicle, self._path, self._wording = recorded_vehicle(resolved), recorded_path(resolved), wording
         self._sensors = {
             name: _Sensor(name, drawing, [column[0] for column in resolved["sensors"][name]])
             for name, drawing in drawings_of(resolved).items()

@@ -30,12 +30,3 @@ class ShownPage:
 
     def _repr_html_(self) -> str:
         return f'<iframe srcdoc="{escape(self.html)}" width="100%" height="{HEIGHT}" frameborder="0"></iframe>'
-
-
-def write_page(folder: Path, file: Path) -> Path:
-    """Write the page of a record or a sweep as one file that needs nothing else, and return the file.
-
-    Raises ConfigError as `Library` does, OSError where the file cannot be written.
-    """
-    file.write_text(Library([folder]).page(), encoding="utf-8")
-    return file

@@ -6,12 +6,11 @@ the drive's process imports this.
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
-from vve_sumo.sensors.port import Column
+from vve_sumo.messages import MalformedMessage, MessageCodec, MessageKind
 from vve_sumo.values import Actors, CommandedPath, FallbackPath, FixQuality, GatewayStatus, Pose
 
 
@@ -20,7 +19,7 @@ class ReadingView:
     """A sensor's reading that came out at a tick."""
 
     measured: float  #: drive time at which it was measured [s]
-    columns: tuple[Column, ...]  #: of the sensor's table, as `scenario.json` names them
+    columns: tuple[Any, ...]  #: arrays or lists, of the sensor's table, as `scenario.json` names them
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,13 +55,14 @@ class ViewSample:
     outcome: str | None  #: of the drive, once it has one
 
 
+_CODEC: Final = MessageCodec[ViewSample](MessageKind.VIEW, ViewSample)
+
+
 def encode(sample: ViewSample) -> bytes:
     """Return a sample as a datagram."""
-    return pickle.dumps(sample, pickle.HIGHEST_PROTOCOL)
+    return _CODEC.encode(sample)
 
 
-def decode(datagram: bytes) -> ViewSample:
-    """Return the sample in a datagram of the drive, which the same program started: pickle is safe for no other."""
-    sample: Any = pickle.loads(datagram)
-    assert isinstance(sample, ViewSample)
-    return sample
+def decode(datagram: bytes) -> ViewSample | MalformedMessage:
+    """Return the sample in a datagram of the drive."""
+    return _CODEC.decode(datagram)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -19,6 +18,7 @@ from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.errors import VveError
 from vve_sumo.lot.geofence import Geofence
 from vve_sumo.path import ReferencePath
+from vve_sumo.record.declared import recorded_path, recorded_vehicle
 from vve_sumo.record.drawings import drawings_of
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
@@ -39,17 +39,6 @@ EYES: Final = (1.25, 0.37, 1.15)
 LANE_KINDS: Final = {"lane": "road", "junction": "junction", "crossing": "crossing", "walkway": "foot"}
 #: coordinates are sent with so many decimals: millimetres
 DECIMALS: Final = 3
-
-
-def vehicle_of(resolved: Mapping[str, Any]) -> Vehicle:
-    """Return the car as it was declared."""
-    return Vehicle(**{field.name: float(resolved["vehicle"][field.name]) for field in fields(Vehicle)})
-
-
-def path_of(resolved: Mapping[str, Any]) -> ReferencePath:
-    """Return where the rear axle is to go, in the virtual road's map."""
-    points = np.array([point.split() for point in resolved["path_m"]], np.float64)
-    return ReferencePath.from_points(points[:, 0], points[:, 1])
 
 
 def rig_of(resolved: Mapping[str, Any]) -> Rig | None:
@@ -73,7 +62,7 @@ def scene_of(resolved: Mapping[str, Any], roads: pa.Table, *, source: str) -> di
 
     `resolved` is the content of `scenario.json`, `roads` the table of lanes, `source` is "record" or "live".
     """
-    path, vehicle, rig = path_of(resolved), vehicle_of(resolved), rig_of(resolved)
+    path, vehicle, rig = recorded_path(resolved), recorded_vehicle(resolved), rig_of(resolved)
     return {
         "version": VERSION,
         "title": str(resolved["settings"]["title"]),

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Literal, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
 from vve_sumo.pose import ncom, nmea_encoder
 from vve_sumo.values import Actors, Frame, Vehicle
@@ -28,7 +28,6 @@ MICROSECONDS: Final = 1_000_000
 #: how long the vehicle messages of an ESR's host count [s]: five of their periods of 20 ms, an assumption
 HOST_LIFETIME: Final = 0.1
 
-Carried = Literal["bytes", "frames"]
 #: returns the frames that others have sent on a bus since the last call, in order
 Hear = Callable[[], Sequence[Frame]]
 
@@ -310,7 +309,6 @@ class OfOtherSensor:
 class Kind:
     """A kind of outgoing wire."""
 
-    carried: Carried  #: what its steps return
     make: Callable[[Context], Output]
     meaning: str
     tells_actors: bool = False  #: whether it needs the actors of a sample
@@ -319,28 +317,23 @@ class Kind:
 
 
 KINDS: Final[Mapping[str, Kind]] = {
-    "ncom": Kind("bytes", NcomOutput, "the ego at its virtual place as OXTS NCOM packets, one a tick"),
-    "nmea": Kind("bytes", NmeaOutput, "the ego at its virtual place as NMEA 0183 sentences, 10 Hz"),
+    "ncom": Kind(NcomOutput, "the ego at its virtual place as OXTS NCOM packets, one a tick"),
+    "nmea": Kind(NmeaOutput, "the ego at its virtual place as NMEA 0183 sentences, 10 Hz"),
     "radar": Kind(
-        "bytes",
         RadarOutput,
         "the radar's newest scan as this project's own datagram, one a tick",
         content="detections",
         signed=True,
     ),
-    "esr": Kind("frames", EsrOutput, "the radar as a Delphi ESR's tracks, 20 Hz", content="detections"),
-    "ars408": Kind(
-        "frames", Ars408Output, "the radar as a Continental ARS408's objects, 13.3 Hz", content="detections"
-    ),
-    "stop": Kind("frames", StopOutput, "a frame that asks for a stop, at each tick of a drive that is invalid"),
+    "esr": Kind(EsrOutput, "the radar as a Delphi ESR's tracks, 20 Hz", content="detections"),
+    "ars408": Kind(Ars408Output, "the radar as a Continental ARS408's objects, 13.3 Hz", content="detections"),
+    "stop": Kind(StopOutput, "a frame that asks for a stop, at each tick of a drive that is invalid"),
     "osi_view": Kind(
-        "bytes",
         lambda c: OsiOutput(c, view=True),
         "ASAM OSI SensorView with ground truth, one a tick",
         tells_actors=True,
     ),
     "osi_data": Kind(
-        "bytes",
         lambda c: OsiOutput(c, view=False),
         "ASAM OSI SensorData of the radar, one a tick",
         content="detections",
