@@ -19,8 +19,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vve_sumo.values import Floats, Point, Pose
+from vve_sumo.values import EGO, Floats, Point, Pose
 from vve_sumo.vehicle.load import load
+from vve_sumo.world.ego_sync import Ego
 from vve_sumo.world.network import read_network
 from vve_sumo.world.world import World
 
@@ -49,15 +50,14 @@ def looked_at(level: str, seed: int, seconds: float) -> Steps:
     demand = REPOSITORY / "routes" / f"linden_{level}.rou.xml"
     number, jumps, longest = 0, 0, 0.0
     with World(
-        NETWORK, demand=[demand], seed=seed, period=PERIOD, vehicle=load(FUSION).vehicle,
+        NETWORK, demand=[demand], seed=seed, period=PERIOD, egos=[Ego(EGO, load(FUSION).vehicle)],
         range_of_interest=WHOLE_NETWORK,
     ) as world:  # fmt: skip
         before: tuple[tuple[str, ...], Floats] = ((), np.empty((3, 0)))
         for k in range(round(seconds / PERIOD)):
             pose = Pose(k * PERIOD, Point.FRONT_BUMPER, x_min - 100.0, y_min - 100.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-            world.place(pose)
-            world.step()
-            actors = world.actors()
+            world.step({EGO: pose})
+            actors = world.actors(EGO)
             now = actors.ids, np.array((actors.x, actors.y, actors.heading))
             aside = to_the_side(*before, *now)
             number, jumps = number + aside.size, jumps + int((aside > JUMP).sum())

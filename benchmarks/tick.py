@@ -115,6 +115,7 @@ def serve(pipe: Connection, vehicles: int, boxes: bool) -> None:
     from vve_sumo.drive.lockstep import Lockstep
     from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
     from vve_sumo.record.writer import RecordWriter
+    from vve_sumo.values import EGO
 
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
@@ -123,8 +124,7 @@ def serve(pipe: Connection, vehicles: int, boxes: bool) -> None:
         libsumo.simulationStep = step.wrap(libsumo.simulationStep)
         shell = Lockstep(drive, REPOSITORY)
         record = RecordWriter(folder / "record", drive.to_dict(REPOSITORY), DEFAULT_EPOCH)
-        pipeline = shell._pipeline
-        gateway = shell._gateway
+        pipeline, gateway = shell.egos[0].pipeline, shell.egos[0].gateway
         path = Timed()
         pipeline.receive, pipeline.see = path.wrap(pipeline.receive), path.wrap(pipeline.see)  # type: ignore[method-assign]
         pipeline.decide, gateway.step = path.wrap(pipeline.decide), path.wrap(gateway.step)  # type: ignore[method-assign]
@@ -135,11 +135,11 @@ def serve(pipe: Connection, vehicles: int, boxes: bool) -> None:
                 for timed in (step, path):
                     timed.samples.clear()
                 start = time.perf_counter()
-                result = next(ticks).result
+                result = next(ticks)[EGO].result
                 whole = time.perf_counter() - start
                 detections = len(result.sensors["radar"].range)
                 rows.append(("radar" in result.readings, sum(path.samples), whole, sum(step.samples), detections))
-            pipe.send((rows, libsumo.vehicle.getIDCount(), len(shell._road.actors.ids)))
+            pipe.send((rows, libsumo.vehicle.getIDCount(), len(shell.road.around[EGO].actors.ids)))
         shell.close()
 
 

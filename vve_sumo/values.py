@@ -10,7 +10,7 @@ import enum
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ from vve_sumo.frozen import fast_frozen
 from vve_sumo.path import ReferencePath
 
 Floats = NDArray[np.float64]
+
+#: the id of a drive's only ego
+EGO: Final = "ego"
 
 
 class Point(enum.StrEnum):

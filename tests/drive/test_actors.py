@@ -177,7 +177,7 @@ def test_a_wrong_recording_is_one_line_that_names_file_and_line(tmp_path: Path, 
 
 def _waited() -> list[tuple[str, ...]]:
     from vve_sumo.drive.virtual_road import VirtualRoad, open_world, pose_at_rest, scenario_engine
-    from vve_sumo.values import Point
+    from vve_sumo.values import EGO, Point
 
     resolved = altered(changes(actors=[LEAD, WALKER | {"enters": {"drive_s": 0.04}}]))
     here = resolved.path.at(5.0)
@@ -186,8 +186,8 @@ def _waited() -> list[tuple[str, ...]]:
         if go:
             street.start_actors()
         asked = replace(pose_at_rest(here.x, here.y, here.heading), time=9.0 + 0.02 * tick, speed=speed)
-        street.advance(replace(asked, point=Point.FRONT_BUMPER))
-        seen.append(street.actors.ids)
+        street.advance({EGO: replace(asked, point=Point.FRONT_BUMPER)})
+        seen.append(street.around[EGO].actors.ids)
     street.close()
     return seen
 

@@ -25,6 +25,7 @@ from vve_sumo.plotting.birds_eye import MapWindow, draw_map
 from vve_sumo.plotting.drive_record import page_of
 from vve_sumo.record.hashes import hash_parts
 from vve_sumo.record.reader import read_commanded
+from vve_sumo.values import EGO
 from vve_sumo.view.frames import Frames
 
 #: where the setpoints end, in the middle of the swerve [m]
@@ -140,10 +141,10 @@ def stopped(says: bool) -> tuple[Any, Any, Any]:
 
     resolved = altered(changes(says=says))
     shell = Lockstep(resolved, REPOSITORY)
-    deaf = shell._gateway = Deaf(shell._gateway)
+    deaf = shell.egos[0].gateway = Deaf(shell.egos[0].gateway)
     record = MemoryRecorder(resolved.to_dict(REPOSITORY), DEFAULT_EPOCH)
     states, path = [], None
-    for ticked in shell.ticks(record):
+    for ticked in (ticks[EGO] for ticks in shell.ticks(record)):
         deaf.silent |= ticked.result.s >= MIDDLE
         path = path if deaf.silent else ticked.result.commanded_path
         states.append(ticked.output.status.state.value)

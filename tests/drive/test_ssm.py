@@ -16,13 +16,13 @@ import pytest
 
 from tests.isolated import isolated
 from tests.metrics.tables import ticks_of
-from tests.world.streets import FUSION, PERIOD, demand, pose, street
+from tests.world.streets import ALONE, FUSION, PERIOD, demand, pose, street
 from vve_sumo.metrics import following
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.lead_vehicle import LeadVehicle
 from vve_sumo.path import ReferencePath
 from vve_sumo.record.layout import SCHEMAS
-from vve_sumo.values import Actors, Floats
+from vve_sumo.values import EGO, Actors, Floats
 
 LANE = -1.6  #: y of the one lane to the east [m]
 TICKS = 500
@@ -69,7 +69,7 @@ def closing_in(folder: str) -> Driven:
     """Drive."""
     import libsumo
 
-    from vve_sumo.world.ego_sync import EGO_TYPE
+    from vve_sumo.world.ego_sync import type_name
     from vve_sumo.world.world import World
 
     root = Path(folder)
@@ -77,18 +77,17 @@ def closing_in(folder: str) -> Driven:
     actors: list[dict[str, object]] = []
     x = 100.0
     network, cars = street(root, 1), demand(root, LEADER)
-    with World(network, demand=[cars], seed=3, period=PERIOD, vehicle=FUSION, warm_up=2 * PERIOD) as world:
+    with World(network, demand=[cars], seed=3, period=PERIOD, egos=ALONE, warm_up=2 * PERIOD) as world:
         for key, value in (DEVICE | {"device.ssm.file": str(root / "ssm.xml")}).items():
-            libsumo.vehicletype.setParameter(EGO_TYPE, key, value)
+            libsumo.vehicletype.setParameter(type_name(EGO), key, value)
         for tick in range(TICKS):
             speed = speed_at(tick * PERIOD)
-            world.place(pose(tick * PERIOD, x, LANE, 0.0, speed))
-            assert world.step().faults == ()
+            assert world.step({EGO: pose(tick * PERIOD, x, LANE, 0.0, speed)})[EGO].faults == ()
             rear = x - FUSION.rear_axle_to_bumper
             now = {"true_x_m": rear, "true_y_m": LANE, "true_speed_mps": speed, "s_m": rear}
             # The device's own time is that of the step's beginning.
             ego.append(now | {"time_s": libsumo.simulation.getTime() - PERIOD})
-            actors += rows_of(tick, world.actors())
+            actors += rows_of(tick, world.actors(EGO))
             x += PERIOD * speed_at((tick + 1) * PERIOD)
     return Driven(ego, actors, read(root / "ssm.xml"))
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from tests.drive.street import REPOSITORY, altered
 from tests.isolated import isolated
+from vve_sumo.values import EGO
 from vve_sumo.vehicle.dataspeed.layout import COMMAND_IDS
 
 TICKS = 150
@@ -50,9 +51,9 @@ def _driven() -> dict[str, Any]:
     looked = []
     ticks = shell.ticks(record)
     for _ in range(TICKS):
-        looked.append(next(ticks).actors)
+        looked.append(next(ticks)[EGO].actors)
     ticks.close()
-    looked.append(shell._road.actors)
+    looked.append(shell.road.around[EGO].actors)
     shell.close()
     record.close()
     actors = record.tables["actors"].to_pandas()

@@ -15,6 +15,8 @@ from tests.vehicles import FUSION
 from vve_sumo.drive.resolved_scenario import read_path
 from vve_sumo.geometry import Box
 from vve_sumo.timing import PERIOD
+from vve_sumo.values import EGO
+from vve_sumo.world.ego_sync import Ego
 from vve_sumo.world.network import read_network
 from vve_sumo.world.world import World
 
@@ -59,18 +61,15 @@ def drive(
     ego = OddEgo(path, FUSION.vehicle, start * (path.length - 200.0), means)
     demand = [REPOSITORY / "routes" / f"linden_{level}.rou.xml"]
     reported, memory, touched = Told(seed), Memory(PERIOD), dict[str, float]()
-    with World(
-        network.path, demand=demand, seed=seed, period=PERIOD, vehicle=FUSION.vehicle, warm_up=warm_up, route=route
-    ) as world:
-        world.place(ego.pose())
-        report = world.step()
+    egos = [Ego(EGO, FUSION.vehicle, route)]
+    with World(network.path, demand=demand, seed=seed, period=PERIOD, egos=egos, warm_up=warm_up) as world:
+        report = world.step({EGO: ego.pose()})[EGO]
         before: dict[str, Box] = {}
         waited, lane = 0.0, ""
         for k in range(round(seconds / PERIOD)):
-            now, actors = k * PERIOD, world.actors()
+            now, actors = k * PERIOD, world.actors(EGO)
             pose = ego.step(PERIOD, actors, report.lane.startswith(":"))
-            world.place(pose)
-            report = world.step()
+            report = world.step({EGO: pose})[EGO]
             if report.faults:
                 reported.overlaps.append(f"seed {seed} at {now:.2f} s: {report.faults}")
             reported.driven += abs(pose.speed) * PERIOD
@@ -78,7 +77,7 @@ def drive(
             memory.keep(now, ego.body(), others)
             _look_for_jumps(reported, now, before, others)
             reported.most_standing = max(reported.most_standing, sum(speed < STANDS for _, _, speed in others))
-            for name in world.contacts():
+            for name in world.contacts(EGO):
                 if now - touched.get(name, -math.inf) > APART and (moments := memory.of(name)):
                     verdict = judge(moments)
                     reported.avoidable += verdict.avoidable
@@ -104,7 +103,7 @@ def drive(
 
 
 def _near(world: World, x: float, y: float) -> list[tuple[str, Box, float]]:
-    actors = world.actors()
+    actors = world.actors(EGO)
     columns = (actors.x, actors.y, actors.heading, actors.length, actors.width, actors.speed)
     return [
         (name, Box(at_x, at_y, heading, length, width), speed)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import libsumo
 
-from tests.world.streets import FUSION, PERIOD, demand, street
-from vve_sumo.values import Pose
+from tests.world.streets import ALONE, PERIOD, demand, street
+from vve_sumo.values import EGO, Pose
 from vve_sumo.world.world import World
 
 #: It acts in every step, so it sees every twitch of the ego.
@@ -26,11 +26,8 @@ def follower_accelerations(folder: Path, poses: Iterable[Pose]) -> list[float]:
     """
     follower = demand(folder, FOLLOWER, "follower")
     seen = []
-    with World(
-        street(folder, 1), demand=[follower], seed=1, period=PERIOD, vehicle=FUSION, warm_up=PERIOD * 2
-    ) as world:
+    with World(street(folder, 1), demand=[follower], seed=1, period=PERIOD, egos=ALONE, warm_up=PERIOD * 2) as world:
         for pose in poses:
-            world.place(pose)
-            world.step()
+            world.step({EGO: pose})
             seen.append(libsumo.vehicle.getAcceleration("follower"))
     return seen

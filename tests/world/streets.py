@@ -14,11 +14,15 @@ from pathlib import Path
 import sumo
 
 from tests import vehicles
-from vve_sumo.values import Point, Pose
+from vve_sumo.values import EGO, Point, Pose
+from vve_sumo.world.ego_sync import Ego
 
 PERIOD = 0.02
 
 FUSION = vehicles.FUSION.vehicle
+
+#: the egos of a street with one
+ALONE = (Ego(EGO, FUSION),)
 
 
 def pose(time: float, x: float, y: float, heading: float, speed: float) -> Pose:

@@ -15,9 +15,22 @@ from hypothesis import strategies as st
 
 from tests.isolated import isolated
 from tests.world.following import follower_accelerations
-from tests.world.streets import FUSION, PERIOD, along, crossing, demand, grid, lane_points, pose, street, trips, way
-from vve_sumo.values import Point
-from vve_sumo.world.ego_sync import TOLERANCE, compass, heading_of
+from tests.world.streets import (
+    ALONE,
+    FUSION,
+    PERIOD,
+    along,
+    crossing,
+    demand,
+    grid,
+    lane_points,
+    pose,
+    street,
+    trips,
+    way,
+)
+from vve_sumo.values import EGO, Point
+from vve_sumo.world.ego_sync import TOLERANCE, Ego, compass, heading_of
 from vve_sumo.world.world import World
 
 BLOCK = ["B1C1", "C1C2", "C2B2", "B2B1"]
@@ -34,7 +47,7 @@ def _ten_minutes(folder: str) -> dict[str, object]:
     worst, faults, off_road, lanes = [0.0, 0.0, 0.0], [], 0, set()
     traffic = trips(root, network, 20, 6.0)
     with World(
-        network, demand=[traffic], seed=2, period=PERIOD, vehicle=FUSION, warm_up=30.0, route=BLOCK * 30
+        network, demand=[traffic], seed=2, period=PERIOD, egos=[Ego(EGO, FUSION, tuple(BLOCK * 30))], warm_up=30.0
     ) as world:
         for k in range(TICKS):
             x, y, heading = lap[k % len(lap)]
@@ -42,8 +55,7 @@ def _ten_minutes(folder: str) -> dict[str, object]:
             aside = 3.2 * math.sin((phase - 1000) / 400 * math.pi) if 1000 <= phase < 1400 else 0.0
             aside -= 9.0 * math.sin((phase - 2000) / 600 * math.pi) if 2000 <= phase < 2600 else 0.0
             x, y = x - aside * math.sin(heading) + noise[k, 0], y + aside * math.cos(heading) + noise[k, 1]
-            world.place(pose(k * PERIOD, x, y, heading, speeds[k]))
-            report = world.step()
+            report = world.step({EGO: pose(k * PERIOD, x, y, heading, speeds[k])})[EGO]
             errors = (report.position_error, report.heading_error, report.speed_error)
             worst = [max(pair) for pair in zip(worst, errors, strict=True)]
             faults += report.faults
@@ -67,16 +79,13 @@ def _refusals(folder: str) -> list[tuple[str, tuple[str, ...], float, float, flo
     cases = [(field, value) for field in ("x", "y", "heading", "speed") for value in bad]
     random.Random(1).shuffle(cases)
     reported = []
-    with World(network, seed=1, period=PERIOD, vehicle=FUSION) as world:
-        world.place(pose(0.0, 100.0, -1.6, 0.0, 5.0))
-        assert world.step().faults == ()
+    with World(network, seed=1, period=PERIOD, egos=ALONE) as world:
+        assert world.step({EGO: pose(0.0, 100.0, -1.6, 0.0, 5.0)})[EGO].faults == ()
         for field, value in cases:
-            world.place(dataclasses.replace(pose(0.0, 100.0, -1.6, 0.0, 5.0), **{field: value}))
-            report = world.step()
+            report = world.step({EGO: dataclasses.replace(pose(0.0, 100.0, -1.6, 0.0, 5.0), **{field: value})})[EGO]
             x, y = libsumo.vehicle.getPosition("ego")
             reported.append((f"{field}={value}", report.faults, x, y, libsumo.vehicle.getSpeed("ego")))
-        world.place(pose(0.0, 101.0, -1.6, 0.0, 5.0))
-        assert world.step().faults == ()
+        assert world.step({EGO: pose(0.0, 101.0, -1.6, 0.0, 5.0)})[EGO].faults == ()
     return reported
 
 
@@ -92,26 +101,19 @@ def test_a_pose_that_sumo_must_not_see_is_a_fault_and_the_ego_stands(tmp_path):
 def _odd_ticks(folder: str) -> list[tuple[str, ...]]:
     network = street(Path(folder))
     reported = []
-    with World(network, seed=1, period=PERIOD, vehicle=FUSION) as world:
-        reported.append(world.step().faults)
+    with World(network, seed=1, period=PERIOD, egos=ALONE) as world:
+        reported.append(world.step({})[EGO].faults)
         start = pose(0.0, 100.0, -1.6, 0.0, 33.3)
-        world.place(dataclasses.replace(start, x=math.nan))
-        reported.append(world.step().faults)
-        world.place(start)
-        reported.append(world.step().faults)
-        reported.append(world.step().faults)
-        world.place(dataclasses.replace(start, point=Point.REAR_AXLE))
-        reported.append(world.step().faults)
-        world.place(dataclasses.replace(start, speed=-2.0))
-        reported.append(world.step().faults)
+        reported.append(world.step({EGO: dataclasses.replace(start, x=math.nan)})[EGO].faults)
+        reported.append(world.step({EGO: start})[EGO].faults)
+        reported.append(world.step({})[EGO].faults)
+        reported.append(world.step({EGO: dataclasses.replace(start, point=Point.REAR_AXLE)})[EGO].faults)
+        reported.append(world.step({EGO: dataclasses.replace(start, speed=-2.0)})[EGO].faults)
         libsumo.vehicle.remove("ego")
-        world.place(start)
-        reported.append(world.step().faults)
-        world.place(start)
-        reported.append(world.step().faults)
-        world.place(start)
-        reported.append(world.step().faults)
-        reported.append(world.actors().ids)
+        reported.append(world.step({EGO: start})[EGO].faults)
+        reported.append(world.step({EGO: start})[EGO].faults)
+        reported.append(world.step({EGO: start})[EGO].faults)
+        reported.append(world.actors(EGO).ids)
     return reported
 
 
@@ -153,12 +155,11 @@ def _minor_road(folder: str, offset: float, native: bool, route: tuple[str, ...]
         '<vehicle id="major" type="car" depart="0.04" departPos="200" departSpeed="10"><route edges="wc ce"/></vehicle>'
     )
     cars = demand(Path(folder), minor + (major if native else ""))
-    first = None
-    with World(network, demand=[cars], seed=1, period=PERIOD, vehicle=FUSION, warm_up=0.04, route=route) as world:
+    first, egos = None, [Ego(EGO, FUSION, route)]
+    with World(network, demand=[cars], seed=1, period=PERIOD, egos=egos, warm_up=0.04) as world:
         for k in range(800):
-            x = -100.0 + k * PERIOD * 10.0
-            world.place(pose(k * PERIOD, 0.0, 900.0, 0.0, 0.0) if native else pose(k * PERIOD, x, -1.6, 0.0, 10.0))
-            world.step()
+            place = (0.0, 900.0, 0.0, 0.0) if native else (-100.0 + k * PERIOD * 10.0, -1.6, 0.0, 10.0)
+            world.step({EGO: pose(k * PERIOD, *place)})
             names = libsumo.vehicle.getIDList()
             if "minor" not in names or (native and "major" not in names):
                 continue
@@ -167,7 +168,7 @@ def _minor_road(folder: str, offset: float, native: bool, route: tuple[str, ...]
             if first is None and (other > 0.0 or ours_x > 0.0):
                 first = other > 0.0
             if not native:
-                assert world.contacts() == ()
+                assert world.contacts(EGO) == ()
     assert first is not None
     return first
 

@@ -10,9 +10,23 @@ import pytest
 from shapely import Polygon, box
 
 from tests.isolated import isolated
-from tests.world.streets import FUSION, PERIOD, along, crossing, demand, grid, lane_points, pose, street, trips, way
+from tests.world.streets import (
+    ALONE,
+    FUSION,
+    PERIOD,
+    along,
+    crossing,
+    demand,
+    grid,
+    lane_points,
+    pose,
+    street,
+    trips,
+    way,
+)
 from vve_sumo.geometry import Box, behind_bumper
-from vve_sumo.values import Actors
+from vve_sumo.values import EGO, Actors
+from vve_sumo.world.ego_sync import Ego
 from vve_sumo.world.world import World
 
 CAR = '<vType id="car" sigma="0" lcStrategic="0" lcSpeedGain="0" lcCooperative="0" lcKeepRight="0"/>'
@@ -44,13 +58,12 @@ def _watch(folder: str, x: float, y: float, heading: float, speed: float, second
     root = Path(folder)
     seen = Seen(set(), {}, set(), set(), "")
     cars = demand(root, FLOWS)
-    with World(street(root), demand=[cars], seed=1, period=PERIOD, vehicle=FUSION, range_of_interest=400.0) as world:
+    with World(street(root), demand=[cars], seed=1, period=PERIOD, egos=ALONE, range_of_interest=400.0) as world:
         for k in range(int(seconds / PERIOD)):
             at = x + speed * k * PERIOD
-            world.place(pose(k * PERIOD, at, y, heading, speed))
-            seen.lane = world.step().lane
-            actors = world.actors()
-            touched = set(world.contacts())
+            seen.lane = world.step({EGO: pose(k * PERIOD, at, y, heading, speed)})[EGO].lane
+            actors = world.actors(EGO)
+            touched = set(world.contacts(EGO))
             seen.touched |= touched
             if k % 5 == 0:
                 overlapping = _look(
@@ -121,16 +134,14 @@ def _weave(folder: str) -> tuple[list[int], list[int]]:
     """Number of ghosts while the ego crosses the line and comes back, and after it left the road for good."""
     root = Path(folder)
     weaving, away = [], []
-    with World(street(root), demand=[], seed=1, period=PERIOD, vehicle=FUSION) as world:
+    with World(street(root), demand=[], seed=1, period=PERIOD, egos=ALONE) as world:
         for k in range(1000):
             y = -1.6 - 1.6 * math.sin(k / 1000 * math.pi)
-            world.place(pose(k * PERIOD, 100.0 + 0.2 * k, y, 0.0, 10.0))
-            assert world.step().faults == ()
-            weaving.append(len(world.proxy_lanes))
+            assert world.step({EGO: pose(k * PERIOD, 100.0 + 0.2 * k, y, 0.0, 10.0)})[EGO].faults == ()
+            weaving.append(len(world.proxy_lanes(EGO)))
         for k in range(100):
-            world.place(pose(20.0 + k * PERIOD, 300.0, -30.0, 0.0, 0.0))
-            assert world.step().faults == ()
-            away.append(len(world.proxy_lanes))
+            assert world.step({EGO: pose(20.0 + k * PERIOD, 300.0, -30.0, 0.0, 0.0)})[EGO].faults == ()
+            away.append(len(world.proxy_lanes(EGO)))
     return weaving, away
 
 
@@ -152,15 +163,13 @@ def _junction(folder: str) -> tuple[set[str], bool, int]:
     )
     touched: set[str] = set()
     went_while_blocked, arrived = False, 0
-    with World(crossing(root), demand=[demand(root, flows)], seed=1, period=PERIOD, vehicle=FUSION) as world:
+    with World(crossing(root), demand=[demand(root, flows)], seed=1, period=PERIOD, egos=ALONE) as world:
         for k in range(2000):
             blocked = k < 1000
-            world.place(
-                pose(k * PERIOD, 2.0, 2.0, math.pi / 4, 0.0) if blocked else pose(k * PERIOD, 0.0, 80.0, 0.0, 0.0)
-            )
-            world.step()
-            actors = world.actors()
-            touched |= set(world.contacts()) if blocked else set()
+            place = (2.0, 2.0, math.pi / 4) if blocked else (0.0, 80.0, 0.0)
+            world.step({EGO: pose(k * PERIOD, *place, 0.0)})
+            actors = world.actors(EGO)
+            touched |= set(world.contacts(EGO)) if blocked else set()
             inside = [i for i in range(len(actors.ids)) if abs(actors.x[i]) > 20.0 or abs(actors.y[i]) > 20.0]
             for i in inside:
                 out = actors.x[i] * math.cos(actors.heading[i]) + actors.y[i] * math.sin(actors.heading[i]) > 20.0
@@ -186,12 +195,11 @@ def _town(folder: str) -> tuple[int, int]:
     lap = list(along(lane_points(network, way(network, block * 2 + block[:1])), 6.0 * PERIOD))
     haunted = arrived = 0
     cars = trips(root, network, 60, 2.0)
-    with World(network, demand=[cars], seed=1, period=PERIOD, vehicle=FUSION, route=block * 4) as world:
+    with World(network, demand=[cars], seed=1, period=PERIOD, egos=[Ego(EGO, FUSION, tuple(block * 4))]) as world:
         for k in range(3000):
             x, y, heading = lap[k % len(lap)]
-            world.place(pose(k * PERIOD, x, y, heading, 6.0))
-            assert world.step().faults == ()
-            haunted += bool(world.proxy_lanes)
+            assert world.step({EGO: pose(k * PERIOD, x, y, heading, 6.0)})[EGO].faults == ()
+            haunted += bool(world.proxy_lanes(EGO))
             arrived += len(libsumo.simulation.getArrivedIDList())
     return haunted, arrived
 

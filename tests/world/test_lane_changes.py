@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.isolated import isolated
-from tests.world.streets import FUSION, PERIOD, demand, pose, street
+from tests.world.streets import ALONE, PERIOD, demand, pose, street
+from vve_sumo.values import EGO
 from vve_sumo.world.surroundings import followed
 from vve_sumo.world.world import World
 
@@ -37,12 +38,11 @@ Moment = tuple[float, float, float, float, float]  #: x, y, heading, speed, spee
 def _overtaken(folder: str) -> dict[str, list[Moment]]:
     """What the snapshots say of every car."""
     root, reported = Path(folder), dict[str, list[Moment]]()
-    with World(street(root), demand=[demand(root, OVERTAKING)], seed=1, period=PERIOD, vehicle=FUSION) as world:
+    with World(street(root), demand=[demand(root, OVERTAKING)], seed=1, period=PERIOD, egos=ALONE) as world:
         for k in range(round(SECONDS / PERIOD)):
             # Beside the road, where it is in nobody's way.
-            world.place(pose(k * PERIOD, 400.0, -20.0, 0.0, 0.0))
-            assert world.step().faults == ()
-            actors = world.actors()
+            assert world.step({EGO: pose(k * PERIOD, 400.0, -20.0, 0.0, 0.0)})[EGO].faults == ()
+            actors = world.actors(EGO)
             columns = (actors.x, actors.y, actors.heading, actors.speed, actors.lateral_speed)
             for name, *moment in zip(actors.ids, *(column.tolist() for column in columns), strict=True):
                 reported.setdefault(name, []).append(tuple(moment))

@@ -10,9 +10,10 @@ import pytest
 from shapely import Polygon
 
 from tests.isolated import isolated
-from tests.world.streets import FUSION, PERIOD, crossing, demand, pose, street
+from tests.world.streets import ALONE, PERIOD, crossing, demand, pose, street
 from vve_sumo.errors import ConfigError
 from vve_sumo.geometry import Box
+from vve_sumo.values import EGO
 from vve_sumo.world.obstacles import LaneSpot, MapSpot, Obstacle
 from vve_sumo.world.world import World
 
@@ -27,15 +28,14 @@ def _traffic(folder: str, lanes: int, obstacle: Obstacle, seconds: float) -> dic
     tracks: dict[str, list[tuple[float, ...]]] = {}
     cars = demand(root, CAR + flow)
     with World(
-        street(root, lanes), demand=[cars], seed=1, period=PERIOD, vehicle=FUSION, obstacles=[obstacle],
+        street(root, lanes), demand=[cars], seed=1, period=PERIOD, egos=ALONE, obstacles=[obstacle],
         range_of_interest=2000.0,
     ) as world:  # fmt: skip
         for k in range(int(seconds / PERIOD)):
-            world.place(pose(k * PERIOD, 0.0, 500.0, 0.0, 0.0))
-            assert world.step().faults == ()
+            assert world.step({EGO: pose(k * PERIOD, 0.0, 500.0, 0.0, 0.0)})[EGO].faults == ()
             if k % 5:
                 continue
-            actors = world.actors()
+            actors = world.actors(EGO)
             boxes = [
                 Polygon(Box(*map(float, row)).corners())
                 for row in zip(actors.x, actors.y, actors.heading, actors.length, actors.width, strict=True)
@@ -88,13 +88,12 @@ def _in_a_junction(folder: str) -> tuple[float, float]:
     inside = Obstacle("wreck", MapSpot(3.0, -1.6, 0.0))
     furthest, touched = -300.0, math.inf
     with World(
-        crossing(root), demand=[demand(root, flow)], seed=1, period=PERIOD, vehicle=FUSION, obstacles=[inside],
+        crossing(root), demand=[demand(root, flow)], seed=1, period=PERIOD, egos=ALONE, obstacles=[inside],
         range_of_interest=900.0,
     ) as world:  # fmt: skip
         for k in range(2500):
-            world.place(pose(k * PERIOD, 0.0, 500.0, 0.0, 0.0))
-            world.step()
-            actors = world.actors()
+            world.step({EGO: pose(k * PERIOD, 0.0, 500.0, 0.0, 0.0)})
+            actors = world.actors(EGO)
             fronts = actors.x[:-1] + actors.length[:-1] / 2
             furthest = max(furthest, float(np.max(fronts, initial=-300.0)))
             touched = min(touched, 0.75 - furthest)
@@ -109,8 +108,8 @@ def test_an_obstacle_inside_a_junction_is_stopped_for(tmp_path):
 
 def _refused(folder: str, obstacles: list[Obstacle]) -> str:
     try:
-        with World(street(Path(folder)), seed=1, period=PERIOD, vehicle=FUSION, obstacles=obstacles) as world:
-            world.place(pose(0.0, 100.0, -1.6, 0.0, 0.0))
+        with World(street(Path(folder)), seed=1, period=PERIOD, egos=ALONE, obstacles=obstacles) as world:
+            world.step({EGO: pose(0.0, 100.0, -1.6, 0.0, 0.0)})
     except ConfigError as error:
         return str(error)
     return ""

@@ -12,9 +12,9 @@ import pytest
 from shapely import Polygon
 
 from tests.isolated import isolated
-from tests.world.streets import FUSION, PERIOD, crossing, demand, grid, pose, street
+from tests.world.streets import ALONE, PERIOD, crossing, demand, grid, pose, street
 from vve_sumo.geometry import Box
-from vve_sumo.values import Actors, ActorState
+from vve_sumo.values import EGO, Actors, ActorState
 from vve_sumo.world.lanes import Lanes, cuts, read_lanes
 from vve_sumo.world.world import World
 
@@ -57,10 +57,9 @@ def _run(world: World, track: Track, seconds: float) -> Seen:
     seen = Seen()
     for k in range(round(seconds / PERIOD)):
         states = track(k * PERIOD)
-        world.place(pose(k * PERIOD, 100.0, 500.0, 0.0, 0.0))
         world.set_actors(states)
-        assert world.step().faults == ()
-        actors, boxes = world.actors(), _boxes(world.actors())
+        assert world.step({EGO: pose(k * PERIOD, 100.0, 500.0, 0.0, 0.0)})[EGO].faults == ()
+        actors, boxes = world.actors(EGO), _boxes(world.actors(EGO))
         seen.ids |= set(actors.ids)
         mine = {state.id: state for state in states}
         seen.inexact += [name for name, state in mine.items() if _row(actors, name) != tuple(state[2:])]
@@ -83,7 +82,7 @@ def _run(world: World, track: Track, seconds: float) -> Seen:
 
 def _open(root: Path, network: Path, cars: str, warm_up: float = 0.0) -> World:
     return World(
-        network, demand=[demand(root, CAR + cars)], seed=1, period=PERIOD, vehicle=FUSION, warm_up=warm_up,
+        network, demand=[demand(root, CAR + cars)], seed=1, period=PERIOD, egos=ALONE, warm_up=warm_up,
         range_of_interest=2000.0,
     )  # fmt: skip
 
@@ -219,17 +218,15 @@ def _spoilt(folder: str) -> tuple[list[tuple[str, ...]], list[str]]:
         (good,),
     ]
     ids, left = [], []
-    with World(street(root), seed=1, period=PERIOD, vehicle=FUSION, range_of_interest=1000.0) as world:
+    with World(street(root), seed=1, period=PERIOD, egos=ALONE, range_of_interest=1000.0) as world:
         for k, playing in enumerate(states):
-            world.place(pose(k * PERIOD, 100.0, -1.6, 0.0, 0.0))
             world.set_actors(playing)
-            assert world.step().faults == ()
-            ids.append(world.actors().ids)
+            assert world.step({EGO: pose(k * PERIOD, 100.0, -1.6, 0.0, 0.0)})[EGO].faults == ()
+            ids.append(world.actors(EGO).ids)
             for name in libsumo.vehicle.getIDList():
                 assert all(map(math.isfinite, (*libsumo.vehicle.getPosition(name), libsumo.vehicle.getSpeed(name))))
         world.set_actors(())
-        world.place(pose(1.0, 100.0, -1.6, 0.0, 0.0))
-        world.step()
+        world.step({EGO: pose(1.0, 100.0, -1.6, 0.0, 0.0)})
         left += libsumo.vehicle.getIDList()
     return ids, left
 
@@ -243,13 +240,12 @@ def test_what_is_no_number_never_reaches_sumo_and_who_left_leaves_nothing_behind
 def _touching(folder: str) -> list[tuple[str, ...]]:
     root = Path(folder)
     contacts = []
-    with World(street(root), seed=1, period=PERIOD, vehicle=FUSION) as world:
+    with World(street(root), seed=1, period=PERIOD, egos=ALONE) as world:
         for y in (-2.6, -2.5):
             # The ego's left side is at -1.6 - 0.926; the actor's, turned across, reaches from its centre 2.25 m.
-            world.place(pose(0.0, 100.0, -1.6, 0.0, 0.0))
             world.set_actors((car(98.0, y - 2.25, 0.0, 0.5 * math.pi),))
-            world.step()
-            contacts.append(world.contacts())
+            world.step({EGO: pose(0.0, 100.0, -1.6, 0.0, 0.0)})
+            contacts.append(world.contacts(EGO))
     return contacts
 
 
@@ -260,7 +256,7 @@ def test_contact_with_the_ego_is_that_of_the_boxes(tmp_path):
 def _wandered(folder: str) -> tuple[int, int]:
     """Number of boxes of a body that wanders about a town, and of those whose cuts were not the whole network's."""
     chance, wrong, boxes = random.Random(7), 0, 0
-    with World(grid(Path(folder), 3), seed=1, period=PERIOD, vehicle=FUSION):
+    with World(grid(Path(folder), 3), seed=1, period=PERIOD, egos=ALONE):
         lanes = Lanes(read_lanes(), 3.0)
         everything = [lanes.piece(i) for i in range(sum(len(lane.bands) for lane in lanes.by_id.values()))]
         for length, width, speed in ((0.5, 0.35, 0.05), (4.5, 1.8, 0.3), (12.0, 2.5, 1.5)):

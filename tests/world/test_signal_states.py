@@ -10,9 +10,9 @@ import libsumo
 import pytest
 
 from tests.isolated import isolated
-from tests.world.streets import FUSION, PERIOD, pose
+from tests.world.streets import ALONE, PERIOD, pose
 from vve_sumo.record.signals import SIGNALS, read_signals, signals_text
-from vve_sumo.values import SignalChange
+from vve_sumo.values import EGO, SignalChange
 from vve_sumo.world.world import World
 
 STEPS = 1000
@@ -20,11 +20,10 @@ STEPS = 1000
 
 def _driven(network: str) -> tuple[list[SignalChange], list[dict[str, str]], list[dict[str, str]]]:
     """Return the changes, what every signal showed after each step, and what the road said then."""
-    with World(Path(network), seed=1, period=PERIOD, vehicle=FUSION) as world:
+    with World(Path(network), seed=1, period=PERIOD, egos=ALONE) as world:
         shown, said = [], []
         for k in range(STEPS):
-            world.place(pose(k * PERIOD, 1000.0, 1000.0, 0.0, 0.0))
-            world.step()
+            world.step({EGO: pose(k * PERIOD, 1000.0, 1000.0, 0.0, 0.0)})
             lights = libsumo.trafficlight
             shown.append({name: lights.getRedYellowGreenState(name) for name in lights.getIDList()})
             said.append(dict(world.signals_now))

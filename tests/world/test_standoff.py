@@ -10,12 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.isolated import isolated
-from tests.world.streets import FUSION, PERIOD, demand, pose, street
+from tests.world.streets import ALONE, PERIOD, demand, pose, street
 from vve_sumo.geometry import Box
+from vve_sumo.values import EGO
 from vve_sumo.world.standoff import MAX_WAIT, Standoff
 from vve_sumo.world.world import World
 
-EGO = Box(0.0, 0.0, 0.0, 4.9, 1.9)
+BODY = Box(0.0, 0.0, 0.0, 4.9, 1.9)
 
 
 def car(x: float, y: float, heading: float) -> Box:
@@ -25,7 +26,7 @@ def car(x: float, y: float, heading: float) -> Box:
 def over(box: Box, seconds: float = MAX_WAIT + 1.0, speed: float = 0.0) -> list[str]:
     standoff, reported = Standoff(), list[str]()
     for second in range(round(seconds) + 1):
-        reported = standoff.over(float(second), EGO, speed, [("other", box)])
+        reported = standoff.over(float(second), BODY, speed, [("other", box)])
     return reported
 
 
@@ -49,13 +50,13 @@ def test_only_who_stands_in_the_way_of_the_ego_and_the_ego_in_his_is_in_a_stando
 def test_it_lasts_a_minute_and_begins_anew_when_the_ego_moves_or_the_driver_is_gone():
     opposed = [("other", car(7.0, 0.0, math.pi))]
     standoff = Standoff()
-    assert standoff.over(0.0, EGO, 0.0, opposed) == []
-    assert standoff.over(MAX_WAIT - 0.02, EGO, 0.0, opposed) == []
-    assert standoff.over(MAX_WAIT, EGO, 0.0, opposed) == ["other"]
-    assert standoff.over(MAX_WAIT + 1.0, EGO, 0.3, opposed) == []
-    assert standoff.over(MAX_WAIT + 2.0, EGO, 0.0, opposed) == []
-    assert standoff.over(2.0 * MAX_WAIT + 1.0, EGO, 0.0, []) == []
-    assert standoff.over(2.0 * MAX_WAIT + 2.1, EGO, 0.0, opposed) == []
+    assert standoff.over(0.0, BODY, 0.0, opposed) == []
+    assert standoff.over(MAX_WAIT - 0.02, BODY, 0.0, opposed) == []
+    assert standoff.over(MAX_WAIT, BODY, 0.0, opposed) == ["other"]
+    assert standoff.over(MAX_WAIT + 1.0, BODY, 0.3, opposed) == []
+    assert standoff.over(MAX_WAIT + 2.0, BODY, 0.0, opposed) == []
+    assert standoff.over(2.0 * MAX_WAIT + 1.0, BODY, 0.0, []) == []
+    assert standoff.over(2.0 * MAX_WAIT + 2.1, BODY, 0.0, opposed) == []
 
 
 @given(
@@ -75,20 +76,19 @@ def test_it_is_the_same_wherever_on_the_map_and_whoever_is_called_ego(x, y, head
         standoff.over(0.0, ego, 0.0, [("other", other)])
         return standoff.over(MAX_WAIT, ego, 0.0, [("other", other)]) == ["other"]
 
-    nearly = any(opposed(EGO, Box(x, y, heading, 4.5 + d, 1.8 + d)) != opposed(EGO, box) for d in (-1e-6, 1e-6))
+    nearly = any(opposed(BODY, Box(x, y, heading, 4.5 + d, 1.8 + d)) != opposed(BODY, box) for d in (-1e-6, 1e-6))
     if not nearly:
-        assert opposed(moved(EGO), moved(box)) == opposed(EGO, box) == opposed(box, EGO)
+        assert opposed(moved(BODY), moved(box)) == opposed(BODY, box) == opposed(box, BODY)
 
 
 def _head_on(folder: str) -> tuple[list[tuple[float, tuple[str, ...]]], set[str]]:
     """The ego faces an oncoming car in that car's lane; how the list of ended standoffs grew, and who was touched."""
     root, grown, touched = Path(folder), list[tuple[float, tuple[str, ...]]](), set[str]()
     cars = demand(root, '<flow id="on" begin="0" end="10" period="3" departPos="0"><route edges="east"/></flow>')
-    with World(street(root, 1), demand=[cars], seed=1, period=PERIOD, vehicle=FUSION) as world:
+    with World(street(root, 1), demand=[cars], seed=1, period=PERIOD, egos=ALONE) as world:
         for k in range(round(170.0 / PERIOD)):
-            world.place(pose(k * PERIOD, 150.0, -1.6, math.pi, 0.0))
-            world.step()
-            touched |= set(world.contacts())
+            world.step({EGO: pose(k * PERIOD, 150.0, -1.6, math.pi, 0.0)})
+            touched |= set(world.contacts(EGO))
             if not grown or grown[-1][1] != world.standoffs:
                 grown.append((k * PERIOD, world.standoffs))
     return grown, touched

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.isolated import isolated
-from tests.world.streets import FUSION, PERIOD, demand, grid, pose, trips
+from tests.world.streets import ALONE, PERIOD, demand, grid, pose, trips
+from vve_sumo.values import EGO
 from vve_sumo.world.obstacles import LaneSpot, Obstacle
 from vve_sumo.world.step_time import (
     LIMIT,
@@ -130,7 +131,7 @@ def _crowded(folder: str, each: float, steps: int) -> dict[str, object]:
         demand=[cars],
         seed=3,
         period=PERIOD,
-        vehicle=FUSION,
+        egos=ALONE,
         obstacles=[box, far],
         warm_up=60.0,
         clock=Scale(each),
@@ -139,9 +140,8 @@ def _crowded(folder: str, each: float, steps: int) -> dict[str, object]:
         lanes, arriving = 0, set()
         for k in range(steps):
             # Across a lane line, so that there are ghosts.
-            world.place(pose(k * PERIOD, 20.0, -3.2, 0.0, 0.0))
-            assert world.step().faults == ()
-            lanes = max(lanes, len(world.proxy_lanes))
+            assert world.step({EGO: pose(k * PERIOD, 20.0, -3.2, 0.0, 0.0)})[EGO].faults == ()
+            lanes = max(lanes, len(world.proxy_lanes(EGO)))
             here = {name: libsumo.vehicle.getPosition(name) for name in libsumo.vehicle.getIDList()}
             # SUMO lists those taken off among the arrived; who arrives was on the last edge of its route.
             gone += [math.dist(places[name], (20.0, -3.2)) for name in places.keys() - here.keys() - arriving]
@@ -210,13 +210,12 @@ def _action_phases(folder: str, clock: bool) -> list[int]:
         demand=[demand(root, body)],
         seed=3,
         period=PERIOD,
-        vehicle=FUSION,
+        egos=ALONE,
         warm_up=1.0,
         clock=Scale(0.0) if clock else None,
     ) as world:
         for k in range(30):
-            world.place(pose(k * PERIOD, 20.0, -1.6, 0.0, 0.0))
-            world.step()
+            world.step({EGO: pose(k * PERIOD, 20.0, -1.6, 0.0, 0.0)})
         names = [name for name in libsumo.vehicle.getIDList() if name.startswith("v")]
         return sorted(round(libsumo.vehicle.getLastActionTime(name) / PERIOD) % 10 for name in names)
 

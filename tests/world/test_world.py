@@ -12,8 +12,10 @@ import libsumo
 import pytest
 
 from tests.isolated import isolated
-from tests.world.streets import FUSION, PERIOD, demand, grid, pose, street, trips
+from tests.world.streets import ALONE, FUSION, PERIOD, demand, grid, pose, street, trips
 from vve_sumo.errors import ConfigError, SimulationError
+from vve_sumo.values import EGO
+from vve_sumo.world.ego_sync import Ego
 from vve_sumo.world.simulation import SUMO_VERSION, check_version
 from vve_sumo.world.world import World
 
@@ -34,12 +36,11 @@ MIXED = PARKED + (
 def _mixed(folder: str) -> dict[str, dict[str, float]]:
     root = Path(folder)
     cars = demand(root, MIXED)
-    with World(street(root), demand=[cars], seed=1, period=PERIOD, vehicle=FUSION, warm_up=10.0) as world:
+    with World(street(root), demand=[cars], seed=1, period=PERIOD, egos=ALONE, warm_up=10.0) as world:
         for k in range(100):
-            world.place(pose(k * PERIOD, 250.0, -1.6, 0.0, 0.0))
-            assert world.step().faults == ()
-        actors = world.actors()
-        assert actors is world.actors()
+            assert world.step({EGO: pose(k * PERIOD, 250.0, -1.6, 0.0, 0.0)})[EGO].faults == ()
+        actors = world.actors(EGO)
+        assert actors is world.actors(EGO)
         rows = {}
         for i, name in enumerate(actors.ids):
             domain = libsumo.person if name == "walker" else libsumo.vehicle
@@ -84,12 +85,11 @@ def _drive(folder: str, seed: int) -> list[str]:
     network = grid(root)
     rows = []
     with World(
-        network, demand=[trips(root, network, 60, 1.0)], seed=seed, period=PERIOD, vehicle=FUSION, warm_up=20.0
+        network, demand=[trips(root, network, 60, 1.0)], seed=seed, period=PERIOD, egos=ALONE, warm_up=20.0
     ) as world:
         for k in range(200):
-            world.place(pose(k * PERIOD, 121.6, 60.0 + 0.1 * k, math.pi / 2, 5.0))
-            world.step()
-            actors = world.actors()
+            world.step({EGO: pose(k * PERIOD, 121.6, 60.0 + 0.1 * k, math.pi / 2, 5.0)})
+            actors = world.actors(EGO)
             rows.append(
                 f"{actors.ids}{actors.x.tobytes().hex()}{actors.y.tobytes().hex()}{actors.speed.tobytes().hex()}"
             )
@@ -106,12 +106,11 @@ def _contact(folder: str) -> list[tuple[str, ...]]:
     root = Path(folder)
     cars = demand(root, PARKED)
     reported = []
-    with World(street(root), demand=[cars], seed=1, period=PERIOD, vehicle=FUSION, warm_up=60.0) as world:
-        reported.append(world.contacts())
+    with World(street(root), demand=[cars], seed=1, period=PERIOD, egos=ALONE, warm_up=60.0) as world:
+        reported.append(world.contacts(EGO))
         for y in (-20.0, -6.4, -6.0):
-            world.place(pose(0.0, 308.0, y, 0.0, 0.0))
-            world.step()
-            reported.append(world.contacts())
+            world.step({EGO: pose(0.0, 308.0, y, 0.0, 0.0)})
+            reported.append(world.contacts(EGO))
     return reported
 
 
@@ -128,14 +127,11 @@ def _entry(folder: str, speed: float) -> tuple[tuple[str, ...], bool]:
         '<stop lane="east_0" endPos="420" duration="1000"/></vehicle>'
         f'<vehicle id="rusher" depart="0" departPos="370" departLane="0" departSpeed="15">{EAST}</vehicle>'
     )
-    with World(
-        street(root, 1), demand=[demand(root, lead)], seed=1, period=PERIOD, vehicle=FUSION, warm_up=0.4
-    ) as world:
+    with World(street(root, 1), demand=[demand(root, lead)], seed=1, period=PERIOD, egos=ALONE, warm_up=0.4) as world:
         touched = False
         for k in range(250):
-            world.place(pose(k * PERIOD, min(400.0 + speed * k * PERIOD, 411.0), -1.6, 0.0, speed))
-            world.step()
-            touched |= bool(world.contacts())
+            world.step({EGO: pose(k * PERIOD, min(400.0 + speed * k * PERIOD, 411.0), -1.6, 0.0, speed)})
+            touched |= bool(world.contacts(EGO))
         return world.cleared, touched
 
 
@@ -151,12 +147,11 @@ def _again(folder: str) -> list[float]:
     cars = trips(root, network, 60, 1.0)
     reported = []
     for _ in range(3):
-        with World(network, demand=[cars], seed=1, period=PERIOD, vehicle=FUSION, warm_up=30.0) as world:
+        with World(network, demand=[cars], seed=1, period=PERIOD, egos=ALONE, warm_up=30.0) as world:
             with pytest.raises(SimulationError, match="once"):
-                World(network, seed=1, period=PERIOD, vehicle=FUSION)
-            world.place(pose(0.0, 121.6, 60.0, math.pi / 2, 5.0))
-            reported.append(world.step().position_error)
-            world.place(pose(0.02, 121.6, 60.1, math.pi / 2, 5.0))
+                World(network, seed=1, period=PERIOD, egos=ALONE)
+            reported.append(world.step({EGO: pose(0.0, 121.6, 60.0, math.pi / 2, 5.0)})[EGO].position_error)
+            libsumo.vehicle.moveToXY("ego", "", -1, 121.6, 60.1, 0.0, 2)
         world.close()
     return reported
 
@@ -166,7 +161,7 @@ def test_a_street_can_follow_another_in_one_process(tmp_path):
 
 
 def _refused(network: Path, files: list[Path], extra: dict[str, object]) -> str:
-    settings = {"seed": 1, "period": PERIOD, "vehicle": FUSION, "demand": files} | extra
+    settings = {"seed": 1, "period": PERIOD, "egos": ALONE, "demand": files} | extra
     try:
         World(network, **settings).close()  # type: ignore[arg-type]
     except ConfigError as error:
@@ -188,8 +183,9 @@ def test_bad_input_is_one_line_that_names_the_file(tmp_path):
         (network, [], {"period": 0.0333}, ["period", "0.0333"]),
         (network, [], {"period": math.nan}, ["period", "nan"]),
         (network, [], {"warm_up": -1.0}, ["warm_up", "-1.0"]),
-        (network, [], {"route": ["east", "moon"]}, ["street.net.xml", "moon"]),
-        (network, [], {"route": ["east", "west"]}, ["street.net.xml", "east", "west"]),
+        (network, [], {"egos": [Ego(EGO, FUSION, ("east", "moon"))]}, ["street.net.xml", "moon"]),
+        (network, [], {"egos": [Ego(EGO, FUSION, ("east", "west"))]}, ["street.net.xml", "east", "west"]),
+        (network, [], {"egos": [Ego("a", FUSION), Ego("a", FUSION)]}, ["egos", "a, a"]),
         (network, [], {}, []),
     ]
     for file, files, extra, words in cases:

@@ -31,7 +31,7 @@ from vve_sumo.frames import move_point
 from vve_sumo.live.priority import GATEWAY_PRIORITY, OOM_NEVER, rights
 from vve_sumo.scenario.schema import When
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import Point
+from vve_sumo.values import EGO, Point
 from vve_sumo.vehicle.effective_deceleration import of_model
 from vve_sumo.vehicle.interface import DEFAULT, load, read_dbc
 from vve_sumo.world.step_time import LIMIT
@@ -222,9 +222,8 @@ def virtual_road(resolved: ResolvedScenario) -> Iterator[Check]:
         begun = time.monotonic()
         for step in range(STEPS):
             before = time.perf_counter()
-            world.place(replace(ego, time=step * PERIOD))
             world.set_actors(cast.step(step * PERIOD, ego))
-            faults = world.step().faults
+            faults = world.step({EGO: replace(ego, time=step * PERIOD)})[EGO].faults
             took.append(time.perf_counter() - before)
             if faults:
                 raise ConfigError(f"the virtual road does not take the ego at the path's start: {', '.join(faults)}")

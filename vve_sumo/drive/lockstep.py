@@ -1,4 +1,4 @@
-"""The lockstep shell: runs simulated vehicle, virtual road and pipeline on one simulated clock, as fast as possible.
+"""The lockstep shell: runs simulated vehicles, virtual road and pipelines on one simulated clock, as fast as possible.
 
 Time is `tick * PERIOD`; nothing here reads a real clock. The wire formats are the real ones: the simulated vehicle
 sends pose bytes and CAN frames, and the gateway answers with CAN frames.
@@ -7,7 +7,7 @@ sends pose bytes and CAN frames, and the gateway answers with CAN frames.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
@@ -20,8 +20,8 @@ from vve_sumo.drive.pipeline import Pipeline, TickResult
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
 from vve_sumo.drive.standstill_cause import StandstillClassifier
 from vve_sumo.drive.termination import DriveEnd, Outcome, TerminationMonitor, end_reason
-from vve_sumo.drive.tick import DueTick, Tick
-from vve_sumo.drive.virtual_road import VirtualRoad, open_world, pose_at_rest, scenario_engine
+from vve_sumo.drive.tick import CarInput, CompletedTick, DueTick, EgoTick, Tick
+from vve_sumo.drive.virtual_road import VirtualRoad, egos_of, open_world, pose_at_rest, scenario_engine
 from vve_sumo.frames import Alignment, MapFrame, Placement, local_frame
 from vve_sumo.frozen import fast_frozen
 from vve_sumo.lot.fallback import deferred_fallback_path
@@ -49,12 +49,12 @@ TickCallback = Callable[[int, float, float, float], None]
 CAR_BUS = "can0"  #: name of the car's bus in the record
 
 
-def drive_end(outcome: Outcome, reasons: tuple[str, ...], pipeline: Pipeline, road: VirtualRoad) -> DriveEnd:
-    """Return how a drive ended, with the removed vehicles and SUMO's warnings.
+def drive_end(ego: str, outcome: Outcome, reasons: tuple[str, ...], pipeline: Pipeline, road: VirtualRoad) -> DriveEnd:
+    """Return how an ego's drive ended, with the removed vehicles and SUMO's warnings.
 
     The text is the last failure of the controller or a sensor; without one, SUMO's last error message about the ego.
     """
-    text = pipeline.failure or road.detail
+    text = pipeline.failure or road.around[ego].detail
     return DriveEnd(outcome, reasons, road.cleared, road.warnings, text, road.standoffs, road.signals)
 
 
@@ -93,7 +93,7 @@ def simulated_car(
 
 @dataclass(frozen=True, slots=True)
 class LockstepParts:
-    """The pipeline and the gateway of a lockstep drive, and how the lot lies on the virtual road."""
+    """The pipeline and the gateway of an ego in lockstep, and how its lot lies on the virtual road."""
 
     pipeline: Pipeline
     gateway: Gateway
@@ -103,7 +103,7 @@ class LockstepParts:
 
 
 def assemble(resolved: ResolvedScenario, working: Path, brain: ExternalController | None = None) -> LockstepParts:
-    """Build pipeline and gateway of a lockstep drive, the same for a drive with SUMO and for the replay of a record."""
+    """Build an ego's pipeline and gateway, the same for a drive with SUMO and for the replay of a record."""
     lot = resolved.scenario.ego.lot
     frame = local_frame(math.radians(lot.latitude_deg), math.radians(lot.longitude_deg))
     start, begin = pose_at_rest(0.0, 0.0, math.radians(90.0 - lot.heading_deg)), resolved.path.at(0.0)
@@ -145,7 +145,7 @@ class ScriptedOperator:
 @fast_frozen
 @dataclass(frozen=True, slots=True)
 class LockstepTick:
-    """One tick of a lockstep drive."""
+    """One tick of one ego of a lockstep drive."""
 
     result: TickResult
     output: GatewayOutput
@@ -153,8 +153,84 @@ class LockstepTick:
     actors: Actors  #: that the tick's sensors saw
 
 
+class LockstepEgo:
+    """One ego of a lockstep drive: its simulated vehicle, pipeline and gateway, and what ends its drive."""
+
+    def __init__(
+        self,
+        ego: str,
+        resolved: ResolvedScenario,
+        working: Path,
+        alter: Callable[[Fix], Fix | None],
+        brain: ExternalController | None,
+    ) -> None:
+        """Build everything but the virtual road; raises ConfigError where something in the scenario is not usable."""
+        parts = assemble(resolved, working, brain)
+        self.id, self.brain = ego, brain
+        self.pipeline, self.gateway, self._alignment = parts.pipeline, parts.gateway, parts.alignment
+        self.lot = LotAlignment(parts.frame.projection, parts.alignment, DEFAULT_EPOCH)
+        start = (parts.start.x, parts.start.y, parts.start.heading)
+        self._car = simulated_car(resolved, start, parts.frame, alter)
+        self._path, self._vehicle = resolved.path, resolved.vehicle
+        self._termination = TerminationMonitor(resolved.path.length, resolved.scenario.after_stop_s)
+        self._standstill_classifier = StandstillClassifier(resolved.scenario, resolved.path, resolved.vehicle)
+        self._end_trigger = None if resolved.scenario.end_trigger == EndTrigger() else resolved.scenario.end_trigger
+        self._operator = ScriptedOperator()
+        self._bus: _Bus
+        self._tick: EgoTick
+        self._truth: Pose  # at the tick under way
+
+    def begin(self, record: MemoryRecorder) -> EgoTick:
+        """Return what runs the ego's part of every tick, into a record."""
+        self._bus = _Bus(self.gateway, self._operator, record, self.brain)
+        self._tick = EgoTick(self.id, self.pipeline, self._path, self._bus, record)
+        return self._tick
+
+    def input(self) -> CarInput:
+        """Return what the coming tick takes from the simulated vehicle."""
+        self._truth = self._alignment.apply(self._car.truth())
+        return CarInput(self.gateway.monitor.measured_steering, self._truth)
+
+    def ticked(self, done: CompletedTick) -> LockstepTick:
+        """Return a tick that has run, with the gateway's step and the true pose."""
+        return LockstepTick(done.result, self._bus.output, self._truth, done.actors)
+
+    def drive(self, until: float, ticked: LockstepTick) -> None:
+        """Let the simulated vehicle drive to a drive time [s] by the gateway's frames, and take in what it sent."""
+        came = self._car.step(until, ticked.output.frames)
+        self._bus.reported(came.reports)
+        for time, data in came.packets:
+            self._tick.receive(time, data)
+
+    def end(
+        self, now: float, ticked: LockstepTick, contact: bool, last: bool
+    ) -> tuple[Outcome, tuple[str, ...]] | None:
+        """Return outcome and reason codes if the ego's drive is over at a tick, which may be the `last` allowed."""
+        truth, s, status = ticked.truth, ticked.result.s, ticked.output.status
+        ahead = partial(self._standstill_classifier.classify, truth, s, ticked.actors)
+        outcome = self._termination.step(now, truth.speed, s, status.state, status.reasons, contact, ahead)
+        if self._end_trigger is not None and (why := self._end_reason(self._end_trigger, ticked, contact)):
+            return self._termination.unless_contact(Outcome.COMPLETED), (why, *status.reasons)
+        if outcome is None and last:
+            outcome = self._termination.unless_contact(Outcome.TIMEOUT)
+        return None if outcome is None else (outcome, status.reasons)
+
+    def _end_reason(self, wanted: EndTrigger, ticked: LockstepTick, contact: bool) -> str:
+        """Return the reason code for which the scenario ends the drive at this tick, from the true pose; else empty."""
+        truth, s = ticked.truth, ticked.result.s
+        bumper = deviation = ttc = math.nan
+        if math.isfinite(s):
+            place = self._path.project(truth.x, truth.y, s)
+            bumper, deviation = place.s + self._vehicle.rear_axle_to_bumper, place.offset
+        if wanted.ttc_s is not None:
+            commanded = ticked.result.commanded_path
+            lead = lead_vehicle_now(truth, s, ticked.actors, self._path, self._vehicle, commanded)
+            ttc = float(lead.time_to_collision[0])
+        return end_reason(wanted, contact, bumper, deviation, ttc)
+
+
 class Lockstep:
-    """One drive with the simulated vehicle. The constructor starts SUMO; always call `close`."""
+    """One drive with simulated vehicles. The constructor starts SUMO; always call `close`."""
 
     def __init__(
         self,
@@ -169,38 +245,29 @@ class Lockstep:
         `alter` injects receiver faults: it returns the fix to send in place of the true one, None for a lost packet.
         A foreign `brain` drives in place of the scenario's controller. A road that is `loaded` is driven on.
         """
-        parts = assemble(resolved, working, brain)
-        self._brain = brain
-        self._pipeline, self._gateway, self._alignment = parts.pipeline, parts.gateway, parts.alignment
-        self.lot = LotAlignment(parts.frame.projection, parts.alignment, DEFAULT_EPOCH)
-        start = (parts.start.x, parts.start.y, parts.start.heading)
-        self._car = simulated_car(resolved, start, parts.frame, alter)
-        self._resolved = resolved
-        self._road = VirtualRoad(open_world(resolved, loaded=loaded), scenario_engine(resolved))
-        self._termination = TerminationMonitor(resolved.path.length, resolved.scenario.after_stop_s)
-        self._standstill_classifier = StandstillClassifier(resolved.scenario, resolved.path, resolved.vehicle)
-        self._end_trigger = None if resolved.scenario.end_trigger == EndTrigger() else resolved.scenario.end_trigger
-        self._operator = ScriptedOperator()
+        self.egos = [LockstepEgo(ego.id, resolved, working, alter, brain) for ego in egos_of(resolved)]
+        self.lot = self.egos[0].lot
+        self.road = VirtualRoad(open_world(resolved, loaded=loaded), scenario_engine(resolved))
+        self._last = round(resolved.scenario.duration_s / PERIOD) - 1
 
     def close(self) -> None:
         """End the simulation."""
-        self._road.close()
+        self.road.close()
 
-    def ticks(self, record: MemoryRecorder) -> Generator[LockstepTick]:
-        """Yield one tick after the other without end; closing the iterator records the actors of SUMO's last step."""
-        bus = _Bus(self._gateway, self._operator, record, self._brain)
-        tick = Tick(self._pipeline, self._road, self._resolved.path, bus, record)
+    def ticks(self, record: MemoryRecorder) -> Generator[Mapping[str, LockstepTick]]:
+        """Yield one tick of all egos, by their ids, after the other without end.
+
+        Closing the iterator records the actors of SUMO's last step.
+        """
+        tick = Tick([ego.begin(record) for ego in self.egos], self.road)
         try:
             for number in count():
-                truth = self._alignment.apply(self._car.truth())
                 due = DueTick(number, number * PERIOD, (number + 1) * PERIOD)
-                done = tick.step(due, self._gateway.monitor.measured_steering, truth)
-                output = bus.output
-                yield LockstepTick(done.result, output, truth, done.actors)
-                came = self._car.step(due.next_time, output.frames)
-                bus.reported(came.reports)
-                for time, data in came.packets:
-                    tick.receive(time, data)
+                done = tick.step(due, {ego.id: ego.input() for ego in self.egos})
+                ticked = {ego.id: ego.ticked(done[ego.id]) for ego in self.egos}
+                yield ticked
+                for ego in self.egos:
+                    ego.drive(due.next_time, ticked[ego.id])
         finally:
             tick.finish()
 
@@ -208,38 +275,20 @@ class Lockstep:
         """Drive to the end and return how the drive ended; everything else is in the record."""
         with closing(self.ticks(record)) as ticks:
             done = self._run(ticks, on_tick)
-        overdue = "" if self._brain is None else self._brain.overdue
+        overdue = next((ego.brain.overdue for ego in self.egos if ego.brain is not None and ego.brain.overdue), "")
         return replace(done, text=overdue) if overdue else done
 
-    def _run(self, ticks: Iterator[LockstepTick], on_tick: TickCallback) -> DriveEnd:
-        last = round(self._resolved.scenario.duration_s / PERIOD) - 1
-        for tick, ticked in enumerate(ticks):
-            now, contact = tick * PERIOD, bool(self._road.contacts)
-            speed, s, status = ticked.truth.speed, ticked.result.s, ticked.output.status
-            on_tick(tick, now, speed, s)
-            ahead = partial(self._standstill_classifier.classify, ticked.truth, s, ticked.actors)
-            outcome = self._termination.step(now, speed, s, status.state, status.reasons, contact, ahead)
-            if self._end_trigger is not None and (why := self._end_reason(self._end_trigger, ticked)):
-                outcome = self._termination.unless_contact(Outcome.COMPLETED)
-                return drive_end(outcome, (why, *status.reasons), self._pipeline, self._road)
-            if outcome is None and tick >= last:
-                outcome = self._termination.unless_contact(Outcome.TIMEOUT)
-            if outcome is not None:
-                return drive_end(outcome, status.reasons, self._pipeline, self._road)
+    def _run(self, ticks: Iterator[Mapping[str, LockstepTick]], on_tick: TickCallback) -> DriveEnd:
+        """Drive until the first ego whose drive is over, and return how that one ended."""
+        for number, ticked in enumerate(ticks):
+            now = number * PERIOD
+            for ego in self.egos:
+                own = ticked[ego.id]
+                on_tick(number, now, own.truth.speed, own.result.s)
+                contact = bool(self.road.around[ego.id].contacts)
+                if (end := ego.end(now, own, contact, number >= self._last)) is not None:
+                    return drive_end(ego.id, *end, ego.pipeline, self.road)
         raise AssertionError("ticks never end by themselves")
-
-    def _end_reason(self, wanted: EndTrigger, ticked: LockstepTick) -> str:
-        """Return the reason code for which the scenario ends the drive at this tick, from the true pose; else empty."""
-        truth, s = ticked.truth, ticked.result.s
-        path, vehicle = self._resolved.path, self._resolved.vehicle
-        bumper = deviation = ttc = math.nan
-        if math.isfinite(s):
-            place = path.project(truth.x, truth.y, s)
-            bumper, deviation = place.s + vehicle.rear_axle_to_bumper, place.offset
-        if wanted.ttc_s is not None:
-            lead = lead_vehicle_now(truth, s, ticked.actors, path, vehicle, ticked.result.commanded_path)
-            ttc = float(lead.time_to_collision[0])
-        return end_reason(wanted, bool(self._road.contacts), bumper, deviation, ttc)
 
 
 class _Bus:

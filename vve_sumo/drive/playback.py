@@ -16,7 +16,7 @@ from vve_sumo.drive.lockstep import CAR_BUS, TickCallback, drive_end, gateway_of
 from vve_sumo.drive.prediction_error import PredictionError
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.termination import DriveEnd, Outcome
-from vve_sumo.drive.tick import DueTick, Tick
+from vve_sumo.drive.tick import CarInput, DueTick, EgoTick, Tick
 from vve_sumo.drive.virtual_road import VirtualRoad, open_world, pose_at_rest, scenario_engine
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, Mounting, Placement, local_frame
@@ -26,7 +26,7 @@ from vve_sumo.pose.receivers.port import standard
 from vve_sumo.pose.trust import PLAYBACK, TrustGate
 from vve_sumo.record.writer import MemoryRecorder
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import Fix, GatewayStatus, Setpoint
+from vve_sumo.values import EGO, Fix, GatewayStatus, Setpoint
 from vve_sumo.vehicle.gateway import Gateway
 from vve_sumo.world.loaded_road import LoadedRoad
 
@@ -87,16 +87,17 @@ class Playback:
 
     def run(self, record: MemoryRecorder, on_tick: TickCallback) -> DriveEnd:
         """Play to the end of the recording and return how the drive ended; everything else is in the record."""
-        tick = Tick(self._pipeline, self._road, self._resolved.path, _Unheard(self._gateway, record), record)
+        ego = EgoTick(EGO, self._pipeline, self._resolved.path, _Unheard(self._gateway, record), record)
+        tick = Tick([ego], self._road)
         try:
-            reasons = self._play(tick, on_tick)
+            reasons = self._play(ego, tick, on_tick)
         finally:
             tick.finish()
         error = self._prediction_error
         extra = {"prediction_error_100ms_mean_m": error.mean, "prediction_error_100ms_max_m": error.greatest}
-        return replace(drive_end(Outcome.PLAYED, reasons, self._pipeline, self._road), extra=extra)
+        return replace(drive_end(EGO, Outcome.PLAYED, reasons, self._pipeline, self._road), extra=extra)
 
-    def _play(self, tick: Tick, on_tick: TickCallback) -> tuple[str, ...]:
+    def _play(self, ego: EgoTick, tick: Tick, on_tick: TickCallback) -> tuple[str, ...]:
         """Tick until the recording ends; return the gateway's reason codes of the last tick."""
         reasons: tuple[str, ...] = ()
         coming = next(self._fixes, None)
@@ -105,11 +106,11 @@ class Playback:
                 break
             now = number * PERIOD
             while coming is not None and coming.time - self.lot.epoch <= now:
-                pose = tick.accept(coming.time - self.lot.epoch, coming, repr(astuple(coming)).encode() + b"\n")
+                pose = ego.accept(coming.time - self.lot.epoch, coming, repr(astuple(coming)).encode() + b"\n")
                 if pose is not None:
                     self._prediction_error.step(pose)
                 coming = next(self._fixes, None)
-            done = tick.step(DueTick(number, now, (number + 1) * PERIOD), math.nan)
+            done = tick.step(DueTick(number, now, (number + 1) * PERIOD), {EGO: CarInput(math.nan)})[EGO]
             pose, reasons = done.result.pose, done.status.reasons
             on_tick(number, now, pose.speed if pose else 0.0, done.result.s)
         return reasons

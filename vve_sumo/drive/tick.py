@@ -1,24 +1,25 @@
 """Runs one tick of a drive, the same in every shell: see, decide, hand over; in the slack prepare, simulate, record.
 
-The tick hands the setpoint to the gateway before it does anything else. Then, while the shell would wait, the fallback
-path is prepared, the ego is placed for the next tick, SUMO steps, and the tick is recorded. A shell only says when a
-tick is due, where bytes come from and where they go.
+For each ego the tick hands the setpoint to the gateway before it does anything else. Then, while the shell would wait,
+the fallback paths are prepared, all egos are placed for the next tick, SUMO steps once, and the tick is recorded. A
+shell only says when a tick is due, where bytes come from and where they go.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple, Protocol
 
 from vve_sumo.drive.pipeline import Pipeline, TickResult
 from vve_sumo.drive.tick_rows import RecordedTick, tick_row
-from vve_sumo.drive.virtual_road import VirtualRoad
+from vve_sumo.drive.virtual_road import EgoSurroundings, VirtualRoad
 from vve_sumo.path import ReferencePath
 from vve_sumo.record.rows import TickRow
 from vve_sumo.sensors.port import Column
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Actors, CommandedPath, Fix, GatewayStatus, Pose, Setpoint
+from vve_sumo.world.ego_sync import EgoSyncReport
 
 
 class DueTick(NamedTuple):
@@ -26,12 +27,19 @@ class DueTick(NamedTuple):
 
     number: int
     time: float  #: drive time of the tick's pose and setpoint [s]
-    next_time: float  #: drive time of the next tick, for which the ego is placed [s]
+    next_time: float  #: drive time of the next tick, for which the egos are placed [s]
     catch_up: int = 0  #: extra steps of SUMO that make up for ticks skipped before this one
 
 
+class CarInput(NamedTuple):
+    """What a shell knows of an ego's car at a tick."""
+
+    steering: float  #: road-wheel angle that the car reports [rad], NaN for none
+    truth: Pose | None = None  #: true pose of the rear axle on the virtual road, for the record; None where unknown
+
+
 class CompletedTick(NamedTuple):
-    """What a tick yielded."""
+    """What a tick yielded for one ego."""
 
     result: TickResult
     status: GatewayStatus  #: the gateway's newest
@@ -41,7 +49,7 @@ class CompletedTick(NamedTuple):
 
 
 class TickHost(Protocol):
-    """What a tick asks of the shell that runs it."""
+    """What an ego's tick asks of the shell that runs it."""
 
     def faults(self) -> tuple[str, ...]:
         """Return reason codes of faults that the shell found; called once the tick's pose is predicted."""
@@ -53,7 +61,7 @@ class TickHost(Protocol):
 
 
 class TickRecorder(Protocol):
-    """What records a tick: a record, or a client that sends to one."""
+    """What records an ego's ticks: a record, or a client that sends to one."""
 
     def received_pose(self, time: float, data: bytes) -> None:
         """Record pose bytes unaltered, with their receive time [s]."""
@@ -80,27 +88,22 @@ def _no_clock() -> float:
     return math.nan
 
 
-class Tick:
-    """Runs one tick after the other, for one shell and into one record."""
+class EgoTick:
+    """One ego's part of every tick, with all that is kept of the ego from tick to tick."""
 
     def __init__(
-        self,
-        pipeline: Pipeline,
-        road: VirtualRoad,
-        path: ReferencePath,
-        shell: TickHost,
-        record: TickRecorder,
-        clock: Callable[[], float] = _no_clock,
+        self, ego: str, pipeline: Pipeline, path: ReferencePath, shell: TickHost, record: TickRecorder
     ) -> None:
-        """`clock` [s] gives only the times `seen` and `decided` of a completed tick."""
-        self._pipeline, self._road, self._path = pipeline, road, path
-        self._shell, self._record, self._clock = shell, record, clock
+        """`ego` is the id of one of the virtual road's egos; its ticks go into `record`."""
+        self.id = ego
+        self._pipeline, self._path, self._shell, self._record = pipeline, path, shell, record
         self._portions = 0
         self._next = 0
         self._looked_at: Actors | None = None
+        self._recorded: RecordedTick | None = None  # of the tick under way
 
     def receive(self, received: float, data: bytes) -> None:
-        """Take a portion of pose bytes that arrived at drive time `received` [s], before the next `step`."""
+        """Take a portion of pose bytes that arrived at drive time `received` [s], before the next tick."""
         self._pipeline.receive(received, data)
         self._received(received, data)
 
@@ -113,33 +116,41 @@ class Tick:
         self._record.received_pose(received, data)
         self._portions += 1
 
-    def step(self, due: DueTick, steering: float, truth: Pose | None = None) -> CompletedTick:
-        """Run a tick.
-
-        `steering` is the road-wheel angle that the car reports [rad], NaN for none; `truth` is the rear axle's true
-        pose on the virtual road, for the record, None where it is unknown.
-        """
-        pipeline, actors = self._pipeline, self._road.actors
-        pipeline.see(due.time, actors)
-        seen = self._clock()
-        result = pipeline.decide(due.number, due.time, steering, self._road.faults + self._shell.faults())
-        decided = self._clock()
+    def act(self, due: DueTick, car: CarInput, around: EgoSurroundings, clock: Callable[[], float]) -> CompletedTick:
+        """Let the sensors see what is around the ego, decide, and hand the setpoint over."""
+        actors = around.actors
+        self._pipeline.see(due.time, actors)
+        seen = clock()
+        result = self._pipeline.decide(due.number, due.time, car.steering, around.faults + self._shell.faults())
+        decided = clock()
         status = self._shell.hand_over(due.time, result.setpoint)
-        # The setpoint is on its way: the rest runs in the slack.
-        self._record_looks(due.number, result, actors)
-        if result.commanded_path is not None:
-            self._record.commanded(due.number, result.commanded_path)
-        recorded = RecordedTick(due.number, due.time, self._portions, steering, result, status, truth)
-        self._simulate(due, steering, recorded)
+        self._recorded = RecordedTick(due.number, due.time, self._portions, car.steering, result, status, car.truth)
         return CompletedTick(result, status, actors, seen, decided)
 
-    def finish(self) -> None:
-        """Record the actors of SUMO's last step, under the number of the tick that would have seen them.
+    def prepare(self, due: DueTick, done: CompletedTick) -> None:
+        """Record what the ego's tick looked at, and prepare the fallback path of its next one."""
+        self._record_looks(due.number, done.result, done.actors)
+        if done.result.commanded_path is not None:
+            self._record.commanded(due.number, done.result.commanded_path)
+        assert self._recorded is not None
+        self._pipeline.prepare(due.time + PERIOD, self._recorded.steering)
 
-        Call it once, after the last tick: these rows show what the ego touched at the end.
-        """
-        if self._road.actors is not self._looked_at:
-            self._record.snapshot(self._next, self._road.actors)
+    def asked(self, time: float) -> Pose | None:
+        """Return the pose of the ego's front bumper to request of SUMO for drive time `time` [s]."""
+        return self._pipeline.front_bumper_at(time)
+
+    def record(self, asked: Pose | None, report: EgoSyncReport | None, around: EgoSurroundings) -> None:
+        """Record the ego's tick, after SUMO has stepped to the next."""
+        assert self._recorded is not None
+        # Without a report SUMO was not stepped, so the row has no requested pose.
+        placed = asked if report is not None else None
+        self._record.ticked(tick_row(self._recorded, self._path, placed, report, around))
+        self._next = self._recorded.tick + 1
+
+    def finish(self, around: EgoSurroundings) -> None:
+        """Record the actors of SUMO's last step, under the number of the tick that would have seen them."""
+        if around.actors is not self._looked_at:
+            self._record.snapshot(self._next, around.actors)
 
     def _record_looks(self, number: int, result: TickResult, actors: Actors) -> None:
         """Record the actors that the tick saw, and the sensors' readings of them."""
@@ -148,14 +159,37 @@ class Tick:
         self._record.snapshot(number, actors)
         self._looked_at = actors
 
-    def _simulate(self, due: DueTick, steering: float, recorded: RecordedTick) -> None:
-        """Prepare the fallback path, step the virtual road to the next tick, and record this tick."""
-        self._pipeline.prepare(due.time + PERIOD, steering)
-        asked = report = None
+
+class Tick:
+    """Runs one tick after the other, for one shell: all egos act, all are placed, SUMO steps once."""
+
+    def __init__(self, egos: Sequence[EgoTick], road: VirtualRoad, clock: Callable[[], float] = _no_clock) -> None:
+        """`clock` [s] gives only the times `seen` and `decided` of a completed tick."""
+        self._egos, self._road, self._clock = tuple(egos), road, clock
+
+    def step(self, due: DueTick, cars: Mapping[str, CarInput]) -> dict[str, CompletedTick]:
+        """Run a tick of every ego, whose `cars` are given by the egos' ids, as are the completed ticks."""
+        around, clock = self._road.around, self._clock
+        done = {ego.id: ego.act(due, cars[ego.id], around[ego.id], clock) for ego in self._egos}
+        # The setpoints are on their way: the rest runs in the slack.
+        for ego in self._egos:
+            ego.prepare(due, done[ego.id])
+        asked: dict[str, Pose] = {}
+        reports: Mapping[str, EgoSyncReport] = {}
         for behind in range(due.catch_up, -1, -1):
-            asked = self._pipeline.front_bumper_at(due.next_time - behind * PERIOD)
-            report = self._road.advance(asked)
-        # Without a report SUMO was not stepped, so the row has no requested pose.
-        placed = asked if report is not None else None
-        self._record.ticked(tick_row(recorded, self._path, placed, report, self._road))
-        self._next = due.number + 1
+            asked = self._asked(due.next_time - behind * PERIOD)
+            reports = self._road.advance(asked)
+        for ego in self._egos:
+            ego.record(asked.get(ego.id), reports.get(ego.id), around[ego.id])
+        return done
+
+    def finish(self) -> None:
+        """Record the actors of SUMO's last step; call it once, after the last tick.
+
+        These rows show what the egos touched at the end.
+        """
+        for ego in self._egos:
+            ego.finish(self._road.around[ego.id])
+
+    def _asked(self, time: float) -> dict[str, Pose]:
+        return {ego.id: pose for ego in self._egos if (pose := ego.asked(time)) is not None}

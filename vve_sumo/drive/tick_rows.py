@@ -6,7 +6,7 @@ import math
 from typing import Any, NamedTuple
 
 from vve_sumo.drive.pipeline import TickResult
-from vve_sumo.drive.virtual_road import VirtualRoad
+from vve_sumo.drive.virtual_road import EgoSurroundings
 from vve_sumo.path import ReferencePath
 from vve_sumo.record.rows import TickRow
 from vve_sumo.values import ControlCommand, GatewayStatus, Point, Pose
@@ -21,7 +21,7 @@ _NO_REPORT = EgoSyncReport(_NAN, _NAN, _NAN, _NAN, "", False, ())
 
 
 class RecordedTick(NamedTuple):
-    """One tick: its time, inputs and results."""
+    """One tick of an ego: its time, inputs and results."""
 
     tick: int
     now: float  #: drive time [s]
@@ -69,9 +69,13 @@ def status_columns(status: GatewayStatus) -> dict[str, Any]:
 
 
 def tick_row(
-    recorded: RecordedTick, path: ReferencePath, requested: Pose | None, report: EgoSyncReport | None, road: VirtualRoad
+    recorded: RecordedTick,
+    path: ReferencePath,
+    requested: Pose | None,
+    report: EgoSyncReport | None,
+    around: EgoSurroundings,
 ) -> TickRow:
-    """Return a tick's row of the record, after the virtual road has advanced."""
+    """Return a tick's row of the record, after the virtual road has advanced to what is `around` the ego now."""
     result = recorded.result
     truth, asked, found = recorded.truth or _NO_POSE, requested or _NO_POSE, report or _NO_REPORT
     return TickRow(
@@ -95,8 +99,8 @@ def tick_row(
         ego_sync_speed_error_mps=found.speed_error,
         ego_sync_faults="+".join(found.faults),
         lane=found.lane,
-        actors=len(road.actors.ids),
-        contacts="+".join(road.contacts),
+        actors=len(around.actors.ids),
+        contacts="+".join(around.contacts),
         **result_columns(result),
         **status_columns(recorded.status),
     )

@@ -1,4 +1,4 @@
-"""The virtual road for a shell: starts the world, places the ego, and keeps what the next tick's sensors see.
+"""The virtual road for a shell: starts the world, places the egos, and keeps what the next tick's sensors see.
 
 The lockstep, playback and live shells use it; it knows no car and no controller.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
@@ -14,8 +15,8 @@ from vve_sumo.path import ReferencePath
 from vve_sumo.scenario import schema
 from vve_sumo.scenario.engine import ScenarioEngine
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import Actors, Point, Pose, SignalChange
-from vve_sumo.world.ego_sync import EgoSyncReport
+from vve_sumo.values import EGO, Actors, Point, Pose, SignalChange
+from vve_sumo.world.ego_sync import Ego, EgoSyncReport
 from vve_sumo.world.loaded_road import LoadedRoad, RoadSource
 from vve_sumo.world.obstacles import MapSpot, Obstacle
 from vve_sumo.world.surroundings import table
@@ -23,6 +24,11 @@ from vve_sumo.world.world import World
 
 #: A car that is faster than this has driven off [m/s].
 MOVING_SPEED = 0.5
+
+
+def egos_of(resolved: ResolvedScenario) -> tuple[Ego, ...]:
+    """Return the scenario's egos, of which there is one."""
+    return (Ego(EGO, resolved.vehicle, tuple(resolved.route)),)
 
 
 def obstacles_of(resolved: ResolvedScenario) -> tuple[Obstacle, ...]:
@@ -65,41 +71,47 @@ def open_world(
     source = road_source(resolved)
     return World(
         source.network,
+        egos=egos_of(resolved),
         demand=source.demand,
         seed=source.seed,
         period=source.period,
-        vehicle=resolved.vehicle,
         obstacles=obstacles_of(resolved),
         warm_up=resolved.scenario.road.warm_up_s,
-        route=resolved.route,
         clock=clock,
         loaded=loaded,
     )
 
 
-class VirtualRoad:
-    """Steps the world once there is a pose, and keeps actors, contacts and faults for the next tick.
+@dataclass(slots=True)
+class EgoSurroundings:
+    """What the virtual road keeps for the next tick of one ego."""
 
-    The scenario's actors begin with the first pose. If the road `waits`, they begin when the operator says go or the
+    actors: Actors = field(default_factory=lambda: table(0.0, ()))
+    contacts: tuple[str, ...] = ()  #: actors that the ego touches
+    faults: tuple[str, ...] = ()  #: reason codes for the next tick
+    detail: str = ""  #: SUMO's last error message about the ego
+
+
+class VirtualRoad:
+    """Steps the world once there is a pose, and keeps actors, contacts and faults of every ego for the next tick.
+
+    The scenario's actors begin with the first pose. If the road `waits`, they begin when the operator says go or a
     car is faster than MOVING_SPEED.
     """
 
     def __init__(self, world: World, engine: ScenarioEngine, *, waits: bool = False) -> None:
         self._world, self._engine, self._waits = world, engine, waits
         self._began: float | None = None
-        self.actors: Actors = table(0.0, ())
-        self.contacts: tuple[str, ...] = ()  #: actors that the ego touches
-        self.faults: tuple[str, ...] = ()  #: reason codes for the next tick
-        self.detail = ""  #: SUMO's last error message about the ego
+        self.around = {ego: EgoSurroundings() for ego in world.egos}  #: by the ego's id
 
     @property
     def cleared(self) -> tuple[str, ...]:
-        """Vehicles taken off the road where the ego, or an actor of the scenario, entered it."""
+        """Vehicles taken off the road where an ego, or an actor of the scenario, entered it."""
         return self._world.cleared
 
     @property
     def standoffs(self) -> tuple[str, ...]:
-        """Vehicles taken off the road because they and the ego waited for each other."""
+        """Vehicles taken off the road because they and an ego waited for each other."""
         return self._world.standoffs
 
     @property
@@ -137,18 +149,22 @@ class VirtualRoad:
         """Let the scenario's actors begin: the operator said go."""
         self._waits = False
 
-    def advance(self, asked: Pose | None) -> EgoSyncReport | None:
-        """Place the ego and the actors and let SUMO step; without a pose SUMO does not step, and None is returned."""
-        if asked is None:
-            return None
-        self._world.place(asked)
-        if self._began is None and (not self._waits or asked.speed > MOVING_SPEED):
-            self._began = asked.time
-        if self._began is not None:
-            self._world.set_actors(self._engine.step(asked.time - self._began, asked))
-        report = self._world.step()
-        self.actors = self._world.actors()
-        self.contacts = self._world.contacts()
-        self.faults = report.faults + (("virtual_contact",) if self.contacts else ())
-        self.detail = report.detail or self.detail
-        return report
+    def advance(self, asked: Mapping[str, Pose]) -> Mapping[str, EgoSyncReport]:
+        """Place the egos, by id, and the actors, and let SUMO step once; return the report of each ego's placement.
+
+        Without a pose of any ego SUMO does not step, and no report is returned.
+        """
+        if not asked:
+            return {}
+        if self._began is None and (not self._waits or any(pose.speed > MOVING_SPEED for pose in asked.values())):
+            self._began = next(iter(asked.values())).time
+        # The engine of the scenario's actors knows one ego.
+        if self._began is not None and (ego := asked.get(EGO)) is not None:
+            self._world.set_actors(self._engine.step(ego.time - self._began, ego))
+        reports = self._world.step(asked)
+        for name, report in reports.items():
+            around, contacts = self.around[name], self._world.contacts(name)
+            around.actors, around.contacts = self._world.actors(name), contacts
+            around.faults = report.faults + (("virtual_contact",) if contacts else ())
+            around.detail = report.detail or around.detail
+        return reports

@@ -5,15 +5,16 @@ Must not know what drives on it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
-from vve_sumo.drive.virtual_road import obstacle_position
+from vve_sumo.drive.virtual_road import EgoSurroundings, obstacle_position
 from vve_sumo.geometry import Box, behind_bumper, overlap
-from vve_sumo.values import Actors, Floats, Pose
+from vve_sumo.values import EGO, Actors, Floats, Pose
 from vve_sumo.world.ego_sync import EgoSyncReport
 
 #: radar cross section of a parked car at 77 GHz [m2], the same as on the virtual road with SUMO
@@ -31,9 +32,7 @@ class EmptyRoad:
             for one, place in zip(obstacles, places, strict=True)
         }
         self._length, self._width = vehicle.length, vehicle.width
-        self.actors = self._standing()
-        self.contacts: tuple[str, ...] = ()  #: obstacles that the ego touches
-        self.faults: tuple[str, ...] = ()  #: reason codes for the next tick
+        self.around = {EGO: EgoSurroundings(self._standing())}  #: of the only ego
 
     def _standing(self) -> Actors:
         boxes = self._boxes.values()
@@ -55,12 +54,12 @@ class EmptyRoad:
             lateral_speed=zeros,
         )
 
-    def advance(self, asked: Pose | None) -> EgoSyncReport | None:
-        """Place the ego's front bumper at a pose; without one, nothing is done."""
-        if asked is None:
-            return None
-        ego = behind_bumper(asked.x, asked.y, asked.heading, self._length, self._width)
-        self.contacts = tuple(name for name, box in self._boxes.items() if overlap(ego, box))
-        self.faults = ("virtual_contact",) if self.contacts else ()
-        self.actors = replace(self.actors, time=asked.time)
-        return None
+    def advance(self, asked: Mapping[str, Pose]) -> Mapping[str, EgoSyncReport]:
+        """Place the ego's front bumper at a pose; without one, nothing is done. There is no report of a placement."""
+        if (pose := asked.get(EGO)) is None:
+            return {}
+        ego, around = behind_bumper(pose.x, pose.y, pose.heading, self._length, self._width), self.around[EGO]
+        around.contacts = tuple(name for name, box in self._boxes.items() if overlap(ego, box))
+        around.faults = ("virtual_contact",) if around.contacts else ()
+        around.actors = replace(around.actors, time=pose.time)
+        return {}

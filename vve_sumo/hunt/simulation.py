@@ -18,7 +18,7 @@ from vve_sumo.drive.lockstep import car_parameters
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
 from vve_sumo.drive.standstill_cause import StandstillClassifier
 from vve_sumo.drive.termination import Outcome, TerminationMonitor
-from vve_sumo.drive.tick import DueTick, Tick
+from vve_sumo.drive.tick import CarInput, DueTick, EgoTick, Tick
 from vve_sumo.drive.virtual_road import VirtualRoad, pose_at_rest
 from vve_sumo.frames import Alignment, Placement
 from vve_sumo.hunt.brains import BEHAVIOURS, Behaviour, TurningBrain
@@ -36,7 +36,7 @@ from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig
 from vve_sumo.sensors.port import Column
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import Actors, ArmingState, CommandedPath, Frame, GatewayStatus, Pose, Setpoint
+from vve_sumo.values import EGO, Actors, ArmingState, CommandedPath, Frame, GatewayStatus, Pose, Setpoint
 from vve_sumo.vehicle.arming import COMMANDING, WAITING
 from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.gateway import Gateway
@@ -188,7 +188,8 @@ class EpisodeDrive:
             seed_of(seed, "faults"),
         )
         self.road = EmptyRoad(resolved)
-        self._tick = Tick(pipeline, cast(VirtualRoad, self.road), resolved.path, self, NoRecord())
+        self._ego = EgoTick(EGO, pipeline, resolved.path, self, NoRecord())
+        self._tick = Tick([self._ego], cast(VirtualRoad, self.road))
         self._termination = TerminationMonitor(resolved.path.length, resolved.scenario.after_stop_s)
         self._standstill_classifier = StandstillClassifier(resolved.scenario, resolved.path, resolved.vehicle)
         self.operator = HuntOperator()
@@ -244,14 +245,14 @@ class EpisodeDrive:
         number, now = self.number, self.now
         truth = self._car.truth()
         due = DueTick(number, now, now + PERIOD)
-        done = self._tick.step(due, self.gateway.monitor.measured_steering)
+        done = self._tick.step(due, {EGO: CarInput(self.gateway.monitor.measured_steering)})[EGO]
         self.s = done.result.s
         self._watch_for_the_end(now, truth, done.actors)
         sample = self._sample(now, truth)
         came = self._car.step((number + 1) * PERIOD, self._frames)
         self._reports = [frame for _time, frame in came.reports]
         for time, data in came.packets:
-            self._tick.receive(time, data)
+            self._ego.receive(time, data)
         self.number += 1
         if math.isnan(self.moved) and abs(truth.speed) > START_SPEED:
             self.moved = now
@@ -260,7 +261,7 @@ class EpisodeDrive:
     def _watch_for_the_end(self, now: float, truth: Pose, actors: Actors) -> None:
         assert self._status is not None
         ahead = partial(self._standstill_classifier.classify, self.alignment.apply(truth), self.s, actors)
-        contact = bool(self.road.contacts)
+        contact = bool(self.road.around[EGO].contacts)
         outcome = self._termination.step(
             now, truth.speed, self.s, self._status.state, self._status.reasons, contact, ahead
         )

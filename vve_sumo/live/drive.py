@@ -23,7 +23,7 @@ from vve_sumo.drive.brain import ExternalController, external_controller
 from vve_sumo.drive.pipeline import TickResult
 from vve_sumo.drive.standstill_cause import StandstillClassifier
 from vve_sumo.drive.termination import Outcome, TerminationMonitor
-from vve_sumo.drive.tick import CompletedTick, DueTick, Tick
+from vve_sumo.drive.tick import CarInput, CompletedTick, DueTick, EgoTick, Tick
 from vve_sumo.drive.virtual_road import open_world, scenario_engine
 from vve_sumo.errors import VveError
 from vve_sumo.live import messages, signals, spawn, start_pose
@@ -41,7 +41,7 @@ from vve_sumo.record.rows import LatencyRow
 from vve_sumo.rig.resolve import mounting_of
 from vve_sumo.rig.schema import Rig
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import ArmingState, GatewayStatus, Setpoint, newest_scan
+from vve_sumo.values import EGO, ArmingState, GatewayStatus, Setpoint, newest_scan
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING, DRIVER_REASONS, ENDING, WAITING
 from vve_sumo.wire.outputs import KINDS
@@ -77,7 +77,8 @@ class LiveDrive:
         self._pipeline = pipeline_of(self._resolved, rig, lot, working, self._brain)
         self._not_ready: tuple[str, ...] = tuple(config["not_ready"])
         self._road = LiveRoad(open_world(self._resolved, time.perf_counter), scenario_engine(self._resolved))
-        self._tick = Tick(self._pipeline, self._road, self._resolved.path, self, self._recorder, self._clock)
+        self._ego = EgoTick(EGO, self._pipeline, self._resolved.path, self, self._recorder)
+        self._tick = Tick([self._ego], self._road, self._clock)
         self._source = source_of(rig)
         self._urgent = RealTimeSection(DRIVE_PRIORITY)
         self._latency = LatencyMonitor(rig.latency.budget_ms / 1000.0, rig.latency.breaches)
@@ -154,7 +155,7 @@ class LiveDrive:
         """Take in what has arrived; a pose datagram's arrival time is the kernel's time stamp."""
         for stamp, data in self._source.receive():
             received = stamp - self._t0
-            self._tick.receive(received, data)
+            self._ego.receive(received, data)
             self._received = received
             self._scheduler.fix_arrived(received, self._pipeline.newest_epoch)
         self._read_gateway()
@@ -194,7 +195,7 @@ class LiveDrive:
         self._observe_wake_up(decoded, decoded - begun.awaited)
         steering = self._feedback.measured_steering if self._feedback else math.nan
         due = DueTick(begun.tick, begun.due, self._scheduler.next_due, begun.catch_up)
-        done = self._tick.step(due, steering)
+        done = self._tick.step(due, {EGO: CarInput(steering)})[EGO]
         self._measure(begun, done, decoded)
         self._watch_for_the_end(begun.due, done)
         self._recorder.flush()
@@ -328,7 +329,7 @@ class LiveDrive:
                 return
             self._go_time = now
             self._road.start_actors()
-        pose, contact = result.pose, bool(self._road.contacts)
+        pose, contact = result.pose, bool(self._road.around[EGO].contacts)
         speed, driven = pose.speed if pose else math.nan, now - self._go_time
         ahead = partial(self._standstill_classifier.classify, pose, result.s, done.actors)
         outcome = self._termination.step(driven, speed, result.s, status.state, status.reasons, contact, ahead)
@@ -367,7 +368,7 @@ class LiveDrive:
             "cleared": list(road.cleared),
             "standoffs": list(road.standoffs),
             "warnings": list(road.warnings),
-            "text": self._pipeline.failure or road.traceback or road.detail,
+            "text": self._pipeline.failure or road.traceback or road.around[EGO].detail,
             "clock": self._pipeline.clock_report(),
             "receiver": self._source.sender_report(),
             "step_time": road.step_time_summary,

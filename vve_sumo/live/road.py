@@ -6,6 +6,7 @@ Knows neither car nor gateway: a failure is a reason code for the next tick.
 from __future__ import annotations
 
 import traceback
+from collections.abc import Mapping
 
 from vve_sumo.drive.virtual_road import VirtualRoad
 from vve_sumo.errors import VveError
@@ -25,18 +26,19 @@ class LiveRoad(VirtualRoad):
         super().__init__(world, engine, waits=True)
         self.traceback = ""  #: of the failure; empty while there was none
 
-    def advance(self, asked: Pose | None) -> EgoSyncReport | None:
+    def advance(self, asked: Mapping[str, Pose]) -> Mapping[str, EgoSyncReport]:
         """Advance as a virtual road does; after a failure, do nothing.
 
         Raises VveError only for the first pose, before which nothing is armed; the drive is then refused.
         """
         if self.traceback:
-            return None
+            return {}
         try:
             return super().advance(asked)
         except VveError:
             raise
         except Exception:
             self.traceback = traceback.format_exc()
-            self.faults += ("road_failed",)
-            return None
+            for around in self.around.values():
+                around.faults += ("road_failed",)
+            return {}

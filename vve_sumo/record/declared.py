@@ -36,7 +36,7 @@ def recorded_points(resolved: Mapping[str, Any]) -> Floats:
 
 
 def recorded_path(resolved: Mapping[str, Any]) -> ReferencePath:
-    """Return where the rear axle was to go, in the virtual road's map; raises ConfigError for points that give no path."""
+    """Return where the rear axle was to go, in the virtual road's map; raises ConfigError where points give no path."""
     points = recorded_points(resolved)
     try:
         return ReferencePath.from_points(points[:, 0], points[:, 1])

@@ -1,4 +1,4 @@
-"""Holds the ego in SUMO exactly at the requested pose, and checks after every step that SUMO did so.
+"""Holds an ego in SUMO exactly at the requested pose, and checks after every step that SUMO did so.
 
 `moveToXY` alone may give the ego a wrong place or speed, drop or re-route it, or hang; the calls around it and the
 checks after it are here. Must not know where the poses come from, nor what follows from a fault.
@@ -7,7 +7,6 @@ checks after it are here. Must not know where the poses come from, nor what foll
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import libsumo
@@ -17,7 +16,7 @@ from vve_sumo.values import Point, Pose, Vehicle
 from vve_sumo.world.lanes import Lanes
 from vve_sumo.world.simulation import SUMO_ERRORS
 
-EGO = "ego"
+#: An ego's vehicle type in SUMO has this name with the ego's id after it.
 EGO_TYPE = "ego_car"
 
 #: Flag of moveToXY for an exact place, on any edge or off the network; and its search distance for lanes [m].
@@ -54,6 +53,17 @@ SPEED_FACTOR = 5.0
 
 #: reason codes for errors of position, heading and speed that are above the tolerance
 _ERROR_CODES = ("ego_sync_position", "ego_sync_heading", "ego_sync_speed")
+
+
+@dataclass(frozen=True, slots=True)
+class Ego:
+    """A car that is moved from outside, as the virtual road is told of it."""
+
+    id: str  #: SUMO's name of it, and its name among the actors around another ego
+    vehicle: Vehicle
+    #: Edges that it will follow, in order. Without them a plausible route onward is assumed, because traffic at a
+    #: junction yields only to an ego whose route goes on beyond it.
+    route: tuple[str, ...] = ()
 
 
 @fast_frozen
@@ -108,6 +118,11 @@ def heading_of(angle: float) -> float:
     return math.remainder(0.5 * math.pi - math.radians(angle), math.tau)
 
 
+def type_name(ego: str) -> str:
+    """Return the name of the vehicle type of the ego of an id."""
+    return f"{EGO_TYPE}.{ego}"
+
+
 def make_type(name: str, length: float, width: float) -> None:
     """Make a vehicle type that is moved from outside; lengths in metres."""
     types = libsumo.vehicletype
@@ -124,18 +139,15 @@ def make_type(name: str, length: float, width: float) -> None:
 
 
 class EgoSync:
-    """Holds the ego at its poses: per step `place`, let SUMO step, `check`."""
+    """Holds one ego at its poses: per step `place`, let SUMO step, `check`."""
 
-    def __init__(self, lanes: Lanes, vehicle: Vehicle, route: Sequence[str] = ()) -> None:
-        """Prepare the ego; it enters the virtual road at the first pose.
-
-        `route` are the edges that the ego will follow, in order. Without it a plausible route onward is assumed,
-        because traffic at a junction yields only to an ego whose route goes on beyond it.
-        """
-        make_type(EGO_TYPE, vehicle.length, vehicle.width)
+    def __init__(self, lanes: Lanes, ego: Ego) -> None:
+        """Prepare an ego; it enters the virtual road at the first pose."""
+        self._id, self._type = ego.id, type_name(ego.id)
+        make_type(self._type, ego.vehicle.length, ego.vehicle.width)
         self._lanes = lanes
         self._bounds = network_bounds()
-        self._intended = tuple(route)
+        self._intended = tuple(ego.route)
         self._reached = 0
         self._faults: list[str] = []
         self._target: tuple[float, float, float, float] | None = None
@@ -203,8 +215,8 @@ class EgoSync:
         try:
             if not self._known:
                 self._enter(x, y, speed)
-            libsumo.vehicle.moveToXY(EGO, "", -1, x, y, compass(heading), KEEP_ROUTE_EXACT, MATCH_THRESHOLD)
-            libsumo.vehicle.setSpeed(EGO, speed)
+            libsumo.vehicle.moveToXY(self._id, "", -1, x, y, compass(heading), KEEP_ROUTE_EXACT, MATCH_THRESHOLD)
+            libsumo.vehicle.setSpeed(self._id, speed)
         except SUMO_ERRORS:
             self._known = False
             self._faults.append("sumo_error")
@@ -212,40 +224,40 @@ class EgoSync:
     def _enter(self, x: float, y: float, speed: float) -> None:
         lane, _ = self._lanes.nearest(x, y)
         # SUMO's first step reports the departure speed: without it the speed would jump from 0.
-        libsumo.vehicle.add(EGO, self._lanes.route(lane.id), EGO_TYPE, departSpeed=f"{speed}")
-        libsumo.vehicle.setSpeedMode(EGO, SPEED_MODE)
-        libsumo.vehicle.setLaneChangeMode(EGO, 0)
+        libsumo.vehicle.add(self._id, self._lanes.route(lane.id), self._type, departSpeed=f"{speed}")
+        libsumo.vehicle.setSpeedMode(self._id, SPEED_MODE)
+        libsumo.vehicle.setLaneChangeMode(self._id, 0)
         self._known, self._entered, self._route = True, True, ""
 
     def _errors(self) -> tuple[float, float, float]:
         if self._target is None or not self._known:
             return math.nan, math.nan, math.nan
         x, y, heading, speed = self._target
-        has_x, has_y = libsumo.vehicle.getPosition(EGO)
+        has_x, has_y = libsumo.vehicle.getPosition(self._id)
         if has_x == INVALID:
             return math.nan, math.nan, math.nan
-        turn = math.remainder(heading_of(libsumo.vehicle.getAngle(EGO)) - heading, math.tau)
-        error = abs(libsumo.vehicle.getSpeed(EGO) - speed)
+        turn = math.remainder(heading_of(libsumo.vehicle.getAngle(self._id)) - heading, math.tau)
+        error = abs(libsumo.vehicle.getSpeed(self._id) - speed)
         if error > TOLERANCE:
             # Near the end of a lane that the ego's route cannot leave, SUMO sets the speed to 0 ("emergency stop")
             # before it applies the pose. No vehicle has read that speed yet.
-            libsumo.vehicle.setPreviousSpeed(EGO, speed)
-            error = abs(libsumo.vehicle.getSpeed(EGO) - speed)
+            libsumo.vehicle.setPreviousSpeed(self._id, speed)
+            error = abs(libsumo.vehicle.getSpeed(self._id) - speed)
         return math.hypot(has_x - x, has_y - y), abs(turn), error
 
     def _keep_route(self) -> None:
         """Set the ego's route past the next junction again where SUMO replaced or used up the route."""
-        lane, route = libsumo.vehicle.getLaneID(EGO), libsumo.vehicle.getRouteID(EGO)
+        lane, route = libsumo.vehicle.getLaneID(self._id), libsumo.vehicle.getRouteID(self._id)
         if lane == self._lane and route == self._route:
             return
         self._lane = lane
         if lane:
-            edges = libsumo.vehicle.getRoute(EGO)
-            here = edges[max(libsumo.vehicle.getRouteIndex(EGO), 0)]
+            edges = libsumo.vehicle.getRoute(self._id)
+            here = edges[max(libsumo.vehicle.getRouteIndex(self._id), 0)]
             ahead = self._ahead(here, lane)
             if edges[-len(ahead) :] != ahead:
-                libsumo.vehicle.setRoute(EGO, ahead)
-                route = libsumo.vehicle.getRouteID(EGO)
+                libsumo.vehicle.setRoute(self._id, ahead)
+                route = libsumo.vehicle.getRouteID(self._id)
         self._route = route
 
     def _ahead(self, here: str, lane: str) -> tuple[str, ...]:

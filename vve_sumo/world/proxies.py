@@ -41,7 +41,7 @@ MATCH_THRESHOLD = 5.0
 class ProxyVehicles:
     """The proxy vehicles of one body; none while the ego lies within its own line of lanes."""
 
-    def __init__(self, lanes: Lanes, name: str = EGO_PROXY_TYPE) -> None:
+    def __init__(self, lanes: Lanes, name: str) -> None:
         """The names of the proxies begin with `name`, which must be different for each body."""
         self._lanes, self._name = lanes, name
         self._line: deque[Lane] = deque(maxlen=LANES_BEHIND)

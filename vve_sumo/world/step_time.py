@@ -1,7 +1,7 @@
 """Keeps SUMO's step short enough for a live tick: refuses and thins traffic before a deadline is at risk.
 
-Takes how long each step took; has no clock of its own and knows nothing of ticks. It removes only traffic far from the
-ego, never an obstacle, a proxy or the ego.
+Takes how long each step took; has no clock of its own and knows nothing of ticks. It removes only traffic far from
+every ego, never an obstacle, a proxy or an ego.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import enum
 import math
 from collections import deque
-from collections.abc import Set
+from collections.abc import Sequence, Set
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
@@ -24,7 +24,7 @@ WINDOW: Final = 150
 RANK: Final = 3
 
 SETTLING_STEPS: Final = 50  #: steps between two measures, in which the first can take effect
-PROTECTED_RADIUS: Final = 250.0  #: no vehicle nearer to the ego is removed [m]; beyond the radar's range
+PROTECTED_RADIUS: Final = 250.0  #: no vehicle nearer to an ego is removed [m]; beyond the radar's range
 MIN_REMOVED_SHARE: Final = 0.1  #: smallest share of the vehicles that is removed at a time
 
 
@@ -32,7 +32,7 @@ class TrafficMeasure(enum.Enum):
     """What is to be done about the traffic after a step."""
 
     NOTHING = enum.auto()
-    REFUSE = enum.auto()  #: from now on no vehicle enters far from the ego
+    REFUSE = enum.auto()  #: from now on no vehicle enters far from every ego
     THIN = enum.auto()  #: remove some vehicles that are far away
     ADMIT = enum.auto()  #: vehicles may enter again
 
@@ -124,18 +124,18 @@ class StepTimeBudget:
         values = asdict(self._budget.summary)
         return {name: None if value != value else value for name, value in values.items()}
 
-    def step(self, took: float, x: float, y: float, keep: Set[str]) -> None:
+    def step(self, took: float, egos: Sequence[tuple[float, float]], keep: Set[str]) -> None:
         """Take the duration of the last step [s]; refuse or remove traffic where it is due.
 
-        `x`, `y` [m] is the ego's place; `keep` are the vehicles that are not traffic. Raises SUMO's errors.
+        `egos` are the egos' places, x and y [m]; `keep` are the vehicles that are not traffic. Raises SUMO's errors.
         """
         budget = self._budget
         self._stagger(budget.summary.steps, keep)
         if budget.closed:
-            budget.summary.refused += _remove(_far(libsumo.simulation.getDepartedIDList(), x, y, keep))
+            budget.summary.refused += _remove(_far(libsumo.simulation.getDepartedIDList(), egos, keep))
         if budget.step(took) is TrafficMeasure.THIN:
             everyone = libsumo.vehicle.getIDList()
-            far = _far(everyone, x, y, keep)
+            far = _far(everyone, egos, keep)
             budget.summary.removed += _remove(far[: math.ceil(budget.share * (len(everyone) - len(keep)))])
 
     def _stagger(self, step: int, keep: Set[str]) -> None:
@@ -165,13 +165,13 @@ def _spread(names: list[str]) -> dict[int, list[tuple[str, float]]]:
     return turns
 
 
-def _far(names: tuple[str, ...], x: float, y: float, keep: Set[str]) -> list[str]:
-    """Return the traffic beyond PROTECTED_RADIUS of the ego, farthest first."""
+def _far(names: tuple[str, ...], egos: Sequence[tuple[float, float]], keep: Set[str]) -> list[str]:
+    """Return the traffic beyond PROTECTED_RADIUS of every ego, farthest first."""
     distances = []
     for name in names:
         if name not in keep:
-            at_x, at_y = libsumo.vehicle.getPosition(name)
-            distances.append((math.hypot(at_x - x, at_y - y), name))
+            x, y = libsumo.vehicle.getPosition(name)
+            distances.append((min(math.hypot(x - ego_x, y - ego_y) for ego_x, ego_y in egos), name))
     return [name for distance, name in sorted(distances, reverse=True) if distance > PROTECTED_RADIUS]
 
 

@@ -1,4 +1,4 @@
-"""Reads the actors near the ego from SUMO into a table, one column per quantity.
+"""Reads the actors near the egos from SUMO into tables, one column per quantity.
 
 Must not know what uses the table; radar, contact tests and the record take it as it is.
 """
@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence, Set
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import libsumo
 import numpy as np
 
 from vve_sumo.geometry import Box
 from vve_sumo.values import Actors, ActorState
-from vve_sumo.world.ego_sync import EGO, heading_of
+from vve_sumo.world.ego_sync import heading_of
 from vve_sumo.world.obstacles import Obstacle
 from vve_sumo.world.standoff import STANDING
 
@@ -85,11 +85,13 @@ def cross_section(kind: str) -> float:
 
 
 class Surroundings:
-    """Reads the actors within a range of the ego."""
+    """Reads the actors within a range of the egos, each once, however many egos it is near."""
 
     def __init__(self, reach: float, obstacles: Sequence[tuple[Obstacle, Box]]) -> None:
-        """`reach` [m] is the range from the ego's front bumper to an actor's centre."""
+        """`reach` [m] is the range from an ego's front bumper to an actor's centre."""
         self._reach = reach
+        self._egos: list[str] = []  # whose surroundings SUMO reports
+        self._rows: list[Row] = []
         self._obstacles: list[Row] = [
             (one.id, box.x, box.y, box.heading, 0.0, box.length, box.width, cross_section(one.kind), 0.0)
             for one, box in obstacles
@@ -98,18 +100,18 @@ class Surroundings:
         self._before: dict[str, Place] = {}
         self._time = math.nan
 
-    def watch(self) -> None:
-        """Subscribe to the vehicles near the ego in every step; call it whenever the ego has entered."""
+    def watch(self, ego: str) -> None:
+        """Subscribe to the vehicles near an ego in every step; call it whenever the ego has entered."""
         reach = self._reach + MAX_CENTRE_DISTANCE
-        libsumo.vehicle.subscribeContext(EGO, libsumo.CMD_GET_VEHICLE_VARIABLE, reach, VARIABLES)
+        libsumo.vehicle.subscribeContext(ego, libsumo.CMD_GET_VEHICLE_VARIABLE, reach, VARIABLES)
+        if ego not in self._egos:
+            self._egos.append(ego)
 
-    def snapshot(
-        self, time: float, x: float, y: float, hidden: Set[str], actors: Iterable[tuple[ActorState, float]] = ()
-    ) -> Actors:
-        """Return the actors around x, y [m] at a drive time [s], without the vehicles in `hidden`.
+    def look(self, time: float, hidden: Set[str], actors: Iterable[tuple[ActorState, float]] = ()) -> None:
+        """Read the actors near the egos at a drive time [s], without the vehicles in `hidden`.
 
         Rows are vehicles by name, persons on foot, obstacles, and `actors`: the scenario's actors, each with its radar
-        cross section [m2]. A vehicle's lateral speed is the mean since the last snapshot. Its front is where SUMO has
+        cross section [m2]. A vehicle's lateral speed is the mean since the last look. Its front is where SUMO has
         it; its heading follows SUMO's, limited by MAX_TAIL_SWING. Raises SUMO's errors.
         """
         found = self._vehicles(time, hidden)
@@ -119,11 +121,16 @@ class Surroundings:
             (one.id, one.x, one.y, one.heading, one.speed, one.length, one.width, section, 0.0)
             for one, section in actors
         ]
+        self._rows = found
+
+    def around(self, x: float, y: float, egos: Iterable[Row] = ()) -> Actors:
+        """Return the actors of the last look around x, y [m]; `egos` are the rows of others than the one there."""
         limit = self._reach * self._reach
-        return table(time, [row for row in found if (row[1] - x) ** 2 + (row[2] - y) ** 2 <= limit])
+        near = [row for row in (*self._rows, *egos) if (row[1] - x) ** 2 + (row[2] - y) ** 2 <= limit]
+        return table(self._time, near)
 
     def standing(self, seen: Actors, near: Box) -> list[tuple[str, Box]]:
-        """Return the vehicles of the last snapshot that stand within `CLOSE` of a body, with their boxes."""
+        """Return the vehicles of a snapshot that stand within `CLOSE` of a body, with their boxes."""
         at = np.flatnonzero(
             (np.abs(seen.speed) < STANDING) & (np.abs(seen.x - near.x) < CLOSE) & (np.abs(seen.y - near.y) < CLOSE)
         )
@@ -135,7 +142,9 @@ class Surroundings:
         ]
 
     def _vehicles(self, time: float, hidden: Set[str]) -> list[Row]:
-        seen = libsumo.vehicle.getContextSubscriptionResults(EGO)
+        seen: dict[str, dict[int, Any]] = {}
+        for ego in self._egos:
+            seen |= libsumo.vehicle.getContextSubscriptionResults(ego)
         if len(self._bodies) > len(seen) + MAX_FORGOTTEN:
             self._bodies = {name: body for name, body in self._bodies.items() if name in seen}
         period, before, self._before = time - self._time, self._before, {}

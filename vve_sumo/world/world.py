@@ -1,4 +1,4 @@
-"""The virtual road of a drive: places the ego, steps SUMO, reads the actors, tests for contact.
+"""The virtual road of a drive: places the egos, steps SUMO, reads the actors around each, tests for contact.
 
 Combines the other modules of this package; must not know controllers or wire formats.
 """
@@ -15,15 +15,16 @@ import libsumo
 
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.geometry import Box, behind_bumper, overlap
-from vve_sumo.values import Actors, ActorState, Pose, SignalChange, Vehicle
-from vve_sumo.world.ego_sync import DECELERATION, EGO, EgoSync, EgoSyncReport, heading_of, make_type
+from vve_sumo.values import Actors, ActorState, Pose, SignalChange
+from vve_sumo.world.ego_sync import DECELERATION, Ego, EgoSyncReport, heading_of, make_type
 from vve_sumo.world.loaded_road import LoadedRoad, RoadSource
 from vve_sumo.world.obstacles import OBSTACLE_PROXY_TYPE, Obstacle, Obstacles
-from vve_sumo.world.proxies import EGO_PROXY_TYPE, ProxyVehicles
+from vve_sumo.world.placed_ego import PlacedEgo
+from vve_sumo.world.proxies import EGO_PROXY_TYPE
 from vve_sumo.world.scenario_actors import ScenarioActors, box_of
 from vve_sumo.world.signal_states import SignalStates
 from vve_sumo.world.simulation import SUMO_ERRORS
-from vve_sumo.world.standoff import STANDING, Standoff
+from vve_sumo.world.standoff import STANDING
 from vve_sumo.world.step_time import StepTimeBudget
 from vve_sumo.world.surroundings import Surroundings, table
 
@@ -37,37 +38,37 @@ MOVE_TOLERANCE: Final = 5.0
 
 
 class World:
-    """A SUMO road with one external ego. Per tick: `place`, `set_actors`, `step`, then read.
+    """A SUMO road with external egos. Per tick: `set_actors`, `step`, then read.
 
-    `step` brings the road to the time of the pose placed last; `actors` are those around the ego at that time.
+    `step` brings the road to the time of the poses that it is given; `actors` are those around an ego at that time.
+    Every ego is one of the actors around every other one. Egos are handled in the order of their ids.
     """
 
     def __init__(
         self,
         network: Path,
         *,
+        egos: Sequence[Ego],
         demand: Sequence[Path] = (),
         seed: int,
         period: float,
-        vehicle: Vehicle,
         obstacles: Sequence[Obstacle] = (),
         warm_up: float = 0.0,
         range_of_interest: float = 220.0,
-        route: Sequence[str] = (),
         clock: Callable[[], float] | None = None,
         loaded: LoadedRoad | None = None,
     ) -> None:
-        """Start SUMO, let its traffic run for `warm_up` [s] without the ego, and wait for the first pose.
+        """Start SUMO, let its traffic run for `warm_up` [s] without the egos, and wait for the first pose.
 
-        `period` is the tick [s], a multiple of 1 ms; `route` the edges that the ego will follow, if known;
-        `range_of_interest` [m] reaches from the ego's front bumper to an actor's centre. With a `clock` [s] the
-        steps are timed, and traffic is limited so that they fit into a live tick. SUMO is not started where the
-        process of which this one is a fork has `loaded` the road. Raises ConfigError where a file, an obstacle, the
-        route or a number is not usable, SimulationError where SUMO fails.
+        `period` is the tick [s], a multiple of 1 ms; `range_of_interest` [m] reaches from an ego's front bumper to an
+        actor's centre. With a `clock` [s] the steps are timed, and traffic is limited so that they fit into a live
+        tick. SUMO is not started where the process of which this one is a fork has `loaded` the road. Raises
+        ConfigError where a file, an ego's id or route, an obstacle or a number is not usable, SimulationError where
+        SUMO fails.
         """
         if not (math.isfinite(warm_up) and warm_up >= 0.0):
             raise ConfigError(f"warm_up: 0 s or more expected, got {warm_up}")
-        self._vehicle, self._period = vehicle, period
+        self._period = period
         self._clock, self._step_time_budget = clock, StepTimeBudget() if clock else None
         source = RoadSource(network, tuple(demand), seed, period)
         if loaded is not None:
@@ -75,31 +76,28 @@ class World:
         road = loaded or LoadedRoad(source)
         self._simulation = road.simulation
         try:
-            self._furnish(road, vehicle, obstacles, route, range_of_interest)
+            self._furnish(road, egos, obstacles, range_of_interest)
             self._warm_up(warm_up)
         except BaseException as error:
             self._simulation.close()
             if isinstance(error, SUMO_ERRORS):
                 raise SimulationError(f"{network}: SUMO refused the street's furniture: {error}") from error
             raise
-        self._body: Box | None = None
-        self._pose: Pose | None = None
         self._start, self._steps = 0.0, 0
-        self._snapshot: Actors | None = None
+        self._begun = False  # an ego has been placed
         self._cleared: tuple[str, ...] = ()
-        self._standoff = Standoff()
         self._standoffs: tuple[str, ...] = ()
         self._asked: Sequence[ActorState] = ()
         self._signals = SignalStates()
 
     @property
     def signals(self) -> tuple[SignalChange, ...]:
-        """What the signals showed since the ego's first pose, change by change."""
+        """What the signals showed since the first pose, change by change."""
         return tuple(self._signals.changes)
 
     @property
     def signals_now(self) -> Mapping[str, str]:
-        """What each signal shows, SUMO's letter for each of its links; nothing before the ego's first pose."""
+        """What each signal shows, SUMO's letter for each of its links; nothing before the first pose."""
         return self._signals.shown
 
     @property
@@ -112,42 +110,27 @@ class World:
 
     @property
     def cleared(self) -> tuple[str, ...]:
-        """Vehicles taken off the road because they could not have avoided the entering ego or scenario actor."""
+        """Vehicles taken off the road because they could not have avoided an entering ego or scenario actor."""
         return self._cleared
 
     @property
     def standoffs(self) -> tuple[str, ...]:
-        """Vehicles taken off the road because they and the ego waited for each other."""
+        """Vehicles taken off the road because they and an ego waited for each other."""
         return self._standoffs
 
     @property
-    def proxy_lanes(self) -> tuple[str, ...]:
-        """Lanes on which traffic sees a proxy of the ego now."""
-        return self._proxies.lanes
+    def egos(self) -> tuple[str, ...]:
+        """Ids of the egos, in order."""
+        return tuple(self._egos)
 
     @property
     def step_time_budget(self) -> StepTimeBudget | None:
         """Step times and the measures taken; None without a clock."""
         return self._step_time_budget
 
-    def place(self, pose: Pose) -> None:
-        """Have the ego's front bumper at `pose`, its pose at the next tick.
-
-        A pose that is not finite, out of bounds or not the front bumper's becomes a fault of the coming report,
-        and the ego stands where it was. Raises ConfigError where the ego's first pose overlaps an obstacle, and
-        SimulationError where SUMO cannot clear the road for it.
-        """
-        if not self._ego_sync.place(pose):
-            return
-        self._body = behind_bumper(pose.x, pose.y, pose.heading, self._vehicle.length, self._vehicle.width)
-        if self._pose is None:
-            self._start, self._steps = pose.time, 0
-            self._check_entry(self._body)
-            try:
-                self._cleared = _clear(self._body, pose.speed, self._hidden())
-            except SUMO_ERRORS as problem:
-                raise SimulationError(f"SUMO does not let the ego in: {problem}") from problem
-        self._pose = pose
+    def proxy_lanes(self, ego: str) -> tuple[str, ...]:
+        """Return the lanes on which traffic sees a proxy of an ego now."""
+        return self._egos[ego].proxies.lanes
 
     def set_actors(self, actors: Sequence[ActorState]) -> None:
         """Have exactly these actors of the scenario on the road at the next tick, besides traffic and obstacles.
@@ -157,53 +140,54 @@ class World:
         """
         self._asked = actors
 
-    def step(self) -> EgoSyncReport:
-        """Step the road to the next tick and compare SUMO's ego with the requested pose.
+    def step(self, placements: Mapping[str, Pose]) -> dict[str, EgoSyncReport]:
+        """Step the road to the next tick and compare SUMO's egos with the poses of their front bumpers then, by id.
 
-        SUMO's errors are not raised: they are faults of the report.
+        An ego without a pose, or with one that is not finite, out of bounds or not the front bumper's, stands where it
+        was, and its report has a fault. SUMO's errors are not raised: they are faults of the reports. Raises
+        ConfigError where an ego's first pose overlaps an obstacle, SimulationError where SUMO cannot clear the road
+        for it, KeyError for an ego that the road does not have.
         """
         begun = self._clock() if self._clock else 0.0
-        moving = self._ego_sync.ready()
+        for name in sorted(placements):
+            self._place(self._egos[name], placements[name])
         error = ""
         try:
-            if self._body is not None and self._pose is not None:
-                self._proxies.place(self._body, self._pose.speed if moving else 0.0, self._ego_sync.lane)
-            for entered in self._scenario_actors.place(self._asked):
-                self._cleared += _clear(box_of(entered), entered.speed, self._hidden())
-            self._scenario_actors.show()
-            self._end_standoffs()
-            if self._ego_sync.entered():
-                self._surroundings.watch()
+            self._ready()
             self._simulation.step()
         except (SimulationError, *SUMO_ERRORS) as problem:
             error = str(problem)
         self._steps += 1
         try:
-            self._snapshot = self._look()
-            if self._pose:
+            self._look()
+            if self._begun:
                 self._signals.look(self._time())
-            if self._clock and self._step_time_budget and self._pose:
-                self._step_time_budget.step(self._clock() - begun, self._pose.x, self._pose.y, self._hidden())
+            if self._clock and self._step_time_budget and self._begun:
+                places = [(ego.pose.x, ego.pose.y) for ego in self._egos.values() if ego.pose is not None]
+                self._step_time_budget.step(self._clock() - begun, places, self._hidden())
         except SUMO_ERRORS as problem:
-            # The last snapshot stays, which is better than an empty road; the fault stops the car.
+            # The last snapshots stay, which is better than an empty road; the fault stops the cars.
             error = error or str(problem)
-        return self._ego_sync.check(self._time(), error)
+        now = self._time()
+        return {name: ego.sync.check(now, error) for name, ego in self._egos.items()}
 
-    def actors(self) -> Actors:
-        """Return all actors near the ego, without the ego; the same table until the next step.
+    def actors(self, ego: str) -> Actors:
+        """Return all actors near an ego, without itself; the same table until the next step.
 
-        Rows are vehicles by name (on a lane or not, parked ones too), persons on foot, obstacles, scenario actors.
-        Empty before the ego entered.
+        Rows are vehicles by name (on a lane or not, parked ones too), persons on foot, obstacles, scenario actors,
+        other egos. Empty before the ego entered.
         """
-        if self._snapshot is None:
-            self._snapshot = self._look()
-        return self._snapshot
+        placed = self._egos[ego]
+        if placed.snapshot is None:
+            placed.snapshot = table(self._start, ())
+        return placed.snapshot
 
-    def contacts(self) -> tuple[str, ...]:
-        """Return the names of actors whose box overlaps the ego's."""
-        if self._body is None:
+    def contacts(self, ego: str) -> tuple[str, ...]:
+        """Return the names of actors whose box overlaps an ego's."""
+        body = self._egos[ego].body
+        if body is None:
             return ()
-        seen, body = self.actors(), self._body
+        seen = self.actors(ego)
         if not seen.ids:
             return ()
         columns = (seen.x, seen.y, seen.heading, seen.length, seen.width)
@@ -227,18 +211,21 @@ class World:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _furnish(
-        self, road: LoadedRoad, vehicle: Vehicle, obstacles: Sequence[Obstacle], route: Sequence[str], reach: float
-    ) -> None:
-        boxes = [math.hypot(vehicle.length, vehicle.width)]
+    def _furnish(self, road: LoadedRoad, egos: Sequence[Ego], obstacles: Sequence[Obstacle], reach: float) -> None:
+        if len({ego.id for ego in egos}) < len(egos):
+            raise ConfigError(f"egos: ids that differ expected, got {', '.join(ego.id for ego in egos)}")
+        boxes = [math.hypot(ego.vehicle.length, ego.vehicle.width) for ego in egos]
         boxes += [math.hypot(o.length, o.width) for o in obstacles if math.isfinite(o.length * o.width)]
         lanes = road.lanes.reaching(0.5 * max(boxes))
-        if problem := lanes.gap(route):
-            raise ConfigError(f"{road.source.network}: {problem}")
-        make_type(EGO_PROXY_TYPE, vehicle.length, vehicle.width)
-        make_type(OBSTACLE_PROXY_TYPE, vehicle.length, vehicle.width)
-        self._ego_sync = EgoSync(lanes, vehicle, route)
-        self._proxies = ProxyVehicles(lanes)
+        for ego in egos:
+            if problem := lanes.gap(ego.route):
+                raise ConfigError(f"{road.source.network}: {problem}")
+        # Every proxy has a length of its own; its width is the widest ego's, in whatever order the egos are given.
+        length, width = max(ego.vehicle.length for ego in egos), max(ego.vehicle.width for ego in egos)
+        make_type(EGO_PROXY_TYPE, length, width)
+        make_type(OBSTACLE_PROXY_TYPE, length, width)
+        self._egos = {ego.id: PlacedEgo(lanes, ego) for ego in sorted(egos, key=lambda ego: ego.id)}
+        self._ids = frozenset(self._egos)
         self._obstacles = Obstacles(obstacles, lanes)
         self._scenario_actors = ScenarioActors(lanes)
         self._surroundings = Surroundings(reach, self._obstacles.declared)
@@ -251,34 +238,68 @@ class World:
         if duration > self._period:
             self._simulation.run_until(duration)
 
-    def _check_entry(self, body: Box) -> None:
-        for declared, box in self._obstacles.declared:
-            if overlap(body, box):
-                raise ConfigError(f"obstacle {declared.id}: it stands where the ego starts")
-
-    def _end_standoffs(self) -> None:
-        """Take drivers off the road whose standoff with the ego lasted too long; raises SUMO's errors."""
-        if self._pose is None or self._body is None or self._snapshot is None:
+    def _place(self, ego: PlacedEgo, pose: Pose) -> None:
+        """Request an ego's pose for the coming step; where it is the ego's first, make room for it."""
+        enters = ego.pose is None
+        if not ego.place(pose) or not enters:
             return
-        stands = abs(self._pose.speed) < STANDING
-        drivers = self._surroundings.standing(self._snapshot, self._body) if stands else ()
-        for name in self._standoff.over(self._snapshot.time, self._body, self._pose.speed, drivers):
-            # A driver who was also in the way of an entering actor is gone already; SUMO raises on a second removal.
-            if name not in self._cleared:
+        if not self._begun:
+            self._start, self._steps, self._begun = pose.time, 0, True
+        assert ego.body is not None
+        for declared, box in self._obstacles.declared:
+            if overlap(ego.body, box):
+                raise ConfigError(f"obstacle {declared.id}: it stands where the ego starts")
+        try:
+            self._cleared += _clear(ego.body, pose.speed, self._hidden())
+        except SUMO_ERRORS as problem:
+            raise SimulationError(f"SUMO does not let the ego in: {problem}") from problem
+
+    def _ready(self) -> None:
+        """Have everything where it belongs for the coming step; raises SUMO's errors."""
+        for ego in self._egos.values():
+            ego.moves = ego.sync.ready()
+        for ego in self._egos.values():
+            if ego.body is not None and ego.pose is not None:
+                ego.proxies.place(ego.body, ego.pose.speed if ego.moves else 0.0, ego.sync.lane)
+        for entered in self._scenario_actors.place(self._asked):
+            self._cleared += _clear(box_of(entered), entered.speed, self._hidden())
+        self._scenario_actors.show()
+        for ego in self._egos.values():
+            self._end_standoffs(ego)
+            if ego.sync.entered():
+                self._surroundings.watch(ego.id)
+
+    def _end_standoffs(self, ego: PlacedEgo) -> None:
+        """Take drivers off the road whose standoff with an ego lasted too long; raises SUMO's errors."""
+        if ego.pose is None or ego.body is None or ego.snapshot is None:
+            return
+        stands = abs(ego.pose.speed) < STANDING
+        drivers = self._surroundings.standing(ego.snapshot, ego.body) if stands else ()
+        for name in ego.standoff.over(ego.snapshot.time, ego.body, ego.pose.speed, drivers):
+            # A driver who was in the way of an entering actor or of another ego is gone already; SUMO raises on a
+            # second removal.
+            if name not in self._cleared and name not in self._standoffs:
                 libsumo.vehicle.remove(name)
                 self._standoffs += (name,)
 
     def _hidden(self) -> frozenset[str]:
-        return self._proxies.ids | self._scenario_actors.ids | self._obstacles.proxies | {EGO}
+        """Return the names of the vehicles in SUMO that are no traffic."""
+        proxies = (ego.proxies.ids for ego in self._egos.values())
+        return self._ids.union(self._scenario_actors.ids, self._obstacles.proxies, *proxies)
 
     def _time(self) -> float:
         return self._start + (self._steps - 1) * self._period
 
-    def _look(self) -> Actors:
-        if self._pose is None:
-            return table(self._start, ())
-        x, y, seen = self._pose.x, self._pose.y, self._scenario_actors.seen()
-        return self._surroundings.snapshot(self._time(), x, y, self._hidden(), seen)
+    def _look(self) -> None:
+        """Take the snapshots of the egos that have entered; raises SUMO's errors."""
+        if not self._begun:
+            return
+        self._surroundings.look(self._time(), self._hidden(), self._scenario_actors.seen())
+        rows = {name: row for name, ego in self._egos.items() if (row := ego.row()) is not None}
+        for name, ego in self._egos.items():
+            if ego.pose is not None:
+                others = [row for other, row in rows.items() if other != name]
+                ego.snapshot = self._surroundings.around(ego.pose.x, ego.pose.y, others)
 
 
 def is_true(warning: str) -> bool:

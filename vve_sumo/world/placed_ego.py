@@ -1,0 +1,53 @@
+"""One ego on the virtual road: where it is, how SUMO holds it, what traffic sees of it, who waits for it.
+
+Keeps the state of one ego; `world` says when each part of it is due. Must not know other egos.
+"""
+
+from __future__ import annotations
+
+import math
+
+from vve_sumo.geometry import Box, behind_bumper
+from vve_sumo.values import Actors, Pose
+from vve_sumo.world.ego_sync import Ego, EgoSync
+from vve_sumo.world.lanes import Lanes
+from vve_sumo.world.proxies import EGO_PROXY_TYPE, ProxyVehicles
+from vve_sumo.world.standoff import Standoff
+from vve_sumo.world.surroundings import Row, cross_section
+
+#: SUMO vehicle class that decides how well the radar of another ego sees an ego
+EGO_CLASS = "passenger"
+
+
+class PlacedEgo:
+    """An ego with all that the virtual road keeps of it."""
+
+    def __init__(self, lanes: Lanes, ego: Ego) -> None:
+        """Prepare an ego that has no pose yet."""
+        self.id, self._vehicle = ego.id, ego.vehicle
+        self.sync = EgoSync(lanes, ego)
+        # An actor's id has no colon: its proxies never have the names of an ego's.
+        self.proxies = ProxyVehicles(lanes, f"{EGO_PROXY_TYPE}:{ego.id}")
+        self.standoff = Standoff()
+        self.pose: Pose | None = None  #: of the front bumper, the last that was accepted
+        self.body: Box | None = None  #: at that pose
+        self.moves = False  #: whether that pose is the coming step's; else the ego stands there
+        self.snapshot: Actors | None = None  #: the actors around it
+
+    def place(self, pose: Pose) -> bool:
+        """Have the front bumper at `pose` when the coming step ends; return whether the pose was accepted."""
+        if not self.sync.place(pose):
+            return False
+        self.pose = pose
+        self.body = behind_bumper(pose.x, pose.y, pose.heading, self._vehicle.length, self._vehicle.width)
+        return True
+
+    def row(self) -> Row | None:
+        """Return the ego as an actor among those around another ego; None before its first pose."""
+        pose, body = self.pose, self.body
+        if pose is None or body is None:
+            return None
+        lateral = pose.lateral_speed - 0.5 * body.length * pose.yaw_rate  # of the centre
+        speed, lateral = (pose.speed, lateral if math.isfinite(lateral) else 0.0) if self.moves else (0.0, 0.0)
+        section = cross_section(EGO_CLASS)
+        return self.id, body.x, body.y, body.heading, speed, body.length, body.width, section, lateral
