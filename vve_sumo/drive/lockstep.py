@@ -243,7 +243,7 @@ class Lockstep:
         """Build the drive and start SUMO; raises ConfigError where something in the scenario is not usable.
 
         `alter` injects receiver faults: it returns the fix to send in place of the true one, None for a lost packet.
-        An external controller, `brain`, drives in place of the scenario's controller. A road that is `loaded` is driven on.
+        An external controller `brain` drives in place of the scenario's own. A road that is `loaded` is driven on.
         """
         self.egos = [LockstepEgo(ego.id, resolved, working, alter, brain) for ego in egos_of(resolved)]
         self.lot = self.egos[0].lot
