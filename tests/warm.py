@@ -1,5 +1,6 @@
 # ruff: noqa: F401
-"""What the server of `tests/isolated.py` has before it forks: what a drive, its metrics and its picture import."""
+"""What the server of `tests/isolated.py` has before it forks: what a drive, its metrics, its picture and
+the doctor import."""
 
 from __future__ import annotations
 
@@ -14,6 +15,7 @@ import scipy.ndimage
 import scipy.spatial
 
 import vve_sumo.cli.dispatch
+import vve_sumo.commissioning.doctor
 import vve_sumo.drive.run
 import vve_sumo.plotting.drive_page
 import vve_sumo.vehicle.dataspeed.simulated
