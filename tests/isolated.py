@@ -30,7 +30,8 @@ ONE_THREAD = {
     "MKL_NUM_THREADS": "1",
     "JE_ARROW_MALLOC_CONF": "background_thread:false",
 }
-WARM = ("vve_sumo.cli.dispatch", "vve_sumo.drive.run", "libsumo", "pandas", "pytest")
+#: the module that it imports first
+WARM = "tests.warm"
 
 
 class IsolatedError(AssertionError):
@@ -47,7 +48,7 @@ def _call(pipe: Connection, function: Callable[..., Any], arguments: tuple[Any, 
 def _server() -> ForkServerContext:
     """Return the context whose processes are forked from the warm server, which is started on first use."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(list(WARM))
+    context.set_forkserver_preload([WARM])
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(REPOSITORY)
         for name, value in ONE_THREAD.items():

@@ -46,7 +46,6 @@ QUICK = {
     "bus_load",
     "false_alarms_recorded",
     "identify_fusion",
-    "latency",
     "long_idle",
     "lot",
     "stopping_bound",

@@ -359,12 +359,13 @@ def test_bash_takes_the_completion(tmp_path: Path) -> None:
 
 
 def test_a_program_reads_what_a_command_prints(tmp_path: Path) -> None:
-    listed = json.loads(vve_sumo("scenarios", "--json", cwd=tmp_path).stdout)
+    listed = json.loads(isolated.command("scenarios", "--json", cwd=tmp_path).stdout)
     assert {"name", "title", "network", "others", "passes_if"} == set(listed[0])
-    examined = vve_sumo("doctor", "--json", cwd=tmp_path)
+    examined = isolated.command("doctor", "--json", cwd=tmp_path)
     said = json.loads(examined.stdout)
     assert said["verdict"] == ("GO" if examined.returncode == 0 else "NO-GO")
     assert {"name", "finding", "found", "advice"} <= set(said["checks"][0])
-    drive = vve_sumo("drive", "seen_late", "--out", "late", "--quiet", "--json", cwd=tmp_path)
+    scenario(tmp_path, "duration_s = 180.0", "duration_s = 1.0")
+    drive = isolated.command("drive", "mine.toml", "--out", "late", "--quiet", "--json", cwd=tmp_path)
     summary = json.loads(drive.stdout)
     assert summary == {"record": "late"} | json.loads((tmp_path / "late" / "summary.json").read_text())

@@ -15,7 +15,7 @@ import pytest
 from tests import isolated
 from tests.commissioning.test_doctor import LASTING, real_rig
 from tests.conftest import REPOSITORY
-from tests.live.command_line import own_rig, vve_sumo
+from tests.live.command_line import own_rig
 from tests.live.test_screen import DRIVING
 from vve_sumo.cli.live_drive import examined
 from vve_sumo.commissioning.doctor_result import keep
@@ -162,5 +162,5 @@ def test_the_screen_shows_it_for_the_whole_drive_and_the_record_keeps_it(tmp_pat
     assert all("! DOCTOR OVERRIDDEN: receiver in service" in picture for picture in pictures)
     reported = json.loads((tmp_path / "record" / "provenance.json").read_text(encoding="utf-8"))
     assert reported["doctor"]["override"] == "receiver in service"
-    assert vve_sumo("report", "record", cwd=tmp_path).returncode == 0
+    assert isolated.command("report", "record", cwd=tmp_path).returncode == 0
     assert "overridden: receiver in service" in (tmp_path / "record" / "report.html").read_text(encoding="utf-8")

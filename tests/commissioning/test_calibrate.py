@@ -175,6 +175,12 @@ def record(driven: CalibrationDrive, tmp_path_factory: pytest.TempPathFactory) -
     return driven.write(tmp_path_factory.mktemp("calibration") / "record")
 
 
+@pytest.fixture(scope="module")
+def calibrated(record: Path) -> calibrate.Calibrated:
+    """What the whole record tells."""
+    return calibrate.calibrate(record)
+
+
 @pytest.fixture
 def copy(record: Path, tmp_path: Path) -> Path:
     """A record of one's own to spoil."""
@@ -206,16 +212,14 @@ def test_the_command_draws_tells_and_writes_into_the_rig(copy: Path, rig: Path, 
     assert [file.name for file in rig.parent.glob("*ours*")] == [rig.name]
 
 
-def test_a_second_calibration_replaces_the_first(record: Path, rig: Path) -> None:
-    calibrated = calibrate.calibrate(record)
+def test_a_second_calibration_replaces_the_first(calibrated: calibrate.Calibrated, rig: Path) -> None:
     calibrate.put_into(rig, calibrated, "2025-01-01")
     once = rig.read_text()
     calibrate.put_into(rig, calibrated, DATE)
     assert rig.read_text() == once.replace("2025-01-01", DATE)
 
 
-def test_a_table_in_words(record: Path) -> None:
-    calibrated = calibrate.calibrate(record)
+def test_a_table_in_words(calibrated: calibrate.Calibrated) -> None:
     table = {row.words: row for row in calibrate.rows(calibrated)}
     assert table["steering wheel, straight on"].declared.startswith("0.0")
     assert table["steering wheel, straight on"].found.startswith(("1.9", "2.0"))
@@ -251,14 +255,12 @@ def test_a_drive_that_was_cut_off_is_poor_and_stays_out_of_the_rig(copy: Path, r
     assert said["calibration"]["wheel_speed_tolerance"] == 0.01, "earned by the rolling radius, which is good"
 
 
-def test_a_rolling_radius_that_is_left_earns_no_tolerance(record: Path, rig: Path) -> None:
-    calibrated = calibrate.calibrate(record)
+def test_a_rolling_radius_that_is_left_earns_no_tolerance(calibrated: calibrate.Calibrated, rig: Path) -> None:
     calibrate.put_into(rig, calibrated, DATE, leave=("wheel_radius",))
     assert "wheel_speed_tolerance" not in tomllib.loads(rig.read_text()).get("calibration", {})
 
 
-def test_what_would_not_load_is_not_written(record: Path, rig: Path) -> None:
-    calibrated = calibrate.calibrate(record)
+def test_what_would_not_load_is_not_written(calibrated: calibrate.Calibrated, rig: Path) -> None:
     estimates = calibrated.identified.estimates
     absurd = estimates | {"steering_ratio": replace(estimates["steering_ratio"], value=400.0)}
     wrong = replace(calibrated, identified=replace(calibrated.identified, estimates=absurd))
@@ -276,20 +278,22 @@ def test_what_would_not_load_is_not_written(record: Path, rig: Path) -> None:
         ('title = "', "title = ", "not TOML"),
     ],
 )
-def test_a_rig_that_did_not_drive_is_refused(record: Path, rig: Path, was: str, becomes: str, complaint: str) -> None:
+def test_a_rig_that_did_not_drive_is_refused(
+    calibrated: calibrate.Calibrated, rig: Path, was: str, becomes: str, complaint: str
+) -> None:
     text = rig.read_text()
     assert was in text
     rig.write_text(text.replace(was, becomes))
     with pytest.raises(ConfigError, match=complaint):
-        calibrate.put_into(rig, calibrate.calibrate(record), DATE)
+        calibrate.put_into(rig, calibrated, DATE)
     assert rig.read_text() == text.replace(was, becomes)
 
 
 @pytest.mark.parametrize("date", ["yesterday", "2026-13-01", ""])
-def test_a_date_is_a_date(record: Path, rig: Path, date: str) -> None:
+def test_a_date_is_a_date(calibrated: calibrate.Calibrated, rig: Path, date: str) -> None:
     before = rig.read_bytes()
     with pytest.raises(ConfigError, match="expected YYYY-MM-DD"):
-        calibrate.put_into(rig, calibrate.calibrate(record), date)
+        calibrate.put_into(rig, calibrated, date)
     assert rig.read_bytes() == before
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import json
 import math
 import re
 import socket
@@ -111,6 +112,11 @@ def test_a_port_that_another_program_has_is_no_go_and_no_car_is_started(tmp_path
     assert finding == "NO-GO"
     assert "in use by another program" in text
     assert "Traceback" not in run.stderr
+    kept = json.loads((tmp_path / "runs" / "doctor" / "mine.json").read_text(encoding="utf-8"))
+    assert kept["verdict"] == "NO-GO"
+    against = [check["name"] for check in kept["checks"] if check["finding"] == "NO-GO"]
+    assert "receiver" in against
+    assert run.stdout.splitlines()[-1] == f"NO-GO: {', '.join(against)}"
 
 
 #: so that neither test nor survey of a real car's rig grows too old on the day that the tests run
@@ -127,8 +133,8 @@ def real_rig(folder: Path, channel: str, *changes: tuple[str, str]) -> Path:
     return file
 
 
-def test_a_bus_and_a_receiver_that_are_not_there_are_no_go(tmp_path: Path) -> None:
-    rig = real_rig(tmp_path, "/dev/nobody", *LASTING)
+def test_a_speed_that_is_not_allowed_and_a_bus_and_a_receiver_that_are_not_there_are_no_go(tmp_path: Path) -> None:
+    rig = real_rig(tmp_path, "/dev/nobody", *LASTING, ("speed_mps = 12.0", "speed_mps = 5.0"))
     run = isolated.command("doctor", "seen_late", "--rig", str(rig), cwd=tmp_path)
     assert run.returncode == 3
     finding, text = reported(run, "bus")
@@ -138,7 +144,7 @@ def test_a_bus_and_a_receiver_that_are_not_there_are_no_go(tmp_path: Path) -> No
     finding, text = reported(run, "fixes")
     assert finding == "NO-GO"
     assert "pose.port" in text
-    assert run.stdout.splitlines()[-1] == "NO-GO: watchdog record, bus, fixes, path in the lot"
+    assert run.stdout.splitlines()[-1] == "NO-GO: speed, watchdog record, bus, fixes, path in the lot"
     assert run.stderr == ""
 
 
@@ -323,6 +329,7 @@ def test_what_is_named_wrongly_is_no_go_and_the_rest_is_told(tmp_path: Path) -> 
     assert "simulated" in reported(run, "rig")[1]
     assert run.stdout.splitlines()[-1] == "NO-GO: scenario, rig"
     assert reported(run, "python")[0] == "go"
+    assert list(tmp_path.iterdir()) == [], "a verdict is kept on a rig and on nothing else"
 
 
 def test_the_scenario_alone_is_examined_without_a_rig(tmp_path: Path) -> None:
@@ -336,12 +343,7 @@ def test_the_scenario_alone_is_examined_without_a_rig(tmp_path: Path) -> None:
         "laden with 2095 kg 4.76 m/s2",
     )
     assert "receiver" not in run.stdout
-
-
-def test_a_speed_that_the_lot_does_not_allow_is_no_go(tmp_path: Path) -> None:
-    rig = real_rig(tmp_path, "/dev/nobody", ("speed_mps = 12.0", "speed_mps = 5.0"))
-    run = isolated.command("doctor", "seen_late", "--rig", str(rig), cwd=tmp_path)
-    assert reported(run, "speed")[0] == "NO-GO"
+    assert list(tmp_path.iterdir()) == [], "a verdict is kept on a rig and on nothing else"
 
 
 def test_the_versions_asked_for_are_those_of_the_package() -> None:

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import datetime
-import json
-import socket
-import tomllib
 from pathlib import Path
 
 import pytest
 
-from tests import isolated
 from tests.live.command_line import own_rig
 from vve_sumo.commissioning.doctor_result import file_of, keep, last
 from vve_sumo.commissioning.findings import Check, CheckResult
@@ -60,21 +56,3 @@ def test_what_is_no_verdict_is_none(tmp_path: Path, text: str) -> None:
     file_of(rig, tmp_path).parent.mkdir(parents=True)
     file_of(rig, tmp_path).write_text(text, encoding="utf-8")
     assert last(rig, tmp_path, NOW) == NONE
-
-
-def test_the_doctor_keeps_its_verdict_on_a_rig_and_on_nothing_else(tmp_path: Path) -> None:
-    rig = own_rig(tmp_path)
-    port = tomllib.loads(rig.read_text(encoding="utf-8"))["pose"]["port"]
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-        other.bind(("127.0.0.1", port))
-        run = isolated.command("doctor", "seen_late", "--rig", "mine.toml", cwd=tmp_path)
-    assert run.returncode == 3
-    reported = json.loads((tmp_path / "runs" / "doctor" / "mine.json").read_text(encoding="utf-8"))
-    assert reported["verdict"] == "NO-GO"
-    against = [check["name"] for check in reported["checks"] if check["finding"] == "NO-GO"]
-    assert run.stdout.splitlines()[-1] == f"NO-GO: {', '.join(against)}"
-    assert "receiver" in against
-    before = sorted(tmp_path.rglob("*"))
-    isolated.command("doctor", "seen_late", cwd=tmp_path)
-    isolated.command("doctor", "seen_late", "--rig", "nobody", cwd=tmp_path)
-    assert sorted(tmp_path.rglob("*")) == before

@@ -13,7 +13,7 @@ from tests.drive.street import REPOSITORY
 
 SCRIPT = """
 from tests.drive.street import drive_once
-print(drive_once({"duration_s": 25.0, "seed": %d})["record_sha256"])
+print(drive_once({"duration_s": 15.0, "seed": %d})["record_sha256"])
 """
 
 

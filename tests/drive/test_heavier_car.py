@@ -17,7 +17,7 @@ from vve_sumo.commissioning.machine_checks import braking
 from vve_sumo.drive.run import resolve_by_name
 
 #: the comfortable stop is off: what brakes is the emergency layer alone, with all that the car has
-EMERGENCY = {"controller.tuning.comfort": False, "ego.speed_mps": 12.0}
+EMERGENCY = {"controller.tuning.comfort": False, "ego.speed_mps": 12.0, "obstacles.parked_car.at_m": 130.0}
 
 
 def drive(folder: str, vehicle: str) -> tuple[dict[str, Any], str]:

@@ -44,6 +44,13 @@ def for_seed(seed: int) -> tuple[float, dict[str, Any]]:
     return mph, slowly(mph, seed, bend=True) if mph <= 10 else at_speed(mph, seed)
 
 
+def briefly(mph: float, seed: int) -> dict[str, Any]:
+    """Return the changes for a drive on the path's first straight that is at its speed when it sees the obstacle."""
+    at = FIRST_BEND[0] - 20.0
+    assert (mph * MPH) ** 2 / 2.0 / 1.3 + 20.0 < at - 20.0
+    return at_speed(mph, seed) | {"obstacles": [{"id": "parked_car", "at_m": at}]}
+
+
 def check(summary: dict[str, Any], tolerance: float) -> None:
     """Assert what every stop before a parked car owes."""
     assert summary["outcome"] == "stopped", summary
@@ -55,7 +62,7 @@ def check(summary: dict[str, Any], tolerance: float) -> None:
     assert summary["ego_sync_speed_error_mps"] <= 1e-6
 
 
-@pytest.mark.parametrize("seed", with_slow(range(20), lambda seed: seed in (1, 8)))
+@pytest.mark.parametrize("seed", with_slow(range(20), lambda seed: seed == 1))
 def test_stops_at_the_gap_for_every_seed(seed: int) -> None:
     mph, changes = for_seed(seed)
     summary = isolated(drive_once, changes)
@@ -99,7 +106,7 @@ def test_stops_and_holds_with_a_car_that_is_not_as_declared(errors: dict[str, fl
 
 def test_the_emergency_layer_stops_without_contact_when_the_radar_sees_late() -> None:
     """Blind until 18 m at 25 mph: comfort braking would need 11.2^2 / 2 / 3.5 = 17.9 m and a standing start of it."""
-    summary = isolated(drive_once, at_speed(25, 3) | {"radar.range_limit_m": 18.0})
+    summary = isolated(drive_once, briefly(25, 3) | {"radar.range_limit_m": 18.0})
     assert summary["outcome"] == "stopped"
     assert summary["collision"] is False
     assert summary["emergency_used"] is True
@@ -110,7 +117,7 @@ def test_the_emergency_layer_stops_without_contact_when_the_radar_sees_late() ->
 def test_without_the_emergency_layer_the_same_drive_ends_in_contact() -> None:
     """The counter-proof that the layer is what stops the car."""
     summary = isolated(
-        drive_once, at_speed(25, 3) | {"radar.range_limit_m": 12.0, "controller.tuning": {"emergency": False}}
+        drive_once, briefly(25, 3) | {"radar.range_limit_m": 12.0, "controller.tuning": {"emergency": False}}
     )
     assert summary["outcome"] == "contact"
     assert summary["collision"] is True

@@ -27,14 +27,16 @@ brake_gain_kgm = 541.0
 """
 
 
-def drive(folder: str, vehicle: str | None = None, rig: str | None = None) -> dict[str, Any]:
-    """Drive the paper's drive and replay it; call it through `isolated`."""
+def drive(
+    folder: str, vehicle: str | None = None, rig: str | None = None, values: dict[str, Any] | None = None
+) -> dict[str, Any]:
+    """Drive the paper's drive, or what `values` make of it, and replay it; call it through `isolated`."""
     from vve_sumo.drive import run
     from vve_sumo.drive.replay import read_car_frames, read_pipeline_inputs, recorded_scenario, replay
     from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
     from vve_sumo.rig.load import load
 
-    resolved = run.resolve_by_name("parked_car", REPOSITORY, seed=1, vehicle=vehicle)
+    resolved = run.resolve_by_name("parked_car", REPOSITORY, seed=1, vehicle=vehicle, values=values)
     if rig is not None:
         resolved = resolved.with_rig(load(Path(rig), REPOSITORY), REPOSITORY)
         Path(rig).unlink()  # a record is replayed without it
@@ -72,7 +74,7 @@ def test_the_simulated_vehicle_of_a_rig_is_the_car_that_the_rig_calibrates(tmp_p
         assert was in text
         text = text.replace(was, becomes, 1)
     rig.write_text(text, encoding="utf-8")
-    summary = isolated(drive, str(tmp_path / "record"), None, str(rig))
+    summary = isolated(drive, str(tmp_path / "record"), None, str(rig), {"obstacles.parked_car.at_m": 200.0})
     assert summary["failed"] == []
     reported = resolved(tmp_path / "record")
     model = reported["vehicle_model"]

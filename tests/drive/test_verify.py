@@ -195,13 +195,13 @@ def test_a_comparison_notes_what_was_altered(
     records: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Hashes are compared for whoever compares; the command also notes a summary that contradicts its tables."""
-    told, damaged = (Path(shutil.copytree(records["stopped"], tmp_path / name)) for name in ("told", "damaged"))
-    seal_again(told, outcome="arrived")
+    resealed, damaged = (Path(shutil.copytree(records["stopped"], tmp_path / name)) for name in ("resealed", "damaged"))
+    seal_again(resealed, outcome="arrived")
     with (damaged / "can.log").open("a") as log:
         log.write("\n")
     as_left = f"{damaged}: changed since the drive: can.log"
-    assert [note for note in compare(Run(told), Run(damaged)).notes if "changed" in note] == [as_left]
-    assert cli.main(["compare", str(told), str(damaged)]) == 0
+    assert [note for note in compare(Run(resealed), Run(damaged)).notes if "changed" in note] == [as_left]
+    assert cli.main(["compare", str(resealed), str(damaged)]) == 0
     said = "".join(capsys.readouterr().out.split())
-    for note in (as_left, f"{told}: changed since the drive: summary.json"):
+    for note in (as_left, f"{resealed}: changed since the drive: summary.json"):
         assert "".join(note.split()) in said

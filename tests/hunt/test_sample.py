@@ -19,7 +19,7 @@ from vve_sumo.hunt.runner import EpisodeResult, run_alone, run_many
 from vve_sumo.hunt.search import Search
 
 FOUND = sorted((Path(__file__).parent / "found").glob("*.json"))
-SAMPLE = 16
+SAMPLE = 8
 
 
 def surprises(results: Sequence[EpisodeResult]) -> list[str]:

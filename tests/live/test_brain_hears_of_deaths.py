@@ -122,7 +122,7 @@ DEATHS: Final = (
 )
 ALL: Final = (*DEATHS, *map(of_external, DEATHS))
 #: what is tried each time; the others are noticed as one of these is, and `./check slow` tries them
-USUAL: Final = {"drive-SIGSTOP", "gateway-SIGSTOP", "external-gateway-SIGSTOP", "external-outputs-SIGKILL"}
+USUAL: Final = {"drive-SIGSTOP", "gateway-SIGSTOP", "external-outputs-SIGKILL"}
 
 
 class Driven(Stage):

@@ -27,7 +27,7 @@ from vve_sumo.record.reader import read_table
 pytestmark = pytest.mark.live
 
 SPEED = 4.0  #: of the car when the other program begins [m/s]
-FLOOD = 3.0  #: how long one goes on [s]
+FLOOD = 2.0  #: how long one goes on [s]
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,9 @@ def test_one_datagram_of_another_program_stops_the_car_and_counts_for_nothing(tm
     assert {"pose_jump", "gap", "settling"}.isdisjoint("+".join(ended.ticks["pose_reasons"]).split("+"))
 
 
-@pytest.mark.parametrize("datagram", [None, b"\xe7" * 4096], ids=["packets", "long ones"])
+@pytest.mark.parametrize(
+    "datagram", [None, pytest.param(b"\xe7" * 4096, marks=pytest.mark.slow)], ids=["packets", "long ones"]
+)
 def test_a_flood_ends_in_a_stop_with_its_reason_and_never_in_a_hang(tmp_path: Path, datagram: bytes | None) -> None:
     ended = intruded(tmp_path, datagram, FLOOD)
     assert ended.summary["outcome"] == "fault"

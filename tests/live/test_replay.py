@@ -94,7 +94,7 @@ FAULTS: dict[str, tuple[tuple[str, ...], Callable[[Path], bool]]] = {
 
 
 #: what is driven each time; the others go through the same tables, and `./check slow` drives them
-USUAL = {"nominal", "pose_lost", "another_writer"}
+USUAL = {"nominal", "pose_lost"}
 
 
 @contextmanager

@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import REPOSITORY
+from tests.exhaustive import with_slow
 from tests.sweep.reading import load_rows
 from vve_sumo.cli import main
 from vve_sumo.cli.sweep import rerun
@@ -202,12 +203,13 @@ def _lines(journal: Path) -> int:
     return journal.read_bytes().count(b"\n") if journal.exists() else 0
 
 
-def test_killed_three_times_and_interrupted_once_it_is_the_same_dataset(
-    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("kills", with_slow([1, 3], lambda kills: kills == 1))
+def test_killed_and_then_interrupted_it_is_the_same_dataset(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kills: int
 ) -> None:
     workspace(tmp_path)
     finished: set[int] = set()
-    for more, how in ((1, signal.SIGKILL), (2, signal.SIGKILL), (2, signal.SIGKILL), (2, signal.SIGINT)):
+    for more, how in ((2, signal.SIGKILL),) * kills + ((2, signal.SIGINT),):
         before = begun(tmp_path)
         run = ended(tmp_path, how, more)
         assert run.returncode == (-signal.SIGKILL if how is signal.SIGKILL else 130), run

@@ -1,0 +1,27 @@
+# ruff: noqa: F401
+"""What the server of `tests/isolated.py` has before it forks: what a drive, its metrics, its picture and
+the doctor import."""
+
+from __future__ import annotations
+
+import gc
+
+import hypothesis
+import libsumo
+import pandas as pd
+import pyarrow.pandas_compat
+import pytest
+import scipy.ndimage
+import scipy.spatial
+
+import vve_sumo.cli.dispatch
+import vve_sumo.commissioning.doctor
+import vve_sumo.drive.run
+import vve_sumo.plotting.drive_page
+import vve_sumo.vehicle.dataspeed.simulated
+from vve_sumo.drive.provenance import software
+
+software()
+# A collection of garbage in a fork touches, and so copies, all objects but these.
+gc.collect()
+gc.freeze()
