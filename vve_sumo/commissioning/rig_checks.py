@@ -26,7 +26,7 @@ from vve_sumo.errors import RigError
 from vve_sumo.frames import Alignment, Placement
 from vve_sumo.live import assembly, start_pose, start_simulated_vehicle
 from vve_sumo.live.alignment import AVERAGING_TIME, MAX_STANDSTILL_SPEED, average_fixes, lot_alignment
-from vve_sumo.lot.fit import measured
+from vve_sumo.lot.fit import corridor_excess, measured
 from vve_sumo.pose.clock import AgeKind
 from vve_sumo.pose.dating import FixDater, Undated
 from vve_sumo.pose.receivers.port import Receiver
@@ -388,15 +388,19 @@ def path_checks(rig: Rig, resolved: ResolvedScenario, observed: Observed) -> Ite
 
 
 def _in_the_lot(rig: Rig, resolved: ResolvedScenario, alignment: Alignment) -> Check:
-    geofence = meaning.geofence_of(rig, Alignment())
-    found = measured(resolved.path, geofence, resolved.scenario.ego.speed_mps, alignment)
+    geofence, path, speed = meaning.geofence_of(rig, Alignment()), resolved.path, resolved.scenario.ego.speed_mps
+    found = measured(path, geofence, speed, alignment, resolved.corridor)
     advice = "vve-sumo align --fit looks for a place where it fits, or where to cut it short"
+    if found is not None and found.whole:
+        what = "fits with its corridor" if resolved.corridor else "fits"
+        return Check("path in the lot", f"{what}, {found.clearance:.1f} m clear of every edge beyond the margin")
+    excess = corridor_excess(path, geofence, speed, alignment, resolved.corridor) if resolved.corridor else None
+    if excess is not None:
+        return Check("path in the lot", excess.text(), CheckResult.NO_GO, f"{advice}; or declare a narrower corridor")
     if found is None:
         return Check("path in the lot", "not even its start is inside", CheckResult.NO_GO, advice)
-    if not found.whole:
-        said = f"from {found.station:.0f} m of {resolved.path.length:.0f} m on, the car could not stop inside"
-        return Check("path in the lot", said, CheckResult.NO_GO, advice)
-    return Check("path in the lot", f"fits, {found.clearance:.1f} m clear of every edge beyond the margin")
+    said = f"from {found.station:.0f} m of {path.length:.0f} m on, the car could not stop inside"
+    return Check("path in the lot", said, CheckResult.NO_GO, advice)
 
 
 def _at_the_start(resolved: ResolvedScenario, placement: Placement, epoch: float, standing: list[Fix]) -> Check:

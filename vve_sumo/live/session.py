@@ -241,12 +241,13 @@ def _measure_alignment(plan: DrivePlan, source: Source, notify: Notify) -> LotAl
 
 def _not_ready(plan: DrivePlan, ground: LotAlignment, notify: Notify) -> tuple[str, ...]:
     """Return the reason codes that keep this drive from READY for as long as it lasts."""
-    geofence = meaning.geofence_of(plan.rig, ground.alignment)
-    leaves = geofence.along(plan.resolved.path, plan.resolved.scenario.ego.speed_mps)
+    geofence, resolved = meaning.geofence_of(plan.rig, ground.alignment), plan.resolved
+    leaves = geofence.along(resolved.path, resolved.scenario.ego.speed_mps, resolved.corridor)
     if leaves is None:
         return ()
+    what = "the path or its corridor" if resolved.corridor else "the path"
     notify(
-        f"the path leaves the lot: from {leaves:.0f} m on, the car could not stop inside it; "
+        f"{what} leaves the lot: from {leaves:.0f} m on, the car could not stop inside it; "
         "vve-sumo align --fit proposes how to lay it"
     )
     return ("path_leaves_lot",)
