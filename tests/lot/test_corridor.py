@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+import tomllib
 from functools import partial
 
 import numpy as np
@@ -11,6 +13,7 @@ import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from tests.conftest import REPOSITORY
 from tests.drive.swerve import Swerver, over_and_back
 from tests.lot.test_fit import GATEWAY, STRAIGHT, VEHICLE, WATCHDOG, bend, geofence, proven, turned
 from tests.lot.test_geofence import BODY
@@ -22,6 +25,7 @@ from vve_sumo.lot.fit import corridor_excess, fit, measured, shortened
 from vve_sumo.lot.geofence import DrivenPlace, Geofence
 from vve_sumo.lot.polygon import Lot
 from vve_sumo.path import ReferencePath
+from vve_sumo.scenario.schema import DeclaredStretch
 
 ANYWHERE = Lot([(-900.0, -900.0), (900.0, -900.0), (900.0, 900.0), (-900.0, 900.0)])
 SPEED = 6.0  #: [m/s]
@@ -299,3 +303,17 @@ def test_a_lot_that_takes_the_corridor_takes_the_drive_that_leaves_the_path() ->
     x, stopped = driven(middle)
     assert stopped
     assert x < 60.0
+
+
+def test_the_page_says_how_much_room_the_way_over_takes() -> None:
+    text = (REPOSITORY / "docs" / "live.md").read_text(encoding="utf-8")
+    section = text.partition("### Room beside the path: the corridor")[2].partition("\n## ")[0]
+    rows = [[cell.strip() for cell in line.strip("| ").split("|")] for line in section.splitlines() if line[:1] == "|"]
+    ratios, _line, shares = rows
+    u = np.linspace(0.0, 1.0, 10_001)
+    step, slope = u**3 * (10.0 - 15.0 * u + 6.0 * u * u), 30.0 * (u * (1.0 - u)) ** 2
+    for ratio, share in zip(ratios[1:], shares[1:], strict=True):
+        assert float(share) == pytest.approx(float((step + float(ratio) * slope).max()) - 1.0, abs=0.006)
+    (block,) = re.findall(r"```toml\n(.*?)```", section, re.DOTALL)
+    (stretch,) = tomllib.loads(block)["ego"]["corridor"]
+    assert DeclaredStretch.model_validate(stretch) == DeclaredStretch(from_m=600.0, to_m=680.0, left_m=4.5, right_m=1.0)
