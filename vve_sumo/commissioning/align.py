@@ -101,10 +101,7 @@ def matched(site: AlignmentSite, notify: Callable[[str], None] = lambda line: No
     rig, path, t0 = site.rig, site.resolved.path, time.monotonic()
     with contextlib.ExitStack() as stack:
         stack.enter_context(held(site.rig_file, rig))
-        source = assembly.source_of(rig)
-        stack.callback(source.close)
-        if rig.car == "simulated":
-            start_simulated_vehicle.start(rig, t0, site.resolved.scenario.seed, stack, None)
+        source, _car = start_simulated_vehicle.open_receiver(rig, t0, site.resolved.scenario.seed, stack, None)
         notify("waiting for trusted fixes of the standing car")
         standing = assembly.standing_pose_of(rig, source, t0)
     begin = path.at(0.0)

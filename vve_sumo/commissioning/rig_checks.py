@@ -102,15 +102,18 @@ def examine(report: CheckReport, rig: Rig, resolved: ResolvedScenario | None, wo
     report.add(watchdog_record.checks(rig, working))
     t0 = time.monotonic()
     with contextlib.ExitStack() as stack:
-        # The receiver comes first: if another program has its port, the simulated vehicle must not send to it.
-        receiver = meaning.receiver_of(rig)
-        source = report.attempt("receiver", receiver.silent_hint, lambda: assembly.source_of(rig))
+        receiver, source, bus = meaning.receiver_of(rig), None, None
+        advice = "see that the adapter is there and its link up, bus.interface and bus.channel"
+        # As in `open_receiver`: with the bus, the simulated vehicle is started.
+        bus_first = rig.car == "simulated" and receiver.far_end_first
+        if bus_first:
+            bus = report.attempt("bus", advice, lambda: _bus(report, rig, t0, stack))
+        if bus is not None or not bus_first:
+            source = report.attempt("receiver", receiver.silent_hint, lambda: assembly.source_of(rig))
         if source is not None:
             stack.callback(source.close)
             report.add([Check("receiver", f"{rig.pose.kind}, {receiver.place()}")])
-        bus = None
-        if source is not None or rig.car == "real":
-            advice = "see that the adapter is there and its link up, bus.interface and bus.channel"
+        if not bus_first and (source is not None or rig.car == "real"):
             bus = report.attempt("bus", advice, lambda: _bus(report, rig, t0, stack))
         observed = listen(rig, source, bus, t0)
     if bus is not None:

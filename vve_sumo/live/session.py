@@ -185,14 +185,11 @@ def _driven(
         contextlib.ExitStack() as stack,
         OperatorInput(listen=not plan.rig.operator.automatic) as keys,
     ):
-        # Opened first: if another program holds the receiver's port, the simulated vehicle must not send to it.
-        source = stack.enter_context(contextlib.closing(assembly.source_of(plan.rig)))
+        scenario = plan.resolved.scenario
+        source, car = start_simulated_vehicle.open_receiver(
+            plan.rig, plan.t0, scenario.seed, stack, plan.folder, scenario.weather.friction
+        )
         plan.folder.mkdir(parents=True, exist_ok=True)
-        car = None
-        if plan.rig.car == "simulated":
-            scenario = plan.resolved.scenario
-            friction = scenario.weather.friction
-            car = start_simulated_vehicle.start(plan.rig, plan.t0, scenario.seed, stack, plan.folder, friction)
         ground = _measure_alignment(plan, source, notify)
         scenario_content = plan.resolved.to_dict(plan.working) | ground.to_dict()
         scenario_content |= assembly.to_dict(plan.resolved, plan.scenario_file, plan.rig_file.stem, plan.rig)
