@@ -216,7 +216,10 @@ def echoed(here: Bus, there: Bus) -> Check:
 
 
 def listen(rig: Rig, source: Source | None, bus: Bus | None, t0: float) -> Observed:
-    """Listen to receiver and bus for LISTENING_TIME; a bus that fails shows as reports that are too old."""
+    """Listen to receiver and bus for LISTENING_TIME; a bus that fails shows as reports that are too old.
+
+    Before, a receiver whose decoder takes its first fixes to be not locked is listened to for as long as that takes.
+    """
     absolute, delay = assembly.absolute_epoch(rig, t0), assembly.minimum_delay_of(rig)
     interface = load(meaning.interface_of(rig))
     reports = CarReports(meaning.vehicle_of(rig).wheel_radius, interface)
@@ -229,6 +232,12 @@ def listen(rig: Rig, source: Source | None, bus: Bus | None, t0: float) -> Obser
     last: dict[int, float] = {}
     if source is not None:
         source.receive()  # portions that arrived while the rest was opened are not counted
+        settled = time.monotonic() + receiver.settling_time
+        while time.monotonic() < settled:
+            for stamp, data in source.receive():
+                decoder.feed(data, stamp - t0)
+            _drained(bus)
+            select.select([source] if not source.lost else [], [], [], POLL_INTERVAL)
     _drained(bus)
     end = time.monotonic() + LISTENING_TIME
     while (now := time.monotonic()) < end:

@@ -32,6 +32,7 @@ class OxtsCan(ReceiverTable):
     silent_hint: ClassVar[str] = "see pose.interface, pose.channel and pose.bitrate, and the receiver's CAN output"
 
     far_end_first: ClassVar[bool] = True
+    settling_time: ClassVar[float] = 1e-3 * oxts_can.LOCKING
 
     interface: Name = Field(description="python-can's")
     channel: Name = Field(

@@ -128,6 +128,7 @@ class Receiver(Protocol):
     silent_hint: ClassVar[str]  #: what to check where nothing arrives, in one line
     not_fixed_hint: ClassVar[str]  #: what to check where a fix is not RTK-fixed, in one line
     far_end_first: ClassVar[bool]  #: whether there is nothing to `open` before the far end is there
+    settling_time: ClassVar[float]  #: for which a decoder, fed from the beginning on, takes no fix to be locked [s]
 
     def open(self, open_bus: OpenBus, /) -> Source:
         """Open the receiver; raises RigError or ConfigError naming the key of the rig. `open_bus` is for one on CAN."""
@@ -166,6 +167,7 @@ class ReceiverTable(Table):
 
     profile: ClassVar[TrustProfile]
     far_end_first: ClassVar[bool] = False
+    settling_time: ClassVar[float] = 0.0
     not_fixed_hint: ClassVar[str] = "see the receiver's antennas, its view of the sky and its link to the base station"
 
     kind: Name = Field(
