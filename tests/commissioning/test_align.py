@@ -17,7 +17,8 @@ import shapely
 from tests import isolated
 from tests.conftest import REPOSITORY
 from tests.live.command_line import outline, own_rig, vve_sumo
-from vve_sumo.commissioning import align
+from vve_sumo.commissioning import align, rig_checks
+from vve_sumo.commissioning.findings import CheckResult
 from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.drive.resolved_scenario import read_path
 from vve_sumo.errors import ConfigError
@@ -31,9 +32,9 @@ ORIGIN = (40.004325, -83.024514)  #: first corner of its lot
 EGO_PALE, ALARM = (86, 180, 233), (230, 159, 0)
 
 
-def on_the_lot(latitude: float, longitude: float) -> complex:
+def on_the_lot(latitude: float, longitude: float, origin: tuple[float, float] = ORIGIN) -> complex:
     """Metres from the lot's origin: an azimuthal equidistant map, which is not the one that the program uses."""
-    place = pyproj.Proj(f"+proj=aeqd +lat_0={ORIGIN[0]} +lon_0={ORIGIN[1]} +datum=WGS84")
+    place = pyproj.Proj(f"+proj=aeqd +lat_0={origin[0]} +lon_0={origin[1]} +datum=WGS84")
     return complex(*place(longitude, latitude))
 
 
@@ -230,6 +231,102 @@ def runway(length: float, width: float = 24.0) -> tuple[str, str]:
     turn = np.exp(1j * math.radians(90.0 - CAR[2]))
     corners = [-6.0 - 0.5j * width, length - 6.0 - 0.5j * width, length - 6.0 + 0.5j * width, -6.0 + 0.5j * width]
     return outline(*((CAR[0] + (turn * c).imag * metre[0], CAR[1] + (turn * c).real * metre[1]) for c in corners))
+
+
+#: the calibration drive with a corridor to the left, and its lot
+CORRIDOR = "[[ego.corridor]]\nfrom_m = 60.0\nto_m = 100.0\nleft_m = {:.1f}\n\n[ego.lot]"
+
+
+def with_corridor(folder: Path, left: float, text: str = CORRIDOR) -> Path:
+    """The shipped calibration drive, on the first 120 m of its path, with a corridor of its own."""
+    scenario = (REPOSITORY / "scenarios" / "calibration.toml").read_text(encoding="utf-8")
+    lines = (REPOSITORY / "routes" / "proving_ground.csv").read_text(encoding="utf-8").splitlines()
+    site = align.site_of("calibration", str(own_rig(folder, name="other")), folder)
+    count = len([s for s in (piece.start for piece in site.resolved.path.segments) if s <= 120.0])
+    first = next(number for number, line in enumerate(lines) if line[0].isdigit())
+    (folder / "part.csv").write_text("\n".join(lines[: first + count]) + "\n", encoding="utf-8")
+    file = folder / "beside.toml"
+    path = f'path = "{folder / "part.csv"}"'
+    changed = re.sub(r'path = "\w+"', path, scenario).replace("[ego.lot]", text.format(left))
+    file.write_text(changed, encoding="utf-8")
+    return file
+
+
+def stored_in_the_middle(folder: Path, scenario: Path, width: float) -> Path:
+    """A rig whose lot is a strip around the path of a scenario, which lies in its middle."""
+    rig = own_rig(folder, runway(260.0, width))
+    site = align.site_of(str(scenario), str(rig), folder)
+    begin = site.resolved.path.at(0.0)
+    heading = math.radians(90.0 - CAR[2])
+    there = on_the_lot(*CAR[:2], site.rig.lot.outline[0])
+    turn = begin.heading - heading
+    shift = complex(begin.x, begin.y) - there * np.exp(1j * turn)
+    found = align.AlignmentResult(Alignment(turn, shift.real, shift.imag), 0.0, None)
+    align.store(site, found, align.datetime.date(2026, 5, 1))
+    return rig
+
+
+def test_a_corridor_that_does_not_fit_is_told_by_place_and_distance(tmp_path: Path) -> None:
+    """The strip is 14 m wide: beyond its margin and half of the car there are 5.07 m to either side, less the drift."""
+    scenario = with_corridor(tmp_path, 3.0)
+    rig = stored_in_the_middle(tmp_path, scenario, 14.0)
+    site = align.site_of(str(scenario), str(rig), tmp_path)
+    alignment = meaning.alignment_of(site.rig, site.resolved.scenario.road.network)
+    assert alignment is not None
+    drift = 0.16 * 2.0 + 0.002 * 100.0  # of the lot's page, at 100 m
+    for left, fits in ((3.0, True), (4.9, False), (7.0, False)):
+        site = align.site_of(str(with_corridor(tmp_path, left)), str(rig), tmp_path)
+        result = align.AlignmentResult(alignment, 0.0, site.fits(alignment))
+        said = "\n".join(align.description(site, result))
+        check = rig_checks._in_the_lot(site.rig, site.resolved, alignment)
+        assert "with its corridor" in said
+        if fits:
+            assert result.whole
+            assert "with its corridor: fits" in said
+            assert check.finding is CheckResult.GO
+            assert check.found.startswith("fits with its corridor")
+            continue
+        assert not result.whole
+        assert check.finding is CheckResult.NO_GO
+        at, aside, over = map(
+            float, re.search(r"at (\S+) m, from (\S+) m left of the path, a stop reaches (\S+) m over", said).groups()
+        )
+        assert 60.0 <= at <= 100.0
+        assert aside == left
+        assert over == pytest.approx(left + drift - 5.07, abs=0.6)
+        assert check.found in said
+        assert "declare a narrower corridor" in check.advice
+
+
+def test_a_search_gives_the_corridor_its_room(tmp_path: Path) -> None:
+    scenario, rig = with_corridor(tmp_path, 7.0), own_rig(tmp_path, runway(260.0, 20.0))
+    run = isolated.command(
+        "align", str(scenario), "--rig", str(rig), "--fit", "--write", "--picture", "lot.png", cwd=tmp_path
+    )
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert "with its corridor: fits" in run.stdout
+    assert shows(tmp_path / "lot.png", EGO_PALE)
+    assert not shows(tmp_path / "lot.png", ALARM)
+    # By other means: the corridor's four corners, brought back onto the lot, and the car beside them.
+    loaded, site = rigs.load(rig), align.site_of(str(scenario), str(rig), tmp_path)
+    kept = tomllib.loads(rig.read_text(encoding="utf-8"))["alignment"]
+    turn, shift = np.exp(1j * math.radians(kept["rotation_deg"])), complex(kept["x_m"], kept["y_m"])
+    corners = [on_the_lot(*corner, kept["origin"]) for corner in loaded.lot.outline]
+    lot = shapely.Polygon([(p.real, p.imag) for p in corners])
+    for s in (60.0, 80.0, 100.0):
+        point = site.resolved.path.at(s)
+        for d in (-0.926, 0.0, 7.926):
+            place = complex(point.x, point.y) + 1j * d * np.exp(1j * point.heading)
+            back = (place - shift) / turn
+            assert shapely.Point(back.real, back.imag).within(lot.buffer(-loaded.lot.margin_m))
+
+
+def test_a_corridor_beyond_the_path_is_refused(tmp_path: Path) -> None:
+    rig = own_rig(tmp_path)
+    file = with_corridor(tmp_path, 3.0, CORRIDOR.replace("100.0", "1000.0"))
+    run = isolated.command("align", str(file), "--rig", str(rig), "--fit", cwd=tmp_path)
+    assert run.returncode == 2
+    assert re.search(r"beside\.toml: ego\.corridor\.0\.to_m: 1000 lies beyond the path's 1\S+ m", run.stderr)
 
 
 @pytest.mark.slow

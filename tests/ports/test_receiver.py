@@ -151,6 +151,9 @@ class TestNmeaSerial(ReceiverConformance):
     table: ClassVar[dict[str, Any]] = {"kind": "nmea_serial", "device": "/dev/ttyS0", **CAR, **SIGMAS}
     resolution = OF_NMEA
 
+    def simulated(self, folder: Path, _port: int) -> dict[str, Any]:
+        return {"device": f"pty:{folder / 'gnss.pty'}"}
+
     def portions(self) -> Portions:
         return as_nmea()
 
@@ -193,6 +196,9 @@ class TestOxtsCan(ReceiverConformance):
     resolution = OF_FRAMES
     warm_up = 620  #: the unit is believed to be catching up for 12 s
     says_locked = False  #: the default map holds no navigation status
+
+    def simulated(self, folder: Path, _port: int) -> dict[str, Any]:
+        return {"interface": "slcan", "channel": f"pty:{folder / 'oxts.pty'}"}
 
     def portions(self) -> Portions:
         return as_frames()

@@ -323,7 +323,19 @@ def test_what_no_real_car_is_driven_with(change: Change, words: str) -> None:
             put("pose", HEARD_BY_ALL),
             "pose.address: the simulated vehicle is heard on a loopback address only",
         ),
-        (put("pose", ON_CAN), "pose.kind: receiver 'oxts_can' has no far_end to be simulated by"),
+        (
+            put("pose", ON_CAN),
+            "pose.channel: the simulated vehicle emulates its adapter, expected 'pty:FILE' of interface 'slcan', got "
+            "socketcan:vcan1",
+        ),
+        (
+            put("pose", NMEA_UDP | {"kind": "nmea_serial", "device": "/dev/ttyUSB0"}),
+            "pose.device: the simulated vehicle makes its own line, expected 'pty:FILE', got '/dev/ttyUSB0'",
+        ),
+        (
+            put("pose", NMEA_UDP | {"kind": "nmea_tcp", "address": "192.168.1.4"}),
+            "pose.address: the simulated vehicle is heard on a loopback address only, got '192.168.1.4'",
+        ),
         (put("pose", RECORDED), "pose.kind: receiver 'file' has no encoder and no far_end to be simulated by"),
         (put("car_start.latitude_deg", 40.0036), "car_start: the car does not stand inside the lot"),
         (put("car_start.latitude_deg", 41.0), "car_start: lies 111 km from the lot"),

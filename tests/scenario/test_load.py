@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -100,7 +101,33 @@ def full() -> dict[str, Any]:
     )
 
 
+def test_a_corridor_may_be_said_in_any_unit_and_for_a_part_of_the_path() -> None:
+    changed = table()
+    changed["ego"]["corridor"] = [{"left": "10 ft"}, {"from_m": 40, "to": "0.1 km", "left_m": 1, "right_m": 3.5}]  # type: ignore[index]
+    whole, part = parse(changed, FILE).ego.corridor
+    assert (whole.from_m, whole.to_m, whole.right_m) == (0.0, None, 0.0)
+    assert whole.left_m == pytest.approx(3.048)
+    assert (part.from_m, part.to_m, part.left_m, part.right_m) == (40.0, 100.0, 1.0, 3.5)
+    told = parse(changed, FILE).model_dump(mode="json")
+    assert parse(told, FILE) == parse(changed, FILE)
+
+
+def test_a_scenario_without_a_corridor_is_recorded_as_before_there_was_one() -> None:
+    scenario = parse(table(), FILE)
+    for told in (
+        scenario.model_dump(mode="json")["ego"],
+        scenario.ego.model_dump(),
+        json.loads(scenario.model_dump_json())["ego"],
+    ):
+        assert [*told] == ["vehicle", "path", "speed_mps", "deviation_limit_m", "speed_margin_mps", "lot", "car"]
+
+
 NEAR_MISSES = [
+    ("ego.corridor", [{"left_m": 0.0}], "ego.corridor.0: expected left_m or right_m above 0"),
+    ("ego.corridor", [{"from_m": 9, "to_m": 9, "left_m": 1}], "ego.corridor.0: to_m 9 is not beyond from_m 9"),
+    ("ego.corridor", [{"left_m": -1.0}], "ego.corridor.0.left_m: expected greater than or equal to 0, got -1.0"),
+    ("ego.corridor", [{"left": 3.0}], "unknown key 'ego.corridor.0.left', did you mean 'left_m'?"),
+    ("ego.corridor", {"left_m": 3.0}, "ego.corridor: expected an array, got a table"),
     ("actors.0.events.0.when.ttc", 1.0, "unknown key 'actors.0.events.0.when.ttc', did you mean 'ttc_s'?"),
     ("actors.0.events.0.when.ttc_s", "x", "actors.0.events.0.when.ttc_s: expected a number, got 'x'"),
     ("actors.0.events.0.speed", 1.0, "unknown key 'actors.0.events.0.speed', did you mean 'speed_mps'?"),

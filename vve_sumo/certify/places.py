@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.live.pty_bus import PREFIX
+from vve_sumo.pty_link import PREFIX
 from vve_sumo.rig.schema import Rig, RigOutput
 
 #: placeholder of the port that the setpoints go to; those of the wires are their kinds

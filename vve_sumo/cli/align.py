@@ -55,7 +55,7 @@ def arguments(parser: Parser) -> None:
         metavar="CSV",
         help="with --fit: write the part that fits of a path that is too long",
     )
-    parser.add_argument("--picture", type=Path, metavar="FILE", help="draw lot, path and start as a PNG file")
+    parser.add_argument("--picture", type=Path, metavar="FILE", help="draw lot, path, corridor and start as a PNG file")
     parser.add_argument(
         "--write", action="store_true", help="change the rig file without asking; --fit changes it only with this"
     )
@@ -124,6 +124,7 @@ def _draw(site: AlignmentSite, result: AlignmentResult, file: Path) -> None:
         geofence=site.geofence,
         alignment=result.alignment,
         fit=result.fit,
+        corridor=site.resolved.corridor,
     )
     draw(drawn, file)
     print(f"picture: {file}")

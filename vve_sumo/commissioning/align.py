@@ -25,7 +25,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, Pair, Placement
 from vve_sumo.live import assembly, start_simulated_vehicle
 from vve_sumo.live.alignment import lot_alignment
-from vve_sumo.lot.fit import Fit, fit, measured, shortened
+from vve_sumo.lot.fit import CorridorExcess, Fit, corridor_excess, fit, measured, shortened
 from vve_sumo.lot.geofence import Geofence
 from vve_sumo.path import ReferencePath
 from vve_sumo.path_feasibility import refuse_tight_bend
@@ -59,7 +59,11 @@ class AlignmentSite:
 
     def fits(self, alignment: Alignment) -> Fit | None:
         """Return how the path lies under an alignment; None where not even its start is inside."""
-        return measured(self.resolved.path, self.geofence, self.speed, alignment)
+        return measured(self.resolved.path, self.geofence, self.speed, alignment, self.resolved.corridor)
+
+    def excess(self, alignment: Alignment) -> CorridorExcess | None:
+        """Return where the declared corridor leaves the lot under an alignment, up to where the path itself does."""
+        return corridor_excess(self.resolved.path, self.geofence, self.speed, alignment, self.resolved.corridor)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,10 +101,7 @@ def matched(site: AlignmentSite, notify: Callable[[str], None] = lambda line: No
     rig, path, t0 = site.rig, site.resolved.path, time.monotonic()
     with contextlib.ExitStack() as stack:
         stack.enter_context(held(site.rig_file, rig))
-        source = assembly.source_of(rig)
-        stack.callback(source.close)
-        if rig.car == "simulated":
-            start_simulated_vehicle.start(rig, t0, site.resolved.scenario.seed, stack, None)
+        source, _car = start_simulated_vehicle.open_receiver(rig, t0, site.resolved.scenario.seed, stack, None)
         notify("waiting for trusted fixes of the standing car")
         standing = assembly.standing_pose_of(rig, source, t0)
     begin = path.at(0.0)
@@ -159,7 +160,7 @@ def read_pairs(file: Path, site: AlignmentSite) -> tuple[list[Pair], list[Pair]]
 def searched(site: AlignmentSite) -> AlignmentResult:
     """Search the alignment that leaves the path the most room; raises ConfigError where not even its start fits."""
     try:
-        found = fit(site.resolved.path, site.geofence, site.speed)
+        found = fit(site.resolved.path, site.geofence, site.speed, site.resolved.corridor)
     except ConfigError as error:
         raise ConfigError(f"{site.rig_file}: {error}") from None
     turn, shift = math.degrees(found.alignment.rotation), (found.alignment.x, found.alignment.y)
@@ -173,14 +174,19 @@ def description(site: AlignmentSite, result: AlignmentResult) -> Iterator[str]:
     """Return lines: how the path lies in the lot, and where the car has to stand at its start."""
     length, margin = site.resolved.path.length, site.rig.lot.margin_m
     what = f"{length:.0f} m of {site.resolved.scenario.ego.path} at up to {site.speed:.1f} m/s"
-    if result.fit is None:
+    if site.resolved.corridor:
+        what += " with its corridor"
+    excess = None if result.whole or not site.resolved.corridor else site.excess(result.alignment)
+    if excess is not None:
+        yield f"{what}: {excess.text()}"
+    elif result.fit is None:
         yield f"{what}: not even the start lies inside the lot"
-        return
-    if result.fit.whole:
+    elif result.fit.whole:
         yield f"{what}: fits, {result.fit.clearance:.1f} m clear of every edge beyond the margin of {margin:g} m"
     else:
         yield f"{what}: from {result.fit.station:.0f} m on, the car could not stop inside the lot"
-    yield _start(site, result.fit)
+    if result.fit is not None:
+        yield _start(site, result.fit)
 
 
 def _start(site: AlignmentSite, found: Fit) -> str:
@@ -209,7 +215,7 @@ def cut(site: AlignmentSite, result: AlignmentResult, out: Path) -> ReferencePat
     """Write the part of the path that fits as a path of its own into `out`, and return it."""
     assert result.fit is not None  # of a search
     geofence = site.geofence.aligned(result.alignment)
-    short = shortened(site.resolved.path, geofence, site.speed, result.fit.station)
+    short = shortened(site.resolved.path, geofence, site.speed, result.fit.station, site.resolved.corridor)
     source = site.resolved.files["path"]
     refuse_tight_bend(short, site.resolved.vehicle.tightest_curvature, f"{source}: its first {short.length:.0f} m")
     comments = [line for line in source.read_text(encoding="utf-8-sig").splitlines() if line.startswith("#")]
@@ -228,10 +234,16 @@ def cut(site: AlignmentSite, result: AlignmentResult, out: Path) -> ReferencePat
 
 
 def beyond(site: AlignmentSite, length: float) -> list[str]:
-    """Return a line for each obstacle and actor of the scenario beyond this length of its path [m]."""
+    """Return a line for everything that the scenario has beyond this length of its path [m], each with its place."""
     scenario = site.resolved.scenario
     places = [("obstacle", one.id, one.at_m) for one in scenario.obstacles]
     places += [("actor", one.id, one.at_m) for one in scenario.actors if one.path is None and one.at_m is not None]
+    places += [
+        ("corridor", f"{number} {key}", at)
+        for number, stretch in enumerate(scenario.ego.corridor)
+        for key, at in (("begins", stretch.from_m), ("ends", stretch.to_m))
+        if at is not None
+    ]
     return [
         f"{kind} {name} at {at:g} m lies beyond it: give the scenario another place"
         for kind, name, at in places

@@ -26,7 +26,7 @@ from vve_sumo.errors import RigError
 from vve_sumo.frames import Alignment, Placement
 from vve_sumo.live import assembly, start_pose, start_simulated_vehicle
 from vve_sumo.live.alignment import AVERAGING_TIME, MAX_STANDSTILL_SPEED, average_fixes, lot_alignment
-from vve_sumo.lot.fit import measured
+from vve_sumo.lot.fit import corridor_excess, measured
 from vve_sumo.pose.clock import AgeKind
 from vve_sumo.pose.dating import FixDater, Undated
 from vve_sumo.pose.receivers.port import Receiver
@@ -102,15 +102,18 @@ def examine(report: CheckReport, rig: Rig, resolved: ResolvedScenario | None, wo
     report.add(watchdog_record.checks(rig, working))
     t0 = time.monotonic()
     with contextlib.ExitStack() as stack:
-        # The receiver comes first: if another program has its port, the simulated vehicle must not send to it.
-        receiver = meaning.receiver_of(rig)
-        source = report.attempt("receiver", receiver.silent_hint, lambda: assembly.source_of(rig))
+        receiver, source, bus = meaning.receiver_of(rig), None, None
+        advice = "see that the adapter is there and its link up, bus.interface and bus.channel"
+        # As in `open_receiver`: with the bus, the simulated vehicle is started.
+        bus_first = rig.car == "simulated" and receiver.far_end_first
+        if bus_first:
+            bus = report.attempt("bus", advice, lambda: _bus(report, rig, t0, stack))
+        if bus is not None or not bus_first:
+            source = report.attempt("receiver", receiver.silent_hint, lambda: assembly.source_of(rig))
         if source is not None:
             stack.callback(source.close)
             report.add([Check("receiver", f"{rig.pose.kind}, {receiver.place()}")])
-        bus = None
-        if source is not None or rig.car == "real":
-            advice = "see that the adapter is there and its link up, bus.interface and bus.channel"
+        if not bus_first and (source is not None or rig.car == "real"):
             bus = report.attempt("bus", advice, lambda: _bus(report, rig, t0, stack))
         observed = listen(rig, source, bus, t0)
     if bus is not None:
@@ -213,7 +216,10 @@ def echoed(here: Bus, there: Bus) -> Check:
 
 
 def listen(rig: Rig, source: Source | None, bus: Bus | None, t0: float) -> Observed:
-    """Listen to receiver and bus for LISTENING_TIME; a bus that fails shows as reports that are too old."""
+    """Listen to receiver and bus for LISTENING_TIME; a bus that fails shows as reports that are too old.
+
+    Before, a receiver whose decoder takes its first fixes to be not locked is listened to for as long as that takes.
+    """
     absolute, delay = assembly.absolute_epoch(rig, t0), assembly.minimum_delay_of(rig)
     interface = load(meaning.interface_of(rig))
     reports = CarReports(meaning.vehicle_of(rig).wheel_radius, interface)
@@ -226,6 +232,12 @@ def listen(rig: Rig, source: Source | None, bus: Bus | None, t0: float) -> Obser
     last: dict[int, float] = {}
     if source is not None:
         source.receive()  # portions that arrived while the rest was opened are not counted
+        settled = time.monotonic() + receiver.settling_time
+        while time.monotonic() < settled:
+            for stamp, data in source.receive():
+                decoder.feed(data, stamp - t0)
+            _drained(bus)
+            select.select([source] if not source.lost else [], [], [], POLL_INTERVAL)
     _drained(bus)
     end = time.monotonic() + LISTENING_TIME
     while (now := time.monotonic()) < end:
@@ -388,15 +400,19 @@ def path_checks(rig: Rig, resolved: ResolvedScenario, observed: Observed) -> Ite
 
 
 def _in_the_lot(rig: Rig, resolved: ResolvedScenario, alignment: Alignment) -> Check:
-    geofence = meaning.geofence_of(rig, Alignment())
-    found = measured(resolved.path, geofence, resolved.scenario.ego.speed_mps, alignment)
+    geofence, path, speed = meaning.geofence_of(rig, Alignment()), resolved.path, resolved.scenario.ego.speed_mps
+    found = measured(path, geofence, speed, alignment, resolved.corridor)
     advice = "vve-sumo align --fit looks for a place where it fits, or where to cut it short"
+    if found is not None and found.whole:
+        what = "fits with its corridor" if resolved.corridor else "fits"
+        return Check("path in the lot", f"{what}, {found.clearance:.1f} m clear of every edge beyond the margin")
+    excess = corridor_excess(path, geofence, speed, alignment, resolved.corridor) if resolved.corridor else None
+    if excess is not None:
+        return Check("path in the lot", excess.text(), CheckResult.NO_GO, f"{advice}; or declare a narrower corridor")
     if found is None:
         return Check("path in the lot", "not even its start is inside", CheckResult.NO_GO, advice)
-    if not found.whole:
-        said = f"from {found.station:.0f} m of {resolved.path.length:.0f} m on, the car could not stop inside"
-        return Check("path in the lot", said, CheckResult.NO_GO, advice)
-    return Check("path in the lot", f"fits, {found.clearance:.1f} m clear of every edge beyond the margin")
+    said = f"from {found.station:.0f} m of {path.length:.0f} m on, the car could not stop inside"
+    return Check("path in the lot", said, CheckResult.NO_GO, advice)
 
 
 def _at_the_start(resolved: ResolvedScenario, placement: Placement, epoch: float, standing: list[Fix]) -> Check:

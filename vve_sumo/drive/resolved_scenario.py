@@ -24,6 +24,7 @@ from vve_sumo.drive import plugged_in
 from vve_sumo.drive.actor_paths import Speeds, find_actor_paths
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import MapFrame
+from vve_sumo.lot.corridor import CorridorStretch, DeclaredCorridor
 from vve_sumo.metrics.own import OwnMetrics, load_own
 from vve_sumo.path import ReferencePath
 from vve_sumo.path_feasibility import find_reversal, refuse_tight_bend
@@ -109,6 +110,14 @@ class ResolvedScenario:
     def vehicle(self) -> Vehicle:
         """The vehicle as declared, braking no harder than its brakes, wire, gateway and tyres allow."""
         return self.model.vehicle
+
+    @property
+    def corridor(self) -> DeclaredCorridor:
+        """The corridor that the scenario declares beside its path; empty for none."""
+        return tuple(
+            CorridorStretch(one.from_m, math.inf if one.to_m is None else one.to_m, one.left_m, one.right_m)
+            for one in self.scenario.ego.corridor
+        )
 
     def to_dict(self, working: Path) -> dict[str, Any]:
         """Return what the record keeps: scenario, path, car, hashes of the files, and versions.
@@ -302,6 +311,13 @@ def resolve_scenario(
             raise ConfigError(
                 f"{file}: obstacles: {obstacle.id}: at_m {obstacle.at_m:g} lies beyond the path's {path.length:.1f} m"
             )
+
+    for number, stretch in enumerate(scenario.ego.corridor):
+        for key, at in (("from_m", stretch.from_m), ("to_m", stretch.to_m)):
+            if at is not None and at > path.length:
+                raise ConfigError(
+                    f"{file}: ego.corridor.{number}.{key}: {at:g} lies beyond the path's {path.length:.1f} m"
+                )
 
     def read(of: Path) -> ReferencePath:
         return (path_in or read_path)(of, map_frame, network).path

@@ -22,9 +22,10 @@ from vve_sumo.errors import VveError
 from vve_sumo.live import messages, signals
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.priority import DRIVE_NICE, OOM_DRIVE, raise_priority, set_oom_score
-from vve_sumo.live.pty_bus import PREFIX, PtyOutlet
+from vve_sumo.live.pty_bus import PtyOutlet
 from vve_sumo.live.spawn import receive_config
 from vve_sumo.messages import MalformedMessage
+from vve_sumo.pty_link import PREFIX
 from vve_sumo.sensors.port import STANDARD
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Vehicle

@@ -6,22 +6,17 @@ program opens as python-can's interface "slcan". It knows links, ports and frame
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from pathlib import Path
 from typing import Final, TextIO
 
 from vve_sumo.bus import candump_lines
 from vve_sumo.errors import RigError
 from vve_sumo.live.slcan import Adapter
+from vve_sumo.pty_link import PtyLink
 from vve_sumo.values import Frame
 
-#: of a channel that is a link to a pseudo-terminal
-PREFIX: Final = "pty:"
-#: where the kernel keeps pseudo-terminals: another link is not one of a drive before
-TERMINALS: Final = Path("/dev/pts")
 #: lines that wait for a slow reader: two cycles of a radar's, so that nothing old is read
 MAX_LINES: Final = 140
 #: frames of the other end that wait to be taken
@@ -34,20 +29,15 @@ class LinkedAdapter(Adapter):
     def __init__(self, channel: str) -> None:
         """Make the link that `pty:FILE` names; raises RigError where FILE is something else than such a link."""
         super().__init__(MAX_LINES)
-        self._link = Path(channel.removeprefix(PREFIX))
         try:
-            if self._link.is_symlink() and self._link.readlink().is_relative_to(TERMINALS):
-                self._link.unlink()  # of a drive that was killed
-            self._link.symlink_to(self.name)
-        except OSError as error:
+            self._link = PtyLink(channel, self.name)
+        except RigError:
             super().close()
-            raise RigError(f"{channel}: cannot be made ({error.strerror}: {self._link})") from None
+            raise
 
     def close(self) -> None:
         """Remove the link, and close the terminal."""
-        with contextlib.suppress(OSError):
-            if str(self._link.readlink()) == self.name:  # a later drive may have its own there
-                self._link.unlink()
+        self._link.remove()
         super().close()
 
 

@@ -187,14 +187,11 @@ def _driven(
         contextlib.ExitStack() as stack,
         OperatorInput(listen=not plan.rig.operator.automatic) as keys,
     ):
-        # Opened first: if another program holds the receiver's port, the simulated vehicle must not send to it.
-        source = stack.enter_context(contextlib.closing(assembly.source_of(plan.rig)))
+        scenario = plan.resolved.scenario
+        source, car = start_simulated_vehicle.open_receiver(
+            plan.rig, plan.t0, scenario.seed, stack, plan.folder, scenario.weather.friction
+        )
         plan.folder.mkdir(parents=True, exist_ok=True)
-        car = None
-        if plan.rig.car == "simulated":
-            scenario = plan.resolved.scenario
-            friction = scenario.weather.friction
-            car = start_simulated_vehicle.start(plan.rig, plan.t0, scenario.seed, stack, plan.folder, friction)
         ground = _measure_alignment(plan, source, notify)
         scenario_content = plan.resolved.to_dict(plan.working) | ground.to_dict()
         scenario_content |= assembly.to_dict(plan.resolved, plan.scenario_file, plan.rig_file.stem, plan.rig)
@@ -243,12 +240,13 @@ def _measure_alignment(plan: DrivePlan, source: Source, notify: Notify) -> LotAl
 
 def _not_ready(plan: DrivePlan, ground: LotAlignment, notify: Notify) -> tuple[str, ...]:
     """Return the reason codes that keep this drive from READY for as long as it lasts."""
-    geofence = meaning.geofence_of(plan.rig, ground.alignment)
-    leaves = geofence.along(plan.resolved.path, plan.resolved.scenario.ego.speed_mps)
+    geofence, resolved = meaning.geofence_of(plan.rig, ground.alignment), plan.resolved
+    leaves = geofence.along(resolved.path, resolved.scenario.ego.speed_mps, resolved.corridor)
     if leaves is None:
         return ()
+    what = "the path or its corridor" if resolved.corridor else "the path"
     notify(
-        f"the path leaves the lot: from {leaves:.0f} m on, the car could not stop inside it; "
+        f"{what} leaves the lot: from {leaves:.0f} m on, the car could not stop inside it; "
         "vve-sumo align --fit proposes how to lay it"
     )
     return ("path_leaves_lot",)

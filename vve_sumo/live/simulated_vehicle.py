@@ -33,7 +33,7 @@ from vve_sumo.live.spawn import receive_config
 from vve_sumo.plant.car import FAST, STEPS_PER_SECOND, Car, CarParameters
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
 from vve_sumo.plant.injected_faults import InjectedFault
-from vve_sumo.pose.receivers.port import configured
+from vve_sumo.pose.receivers.port import FarBus, configured
 from vve_sumo.values import Frame, Pose
 
 if TYPE_CHECKING:
@@ -175,7 +175,7 @@ class SimulatedVehicle:
         self._wire = wire
         self._truth = truth
         self._t0 = config.t0
-        far_end = receiver.far_end()
+        far_end = receiver.far_end(_far_bus)
         if far_end is None:
             raise ConfigError(f"pose.{receiver.not_simulated()}")
         self._far_end = far_end
@@ -304,6 +304,13 @@ def _two_port_wire(config: CarConfig, stack: contextlib.ExitStack) -> tuple[CarB
         log = stack.enter_context(config.bus_log.open("w", encoding="ascii", buffering=LOG_BUFFER))
     ports = TwoPortBus(config.brain, log, monotonic_clock(config.t0))
     return ports, ("slcan", ports.name)
+
+
+def _far_bus(channel: str) -> FarBus:
+    """Return the emulated adapter of a receiver on CAN; it is imported only then, for it brings python-can."""
+    from vve_sumo.live.pty_bus import LinkedAdapter
+
+    return LinkedAdapter(channel)
 
 
 if __name__ == "__main__":

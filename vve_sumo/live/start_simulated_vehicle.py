@@ -18,6 +18,7 @@ from vve_sumo.live import assembly, messages, spawn
 from vve_sumo.live.channel import Channel, pair
 from vve_sumo.live.simulated_vehicle import CarConfig
 from vve_sumo.messages import MalformedMessage
+from vve_sumo.pose.sources import Source
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.car_parameters import DRY, perturbed
 from vve_sumo.rig.schema import Rig
@@ -37,14 +38,36 @@ class SimulatedVehicleProcess:
     bus: tuple[str, str]  #: interface and channel that others open
 
 
+def open_receiver(
+    rig: Rig, t0: float, seed: int, stack: contextlib.ExitStack, folder: Path | None, friction: float = DRY
+) -> tuple[Source, SimulatedVehicleProcess | None]:
+    """Open a rig's receiver, and start the simulated vehicle where the rig has one; `stack` closes both.
+
+    The receiver comes first: if another program has its port, the vehicle must not send to it. Where there is nothing
+    to open before the far end is there, the vehicle comes first, whose far end is then on a port or a link that no
+    other program has. Raises RigError naming the rig's key, or with the car's message.
+    """
+    simulated = rig.car == "simulated"
+    first = simulated and meaning.receiver_of(rig).far_end_first
+    car = start(rig, t0, seed, stack, folder, friction) if first else None
+    source = assembly.source_of(rig)
+    stack.callback(source.close)
+    if simulated and not first:
+        car = start(rig, t0, seed, stack, folder, friction)
+    return source, car
+
+
 def start(
     rig: Rig, t0: float, seed: int, stack: contextlib.ExitStack, folder: Path | None, friction: float = DRY
 ) -> SimulatedVehicleProcess:
     """Start the car and wait until it is ready; it is ended when `stack` is closed.
 
     `t0` is the monotonic second of drive time 0, `seed` and `friction` are the scenario's. Truth and log go into
-    `folder`, if there is one. Raises RigError with the car's message if it does not start.
+    `folder`, if there is one; it is made where it is not there. Raises RigError with the car's message if it does not
+    start.
     """
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
     config = _config(rig, t0, seed, folder, friction).to_dict()
     ours, theirs = pair()
     log = {} if folder is None else {"log": str(folder / "car.log")}

@@ -1,19 +1,23 @@
 """Aligns a path with a lot: finds the rotation and shift with the most clearance, or how much of the path fits.
 
-An offline search that takes seconds. It knows the geofence and the path and no receiver.
+A declared corridor counts as ground that the path needs. An offline search that takes seconds. It knows the geofence
+and the path and no receiver.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from itertools import groupby
+from operator import attrgetter
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.optimize import linprog
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, wrap_angle
+from vve_sumo.lot.corridor import DeclaredCorridor
 from vve_sumo.lot.geofence import DrivenPlace, Geofence
 from vve_sumo.lot.polygon import Raster
 from vve_sumo.path import ReferencePath
@@ -33,13 +37,30 @@ MIN_PATH_LENGTH: Final = 5.0  #: a path cut shorter than this is refused [m]
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """How a path lies in the lot."""
+    """How a path, with the corridor that its scenario declares beside it, lies in the lot."""
 
     alignment: Alignment  #: from the lot's map to the virtual road's
     clearance: float  #: least distance of the swept ground from the lot's edge less its margin [m]
     station: float  #: the drive can stop inside the lot from every place up to here [m]
     whole: bool  #: whether that is the whole path
     start: tuple[float, float, float]  #: rear axle at the path's start: lot x, y [m], heading [rad] in the lot's map
+
+
+class CorridorExcess(NamedTuple):
+    """Where a declared corridor leaves the lot, although the car that keeps to the path could stop inside."""
+
+    begin: float  #: the first station from which a car in the corridor could not stop inside [m]
+    station: float  #: where it is worst [m]
+    offset: float  #: of the car from the path there [m], left positive
+    distance: float  #: how far the ground that this car needs reaches over the lot's edge less its margin [m]
+
+    def text(self) -> str:
+        """Return that in words."""
+        side = "left" if self.offset > 0.0 else "right"
+        return (
+            f"from {self.begin:.0f} m on, the corridor leaves the lot: at {self.station:.0f} m, from "
+            f"{abs(self.offset):.1f} m {side} of the path, a stop reaches {self.distance:.1f} m over the margin"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,13 +90,13 @@ class _Ground:
         return Alignment(wrap_angle(placement.rotation), *shift).inverse()
 
 
-def fit(path: ReferencePath, geofence: Geofence, speed: float) -> Fit:
+def fit(path: ReferencePath, geofence: Geofence, speed: float, corridor: DeclaredCorridor = ()) -> Fit:
     """Return the alignment under which a drive of the path at `speed` [m/s] has most clearance in the lot.
 
-    Where the whole path fits nowhere, it is the alignment that fits most of it, to about `CUT_RESOLUTION`. Raises
-    ConfigError where not even the start fits.
+    The ground that has to fit is that of the path and of its declared `corridor`. Where the whole path fits nowhere, it
+    is the alignment that fits most of it, to about `CUT_RESOLUTION`. Raises ConfigError where not even the start fits.
     """
-    drive = geofence.driven(path, speed)
+    drive = geofence.driven(path, speed, corridor)
     ground = _ground(geofence, drive)
     tables = geofence.lot.raster(COARSE_ROWS), geofence.lot.raster(FINE_ROWS)
 
@@ -99,23 +120,46 @@ def fit(path: ReferencePath, geofence: Geofence, speed: float) -> Fit:
     return best
 
 
-def measured(path: ReferencePath, geofence: Geofence, speed: float, alignment: Alignment) -> Fit | None:
+def measured(
+    path: ReferencePath, geofence: Geofence, speed: float, alignment: Alignment, corridor: DeclaredCorridor = ()
+) -> Fit | None:
     """Return how a drive of the path at `speed` [m/s] lies in the lot under an alignment; None for an unfit start."""
-    return _measured(geofence, geofence.driven(path, speed), alignment)
+    return _measured(geofence, geofence.driven(path, speed, corridor), alignment)
 
 
-def shortened(path: ReferencePath, geofence: Geofence, speed: float, station: float) -> ReferencePath:
+def corridor_excess(
+    path: ReferencePath, geofence: Geofence, speed: float, alignment: Alignment, corridor: DeclaredCorridor
+) -> CorridorExcess | None:
+    """Return where the corridor leaves the lot the farthest under an alignment, up to where the path itself does.
+
+    None where only the path itself leaves the lot, or nothing does.
+    """
+    aligned, to_lot = geofence.aligned(alignment), alignment.inverse()
+    found: list[CorridorExcess] = []
+    for place in geofence.driven(path, speed, corridor):
+        if aligned.check(place.pose, place.steering, place.fallback_path, place.station):
+            if place.offset == 0.0:
+                break
+            over = geofence.lot.excess(_swept(geofence, place, to_lot))
+            begin = found[0].begin if found else place.station
+            found.append(CorridorExcess(begin, place.station, place.offset, over))
+    return max(found, key=attrgetter("distance"), default=None)
+
+
+def shortened(
+    path: ReferencePath, geofence: Geofence, speed: float, station: float, corridor: DeclaredCorridor = ()
+) -> ReferencePath:
     """Return the path up to about a station [m], such that a drive of it at `speed` [m/s] can always stop in the lot.
 
-    Beyond its new end the car is taken to go straight on, which may ask for a place to end a little sooner. Raises
-    ConfigError where less than `MIN_PATH_LENGTH` is left.
+    So can a car anywhere in what is left of the `corridor`. Beyond its new end the car is taken to go straight on,
+    which may ask for a place to end a little sooner. Raises ConfigError where less than `MIN_PATH_LENGTH` is left.
     """
     # A place a metre is checked. An end half-way between two asks for the same ones however a file rounds its length.
     station = math.ceil(station) - 0.5
     while station >= MIN_PATH_LENGTH:
         points = [path.at(s) for s in np.linspace(0.0, station, round(station) + 1).tolist()]
         cut = ReferencePath.from_points([point.x for point in points], [point.y for point in points])
-        leaves = geofence.along(cut, speed)
+        leaves = geofence.along(cut, speed, corridor)
         if leaves is None:
             return cut
         station = math.ceil(min(leaves, station)) - 1.5
@@ -125,7 +169,7 @@ def shortened(path: ReferencePath, geofence: Geofence, speed: float, station: fl
 def _ground(geofence: Geofence, drive: list[DrivenPlace]) -> _Ground:
     """Fill the swept area of the drive with points: corners, edge middles and centres of its rectangles."""
     points, stations = [], []
-    for place in [*drive[::SWEPT_SPACING], drive[-1]]:
+    for place in _searched(drive):
         shapes = geofence.sweep(place.pose, place.steering, place.fallback_path, place.station)
         if shapes is None:
             raise ConfigError(
@@ -140,6 +184,19 @@ def _ground(geofence: Geofence, drive: list[DrivenPlace]) -> _Ground:
     _, kept = np.unique(np.round(every / 0.25), axis=0, return_index=True)
     middle = 0.5 * (every.min(axis=0) + every.max(axis=0))
     return _Ground(every[kept] - middle, station[kept], (float(middle[0]), float(middle[1])))
+
+
+def _searched(drive: list[DrivenPlace]) -> list[DrivenPlace]:
+    """Return the places whose ground is searched for: of every few stations, of a corridor's ends, of the last."""
+    stations = [list(places) for _, places in groupby(drive, key=attrgetter("station"))]
+    last = len(stations) - 1
+    chosen = [
+        here
+        for number, here in enumerate(stations)
+        if number % SWEPT_SPACING == 0
+        or not len(stations[max(number - 1, 0)]) == len(here) == len(stations[min(number + 1, last)])
+    ]
+    return [place for places in [*chosen, stations[last]] for place in places]
 
 
 def _thinned(points: Floats, spacing: float) -> Floats:
@@ -248,13 +305,19 @@ def _measured(geofence: Geofence, drive: list[DrivenPlace], alignment: Alignment
     """Follow the drive under an alignment, without tables; None where not even its start fits."""
     aligned, to_lot = geofence.aligned(alignment), alignment.inverse()
     room, last = math.inf, None
-    for place in drive:
-        if aligned.check(place.pose, place.steering, place.fallback_path, place.station):
+    for station, places in groupby(drive, key=attrgetter("station")):
+        here = list(places)
+        if any(aligned.check(place.pose, place.steering, place.fallback_path, place.station) for place in here):
             break
-        shapes = geofence.sweep(to_lot.apply(place.pose), place.steering, place.fallback_path, place.station)
-        assert shapes is not None
-        room, last = min(room, geofence.lot.clearance(shapes)), place.station
+        room, last = min(room, *(geofence.lot.clearance(_swept(geofence, place, to_lot)) for place in here)), station
     if last is None:
         return None
     start = to_lot.apply(drive[0].pose)
     return Fit(alignment, room, last, last == drive[-1].station, (start.x, start.y, start.heading))
+
+
+def _swept(geofence: Geofence, place: DrivenPlace, to_lot: Alignment) -> Floats:
+    """Return the ground of a place, in the lot's map, under the alignment whose inverse is `to_lot`."""
+    shapes = geofence.sweep(to_lot.apply(place.pose), place.steering, place.fallback_path, place.station)
+    assert shapes is not None  # of a car that comes to rest, as the search's own ground shows
+    return shapes

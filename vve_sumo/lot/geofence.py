@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from vve_sumo.frames import Alignment
 from vve_sumo.laws import squared_speed_limits
+from vve_sumo.lot.corridor import DeclaredCorridor, ParallelLine, line_offsets
 from vve_sumo.lot.polygon import Lot
 from vve_sumo.lot.swept_area import Body, Complexes, as_pairs, fan, relaxing, trail
 from vve_sumo.lot.turning import Turning
@@ -76,12 +77,13 @@ class StopModel:
 
 
 class DrivenPlace(NamedTuple):
-    """One place of a drive that keeps to its path."""
+    """One place of a drive that keeps to its path, or to a line parallel to it inside a declared corridor."""
 
     station: float  #: along the path [m]
     pose: Pose  #: of the rear axle, in the virtual road's map
-    steering: float  #: road-wheel angle that the path's curvature asks for [rad], left positive
-    fallback_path: FallbackPath  #: the path itself
+    steering: float  #: road-wheel angle that the line's curvature asks for [rad], left positive
+    fallback_path: FallbackPath  #: the line itself
+    offset: float = 0.0  #: of the line from the path [m], left positive
 
 
 def no_drift(_driven: float) -> float:
@@ -117,6 +119,7 @@ class Geofence:
         self._body = Body.of(vehicle)
         self._turning, self._drift = turning, drift
         self._wheelbase, self._understeer = vehicle.wheelbase, vehicle.understeer_gradient
+        self._tightest = vehicle.tightest_curvature
 
     def check(
         self,
@@ -164,35 +167,54 @@ class Geofence:
         other._to_lot = alignment.inverse()
         return other
 
-    def along(self, path: ReferencePath, speed: float) -> float | None:
+    def along(self, path: ReferencePath, speed: float, corridor: DeclaredCorridor = ()) -> float | None:
         """Return the first station [m] from which a drive of the path at `speed` [m/s] could not stop in the lot.
 
         None where it always could. The car is taken to keep to the path, to start from rest, and to slow down for
-        bends as any controller must; beyond the end it rolls on straight.
+        bends as any controller must; beyond the end it rolls on straight. With a declared `corridor` it must be able to
+        stop from every place in that too, where it heads along the path.
         """
-        for place in self.driven(path, speed):
+        for place in self.driven(path, speed, corridor):
             if self.check(place.pose, place.steering, place.fallback_path, place.station):
                 return place.station
         return None
 
-    def driven(self, path: ReferencePath, speed: float) -> list[DrivenPlace]:
-        """Return the places that `along` checks, one a metre of the path."""
+    def driven(self, path: ReferencePath, speed: float, corridor: DeclaredCorridor = ()) -> list[DrivenPlace]:
+        """Return the places that `along` checks: one a metre of the path, each followed by those beside it."""
         table = path.samples
         first = round(EXTENSION / SAMPLE_SPACING)
         count = math.ceil(path.length / SAMPLE_SPACING) + 1
         speeds = driven_speeds(table.curvature[first : first + count], speed)
         heading = np.arctan2(table.tangent_y, table.tangent_x)
+        lines: dict[float, ParallelLine] = {}
         drive = []
         for row, v in enumerate(speeds, start=first):
             s, bend = float(table.s[row]), float(table.curvature[row])
             x, y = float(table.x[row]), float(table.y[row])
             pose = Pose(0.0, Point.REAR_AXLE, x, y, float(heading[row]), v, 0.0, v * bend, 0.0, 0.0)
-            steering = math.atan(self._wheelbase * bend) + self._understeer * bend * v * v
+            steering = self._steering(bend, v)
             reach = max(self._distances(pose, steering) or (0.0,))
             last = row + math.ceil(min(reach, EXTENSION) / SAMPLE_SPACING) + 2
             ahead = tuple(table.curvature[row:last].tolist())
             drive.append(DrivenPlace(s, pose, steering, FallbackPath(SAMPLE_SPACING, ahead)))
+            for offset in line_offsets(corridor, s):
+                if offset not in lines:
+                    lines[offset] = ParallelLine(path, offset, self._tightest)
+                drive.append(self._beside(pose, lines[offset], row, s, offset))
         return drive
+
+    def _beside(self, pose: Pose, line: ParallelLine, row: int, s: float, offset: float) -> DrivenPlace:
+        """Return the place on a parallel line beside a pose on the path, at no more speed than its bend allows."""
+        bend = float(line.bend[row])
+        v = min(pose.speed, math.sqrt(LATERAL / abs(bend))) if bend else pose.speed
+        beside = replace(pose, x=float(line.x[row]), y=float(line.y[row]), speed=v, yaw_rate=v * bend)
+        steering = self._steering(bend, v)
+        reach = max(self._distances(beside, steering) or (0.0,))
+        return DrivenPlace(s, beside, steering, line.ahead(row, min(reach, EXTENSION)), offset)
+
+    def _steering(self, bend: float, speed: float) -> float:
+        """Return the road-wheel angle [rad] that drives a curvature [1/m] at a speed [m/s]."""
+        return math.atan(self._wheelbase * bend) + self._understeer * bend * speed * speed
 
     def _distances(self, pose: Pose, steering: float) -> tuple[float, float] | None:
         """Stopping distances of gateway and watchdog [m], negative where the car rolls backwards.

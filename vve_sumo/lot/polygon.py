@@ -89,6 +89,16 @@ class Lot:
             return -math.inf
         return float(shapely.distance(self._edge, shapely.polygons(shapes)).min())
 
+    def excess(self, shapes: Floats) -> float:
+        """Return how far shapes reach over the nearest edge [m]; 0 for shapes that lie inside.
+
+        Exact where they reach over an edge; of a hole that they cover whole it is the depth of its centroid.
+        """
+        over = shapely.difference(shapely.polygons(shapes), self._inner)
+        over = over[~shapely.is_empty(over)]
+        points = [*shapely.get_coordinates(over), *shapely.get_coordinates(shapely.centroid(shapely.get_parts(over)))]
+        return float(shapely.distance(self._inner, shapely.points(points)).max()) if points else 0.0
+
     def clearances(self, shapes: Floats) -> Floats:
         """Return every shape's distance to the nearest edge [m], (n,); 0 of one that reaches over it."""
         polygons = shapely.polygons(shapes)

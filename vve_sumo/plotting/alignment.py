@@ -14,6 +14,7 @@ import numpy as np
 
 from vve_sumo.drive.virtual_road import pose_at_rest
 from vve_sumo.frames import Alignment
+from vve_sumo.lot.corridor import DeclaredCorridor
 from vve_sumo.lot.fit import Fit
 from vve_sumo.lot.geofence import Geofence
 from vve_sumo.lot.swept_area import Body, as_pairs, fan
@@ -44,6 +45,7 @@ class PathInLot:
     geofence: Geofence  #: with the lot's map as the road's
     alignment: Alignment
     fit: Fit | None  #: None where not even the start lies inside
+    corridor: DeclaredCorridor = ()  #: that the scenario declares beside the path
 
 
 def draw(shown: PathInLot, file: Path) -> None:
@@ -61,6 +63,7 @@ def draw(shown: PathInLot, file: Path) -> None:
         axes = figure.add_axes((0.07, BELOW / height, 0.91, 1.0 - (BELOW + ABOVE) / height))
         _lot(axes, shown)
         _path(axes, shown)
+        _corridor(axes, shown)
         _start(axes, shown, float(wide))
         axes.set_aspect("equal", adjustable="datalim")
         axes.set_xlabel("east of the lot's origin [m]")
@@ -100,9 +103,10 @@ def _path(axes: Axes, shown: PathInLot) -> None:
     inside: list[Floats] = []
     outside: list[Floats] = []
     line = []
-    for place in shown.geofence.driven(shown.path, shown.speed):
+    for place in shown.geofence.driven(shown.path, shown.speed, shown.corridor):
         pose = to_lot.apply(place.pose)
-        line.append((pose.x, pose.y))
+        if place.offset == 0.0:
+            line.append((pose.x, pose.y))
         if int(place.station) % EVERY == 0:
             shapes = shown.geofence.sweep(pose, place.steering, place.fallback_path, place.station)
             if shapes is not None:
@@ -112,6 +116,23 @@ def _path(axes: Axes, shown: PathInLot) -> None:
             every = list(np.concatenate(swept))
             axes.add_collection(PolyCollection(every, facecolor=colour, edgecolor=colour, label=name))
     axes.plot(*np.array(line).T, color=EGO, linewidth=1.2, label="path of the rear axle")
+
+
+def _corridor(axes: Axes, shown: PathInLot) -> None:
+    """The lines between which the rear axle may be, around every stretch of the declared corridor."""
+    to_lot = shown.alignment.inverse()
+    for number, stretch in enumerate(shown.corridor):
+        end = min(stretch.end, shown.path.length)
+        stations = np.linspace(stretch.begin, end, math.ceil(end - stretch.begin) + 1).tolist()
+        points = [shown.path.at(s) for s in stations]
+        sides = [
+            [(point.x - d * math.sin(point.heading), point.y + d * math.cos(point.heading)) for point in points]
+            for d in (stretch.left, -stretch.right)
+        ]
+        around = [to_lot.apply(pose_at_rest(x, y, 0.0)) for x, y in (*sides[0], *sides[1][::-1])]
+        name = "corridor of the rear axle" if number == 0 else None
+        corners = np.array([(pose.x, pose.y) for pose in around])
+        axes.fill(*corners.T, fill=False, edgecolor=INK, linewidth=1.0, linestyle=":", label=name)
 
 
 def _start(axes: Axes, shown: PathInLot, wide: float) -> None:

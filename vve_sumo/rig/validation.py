@@ -183,6 +183,7 @@ def _of_outputs(rig: Rig) -> Iterator[str]:
             yield f"{here}.device: {output.device} is the line of {devices[output.device]}, expected one of its own"
     links = [output.channel for output in rig.outputs if (output.channel or "").startswith("pty:")]
     links += [rig.car_start.brain_channel] if rig.car_start is not None and rig.car_start.brain_channel else []
+    links += [line for key in ("device", "channel") if (line := getattr(rig.pose, key, "")).startswith("pty:")]
     for link in dict.fromkeys(link for link in links if links.count(link) > 1):
         yield f"outputs: {link} is named twice; a pty has one port, give each a file of its own"
 

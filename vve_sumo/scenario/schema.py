@@ -8,7 +8,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeAlias
 
-from pydantic import ConfigDict, Discriminator, Field, Tag, create_model, model_validator
+from pydantic import (
+    ConfigDict,
+    Discriminator,
+    Field,
+    SerializerFunctionWrapHandler,
+    Tag,
+    create_model,
+    model_serializer,
+    model_validator,
+)
 
 from vve_sumo.config_file import Finite, Name, NotNegative, Positive, Table
 from vve_sumo.metrics.metric import Metric
@@ -69,6 +78,28 @@ class CarDifferences(Table):
     )
 
 
+class DeclaredStretch(Table):
+    """How far beside a stretch of its path the ego may go; a lot is given this room as well as the path's own.
+
+    Where stretches overlap, the wider one counts.
+    """
+
+    from_m: NotNegative = Field(default=0.0, description="where it begins, distance along the path")
+    to_m: Positive | None = Field(default=None, description="where it ends; left out: at the end of the path")
+    left_m: Annotated[float, Field(ge=0.0, le=50.0)] = Field(
+        default=0.0, description="how far the rear axle may go to the left of the path, while it heads along it"
+    )
+    right_m: Annotated[float, Field(ge=0.0, le=50.0)] = Field(default=0.0, description="the same, to the right")
+
+    @model_validator(mode="after")
+    def _wide_and_long(self) -> Self:
+        if self.left_m == self.right_m == 0.0:
+            raise ValueError("expected left_m or right_m above 0")
+        if self.to_m is not None and not self.from_m < self.to_m:
+            raise ValueError(f"to_m {self.to_m:g} is not beyond from_m {self.from_m:g}")
+        return self
+
+
 class EgoSettings(Table):
     """What the ego drives and how fast."""
 
@@ -83,8 +114,19 @@ class EgoSettings(Table):
     speed_margin_mps: Positive = Field(
         default=2.0, description="a car faster than its speed by more than this is stopped"
     )
+    corridor: tuple[DeclaredStretch, ...] = Field(
+        default=(), strict=False, description="where a controller may leave the path on purpose: room for it in a lot"
+    )
     lot: StartPose
     car: CarDifferences = CarDifferences()
+
+    @model_serializer(mode="wrap")
+    def _without_empty_corridor(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out a corridor that is not declared: the records of such scenarios stay what they were."""
+        said: dict[str, Any] = handler(self)
+        if not self.corridor:
+            said.pop("corridor", None)
+        return said
 
 
 class Control(Table):

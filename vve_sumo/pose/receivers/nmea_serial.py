@@ -8,8 +8,10 @@ from pydantic import Field
 
 from vve_sumo.config_file import Name
 from vve_sumo.pose import sources
+from vve_sumo.pose.far_ends import PtyFarEnd
 from vve_sumo.pose.receivers.nmea import NmeaReceiver
-from vve_sumo.pose.receivers.port import OpenBus, Receiver
+from vve_sumo.pose.receivers.port import OpenBus, OpenFarBus, Receiver
+from vve_sumo.pty_link import PREFIX
 
 
 class NmeaSerial(NmeaReceiver):
@@ -19,12 +21,27 @@ class NmeaSerial(NmeaReceiver):
         "see pose.device and pose.baud, and the receiver's serial output: GGA, HDT, VTG, RMC, GST"
     )
 
-    device: Name = Field(description="serial port")
+    far_end_first: ClassVar[bool] = True
+
+    device: Name = Field(
+        description="serial port; of the simulated vehicle `pty:FILE`: FILE becomes a link to a line of its own"
+    )
     baud: Annotated[int, Field(ge=4800, le=921_600)] = Field(default=115_200, description="of the serial port")
 
     def open(self, _open_bus: OpenBus) -> sources.Source:
         """Open the port; raises RigError naming the key."""
-        return sources.open_serial(self.device, self.baud)
+        return sources.open_serial(self.device.removeprefix(PREFIX), self.baud)
+
+    def far_end(self, _open_far_bus: OpenFarBus) -> PtyFarEnd:
+        """Make the pseudo-terminal that the device is a link to."""
+        return PtyFarEnd(self.device)
+
+    def not_simulated(self) -> str:
+        """Return why the simulated vehicle cannot send as this receiver: it writes to no device of this machine."""
+        if why := super().not_simulated():
+            return why
+        expected = f"device: the simulated vehicle makes its own line, expected '{PREFIX}FILE'"
+        return "" if self.device.startswith(PREFIX) else f"{expected}, got {self.device!r}"
 
     def place(self) -> str:
         """Return device and baud rate."""

@@ -15,9 +15,10 @@ from pydantic import Field
 from vve_sumo.config_file import Bitrate, Name
 from vve_sumo.errors import RigError
 from vve_sumo.pose import oxts_can
-from vve_sumo.pose.receivers.port import FrameBus, OnCan, OpenBus, Receiver, ReceiverTable
+from vve_sumo.pose.receivers.port import FarBus, FrameBus, OnCan, OpenBus, OpenFarBus, Receiver, ReceiverTable
 from vve_sumo.pose.sources import Source
 from vve_sumo.pose.trust import DRIVE, TrustProfile
+from vve_sumo.pty_link import PREFIX
 from vve_sumo.values import Fix, Frame
 
 #: a frame as a portion of pose bytes: identifier, length, payload
@@ -30,13 +31,31 @@ class OxtsCan(ReceiverTable):
     profile: ClassVar[TrustProfile] = DRIVE
     silent_hint: ClassVar[str] = "see pose.interface, pose.channel and pose.bitrate, and the receiver's CAN output"
 
+    far_end_first: ClassVar[bool] = True
+    settling_time: ClassVar[float] = 1e-3 * oxts_can.LOCKING
+
     interface: Name = Field(description="python-can's")
-    channel: Name = Field(description="python-can's")
+    channel: Name = Field(
+        description="python-can's; of the simulated vehicle, with `slcan`, `pty:FILE`: FILE becomes a link to a serial "
+        "adapter of its own"
+    )
     bitrate: Bitrate = Field(default=500_000, description="bit/s")
 
     def open(self, open_bus: OpenBus) -> Source:
         """Open the bus; raises RigError naming bus or key."""
-        return FrameSource(open_bus(self.interface, self.channel, self.bitrate))
+        return FrameSource(open_bus(self.interface, self.channel.removeprefix(PREFIX), self.bitrate))
+
+    def far_end(self, open_far_bus: OpenFarBus) -> FrameFarEnd:
+        """Emulate the adapter that the channel is a link to."""
+        return FrameFarEnd(open_far_bus(self.channel))
+
+    def not_simulated(self) -> str:
+        """Return why the simulated vehicle cannot send as this receiver: it sends on no CAN card."""
+        if why := super().not_simulated():
+            return why
+        expected = f"channel: the simulated vehicle emulates its adapter, expected '{PREFIX}FILE' of interface 'slcan'"
+        emulated = self.interface == "slcan" and self.channel.startswith(PREFIX)
+        return "" if emulated else f"{expected}, got {self.place()}"
 
     def decoder(self) -> FrameDecoder:
         """Return a fresh decoder."""
@@ -105,9 +124,7 @@ class FrameDecoder:
 
     def feed(self, data: bytes, time_received: float) -> list[Fix]:
         """Return the fixes that these frames complete; an incomplete frame is left out."""
-        whole = len(data) - len(data) % FRAME.size
-        frames = [Frame(number, payload[:size]) for number, size, payload in FRAME.iter_unpack(data[:whole])]
-        return self._decoder.feed_frames(frames, time_received)
+        return self._decoder.feed_frames(_frames(data), time_received)
 
 
 class FrameEncoder:
@@ -120,6 +137,28 @@ class FrameEncoder:
         """Return the frames of a fix."""
         frames = self._encoder.encode(fix)
         return b"".join(FRAME.pack(frame.id, len(frame.data), frame.data) for frame in frames)
+
+
+class FrameFarEnd:
+    """The simulated vehicle's end of a receiver's CAN bus, which takes what `FrameEncoder` returns."""
+
+    def __init__(self, bus: FarBus) -> None:
+        self._bus = bus
+
+    def send(self, data: bytes) -> None:
+        """Send the frames; those that nobody reads are lost."""
+        self._bus.receive()
+        self._bus.send(_frames(data))
+
+    def close(self) -> None:
+        """Close the bus."""
+        self._bus.close()
+
+
+def _frames(data: bytes) -> list[Frame]:
+    """Return the whole frames in a portion."""
+    whole = len(data) - len(data) % FRAME.size
+    return [Frame(number, payload[:size]) for number, size, payload in FRAME.iter_unpack(data[:whole])]
 
 
 def make() -> type[Receiver]:

@@ -8,7 +8,7 @@ judged, and what to check where something is wrong. Only the table of shipped ki
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Protocol, Self, runtime_checkable
 
 from pydantic import Field, model_validator
@@ -92,6 +92,22 @@ class FrameBus(Protocol):
         """Close the bus."""
 
 
+class FarBus(Protocol):
+    """The simulated vehicle's end of a CAN bus that it emulates; nothing here waits or raises."""
+
+    def send(self, frames: Iterable[Frame]) -> None:
+        """Put frames on the bus."""
+
+    def receive(self) -> list[Frame]:
+        """Return the frames that came since the last call; an emulated adapter answers its host meanwhile."""
+
+    def close(self) -> None:
+        """Let go of the bus."""
+
+
+#: emulates a CAN adapter under a name, `pty:FILE`; raises RigError
+OpenFarBus = Callable[[str], FarBus]
+
 #: opens a CAN bus from interface, channel and bitrate [bit/s]; raises ConfigError or RigError
 OpenBus = Callable[[str, str, int], FrameBus]
 
@@ -111,6 +127,8 @@ class Receiver(Protocol):
     profile: ClassVar[TrustProfile]  #: how strictly its fixes are judged; one that is not `live` is a recording
     silent_hint: ClassVar[str]  #: what to check where nothing arrives, in one line
     not_fixed_hint: ClassVar[str]  #: what to check where a fix is not RTK-fixed, in one line
+    far_end_first: ClassVar[bool]  #: whether there is nothing to `open` before the far end is there
+    settling_time: ClassVar[float]  #: for which a decoder, fed from the beginning on, takes no fix to be locked [s]
 
     def open(self, open_bus: OpenBus, /) -> Source:
         """Open the receiver; raises RigError or ConfigError naming the key of the rig. `open_bus` is for one on CAN."""
@@ -132,10 +150,10 @@ class Receiver(Protocol):
         """Return a new encoder, by which the simulated vehicle speaks as this receiver; None where it cannot."""
         ...
 
-    def far_end(self) -> FarEnd | None:
+    def far_end(self, open_far_bus: OpenFarBus, /) -> FarEnd | None:
         """Open the other end of the wire on this machine; None where there is none that a program could send on.
 
-        Raises RigError or ConfigError naming the key of the rig.
+        `open_far_bus` is for one on CAN. Raises RigError or ConfigError naming the key of the rig.
         """
         ...
 
@@ -148,6 +166,8 @@ class ReceiverTable(Table):
     """Where the pose comes from: the keys that every kind of receiver has; a kind's class adds its own."""
 
     profile: ClassVar[TrustProfile]
+    far_end_first: ClassVar[bool] = False
+    settling_time: ClassVar[float] = 0.0
     not_fixed_hint: ClassVar[str] = "see the receiver's antennas, its view of the sky and its link to the base station"
 
     kind: Name = Field(
@@ -179,7 +199,7 @@ class ReceiverTable(Table):
         """Return a new encoder for the simulated vehicle: None, unless its kind overrides this."""
         return None
 
-    def far_end(self) -> FarEnd | None:
+    def far_end(self, _open_far_bus: OpenFarBus) -> FarEnd | None:
         """Open the other end of the wire: None, unless its kind overrides this."""
         return None
 

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from vve_sumo.pose import sources
 from vve_sumo.pose.far_ends import UdpFarEnd
-from vve_sumo.pose.receivers.port import OpenBus, ReceiverTable
+from vve_sumo.pose.receivers.port import OpenBus, OpenFarBus, ReceiverTable
 
 
 def _address(text: str) -> str:
@@ -33,7 +33,7 @@ Sender = Annotated[str, AfterValidator(_sender)]
 NetworkPort = Annotated[int, Field(ge=1, le=65535)]
 
 
-def _not_loopback(address: str) -> str:
+def not_loopback(address: str) -> str:
     """Return why the simulated vehicle cannot be heard on an address of another machine, or of all; else ""."""
     if ipaddress.ip_address(address).is_loopback:
         return ""
@@ -80,13 +80,13 @@ class UdpReceiver(ReceiverTable):
         """
         return bool(datagram)
 
-    def far_end(self) -> UdpFarEnd:
+    def far_end(self, _open_far_bus: OpenFarBus) -> UdpFarEnd:
         """Open a socket that sends to the port."""
         return UdpFarEnd(self.address, self.port)
 
     def not_simulated(self) -> str:
         """Return why the simulated vehicle cannot send as this receiver: also, it is heard on a loopback alone."""
-        return super().not_simulated() or _not_loopback(self.address)
+        return super().not_simulated() or not_loopback(self.address)
 
     def place(self) -> str:
         """Return address and port."""
