@@ -142,7 +142,7 @@ def run(
         except (ConfigError, RigError):
             record.discard()
             raise
-        if done.signals:
+        if done.signals and kept:
             record.attach(SIGNALS, signals_text(done.signals))
     finally:
         shell.close()
@@ -150,9 +150,10 @@ def run(
     tables, roads, own = record.tables, roads_table(resolved.lanes), resolved.own_metrics()
     commanded = tables.get(COMMANDED)
     measured = measure(resolved, own, tables["ticks"], tables["actors"], roads, commanded)
-    table = tick_metrics_table(own.declared.per_tick, measured.per_tick, tables["ticks"])
-    if table is not None:
-        record.attach_table(TICK_METRICS, table)
+    if isinstance(record, RecordWriter):
+        table = tick_metrics_table(own.declared.per_tick, measured.per_tick, tables["ticks"])
+        if table is not None:
+            record.attach_table(TICK_METRICS, table)
     summary = summary_of(resolved, done, tables["ticks"], tables["actors"], parts, roads, measured, commanded)
     if foreign:
         summary |= foreign | {"controller": FOREIGN_BRAIN}
