@@ -21,6 +21,7 @@ from vve_sumo.drive.brain import ExternalController
 from vve_sumo.drive.lockstep import Lockstep, Watch
 from vve_sumo.drive.playback import Playback
 from vve_sumo.drive.resolved_scenario import ResolvedScenario, resolve_scenario
+from vve_sumo.drive.rolling_start import require_start_from_rest
 from vve_sumo.drive.summary import FOREIGN_BRAIN, measure, summary_of
 from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.errors import ConfigError, RigError, SimulationError
@@ -120,6 +121,8 @@ def run(
         raise ConfigError(
             f"faults: {kinds}: a recorded drive has no simulated vehicle to inject them into; take them out of the rig"
         )
+    if pose is not None:
+        require_start_from_rest(resolved.scenario, "a recorded drive begins as it was recorded")
     if kept:
         claim(folder)
     shell: DriveHost

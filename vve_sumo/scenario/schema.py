@@ -8,7 +8,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeAlias
 
-from pydantic import ConfigDict, Discriminator, Field, Tag, create_model, model_validator
+from pydantic import (
+    ConfigDict,
+    Discriminator,
+    Field,
+    SerializerFunctionWrapHandler,
+    Tag,
+    create_model,
+    model_serializer,
+    model_validator,
+)
 
 from vve_sumo.config_file import Finite, Name, NotNegative, Positive, Table
 from vve_sumo.metrics.metric import Metric
@@ -77,6 +86,12 @@ class EgoSettings(Table):
     )
     path: Name = Field(description="CSV of latitude_deg,longitude_deg of the rear axle: a name under routes/ or a file")
     speed_mps: Annotated[float, Field(gt=0.0, le=40.0)] = Field(description="speed to keep where nothing forbids it")
+    initial_speed_mps: Annotated[float, Field(ge=1.0, le=40.0)] | None = Field(
+        default=None, description="speed with which the drive begins; left out: the car starts from rest"
+    )
+    initial_s_m: NotNegative = Field(
+        default=0.0, description="distance along the path at which the drive begins; needs initial_speed_mps"
+    )
     deviation_limit_m: Positive = Field(
         default=4.0, description="a car farther off its path than this is stopped; room for a lane change by default"
     )
@@ -85,6 +100,22 @@ class EgoSettings(Table):
     )
     lot: StartPose
     car: CarDifferences = CarDifferences()
+
+    @model_validator(mode="after")
+    def _not_too_fast(self) -> Self:
+        if self.initial_speed_mps is not None and self.initial_speed_mps > self.speed_mps:
+            raise ValueError(f"initial_speed_mps {self.initial_speed_mps:g} is above speed_mps {self.speed_mps:g}")
+        if self.initial_speed_mps is None and self.initial_s_m > 0.0:
+            raise ValueError("initial_s_m needs initial_speed_mps: from rest a drive begins at the start of its path")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, usual: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        # What a record holds of a start from rest stays what it was before there were others.
+        written: dict[str, Any] = usual(self)
+        if self.initial_speed_mps is None:
+            written = {key: value for key, value in written.items() if not key.startswith("initial_")}
+        return written
 
 
 class Control(Table):
