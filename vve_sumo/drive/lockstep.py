@@ -117,11 +117,11 @@ def assemble(resolved: ResolvedScenario, working: Path, brain: ExternalControlle
     alignment = Alignment.from_matched_start(start, pose_at_rest(begin.x, begin.y, begin.heading))
     placement = Placement(frame, alignment, resolved.model.mounting, DEFAULT_EPOCH)
     pose = PoseInput(standard().decoder(), DRIVE, placement, DEFAULT_EPOCH)
-    rolling = RollingStart.of(resolved.scenario.ego, resolved.model, resolved.path)
+    rolling = RollingStart.of(resolved)
     if brain is not None:
-        require_start_from_rest(resolved.scenario, "a foreign brain is asked from drive time 0 on")
+        require_start_from_rest(resolved, "a foreign brain is asked from drive time 0 on")
     if resolved.faults:
-        require_start_from_rest(resolved.scenario, "the times of injected faults count from when the car drives off")
+        require_start_from_rest(resolved, "the times of injected faults count from when the car drives off")
     if rolling is not None:
         stands = resolved.path.at(rolling.stands_at)
         start = alignment.inverse().apply(pose_at_rest(stands.x, stands.y, stands.heading))

@@ -9,16 +9,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from vve_sumo.controller import Controller
 from vve_sumo.drive.pipeline import Pipeline
+from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.snapshots import NO_ACTORS
 from vve_sumo.errors import ConfigError
 from vve_sumo.laws import clamp
 from vve_sumo.path import ReferencePath
 from vve_sumo.plant.car import CarOutput
-from vve_sumo.scenario.schema import EgoSettings, Scenario
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import ArmingState, ControlCommand, Frame, GatewayStatus, Observation, Pose
 from vve_sumo.vehicle.arming_machine import OperatorCommand
@@ -26,7 +27,7 @@ from vve_sumo.vehicle.gateway import Gateway
 from vve_sumo.vehicle.model import VehicleModel
 
 #: key of a scenario, as messages name it
-KEY = "ego.initial_speed_mps"
+INITIAL_SPEED = "ego.initial_speed_mps"
 #: time in which the gateway finds the car at rest, engages it and shifts to drive [s]; by the shipped interface 0.8 s
 ENGAGING_TIME = 2.0
 #: time for which the controller holds the speed by itself before drive time 0 [s]
@@ -45,10 +46,10 @@ SPEED_TOLERANCE, PLACE_TOLERANCE = 0.3, 2.0
 BRAKING = 0.5
 
 
-def require_start_from_rest(scenario: Scenario, why: str) -> None:
+def require_start_from_rest(resolved: ResolvedScenario, why: str) -> None:
     """Raise ConfigError, with the reason `why`, for a scenario with a rolling start."""
-    if scenario.ego.initial_speed_mps is not None:
-        raise ConfigError(f"{KEY}: {why}; take the key out of the scenario")
+    if resolved.scenario.ego.initial_speed_mps is not None:
+        raise ConfigError(f"{resolved.file}: {INITIAL_SPEED}: {why}; take the key out")
 
 
 class MovingCar(Protocol):
@@ -125,28 +126,32 @@ class RollingStart:
 
     ramp: Ramp
     s: float  #: of that place [m]
+    file: Path  #: the scenario's, for messages
 
     @classmethod
-    def of(cls, ego: EgoSettings, model: VehicleModel, path: ReferencePath) -> RollingStart | None:
-        """Return a scenario's rolling start on its path, None for a start from rest.
+    def of(cls, resolved: ResolvedScenario) -> RollingStart | None:
+        """Return a scenario's rolling start, None for a start from rest.
 
-        Raises ConfigError for one that this car cannot have on this path.
+        Raises ConfigError for one that the scenario's car cannot have on its path.
         """
+        ego, path, file = resolved.scenario.ego, resolved.path, resolved.file
         if ego.initial_speed_mps is None:
             return None
         if not ego.initial_s_m < path.length:
-            raise ConfigError(f"ego.initial_s_m: {ego.initial_s_m:g} lies beyond the path's {path.length:.1f} m")
-        rolling = cls(cls._ramp(ego.initial_speed_mps, model), ego.initial_s_m)
+            raise ConfigError(
+                f"{file}: ego.initial_s_m: {ego.initial_s_m:g} lies beyond the path's {path.length:.1f} m"
+            )
+        rolling = cls(cls._ramp(ego.initial_speed_mps, resolved.model, file), ego.initial_s_m, file)
         rolling._require_clear(path)
         return rolling
 
     @staticmethod
-    def _ramp(speed: float, model: VehicleModel) -> Ramp:
+    def _ramp(speed: float, model: VehicleModel, file: Path) -> Ramp:
         calibration, of_limit, of_engine = model.calibration, *SHARE
         spare = (calibration.full_throttle_force(speed) - calibration.drag(speed)) / calibration.mass
         acceleration = min(of_limit * model.limits.comfort.acceleration, of_engine * spare)
         if not acceleration > 0.0:
-            raise ConfigError(f"{KEY}: the car has no power to gain {speed:g} m/s")
+            raise ConfigError(f"{file}: {INITIAL_SPEED}: the car has no power to gain {speed:g} m/s")
         return Ramp.to(speed, acceleration, JERK)
 
     @property
@@ -176,8 +181,8 @@ class RollingStart:
         # From a start far before the path, the search stops on its way along the straight.
         if not abs(found - self.stands_at) < 1.0 and not self.stands_at < found <= 0.0:
             raise ConfigError(
-                f"{KEY}: the car would stand at s {self.stands_at:.1f} m before it comes up to speed, where the path "
-                f"passes again at s {found:.1f} m; start elsewhere, or from rest"
+                f"{self.file}: {INITIAL_SPEED}: the car would come up to speed from s {self.stands_at:.1f} m, "
+                f"where the path passes again at s {found:.1f} m; start elsewhere, or from rest"
             )
 
     def reached(self, pose: Pose, s: float) -> bool:
@@ -245,7 +250,7 @@ def roll(rolling: RollingStart, pipeline: Pipeline, gateway: Gateway, car: Movin
         speed = math.nan if pose is None else pose.speed
         why = f": {', '.join(status.reasons)}" if status.reasons else ""
         raise ConfigError(
-            f"{KEY}: at drive time 0 the car is {status.state} at {speed:.2f} m/s and s {result.s:.1f} m{why}; "
+            f"{rolling.file}: {INITIAL_SPEED}: at drive time 0 the car is {status.state} at {speed:.2f} m/s and s {result.s:.1f} m{why}; "
             f"expected engaged at {rolling.speed:g} m/s and s {rolling.s:g} m"
         )
     return came

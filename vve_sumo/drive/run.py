@@ -122,7 +122,7 @@ def run(
             f"faults: {kinds}: a recorded drive has no simulated vehicle to inject them into; take them out of the rig"
         )
     if pose is not None:
-        require_start_from_rest(resolved.scenario, "a recorded drive begins as it was recorded")
+        require_start_from_rest(resolved, "a recorded drive begins as it was recorded")
     if kept:
         claim(folder)
     shell: DriveHost
