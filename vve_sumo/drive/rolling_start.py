@@ -248,9 +248,9 @@ def roll(rolling: RollingStart, pipeline: Pipeline, gateway: Gateway, car: Movin
     pose, status = result.pose, output.status
     if status.state is not ArmingState.ENGAGED or pose is None or not rolling.reached(pose, result.s):
         speed = math.nan if pose is None else pose.speed
-        why = f": {', '.join(status.reasons)}" if status.reasons else ""
+        why = f" ({', '.join(status.reasons)})" if status.reasons else ""
         raise ConfigError(
-            f"{rolling.file}: {INITIAL_SPEED}: at drive time 0 the car is {status.state} at {speed:.2f} m/s and s {result.s:.1f} m{why}; "
-            f"expected engaged at {rolling.speed:g} m/s and s {rolling.s:g} m"
+            f"{rolling.file}: {INITIAL_SPEED}: when the drive begins the car is {status.state} at {speed:.2f} m/s and s "
+            f"{result.s:.1f} m{why}; expected engaged at {rolling.speed:g} m/s and s {rolling.s:g} m"
         )
     return came
