@@ -198,7 +198,7 @@ def test_what_cannot_roll_is_refused_in_one_line() -> None:
     rolling, key = altered(rolling_changes(AT_SPEED, 0.0)), "/parked_car.toml: ego.initial_speed_mps:"
     with pytest.raises(ConfigError, match=r"/parked_car.toml: ego.initial_s_m: 9000 lies beyond the path's 857"):
         assemble(altered(rolling_changes(AT_SPEED, 9000.0)), REPOSITORY)
-    with pytest.raises(ConfigError, match="ego.initial_speed_mps: a real car starts from rest"):
+    with pytest.raises(ConfigError, match=r"ego.initial_speed_mps: a real car starts from rest"):
         scenario_with_rig(rolling, _rig(), REPOSITORY)
     with pytest.raises(ConfigError, match=f"{key} a foreign brain is asked from drive time 0 on"):
         assemble(rolling, REPOSITORY, cast(Any, object()))
