@@ -59,6 +59,9 @@ _SERIAL_FRAME: Final = re.compile(
 )
 
 
+#: what follows a channel's name in a line of a candump log, by the frame's identifier
+_CANDUMP_IDENTIFIERS: Final = tuple(f" {identifier:03X}#" for identifier in range(0x800))
+
 #: event at the begin of an ASC file
 _BEGIN: Final = "Start of measurement"
 
@@ -191,7 +194,7 @@ def read_log(path: Path) -> Iterator[tuple[float, str, Frame]]:
 def candump_lines(timestamp: float, channel: str, frames: Iterable[Frame]) -> str:
     """Return a line of a candump log for each frame of one moment; `timestamp` [s] is kept to the microsecond."""
     head = f"({timestamp:017.6f}) {channel}"
-    return "".join([f"{head} {identifier:03X}#{data.hex().upper()}\n" for identifier, data in frames])
+    return "".join([f"{head}{_CANDUMP_IDENTIFIERS[identifier]}{data.hex().upper()}\n" for identifier, data in frames])
 
 
 def written_log(frames: Iterable[LoggedFrame], form: Literal["asc", "blf"]) -> bytes:

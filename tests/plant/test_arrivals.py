@@ -60,3 +60,12 @@ def test_spells_come_and_last_as_stated() -> None:
     assert len(begun) == pytest.approx(40_000.0 / 25.0, rel=0.08)
     assert np.std(begun, axis=0) == pytest.approx([0.3, 0.3], rel=0.1)
     assert not floating[0]
+
+
+def test_a_stream_may_begin_before_time_0_and_is_the_same_then() -> None:
+    of = replace(MEASURED, receiver_float_every=20.0, receiver_float_time=5.0, receiver_float_sigma=0.3)
+    early, usual = (Bursts(of, np.random.SeedSequence(3), begin) for begin in (-100.0, 0.0))
+    for number in range(2000):
+        assert early.arrival(number * PERIOD - 100.0) == pytest.approx(usual.arrival(number * PERIOD) - 100.0)
+    soon, later = (FloatSpells(of, np.random.SeedSequence(3), begin) for begin in (-100.0, 0.0))
+    assert [soon.offset(time - 100.0) for time in range(500)] == [later.offset(float(time)) for time in range(500)]

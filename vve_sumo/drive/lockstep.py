@@ -18,6 +18,7 @@ from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline, see
 from vve_sumo.drive.brain import ExternalController
 from vve_sumo.drive.pipeline import Pipeline, TickResult
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
+from vve_sumo.drive.rolling_start import RollingController, RollingStart, require_start_from_rest, roll
 from vve_sumo.drive.standstill_cause import StandstillClassifier
 from vve_sumo.drive.termination import DriveEnd, Outcome, TerminationMonitor, end_reason
 from vve_sumo.drive.tick import CarInput, CompletedTick, DueTick, EgoTick, Tick
@@ -26,7 +27,7 @@ from vve_sumo.frames import Alignment, MapFrame, Placement, local_frame
 from vve_sumo.frozen import fast_frozen
 from vve_sumo.lot.fallback import deferred_fallback_path
 from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
-from vve_sumo.plant.car import Car, CarParameters
+from vve_sumo.plant.car import Car, CarOutput, CarParameters
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
 from vve_sumo.plant.receiver import unaltered
 from vve_sumo.pose.receivers.port import standard
@@ -76,16 +77,15 @@ def gateway_of(model: VehicleModel) -> Gateway:
 
 
 def simulated_car(
-    resolved: ResolvedScenario,
-    start: tuple[float, float, float],
-    frame: MapFrame,
-    alter: Callable[[Fix], Fix | None] = unaltered,
+    resolved: ResolvedScenario, parts: LockstepParts, alter: Callable[[Fix], Fix | None] = unaltered
 ) -> Car | FaultInjectedCar:
-    """Return the simulated vehicle of a lockstep drive at `start` in the lot's `frame`, with the scenario's faults."""
+    """Return the simulated vehicle of a lockstep drive at rest, with the scenario's faults."""
+    begin = 0.0 if parts.rolling is None else parts.rolling.begin
+    start, frame = (parts.start.x, parts.start.y, parts.start.heading), parts.frame
     parameters, seed = car_parameters(resolved), resolved.scenario.seed
     vehicle_seed = seed_of(seed, "vehicle")
     if not resolved.faults:
-        return Car(parameters, start, frame, DEFAULT_EPOCH, vehicle_seed, alter)
+        return Car(parameters, start, frame, DEFAULT_EPOCH, vehicle_seed, alter, begin=begin)
     return FaultInjectedCar(
         parameters, start, frame, DEFAULT_EPOCH, vehicle_seed, resolved.faults, seed_of(seed, "faults"), alter
     )
@@ -99,7 +99,14 @@ class LockstepParts:
     gateway: Gateway
     frame: MapFrame  #: the lot's
     alignment: Alignment
-    start: Pose  #: of the rear axle in the lot
+    start: Pose  #: of the rear axle in the lot, of the standing car
+    rolling: RollingStart | None  #: None for a start from rest
+
+    def roll(self, resolved: ResolvedScenario, operator: ScriptedOperator) -> None:
+        """Bring pipeline, gateway and operator to drive time 0, with a simulated vehicle of their own."""
+        if self.rolling is not None:
+            car = simulated_car(resolved, self)
+            roll(self.rolling, self.pipeline, self.gateway, car, operator)
 
 
 def assemble(resolved: ResolvedScenario, working: Path, brain: ExternalController | None = None) -> LockstepParts:
@@ -110,9 +117,18 @@ def assemble(resolved: ResolvedScenario, working: Path, brain: ExternalControlle
     alignment = Alignment.from_matched_start(start, pose_at_rest(begin.x, begin.y, begin.heading))
     placement = Placement(frame, alignment, resolved.model.mounting, DEFAULT_EPOCH)
     pose = PoseInput(standard().decoder(), DRIVE, placement, DEFAULT_EPOCH)
+    rolling = RollingStart.of(resolved)
+    if brain is not None:
+        require_start_from_rest(resolved, "an external controller is asked from drive time 0 on")
+    if resolved.faults:
+        require_start_from_rest(resolved, "the times of injected faults count from when the car drives off")
+    if rolling is not None:
+        stands = resolved.path.at(rolling.stands_at)
+        start = alignment.inverse().apply(pose_at_rest(stands.x, stands.y, stands.heading))
+    around = None if rolling is None else partial(RollingController, rolling=rolling)
     # The gateway is in this process and cannot outlive the tick: a fallback path is computed when a stop needs it.
-    pipeline = build_pipeline(resolved, pose, working, brain, deferred_fallback_path)
-    return LockstepParts(pipeline, gateway_of(resolved.model), frame, alignment, start)
+    pipeline = build_pipeline(resolved, pose, working, brain, deferred_fallback_path, around)
+    return LockstepParts(pipeline, gateway_of(resolved.model), frame, alignment, start, rolling)
 
 
 class ScriptedOperator:
@@ -169,8 +185,7 @@ class LockstepEgo:
         self.id, self.brain = ego, brain
         self.pipeline, self.gateway, self._alignment = parts.pipeline, parts.gateway, parts.alignment
         self.lot = LotAlignment(parts.frame.projection, parts.alignment, DEFAULT_EPOCH)
-        start = (parts.start.x, parts.start.y, parts.start.heading)
-        self._car = simulated_car(resolved, start, parts.frame, alter)
+        self._car, self._rolling = simulated_car(resolved, parts, alter), parts.rolling
         self._path, self._vehicle = resolved.path, resolved.vehicle
         self._termination = TerminationMonitor(resolved.path.length, resolved.scenario.after_stop_s)
         self._standstill_classifier = StandstillClassifier(resolved.scenario, resolved.path, resolved.vehicle)
@@ -197,7 +212,14 @@ class LockstepEgo:
 
     def drive(self, until: float, ticked: LockstepTick) -> None:
         """Let the simulated vehicle drive to a drive time [s] by the gateway's frames, and take in what it sent."""
-        came = self._car.step(until, ticked.output.frames)
+        self._take(self._car.step(until, ticked.output.frames))
+
+    def roll(self) -> None:
+        """Bring the ego to drive time 0 where the scenario begins at speed; call it once, before the first tick."""
+        if self._rolling is not None:
+            self._take(roll(self._rolling, self.pipeline, self.gateway, self._car, self._operator))
+
+    def _take(self, came: CarOutput) -> None:
         self._bus.reported(came.reports)
         for time, data in came.packets:
             self._tick.receive(time, data)
@@ -261,6 +283,8 @@ class Lockstep:
         """
         tick = Tick([ego.begin(record) for ego in self.egos], self.road)
         try:
+            for ego in self.egos:
+                ego.roll()
             for number in count():
                 due = DueTick(number, number * PERIOD, (number + 1) * PERIOD)
                 done = tick.step(due, {ego.id: ego.input() for ego in self.egos})

@@ -229,6 +229,7 @@ def reason_codes(joined: str) -> tuple[str, ...]:
 def replay(resolved: ResolvedScenario, inputs: PipelineInputs, frames: CarFrames, working: Path) -> Difference | None:
     """Run a lockstep record through pipeline and gateway; return the first difference, None if there is none."""
     parts, operator = assemble(resolved, working), ScriptedOperator()
+    parts.roll(resolved, operator)
     for row, result in replayed_ticks(parts.pipeline, inputs):
         tick = int(row["tick"])
         reports, commands = frames.reports.get(tick, []), frames.commands.get(tick, [])

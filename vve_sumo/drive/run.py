@@ -21,6 +21,7 @@ from vve_sumo.drive.brain import ExternalController
 from vve_sumo.drive.lockstep import Lockstep, TickCallback
 from vve_sumo.drive.playback import Playback
 from vve_sumo.drive.resolved_scenario import ResolvedScenario, resolve_scenario
+from vve_sumo.drive.rolling_start import require_start_from_rest
 from vve_sumo.drive.summary import EXTERNAL_CONTROLLER, measure, summary_of
 from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.errors import ConfigError, RigError, SimulationError
@@ -120,6 +121,8 @@ def run(
         raise ConfigError(
             f"faults: {kinds}: a recorded drive has no simulated vehicle to inject them into; take them out of the rig"
         )
+    if pose is not None:
+        require_start_from_rest(resolved, "a recorded drive begins as it was recorded")
     if kept:
         claim(folder)
     shell: DriveHost
@@ -142,7 +145,7 @@ def run(
         except (ConfigError, RigError):
             record.discard()
             raise
-        if done.signals:
+        if done.signals and kept:
             record.attach(SIGNALS, signals_text(done.signals))
     finally:
         shell.close()
@@ -150,9 +153,10 @@ def run(
     tables, roads, own = record.tables, roads_table(resolved.lanes), resolved.own_metrics()
     commanded = tables.get(COMMANDED)
     measured = measure(resolved, own, tables["ticks"], tables["actors"], roads, commanded)
-    table = tick_metrics_table(own.declared.per_tick, measured.per_tick, tables["ticks"])
-    if table is not None:
-        record.attach_table(TICK_METRICS, table)
+    if isinstance(record, RecordWriter):
+        table = tick_metrics_table(own.declared.per_tick, measured.per_tick, tables["ticks"])
+        if table is not None:
+            record.attach_table(TICK_METRICS, table)
     summary = summary_of(resolved, done, tables["ticks"], tables["actors"], parts, roads, measured, commanded)
     if foreign:
         summary |= foreign | {"controller": EXTERNAL_CONTROLLER}

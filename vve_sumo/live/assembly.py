@@ -16,6 +16,7 @@ from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline
 from vve_sumo.drive.brain import ExternalController
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.resolved_scenario import ResolvedScenario, resolve_scenario
+from vve_sumo.drive.rolling_start import INITIAL_SPEED
 from vve_sumo.errors import ConfigError, RigError
 from vve_sumo.frames import Placement
 from vve_sumo.live.alignment import StandingPose, standing_pose
@@ -53,7 +54,12 @@ def from_dict(scenario_content: Mapping[str, Any], working: Path) -> tuple[Resol
 
 
 def scenario_with_rig(resolved: ResolvedScenario, rig: Rig, working: Path) -> ResolvedScenario:
-    """Return a resolved scenario with the rig's car; raises ConfigError for a speed above the rig's limit."""
+    """Return a resolved scenario with the rig's car.
+
+    Raises ConfigError for a speed above the rig's limit, and for a rolling start.
+    """
+    if resolved.scenario.ego.initial_speed_mps is not None:
+        raise ConfigError(f"{INITIAL_SPEED}: a real car starts from rest; take the key out")
     wanted, allowed = resolved.scenario.ego.speed_mps, rig.limits.speed_mps
     if wanted > allowed:
         raise ConfigError(

@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from vve_sumo.drive import redrive
 from vve_sumo.drive import replay as lockstep
-from vve_sumo.drive.lockstep import assemble
+from vve_sumo.drive.lockstep import ScriptedOperator, assemble
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.replay import (
     Difference,
@@ -153,4 +153,6 @@ def _with(folder: Path, controller: str, working: Path) -> tuple[ResolvedScenari
         return resolved, inputs.pipeline, live.rebuilt_pipeline(inputs.scenario_content, working, controller)
     resolved = lockstep.recorded_scenario(folder, working)
     other = resolved.with_controller(controller)
-    return resolved, read_pipeline_inputs(folder), assemble(other, working).pipeline
+    parts = assemble(other, working)
+    parts.roll(other, ScriptedOperator())
+    return resolved, read_pipeline_inputs(folder), parts.pipeline

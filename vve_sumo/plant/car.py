@@ -112,7 +112,7 @@ def chassis(parameters: CarParameters) -> Chassis:
 
 
 class Car:
-    """A car on the lot, from standstill in park.
+    """A car on the lot, from standstill in park at drive time `begin` [s], a multiple of 5 ms.
 
     `start` is x, y [m] and heading [rad] of the rear axle in the `lot` map; `epoch` the GNSS second of drive time 0;
     `seeds` is spawned from, one child for each source of noise; `alter` injects faults into fixes (see `Receiver`),
@@ -130,6 +130,7 @@ class Car:
         alter: Callable[[Fix], Fix | None] = unaltered,
         alter_measured: Callable[[float, Measured], Measured] = as_measured,
         receiver: Receiver | None = None,
+        begin: float = 0.0,
     ) -> None:
         vehicle, calibration = parameters.vehicle, parameters.calibration
         self._parameters = parameters
@@ -151,14 +152,14 @@ class Car:
         errors = _sensor_errors(parameters, seeds)
         self._sensors = OnboardSensors(axles, gyro_noise, white(gyro_seeds), parameters.gyro_bias, errors)
         encoder = (standard() if receiver is None else receiver).encoder()
-        self._receiver = SimulatedReceiver(_as_mounted(parameters), lot, epoch, receiver_seeds, alter, encoder)
+        self._receiver = SimulatedReceiver(_as_mounted(parameters), lot, epoch, receiver_seeds, alter, encoder, begin)
         gain_factor = parameters.brake_gain_factor * parameters.imperfections.brake_gain_factor
         self._brake_force = gain_factor * calibration.brake_force(1.0)
         self._calibration, self._wheel_bias = calibration, parameters.steering_wheel_bias
         self._steering_ratio = vehicle.steering_ratio
         self.actuator_faults = HEALTHY
         self._alter_measured = alter_measured
-        self._steps = 0
+        self._steps = round(begin * STEPS_PER_SECOND)
 
     @property
     def interface(self) -> SimulatedInterface:

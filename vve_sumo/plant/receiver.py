@@ -55,7 +55,8 @@ class SimulatedReceiver:
     """Measures and sends one packet each `PERIOD`.
 
     `alter` sits between measuring and encoding: a fault is a function from fix to fix, or to None for a lost packet.
-    `epoch` is the GNSS second of drive time 0. The `encoder` is the standard receiver's without another.
+    `epoch` is the GNSS second of drive time 0. The `encoder` is the standard receiver's without another. The first
+    measurement is taken soon after drive time `begin` [s].
     """
 
     def __init__(
@@ -66,6 +67,7 @@ class SimulatedReceiver:
         seeds: np.random.SeedSequence,
         alter: Callable[[Fix], Fix | None] = unaltered,
         encoder: FixEncoder | None = None,
+        begin: float = 0.0,
     ) -> None:
         self._parameters, self._epoch = parameters, epoch
         self._placement = Placement(lot, Alignment(), parameters.mounting, epoch)
@@ -91,8 +93,8 @@ class SimulatedReceiver:
         self._position_sigma = math.hypot(parameters.position_white, slow)
         self._late = parameters.hidden_delay + parameters.delay
         of, (bursts, floats) = parameters.imperfections, seeds.spawn(2)
-        self._bursts = Bursts(of, bursts) if size > 0.0 and of.receiver_short_gaps > 0.0 else None
-        self._floats = FloatSpells(of, floats) if size > 0.0 and of.receiver_float_every > 0.0 else None
+        self._bursts = Bursts(of, bursts, begin) if size > 0.0 and of.receiver_short_gaps > 0.0 else None
+        self._floats = FloatSpells(of, floats, begin) if size > 0.0 and of.receiver_float_every > 0.0 else None
 
     def measure(self, truth: Pose, climbed: float) -> None:
         """Measure the rear axle at lot pose `truth`, `climbed` metres above the start, and send the bytes."""

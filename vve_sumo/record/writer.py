@@ -11,7 +11,7 @@ import contextlib
 import hashlib
 import json
 import operator
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
@@ -52,6 +52,12 @@ TICKS_PER_BATCH = 10
 
 #: the same for a record that is not kept: nothing can be lost, and longer batches are faster
 UNKEPT_TICKS_PER_BATCH = 250
+
+#: tables of a record that is not kept whose rows are kept in memory: the summary's metrics are computed from them
+SUMMARISED = frozenset({"ticks", "actors", COMMANDED})
+
+#: hashed values of a column in a batch: bytes of texts, or numbers
+_Hashed = Sequence[bytes] | NDArray[Any]
 
 
 class _Bytes:
@@ -134,12 +140,12 @@ class _Table:
         if not self._rows and not self._portions:
             return
         columns: list[Any] = list(zip(*self._rows, strict=True)) if self._rows else self._joined()
-        arrays = [
-            self._strings(number, column, kind) if numeric is None else self._numbers(number, column, kind, numeric)
+        hashed = [
+            self._strings(number, column, kind) if numeric is None else self._numbers(number, column, numeric)
             for number, (column, (kind, numeric)) in enumerate(zip(columns, self._kinds, strict=True))
         ]
         self.forget()
-        self._keep(pa.RecordBatch.from_arrays(arrays, schema=self.schema))
+        self._keep(hashed)
 
     def forget(self) -> None:
         """Drop the buffered rows."""
@@ -149,8 +155,8 @@ class _Table:
     def abandon(self) -> None:
         """Close the file, if there is one, as it is."""
 
-    def close(self) -> pa.Table:
-        """Finish the table and return it."""
+    def close(self) -> pa.Table | None:
+        """Finish the table and return it; None where only its hash remains."""
         return pa.Table.from_batches(self._batches, self.schema)
 
     def _joined(self) -> list[Column]:
@@ -160,24 +166,36 @@ class _Table:
             columns.append(list(chain.from_iterable(parts)) if numeric is None else np.concatenate(parts))
         return columns
 
-    # `pyarrow.array` takes five times as long for a short column, and imports pandas where it is installed.
-
-    def _strings(self, number: int, column: Column, kind: pa.DataType) -> pa.Array:
-        pieces = column if kind == pa.binary() else list(map(_encoded, column))
+    def _strings(self, number: int, column: Column, kind: pa.DataType) -> Any:
+        pieces: Any = column if kind == pa.binary() else list(map(_encoded, column))
         self.hashes.add_bytes(number, pieces)
-        ends = np.zeros(len(pieces) + 1, np.int32)
-        np.cumsum([len(piece) for piece in pieces], out=ends[1:])
-        return pa.Array.from_buffers(kind, len(pieces), [None, pa.py_buffer(ends), pa.py_buffer(b"".join(pieces))])
+        return pieces
 
-    def _numbers(self, number: int, column: Column, kind: pa.DataType, numeric: Any) -> pa.Array:
+    def _numbers(self, number: int, column: Column, numeric: Any) -> NDArray[Any]:
         numbers: NDArray[Any] = np.asarray(column, numeric)
         self.hashes.add_numbers(number, numbers)
-        kept = np.packbits(numbers, bitorder="little") if kind == pa.bool_() else numbers
-        return pa.Array.from_buffers(kind, len(numbers), [None, pa.py_buffer(kept)])
+        return numbers
 
-    def _keep(self, batch: pa.RecordBatch) -> None:
-        """Store a hashed batch."""
-        self._batches.append(batch)
+    def _keep(self, hashed: Sequence[_Hashed]) -> None:
+        """Store the hashed columns of a batch."""
+        self._batches.append(self._batch(hashed))
+
+    def _batch(self, hashed: Sequence[_Hashed]) -> pa.RecordBatch:
+        arrays = [
+            _string_array(column, kind) if numeric is None else _number_array(column, kind)
+            for column, (kind, numeric) in zip(hashed, self._kinds, strict=True)
+        ]
+        return pa.RecordBatch.from_arrays(arrays, schema=self.schema)
+
+
+class _HashedTable(_Table):
+    """A growing table of which only the hash remains."""
+
+    def _keep(self, hashed: Sequence[_Hashed]) -> None:
+        """Store nothing."""
+
+    def close(self) -> None:
+        """Return no table."""
 
 
 class _TableFile(_Table):
@@ -208,13 +226,27 @@ class _TableFile(_Table):
         self._file.unlink()
         return table
 
-    def _keep(self, batch: pa.RecordBatch) -> None:
-        self._stream.write_batch(batch)
+    def _keep(self, hashed: Sequence[_Hashed]) -> None:
+        self._stream.write_batch(self._batch(hashed))
         self._sink.flush()
 
 
+# `pyarrow.array` takes five times as long for a short column, and imports pandas where it is installed.
+
+
+def _string_array(pieces: Any, kind: pa.DataType) -> pa.Array:
+    ends = np.zeros(len(pieces) + 1, np.int32)
+    np.cumsum([len(piece) for piece in pieces], out=ends[1:])
+    return pa.Array.from_buffers(kind, len(pieces), [None, pa.py_buffer(ends), pa.py_buffer(b"".join(pieces))])
+
+
+def _number_array(numbers: Any, kind: pa.DataType) -> pa.Array:
+    kept = np.packbits(numbers, bitorder="little") if kind == pa.bool_() else numbers
+    return pa.Array.from_buffers(kind, len(numbers), [None, pa.py_buffer(kept)])
+
+
 class MemoryRecorder:
-    """Records one drive in memory: tables and hashes.
+    """Records one drive in memory: hashes, and the tables in SUMMARISED.
 
     The hash covers the resolved scenario with its versions, the raw inputs with their drive times and every
     recorded column; never a wall-clock time and never the bytes of a table's file.
@@ -229,7 +261,7 @@ class MemoryRecorder:
         `epoch` is the GNSS second of drive time 0.
         """
         self._epoch = epoch
-        self.tables: dict[str, pa.Table] = {}  #: by name, filled by `close`
+        self.tables: dict[str, pa.Table] = {}  #: by name, filled by `close`; those of a record in memory are SUMMARISED
         text = (json.dumps(resolved, indent=1, sort_keys=True, allow_nan=False) + "\n").encode()
         self._raw = {name: self._bytes(name) for name in RAW_PARTS}
         self._raw["scenario.json"].append(text)
@@ -298,9 +330,6 @@ class MemoryRecorder:
     def attach(self, name: str, text: str) -> None:
         """Record a text that belongs to the drive but not to its hash; without a folder it is dropped."""
 
-    def attach_table(self, name: str, table: pa.Table) -> None:
-        """Record a table that belongs to the drive but not to its hash; without a folder it is dropped."""
-
     def flush(self) -> None:
         """Hash and store everything that is buffered."""
         for part in self._parts.values():
@@ -311,7 +340,8 @@ class MemoryRecorder:
         self.flush()
         for raw in self._raw.values():
             raw.close()
-        self.tables = {name: table.close() for name, table in self._tables.items()}
+        finished = {name: table.close() for name, table in self._tables.items()}
+        self.tables = {name: table for name, table in finished.items() if table is not None}
         tables = {name: table.hashes.hexdigest() for name, table in self._tables.items() if name not in UNHASHED}
         return {name: raw.hash.hexdigest() for name, raw in self._raw.items()} | tables
 
@@ -323,8 +353,8 @@ class MemoryRecorder:
     def _bytes(self, _name: str) -> _Bytes:
         return _Bytes()
 
-    def _table(self, _name: str, schema: pa.Schema) -> _Table:
-        return _Table(schema)
+    def _table(self, name: str, schema: pa.Schema) -> _Table:
+        return _Table(schema) if name in SUMMARISED else _HashedTable(schema)
 
 
 class RecordWriter(MemoryRecorder):

@@ -108,6 +108,12 @@ class EgoSettings(Table):
     )
     path: Name = Field(description="CSV of latitude_deg,longitude_deg of the rear axle: a name under routes/ or a file")
     speed_mps: Annotated[float, Field(gt=0.0, le=40.0)] = Field(description="speed to keep where nothing forbids it")
+    initial_speed_mps: Annotated[float, Field(ge=1.0, le=40.0)] | None = Field(
+        default=None, description="speed with which the drive begins; left out: the car starts from rest"
+    )
+    initial_s_m: NotNegative = Field(
+        default=0.0, description="distance along the path at which the drive begins; needs initial_speed_mps"
+    )
     deviation_limit_m: Positive = Field(
         default=4.0, description="a car farther off its path than this is stopped; room for a lane change by default"
     )
@@ -120,13 +126,23 @@ class EgoSettings(Table):
     lot: StartPose
     car: CarDifferences = CarDifferences()
 
+    @model_validator(mode="after")
+    def _not_too_fast(self) -> Self:
+        if self.initial_speed_mps is not None and self.initial_speed_mps > self.speed_mps:
+            raise ValueError(f"initial_speed_mps {self.initial_speed_mps:g} is above speed_mps {self.speed_mps:g}")
+        if self.initial_speed_mps is None and self.initial_s_m > 0.0:
+            raise ValueError("initial_s_m needs initial_speed_mps: from rest a drive begins at the start of its path")
+        return self
+
     @model_serializer(mode="wrap")
-    def _without_empty_corridor(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out a corridor that is not declared: the records of such scenarios stay what they were."""
-        said: dict[str, Any] = handler(self)
+    def _without_what_is_not_declared(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out a corridor and a rolling start that are not declared: such records stay what they were."""
+        written: dict[str, Any] = handler(self)
         if not self.corridor:
-            said.pop("corridor", None)
-        return said
+            written.pop("corridor", None)
+        if self.initial_speed_mps is None:
+            written = {key: value for key, value in written.items() if not key.startswith("initial_")}
+        return written
 
 
 class Control(Table):

@@ -174,7 +174,7 @@ class Radar:
         self._vehicle = vehicle
         self._sectors = [Sector(mode.range_max, math.tan(mode.half_angle)) for mode in config.modes]
         self._period, self._latency = round(config.period * MICROSECONDS), round(config.latency * MICROSECONDS)
-        self._next_due = 0
+        self._next_due: float = -math.inf  # the first scan is made at the first step
         self._coming: deque[tuple[int, RadarScan]] = deque()
         self._seed = generator.bytes(32)
         self._luck: dict[str, CorrelatedNoise] = {}
