@@ -200,7 +200,7 @@ def test_what_cannot_roll_is_refused_in_one_line() -> None:
         assemble(altered(rolling_changes(AT_SPEED, 9000.0)), REPOSITORY)
     with pytest.raises(ConfigError, match=r"ego.initial_speed_mps: a real car starts from rest"):
         scenario_with_rig(rolling, _rig(), REPOSITORY)
-    with pytest.raises(ConfigError, match=f"{key} a foreign brain is asked from drive time 0 on"):
+    with pytest.raises(ConfigError, match=f"{key} an external controller is asked from drive time 0 on"):
         assemble(rolling, REPOSITORY, cast(Any, object()))
     with pytest.raises(ConfigError, match=f"{key} the times of injected faults count from when the car drives off"):
         assemble(replace(rolling, faults=(InjectedFault("pose_late", 1.0, 1.0),)), REPOSITORY)
