@@ -99,7 +99,6 @@ class DataspeedDbw1:
         self._gear_frames = {
             (gear, clear): codec.encode(GearCommand(gear, clear), variant) for gear in Gear for clear in (False, True)
         }
-        self._readings = READINGS[variant]
         # Identifier to the last counts that were read, and to their reports. Most reports repeat themselves.
         self._understood: dict[int, tuple[tuple[int, ...], tuple[Report, ...]]] = {}
 
@@ -123,7 +122,7 @@ class DataspeedDbw1:
     def decode(self, frame: Frame) -> tuple[Report, ...] | Malformed:
         """Return what a frame reports; repeated signals give the same reports again."""
         number, data = frame
-        reading = self._readings.get(number)
+        reading = READINGS[self._variant].get(number)
         if reading is None:
             return ()
         signals, interpret = reading
