@@ -10,6 +10,7 @@ import pytest
 
 from tests.analysis.made import BOX, PERIOD, moving, put, write
 from vve_sumo.analysis import headway_distribution, load, string_stability, time_gap_error_of
+from vve_sumo.analysis.bodies import bodies
 from vve_sumo.analysis.run import Run
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.per_drive import PER_DRIVE
@@ -57,6 +58,13 @@ def test_each_vehicle_amplifies_by_the_ratio_of_the_sways(run: Run) -> None:
     figures = PER_DRIVE.measure(run.data)
     assert figures["speed_amplification_l2"] == pytest.approx(1.5, rel=0.02)
     assert figures["speed_amplification_linf"] == pytest.approx(1.5, rel=0.02)
+
+
+def test_the_ego_has_its_id_among_the_vehicles_of_a_string_and_among_the_bodies(run: Run) -> None:
+    mine = Run(run.folder)
+    mine.data.ego = "mine"
+    assert [*string_stability(mine).index] == ["head", "mine", "tail"]
+    assert [body.name for body in bodies(mine)] == ["mine", "head", "passing", "tail"]
 
 
 def test_headways_take_the_time_that_they_held(run: Run) -> None:

@@ -6,6 +6,7 @@ import dataclasses
 import hashlib
 import json
 import math
+import re
 import sys
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from tests.record.declared import RESOLVED
 from vve_sumo.commanded_path import by_tick
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.hashes import hash_parts, whole
-from vve_sumo.record.reader import read_commanded, read_pose_chunks, read_table
+from vve_sumo.record.reader import holds_table, read_commanded, read_pose_chunks, read_table, sensor_tables
 from vve_sumo.record.rows import TickRow
 from vve_sumo.record.writer import TICKS_PER_BATCH, LiveRecord, MemoryRecorder, RecordWriter
 from vve_sumo.values import Actors, CommandedPath, Frame
@@ -186,6 +187,20 @@ def test_an_open_record_is_readable_up_to_its_last_batch(tmp_path: Path) -> None
 def test_a_folder_that_is_no_record_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="not a drive's record"):
         read_table(tmp_path, "ticks")
+
+
+def test_an_ego_that_a_record_does_not_have_is_named_and_its_only_one_is_the_default(tmp_path: Path) -> None:
+    closed(tmp_path, 15)
+    for name in ("ticks", "actors", "readings", "sensor_radar"):
+        assert read_table(tmp_path, name, "ego").equals(read_table(tmp_path, name))
+        assert holds_table(tmp_path, name, "ego")
+        for reader in (read_table, holds_table):
+            with pytest.raises(ConfigError, match=re.escape(f"{tmp_path}: no ego 'other', expected 'ego'")):
+                reader(tmp_path, name, "other")
+    for read in (read_commanded, sensor_tables):
+        assert len(read(tmp_path, "ego")) == len(read(tmp_path))
+        with pytest.raises(ConfigError, match="no ego 'other'"):
+            read(tmp_path, "other")
 
 
 def test_not_a_number_becomes_null_in_the_summary(tmp_path: Path) -> None:

@@ -18,9 +18,6 @@ from vve_sumo.geometry import Boxes
 from vve_sumo.metrics.lead_vehicle import index_of_tick
 from vve_sumo.values import Floats
 
-#: name of the ego among the bodies; SUMO's too
-EGO: Final = "ego"
-
 #: Kinds that are a person on foot.
 PERSONS: Final = frozenset({"pedestrian", "child"})
 
@@ -129,7 +126,7 @@ def _ego(run: Run) -> RecordedBody:
     at = np.flatnonzero(np.isfinite(boxes.x + boxes.y + boxes.heading + boxes.speed))
     if not len(at):
         raise ConfigError(f"{run.folder}: the record holds no pose of the ego")
-    return _body(run, EGO, "car", at, boxes.select(at))
+    return _body(run, run.data.ego, "car", at, boxes.select(at))
 
 
 def _body(run: Run, name: str, kind: str, at: NDArray[np.int64], boxes: Boxes) -> RecordedBody:

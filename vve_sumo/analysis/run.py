@@ -7,6 +7,7 @@ must not know how a drive is run, nor what anybody makes of it.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -204,7 +205,7 @@ class Run:
         if name not in known:
             raise ConfigError(f"{self.folder}: no table {name!r} in a record; {hint(name, known)}")
         folder = self.folder
-        missing_is_empty = {ROADS: read_roads, COMMANDED: read_commanded}
+        missing_is_empty: dict[str, Callable[[Path], pa.Table]] = {ROADS: read_roads, COMMANDED: read_commanded}
         table = missing_is_empty[name](folder) if name in missing_is_empty else read_table(folder, name)
         missing = [column for column in known[name].names if column not in table.schema.names]
         if missing:

@@ -22,8 +22,6 @@ from vve_sumo.values import Floats
 if TYPE_CHECKING:
     import pandas as pd
 
-#: what the ego is called among the vehicles of a string
-EGO: Final = "ego"
 #: edges of the bins of a headway's distribution, the last bin has no end [s]
 HEADWAY_EDGES: Final = (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0)
 #: vehicles of a string are no farther from the ego along its path [m], and no farther beside it [m]
@@ -57,7 +55,7 @@ def string_of(run: Run) -> tuple[Indices, dict[str, Floats]]:
     if not len(ticks):
         return ticks, {}
     actors, leader = drive.actor_rows, drive.lead.actor[ticks[0]]
-    members: dict[str, tuple[float, Floats]] = {EGO: (0.0, drive.motion.speed[ticks])}
+    members: dict[str, tuple[float, Floats]] = {drive.ego: (0.0, drive.motion.speed[ticks])}
     for code in np.unique(actors.code[np.isin(actors.at, ticks)]).tolist():
         rows = np.flatnonzero((actors.code == code) & (actors.at >= ticks[0]) & (actors.at <= ticks[-1]))
         if not np.array_equal(actors.at[rows], ticks):

@@ -20,12 +20,12 @@ from foxglove_schemas_protobuf.TextPrimitive_pb2 import TextPrimitive
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
 
-from vve_sumo.analysis.bodies import EGO, PERSONS, TYPICAL, RecordedBody, bodies
+from vve_sumo.analysis.bodies import PERSONS, TYPICAL, RecordedBody, bodies
 from vve_sumo.analysis.run import Run
 from vve_sumo.export.commonroad import bounds
 from vve_sumo.export.lanes import lanes_of
 from vve_sumo.record.declared import recorded_points
-from vve_sumo.values import Floats
+from vve_sumo.values import EGO, Floats
 
 # Colours of Okabe and Ito (2008), which people who are colour-blind tell apart.
 EGO_COLOUR: Final = Color(r=0.0, g=0.447, b=0.698, a=1.0)

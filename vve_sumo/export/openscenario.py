@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from vve_sumo.analysis.bodies import EGO, PERSONS, TYPICAL, RecordedBody, bodies, obstacles
+from vve_sumo.analysis.bodies import PERSONS, TYPICAL, RecordedBody, bodies, obstacles
 from vve_sumo.analysis.run import Run
 from vve_sumo.errors import ConfigError
 from vve_sumo.export.part import ExportPart
-from vve_sumo.values import Vehicle
+from vve_sumo.values import EGO, Vehicle
 
 if TYPE_CHECKING:
     from scenariogeneration import xosc
@@ -89,7 +89,7 @@ def _entities(run: Run) -> Iterator[Entity]:
     """Yield the ego, then every stretch of every actor; the second stretch of `bus.1` is `bus.1_2`."""
     standing = obstacles(run)
     ego, *others = bodies(run)
-    yield Entity(EGO, _points(ego), False, run.vehicle.rear_axle_to_bumper - 0.5 * run.vehicle.length)
+    yield Entity(ego.name, _points(ego), False, run.vehicle.rear_axle_to_bumper - 0.5 * run.vehicle.length)
     for body in others:
         if body.name in standing:
             yield Entity(body.name, body, True, 0.0)

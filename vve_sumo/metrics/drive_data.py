@@ -1,4 +1,4 @@
-"""A drive's tables as metrics read them: motion of the ego, lead vehicle, actors' boxes, last stop, each found once.
+"""The tables of an ego's drive as metrics read them: motion, lead vehicle, actors' boxes, last stop, each found once.
 
 Knows the columns of a record's tables; neither files nor what any metric makes of them.
 """
@@ -38,7 +38,7 @@ from vve_sumo.metrics.stopping import MOVING, BrakingEpisode, Stop, braking_epis
 from vve_sumo.metrics.string_stability import Amplification, settled_from, speed_amplification
 from vve_sumo.metrics.tracking import WINDOW, Tracking, track
 from vve_sumo.path import ReferencePath
-from vve_sumo.values import CommandedPath, Floats, Vehicle
+from vve_sumo.values import EGO, CommandedPath, Floats, Vehicle
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -50,7 +50,10 @@ MIN_FOLLOWED = 10.0
 
 
 class DriveData:
-    """The tables of a drive, and what several metrics need of them."""
+    """The tables of an ego's drive, and what several metrics need of them.
+
+    Any other ego of the same drive is one of the actors.
+    """
 
     def __init__(
         self,
@@ -61,11 +64,14 @@ class DriveData:
         period: float,
         roads: pa.Table | None = None,
         commanded: pa.Table | None = None,
+        ego: str = EGO,
     ) -> None:
         """`period` is a tick's [s]; `roads` are the lanes around the path, without which actors keep to no lane.
 
-        `commanded` are the paths that commands carry, None for none.
+        `commanded` are the paths that commands carry, None for none. `ego` is the id of the ego whose tables, path and
+        vehicle these are.
         """
+        self.ego = ego
         self.ticks, self.actors, self.path, self.vehicle, self.period = ticks, actors, path, vehicle, period
         self.roads, self.commanded = roads, commanded
 

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from vve_sumo.analysis.run import Run
-from vve_sumo.analysis.string_stability import EGO, headway_distribution, string_of
+from vve_sumo.analysis.string_stability import headway_distribution, string_of
 from vve_sumo.analysis.string_stability import string_stability as passed_on
 from vve_sumo.metrics.drive_data import MIN_FOLLOWED
 from vve_sumo.metrics.table import axis_of
@@ -36,24 +36,24 @@ def string_stability(run: Run) -> Figure:
             for axes in (over_time, sizes):
                 blank(axes, f"the ego followed no moving leader for {MIN_FOLLOWED:g} s")
             return figure
-        _speeds(over_time, run, _near_ego(list(speeds)))
+        _speeds(over_time, run, _near_ego(list(speeds), run.data.ego))
         _amplifications(sizes, run)
         return figure
 
 
-def _near_ego(names: list[str]) -> list[str]:
+def _near_ego(names: list[str], ego: str) -> list[str]:
     """Return the names that are drawn, at most MAX_DRAWN around the ego."""
-    first = min(max(0, names.index(EGO) - MAX_DRAWN + 2), max(0, len(names) - MAX_DRAWN))
+    first = min(max(0, names.index(ego) - MAX_DRAWN + 2), max(0, len(names) - MAX_DRAWN))
     return names[first : first + MAX_DRAWN]
 
 
 def _speeds(axes: Axes, run: Run, drawn: list[str]) -> None:
-    ticks, speeds = string_of(run)
-    others = [vehicle for vehicle in drawn if vehicle != EGO]
-    looks = {EGO: LINE_STYLES[0], **dict(zip(others, LINE_STYLES[1:], strict=False))}
+    (ticks, speeds), ego = string_of(run), run.data.ego
+    others = [vehicle for vehicle in drawn if vehicle != ego]
+    looks = {ego: LINE_STYLES[0], **dict(zip(others, LINE_STYLES[1:], strict=False))}
     for vehicle in drawn:
         look = looks[vehicle]
-        wide = UNDER if vehicle == EGO else OVER
+        wide = UNDER if vehicle == ego else OVER
         axes.plot(
             run.time[ticks], speeds[vehicle], color=look.colour, linestyle=look.stroke, linewidth=wide, label=vehicle
         )

@@ -20,6 +20,7 @@ from vve_sumo.metrics.own import DeclaredMetrics
 from vve_sumo.record.columns import described_schema
 from vve_sumo.record.rows import GatewayRow, LatencyRow, TickRow
 from vve_sumo.sensors.port import SensorColumn
+from vve_sumo.values import EGO
 
 #: Version of a record's layout. Layout 2 added path and car; 3 added provenance.json and the summary's hash of itself;
 #: 4 added the actors' lateral speed and the time of measurement of a scan; 5 added, for live drives, the actors of
@@ -131,6 +132,16 @@ SENSOR_TABLE: Final = "sensor_"
 
 #: head of a chunk in `pose.bin`: receive time [s] and number of bytes
 CHUNK_HEAD = struct.Struct("<dI")
+
+
+def ego_folder(record: Path, ego: str) -> Path:
+    """Return the folder that holds an ego's own parts of a record: the record itself for its only ego.
+
+    Raises ConfigError for an ego that the record does not have.
+    """
+    if ego != EGO:
+        raise ConfigError(f"{record}: no ego {ego!r}, expected {EGO!r}")
+    return record
 
 
 def sensor_table(sensor: str) -> str:

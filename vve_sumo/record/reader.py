@@ -20,8 +20,10 @@ from vve_sumo.record.layout import (
     OPEN_ENDING,
     OPTIONAL_SCHEMAS,
     SCHEMAS,
+    ego_folder,
     sensor_schemas,
 )
+from vve_sumo.values import EGO
 
 
 def read_pose_chunks(file: Path) -> list[tuple[float, bytes]]:
@@ -41,40 +43,46 @@ def read_pose_chunks(file: Path) -> list[tuple[float, bytes]]:
     return chunks
 
 
-def read_table(folder: Path, name: str) -> pa.Table:
-    """Return one of the record's tables, finished or left open by a killed drive (up to its last whole batch).
+def read_table(record: Path, name: str, ego: str = EGO) -> pa.Table:
+    """Return one of an ego's tables, finished or left open by a killed drive (up to its last whole batch).
 
-    Raises ConfigError where the folder holds neither form of the table, or where its file cannot be read.
+    Raises ConfigError where the record has no such ego or neither form of the table, or where its file cannot be read.
     """
+    folder = ego_folder(record, ego)
     closed, still_open = folder / f"{name}{CLOSED_ENDING}", folder / f"{name}{OPEN_ENDING}"
     if not closed.is_file() and not still_open.is_file():
         raise ConfigError(f"{folder}: no {name}{CLOSED_ENDING} and no {name}{OPEN_ENDING}: not a drive's record")
     file = closed if closed.is_file() else still_open
     try:
-        table = pq.read_table(closed) if closed.is_file() else _read_open(still_open, _schema_of(folder, name))
+        table = pq.read_table(closed) if closed.is_file() else _read_open(still_open, _schema_of(record, name, ego))
         table.validate(full=True)
     except (pa.ArrowException, OSError, ValueError) as error:
         raise ConfigError(f"{file}: cannot be read: {' '.join(str(error).split())[:200]}") from None
     return table
 
 
-def holds_table(folder: Path, name: str) -> bool:
-    """Return whether a record has a table of that name, finished or left open."""
+def holds_table(record: Path, name: str, ego: str = EGO) -> bool:
+    """Return whether a record has an ego's table of that name, finished or left open; raises as `ego_folder` does."""
+    folder = ego_folder(record, ego)
     return any((folder / f"{name}{ending}").is_file() for ending in (CLOSED_ENDING, OPEN_ENDING))
 
 
-def read_commanded(folder: Path) -> pa.Table:
-    """Return the table of the paths that commands carry, without a row where the drive had none.
+def read_commanded(record: Path, ego: str = EGO) -> pa.Table:
+    """Return the table of the paths that an ego's commands carry, without a row where the drive had none.
 
     Raises ConfigError as `read_table` does.
     """
-    return (
-        read_table(folder, COMMANDED) if holds_table(folder, COMMANDED) else OPTIONAL_SCHEMAS[COMMANDED].empty_table()
-    )
+    if holds_table(record, COMMANDED, ego):
+        return read_table(record, COMMANDED, ego)
+    return OPTIONAL_SCHEMAS[COMMANDED].empty_table()
 
 
-def sensor_tables(folder: Path) -> dict[str, pa.Schema]:
-    """Return the schema of each sensor's table, by the table's name; raises ConfigError as `sensor_schemas` does."""
+def sensor_tables(record: Path, ego: str = EGO) -> dict[str, pa.Schema]:
+    """Return the schema of each table of an ego's sensors, by the table's name.
+
+    Raises ConfigError as `ego_folder` and `sensor_schemas` do.
+    """
+    folder = ego_folder(record, ego)
     resolved = read_json(folder / "scenario.json", "a drive", "sensors")
     try:
         return sensor_schemas(resolved)
@@ -82,11 +90,11 @@ def sensor_tables(folder: Path) -> dict[str, pa.Schema]:
         raise ConfigError(f"{folder}: {error}") from None
 
 
-def _schema_of(folder: Path, name: str) -> pa.Schema:
+def _schema_of(record: Path, name: str, ego: str) -> pa.Schema:
     known = SCHEMAS | OPTIONAL_SCHEMAS | LIVE_SCHEMAS
-    schema = known.get(name) or sensor_tables(folder).get(name)
+    schema = known.get(name) or sensor_tables(record, ego).get(name)
     if schema is None:
-        raise ConfigError(f"{folder}: scenario.json declares no table {name}")
+        raise ConfigError(f"{record}: scenario.json declares no table {name}")
     return schema
 
 

@@ -42,11 +42,10 @@ class PlacedEgo:
         self.body = behind_bumper(pose.x, pose.y, pose.heading, self._vehicle.length, self._vehicle.width)
         return True
 
-    def row(self) -> Row | None:
-        """Return the ego as an actor among those around another ego; None before its first pose."""
+    def row(self) -> Row:
+        """Return the ego, once it has a pose, as an actor among those around another ego."""
         pose, body = self.pose, self.body
-        if pose is None or body is None:
-            return None
+        assert pose is not None and body is not None  # noqa: PT018
         lateral = pose.lateral_speed - 0.5 * body.length * pose.yaw_rate  # of the centre
         speed, lateral = (pose.speed, lateral if math.isfinite(lateral) else 0.0) if self.moves else (0.0, 0.0)
         section = cross_section(EGO_CLASS)

@@ -295,10 +295,9 @@ class World:
         if not self._begun:
             return
         self._surroundings.look(self._time(), self._hidden(), self._scenario_actors.seen())
-        rows = {name: row for name, ego in self._egos.items() if (row := ego.row()) is not None}
-        for name, ego in self._egos.items():
+        for ego in self._egos.values():
             if ego.pose is not None:
-                others = [row for other, row in rows.items() if other != name]
+                others = (other.row() for other in self._egos.values() if other is not ego and other.pose is not None)
                 ego.snapshot = self._surroundings.around(ego.pose.x, ego.pose.y, others)
 
 
