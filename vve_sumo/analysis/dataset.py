@@ -78,7 +78,7 @@ class Sweep:
     @property
     def asked(self) -> int:
         """How many runs were asked for; of a search, at most."""
-        return self._held.plan.cells
+        return self._held.plan.asked
 
     @property
     def finished(self) -> int:

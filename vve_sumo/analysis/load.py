@@ -13,6 +13,7 @@ from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.run import Run
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.layout import SCHEMAS
+from vve_sumo.record.sweep_folder import earlier_layout
 
 Drive = TypeVar("Drive")
 Drives = TypeVar("Drives")
@@ -68,11 +69,6 @@ def _instead(folder: Path) -> str:
         (file for file in (*files, *sorted(folder.glob("records/*"))) if _is_sweep(file) or _is_record(file)), None
     )
     hint = f"; it holds others, such as {inside}" if inside else ""
-    suite = next(
-        (f for f in files if f.suffix == ".csv" and {f.with_suffix(".json"), f.with_suffix(".md")} <= {*files}), None
-    )
-    if suite is not None:
-        return f"the outcome of the suite {suite.stem}, whose rows stand in {suite.name}" + (
-            hint or "; --keep-records keeps them"
-        )
+    if earlier := earlier_layout(folder):
+        return earlier + hint
     return f"neither a record nor a dataset{hint or '; ' + WANTED}"

@@ -159,9 +159,9 @@ class Sweep(dataset.Sweep):
     @property
     def _counts(self) -> str:
         rows = self.rows(["passed", "error"])
-        passed, errors = int(rows["passed"].eq(True).sum()), int(rows["error"].ne("").sum())
+        passed, failed = (int(rows["passed"].eq(which).sum()) for which in (True, False))
+        errors = int(rows["error"].ne("").sum())
         of = "" if self.found is not None or self.finished == self.asked else f" of {self.asked}"
-        failed = self.finished - passed - errors
         return f"{self.finished}{of} runs: {passed} passed, {failed} failed, {errors} with an error"
 
     def _shown_figures(self) -> Sequence[str]:
