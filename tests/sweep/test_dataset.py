@@ -353,7 +353,7 @@ def test_another_layout_is_refused(tmp_path: Path) -> None:
 
 def test_versions_that_came_or_went_are_mixed(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="scipy none, got 1"):
-        refuse_mixed(tmp_path, PLAN, PLAN.versions | {"scipy": "1"})
+        refuse_mixed(tmp_path, PLAN.versions, PLAN.versions | {"scipy": "1"})
 
 
 def _until_full(folder: Path) -> str:

@@ -333,21 +333,28 @@ def read_tables(folder: Path) -> Iterator[pa.Table]:
 
 def journal(folder: Path) -> list[Row]:
     """Return the rows of a journal up to its last complete line; raises ConfigError for a line that is no run."""
-    file = folder / "journal.jsonl"
+    return journal_entries(folder / "journal.jsonl", {"number": int}, "run")
+
+
+def journal_entries(file: Path, keys: Mapping[str, type], what: str) -> list[dict[str, Any]]:
+    """Return the entries of a journal up to its last complete line; none where there is no file.
+
+    Raises ConfigError for a line that is none of a finished `what`: no table with these keys and types of values.
+    """
     try:
         lines = file.read_bytes().split(b"\n")[:-1]  # the last line has no line end: incomplete, or empty
     except FileNotFoundError:
         return []
-    rows: list[Row] = []
+    entries: list[dict[str, Any]] = []
     for number, line in enumerate(lines, 1):
         try:
-            row = json.loads(line)
+            entry = json.loads(line)
         except ValueError:
-            row = None
-        if not (isinstance(row, dict) and isinstance(row.get("number"), int)):
-            raise ConfigError(f"{file}: line {number} is no finished run: the file was damaged")
-        rows.append(row)
-    return rows
+            entry = None
+        if not (isinstance(entry, dict) and all(isinstance(entry.get(key), kind) for key, kind in keys.items())):
+            raise ConfigError(f"{file}: line {number} is no finished {what}: the file was damaged")
+        entries.append(entry)
+    return entries
 
 
 def schema_of(columns: Mapping[str, Kind]) -> pa.Schema:

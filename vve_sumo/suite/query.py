@@ -5,7 +5,6 @@ Prints nothing.
 
 from __future__ import annotations
 
-import contextlib
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
@@ -121,8 +120,16 @@ def drive(
     title = catalogue.SUITES[name].title
     design = design_of(name, title, rows, query.seeds, working, car.rig)
     keep: Keep = "all" if query.keep else "none"
-    with contextlib.ExitStack() as stack:
-        out = query.out or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="vve_suite_")))
-        again = "the same command with --out DIR --resume; without --out nothing is kept"
+
+    def judged(out: Path) -> list[JudgedRow]:
+        again = f"the same command with --out {out} --resume"
         drive_into(out, design, engine, keep, resume=query.resume, resume_command=again, progress=progress)
         return design.outcomes(out)
+
+    if query.out is not None:
+        return judged(query.out)
+    with tempfile.TemporaryDirectory(prefix="vve_suite_") as scratch:
+        try:
+            return judged(Path(scratch))
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt("interrupted; without --out no drive is kept") from None

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import json
 import os
 import signal
 import threading
@@ -35,6 +34,7 @@ import pyarrow.parquet as pq
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.record.sweep_folder import MACHINE_SCHEMA, Held, Row, SweepPlan, earlier_layout, journal, parts
 from vve_sumo.sweep.job import RunResult
+from vve_sumo.sweep.journal import Journal, replace_file
 from vve_sumo.sweep.run_specs import RunSpec
 
 ROWS_PER_PART = 1000
@@ -47,10 +47,10 @@ CHANGING_KEYS = {
 }  # fmt: skip
 
 
-def refuse_mixed(folder: Path, there: SweepPlan, versions: Mapping[str, str]) -> None:
-    """Raise ConfigError unless a sweep began with these versions of the software that determines a drive."""
-    for name in sorted({*there.versions, *versions}):
-        began, now = there.versions.get(name, "none"), versions.get(name, "none")
+def refuse_mixed(folder: Path, there: Mapping[str, str], here: Mapping[str, str]) -> None:
+    """Raise ConfigError unless a folder began with these versions of the software that determines a drive."""
+    for name in sorted({*there, *here}):
+        began, now = there.get(name, "none"), here.get(name, "none")
         if began != now:
             raise ConfigError(f"{folder}: mixed versions: its rows are of {name} {began}, got {now}")
 
@@ -62,7 +62,7 @@ def refuse_other(folder: Path, there: SweepPlan, here: SweepPlan) -> None:
     """
     if there.design != here.design:
         raise ConfigError(f"{folder}: holds a {there.design}, expected a {here.design}; choose another --out")
-    refuse_mixed(folder, there, here.versions)
+    refuse_mixed(folder, there.versions, here.versions)
     another = f"{folder}: holds another {there.design}"
     ignored = IGNORED_KEYS | CHANGING_KEYS[there.design]
     for key in sorted({*there.spec, *here.spec} - ignored):
@@ -108,7 +108,7 @@ class Dataset:
     def _begin(self) -> None:
         file = self.folder / "sweep.json"
         if not file.exists() or (self.plan.design != "sweep" and SweepPlan.of(self.folder) != self.plan):
-            _replace_file(file, self.plan.text().encode())
+            replace_file(file, self.plan.text().encode())
         for place in (self.folder, self.folder / "rows", self.folder / "machine"):
             place.mkdir(exist_ok=True)
             for left in place.glob(".*.tmp"):
@@ -121,7 +121,7 @@ class Dataset:
         for row in journal(self.folder):
             if row["number"] // self._per_part not in self._sealed and row["number"] not in self._open:
                 self._take(row)
-        self._journal = -1
+        self._journal = Journal(self.folder / "journal.jsonl")
         # A suite was continued with more seeds: its last part has room for them.
         short = self.plan.design != "sweep"
         self._unseal([part for part, runs in self._sealed.items() if short and runs < self._size(part)])
@@ -129,7 +129,7 @@ class Dataset:
 
     def close(self) -> None:
         """Unlock the folder; remove the journal of a complete sweep."""
-        os.close(self._journal)
+        self._journal.close()
         if self.complete:
             (self.folder / "journal.jsonl").unlink()
         os.close(self._lock)
@@ -173,15 +173,8 @@ class Dataset:
         if self.holds(cell.number):
             raise ValueError(f"cell {cell.number} is finished already")
         row = row_of(self.plan, cell, result)
-        line = _line(row)
         with self._writing():
-            try:
-                _write_all(self._journal, line)
-                os.fdatasync(self._journal)
-            except OSError:
-                os.ftruncate(self._journal, self._length)
-                raise
-            self._length += len(line)
+            self._journal.add(row)
             self._take(row)
             if self._part_complete(part := cell.number // self._per_part):
                 self._seal(part)
@@ -210,7 +203,7 @@ class Dataset:
                 self._take(row | took)
         for number, change in (changes or {}).items():
             self._open[number] |= change
-        self._rewrite()
+        self._journal.rewrite(self._open.values())  # the rows of incomplete parts alone
         for file in (file for pair in files for file in pair):
             file.unlink()
 
@@ -219,22 +212,13 @@ class Dataset:
         first = part * self._per_part
         rows = [self._open[number] for number in range(first, first + self._size(part))]
         name = _part_name(part)
-        _replace_file(self.folder / "machine" / name, _parquet(rows, MACHINE_SCHEMA))
-        _replace_file(self.folder / "rows" / name, _parquet(rows, self.plan.schema()))
+        replace_file(self.folder / "machine" / name, _parquet(rows, MACHINE_SCHEMA))
+        replace_file(self.folder / "rows" / name, _parquet(rows, self.plan.schema()))
         self._sealed[part] = len(rows)
         del self._finished_in[part]
         for row in rows:
             del self._open[row["number"]]
-        self._rewrite()
-
-    def _rewrite(self) -> None:
-        """Replace the journal by one with the rows of incomplete parts alone."""
-        data = b"".join(map(_line, self._open.values()))
-        _replace_file(self.folder / "journal.jsonl", data)
-        if self._journal >= 0:
-            os.close(self._journal)
-        self._journal = os.open(self.folder / "journal.jsonl", os.O_WRONLY | os.O_APPEND)
-        self._length = len(data)
+        self._journal.rewrite(self._open.values())  # the rows of incomplete parts alone
 
     @contextlib.contextmanager
     def _writing(self) -> Iterator[None]:
@@ -311,39 +295,9 @@ def _interrupted_afterwards() -> Iterator[None]:
             signal.raise_signal(signal.SIGINT)
 
 
-def _line(row: Row) -> bytes:
-    return json.dumps(row, separators=(",", ":"), allow_nan=False).encode() + b"\n"
-
-
 def _parquet(rows: list[Row], schema: pa.Schema) -> bytes:
     """Return the bytes of a Parquet file; the same for the same rows."""
     sink = pa.BufferOutputStream()
     pq.write_table(pa.Table.from_pylist(rows, schema), sink, use_dictionary=False, compression="zstd")
     data: bytes = sink.getvalue().to_pybytes()
     return data
-
-
-def _replace_file(file: Path, data: bytes) -> None:
-    """Write a file atomically: after a crash of process or machine, it has either its new or its former content."""
-    temporary = file.with_name(f".{file.name}.tmp")
-    try:
-        out = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
-        try:
-            _write_all(out, data)
-            os.fsync(out)
-        finally:
-            os.close(out)
-        temporary.replace(file)
-    except OSError:
-        temporary.unlink(missing_ok=True)
-        raise
-    folder = os.open(file.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
-
-
-def _write_all(out: int, data: bytes) -> None:
-    while data:
-        data = data[os.write(out, data) :]

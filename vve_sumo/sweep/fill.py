@@ -202,7 +202,10 @@ def _kept(key: str, keep: Keep, passed: object) -> bool:
 
 
 def _tally(design: Design, dataset: Dataset) -> Tally:
-    rows = [row for row in dataset.rows(["passed", "error", *design.plan.parameters, "seed"]) if design.includes(row)]
-    failed, errors = sum(row["passed"] is False for row in rows), sum(bool(row["error"]) for row in rows)
     total = None if "search" in design.plan.spec else design.plan.asked
-    return Tally(total, len(rows), failed, errors)
+    tally = Tally(total, 0, 0, 0)
+    for row in dataset.rows(["passed", "error", "seed", *design.plan.parameters]):
+        if design.includes(row):
+            tally.count(row["passed"], row["error"])
+    tally.before = tally.finished
+    return tally

@@ -78,7 +78,7 @@ def rerun(folder: Path, key: str, out: Path | None, warn: Callable[[str], None])
     here = deciding()
     if plan.design == "certificate":
         raise ConfigError(f"{folder}: a drive of a certificate needs its brain; vve-sumo certify … drives it")
-    refuse_mixed(folder, plan, here | {"code": plan.versions.get("code", "none")})
+    refuse_mixed(folder, plan.versions, here | {"code": plan.versions.get("code", "none")})
     row = _row(folder, key)
     if not Path(plan.working).is_dir():
         plan = replace(plan, working=str(Path.cwd()))
