@@ -5,9 +5,7 @@ Knows what lies in such folders; nothing of what is in the files.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
 
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.run import Run
@@ -15,27 +13,24 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.record.layout import SCHEMAS
 from vve_sumo.record.sweep_folder import earlier_layout
 
-Drive = TypeVar("Drive")
-Drives = TypeVar("Drives")
-
 WANTED = "expected a drive's record (scenario.json) or a sweep's folder (sweep.json)"
 
 
 def load(path: Path | str) -> Run | Sweep:
-    """Return the drive or the sweep whose folder this is; their tables are read when they are asked for.
+    """Return the drive or the sweep whose folder this is; its tables are read when they are asked for.
 
     Raises ConfigError in one line where there is none, or one that cannot be read.
+
+    >>> import vve_sumo as vve
+    >>> vve.load("mine").title
+    "The paper's drive: a car parked in the middle of the road"
     """
-    return open_folder(Path(path), Run, Sweep)
-
-
-def open_folder(folder: Path, record: Callable[[Path], Drive], dataset: Callable[[Path], Drives]) -> Drive | Drives:
-    """Return what `record` makes of a drive's folder, or `dataset` of a sweep's; raises ConfigError as `load` does."""
+    folder = Path(path)
     try:
         if _is_sweep(folder):
-            return dataset(folder)
+            return Sweep(folder)
         if _is_record(folder):
-            return record(folder)
+            return Run(folder)
         raise ConfigError(f"{folder}: {_instead(folder)}")
     except OSError as error:
         raise ConfigError(f"{folder}: cannot be read: {error.strerror}") from None
