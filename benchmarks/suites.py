@@ -16,7 +16,6 @@ from pathlib import Path
 
 from vve_sumo.cli import suite
 from vve_sumo.suite import catalogue
-from vve_sumo.suite.journal import NAME
 from vve_sumo.suite.query import SuiteQuery
 
 PAGE = Path(__file__).parent.parent / "docs" / "suites.md"
@@ -52,7 +51,7 @@ def drive(folder: Path, names: Sequence[str], seeds: int, workers: int | None) -
     """Drive suites, each into a folder of its own, or go on with what is there."""
     for name in names:
         out = folder / name
-        suite.drive(name, SuiteQuery(out=out, seeds=seeds, workers=workers, resume=(out / NAME).is_file()))
+        suite.drive(name, SuiteQuery(out=out, seeds=seeds, workers=workers, resume=(out / "sweep.json").is_file()))
 
 
 def tables(folder: Path) -> dict[str, str]:

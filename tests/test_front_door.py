@@ -20,6 +20,7 @@ import pytest
 import vve_sumo as vve
 from tests.conftest import REPOSITORY
 from tests.isolated import command
+from vve_sumo import analysis
 
 #: a scenario that takes a few seconds: one parked car on an empty straight street
 NEAR = {"obstacles.parked_car.at_m": 120.0}
@@ -84,6 +85,10 @@ def _python(code: str) -> str:
     return subprocess.run(
         [sys.executable, "-c", code], cwd=REPOSITORY, capture_output=True, text=True, check=True
     ).stdout.strip()
+
+
+def test_the_analysis_reads_with_the_same_classes() -> None:
+    assert (vve.Run, vve.Sweep, vve.load) == (analysis.Run, analysis.Sweep, analysis.load)
 
 
 def test_types_are_declared() -> None:

@@ -17,8 +17,10 @@ from vve_sumo.errors import ConfigError, RigError, SimulationError, VveError
 from vve_sumo.version import __version__ as __version__
 
 if TYPE_CHECKING:
+    from vve_sumo.analysis.dataset import Sweep
+    from vve_sumo.analysis.load import load
+    from vve_sumo.analysis.run import Run
     from vve_sumo.api.drive import drive
-    from vve_sumo.api.results import Run, Sweep, load
     from vve_sumo.api.scenario import Scenario, scenarios
     from vve_sumo.api.sweep import sweep
 
@@ -38,11 +40,11 @@ __all__ = [
 
 #: modules of what is imported when it is first used
 _MODULES = {
-    "Run": "vve_sumo.api.results",
+    "Run": "vve_sumo.analysis.run",
     "Scenario": "vve_sumo.api.scenario",
-    "Sweep": "vve_sumo.api.results",
+    "Sweep": "vve_sumo.analysis.dataset",
     "drive": "vve_sumo.api.drive",
-    "load": "vve_sumo.api.results",
+    "load": "vve_sumo.analysis.load",
     "scenarios": "vve_sumo.api.scenario",
     "sweep": "vve_sumo.api.sweep",
 }

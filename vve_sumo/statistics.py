@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
 from statistics import NormalDist
 from typing import NamedTuple
 
@@ -45,29 +44,3 @@ def student(freedom: int) -> float:
     from scipy.special import stdtrit  # scipy.stats has it too, and takes ten times as long to import
 
     return float(stdtrit(freedom, 0.5 + CONFIDENCE / 2.0))
-
-
-@dataclass(slots=True)
-class Mean:
-    """A mean that numbers are added to (Welford's recurrence), with the least and the greatest; NaN of none."""
-
-    count: int = 0
-    mean: float = math.nan
-    least: float = math.nan
-    greatest: float = math.nan
-    _squares: float = 0.0
-
-    def add(self, value: float) -> None:
-        """Take in one number."""
-        self.count += 1
-        self.least, self.greatest = min(value, self.least), max(value, self.greatest)
-        before = self.mean if self.count > 1 else 0.0
-        self.mean = before + (value - before) / self.count
-        self._squares += (value - before) * (value - self.mean)
-
-    @property
-    def half(self) -> float:
-        """Half the width of Student's interval of the mean; NaN for fewer than two numbers."""
-        if self.count < 2:
-            return math.nan
-        return student(self.count - 1) * math.sqrt(self._squares / (self.count - 1) / self.count)

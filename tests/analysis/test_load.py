@@ -216,11 +216,11 @@ def test_whatever_else_a_folder_holds_is_said_and_what_to_load_instead(tmp_path:
     refused(folder / "rows" / "part-00000.parquet", rf"a part of a sweep; load its folder, {folder}$")
     record = tmp_path / "suite" / "records" / "row"
     record.mkdir(parents=True)
-    for ending in ("csv", "json", "md"):
-        (tmp_path / "suite" / f"r152.{ending}").write_text("[]", encoding="utf-8")
-    refused(tmp_path / "suite", r"the outcome of the suite r152, whose rows stand in r152\.csv; --keep-records keeps")
+    (tmp_path / "suite" / "journal.jsonl").write_text("{}\n", encoding="utf-8")
+    earlier = "the layout that a suite of an earlier vve-sumo left"
+    refused(tmp_path / "suite", rf"{earlier}; its tables can be read as they are; .*in another folder$")
     (record / "scenario.json").write_text("{}", encoding="utf-8")
-    refused(tmp_path / "suite", rf"suite r152, .*; it holds others, such as {record}$")
+    refused(tmp_path / "suite", rf"{earlier}.*; it holds others, such as {record}$")
     refused(record / "scenario.json", rf"a part of a record; load its folder, {record}$")
 
 

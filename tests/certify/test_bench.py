@@ -2,29 +2,38 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import socket
+import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from tests.conftest import REPOSITORY
+from tests.live.patience import until
 from tests.live.stage import free_ports
-from vve_sumo.certify import kept
+from vve_sumo.analysis import load
 from vve_sumo.certify.brain_process import BrainProcess
 from vve_sumo.certify.cases import CASES, NAMES, select_cases
 from vve_sumo.certify.limits import CertificateLimits
 from vve_sumo.certify.link import FaultLink
 from vve_sumo.certify.report import reproduce_command
 from vve_sumo.certify.results import BrainUnderTest, CaseResult, CaseVerdict, Certificate
-from vve_sumo.certify.run import Bench, CertifyQuery, certify
+from vve_sumo.certify.run import CertificateDesign, CertifyQuery, certify
 from vve_sumo.cli.parser import setting
 from vve_sumo.errors import ConfigError
 from vve_sumo.pose.sources import open_udp
+from vve_sumo.record.sweep_folder import SweepPlan
+from vve_sumo.sweep.dataset import Dataset
 from vve_sumo.wire.datagrams import SetpointDatagram, encode_setpoint
 from vve_sumo.wire.signature import signed
 
+FOREIGN = str(REPOSITORY / "rigs" / "foreign.toml")
 #: listens on a port, and does not end when it is asked to
 STUBBORN = """
 import signal, socket, sys
@@ -53,6 +62,30 @@ def test_a_launchers_brain_ends_with_the_case(tmp_path: Path) -> None:
     assert not _is_listened_on(port)
 
 
+def test_an_interrupt_of_a_certificate_ends_its_brain(tmp_path: Path) -> None:
+    text = Path(FOREIGN).read_text(encoding="utf-8")
+    for port, free in zip(("5001", "5002", "5003"), free_ports(3), strict=True):
+        text = text.replace(port, str(free))
+    (tmp_path / "foreign.toml").write_text(text, encoding="utf-8")
+    (tmp_path / "brain.py").write_text(STUBBORN, encoding="utf-8")
+    brain = f"{sys.executable} {tmp_path / 'brain.py'} {{radar}}"
+    command = ["certify", "--rig", "foreign.toml", "--brain", brain, "--out", "out"]
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-m", "vve_sumo.cli", *command],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    radar = int(text.partition('kind = "radar"')[2].partition("127.0.0.1:")[2].partition('"')[0])
+    until(lambda: _is_listened_on(radar), 120.0)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all of the group
+    _, said = process.communicate(timeout=60.0)
+    assert (process.returncode, "--out out --resume" in said) == (130, True), said
+    assert not _is_listened_on(radar)
+
+
 @pytest.mark.parametrize(("command", "line"), [("", "got nothing"), ("  ", "got nothing"), ("nowhere", "cannot be")])
 def test_a_command_that_starts_nothing_is_one_line(command: str, line: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=f"--brain: .*{line}"):
@@ -68,7 +101,7 @@ def test_a_brain_that_cannot_be_started_leaves_nothing_behind(there: bool, tmp_p
     if there:
         out.mkdir()
     with pytest.raises(ConfigError, match="'nowhere' cannot be started"):
-        certify(query, tmp_path, lambda _case: None, lambda _results: None)
+        certify(query, tmp_path, lambda _case: None, lambda _tally: None)
     assert out.exists() is there
     assert not there or not any(out.iterdir())
 
@@ -81,24 +114,60 @@ def test_drives_of_another_car_or_another_road_are_in_no_one_certificate(tmp_pat
         (tmp_path / folder / name).write_text(text, encoding="utf-8")
     query = CertifyQuery("foreign", "parked_car", None, select_cases(["radar_gap"]), (1,), tmp_path / "out", {})
 
-    def identity() -> dict[str, object]:
-        return Bench(query, tmp_path, lambda _case: None).identity()
+    def plan() -> SweepPlan:
+        return CertificateDesign(query, tmp_path, lambda _case: None).plan
 
-    before = identity()
-    assert identity() == before
+    before = plan()
+    assert plan() == before
     car = tmp_path / "vehicles" / "ford_fusion.toml"
     car.write_text(car.read_text(encoding="utf-8").replace("mass_kg = 1690.0", "mass_kg = 1990.0"), encoding="utf-8")
-    heavier = identity()
-    assert {key for key in before if heavier[key] != before[key]} >= {"vehicle_sha256"}
-    kept.begin(query.out, before, resume=False)
-    with pytest.raises(ConfigError, match=r"query\.json: (files|vehicle)_sha256: was begun with"):
-        kept.begin(query.out, heavier, resume=True)
+    heavier = plan()
+    Dataset(query.out, before, resume=False).close()
+    with pytest.raises(ConfigError, match=r"the file of vehicle has changed since that certificate began"):
+        Dataset(query.out, heavier, resume=True)
     (tmp_path / "routes").mkdir()
     routes = [file for file in (REPOSITORY / "routes").iterdir() if file.suffix == ".csv"]
     for file in routes:
         rows = file.read_text(encoding="utf-8").splitlines(keepends=True)
         (tmp_path / "routes" / file.name).write_text("".join(rows[:-1]), encoding="utf-8")
-    assert identity()["files_sha256"] != heavier["files_sha256"]
+    assert plan().files_sha256["path"] != heavier.files_sha256["path"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"command": "./other"}, "its brain differs"),
+        ({"values": {"ego.speed_mps": 9}}, "its values differs"),
+        ({"scenario": "delay_probe"}, "its scenario differs"),
+    ],
+)
+def test_only_the_same_certificate_is_continued(changes: dict[str, Any], said: str, tmp_path: Path) -> None:
+    for program in ("brain", "other"):
+        (tmp_path / program).write_text("#!/bin/sh\n", encoding="utf-8")
+        (tmp_path / program).chmod(0o755)
+    query = CertifyQuery(FOREIGN, "parked_car", "./brain", select_cases(["radar_gap"]), (1,), tmp_path / "out", {})
+
+    def opened(**changes: Any) -> None:
+        plan = CertificateDesign(replace(query, **changes), tmp_path, lambda _case: None).plan
+        Dataset(query.out, plan, resume=query.out.exists()).close()
+
+    opened()
+    opened(seeds=(1, 2), cases=select_cases(["radar_ghost"]), limits=CertificateLimits(max_deviation_m=0.3))
+    with pytest.raises(ConfigError, match=said):
+        opened(**{"seeds": (1, 2), **changes})
+    (tmp_path / "brain").write_text("#!/bin/sh\nanother\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"the file of brain, \./brain has changed"):
+        opened(seeds=(1, 2))
+
+
+def test_a_certificate_of_an_earlier_version_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "cases").mkdir()
+    (tmp_path / "query.json").write_text("{}", encoding="utf-8")
+    with pytest.raises(ConfigError, match="the layout that a certificate of an earlier vve-sumo left"):
+        load(tmp_path)
+    query = CertifyQuery(FOREIGN, "parked_car", None, select_cases(["radar_gap"]), (1,), tmp_path, {}, resume=True)
+    with pytest.raises(ConfigError, match="the layout that a certificate of an earlier vve-sumo left"):
+        certify(query, tmp_path, lambda _case: None, lambda _tally: None)
 
 
 def test_a_brain_is_waited_for_as_long_as_the_rig_says_and_then_only_while_it_thinks() -> None:

@@ -15,6 +15,9 @@ from tests.conftest import REPOSITORY
 from tests.exhaustive import with_slow
 from tests.live.patience import until
 from tests.live.stage import free_ports
+from vve_sumo.analysis import load
+from vve_sumo.errors import ConfigError
+from vve_sumo.report.write import report_of
 
 #: a street with a bend, so that every case can be tested, and short
 STREET = REPOSITORY / "examples" / "brains" / "street"
@@ -26,21 +29,22 @@ BUGS = [
 ]
 
 
-def certified(brain: str, folder: Path, cases: str) -> tuple[int, dict[str, Any]]:
+def certified(brain: str, folder: Path, cases: str, *more: str) -> tuple[int, dict[str, Any]]:
     """Certify a shipped brain on two workers; return the exit code and the certificate."""
     gnss, radar, setpoints = free_ports(3)
     rig = folder / "foreign.toml"
-    rig.write_text(
+    text = (
         (REPOSITORY / "rigs" / "simulated.toml").read_text(encoding="utf-8")
         + f'\n[brain]\nkind = "setpoints"\nport = {setpoints}\n'
         + f'\n[[outputs]]\nkind = "ncom"\nudp = "127.0.0.1:{gnss}"\n'
-        + f'\n[[outputs]]\nkind = "radar"\nudp = "127.0.0.1:{radar}"\n',
-        encoding="utf-8",
+        + f'\n[[outputs]]\nkind = "radar"\nudp = "127.0.0.1:{radar}"\n'
     )
+    if not rig.exists():
+        rig.write_text(text, encoding="utf-8")
     words = f"{sys.executable} {REPOSITORY / 'examples' / 'brains'}/{brain} {STREET / 'bend.csv'} --speed 9"
     words += " --gnss {ncom} --radar {radar} --setpoints {setpoints}"
     out = folder / "out"
-    options = ["--rig", str(rig), "--brain", words, "--out", str(out), "--workers", "2"]
+    options = ["--rig", str(rig), "--brain", words, "--out", str(out), "--workers", "2", *more]
     options += ["--cases", cases] if cases else []
     done = subprocess.run(
         [sys.executable, "-m", "vve_sumo.cli", "certify", str(STREET / "certificate.toml"), *options],
@@ -58,14 +62,26 @@ def certified(brain: str, folder: Path, cases: str) -> tuple[int, dict[str, Any]
 def test_a_planted_bug_is_caught_and_named(
     brain: str, passes: str, fails: tuple[str, ...], defect: str, tmp_path: Path
 ) -> None:
-    code, certificate = certified(f"planted_bug.py {brain}", tmp_path, ",".join(filter(None, (passes, *fails))))
+    cases = ",".join(filter(None, (passes, *fails)))
+    code, certificate = certified(f"planted_bug.py {brain}", tmp_path, cases)
     verdicts = {result["case"]: result["verdict"] for result in certificate["results"]}
     assert code == 1
     assert [defect in one["name"] for one in certificate["defects"]] == [True]
     assert {name for name, verdict in verdicts.items() if verdict == "FAILED"} == set(fails)
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert defect in page
-    assert (tmp_path / "out" / "cases" / fails[0] / "seed_1" / "record" / "summary.json").is_file()
+    assert (tmp_path / "out" / "records" / f"{fails[0]}_seed_1" / "summary.json").is_file()
+    rows = load(tmp_path / "out").rows().set_index("case")
+    assert rows["verdict"].to_dict() == verdicts
+    assert not any(rows.loc[list(fails), "passed"])
+    # Other limits judge what was driven anew, and drive nothing.
+    before = {record: record.stat().st_mtime_ns for record in (tmp_path / "out" / "records").iterdir()}
+    _, stricter = certified(f"planted_bug.py {brain}", tmp_path, cases, "--resume", "--limit", "max_left_m=1.1")
+    assert {result["case"]: result["verdict"] for result in stricter["results"]}["nominal"] == "FAILED"
+    assert {record: record.stat().st_mtime_ns for record in (tmp_path / "out" / "records").iterdir()} == before
+    assert load(tmp_path / "out").rows().set_index("case").loc["nominal", "why"].endswith("required 1 to 1.1 m")
+    with pytest.raises(ConfigError, match=r"report\.html is the certificate"):
+        report_of(tmp_path / "out")
 
 
 @pytest.mark.slow
@@ -102,17 +118,18 @@ def minimal(folder: Path, *more: str, rig: str | None = None) -> subprocess.Pope
 def test_a_brain_by_radar_alone_is_certified_also_after_an_interrupt(tmp_path: Path) -> None:
     cases = ["--cases", "radar_invalid,gnss_drop_out,radar_delay,radar_bend_mirrored"]
     first = minimal(tmp_path, *cases)
-    nominal = tmp_path / "out" / "cases" / "nominal" / "seed_1" / "drive.json"
-    until(nominal.exists, 600.0)
+    nominal = tmp_path / "out" / "records" / "nominal_seed_1" / "summary.json"
+    journal = tmp_path / "out" / "journal.jsonl"
+    until(lambda: nominal.exists() and journal.stat().st_size > 0, 600.0)
     first.send_signal(signal.SIGINT)
     _, said = first.communicate(timeout=120.0)
-    assert (first.returncode, "--resume continues" in said) == (130, True), said
+    assert (first.returncode, "--resume" in said) == (130, True), said
     driven = nominal.stat().st_mtime_ns
     rig = (tmp_path / "foreign.toml").read_text(encoding="utf-8")
 
     again = minimal(tmp_path, *cases, "--resume")  # other ports: another rig
     _, said = again.communicate(timeout=120.0)
-    assert (again.returncode, "rig_sha256: was begun with" in said) == (2, True), said
+    assert (again.returncode, "the file of rig has changed since that certificate began" in said) == (2, True), said
 
     last = minimal(tmp_path, *cases, "--resume", rig=rig)
     _, said = last.communicate(timeout=1800.0)

@@ -22,8 +22,9 @@ SHORT = ("sweep", "parked_car_speeds", "--out", "rows", "--workers", "1", "--qui
         (("drive", "parked_car", "--out", "record", "--quiet"), "record/can.log"),
         (("drive", "parked_car", "--out", "record"), "record/can.log"),
         (SHORT, "rows/sweep.json"),
+        (("suite", "pass_through", "--out", "rows", "--workers", "1", "--quiet"), "rows/sweep.json"),
     ],
-    ids=["drive", "drive with a bar", "sweep"],
+    ids=["drive", "drive with a bar", "sweep", "suite"],
 )
 def test_an_interrupted_command_ends_with_130(arguments: tuple[str, ...], after: str, tmp_path: Path) -> None:
     """`after` is a file that the command has written by then."""

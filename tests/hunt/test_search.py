@@ -16,7 +16,7 @@ from vve_sumo.hunt import draw
 from vve_sumo.hunt.brains import BEHAVIOURS
 from vve_sumo.hunt.episode import DRIVER, FAULTS, Action, Episode, EpisodePhase, RoadConditions
 from vve_sumo.hunt.findings import Findings, HuntFinding, faults_text, read_row
-from vve_sumo.hunt.journal import EPISODES, HuntJournal
+from vve_sumo.hunt.journal import EPISODES, QUERY, HuntJournal
 from vve_sumo.hunt.known_limits import known
 from vve_sumo.hunt.run import Hunt, HuntQuery
 from vve_sumo.hunt.runner import EpisodeResult
@@ -176,8 +176,18 @@ def test_a_hunt_that_was_cut_off_goes_on_to_the_same_end(tmp_path: Path) -> None
 
 
 def test_a_folder_of_another_hunt_is_refused(tmp_path: Path) -> None:
-    HuntJournal(tmp_path / "one", {"seed": 1}, resume=False).close()
+    HuntJournal(tmp_path / "one", {"rig": "simulated", "seed": 1}, resume=False).close()
     with pytest.raises(ConfigError, match="not empty; take it up with --resume"):
         HuntJournal(tmp_path / "one", {"seed": 1}, resume=False)
     with pytest.raises(ConfigError, match="has seed 1, not 2"):
-        HuntJournal(tmp_path / "one", {"seed": 2}, resume=True)
+        HuntJournal(tmp_path / "one", {"rig": "simulated", "seed": 2}, resume=True)
+
+
+def test_episodes_of_other_code_are_in_no_one_hunt(tmp_path: Path) -> None:
+    HuntJournal(tmp_path, {"rig": "simulated"}, resume=False).close()
+    HuntJournal(tmp_path, {"rig": "simulated"}, resume=True).close()
+    asked = json.loads((tmp_path / QUERY).read_text(encoding="utf-8"))
+    asked["versions"]["code"] = "0" * 64
+    (tmp_path / QUERY).write_text(json.dumps(asked), encoding="utf-8")
+    with pytest.raises(ConfigError, match=f"mixed versions: its rows are of code {'0' * 64}, got "):
+        HuntJournal(tmp_path, {"rig": "simulated"}, resume=True)

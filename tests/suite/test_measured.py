@@ -10,9 +10,9 @@ import pytest
 from tests.analysis.made import BOX, put, write
 from tests.vehicles import FUSION
 from vve_sumo.suite import catalogue
+from vve_sumo.suite.judge import invalidity
 from vve_sumo.suite.measured import RowMeasurement, measure
 from vve_sumo.suite.row import CutIn
-from vve_sumo.suite.run import invalidity
 
 ROW = next(row for row in catalogue.rows("r152", FUSION) if row.approach is not None)
 

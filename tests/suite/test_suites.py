@@ -7,6 +7,7 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pyarrow.compute as pc
 import pytest
@@ -15,21 +16,25 @@ from tests import vehicles
 from tests.conftest import REPOSITORY
 from tests.exhaustive import with_slow
 from vve_sumo import laws
+from vve_sumo.analysis import load
 from vve_sumo.cli import main
 from vve_sumo.cli.suite import drive
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.reader import read_table
 from vve_sumo.suite import catalogue, euroncap, requirements, table
-from vve_sumo.suite.journal import digest
+from vve_sumo.suite.design import design_of
+from vve_sumo.suite.judge import invalidity, judge
 from vve_sumo.suite.physics import DETECTION, Need
-from vve_sumo.suite.query import SuiteQuery, car_of, rows_of, with_controller
+from vve_sumo.suite.query import SuiteQuery, car_of, rows_of
 from vve_sumo.suite.row import CutIn, JudgedRow, RequiredApproach, RowOutcome, RowVerdict, SuiteRow
-from vve_sumo.suite.run import invalidity, judge, run
-from vve_sumo.suite.run import job_of as run_job_of
 from vve_sumo.suite.track import AEB, scenario, target
 from vve_sumo.sweep.engine import Local
+from vve_sumo.sweep.fill import drive_into
 from vve_sumo.sweep.input_cache import InputCache, resolve_job
 from vve_sumo.sweep.job import RunResult
+from vve_sumo.sweep.rerun import rerun
+from vve_sumo.sweep.run_specs import RunSpec
+from vve_sumo.sweep.spec import Keep
 from vve_sumo.timing import PERIOD
 
 KMH = 1.0 / 3.6
@@ -40,10 +45,20 @@ def suite_rows(name: str) -> list[SuiteRow]:
     return catalogue.rows(name, vehicles.FUSION)
 
 
-def driven(name: str, rows: list[SuiteRow], records: Path | None = None, workers: int = 2) -> dict[str, RowOutcome]:
-    judged = run(name, rows, Local(workers), REPOSITORY, records)
+def driven(
+    name: str, rows: list[SuiteRow], out: Path, *, seeds: int = 1, workers: int = 2, keep: bool = False
+) -> list[JudgedRow]:
+    """Drive rows into a new folder."""
+    design = design_of(name, "", rows, seeds, REPOSITORY)
+    kept: Keep = "all" if keep else "none"
+    drive_into(out, design, Local(workers), kept, resume=False, resume_command="", progress=lambda tally: None)
+    judged = design.outcomes(out)
     assert [each.row for each in judged] == rows
-    return {drive.row.id: drive for each in judged for drive in each.drives}
+    return judged
+
+
+def driven_once(name: str, rows: list[SuiteRow], out: Path, **options: Any) -> dict[str, RowOutcome]:
+    return {drive.row.id: drive for each in driven(name, rows, out, **options) for drive in each.drives}
 
 
 SAMPLE = {
@@ -70,10 +85,10 @@ SAMPLE = {
 
 
 @pytest.mark.parametrize("name", with_slow(sorted(SAMPLE), lambda name: name == "r152_02"))
-def test_the_shipped_controller_passes_some_rows_of_every_suite(name):
+def test_the_shipped_controller_passes_some_rows_of_every_suite(name, tmp_path):
     rows = [row for row in suite_rows(name) if row.id in SAMPLE[name]]
     assert len(rows) == len(SAMPLE[name])
-    outcomes = driven(name, rows)
+    outcomes = driven_once(name, rows, tmp_path)
     assert {key: outcome.verdict for key, outcome in outcomes.items()} == dict.fromkeys(SAMPLE[name], RowVerdict.PASSED)
     for outcome in outcomes.values():
         if outcome.row.required.startswith("no contact"):
@@ -85,12 +100,12 @@ def test_the_shipped_controller_passes_some_rows_of_every_suite(name):
 
 
 @pytest.mark.slow
-def test_one_overlap_stands_for_all_since_the_radar_tells_none_from_another():
+def test_one_overlap_stands_for_all_since_the_radar_tells_none_from_another(tmp_path):
     rows = [
         replace(euroncap.closing(vehicles.FUSION, "CCRs", 30.0, 0.0, overlap), id=f"{overlap:g}")
         for overlap in requirements.EURO_NCAP_OVERLAPS
     ]
-    outcomes = driven("overlaps", rows).values()
+    outcomes = driven_once("overlaps", rows, tmp_path).values()
     first = next(iter(outcomes))
     for outcome in outcomes:
         assert outcome.least_gap_m == pytest.approx(first.least_gap_m, abs=1e-4)
@@ -100,7 +115,7 @@ def test_one_overlap_stands_for_all_since_the_radar_tells_none_from_another():
 def test_a_hidden_child_is_seen_where_the_closed_form_says(tmp_path):
     """First echo of the child in the record, against the geometry of the row; a scan comes every 50 ms."""
     row = next(row for row in suite_rows("fmvss127_pedestrian") if row.id == "obstructed_crossing_right_50_30")
-    outcome = driven("hidden", [row], tmp_path / "records", workers=1)[row.id]
+    outcome = driven_once("hidden", [row], tmp_path, workers=1, keep=True)[row.id]
     assert outcome.verdict is RowVerdict.PASSED
     reported = read_table(outcome.record, "sensor_radar").filter(pc.field("actor") == "target")["tick"][0].as_py()
     ticks = read_table(outcome.record, "ticks")
@@ -116,33 +131,31 @@ def test_a_hidden_child_is_seen_where_the_closed_form_says(tmp_path):
 
 
 @pytest.mark.slow
-def test_seeds_are_drives_of_their_own_and_the_same_each_time():
+def test_seeds_are_drives_of_their_own_and_the_same_each_time(tmp_path):
     row = next(row for row in suite_rows("fmvss127") if row.id == "stopped_20")
-    (first,), (again,) = (run("seeds", [row], Local(2), REPOSITORY, seeds=2) for _ in range(2))
+    (first,), (again,) = (driven("seeds", [row], tmp_path / name, seeds=2) for name in ("first", "again"))
     assert [drive.seed for drive in first.drives] == [1, 2]
     assert first.drives[0].least_gap_m != first.drives[1].least_gap_m
-    assert [replace(drive, cpu_s=0.0) for drive in first.drives] == [
-        replace(drive, cpu_s=0.0) for drive in again.drives
-    ]
-    (one,) = run("seeds", [row], Local(1), REPOSITORY)
+    assert first.drives == again.drives
+    (one,) = driven("seeds", [row], tmp_path / "one", workers=1)
     assert one.drives[0].least_gap_m == first.drives[0].least_gap_m
 
 
-def test_braking_that_is_too_gentle_is_a_failure_without_a_contact():
+def test_braking_that_is_too_gentle_is_a_failure_without_a_contact(tmp_path):
     """The comfort layer alone stops for a car ahead well before it, and never asks for 5 m/s2."""
     row = next(row for row in suite_rows("r152") if row.id == "stationary_20_unladen")
     gentle = row.scenario.controller.model_copy(update={"tuning": {"emergency": False}})
     scenario = row.scenario.model_copy(update={"controller": gentle})
     # It slows down so gently that this counts as approach, long before it brakes.
     rows = [replace(row, id="gentle", scenario=scenario, approach=row.approach._replace(below=row.approach.speed))]
-    outcome = driven("spoilt", rows, workers=1)["gentle"]
+    outcome = driven_once("spoilt", rows, tmp_path, workers=1)["gentle"]
     assert (outcome.verdict, outcome.impact_mps) == (RowVerdict.FAILED, 0.0)
     assert 1.0 < outcome.demand_mps2 < 5.0
     assert outcome.why == f"braking demand {outcome.demand_mps2:.2f} m/s2, expected 5 or more"
 
 
 def test_what_goes_wrong_is_told_apart(tmp_path):
-    """One stationary car at 40 km/h: nobody brakes; it appears too late; the speed is not the one wanted; no driver."""
+    """One stationary car at 40 km/h: nobody brakes; it appears too late; the speed is not the one wanted."""
     good = next(row for row in suite_rows("r152") if row.id == "stationary_40_unladen")
     nothing = good.scenario.controller.model_copy(update={"tuning": {"comfort": False, "emergency": False}})
     speed, ahead = good.scenario.ego.speed_mps, 5.0
@@ -158,9 +171,8 @@ def test_what_goes_wrong_is_told_apart(tmp_path):
         replace(good, id="blind", scenario=good.scenario.model_copy(update={"controller": nothing})),
         replace(good, id="late", scenario=late, need=Need(good.need.needed, ahead)),
         replace(good, id="fast", approach=good.approach._replace(speed=good.approach.speed + 3.0 * KMH)),
-        with_controller(replace(good, id="nobody"), "nobody"),
     ]
-    outcomes = driven("spoilt", rows, tmp_path / "records", workers=1)
+    outcomes = driven_once("spoilt", rows, tmp_path, workers=1, keep=True)
 
     blind = outcomes["blind"]
     assert blind.verdict is RowVerdict.FAILED
@@ -177,8 +189,6 @@ def test_what_goes_wrong_is_told_apart(tmp_path):
 
     assert outcomes["fast"].verdict is RowVerdict.INVALID
     assert outcomes["fast"].why.startswith("approached at 39.")
-    assert outcomes["nobody"].verdict is RowVerdict.FAILED
-    assert "controller nobody: unknown" in outcomes["nobody"].why
 
 
 @pytest.mark.parametrize(
@@ -301,9 +311,9 @@ def test_the_command_lists_the_suites_and_refuses_in_one_line(capsys, tmp_path, 
         ("r153", SuiteQuery(), "no suite named 'r153'"),
         ("r152", SuiteQuery(keep=True), "--keep-records: expected --out"),
         ("r152", SuiteQuery(resume=True), "--resume: expected --out"),
-        ("r152", SuiteQuery(out=full), "is not empty"),
-        ("r152", SuiteQuery(out=full, resume=True), "has no journal.jsonl"),
-        ("r152", SuiteQuery(workers=0), "--workers: expected 1 or more, got 0"),
+        ("r152", SuiteQuery(out=full), "holds something else"),
+        ("r152", SuiteQuery(out=full, resume=True), "has no sweep.json"),
+        ("r152", SuiteQuery(workers=0), "workers: expected 1 or more, got 0"),
         ("r152", SuiteQuery(seeds=0), "--seeds: expected 1 or more, got 0"),
         ("r152", SuiteQuery(controller="nobody"), "controller nobody: unknown"),
     ]:
@@ -318,17 +328,18 @@ def test_the_command_drives_prints_keeps_and_goes_on(capsys, tmp_path, monkeypat
     out = tmp_path / "out"
     assert drive("few", SuiteQuery(out=out, workers=1, keep=True)) == 0
     assert "2 rows: 1 passed, 1 not applicable; 1 of 1 drives passed" in capsys.readouterr().out
-    record = out / "records" / "between_two_cars_whole" / "seed_1"
+    record = out / "records" / "between_two_cars_whole_seed_1"
     assert (record / "summary.json").is_file()
     driven_at = record.stat().st_mtime_ns
-    torn = record.with_name("seed_2")  # of a drive that was killed
-    torn.mkdir()
-    (torn / "scenario.toml").write_text("half a", encoding="utf-8")
     assert drive("few", SuiteQuery(out=out, workers=1, keep=True, resume=True, seeds=2)) == 0
     assert "2 rows: 1 passed, 1 not applicable; 2 of 2 drives passed" in capsys.readouterr().out
     assert record.stat().st_mtime_ns == driven_at
-    assert (torn / "summary.json").is_file()
-    assert len((out / "journal.jsonl").read_text(encoding="utf-8").splitlines()) == 2
+    assert (record.with_name("between_two_cars_whole_seed_2") / "summary.json").is_file()
+    assert len(load(out).rows()) == 2
+    key = "between_two_cars_whole_seed_2"
+    again = rerun(out, key, tmp_path / "again", lambda line: None)
+    assert again.same
+    assert again.drive().summary["record_sha256"] == load(out / "records" / key).summary["record_sha256"]
 
 
 def test_a_suite_is_driven_by_a_rigs_car(tmp_path):
@@ -344,9 +355,12 @@ def test_a_suite_is_driven_by_a_rigs_car(tmp_path):
     weaker, usual = ({row.id: row for row in rows_of("r152", SuiteQuery(), one, REPOSITORY)} for one in (car, plain))
     name = "stationary_42_unladen"
     assert weaker[name].need.needed > usual[name].need.needed
-    job = run_job_of("r152", weaker[name], 1, REPOSITORY, tmp_path, car.rig)
+    by_rig, by_model = (
+        design_of("r152", "", [each[name]], 1, REPOSITORY, one.rig) for each, one in ((weaker, car), (usual, plain))
+    )
+    job = by_rig.job(RunSpec(0, "key", {"row": name}, 1), None)
     assert job.rig == file
     assert resolve_job(job, InputCache()).model == car.model
-    assert digest(usual[name], car.model) != digest(usual[name], plain.model)
+    assert by_rig.plan.files_sha256.keys() - by_model.plan.files_sha256.keys() == {"rig"}
     with pytest.raises(ConfigError, match="--vehicle: a rig brings its own vehicle"):
         car_of(SuiteQuery(rig=str(file), vehicle="lincoln_mkz"), REPOSITORY)

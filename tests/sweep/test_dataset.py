@@ -75,8 +75,16 @@ SYSTEM_CALLS = {
 }  # fmt: skip
 
 
-def _killed_at(folder: Path, instant: int, pipe: int) -> None:
-    """Fill a folder, and be killed at one instant: before one of the calls that touch the disk."""
+#: fills or changes a folder; calls what it is passed with the number of every run that is finished from then on
+Work = Callable[[Path, Callable[[int], None]], None]
+
+
+def _filled(folder: Path, told: Callable[[int], None]) -> None:
+    fill(folder, told).close()
+
+
+def _killed_at(folder: Path, instant: int, pipe: int, work: Work) -> None:
+    """Work on a folder, and be killed at one instant: before one of the calls that touch the disk."""
     left = instant
 
     def look(_frame: object, event: str, called: object) -> None:
@@ -92,16 +100,16 @@ def _killed_at(folder: Path, instant: int, pipe: int) -> None:
         sys.setprofile(look)
 
     sys.setprofile(look)
-    fill(folder, reported).close()
+    work(folder, reported)
     sys.setprofile(None)
 
 
-def _forked(folder: Path, instant: int) -> tuple[bool, set[int]]:
+def _forked(folder: Path, instant: int, work: Work = _filled) -> tuple[bool, set[int]]:
     """Return whether the child was killed, and the runs that it was told are finished."""
     here, there = os.pipe()
     child = os.fork()
     if child == 0:
-        _killed_at(folder, instant, there)
+        _killed_at(folder, instant, there, work)
         os._exit(0)
     os.close(there)
     with os.fdopen(here, "rb") as pipe:
@@ -138,6 +146,53 @@ def _killed_at_each(scratch: Path) -> int:
 def test_a_kill_at_any_instant_loses_nothing_and_the_bytes_are_the_same() -> None:
     """Brute force: before every call that touches the disk a process is really killed."""
     assert isolated(_every_instant) > 80
+
+
+#: a suite whose last part has room for the run of one more seed, and the same with it
+SUITE = replace(PLAN, design="suite", spec={"suite": "s", "seeds": COUNT})
+GROWN = replace(SUITE, spec={"suite": "s", "seeds": COUNT + 1}, cells=COUNT + 1)
+
+
+def _changed(folder: Path, told: Callable[[int], None]) -> None:
+    """Add the run of another seed, and judge one in a sealed part anew."""
+    dataset = Dataset(folder, GROWN, resume=True, rows_per_part=PER_PART)
+    if not dataset.holds(COUNT):
+        dataset.add(cell(COUNT), result(COUNT))
+        told(COUNT)
+    dataset.revise([{"number": 1, "passed": True, "outcome": "judged anew"}])
+    dataset.close()
+
+
+def _killed_at_each_change(scratch: Path) -> int:
+    def begun_suite(folder: Path) -> Path:
+        dataset = Dataset(folder, SUITE, resume=False, rows_per_part=PER_PART)
+        for number in range(COUNT):
+            dataset.add(cell(number), result(number))
+        dataset.close()
+        return folder
+
+    _changed(begun_suite(scratch / "whole"), lambda number: None)
+    whole = content(scratch / "whole")
+    assert load_rows(scratch / "whole")["outcome"][1] == "judged anew"
+    for instant in range(1, 1000):
+        folder = begun_suite(scratch / str(instant))
+        killed, finished = _forked(folder, instant, _changed)
+        assert {*range(COUNT), *finished} <= set(load_rows(folder)["number"]), f"instant {instant}"
+        _changed(folder, lambda number: None)
+        assert content(folder) == whole, f"instant {instant}"
+        if not killed:
+            return instant
+    raise AssertionError("it never came to an end")
+
+
+def _every_instant_of_a_change() -> int:
+    memory = "/dev/shm" if Path("/dev/shm").is_dir() else None
+    with tempfile.TemporaryDirectory(dir=memory) as scratch:
+        return _killed_at_each_change(Path(scratch))
+
+
+def test_a_kill_while_runs_are_added_or_judged_anew_loses_nothing() -> None:
+    assert isolated(_every_instant_of_a_change) > 40
 
 
 def _interrupted_at(dataset: Dataset, instant: int) -> bool:
@@ -298,7 +353,7 @@ def test_another_layout_is_refused(tmp_path: Path) -> None:
 
 def test_versions_that_came_or_went_are_mixed(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="scipy none, got 1"):
-        refuse_mixed(tmp_path, PLAN, PLAN.versions | {"scipy": "1"})
+        refuse_mixed(tmp_path, PLAN.versions, PLAN.versions | {"scipy": "1"})
 
 
 def _until_full(folder: Path) -> str:

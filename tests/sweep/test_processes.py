@@ -298,12 +298,12 @@ def test_lines_that_are_no_jobs_are_refused() -> None:
     assert Job.from_json(made.to_json()) == made
     line = made.to_json()
     for wrong, outcomes in (
-        (line.replace('"version": 4', '"version": 1'), "expected version 4, got 1"),
+        (line.replace('"version": 5', '"version": 1'), "expected version 5, got 1"),
         (line.replace('"name": "straight_on"', '"name": 3'), "name: expected a str, got 3"),
         (line.replace('"working"', '"walking"'), "expected the keys"),
         (line.replace("1.0", "NaN"), "NaN is no number"),
         (line[:-3], "expected a line of JSON"),
-        ("[]", "expected version 4, got None"),
+        ("[]", "expected version 5, got None"),
     ):
         with pytest.raises(ConfigError, match=outcomes):
             Job.from_json(wrong)

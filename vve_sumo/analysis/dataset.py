@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from vve_sumo.analysis import json_models
 from vve_sumo.analysis.groups import COUNTS, NEEDED, grouped, meanings, numbered, repeated_by_seed
 from vve_sumo.analysis.run import Run
+from vve_sumo.analysis.shown import shown
 from vve_sumo.analysis.units import described
 from vve_sumo.config_file import read_json
 from vve_sumo.errors import ConfigError, hint
@@ -28,10 +29,18 @@ from vve_sumo.record.sweep_folder import Held
 if TYPE_CHECKING:
     import duckdb
     import pandas as pd
+    from matplotlib.figure import Figure
 
 
 class Sweep:
-    """A sweep's dataset, read as it is needed; `load` opens one."""
+    """A sweep's dataset, read from its folder as it is needed: a row a run; `load` opens one.
+
+    >>> import vve_sumo as vve
+    >>> sweep = vve.load("probe")
+    >>> sweep.rows(["ego.speed_mps", "passed"])["ego.speed_mps"].tolist()
+    [5, 10]
+    >>> figure = sweep.plot("stop_gap_m")
+    """
 
     def __init__(self, folder: Path) -> None:
         """Open a sweep's folder.
@@ -78,7 +87,7 @@ class Sweep:
     @property
     def asked(self) -> int:
         """How many runs were asked for; of a search, at most."""
-        return self._held.plan.cells
+        return self._held.plan.asked
 
     @property
     def finished(self) -> int:
@@ -189,6 +198,47 @@ class Sweep:
         raise ConfigError(
             f"{self.folder}: the record of {key} was not kept; vve-sumo sweep --rerun {self.folder} {key} makes it"
         )
+
+    def export(self, form: str = "csv", out: str | Path | None = None) -> list[Path]:
+        """Write the rows as "csv", beside them what their columns mean; return the files. `out` is as in `Run.export`.
+
+        >>> import vve_sumo as vve
+        >>> [file.name for file in vve.load("probe").export()]
+        ['probe.csv', 'probe.columns.csv']
+        """
+        files: list[Path] = shown("export.write:export", self, form, out)
+        return files
+
+    def plot(
+        self,
+        figure: str = "stop_gap_m",
+        x: str | None = None,
+        y: str | None = None,
+        *,
+        by: str | None = None,
+        facet: str | None = None,
+    ) -> Figure:
+        """Draw the mean of a figure over two parameters: `x` and `y`, or the two that explain most of its variance.
+
+        Only numbers become axes that are not asked for. Of one, the figure is drawn over it; of none, its distribution.
+        `by` and `facet` are parameters whose values have lines or panels of their own; the controller where there are
+        several and nothing else is said, or another text that was varied.
+        """
+        drawn: Figure = shown("api.results:sweep_plot", self, figure, x, y, by, facet)
+        return drawn
+
+    def view(self) -> Any:
+        """Show the sweep in the cell of a notebook, as a table that sorts and plots.
+
+        The cell holds the whole page, but for the records of the runs: `vve-sumo view` opens these from the table.
+        """
+        return shown("view.notebook:ShownPage", self.folder)
+
+    def __repr__(self) -> str:
+        return str(shown("api.results:sweep_text", self))
+
+    def _repr_html_(self) -> str:
+        return str(shown("api.results:sweep_html", self))
 
     def _known(self, columns: Sequence[str] | None) -> list[str] | None:
         if columns is None:

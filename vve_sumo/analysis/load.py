@@ -5,36 +5,32 @@ Knows what lies in such folders; nothing of what is in the files.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
 
 from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.analysis.run import Run
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.layout import SCHEMAS
-
-Drive = TypeVar("Drive")
-Drives = TypeVar("Drives")
+from vve_sumo.record.sweep_folder import earlier_layout
 
 WANTED = "expected a drive's record (scenario.json) or a sweep's folder (sweep.json)"
 
 
 def load(path: Path | str) -> Run | Sweep:
-    """Return the drive or the sweep whose folder this is; their tables are read when they are asked for.
+    """Return the drive or the sweep whose folder this is; its tables are read when they are asked for.
 
     Raises ConfigError in one line where there is none, or one that cannot be read.
+
+    >>> import vve_sumo as vve
+    >>> vve.load("mine").title
+    "The paper's drive: a car parked in the middle of the road"
     """
-    return open_folder(Path(path), Run, Sweep)
-
-
-def open_folder(folder: Path, record: Callable[[Path], Drive], dataset: Callable[[Path], Drives]) -> Drive | Drives:
-    """Return what `record` makes of a drive's folder, or `dataset` of a sweep's; raises ConfigError as `load` does."""
+    folder = Path(path)
     try:
         if _is_sweep(folder):
-            return dataset(folder)
+            return Sweep(folder)
         if _is_record(folder):
-            return record(folder)
+            return Run(folder)
         raise ConfigError(f"{folder}: {_instead(folder)}")
     except OSError as error:
         raise ConfigError(f"{folder}: cannot be read: {error.strerror}") from None
@@ -68,11 +64,6 @@ def _instead(folder: Path) -> str:
         (file for file in (*files, *sorted(folder.glob("records/*"))) if _is_sweep(file) or _is_record(file)), None
     )
     hint = f"; it holds others, such as {inside}" if inside else ""
-    suite = next(
-        (f for f in files if f.suffix == ".csv" and {f.with_suffix(".json"), f.with_suffix(".md")} <= {*files}), None
-    )
-    if suite is not None:
-        return f"the outcome of the suite {suite.stem}, whose rows stand in {suite.name}" + (
-            hint or "; --keep-records keeps them"
-        )
+    if earlier := earlier_layout(folder):
+        return earlier + hint
     return f"neither a record nor a dataset{hint or '; ' + WANTED}"

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from vve_sumo.analysis import json_models
 from vve_sumo.analysis.sensed import SensedTable, sensed
+from vve_sumo.analysis.shown import shown
 from vve_sumo.analysis.units import described
 from vve_sumo.config_file import read_json
 from vve_sumo.errors import ConfigError, hint
@@ -50,10 +51,18 @@ from vve_sumo.values import Floats, Vehicle
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 
 class Run:
-    """A drive's record, read as it is needed; `load` opens one."""
+    """A drive, read from its record's folder as it is needed; `load` opens one.
+
+    >>> import vve_sumo as vve
+    >>> run = vve.load("mine")  # what vve.drive returns, read again
+    >>> print(run.summary["outcome"], "from", round(run.ticks["speed_mps"].max()), "m/s")
+    stopped from 12 m/s
+    >>> figure = run.plot()
+    """
 
     def __init__(self, folder: Path) -> None:
         """Open the record in a folder.
@@ -191,6 +200,37 @@ class Run:
     def engaged(self) -> NDArray[np.bool_]:
         """Whether the gateway obeyed the controller, tick by tick."""
         return np.array([state == "engaged" for state in self.arrow("ticks")["state"].to_pylist()], bool)
+
+    def plot(self) -> Figure:
+        """Draw the page of the drive: path and actors from above; speed, gap and more over time."""
+        figure: Figure = shown("plotting:drive_overview", self)
+        return figure
+
+    def export(self, form: str, out: str | Path | None = None) -> list[Path]:
+        """Write the drive as "csv", "fcd", "commonroad" or "openscenario"; return the files.
+
+        `out` is a file that does not exist yet, or a folder; by default the working folder. Raises ConfigError for a
+        format that there is not or that is not installed, and where a file exists.
+
+        >>> import vve_sumo as vve
+        >>> [file.name for file in vve.load("mine").export("csv")]
+        ['mine.csv', 'mine.actors.csv', 'mine.columns.csv']
+        """
+        files: list[Path] = shown("export.write:export", self, form, out)
+        return files
+
+    def view(self) -> Any:
+        """Show the drive in the cell of a notebook, and play it back, wherever the notebook's kernel runs.
+
+        The cell holds the whole page, a few megabytes of a long drive. In a browser `vve-sumo view` shows it.
+        """
+        return shown("view.notebook:ShownPage", self.folder)
+
+    def __repr__(self) -> str:
+        return str(shown("api.results:run_text", self))
+
+    def _repr_html_(self) -> str:
+        return str(shown("api.results:run_html", self))
 
     @cached_property
     def _last(self) -> int:

@@ -6,7 +6,7 @@ import warnings
 from pathlib import Path
 
 from vve_sumo import progress_bar
-from vve_sumo.api.results import Run
+from vve_sumo.analysis.run import Run
 from vve_sumo.api.scenario import Scenario
 from vve_sumo.drive.run import new_run_folder
 from vve_sumo.errors import ConfigError, SimulationError

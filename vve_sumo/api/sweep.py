@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from vve_sumo import progress_bar
-from vve_sumo.api.results import Sweep
+from vve_sumo.analysis.dataset import Sweep
 from vve_sumo.api.scenario import Scenario, plain
 from vve_sumo.drive.run import new_run_folder
 from vve_sumo.errors import ConfigError

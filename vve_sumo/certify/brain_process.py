@@ -14,7 +14,7 @@ import shlex
 import signal
 import subprocess
 import time
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -38,8 +38,15 @@ _MAX_OUTPUT_CHARACTERS: Final = 400  # of the end of the output that an error qu
 class BrainProcess:
     """One run of a brain's command, in a session of its own, with its output in a log file."""
 
-    def __init__(self, command: str, ports: Collection[int], log: Path, working: Path) -> None:
-        """Start the brain; `ports` are the local ports on which it may listen.
+    def __init__(
+        self,
+        command: str,
+        ports: Collection[int],
+        log: Path,
+        working: Path,
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
+        """Start the brain; `ports` are the local ports on which it may listen; `environment`: None for this process'.
 
         Raises ConfigError for a command that cannot be started, RigError where another program listens on a port.
         """
@@ -53,6 +60,7 @@ class BrainProcess:
                 self._process = subprocess.Popen(
                     shlex.split(command),
                     cwd=working,
+                    env=environment,
                     stdin=subprocess.DEVNULL,
                     stdout=output,
                     stderr=subprocess.STDOUT,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from random import Random
 from typing import Final, NamedTuple
@@ -331,6 +331,8 @@ CASES: Final[tuple[Case, ...]] = (
 )  # fmt: skip
 
 NAMES: Final = tuple(case.name for case in CASES)
+NOMINAL: Final = CASES[0].name
+CASE_BY_NAME: Final[Mapping[str, Case]] = {case.name: case for case in CASES}
 
 
 def select_cases(names: Iterable[str], without: Iterable[str] = ()) -> tuple[Case, ...]:

@@ -10,7 +10,7 @@ import socket
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final, Self
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.pty_link import PREFIX
@@ -33,6 +33,21 @@ class Place:
         """Kinds of the wires that go to UDP ports of this machine, by port."""
         here = [output for output in self.rig.outputs if _is_here(output)]
         return {int((output.udp or "").rpartition(":")[2]): output.kind for output in here}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the place for JSON, without the rest of the rig."""
+        outputs = [[output.udp, output.channel] for output in self.rig.outputs]
+        return {"command": self.command, "port": self.rig.brain.port, "outputs": outputs}
+
+    @classmethod
+    def from_dict(cls, rig: Rig, said: Mapping[str, Any]) -> Self:
+        """Return the place of a rig that `to_dict` returned."""
+        outputs = tuple(
+            output.model_copy(update={"udp": udp, "channel": channel})
+            for output, (udp, channel) in zip(rig.outputs, said["outputs"], strict=True)
+        )
+        brain = rig.brain.model_copy(update={"port": said["port"]})
+        return cls(rig.model_copy(update={"brain": brain, "outputs": outputs}), said["command"])
 
 
 def place_of(rig: Rig, command: str | None) -> Place:

@@ -1,6 +1,7 @@
-"""Drives a brain through the cases, each with a new process of it, in lockstep over the wires of a rig.
+"""A certificate as a design of many drives: the nominal case of each seed, then the cases that are timed by it.
 
-This module knows how a drive and a brain are started and ended; it must not know what a case requires.
+Every drive has a new process of the brain, in lockstep over the wires of a rig (`bench.py`). This module must not know
+how a brain is started, nor what a case requires.
 """
 
 from __future__ import annotations
@@ -10,44 +11,59 @@ import hashlib
 import json
 import os
 import shlex
-import time
+import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from random import Random
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from vve_sumo import workspace
 from vve_sumo.certify import kept, places
-from vve_sumo.certify.brain_process import BrainProcess
-from vve_sumo.certify.cases import CASES, Case, Scene, inapplicable
+from vve_sumo.certify.bench import DRIVER, bumper_of, order
+from vve_sumo.certify.cases import CASE_BY_NAME, CASES, NAMES, NOMINAL, Case, inapplicable
 from vve_sumo.certify.diagnosis import diagnose
-from vve_sumo.certify.judge import BROKEN, Rules, judge
+from vve_sumo.certify.judge import Rules, judge
 from vve_sumo.certify.limits import CertificateLimits
-from vve_sumo.certify.link import FaultLink, FaultyWire, Window
-from vve_sumo.certify.moments import Timing, speeds_at, timing_of, track_of
-from vve_sumo.certify.places import Place
-from vve_sumo.certify.pool import Pool
+from vve_sumo.certify.link import Window
+from vve_sumo.certify.moments import timing_of
 from vve_sumo.certify.results import BrainUnderTest, CaseDrive, CaseResult, CaseVerdict, Certificate
 from vve_sumo.drive import provenance
-from vve_sumo.drive.resolved_scenario import ResolvedScenario
-from vve_sumo.drive.run import resolve_by_name
-from vve_sumo.drive.run import run as run_drive
-from vve_sumo.errors import ConfigError, SimulationError
-from vve_sumo.live.brain_link import key_of
-from vve_sumo.live.external_lockstep import external_controller_over, open_wires
+from vve_sumo.drive.run import resolve_by_name, table_by_name
+from vve_sumo.errors import ConfigError, RigError, SimulationError
+from vve_sumo.metrics.metric import Metric
+from vve_sumo.metrics.table import rows
+from vve_sumo.record.sweep_folder import Row, SweepPlan
 from vve_sumo.rig.load import load as load_rig
 from vve_sumo.rig.schema import Rig
+from vve_sumo.sweep.dataset import Dataset
+from vve_sumo.sweep.engine import Local
+from vve_sumo.sweep.fill import Design, Progress, Settled, drive_into
+from vve_sumo.sweep.job import CONFIG, RIG, Job, MetricValue, RunResult, finite
+from vve_sumo.sweep.run_specs import RunSpec
 
-#: a brain whose process is unknown counts as idle after this time [s]
-MANUAL_QUIET_TIME: Final = 0.1
+#: the one parameter of a certificate
+CASE: Final = "case"
+#: a brain may take the time and the memory that it likes: [s], [10^6 bytes]
+NO_LIMIT: Final = 1e9
+
+_column = partial(Metric, criterion=False)
+#: columns of a certificate's rows beside those of every sweep
+COLUMNS: Final = rows(
+    _column("verdict", "verdict", "of the case", kind="str"),
+    _column("why", "why", "why the case failed, is void or does not apply", kind="str"),
+    _column("fault_begins_s", "begin of the fault", "drive time at which the fault begins"),
+    _column("reaction_s", "reaction time", "from the begin of the fault to the required reaction", worse="higher"),
+    _column("reacted", "reacted", "whether the required reaction came, where one is measured", kind="bool"),
+    _column("distance_left_m", "distance left", "gap at rest to what was ahead", worse="lower"),
+    _column("extra_braking_mps2", "extra braking", "during the fault, beyond the nominal drive's at the same time"),
+    _column("setpoints_taken", "accepted setpoints", "setpoints of the brain that were accepted", kind="int"),
+    _column("setpoints_refused", "rejected setpoints", "number of rejected setpoints by reason code", kind="str"),
+    _column("unheard", "unheard wires", "kinds of wires on whose port the brain did not listen", kind="str"),
+)
 
 #: function that waits until a manually started brain is ready for the next case
 Ready = Callable[[str], None]
-#: called with the results so far
-Done = Callable[[Sequence[CaseResult]], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +74,7 @@ class CertifyQuery:
     scenario: str
     command: str | None  #: command that starts the brain; None: it is started by hand before each case
     cases: tuple[Case, ...]
-    seeds: tuple[int, ...]
+    seeds: tuple[int, ...]  #: 1 and up
     out: Path  #: folder for the certificate, absent or empty
     values: Mapping[str, Any]  #: of the scenario's keys and parameters
     limits: CertificateLimits = field(default_factory=CertificateLimits)
@@ -66,294 +82,288 @@ class CertifyQuery:
     resume: bool = False  #: whether to continue the certificate in `out`
 
 
-class CaseJob(NamedTuple):
-    """A drive of a case, before it is driven."""
+class CertificateDesign(Design):
+    """The cases of a certificate with every seed; if the brain never answers without a fault, no others of the seed."""
 
-    case: str
-    seed: int
-    window: Window | None
-
-
-class Bench:
-    """The common part of all cases: the rig, its wires and ports, the brain's command."""
+    judges_records = True
 
     def __init__(self, query: CertifyQuery, working: Path, ready: Ready) -> None:
-        """Read the rig; raises ConfigError for a rig whose brain does not answer with setpoints."""
-        self.query, self.working, self._ready = query, working, ready
-        self.rig_file = workspace.find("rig", query.rig, working)
-        self.rig: Rig = load_rig(self.rig_file, working)
-        if self.rig.brain.kind != "setpoints":
-            raise ConfigError(
-                f"{self.rig_file}: brain.kind is {self.rig.brain.kind!r}, expected 'setpoints': lockstep waits for "
-                "the brain, and only a setpoint shows that it has answered"
-            )
+        """Read rig and scenario; raises ConfigError for a rig whose brain does not answer with setpoints."""
+        self.query, self._working, self._ready = query, working, ready
+        self.rig_file, self.rig = _rig(query, working)
         self.kinds = tuple(output.kind for output in self.rig.outputs)
-        if "radar" not in self.kinds:
-            raise ConfigError(f"{self.rig_file}: outputs: expected one of kind 'radar', which a setpoint answers")
         self.places = places.places_of(self.rig, query.command, self._workers())
-        self.scenarios = {seed: self._resolved(seed) for seed in query.seeds}
-        self._key = key_of(self.rig.brain, working)
+        _require_program(query.command, working)
+        self.brain = under_test(query.command, working)
+        self._resolved = resolve_by_name(query.scenario, working, seed=1, rig=query.rig, values=query.values)
+        self._file, self._table = table_by_name(query.scenario, working, seed=1, values=query.values)
+        super().__init__(self._planned())
+        self.results: dict[tuple[str, int], CaseResult] = {}
+        self._rows: dict[tuple[str, int], Row] = {}
+        self._nominal: dict[int, CaseDrive] = {}
+        self._windows: dict[str, Window | None] = {}
+        self._free = list(self.places)
+        self._taken: dict[str, places.Place] = {}
+        self._folder = query.out
 
     def _workers(self) -> int:
         if self.query.workers is not None:
             return self.query.workers
         return (os.cpu_count() or 1) if places.has_places(self.rig, self.query.command) else 1
 
-    def _resolved(self, seed: int) -> ResolvedScenario:
-        query = self.query
-        return resolve_by_name(query.scenario, self.working, seed=seed, rig=query.rig, values=query.values)
-
-    @property
-    def bumper(self) -> float:
-        """From the rear axle to the front bumper [m]."""
-        vehicle = next(iter(self.scenarios.values())).vehicle
-        return vehicle.wheelbase + vehicle.front_overhang
+    def _planned(self) -> SweepPlan:
+        query, driven = self.query, self._resolved.to_dict(self._working)
+        car = json.dumps([driven["vehicle"], driven["vehicle_model"]], sort_keys=True)
+        files = {"rig": _digest(self.rig_file), "scenario": _digest(self._file), **driven["files_sha256"]}
+        files |= {"vehicle model": hashlib.sha256(car.encode()).hexdigest()}
+        files |= {f"brain, {name}": digest for name, digest in self.brain.files.items()}
+        declared = self._table.get("parameters", {}) | {CASE: {"sets": ["title"], "meaning": "case of the certificate"}}
+        return SweepPlan(
+            spec={
+                "title": f"Certificate of {self.brain.command or 'a brain that was started by hand'}",
+                "scenario": query.scenario,
+                "values": json.loads(json.dumps(dict(query.values))),
+                "brain": self.brain.command,
+                "cases": [case.name for case in query.cases],
+                "limits": query.limits.to_dict(),
+                "seeds": len(query.seeds),
+            },
+            scenario=self._resolved.name,
+            table=self._table | {"parameters": declared},
+            file=str(self._file.absolute()),
+            working=str(self._working.absolute()),
+            cells=len(CASES) * len(query.seeds),
+            parameters={CASE: "str"},
+            criteria=[],
+            files_sha256={role: [digest] for role, digest in sorted(files.items())},
+            versions=provenance.decisive_versions(),
+            rig=str(self.rig_file.absolute()),
+            metrics=[column.to_dict() for column in COLUMNS.values()],
+            design="certificate",
+        )
 
     @property
     def rules(self) -> Rules:
         """What every drive is held to."""
-        resolved = next(iter(self.scenarios.values()))
-        return Rules(self.query.limits, resolved.scenario.ego.speed_mps, resolved.vehicle.steering_limit)
+        vehicle = self._resolved.vehicle
+        return Rules(self.query.limits, self._resolved.scenario.ego.speed_mps, vehicle.steering_limit)
 
-    def identity(self) -> dict[str, Any]:
-        """Return the values that must be equal when a certificate is continued."""
-        query = self.query
-        brain = under_test(query.command, self.working)
-        driven = next(iter(self.scenarios.values())).to_dict(self.working)
-        car = json.dumps([driven["vehicle"], driven["vehicle_model"]], sort_keys=True)
-        return {
-            "rig_sha256": _digest(self.rig_file),
-            "scenario": query.scenario,
-            "scenario_sha256": _digest(workspace.find("scenario", query.scenario, self.working)),
-            "values": dict(query.values),
-            "files_sha256": driven["files_sha256"],
-            "vehicle_sha256": hashlib.sha256(car.encode()).hexdigest(),
-            "brain": brain.command,
-            "brain_files_sha256": dict(brain.files),
-            "code_sha256": provenance.software()["code"]["sha256"],
-        }
+    def includes(self, row: Row) -> bool:
+        """Whether a row's case and seed are wanted now."""
+        return row["seed"] in self.query.seeds and CASE_BY_NAME[row[CASE]] in self.query.cases
 
-    def drive(self, job: CaseJob, place: Place) -> None:
-        """Drive a job at a place, into its own folder."""
-        case, resolved = CASE_BY_NAME[job.case], self.scenarios[job.seed]
-        folder = kept.folder_of(self.query.out, job.case, job.seed)
-        kept.clear(folder)
-        folder.mkdir(parents=True)
-        with self._brain(case, place, folder) as (quiet, unheard), ExitStack() as stack:
-            link = self._link(case, resolved, job, place, quiet)
-            stack.callback(link.close)
-            brain = external_controller_over(link, place.rig, resolved, self.working)
-            done = run_drive(resolved, folder / "record", self.working, brain=brain)
-        if done.summary["outcome"] in BROKEN:
-            if done.summary["outcome"] == "interrupted":
-                kept.clear(folder)
-                raise KeyboardInterrupt
-            raise SimulationError(f"case {case.name}: {done.summary['text'] or done.summary['reasons']}")
-        begins = None if job.window is None else job.window.begins
-        kept.keep(folder, link.answers, kept.WireSummary(begins, brain.refused, brain.taken, unheard))
+    def runs(self, dataset: Dataset) -> Iterator[RunSpec | Settled | None]:
+        """Yield the cases that the dataset does not hold; those that it holds are judged anew."""
+        self._rows = {(row[CASE], row["seed"]): row for row in dataset.rows()}
+        held, waiting = dict(self._rows), list(self.query.seeds)
+        for seed in waiting:
+            if (NOMINAL, seed) not in held:
+                yield from self._offered(NOMINAL, seed, None)
+        while waiting:
+            timed = [seed for seed in waiting if (NOMINAL, seed) in self._rows]
+            if not timed:
+                yield None
+            for seed in timed:
+                waiting.remove(seed)
+                yield from self._timed(seed)
+        dataset.revise(self._judged_anew(held))
 
-    @contextmanager
-    def _brain(self, case: Case, place: Place, folder: Path) -> Iterator[tuple[Callable[[], bool], tuple[str, ...]]]:
-        """Start a brain; yields the function that tells whether it is idle, and the wires that it does not receive."""
-        if place.command is None:
-            self._ready(case.name)
-            yield _manual_quiet, ()
+    def _timed(self, seed: int) -> Iterator[RunSpec | Settled | None]:
+        """Yield the cases of a seed whose nominal drive is over."""
+        if seed not in self._nominal:
+            self._judge(NOMINAL, seed, None, self._rows[NOMINAL, seed])
+        if not self._nominal[seed].answers:
             return
-        ports = place.ports
-        process = BrainProcess(place.command, ports, folder / "brain.log", self.working)
-        try:
-            unheard = process.wait_until_it_listens([port for port, kind in ports.items() if kind == "radar"])
-            yield process.quiet, tuple(sorted(ports[port] for port in unheard))
-        finally:
-            process.close()
+        unheard = (self._rows[NOMINAL, seed]["unheard"] or "").split()
+        listened = [kind for kind in self.kinds if kind not in unheard]
+        for case in self.query.cases[1:]:
+            undriven, window = self._timing(case, seed, listened)
+            row = self._rows.get((case.name, seed))
+            if undriven is not None:
+                self.results[case.name, seed] = undriven
+                if row is None:
+                    yield Settled(run_of(case.name, seed), RunResult(key(case.name, seed), columns_of(undriven)))
+            elif row is not None:
+                self._judge(case.name, seed, window, row)
+            else:
+                yield from self._offered(case.name, seed, window)
 
-    def _link(
-        self, case: Case, resolved: ResolvedScenario, job: CaseJob, place: Place, quiet: Callable[[], bool]
-    ) -> FaultLink:
-        wires, setpoints = open_wires(place.rig, resolved, self._key)
-        assert setpoints is not None  # a rig without setpoints is refused
-        rng = Random(f"{case.name} {resolved.scenario.seed}")
-        scene = None if job.window is None or case.make_scan_fault is None else self._scene(job.seed, job.window)
-        faulty = [
-            FaultyWire(
-                wire.output,
-                wire.outlet,
-                case.make_wire_fault(rng) if case.make_wire_fault and kind in case.wires else None,
-                case.make_scan_fault(scene) if case.make_scan_fault and scene and kind in case.wires else None,
-            )
-            for kind, wire in zip(self.kinds, wires, strict=True)
-        ]
-        return FaultLink(faulty, setpoints, job.window, quiet, place.rig.brain.deadline_s, self._key)
+    def _timing(self, case: Case, seed: int, listened: Sequence[str]) -> tuple[CaseResult | None, Window | None]:
+        """Return the result of a case that is not driven, or the window of its fault."""
+        if why := inapplicable(case, self.kinds) or inapplicable(case, listened):
+            silent = "" if inapplicable(case, self.kinds) else "the brain listens to no such wire: "
+            return CaseResult(case, seed, CaseVerdict.NOT_APPLICABLE, silent + why), None
+        timing = timing_of(case, self._nominal[seed], bumper_of(self._resolved))
+        return (CaseResult(case, seed, CaseVerdict.VOID, timing.void) if timing.void else None), timing.window
 
-    def _scene(self, seed: int, window: Window) -> Scene:
-        nominal = self.case_drive(CaseJob(NOMINAL, seed, None))
-        (speed,) = speeds_at(nominal, [window.begins]).tolist()
-        return Scene(track_of(nominal), window.begins, self.bumper, speed)
+    def _offered(self, case: str, seed: int, window: Window | None) -> Iterator[RunSpec | None]:
+        """Yield a run once a place is free; a brain that is started by hand is waited for."""
+        while not self._free:
+            yield None
+        if self.query.command is None:
+            self._ready(case)
+        self._windows[key(case, seed)] = window
+        yield run_of(case, seed)
 
-    def wire_summary(self, job: CaseJob) -> kept.WireSummary | None:
-        """Return the summary of a finished job; None where it has not been driven."""
-        return kept.wire_summary_of(kept.folder_of(self.query.out, job.case, job.seed), job.window)
+    def job(self, run: RunSpec, record: Path | None) -> Job:
+        """Return the job of a case at a place of its own."""
+        place = self._taken[run.key] = self._free.pop()
+        case = CASE_BY_NAME[str(run.values[CASE])]
+        log = (self._folder / "brains" / f"{run.key}.log").absolute()
+        nominal = self._record(NOMINAL, run.seed).absolute()
+        return Job(
+            key=run.key,
+            name=self.plan.scenario,
+            table=self._table | {"seed": run.seed},
+            file=self._file,
+            working=self._working.absolute(),
+            keep=record,
+            rig=self.rig_file.absolute(),
+            time_limit_s=NO_LIMIT,
+            memory_limit_mb=NO_LIMIT,
+            driver=DRIVER,
+            driven=order(case, self._windows[run.key], place, nominal, log, os.environ),
+        )
 
-    def case_drive(self, job: CaseJob) -> CaseDrive:
-        """Return the drive of a finished job."""
-        wire_summary = self.wire_summary(job)
-        assert wire_summary is not None
-        return kept.drive_of(kept.folder_of(self.query.out, job.case, job.seed), wire_summary)
+    def judged(self, run: RunSpec, job: Job, result: RunResult) -> RunResult:
+        """Return a drive's result with its verdict; raises VveError for a drive that broke."""
+        self._free.append(self._taken.pop(run.key))
+        case = str(run.values[CASE])
+        if result.error:
+            raise _error(case, result.error)
+        return replace(
+            result, figures=result.figures | self._judge(case, run.seed, self._windows[run.key], result.figures)
+        )
+
+    def take(self, row: Row) -> None:
+        """Note a stored row."""
+        self._rows[row[CASE], row["seed"]] = row
+
+    def _judge(self, name: str, seed: int, window: Window | None, figures: Mapping[str, Any]) -> dict[str, MetricValue]:
+        """Judge a drive by its record; return the columns of its row."""
+        case, record = CASE_BY_NAME[name], self._record(name, seed)
+        drive = kept.drive_of(record, figures["setpoints_refused"] or "", figures["setpoints_taken"])
+        if name == NOMINAL:
+            self._nominal[seed] = drive
+        judged = judge(case, window, drive, self._nominal[seed], self.rules)
+        self.results[name, seed] = result = CaseResult(
+            case,
+            seed,
+            judged.verdict,
+            judged.why,
+            window,
+            judged.reaction,
+            judged.left,
+            impact_speed=drive.impact_speed,
+            outcome=drive.outcome,
+            reasons=tuple(drive.reasons),
+            extra_braking=judged.extra_braking,
+            last=judged.last,
+            record=record.relative_to(self._folder),
+            record_sha256=drive.record_sha256,
+            drive=drive,
+        )
+        return columns_of(result)
+
+    def _judged_anew(self, held: Mapping[tuple[str, int], Row]) -> Iterator[Row]:
+        """Yield the rows of before that other limits judge otherwise."""
+        for place, row in held.items():
+            fresh = columns_of(self.results[place]) if place in self.results else {}
+            if any(row[name] != value for name, value in fresh.items()):
+                yield {"number": row["number"], **fresh}
+
+    def _record(self, case: str, seed: int) -> Path:
+        return self._folder / "records" / key(case, seed)
 
 
-NOMINAL: Final = CASES[0].name
-CASE_BY_NAME: Final[Mapping[str, Case]] = {case.name: case for case in CASES}
+def key(case: str, seed: int) -> str:
+    """Return the key of a drive within its certificate."""
+    return f"{case}_seed_{seed}"
 
 
-def _manual_quiet() -> bool:
-    time.sleep(MANUAL_QUIET_TIME)
-    return True
+def run_of(case: str, seed: int) -> RunSpec:
+    """Return the run of a case; numbered seed by seed over all cases, so that further ones keep the numbers."""
+    return RunSpec((seed - 1) * len(CASES) + NAMES.index(case), key(case, seed), {CASE: case}, seed)
 
 
-def certify(query: CertifyQuery, working: Path, ready: Ready, done: Done) -> Certificate:
-    """Drive every case with every seed and return the certificate; raises VveError where one cannot be driven.
+def columns_of(result: CaseResult) -> dict[str, MetricValue]:
+    """Return what a row of the dataset holds of a case's result; a row passes by its verdict."""
+    return {
+        "passed": {CaseVerdict.PASSED: True, CaseVerdict.FAILED: False}.get(result.verdict),
+        "failed": result.why if result.verdict is CaseVerdict.FAILED else "",
+        "verdict": result.verdict.value,
+        "why": result.why,
+        "fault_begins_s": None if result.window is None else result.window.begins,
+        "reaction_s": finite(result.reaction),
+        "reacted": None if result.reaction != result.reaction else finite(result.reaction) is not None,
+        "distance_left_m": finite(result.left),
+        "extra_braking_mps2": finite(result.extra_braking),
+    }
 
-    If the nominal drive of a seed has no answer at all, the other cases of the seed are not driven. After a ConfigError
-    in the first drive, nothing remains on the disk. After an interrupt, finished drives remain for `query.resume`.
+
+def certify(query: CertifyQuery, working: Path, ready: Ready, progress: Progress) -> Certificate:
+    """Drive every case with every seed and return the certificate.
+
+    Raises VveError where a case cannot be driven; finished drives remain for `query.resume`, as after an interrupt.
     """
-    bench = Bench(query, working, ready)
-    existed = query.out.exists()
-    kept.begin(query.out, bench.identity(), resume=query.resume)
+    design = CertificateDesign(query, working, ready)
     began = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-    seeds = {seed: _SeedResults(bench, seed) for seed in query.seeds}
-    shown: list[CaseResult] = []
-
-    def publish(results: Sequence[CaseResult]) -> None:
-        for result in results:
-            shown.append(result)
-            done(shown)
-
-    def after(job: CaseJob) -> Sequence[CaseJob]:
-        results, jobs = seeds[job.seed].take(job)
-        publish(results)
-        return _undriven(bench, jobs, after)
-
-    try:
-        _drive_all(bench, _undriven(bench, [CaseJob(NOMINAL, seed, None) for seed in query.seeds], after), after)
-    except ConfigError:
-        if not shown and not query.resume:
-            _clear(query.out, remove=not existed)
-        raise
-    results = [result for seed in query.seeds for result in seeds[seed].results()]
+    again = f"the same command with --out {query.out} --resume"
+    engine = Local(len(design.places))
+    drive_into(query.out, design, engine, "all", resume=query.resume, resume_command=again, progress=progress)
+    places = ((case.name, seed) for seed in query.seeds for case in query.cases)
+    results = tuple(design.results[place] for place in places if place in design.results)
     return Certificate(
-        rig=str(bench.rig_file.name.removesuffix(".toml")),
+        rig=design.rig_file.name.removesuffix(".toml"),
         rig_argument=query.rig,
-        rig_sha256=_digest(bench.rig_file),
+        rig_sha256=_digest(design.rig_file),
         scenario=query.scenario,
         values=dict(query.values),
-        brain=under_test(query.command, working),
-        wires=bench.kinds,
+        brain=design.brain,
+        wires=design.kinds,
         seeds=query.seeds,
         cases=tuple(case.name for case in query.cases),
         limits=query.limits,
-        results=tuple(results),
+        results=results,
         defects=diagnose(results),
         software=provenance.software(),
         began_utc=began,
     )
 
 
-def _undriven(bench: Bench, jobs: Sequence[CaseJob], after: Callable[[CaseJob], Sequence[CaseJob]]) -> list[CaseJob]:
-    """Return the jobs that are still to be driven; results of finished jobs are reused, with the jobs that follow."""
-    left: list[CaseJob] = []
-    for job in jobs:
-        if bench.wire_summary(job) is None:
-            left.append(job)
-        else:
-            left.extend(after(job))
-    return left
+def _error(case: str, error: str) -> ConfigError | RigError | SimulationError:
+    """Return the exception of a drive that broke, by the prefix of its error."""
+    for prefix, kind in ((CONFIG, ConfigError), (RIG, RigError)):
+        if error.startswith(prefix):
+            return kind(error.removeprefix(prefix))
+    return SimulationError(f"case {case}: {error}")
 
 
-def _drive_all(bench: Bench, jobs: Sequence[CaseJob], after: Callable[[CaseJob], Sequence[CaseJob]]) -> None:
-    if len(bench.places) == 1:
-        left = list(jobs)
-        while left:
-            job = left.pop(0)
-            bench.drive(job, bench.places[0])
-            left.extend(after(job))
-        return
-    pool: Pool[CaseJob] = Pool([partial(bench.drive, place=place) for place in bench.places])
-    try:
-        pool.run(jobs, after)
-    finally:
-        pool.close()
-
-
-class _SeedResults:
-    """The results of a seed: first the nominal drive, then those that are timed by it."""
-
-    def __init__(self, bench: Bench, seed: int) -> None:
-        self._bench, self._seed = bench, seed
-        self._nominal: CaseDrive | None = None
-        self._results: dict[str, CaseResult] = {}
-
-    def take(self, job: CaseJob) -> tuple[list[CaseResult], list[CaseJob]]:
-        """Judge a finished job; return the new results, and the jobs that follow from it."""
-        drive = self._bench.case_drive(job)
-        result = self._judged(job, drive)
-        self._results[job.case] = result
-        if job.case != NOMINAL:
-            return [result], []
-        self._nominal = drive
-        if not drive.answers:
-            return [result], []
-        wire_summary = self._bench.wire_summary(job)
-        listened = [kind for kind in self._bench.kinds if wire_summary is None or kind not in wire_summary.unheard]
-        settled, jobs = [result], []
-        for case in self._bench.query.cases[1:]:
-            undriven, window = self._undriven(case, listened)
-            if undriven is None:
-                jobs.append(CaseJob(case.name, self._seed, window))
-            else:
-                self._results[case.name] = undriven
-                settled.append(undriven)
-        return settled, jobs
-
-    def _undriven(self, case: Case, listened: Sequence[str]) -> tuple[CaseResult | None, Window | None]:
-        """Return the result of a case that is not driven, or the window of its fault."""
-        assert self._nominal is not None
-        if why := inapplicable(case, self._bench.kinds) or inapplicable(case, listened):
-            silent = "" if inapplicable(case, self._bench.kinds) else "the brain listens to no such wire: "
-            return CaseResult(case, self._seed, CaseVerdict.NOT_APPLICABLE, silent + why), None
-        timing: Timing = timing_of(case, self._nominal, self._bench.bumper)
-        if timing.void:
-            return CaseResult(case, self._seed, CaseVerdict.VOID, timing.void), None
-        return None, timing.window
-
-    def _judged(self, job: CaseJob, drive: CaseDrive) -> CaseResult:
-        case = CASE_BY_NAME[job.case]
-        judged = judge(case, job.window, drive, self._nominal, self._bench.rules)
-        record = Path(kept.CASES) / case.name / f"seed_{job.seed}" / "record"
-        result = CaseResult(case, job.seed, judged.verdict, judged.why, job.window, judged.reaction, judged.left)
-        return replace(
-            result,
-            impact_speed=drive.impact_speed,
-            outcome=drive.outcome,
-            reasons=tuple(drive.reasons),
-            extra_braking=judged.extra_braking,
-            last=judged.last,
-            record=record,
-            record_sha256=drive.record_sha256,
-            drive=drive,
+def _rig(query: CertifyQuery, working: Path) -> tuple[Path, Rig]:
+    file = workspace.find("rig", query.rig, working)
+    rig = load_rig(file, working)
+    if rig.brain.kind != "setpoints":
+        raise ConfigError(
+            f"{file}: brain.kind is {rig.brain.kind!r}, expected 'setpoints': lockstep waits for the brain, and only a "
+            "setpoint shows that it has answered"
         )
+    if "radar" not in (output.kind for output in rig.outputs):
+        raise ConfigError(f"{file}: outputs: expected one of kind 'radar', which a setpoint answers")
+    return file, rig
 
-    def results(self) -> list[CaseResult]:
-        """Return the results in the order of the cases."""
-        return [self._results[case.name] for case in self._bench.query.cases if case.name in self._results]
 
-
-def _clear(folder: Path, *, remove: bool) -> None:
-    """Remove what was written before the first drive ended; with `remove`, the folder too."""
-    kept.clear(folder / kept.CASES)
-    (folder / kept.QUERY).unlink(missing_ok=True)
-    if remove:
-        with suppress(OSError):  # the folder is not empty: another program wrote into it
-            folder.rmdir()
+def _require_program(command: str | None, working: Path) -> None:
+    """Raise ConfigError for a command whose program is not there, before anything is written."""
+    if command is None:
+        return
+    try:
+        program = shlex.split(command)[:1]
+    except ValueError as error:
+        raise ConfigError(f"--brain: {command!r} cannot be started: {error}") from None
+    if not program:
+        raise ConfigError("--brain: expected the command that starts the brain, got nothing")
+    if shutil.which(working / program[0] if "/" in program[0] else program[0]) is None:
+        raise ConfigError(f"--brain: {command!r} cannot be started: no program {program[0]!r}")
 
 
 def under_test(command: str | None, working: Path) -> BrainUnderTest:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,7 @@ from vve_sumo.cli.parser import Parser, names, setting, values_of
 from vve_sumo.errors import ConfigError
 
 if TYPE_CHECKING:
-    from vve_sumo.certify.results import CaseResult, Certificate
+    from vve_sumo.certify.results import Certificate
 
 EXIT_CODES = """exit codes:
   0  every case passed
@@ -91,8 +90,6 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigError("--rig: expected the rig that names the brain's wires; see `vve-sumo certify --help`")
     if arguments.runs < 1:
         raise ConfigError(f"--runs: expected 1 or more, got {arguments.runs}")
-    if arguments.workers is not None and arguments.workers < 1:
-        raise ConfigError(f"--workers: expected 1 or more, got {arguments.workers}")
     if arguments.resume and arguments.out is None:
         raise ConfigError("--resume: expected --out, the folder to continue")
     from vve_sumo.certify.limits import limits_of
@@ -115,23 +112,9 @@ def run(arguments: argparse.Namespace) -> int:
     )
     from vve_sumo.certify import report
     from vve_sumo.certify.run import certify
-    from vve_sumo.sweep.progress import Tally
 
     with progress_bar.of_runs(quiet=False) as shown:
-        tally = Tally(len(cases) * arguments.runs, 0, 0, 0)
-        shown(tally)
-
-        def done(results: Sequence[CaseResult]) -> None:
-            tally.count(results[-1].verdict.value not in ("FAILED", "VOID"), "")
-            shown(tally)
-
-        try:
-            certificate = certify(query, working, _wait_for_manual_start, done)
-        except KeyboardInterrupt:
-            kept = f"{tally.finished} of {tally.total} results are kept in {out}"
-            raise KeyboardInterrupt(
-                f"interrupted: {kept}; the same command with --out {out} --resume continues"
-            ) from None
+        certificate = certify(query, working, _wait_for_manual_start, shown)
     page = report.write(certificate, out)
     _show(certificate)
     print(f"written: {page}")

@@ -23,7 +23,8 @@ EXIT_CODES = """exit codes:
   0  every row passed that full braking could have met
   1  such a row failed, or a row was not driven as the standard requires
   2  wrong use or configuration; nothing was written
-  130  interrupted from the keyboard; there is no table then
+  4  the simulation cannot be started, or the disk is full
+  130  interrupted from the keyboard; there is no table then; of --out finished drives are kept, --resume continues
 """
 
 #: width of the table where there is no terminal [characters]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from vve_sumo import progress_bar
 from vve_sumo.cli.console import complain, note, notify, plain_console
@@ -16,10 +16,13 @@ from vve_sumo.errors import ConfigError, SimulationError
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from vve_sumo.sweep.conclusion import SweepOutcome
     from vve_sumo.sweep.plan import SweepQuery
     from vve_sumo.sweep.search import AdaptiveSearch
     from vve_sumo.sweep.spec import Keep
-    from vve_sumo.sweep.statistics import Group, SweepOutcome
+
+#: a row of `groups.grouped`
+Combination = Mapping[Hashable, Any]
 
 EXIT_CODES = """exit codes:
   0  every run is a row, passed or not; of --rerun: the record is the same
@@ -136,7 +139,7 @@ def _conclude(out: Path, query: SweepQuery) -> int:
 
     outcome = conclude(out, query)
     _show(out, query, outcome)
-    return SimulationError.exit_code if outcome.all.judged == 0 else 0
+    return SimulationError.exit_code if outcome.all["judged"] == 0 else 0
 
 
 def _conclude_search(out: Path, query: SweepQuery, search: AdaptiveSearch) -> int:
@@ -160,18 +163,17 @@ def _show(out: Path, query: SweepQuery, outcome: SweepOutcome) -> None:
     from vve_sumo.sweep.conclusion import COMBINATIONS, first_failed
 
     console = plain_console()
-    if outcome.groups and query.plan.parameters:
+    if len(outcome.combinations):
         console.print(_table(query, outcome))
-        if len(outcome.groups) > MAX_ROWS:
-            console.print(f"… and {len(outcome.groups) - MAX_ROWS} more in {out / COMBINATIONS}")
-    total, errors = outcome.all, outcome.all.runs - outcome.all.judged
+        if len(outcome.combinations) > MAX_ROWS:
+            console.print(f"… and {len(outcome.combinations) - MAX_ROWS} more in {out / COMBINATIONS}")
+    runs, judged, passed, collisions = (outcome.all[name] for name in ("runs", "judged", "passed", "collisions"))
     share = ""
     if query.spec.design == "random" and query.cells.count == query.cells.points:
-        low, high = wilson(total.passed, total.judged)
-        share = f" ({_percent(low, high)} of those drawn)" if total.judged else ""
-    failed = total.judged - total.passed
-    hit = f"; {total.collisions} with a collision" if total.collisions else ""
-    console.print(f"{total.runs} runs: {total.passed} passed{share}, {failed} failed, {errors} with an error{hit}")
+        share = f" ({_percent(*wilson(passed, judged))} of those drawn)" if judged else ""
+    hit = f"; {collisions} with a collision" if collisions else ""
+    counts = f"{passed} passed{share}, {judged - passed} failed, {runs - judged} with an error"
+    console.print(f"{runs} runs: {counts}{hit}")
     for line in outcome.unmet_lines():
         console.print(f"  {line}")
     for number, line in enumerate(outcome.lines()):
@@ -194,31 +196,34 @@ def _table(query: SweepQuery, outcome: SweepOutcome) -> Table:
     metrics = (text or list(DEFAULT_METRICS))[:MAX_METRICS]
     title = query.spec.title or query.plan.scenario
     table = Table(title=title, title_justify="left", box=box.SIMPLE)
-    shown = list(outcome.groups.items())[:MAX_ROWS]
-    extra = _extra_columns([group for _values, group in shown])
+    shown = outcome.combinations.head(MAX_ROWS).to_dict("records")
+    extra = _extra_columns(shown)
     for name in (*_short_names(list(query.plan.parameters)), "passed", *extra, *metrics):
         table.add_column(name, justify="right", overflow="fold")
-    for values, group in shown:
-        counts = (f"{group.passed} of {group.judged}", *(cell(group) for cell in extra.values()))
-        table.add_row(*map(_short, values), *counts, *(_spread(group, name) for name in metrics))
-    if any(group.runs > 1 for _values, group in shown):
+    for row in shown:
+        counts = (f"{row['passed']} of {row['judged']}", *(cell(row) for cell in extra.values()))
+        values = (_short(row[name]) for name in query.plan.parameters)
+        table.add_row(*values, *counts, *(_spread(row, name) for name in metrics))
+    if any(row["runs"] > 1 for row in shown):
         table.caption = "mean over the runs with a value, the number of these runs, and the worst value"
         table.caption_justify = "left"
     return table
 
 
-def _extra_columns(groups: Sequence[Group]) -> dict[str, Callable[[Group], str]]:
+def _extra_columns(rows: Sequence[Combination]) -> dict[str, Callable[[Combination], str]]:
     """Return the columns after `passed` that are not empty: each head, and the function of its cells."""
-    columns: dict[str, Callable[[Group], str]] = {}
-    if any(group.interval for group in groups):
-        columns["share, 95 %"] = lambda group: _percent(*group.interval) if group.interval else "none"
-    if any(group.collisions for group in groups):
-        columns["collisions"] = lambda group: str(group.collisions)
-    if any(group.stopped_by_gateway for group in groups):
-        columns["stopped by gateway"] = lambda group: str(group.stopped_by_gateway)
-    if any(group.errors for group in groups):
-        columns["errors"] = lambda group: str(group.errors)
-    return columns
+    columns: dict[str, Callable[[Combination], str]] = {}
+    if any(_interval(row) != "none" for row in rows):
+        columns["share, 95 %"] = _interval
+    counts = {"collisions": "collisions", "stopped by gateway": "stopped_by_gateway", "errors": "errors"}
+    return columns | {
+        head: lambda row, name=name: str(row[name]) for head, name in counts.items() if any(row[name] for row in rows)
+    }
+
+
+def _interval(row: Combination) -> str:
+    low, high = row["passed_low_share"], row["passed_high_share"]
+    return "none" if not row["judged"] or math.isnan(low) else _percent(low, high)
 
 
 def _short_names(names: list[str]) -> list[str]:
@@ -228,7 +233,7 @@ def _short_names(names: list[str]) -> list[str]:
 
 
 def _short(value: object) -> str:
-    if value is None:  # a key of another controller's tuning
+    if value is None or value != value:  # a key of another controller's tuning
         return ""
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
@@ -237,14 +242,15 @@ def _percent(low: float, high: float) -> str:
     return f"{100.0 * low:.0f} to {100.0 * high:.0f} %"
 
 
-def _spread(group: Group, metric: str) -> str:
+def _spread(row: Combination, metric: str) -> str:
     """Return a metric's mean with its interval, the number of runs with a value if not all, and the worst value."""
-    mean, half, worst = group.means[metric], group.half(metric), group.worst(metric)
-    if mean.count == 0:
+    mean, half, worst = (row[f"{which}_{metric}"] for which in ("mean", "half_width", "worst"))
+    count, runs = row[f"{metric}_count"], row["runs"]
+    if count == 0:
         return "none"
-    text = f"{mean.mean:.3g}" if math.isnan(half) else f"{mean.mean:.3f} ± {half:.3f}"
-    text += f" ({mean.count} of {group.runs})" if mean.count < group.runs else ""
-    return text if group.runs == 1 or math.isnan(worst) else f"{text}, worst {worst:.3g}"
+    text = f"{mean:.3g}" if math.isnan(half) else f"{mean:.3f} ± {half:.3f}"
+    text += f" ({count} of {runs})" if count < runs else ""
+    return text if runs == 1 or math.isnan(worst) else f"{text}, worst {worst:.3g}"
 
 
 def rerun(folder: Path, key: str, out: Path | None) -> int:

@@ -82,17 +82,31 @@ def resolve_by_name(
 
     Raises ConfigError for anything that is missing or wrong.
     """
-    file = workspace.find("scenario", name, working)
-    table = read_as(file, "scenario", Scenario)
-    parse(table, file)
-    chosen = overrides.choose(table, seed=seed, controller=controller, vehicle=vehicle)
-    scenario = parse(overrides.checked(chosen, values or {}, "--set "), file)
+    file, table = table_by_name(name, working, seed=seed, controller=controller, vehicle=vehicle, values=values)
+    scenario = parse(table, file)
     resolved = resolve_scenario(file.name.removesuffix(".toml"), scenario, file, working)
     if rig is not None:
         from vve_sumo.rig.load import load as load_rig
 
         resolved = resolved.with_rig(load_rig(workspace.find("rig", rig, working), working), working)
     return resolved
+
+
+def table_by_name(
+    name: str,
+    working: Path,
+    *,
+    seed: int | None = None,
+    controller: str | None = None,
+    vehicle: str | None = None,
+    values: Mapping[str, Any] | None = None,
+) -> tuple[Path, dict[str, Any]]:
+    """Return the file and the table of a scenario, altered as `resolve_by_name` says."""
+    file = workspace.find("scenario", name, working)
+    table = read_as(file, "scenario", Scenario)
+    parse(table, file)
+    chosen = overrides.choose(table, seed=seed, controller=controller, vehicle=vehicle)
+    return file, overrides.checked(chosen, values or {}, "--set ")
 
 
 def run(

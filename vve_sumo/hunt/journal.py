@@ -1,17 +1,18 @@
-"""The folder of a hunt: what was asked, every episode on a line of its own, what was found.
-
-A line is written whole or, where the program is killed, cut off and left out when the hunt is taken up again.
-"""
+"""The folder of a hunt: what was asked and by which versions, every episode on a line of its own, what was found."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
+from vve_sumo.config_file import read_json
+from vve_sumo.drive.provenance import decisive_versions
 from vve_sumo.errors import ConfigError
 from vve_sumo.hunt.runner import EpisodeResult
+from vve_sumo.record.sweep_folder import journal_entries
+from vve_sumo.sweep.dataset import refuse_mixed
+from vve_sumo.sweep.journal import Journal, replace_file
 
 QUERY: Final = "hunt.json"
 EPISODES: Final = "episodes.jsonl"
@@ -31,38 +32,26 @@ class HuntJournal:
         elif folder.exists() and any(folder.iterdir()):
             hint = "take it up with --resume, or name another" if begun else "name another"
             raise ConfigError(f"--out: {folder} is not empty; {hint}")
-        self.results: dict[str, EpisodeResult] = dict(self._read())
+        file = folder / EPISODES
+        entries = journal_entries(file, {"name": str, "episode": dict}, "episode")
+        self.results = {entry["name"]: EpisodeResult.from_dict(entry) for entry in entries}
         (folder / FOUND).mkdir(parents=True, exist_ok=True)
-        (folder / QUERY).write_text(json.dumps(query, indent=1) + "\n", encoding="utf-8")
-        # A line that was cut off must not be joined with the next one.
-        self._file = (folder / EPISODES).open("a", encoding="utf-8")
-        if self._file.tell():
-            self._file.write("\n")
+        replace_file(folder / QUERY, (json.dumps(query | {"versions": decisive_versions()}, indent=1) + "\n").encode())
+        self._journal = Journal(file, infinite=True)  # a margin is, where a reaction never came
+        self._journal.rewrite(entries)
 
     def _check(self, query: dict[str, Any]) -> None:
-        before = json.loads((self.folder / QUERY).read_text(encoding="utf-8"))
+        before = read_json(self.folder / QUERY, "a hunt", "rig")
+        refuse_mixed(self.folder, before.get("versions", {}), decisive_versions())
         for key, value in query.items():
             if before.get(key) != value:
                 raise ConfigError(f"--resume: the hunt in {self.folder} has {key} {before.get(key)!r}, not {value!r}")
 
-    def _read(self) -> Iterator[tuple[str, EpisodeResult]]:
-        file = self.folder / EPISODES
-        if not file.is_file():
-            return
-        with file.open(encoding="utf-8") as lines:
-            for line in lines:
-                try:
-                    data = json.loads(line)
-                    yield data["name"], EpisodeResult.from_dict(data)
-                except (ValueError, KeyError):
-                    continue  # cut off, or empty
-
     def add(self, name: str, result: EpisodeResult) -> None:
         """Keep what came of an episode."""
         self.results[name] = result
-        self._file.write(json.dumps({"name": name} | result.to_dict()) + "\n")
-        self._file.flush()
+        self._journal.add({"name": name} | result.to_dict())
 
     def close(self) -> None:
         """Close the file."""
-        self._file.close()
+        self._journal.close()

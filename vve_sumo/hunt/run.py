@@ -26,6 +26,7 @@ from vve_sumo.hunt.simulation import HuntSetup
 from vve_sumo.live.assembly import scenario_with_rig
 from vve_sumo.plant.injectable import injectable_kinds
 from vve_sumo.plant.injected_faults import KINDS
+from vve_sumo.record.hashes import hash_file
 from vve_sumo.rig.load import load as load_rig
 
 #: pairs that are driven together; they share the nominal drive
@@ -102,6 +103,7 @@ class Hunt:
         asked: dict[str, Any] = {
             "scenario": query.scenario,
             "rig": query.rig,
+            "rig_sha256": hash_file(file),
             "seed": query.seed,
             "mode": "pairs" if query.pairs else "search",
             "phases": [phase.value for phase in query.phases] if query.pairs else [],

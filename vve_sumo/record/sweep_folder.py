@@ -1,7 +1,7 @@
-"""Reads a sweep's folder: its plan, and a row for every finished run, while the sweep goes on or afterwards.
+"""Reads the folder of many drives: its plan, and a row for every finished run, while they go on or afterwards.
 
-Knows the folder's layout (`vve_sumo/sweep/dataset.py` writes the files) and the columns of a row; neither how a sweep
-is driven nor what its rows mean.
+A sweep, a suite and a certificate leave the same folder. Knows its layout (`vve_sumo/sweep/dataset.py` writes its
+files) and the columns of a row; neither how runs are driven nor what their rows mean.
 """
 
 from __future__ import annotations
@@ -79,12 +79,21 @@ class SweepPlan:
     rig: str = ""  #: file of the rig whose car drives; empty: the scenario's vehicle
     #: hashes of each controller's code by its name and the file's role; none of a shipped one
     controllers_sha256: dict[str, dict[str, list[str]]] = field(default_factory=dict)
-    #: rows of the user's metrics of a drive that each run is measured by beside the shipped ones
+    #: rows of the metrics that each run has beside the shipped ones: a user's, a suite's, a certificate's
     metrics: list[dict[str, Any]] = field(default_factory=list)
+    design: Literal["sweep", "suite", "certificate"] = "sweep"
+    #: of a suite: scenario and requirements of each test, by its value of the parameter `row`
+    tests: dict[str, Any] = field(default_factory=dict)
 
     def own(self) -> Mapping[str, Metric]:
-        """Return the rows of the user's metrics; raises ConfigError for what is none."""
+        """Return the rows of `metrics`; raises ConfigError for what is none."""
         return DeclaredMetrics.from_dict({"per_drive": self.metrics}).per_drive
+
+    @property
+    def asked(self) -> int:
+        """Number of runs that were asked for; for a search, the greatest number. A certificate may leave cases out."""
+        left_out = self.design == "certificate" and "cases" in self.spec
+        return len(self.spec["cases"]) * self.spec["seeds"] if left_out else self.cells
 
     def numbers(self) -> tuple[str, ...]:
         """Return the figures of a row that are numbers with a mean."""
@@ -127,9 +136,10 @@ class SweepPlan:
         try:
             data = json.loads(file.read_text(encoding="utf-8"))
             version = data["version"]
-            data = {"rig": "", "controllers_sha256": {}, "metrics": [], **data}  # which sweeps had not at first
+            data = _LATER_KEYS | data
         except OSError:
-            raise ConfigError(f"{folder}: no sweep.json: not a sweep's folder") from None
+            other = earlier_layout(folder) or "no sweep.json: not a sweep's folder"
+            raise ConfigError(f"{folder}: {other}") from None
         except (ValueError, KeyError, TypeError) as error:
             raise ConfigError(f"{file}: not what a sweep writes: {error!r}") from None
         if version != VERSION:
@@ -146,6 +156,22 @@ class SweepPlan:
         return plan
 
 
+#: keys of a plan that sweeps had not at first
+_LATER_KEYS: dict[str, Any] = {
+    "rig": "", "controllers_sha256": {}, "metrics": [], "design": "sweep", "tests": {}
+}  # fmt: skip
+
+
+def earlier_layout(folder: Path) -> str:
+    """Return what a folder is that a suite or a certificate of an earlier vve-sumo left; empty for another folder."""
+    if (folder / "sweep.json").is_file():
+        return ""
+    of = "a certificate" if (folder / "query.json").is_file() and (folder / "cases").is_dir() else ""
+    of = of or ("a suite" if (folder / "journal.jsonl").is_file() else "")
+    anew = "its tables can be read as they are; to go on, begin anew in another folder"
+    return f"no sweep.json: the layout that {of} of an earlier vve-sumo left; {anew}" if of else ""
+
+
 def _meaning_of_parameter(name: str, declared: Mapping[str, Any]) -> str:
     """Return what the scenario declares of a parameter, or what the key means that it sets."""
     key = declared["sets"][0] if declared else name
@@ -158,7 +184,7 @@ def _who(data: Mapping[str, Any]) -> str:
     return f", version {version}" if isinstance(version, str) else ""
 
 
-_PLAIN = {"str": str, "int": int, "dict": dict, "list": list}
+_PLAIN = {"str": str, "int": int, "dict": dict, "list": list, "Literal": str}
 
 
 def _wrong(data: Mapping[str, Any], plan: type[SweepPlan]) -> str:
@@ -307,21 +333,28 @@ def read_tables(folder: Path) -> Iterator[pa.Table]:
 
 def journal(folder: Path) -> list[Row]:
     """Return the rows of a journal up to its last complete line; raises ConfigError for a line that is no run."""
-    file = folder / "journal.jsonl"
+    return journal_entries(folder / "journal.jsonl", {"number": int}, "run")
+
+
+def journal_entries(file: Path, keys: Mapping[str, type], what: str) -> list[dict[str, Any]]:
+    """Return the entries of a journal up to its last complete line; none where there is no file.
+
+    Raises ConfigError for a line that is none of a finished `what`: no table with these keys and types of values.
+    """
     try:
         lines = file.read_bytes().split(b"\n")[:-1]  # the last line has no line end: incomplete, or empty
     except FileNotFoundError:
         return []
-    rows: list[Row] = []
+    entries: list[dict[str, Any]] = []
     for number, line in enumerate(lines, 1):
         try:
-            row = json.loads(line)
+            entry = json.loads(line)
         except ValueError:
-            row = None
-        if not (isinstance(row, dict) and isinstance(row.get("number"), int)):
-            raise ConfigError(f"{file}: line {number} is no finished run: the file was damaged")
-        rows.append(row)
-    return rows
+            entry = None
+        if not (isinstance(entry, dict) and all(isinstance(entry.get(key), kind) for key, kind in keys.items())):
+            raise ConfigError(f"{file}: line {number} is no finished {what}: the file was damaged")
+        entries.append(entry)
+    return entries
 
 
 def schema_of(columns: Mapping[str, Kind]) -> pa.Schema:

@@ -40,7 +40,7 @@ def report(sweep: Sweep) -> ReportPage:
     plots = sorted(drawn, key=lambda one: one.name == "map_passed" and rows["passed"].nunique() < 2)
     return ReportPage(
         template="sweep.html.j2",
-        kind="Report of a study" if margin else ("Report of a search" if _search(sweep) else "Report of a sweep"),
+        kind=f"Report of a {_kind(sweep, margin)}",
         title=sweep.title,
         verdict=verdict(sweep, rows, counted, margin),
         key_figures=key_figures.of_sweep(rows, counted.passed, counted.judged, _figures(sweep)),
@@ -49,6 +49,10 @@ def report(sweep: Sweep) -> ReportPage:
         content=_settings(sweep, rows) | _study(margin) | _results(sweep, rows, counted) | _provenance(sweep),
         data=points(rows, sweep.parameters, _figures(sweep)),
     )
+
+
+def _kind(sweep: Sweep, margin: LatencyMargin | None) -> str:
+    return "study" if margin else "search" if _search(sweep) else str(sweep.plan["design"])
 
 
 def _search(sweep: Sweep) -> dict[str, Any] | None:
@@ -60,8 +64,8 @@ def verdict(sweep: Sweep, rows: pd.DataFrame, counted: runs.Counts, margin: Late
     """Return the verdict on a sweep.
 
     It is `passed` where every run met its criteria. Where some did not, a sweep that varies nothing but the seed
-    repeats one drive and has `FAILED`; one that varies a parameter looks for where its criteria hold, as a search or a
-    study does, and is `explored`.
+    repeats one drive and has `FAILED`, and so has a suite, whose tests all have to be passed; one that varies a
+    parameter looks for where its criteria hold, as a search or a study does, and is `explored`.
     """
     exploring = _search(sweep) is not None or margin is not None
     ends = (_driven(counted) if exploring else _judged(counted), *_extremes(rows))
@@ -74,7 +78,7 @@ def verdict(sweep: Sweep, rows: pd.DataFrame, counted: runs.Counts, margin: Late
         return ReportVerdict("broken off", (f"{part}: the sweep was stopped or still runs.", *ends))
     if margin is not None:
         return ReportVerdict("explored", (*study.sentences(margin), *ends))
-    return ReportVerdict(_word(counted, repeated=not sweep.parameters), ends)
+    return ReportVerdict(_word(counted, repeated=not sweep.parameters or sweep.plan["design"] != "sweep"), ends)
 
 
 def _word(counted: runs.Counts, repeated: bool) -> Word:
@@ -144,14 +148,13 @@ def _varied(sweep: Sweep, rows: pd.DataFrame) -> ReportTable:
     declared = sweep.plan["table"].get("parameters") or {}
     units = rows.attrs.get("units", {})
     spec, compared = sweep.plan["spec"].get("parameters") or {}, sweep.plan["spec"].get("controllers") or []
-    lines = []
+    lines, tests = [], list(sweep.plan["tests"])
     for name in sweep.parameters:
         parameter = declared.get(name) or {}
         meaning = parameter.get("meaning") or ", ".join(parameter.get("sets") or ())
-        values = (
-            f"{_values(_of_controllers(compared, name) or _in_spec(spec, name))} {units.get(name) or unit_of(name)}"
-        )
-        lines.append((Cell(name, str(meaning), "code"), values.strip()))
+        values = _values(_of_controllers(compared, name) or _in_spec(spec, name) or tests or None)
+        unit = units.get(name) or unit_of(name)
+        lines.append((Cell(name, str(meaning), "code"), f"{values} {unit}".strip()))
     return ReportTable("what was varied", ("parameter", "values"), lines)
 
 

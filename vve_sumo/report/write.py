@@ -11,6 +11,7 @@ from pathlib import Path
 
 from vve_sumo.analysis.load import load
 from vve_sumo.analysis.run import Run
+from vve_sumo.errors import ConfigError
 from vve_sumo.report.page import ReportPage
 
 PAGE = "report.html"
@@ -30,6 +31,8 @@ def report_of(folder: Path) -> ReportPage:
         return drive.report(held)
     from vve_sumo.report import sweep
 
+    if held.plan["design"] == "certificate":
+        raise ConfigError(f"{folder}: its report.html is the certificate; vve-sumo certify … --resume writes it again")
     return sweep.report(held)
 
 

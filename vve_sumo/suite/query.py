@@ -5,27 +5,23 @@ Prints nothing.
 
 from __future__ import annotations
 
-import hashlib
-import json
-import os
-from collections.abc import Callable, Sequence
+import tempfile
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from vve_sumo import workspace
-from vve_sumo.drive.plugged_in import PREFIXES
-from vve_sumo.drive.provenance import decisive_versions
-from vve_sumo.drive.resolved_scenario import load_vehicle_model, resolve_scenario, with_effective_deceleration
+from vve_sumo.drive.resolved_scenario import load_vehicle_model, with_effective_deceleration
 from vve_sumo.errors import ConfigError
+from vve_sumo.record.sweep_folder import earlier_layout
 from vve_sumo.scenario.schema import DEFAULT_VEHICLE
 from vve_sumo.suite import catalogue
-from vve_sumo.suite.journal import NAME, SuiteJournal
-from vve_sumo.suite.row import JudgedRow, RowOutcome, RowVerdict, SuiteRow
-from vve_sumo.suite.run import Done, drives, run
-from vve_sumo.sweep.engine import Local
+from vve_sumo.suite.design import design_of
+from vve_sumo.suite.row import JudgedRow, RowVerdict, SuiteRow
+from vve_sumo.sweep.fill import Progress, drive_into, engine_of
 from vve_sumo.sweep.plan import rig_that_drives
-from vve_sumo.sweep.progress import Tally
+from vve_sumo.sweep.spec import Keep
 from vve_sumo.vehicle.model import VehicleModel
 
 #: verdicts that fail a suite
@@ -44,7 +40,7 @@ class SuiteCar(NamedTuple):
 class SuiteQuery(NamedTuple):
     """The options of a suite."""
 
-    out: Path | None = None  #: folder of the tables and the journal
+    out: Path | None = None  #: folder of the tables and the dataset
     seeds: int = 1  #: drives of each row
     workers: int | None = None  #: drives in parallel; None: one a processor
     controller: str | None = None  #: in place of the row's
@@ -74,8 +70,6 @@ def rows_of(name: str, query: SuiteQuery, car: SuiteCar, working: Path) -> list[
     rows = [with_vehicle(row, car.vehicle) for row in catalogue.rows(name, car.model)]
     if query.controller is not None:
         rows = [with_controller(row, query.controller) for row in rows]
-    first = next(row.scenario for row in rows if row.scenario is not None)
-    resolve_scenario(name, first, Path(f"suite {name}"), working).controller(working)
     _check(query)
     return rows
 
@@ -99,23 +93,15 @@ def with_vehicle(row: SuiteRow, vehicle: str) -> SuiteRow:
 def _check(query: SuiteQuery) -> None:
     if query.seeds < 1:
         raise ConfigError(f"--seeds: expected 1 or more, got {query.seeds}")
-    if query.workers is not None and query.workers < 1:
-        raise ConfigError(f"--workers: expected 1 or more, got {query.workers}")
     for requested, option, description in (
         (query.keep, "--keep-records", "the records"),
-        (query.resume, "--resume", "the journal"),
+        (query.resume, "--resume", "the begun suite"),
     ):
         if requested and query.out is None:
             raise ConfigError(f"{option}: expected --out DIR as well, the folder of {description}")
-    out = query.out
-    if out is None or not out.exists():
-        return
-    if query.resume and not (out / NAME).is_file():
-        raise ConfigError(f"--resume: {out} has no {NAME}, expected the folder of a begun suite")
-    if not query.resume and (not out.is_dir() or any(out.iterdir())):
-        raise ConfigError(
-            f"--out: {out} is not empty, expected an empty or absent folder; --resume continues the suite in a folder"
-        )
+    if query.resume and query.out is not None and not (query.out / "sweep.json").is_file():
+        found = earlier_layout(query.out) or "has no sweep.json"
+        raise ConfigError(f"--resume: {query.out}: {found}; expected the folder of a begun suite")
 
 
 def drive(
@@ -124,45 +110,26 @@ def drive(
     query: SuiteQuery,
     car: SuiteCar,
     working: Path,
-    progress: Callable[[Tally], None],
+    progress: Progress,
 ) -> list[JudgedRow]:
-    """Drive what the folder's journal does not hold; `progress` takes the tally after every drive."""
-    engine = Local(query.workers if query.workers is not None else len(os.sched_getaffinity(0)))
-    total = sum(1 for _ in drives(rows, query.seeds))
-    if query.out is None:
-        return run(name, rows, engine, working, done=_counted(total, [], progress), seeds=query.seeds, rig=car.rig)
-    records = query.out / "records" if query.keep else None
-    with SuiteJournal(query.out, rows, resume=query.resume, car=car.model, code=code_of(rows, working)) as journal:
-        known = [outcome for outcome in journal.known if outcome.seed <= query.seeds]
-        done = _counted(total, known, progress, journal.add)
-        return run(name, rows, engine, working, records, done, seeds=query.seeds, known=known, rig=car.rig)
+    """Drive what the suite's folder does not hold; without one, the dataset is deleted at the end.
 
-
-def code_of(rows: Sequence[SuiteRow], working: Path) -> str:
-    """Return the hash of the driving code: the rows' controllers and sensors, this program and its libraries.
-
-    Raises ConfigError for a controller that cannot be made.
+    `progress` takes the tally after every drive. Raises KeyboardInterrupt and SimulationError as `drive_into` does.
     """
-    hashes: dict[str, Any] = {"versions": decisive_versions()}
-    for scenario in {row.scenario.controller.name: row.scenario for row in rows if row.scenario is not None}.values():
-        resolved = resolve_scenario("suite", scenario, Path("suite"), working)
-        resolved.controller(working)
-        files = resolved.to_dict(working)["files_sha256"]
-        hashes[scenario.controller.name] = {role: files[role] for role in files if role.startswith(PREFIXES)}
-    return hashlib.sha256(json.dumps(hashes, sort_keys=True).encode()).hexdigest()
+    engine = engine_of(query.workers, None)
+    title = catalogue.SUITES[name].title
+    design = design_of(name, title, rows, query.seeds, working, car.rig)
+    keep: Keep = "all" if query.keep else "none"
 
+    def judged(out: Path) -> list[JudgedRow]:
+        again = f"the same command with --out {out} --resume"
+        drive_into(out, design, engine, keep, resume=query.resume, resume_command=again, progress=progress)
+        return design.outcomes(out)
 
-def _counted(
-    total: int, known: Sequence[RowOutcome], progress: Callable[[Tally], None], also: Done = lambda outcome: None
-) -> Done:
-    """Return a function of an outcome that counts it and passes the tally to `progress`."""
-    failed = sum(outcome.verdict in BAD for outcome in known)
-    tally = Tally(total, finished=len(known), failed=failed, errors=0)
-    progress(tally)
-
-    def done(outcome: RowOutcome) -> None:
-        also(outcome)
-        tally.count(outcome.verdict not in BAD, "")
-        progress(tally)
-
-    return done
+    if query.out is not None:
+        return judged(query.out)
+    with tempfile.TemporaryDirectory(prefix="vve_suite_") as scratch:
+        try:
+            return judged(Path(scratch))
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt("interrupted; without --out no drive is kept") from None

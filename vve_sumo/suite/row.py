@@ -77,7 +77,6 @@ class RowOutcome:
     deceleration_mps2: float | None = None  #: the greatest
     demand_mps2: float | None = None  #: largest demand on the service brakes, as a deceleration of the declared car
     record: Path | None = None  #: where it is kept
-    cpu_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

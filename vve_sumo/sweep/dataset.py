@@ -1,9 +1,10 @@
-"""The folder of a sweep: its plan, a row for every finished run, and how the data survives a kill.
+"""The folder of a sweep, a suite or a certificate: its plan, a row for every finished run, how they survive a kill.
 
-    sweep.json               the spec, the scenario, hashes of what they name, versions; written first, never changed
+    sweep.json               the spec, the scenario, hashes of what they name, versions; written first; changed only
+                             where a suite or a certificate is continued with more seeds
     journal.jsonl            a line for every finished run that is in no part yet; on the disk before a run counts
     search.json              of a search: its result; written at its end
-    rows/part-00000.parquet  1000 cells each, in their order; written once all of them are finished, never changed
+    rows/part-00000.parquet  1000 cells each, in their order; written once all of them are finished
     machine/part-*.parquet   beside each: wall time, memory; different in every sweep
     records/KEY              full records, where they are kept
     .lock                    held by the sweep that is at work
@@ -12,59 +13,74 @@ A finished run is at every instant in the journal or in a part. A part is writte
 into it, first the machine's, then the rows'; only then the journal is written anew without its lines, the same way. A
 kill before the second rename leaves the journal whole, and the part is written again, with the same bytes; a kill after
 it leaves lines that are in the part as well, which are dropped when the sweep continues. A line cut by a kill has no
-end; it is cut off, and that run, which never counted, is run again.
+end; it is cut off, and that run, which never counted, is run again. A part never changes; where runs are added to its
+numbers, or its rows are judged anew, its rows go back into the journal, and only then the part is deleted.
 """
 
 from __future__ import annotations
 
 import contextlib
 import fcntl
-import json
 import os
 import signal
 import threading
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vve_sumo.errors import ConfigError, SimulationError
-from vve_sumo.record.sweep_folder import MACHINE_SCHEMA, Row, SweepPlan, journal, parts
+from vve_sumo.record.sweep_folder import MACHINE_SCHEMA, Held, Row, SweepPlan, earlier_layout, journal, parts
 from vve_sumo.sweep.job import RunResult
+from vve_sumo.sweep.journal import Journal, replace_file
 from vve_sumo.sweep.run_specs import RunSpec
 
 ROWS_PER_PART = 1000
 
 #: keys of a spec that no row depends on; they may change before a sweep continues
 IGNORED_KEYS = frozenset({"title", "keep"})
+#: keys of a spec that may also change, by design: with more seeds there are more runs, other limits judge anew
+CHANGING_KEYS = {
+    "sweep": frozenset[str](), "suite": frozenset({"seeds"}), "certificate": frozenset({"seeds", "cases", "limits"})
+}  # fmt: skip
 
 
-def refuse_mixed(folder: Path, there: SweepPlan, versions: Mapping[str, str]) -> None:
-    """Raise ConfigError unless a sweep began with these versions of the software that determines a drive."""
-    for name in sorted({*there.versions, *versions}):
-        began, now = there.versions.get(name, "none"), versions.get(name, "none")
+def refuse_mixed(folder: Path, there: Mapping[str, str], here: Mapping[str, str]) -> None:
+    """Raise ConfigError unless a folder began with these versions of the software that determines a drive."""
+    for name in sorted({*there, *here}):
+        began, now = there.get(name, "none"), here.get(name, "none")
         if began != now:
             raise ConfigError(f"{folder}: mixed versions: its rows are of {name} {began}, got {now}")
 
 
 def refuse_other(folder: Path, there: SweepPlan, here: SweepPlan) -> None:
-    """Raise ConfigError with the difference unless the sweep in a folder is the same as this one."""
-    refuse_mixed(folder, there, here.versions)
-    spec_there, spec_here = ({k: v for k, v in plan.spec.items() if k not in IGNORED_KEYS} for plan in (there, here))
-    for key in sorted({*spec_there, *spec_here}):
-        if spec_there.get(key) != spec_here.get(key):
-            raise ConfigError(f"{folder}: holds another sweep: its {key} differs; choose another --out")
-    if there.table != here.table:
-        raise ConfigError(
-            f"{folder}: the scenario {there.scenario} has changed since that sweep began; choose another --out"
-        )
-    for role in sorted({*there.files_sha256, *here.files_sha256}):
-        if there.files_sha256.get(role) != here.files_sha256.get(role):
-            raise ConfigError(f"{folder}: the file of {role} has changed since that sweep began; choose another --out")
-    if there != here and (there.cells, there.columns()) != (here.cells, here.columns()):
-        raise ConfigError(f"{folder}: holds another sweep: its columns or its number of runs differ")
+    """Raise ConfigError with the difference unless the runs in a folder are those of this plan.
+
+    A suite and a certificate may have more seeds than there; a certificate other cases and limits.
+    """
+    if there.design != here.design:
+        raise ConfigError(f"{folder}: holds a {there.design}, expected a {here.design}; choose another --out")
+    refuse_mixed(folder, there.versions, here.versions)
+    another = f"{folder}: holds another {there.design}"
+    ignored = IGNORED_KEYS | CHANGING_KEYS[there.design]
+    for key in sorted({*there.spec, *here.spec} - ignored):
+        if there.spec.get(key) != here.spec.get(key):
+            raise ConfigError(f"{another}: its {key} differs; choose another --out")
+    changed = [f"the scenario {there.scenario}"] if there.table != here.table else []
+    changed += [f"the file of {role}" for role in _differing(there.files_sha256, here.files_sha256)]
+    changed += [f"the test {name}" for name in _differing(there.tests, here.tests)]
+    if changed:
+        raise ConfigError(f"{folder}: {changed[0]} has changed since that {there.design} began; choose another --out")
+    if there.columns() != here.columns() or (there.cells != here.cells and "seeds" not in ignored):
+        raise ConfigError(f"{another}: its columns or its number of runs differ")
+    if there.cells > here.cells:
+        raise ConfigError(f"{folder}: holds {there.spec['seeds']} seeds, expected as many or more")
+
+
+def _differing(there: Mapping[str, object], here: Mapping[str, object]) -> list[str]:
+    return sorted(name for name in {*there, *here} if there.get(name) != here.get(name))
 
 
 class Dataset:
@@ -90,8 +106,9 @@ class Dataset:
                 raise
 
     def _begin(self) -> None:
-        if not (self.folder / "sweep.json").exists():
-            _replace_file(self.folder / "sweep.json", self.plan.text().encode())
+        file = self.folder / "sweep.json"
+        if not file.exists() or (self.plan.design != "sweep" and SweepPlan.of(self.folder) != self.plan):
+            replace_file(file, self.plan.text().encode())
         for place in (self.folder, self.folder / "rows", self.folder / "machine"):
             place.mkdir(exist_ok=True)
             for left in place.glob(".*.tmp"):
@@ -104,14 +121,15 @@ class Dataset:
         for row in journal(self.folder):
             if row["number"] // self._per_part not in self._sealed and row["number"] not in self._open:
                 self._take(row)
-        self._journal = -1
-        self._rewrite()
-        for part in [part for part in self._finished_in if self._part_complete(part)]:
-            self._seal(part)
+        self._journal = Journal(self.folder / "journal.jsonl")
+        # A suite was continued with more seeds: its last part has room for them.
+        short = self.plan.design != "sweep"
+        self._unseal([part for part, runs in self._sealed.items() if short and runs < self._size(part)])
+        self._seal_complete()
 
     def close(self) -> None:
         """Unlock the folder; remove the journal of a complete sweep."""
-        os.close(self._journal)
+        self._journal.close()
         if self.complete:
             (self.folder / "journal.jsonl").unlink()
         os.close(self._lock)
@@ -134,8 +152,18 @@ class Dataset:
         """Set the number of runs of a sweep whose number was unknown; all of them are finished."""
         self._cells = cells
         with self._writing():
-            for part in [part for part in self._finished_in if self._part_complete(part)]:
-                self._seal(part)
+            self._seal_complete()
+
+    def revise(self, rows: Iterable[Row]) -> None:
+        """Replace columns of finished runs, such as those of a verdict; a row holds its number and these columns."""
+        changes = {row["number"]: row for row in rows}
+        with self._writing():
+            self._unseal(sorted({number // self._per_part for number in changes} & self._sealed.keys()), changes)
+            self._seal_complete()
+
+    def rows(self, columns: Sequence[str] | None = None) -> Iterator[Row]:
+        """Yield the rows of all finished runs, without what they took of the machine, in the order of their numbers."""
+        return (row for table in Held.of(self.folder).tables(columns) for row in table.to_pylist())
 
     def add(self, cell: RunSpec, result: RunResult) -> Row:
         """Store a finished run and return its row; after that, a kill does not lose it.
@@ -145,15 +173,8 @@ class Dataset:
         if self.holds(cell.number):
             raise ValueError(f"cell {cell.number} is finished already")
         row = row_of(self.plan, cell, result)
-        line = _line(row)
         with self._writing():
-            try:
-                _write_all(self._journal, line)
-                os.fdatasync(self._journal)
-            except OSError:
-                os.ftruncate(self._journal, self._length)
-                raise
-            self._length += len(line)
+            self._journal.add(row)
             self._take(row)
             if self._part_complete(part := cell.number // self._per_part):
                 self._seal(part)
@@ -169,27 +190,35 @@ class Dataset:
     def _part_complete(self, part: int) -> bool:
         return self._finished_in[part] == self._size(part)
 
+    def _seal_complete(self) -> None:
+        for part in [part for part in self._finished_in if self._part_complete(part)]:
+            self._seal(part)
+
+    def _unseal(self, numbers: Sequence[int], changes: Mapping[int, Row] | None = None) -> None:
+        """Move the rows of parts into the journal, with changes to rows by number; then delete the parts."""
+        files = [[self.folder / place / _part_name(part) for place in ("rows", "machine")] for part in numbers]
+        for part, (rows, machine) in zip(numbers, files, strict=True):
+            del self._sealed[part]
+            for row, took in zip(*(pq.read_table(file).to_pylist() for file in (rows, machine)), strict=True):
+                self._take(row | took)
+        for number, change in (changes or {}).items():
+            self._open[number] |= change
+        self._journal.rewrite(self._open.values())  # the rows of incomplete parts alone
+        for file in (file for pair in files for file in pair):
+            file.unlink()
+
     def _seal(self, part: int) -> None:
         """Write a part, then the journal without its rows."""
         first = part * self._per_part
         rows = [self._open[number] for number in range(first, first + self._size(part))]
-        name = f"part-{part:05d}.parquet"
-        _replace_file(self.folder / "machine" / name, _parquet(rows, MACHINE_SCHEMA))
-        _replace_file(self.folder / "rows" / name, _parquet(rows, self.plan.schema()))
+        name = _part_name(part)
+        replace_file(self.folder / "machine" / name, _parquet(rows, MACHINE_SCHEMA))
+        replace_file(self.folder / "rows" / name, _parquet(rows, self.plan.schema()))
         self._sealed[part] = len(rows)
         del self._finished_in[part]
         for row in rows:
             del self._open[row["number"]]
-        self._rewrite()
-
-    def _rewrite(self) -> None:
-        """Replace the journal by one with the rows of incomplete parts alone."""
-        data = b"".join(map(_line, self._open.values()))
-        _replace_file(self.folder / "journal.jsonl", data)
-        if self._journal >= 0:
-            os.close(self._journal)
-        self._journal = os.open(self.folder / "journal.jsonl", os.O_WRONLY | os.O_APPEND)
-        self._length = len(data)
+        self._journal.rewrite(self._open.values())  # the rows of incomplete parts alone
 
     @contextlib.contextmanager
     def _writing(self) -> Iterator[None]:
@@ -201,6 +230,10 @@ class Dataset:
                 f"{self.folder}: cannot be written: {error.strerror or error}; "
                 "finished runs are stored; free some space and continue with --resume"
             ) from None
+
+
+def _part_name(part: int) -> str:
+    return f"part-{part:05d}.parquet"
 
 
 def row_of(plan: SweepPlan, cell: RunSpec, result: RunResult) -> Row:
@@ -219,12 +252,14 @@ def row_of(plan: SweepPlan, cell: RunSpec, result: RunResult) -> Row:
 
 def _claim(folder: Path, plan: SweepPlan, *, resume: bool) -> None:
     if folder.exists() and not folder.is_dir():
-        raise ConfigError(f"{folder} is a file, expected a folder for the sweep")
+        raise ConfigError(f"{folder} is a file, expected a folder for the {plan.design}")
     if (folder / "sweep.json").is_file():
         refuse_other(folder, SweepPlan.of(folder), plan)
         if not resume:
-            raise ConfigError(f"{folder}: holds this sweep already; --resume continues it")
+            raise ConfigError(f"{folder}: holds this {plan.design} already; --resume continues it")
         return
+    if earlier := earlier_layout(folder):
+        raise ConfigError(f"{folder}: {earlier}")
     began = {".lock", ".sweep.json.tmp"}  # by a sweep that was killed before it wrote its plan
     other = next((file for file in sorted(folder.glob("*")) if file.name not in began), None)
     if other is not None:
@@ -237,7 +272,7 @@ def _locked(folder: Path) -> int:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         os.close(lock)
-        raise ConfigError(f"{folder}: another process is driving this sweep") from None
+        raise ConfigError(f"{folder}: another process is driving into it") from None
     return lock
 
 
@@ -260,39 +295,9 @@ def _interrupted_afterwards() -> Iterator[None]:
             signal.raise_signal(signal.SIGINT)
 
 
-def _line(row: Row) -> bytes:
-    return json.dumps(row, separators=(",", ":"), allow_nan=False).encode() + b"\n"
-
-
 def _parquet(rows: list[Row], schema: pa.Schema) -> bytes:
     """Return the bytes of a Parquet file; the same for the same rows."""
     sink = pa.BufferOutputStream()
     pq.write_table(pa.Table.from_pylist(rows, schema), sink, use_dictionary=False, compression="zstd")
     data: bytes = sink.getvalue().to_pybytes()
     return data
-
-
-def _replace_file(file: Path, data: bytes) -> None:
-    """Write a file atomically: after a crash of process or machine, it has either its new or its former content."""
-    temporary = file.with_name(f".{file.name}.tmp")
-    try:
-        out = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
-        try:
-            _write_all(out, data)
-            os.fsync(out)
-        finally:
-            os.close(out)
-        temporary.replace(file)
-    except OSError:
-        temporary.unlink(missing_ok=True)
-        raise
-    folder = os.open(file.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
-
-
-def _write_all(out: int, data: bytes) -> None:
-    while data:
-        data = data[os.write(out, data) :]

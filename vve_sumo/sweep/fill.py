@@ -1,6 +1,7 @@
-"""Fills a sweep's folder: drives its unfinished runs on an engine and stores a row of the dataset for each.
+"""Fills the folder of a design: drives its unfinished runs on an engine and stores a row of the dataset for each.
 
-Prints nothing: the caller receives the tally after every run.
+A design says which runs there are and what a run is judged by: a sweep, a suite, a certificate. Prints nothing: the
+caller receives the tally after every run.
 """
 
 from __future__ import annotations
@@ -9,9 +10,10 @@ import os
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
-from vve_sumo.errors import ConfigError, SimulationError, VveError
-from vve_sumo.record.sweep_folder import read_tables
+from vve_sumo.errors import ConfigError, RigError, SimulationError, VveError
+from vve_sumo.record.sweep_folder import Row, SweepPlan
 from vve_sumo.sweep.dataset import Dataset
 from vve_sumo.sweep.engine import Engine, Local
 from vve_sumo.sweep.job import Job, RunResult
@@ -26,6 +28,71 @@ from vve_sumo.sweep.spec import Keep
 Progress = Callable[[Tally], None]
 
 
+class Settled(NamedTuple):
+    """A run whose result is known without a drive."""
+
+    run: RunSpec
+    result: RunResult
+
+
+class Design:
+    """Many drives that share one dataset: which runs there are, and what each is judged by."""
+
+    judges_records = False  #: whether `judged` reads the records of runs, so that all are written
+    status = ""  #: progress of a design that chooses its runs as it goes
+
+    def __init__(self, plan: SweepPlan) -> None:
+        self.plan = plan
+
+    def runs(self, dataset: Dataset) -> Iterator[RunSpec | Settled | None]:
+        """Yield the runs that the dataset does not hold; None while the next one waits for another's row."""
+        raise NotImplementedError
+
+    def job(self, run: RunSpec, record: Path | None) -> Job:
+        """Return the job of a run, whose record is kept in a folder."""
+        raise NotImplementedError
+
+    def judged(self, run: RunSpec, job: Job, result: RunResult) -> RunResult:
+        """Return a run's result with the design's own columns; raises VveError for one that ends the design."""
+        return result
+
+    def take(self, row: Row) -> None:
+        """Take a stored row."""
+
+    def includes(self, row: Row) -> bool:
+        """Whether a row of the dataset belongs to the runs that are wanted now."""
+        return True
+
+
+class Varied(Design):
+    """A sweep: every combination of its parameters' values, or those that a search chooses."""
+
+    def __init__(self, query: SweepQuery) -> None:
+        super().__init__(query.plan)
+        self._query = query
+        self.search: AdaptiveSearch | None = None  #: once it has begun, where the sweep is one
+
+    def runs(self, dataset: Dataset) -> Iterator[RunSpec | Settled | None]:
+        """Yield the runs in the order in which to drive them."""
+        cells = self._query.cells
+        if self._query.spec.search is None:
+            yield from in_order(cells.unless(dataset.holds), lambda run: self.job(run, None))
+            return
+        self.search = AdaptiveSearch(cells, {row["number"]: row for row in dataset.rows()}, dataset.folder)
+        yield from self.search.cells()
+        dataset.settle(self.search.runs)
+
+    def job(self, run: RunSpec, record: Path | None) -> Job:
+        """Return the job of a run."""
+        return job_of(self.plan, self._query.spec, run, record)
+
+    def take(self, row: Row) -> None:
+        """Pass a row on to the search."""
+        if self.search is not None:
+            self.search.take(row)
+            self.status = self.search.status
+
+
 def fill(
     out: Path,
     query: SweepQuery,
@@ -37,41 +104,41 @@ def fill(
     progress: Progress,
     notify: Callable[[str], None],
 ) -> AdaptiveSearch | None:
-    """Drive the unfinished runs of a sweep into a folder; return the search, if the sweep is one.
+    """Drive the unfinished runs of a sweep into a folder, as `drive_into` does; return the search, if it is one.
 
-    `notify` receives a line where there was nothing to resume. Raises KeyboardInterrupt and SimulationError with the
-    number of stored runs and `resume_command`, which continues the sweep.
+    `notify` receives a line where there was nothing to resume.
     """
-    begun = (out / "sweep.json").exists()
-    dataset = Dataset(out, query.plan, resume=resume)
-    if resume and not begun:
+    if resume and not (out / "sweep.json").exists():
         notify(f"{out}: no sweep to resume there; a new one begins")
+    design = Varied(query)
+    drive_into(out, design, engine, keep, resume=resume, resume_command=resume_command, progress=progress)
+    return design.search
+
+
+def drive_into(
+    out: Path, design: Design, engine: Engine, keep: Keep, *, resume: bool, resume_command: str, progress: Progress
+) -> None:
+    """Drive the unfinished runs of a design into a folder.
+
+    Raises KeyboardInterrupt, RigError and SimulationError with the number of stored runs and `resume_command`, which
+    continues the design.
+    """
+    dataset = Dataset(out, design.plan, resume=resume)
     try:
-        search = _search(query, dataset)
-        _drive(engine, query, dataset, search, keep, progress)
-        if search is not None and search.result is not None:
-            dataset.settle(search.runs)
+        whole = _drive(engine, design, dataset, keep, progress)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"interrupted; {_progress_text(dataset)}; to continue: {resume_command}") from None
     except VveError as error:
-        raise SimulationError(f"{error}; {_progress_text(dataset)}; to continue: {resume_command}") from error
+        kind = RigError if isinstance(error, RigError) else SimulationError
+        raise kind(f"{error}; {_progress_text(dataset)}; to continue: {resume_command}") from error
     finally:
         dataset.close()
-    if not dataset.complete:
+    if not whole:
         raise SimulationError(f"some runs were interrupted; {_progress_text(dataset)}; to continue: {resume_command}")
-    return search
-
-
-def _search(query: SweepQuery, dataset: Dataset) -> AdaptiveSearch | None:
-    """Return the sweep's search with its finished rows; None for a sweep without a search."""
-    if query.spec.search is None:
-        return None
-    finished_rows = {row["number"]: row for table in read_tables(dataset.folder) for row in table.to_pylist()}
-    return AdaptiveSearch(query.cells, finished_rows, dataset.folder)
 
 
 def _progress_text(dataset: Dataset) -> str:
-    of = "" if "search" in dataset.plan.spec else f" of {dataset.plan.cells}"
+    of = "" if "search" in dataset.plan.spec else f" of {dataset.plan.asked}"
     return f"{dataset.finished}{of} runs are finished and stored in {dataset.folder}"
 
 
@@ -88,50 +155,57 @@ def engine_of(workers: int | None, cluster: str | None) -> Engine:
     return Cluster(cluster)
 
 
-def _drive(
-    engine: Engine, query: SweepQuery, dataset: Dataset, search: AdaptiveSearch | None, keep: Keep, progress: Progress
-) -> None:
-    """Drive every run that the dataset does not hold, or every run that a search requests."""
+def _drive(engine: Engine, design: Design, dataset: Dataset, keep: Keep, progress: Progress) -> bool:
+    """Drive every run that the dataset does not hold; return whether none was interrupted."""
     under_way: dict[str, RunSpec] = {}
-    tally = _tally(dataset)
-
-    def job(run: RunSpec) -> Job:
-        return job_of(query.plan, query.spec, run, _record(dataset.folder, run.key, keep))
+    tally, whole = _tally(design, dataset), True
 
     def jobs() -> Iterator[Job | None]:
-        for run in in_order(query.cells.unless(dataset.holds), job) if search is None else search.cells():
-            if run is None:
-                yield None
+        for run in design.runs(dataset):
+            if isinstance(run, Settled):
+                store(*run)
                 continue
-            under_way[run.key] = run
-            yield job(run)
+            if run is not None:
+                under_way[run.key] = run
+            yield None if run is None else design.job(run, _record(dataset.folder, run.key, design, keep))
 
     def done(job: Job, result: RunResult) -> None:
+        nonlocal whole
         run = under_way.pop(job.key)
         if result.error == "interrupted":
-            return  # not finished: it is driven when the sweep continues
-        if keep == "failed" and job.keep is not None and result.figures.get("passed"):
+            whole = False  # not finished: it is driven when the design continues
+            return
+        result = design.judged(run, job, result)
+        if job.keep is not None and not _kept(job.key, keep, result.figures.get("passed")):
             shutil.rmtree(job.keep, ignore_errors=True)
+        store(run, result)
+
+    def store(run: RunSpec, result: RunResult) -> None:
         row = dataset.add(run, result)
-        if search is not None:
-            search.take(row)
-            tally.search = search.status
-        tally.count(result.figures.get("passed") if not result.error else None, result.error)  # type: ignore[arg-type]
+        design.take(row)
+        tally.search = design.status
+        tally.count(row["passed"] if not result.error else None, result.error)
         progress(tally)
 
     progress(tally)
     engine.run(jobs(), done)
+    return whole
 
 
-def _record(folder: Path, key: str, keep: Keep) -> Path | None:
-    wanted = keep in ("failed", "all") or key in keep
-    return (folder / "records" / key).absolute() if keep != "none" and wanted else None
+def _record(folder: Path, key: str, design: Design, keep: Keep) -> Path | None:
+    wanted = design.judges_records or _kept(key, keep, passed=False)
+    return (folder / "records" / key).absolute() if wanted else None
 
 
-def _tally(dataset: Dataset) -> Tally:
-    failed = errors = 0
-    for table in read_tables(dataset.folder):
-        failed += table["passed"].to_pylist().count(False)
-        errors += sum(map(bool, table["error"].to_pylist()))
-    total = None if "search" in dataset.plan.spec else dataset.plan.cells
-    return Tally(total, dataset.finished, failed, errors)
+def _kept(key: str, keep: Keep, passed: object) -> bool:
+    return keep == "all" or (keep == "failed" and not passed) or (isinstance(keep, tuple) and key in keep)
+
+
+def _tally(design: Design, dataset: Dataset) -> Tally:
+    total = None if "search" in design.plan.spec else design.plan.asked
+    tally = Tally(total, 0, 0, 0)
+    for row in dataset.rows(["passed", "error", "seed", *design.plan.parameters]):
+        if design.includes(row):
+            tally.count(row["passed"], row["error"])
+    tally.before = tally.finished
+    return tally

@@ -15,7 +15,7 @@ from typing import Any, Self
 from vve_sumo.drive.progress import DriveProgress
 from vve_sumo.errors import ConfigError
 
-VERSION = 4  #: of the lines that jobs and results travel as
+VERSION = 5  #: of the lines that jobs and results travel as
 
 PROGRESS_PREFIX = "at "  #: prefix of a line of progress; time, speed, s and the path's length follow
 READY = "ready"  #: line of a server that is ready for jobs
@@ -23,6 +23,8 @@ CHUNK = 65536  #: bytes that are read from a pipe at once
 
 #: prefix of the error of a run that cannot be driven
 CONFIG = "config: "
+#: prefix of the error of a run whose foreign brain is not there
+RIG = "rig: "
 #: prefix of the error of a full disk, which every further run would have as well
 DISK_FULL = "disk_full"
 DISK_FULL_ERRNOS = (errno.ENOSPC, errno.EDQUOT)  #: of a full disk and of an exceeded quota
@@ -45,6 +47,10 @@ class Job:
     progress: bool = False  #: whether the run reports its progress
     time_limit_s: float = 3600.0  #: wall time that the run may take
     memory_limit_mb: float = 4096.0  #: resident, 10^6 bytes, with everything that the run starts
+    driver: str = (
+        ""  #: `module:function` that starts a foreign brain and drives; empty: the scenario's controller drives
+    )
+    driven: dict[str, Any] = field(default_factory=dict)  #: what that function needs
 
     def to_json(self) -> str:
         """Return the job as one line of JSON; raises ConfigError for values that JSON cannot express."""
@@ -91,7 +97,7 @@ _NUMBER = (float, int)
 _JOB: dict[str, tuple[type, ...]] = {
     "key": (str,), "name": (str,), "table": (dict,), "file": (str,), "working": (str,), "keep": (str, type(None)),
     "pose": (str, type(None)), "rig": (str, type(None)), "progress": (bool,), "time_limit_s": _NUMBER,
-    "memory_limit_mb": _NUMBER,
+    "memory_limit_mb": _NUMBER, "driver": (str,), "driven": (dict,),
 }  # fmt: skip
 _RESULT: dict[str, tuple[type, ...]] = {
     "key": (str,), "figures": (dict,), "error": (str,), "wall_s": _NUMBER, "cpu_s": _NUMBER, "peak_mb": _NUMBER,

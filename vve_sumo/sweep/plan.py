@@ -32,6 +32,8 @@ from vve_sumo.sweep.spec import Boundary, Spec, WorstCase, fit, parse_spec, with
 
 #: number of runs from which on a sweep needs a confirmation
 MAX_RUNS = 100_000
+#: wall time that a drive of a suite may take [s]
+TEST_TIME_LIMIT = 300.0
 #: rows of a list that are previewed
 MAX_TRIALS = 32
 
@@ -204,6 +206,21 @@ def job_of(plan: SweepPlan, spec: Spec, cell: RunSpec, keep: Path | None) -> Job
     )
 
 
+def job_of_test(plan: SweepPlan, run: RunSpec, keep: Path | None) -> Job:
+    """Return the job of a suite's test, which has a scenario of its own."""
+    row = str(run.values["row"])
+    return Job(
+        key=run.key,
+        name=f"{plan.scenario}_{row}",
+        table=plan.tests[row]["scenario"] | {"seed": run.seed},
+        file=Path(plan.file),
+        working=Path(plan.working),
+        keep=keep,
+        rig=Path(plan.rig) if plan.rig else None,
+        time_limit_s=TEST_TIME_LIMIT,
+    )
+
+
 def _table(plan: SweepPlan, values: Values) -> dict[str, Any]:
     """Return a run's scenario; the tuning in the scenario's file is for the controller of that file alone."""
     name = str(values[NAME]) if plan.spec.get("controllers") and NAME in values else None
@@ -245,8 +262,7 @@ def _with_previews(plan: SweepPlan, spec: Spec, cells: RunSpecs, file: Path) -> 
     def made(runs: Sequence[Values]) -> list[RunPreview]:
         return preview([job_of(plan, spec, RunSpec(0, "trial", dict(values), cells.seeds[0]), None) for values in runs])
 
-    trials, files, notes = list(_trials(spec, cells)), dict[str, set[str]](), dict[str, None]()
-    codes: dict[str, dict[str, set[str]]] = {}
+    trials, hashes, notes = list(_trials(spec, cells)), ReadFiles(), dict[str, None]()
     own: list[dict[str, Any]] = []
     for previewer in (read_only, made):
         for values, run_preview in zip(trials, previewer(trials), strict=False):
@@ -254,14 +270,29 @@ def _with_previews(plan: SweepPlan, spec: Spec, cells: RunSpecs, file: Path) -> 
                 raise ConfigError(_blame(previewer, values, run_preview.complaint, plan, spec, file))
             notes |= {run_preview.note: None} if run_preview.note else {}
             own = list(run_preview.metrics)
-            code = codes.setdefault(parse(_table(plan, values), Path(plan.file)).controller.name, {})
-            for role, digest in run_preview.files_sha256.items():
-                files.setdefault(role, set()).add(digest)
-                if role.startswith(CONTROLLER):
-                    code.setdefault(role, set()).add(digest)
-    by_controller = {name: _sorted(code) for name, code in codes.items()}
-    found = replace(plan, files_sha256=_sorted(files), controllers_sha256=by_controller, metrics=own)
-    return found, tuple(notes)
+            hashes.add(parse(_table(plan, values), Path(plan.file)).controller.name, run_preview.files_sha256)
+    return replace(hashes.noted_in(plan), metrics=own), tuple(notes)
+
+
+class ReadFiles:
+    """The hashes of the files that the runs of a plan read."""
+
+    def __init__(self) -> None:
+        self._files: dict[str, set[str]] = {}
+        self._codes: dict[str, dict[str, set[str]]] = {}
+
+    def add(self, controller: str, files: Mapping[str, str]) -> None:
+        """Add those of a run with a controller, by role."""
+        code = self._codes.setdefault(controller, {})
+        for role, digest in files.items():
+            self._files.setdefault(role, set()).add(digest)
+            if role.startswith(CONTROLLER):
+                code.setdefault(role, set()).add(digest)
+
+    def noted_in(self, plan: SweepPlan) -> SweepPlan:
+        """Return a plan that holds them."""
+        by_controller = {name: _sorted(code) for name, code in self._codes.items()}
+        return replace(plan, files_sha256=_sorted(self._files), controllers_sha256=by_controller)
 
 
 def _sorted(files: Mapping[str, set[str]]) -> dict[str, list[str]]:

@@ -20,7 +20,7 @@ from vve_sumo.sweep.dataset import refuse_mixed
 from vve_sumo.sweep.engine import run_one
 from vve_sumo.sweep.input_cache import InputCache, resolve_job
 from vve_sumo.sweep.job import Job, RunResult
-from vve_sumo.sweep.plan import job_of
+from vve_sumo.sweep.plan import job_of, job_of_test
 from vve_sumo.sweep.preflight import preview
 from vve_sumo.sweep.run_specs import RunSpec
 from vve_sumo.sweep.spec import parse_spec
@@ -59,7 +59,7 @@ class Rerun:
         """Return the drive that was recorded, as a single drive leaves it."""
         summary = json.loads((self.folder / "summary.json").read_text(encoding="utf-8"))
         # JSON cannot express NaN, the value of a missing metric.
-        missing = {name: math.nan for name in self.numbers if summary[name] is None}
+        missing = {name: math.nan for name in self.numbers if summary.get(name, 0.0) is None}
         return Drive(self.folder, summary | missing)
 
     def resolved(self) -> ResolvedScenario:
@@ -76,7 +76,9 @@ def rerun(folder: Path, key: str, out: Path | None, warn: Callable[[str], None])
     """
     plan = SweepPlan.of(folder)
     here = decisive_versions()
-    refuse_mixed(folder, plan, here | {"code": plan.versions.get("code", "none")})
+    if plan.design == "certificate":
+        raise ConfigError(f"{folder}: a drive of a certificate needs its brain; vve-sumo certify … drives it")
+    refuse_mixed(folder, plan.versions, here | {"code": plan.versions.get("code", "none")})
     row = _row(folder, key)
     if not Path(plan.working).is_dir():
         plan = replace(plan, working=str(Path.cwd()))
@@ -88,7 +90,10 @@ def rerun(folder: Path, key: str, out: Path | None, warn: Callable[[str], None])
     run = RunSpec(
         row["number"], key, {name: row[name] for name in plan.parameters if row[name] is not None}, row["seed"]
     )
-    job = job_of(plan, parse_spec(plan.spec, folder / "sweep.json"), run, record)
+    if plan.design == "suite":
+        job = job_of_test(plan, run, record)
+    else:
+        job = job_of(plan, parse_spec(plan.spec, folder / "sweep.json"), run, record)
     parts = plugged_in.of_scenario(parse(job.table, job.file), job.working)
     if changed := [line for part in parts for line in part.changed(_recorded(plan, part))]:
         advice = "drive a sweep with the present code into another folder"

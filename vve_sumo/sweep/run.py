@@ -5,6 +5,7 @@ A run is an ordinary drive; knows nothing of processes and their limits, or of t
 
 from __future__ import annotations
 
+import importlib
 import os
 import re
 import shutil
@@ -13,20 +14,26 @@ from pathlib import Path
 from typing import Any
 
 from vve_sumo.drive import run as drives
+from vve_sumo.drive.brain import ExternalController
 from vve_sumo.drive.progress import DriveProgress, progress_callback
+from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.summary import invalidating_events, judged
 from vve_sumo.drive.termination import Outcome
-from vve_sumo.errors import ConfigError
+from vve_sumo.errors import ConfigError, RigError
 from vve_sumo.record.writer import claim as claim_folder
 from vve_sumo.scenario.schema import Criteria, Scenario
 from vve_sumo.sweep.input_cache import InputCache, resolve_job
-from vve_sumo.sweep.job import DISK_FULL, DISK_FULL_ERRNOS, Job, MetricValue, RunResult, finite, refused
+from vve_sumo.sweep.job import DISK_FULL, DISK_FULL_ERRNOS, RIG, Job, MetricValue, RunResult, finite, refused
 from vve_sumo.world.loaded_road import LoadedRoad
 
 #: entries of a summary that identify the drive, or that depend on the machine
 NOT_FIGURES = frozenset(
     {"scenario", "title", "seed", "controller", "versions", "record_parts_sha256", "record_files_sha256"}
 )
+#: starts a job's foreign brain, drives with it, and returns the drive and more columns of its row
+Driver = Callable[
+    [Job, ResolvedScenario, Callable[[ExternalController], drives.Drive]], tuple[drives.Drive, dict[str, MetricValue]]
+]
 MAX_TEXT_LENGTH = 500  #: characters of an error message
 #: an object's address, which differs between processes
 ADDRESS = re.compile(r"\b0x[0-9a-fA-F]+\b")
@@ -48,11 +55,19 @@ def run_job(
         resolved = resolve_job(job, cache)
         claim(job)
         folder, kept = growing(job, scratch), job.keep is not None
-        on_tick = progress_callback(resolved.path.length, report)
-        drive = drives.run(resolved, folder, job.working, pose=job.pose, kept=kept, on_tick=on_tick, loaded=loaded)
-        summary = drive.summary
+        watch = progress_callback(resolved.path.length, report)
+
+        def drive(brain: ExternalController | None = None) -> drives.Drive:
+            return drives.run(
+                resolved, folder, job.working, pose=job.pose, brain=brain, kept=kept, on_tick=watch, loaded=loaded
+            )
+
+        done, more = driver_of(job)(job, resolved, drive) if job.driver else (drive(), {})
+        summary = done.summary
     except ConfigError as error:
         return refused(job, error)
+    except RigError as error:
+        return RunResult(job.key, error=f"{RIG}{error}")
     except Exception as error:
         return _broken(job, scratch, f"{type(error).__name__}: {error}")
     text = _portable_text(
@@ -62,7 +77,14 @@ def run_job(
         return _broken(job, scratch, text)
     if summary["outcome"] == Outcome.INTERRUPTED:
         return RunResult(job.key, error="interrupted")
-    return RunResult(job.key, figures_of(resolved.scenario, summary | {"text": text}))
+    return RunResult(job.key, figures_of(resolved.scenario, summary | {"text": text}) | more)
+
+
+def driver_of(job: Job) -> Driver:
+    """Return the function that drives a job with a foreign brain; it belongs to a package above this one."""
+    module, _, function = job.driver.partition(":")
+    driver: Driver = getattr(importlib.import_module(module), function)
+    return driver
 
 
 def _broken(job: Job, scratch: Path, text: str) -> RunResult:

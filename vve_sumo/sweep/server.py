@@ -37,7 +37,7 @@ from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.sweep import process_tree
 from vve_sumo.sweep.input_cache import InputCache, resolve_job
 from vve_sumo.sweep.job import CHUNK, READY, Job, RunResult, progress_line
-from vve_sumo.sweep.run import run_job, tidy
+from vve_sumo.sweep.run import driver_of, run_job, tidy
 from vve_sumo.sweep.shared_road import RoadFiles, SharedRoad
 from vve_sumo.vehicle import interface
 
@@ -147,6 +147,8 @@ class ForkServer:
         tidy(job, self._scratch, keep=False)
         if job.keep is not None:
             software()  # for its record: once here, not in every run
+        if job.driver:
+            driver_of(job)  # imported once here
         gc.freeze()
         child = self._fork(job)
         try:

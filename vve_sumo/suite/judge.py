@@ -1,0 +1,138 @@
+"""Judges a drive of a suite from its record, and keeps the verdict in columns of the dataset's rows.
+
+Knows rows, records and verdicts; neither how a drive is run nor how a table is printed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+from vve_sumo.metrics.metric import Metric
+from vve_sumo.metrics.table import rows
+from vve_sumo.suite.measured import measure
+from vve_sumo.suite.row import RowOutcome, RowVerdict, SuiteRow
+from vve_sumo.sweep.job import MetricValue, RunResult
+
+#: outcomes that can pass; a car that a fault stopped does not pass
+ENDINGS = ("stopped", "contact", "completed", "timeout")
+
+_column = partial(Metric, criterion=False)
+#: columns of a suite's rows beside those of every sweep
+COLUMNS: Final = rows(
+    _column("verdict", "verdict", "of the drive, by the standard's requirements", kind="str"),
+    _column("why", "why", "reason of a verdict other than passed", kind="str"),
+    _column("approach_least_mps", "least approach speed", "least speed from the target's entry to the braking"),
+    _column("approach_greatest_mps", "greatest approach speed", "greatest speed in that time"),
+    _column("cut_in_ttc_s", "TTC at the cut-in", "time to collision at which the target enters the lane"),
+    _column(
+        "demand_mps2", "braking demand",
+        "largest demand on the service brakes, as a deceleration of the declared car", worse="lower",
+    ),
+)  # fmt: skip
+#: columns of every sweep that an outcome holds, by its fields
+FIGURES: Final = {
+    "impact_mps": "impact_speed_mps",
+    "least_gap_m": "min_gap_m",
+    "deceleration_mps2": "max_deceleration_mps2",
+    "cut_in_ttc_s": "cut_in_ttc_s",
+    "demand_mps2": "demand_mps2",
+}
+
+
+def columns_of(outcome: RowOutcome) -> dict[str, MetricValue]:
+    """Return what a drive's row of the dataset holds of its outcome; a suite's row passes by its verdict."""
+    low, high = outcome.approach_mps or (None, None)
+    return {
+        "passed": outcome.verdict is RowVerdict.PASSED,
+        "failed": outcome.why,
+        "verdict": outcome.verdict.value,
+        "why": outcome.why,
+        "approach_least_mps": low,
+        "approach_greatest_mps": high,
+        "cut_in_ttc_s": _finite(outcome.cut_in_ttc_s),
+        "demand_mps2": _finite(outcome.demand_mps2),
+    }
+
+
+def outcome_of(row: SuiteRow, stored: Mapping[str, Any], record: Path) -> RowOutcome:
+    """Return the outcome of a row's drive that the dataset holds; `record` is the folder of its record, if kept."""
+    approach = (stored["approach_least_mps"], stored["approach_greatest_mps"])
+    return RowOutcome(
+        row=row,
+        seed=stored["seed"],
+        verdict=RowVerdict(stored["verdict"]),
+        why=stored["why"],
+        approach_mps=None if approach[0] is None else approach,
+        record=record if record.is_dir() else None,
+        **{field: stored[column] for field, column in FIGURES.items()},
+    )
+
+
+def judge(row: SuiteRow, seed: int, result: RunResult, record: Path) -> RowOutcome:
+    """Return the outcome of a row's drive."""
+    if result.error:
+        return RowOutcome(row, seed, RowVerdict.FAILED, result.error)
+    measured = measure(row, record)
+    outcome = RowOutcome(
+        row=row,
+        seed=seed,
+        verdict=RowVerdict.PASSED,
+        approach_mps=measured.approach,
+        cut_in_ttc_s=measured.ttc,
+        impact_mps=_number(result, "impact_speed_mps"),
+        least_gap_m=_number(result, "min_gap_m"),
+        deceleration_mps2=_number(result, "max_deceleration_mps2"),
+        demand_mps2=measured.demand,
+        record=record,
+    )
+    invalid = invalidity(row, measured.approach, measured.ttc)
+    if invalid:
+        return replace(outcome, verdict=RowVerdict.INVALID, why=invalid)
+    ending = result.figures.get("outcome")
+    if ending not in ENDINGS:
+        return replace(outcome, verdict=RowVerdict.FAILED, why=f"the drive ended by {ending}")
+    unmet = "" if result.figures.get("passed") is True else str(result.figures.get("failed", ""))
+    short = shortfall(row, measured.demand)
+    if result.figures.get("passed") is True and not short:
+        return outcome
+    # A larger gap would not have raised the demand: the closed form excuses an impact alone.
+    excused = not short and row.need is not None and not row.need.avoidable
+    why = "; ".join(filter(None, (unmet, short)))
+    return replace(outcome, verdict=RowVerdict.UNAVOIDABLE if excused else RowVerdict.FAILED, why=why)
+
+
+def shortfall(row: SuiteRow, demand: float | None) -> str:
+    """Return by how much the braking demand is below the required one; empty where it is not."""
+    if row.demand <= 0.0 or (demand is not None and demand >= row.demand):
+        return ""
+    return f"braking demand {demand or 0.0:.2f} m/s2, expected {row.demand:g} or more"
+
+
+def invalidity(row: SuiteRow, approach: tuple[float, float] | None, ttc: float | None) -> str:
+    """Return why the test was not driven as required; empty where it was."""
+    required, cut_in = row.approach, row.cut_in
+    if required is not None:
+        if approach is None:
+            return f"actor {required.target} never entered"
+        low, high = required.speed - required.below, required.speed + required.above
+        if not (low <= approach[0] and approach[1] <= high):
+            speeds = " to ".join(f"{3.6 * speed:.2f}" for speed in approach)
+            return f"approached at {speeds} km/h, expected {3.6 * low:.2f} to {3.6 * high:.2f}"
+    if cut_in is not None and not (ttc is not None and abs(ttc - cut_in.ttc) <= cut_in.tolerance):
+        got = "never" if ttc is None else f"{ttc:.2f} s"
+        return f"time to collision at lane intrusion: {got}, expected {cut_in.ttc:.2f} +- {cut_in.tolerance:.2f} s"
+    return ""
+
+
+def _number(result: RunResult, name: str) -> float | None:
+    value = result.figures.get(name)
+    return _finite(float(value)) if isinstance(value, int | float) else None
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None
