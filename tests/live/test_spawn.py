@@ -27,8 +27,8 @@ def config(folder: Path, **changes: object) -> dict[str, object]:
 def test_a_process_gets_its_configuration_and_channels_and_ends_with_them(tmp_path):
     ours, theirs = pair()
     process = start("recorder", config(tmp_path / "r"), {"drive": theirs})
-    until(lambda: (tmp_path / "r" / "scenario.json").exists())
-    assert '"a": 1' in (tmp_path / "r" / "scenario.json").read_text()
+    written = tmp_path / "r" / "scenario.json"
+    until(lambda: written.exists() and '"a": 1' in written.read_text())
     assert theirs.closed, "the end was given away"
     ours.close()
     assert process.wait(30.0) == 0
