@@ -11,6 +11,7 @@ import tomlkit
 
 from benchmarks.tick import demand
 from tests.conftest import REPOSITORY
+from tests.exhaustive import with_slow
 from tests.live.command_line import own_rig, vve_sumo
 from tests.live.witness import stalls, witness
 from vve_sumo.analysis import Run, latency_breakdown
@@ -23,23 +24,25 @@ VEHICLES = 200
 TRIES = 3
 
 
-def scenario(folder: Path) -> Path:
-    """Write the shipped scenario with much more traffic."""
+def scenario(folder: Path, at: float) -> Path:
+    """Write the shipped scenario with much more traffic, and the parked car at a station of the path [m]."""
     table: Any = tomlkit.parse((REPOSITORY / "scenarios" / "parked_car.toml").read_text(encoding="utf-8"))
     table["road"]["demand"] = [str(demand(folder, VEHICLES))]
+    table["obstacles"][0]["at_m"] = at
     file = folder / "paper.toml"
     file.write_text(tomlkit.dumps(table), encoding="utf-8")
     return file
 
 
-def test_it_stops_as_in_lockstep_and_says_how_late_it_was(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("at", "least"), with_slow([(200.0, 20.0), (639.0, 60.0)], lambda drive: drive[0] == 200.0))
+def test_it_stops_as_in_lockstep_and_says_how_late_it_was(tmp_path: Path, at: float, least: float) -> None:
     for number in range(TRIES):
         folder = tmp_path / str(number)
         folder.mkdir()
         record = folder / "record"
         with witness(folder / "witness.txt"):
             done = vve_sumo(
-                "drive", str(scenario(folder)), "--rig", str(own_rig(folder)), "--out", str(record), cwd=folder
+                "drive", str(scenario(folder, at)), "--rig", str(own_rig(folder)), "--out", str(record), cwd=folder
             )
         summary = json.loads((record / "summary.json").read_text(encoding="utf-8"))
         if summary["reasons"] != ["timer_gap"] or not stalls(folder / "witness.txt", 0.0, float("inf")):
@@ -47,7 +50,7 @@ def test_it_stops_as_in_lockstep_and_says_how_late_it_was(tmp_path: Path) -> Non
     assert done.returncode == 0, done.stdout + done.stderr
     assert summary["outcome"] == "stopped"
     assert summary["stop_gap_m"] == pytest.approx(5.0, abs=0.7)
-    assert summary["duration_s"] > 60.0
+    assert summary["duration_s"] > least
     assert not summary["collision"]
     latency = summary["latency"]
     assert latency["ticks"] == pytest.approx(summary["ticks"], abs=5)
