@@ -47,8 +47,15 @@ IDLE_POLL_INTERVAL = 1.0  #: between two checks of the parent while there is no 
 MAX_OUTPUT_BYTES = 8192  #: bytes of the end of a run's output that are kept while it runs
 MAX_OUTPUT_CHARACTERS = 2000  #: characters of them in the result of a run with an error
 
-#: modules that every run imports: those for metrics, and the shipped interfaces
-IMPORTED_AHEAD = ("pandas", "pyarrow.pandas_compat", "scipy.ndimage", "scipy.spatial", *interface.PORT.shipped.values())
+#: modules that every run imports: those for metrics and for the shipped controller, and the shipped interfaces
+IMPORTED_AHEAD = (
+    "pandas",
+    "pyarrow.pandas_compat",
+    "scipy.ndimage",
+    "scipy.optimize",
+    "scipy.spatial",
+    *interface.PORT.shipped.values(),
+)
 
 #: exit code of the fork that serves on a loaded road, where the road cannot be loaded to be shared
 NOT_LOADED = 3
