@@ -23,7 +23,7 @@ CHUNK = 65536  #: bytes that are read from a pipe at once
 
 #: prefix of the error of a run that cannot be driven
 CONFIG = "config: "
-#: prefix of the error of a run whose foreign brain is not there
+#: prefix of the error of a run whose external controller is not there
 RIG = "rig: "
 #: prefix of the error of a full disk, which every further run would have as well
 DISK_FULL = "disk_full"
@@ -48,7 +48,7 @@ class Job:
     time_limit_s: float = 3600.0  #: wall time that the run may take
     memory_limit_mb: float = 4096.0  #: resident, 10^6 bytes, with everything that the run starts
     driver: str = (
-        ""  #: `module:function` that starts a foreign brain and drives; empty: the scenario's controller drives
+        ""  #: `module:function` that starts an external controller and drives; empty: the scenario's controller drives
     )
     driven: dict[str, Any] = field(default_factory=dict)  #: what that function needs
 

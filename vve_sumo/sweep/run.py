@@ -30,7 +30,7 @@ from vve_sumo.world.loaded_road import LoadedRoad
 NOT_FIGURES = frozenset(
     {"scenario", "title", "seed", "controller", "versions", "record_parts_sha256", "record_files_sha256"}
 )
-#: starts a job's foreign brain, drives with it, and returns the drive and more columns of its row
+#: starts a job's external controller, drives with it, and returns the drive and more columns of its row
 Driver = Callable[
     [Job, ResolvedScenario, Callable[[ExternalController], drives.Drive]], tuple[drives.Drive, dict[str, MetricValue]]
 ]
@@ -81,7 +81,7 @@ def run_job(
 
 
 def driver_of(job: Job) -> Driver:
-    """Return the function that drives a job with a foreign brain; it belongs to a package above this one."""
+    """Return the function that drives a job with an external controller; it belongs to a package above this one."""
     module, _, function = job.driver.partition(":")
     driver: Driver = getattr(importlib.import_module(module), function)
     return driver
