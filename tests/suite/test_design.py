@@ -24,7 +24,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.report.write import report_of
 from vve_sumo.suite import catalogue
 from vve_sumo.suite.design import ROW, SuiteDesign, design_of, key
-from vve_sumo.suite.judge import FIGURES, columns_of, outcome_of
+from vve_sumo.suite.judge import STORED, columns_of, outcome_of
 from vve_sumo.suite.query import with_controller
 from vve_sumo.suite.row import RowOutcome, RowVerdict, SuiteRow
 from vve_sumo.sweep.dataset import Dataset
@@ -43,8 +43,7 @@ OUTCOMES = st.builds(
     seed=st.integers(1, 3),
     verdict=st.sampled_from(RowVerdict),
     why=st.text(st.characters(codec="utf-8")),
-    approach_mps=st.none() | st.tuples(*[st.floats(allow_nan=False, allow_infinity=False)] * 2),
-    **dict.fromkeys(FIGURES, NUMBERS),
+    **dict.fromkeys(STORED[1:], NUMBERS),
 )
 
 
@@ -62,8 +61,7 @@ def stored(dataset: Dataset, design: SuiteDesign, outcomes: Sequence[RowOutcome]
     runs = {run.key: run for run in design._every()}
     for outcome in outcomes:
         run = runs[key(outcome.row.id, outcome.seed)]
-        figures = {column: getattr(outcome, field) for field, column in FIGURES.items()}
-        dataset.add(run, RunResult(run.key, figures | columns_of(outcome)))
+        dataset.add(run, RunResult(run.key, columns_of(outcome)))
 
 
 def every(design: SuiteDesign, seeds: int) -> list[RowOutcome]:
@@ -169,7 +167,7 @@ def test_a_suite_of_an_earlier_version_is_one_line(tmp_path: Path, capsys, monke
 
 
 def test_a_suites_folder_is_read_as_a_sweeps(design: SuiteDesign, tmp_path: Path) -> None:
-    bad = RowOutcome(DRIVEN[0], 1, RowVerdict.FAILED, "braked at nothing")
+    bad = RowOutcome(DRIVEN[0], 1, RowVerdict.FAILED, why="braked at nothing")
     dataset = Dataset(tmp_path, design.plan, resume=False)
     stored(dataset, design, [bad, *every(design, 3)[1:]])
     dataset.close()

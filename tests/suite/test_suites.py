@@ -92,8 +92,8 @@ def test_the_shipped_controller_passes_some_rows_of_every_suite(name, tmp_path):
     assert {key: outcome.verdict for key, outcome in outcomes.items()} == dict.fromkeys(SAMPLE[name], RowVerdict.PASSED)
     for outcome in outcomes.values():
         if outcome.row.required.startswith("no contact"):
-            assert outcome.least_gap_m > 0.0
-            assert outcome.impact_mps == 0.0
+            assert outcome.min_gap_m > 0.0
+            assert outcome.impact_speed_mps == 0.0
         if outcome.row.demand:
             # What is asked for is what the declared brakes give at most, whatever the load makes of it.
             assert outcome.demand_mps2 == pytest.approx(CAR.deceleration_limit, rel=0.03)
@@ -108,8 +108,8 @@ def test_one_overlap_stands_for_all_since_the_radar_tells_none_from_another(tmp_
     outcomes = driven_once("overlaps", rows, tmp_path).values()
     first = next(iter(outcomes))
     for outcome in outcomes:
-        assert outcome.least_gap_m == pytest.approx(first.least_gap_m, abs=1e-4)
-        assert outcome.deceleration_mps2 == pytest.approx(first.deceleration_mps2, abs=1e-4)
+        assert outcome.min_gap_m == pytest.approx(first.min_gap_m, abs=1e-4)
+        assert outcome.max_deceleration_mps2 == pytest.approx(first.max_deceleration_mps2, abs=1e-4)
 
 
 def test_a_hidden_child_is_seen_where_the_closed_form_says(tmp_path):
@@ -135,10 +135,10 @@ def test_seeds_are_drives_of_their_own_and_the_same_each_time(tmp_path):
     row = next(row for row in suite_rows("fmvss127") if row.id == "stopped_20")
     (first,), (again,) = (driven("seeds", [row], tmp_path / name, seeds=2) for name in ("first", "again"))
     assert [drive.seed for drive in first.drives] == [1, 2]
-    assert first.drives[0].least_gap_m != first.drives[1].least_gap_m
+    assert first.drives[0].min_gap_m != first.drives[1].min_gap_m
     assert first.drives == again.drives
     (one,) = driven("seeds", [row], tmp_path / "one", workers=1)
-    assert one.drives[0].least_gap_m == first.drives[0].least_gap_m
+    assert one.drives[0].min_gap_m == first.drives[0].min_gap_m
 
 
 def test_braking_that_is_too_gentle_is_a_failure_without_a_contact(tmp_path):
@@ -149,7 +149,7 @@ def test_braking_that_is_too_gentle_is_a_failure_without_a_contact(tmp_path):
     # It slows down so gently that this counts as approach, long before it brakes.
     rows = [replace(row, id="gentle", scenario=scenario, approach=row.approach._replace(below=row.approach.speed))]
     outcome = driven_once("spoilt", rows, tmp_path, workers=1)["gentle"]
-    assert (outcome.verdict, outcome.impact_mps) == (RowVerdict.FAILED, 0.0)
+    assert (outcome.verdict, outcome.impact_speed_mps) == (RowVerdict.FAILED, 0.0)
     assert 1.0 < outcome.demand_mps2 < 5.0
     assert outcome.why == f"braking demand {outcome.demand_mps2:.2f} m/s2, expected 5 or more"
 
@@ -176,16 +176,16 @@ def test_what_goes_wrong_is_told_apart(tmp_path):
 
     blind = outcomes["blind"]
     assert blind.verdict is RowVerdict.FAILED
-    assert blind.impact_mps == pytest.approx(blind.approach_mps[1], abs=0.05)
+    assert blind.impact_speed_mps == pytest.approx(blind.approach_greatest_mps, abs=0.05)
     assert "collision is True" in blind.why
     assert (blind.record / "summary.json").is_file()
 
     late = outcomes["late"]
     assert late.verdict is RowVerdict.UNAVOIDABLE
     # No car comes to less than with its brakes on from the first moment.
-    least = laws.impact_speed(late.approach_mps[0], ahead, 1.05 * CAR.deceleration_limit, PERIOD + CAR.brake_delay)
-    latest = laws.impact_speed(late.approach_mps[1], ahead, CAR.deceleration_limit, DETECTION + 0.25)
-    assert least < late.impact_mps < latest
+    least = laws.impact_speed(late.approach_least_mps, ahead, 1.05 * CAR.deceleration_limit, PERIOD + CAR.brake_delay)
+    latest = laws.impact_speed(late.approach_greatest_mps, ahead, CAR.deceleration_limit, DETECTION + 0.25)
+    assert least < late.impact_speed_mps < latest
 
     assert outcomes["fast"].verdict is RowVerdict.INVALID
     assert outcomes["fast"].why.startswith("approached at 39.")
@@ -230,7 +230,7 @@ def test_verdicts(figures, avoidable, verdict, tmp_path):
 def test_a_row_is_passed_where_all_of_its_drives_are(came, verdict, why):
     row = SuiteRow("row", "a row", "no contact", None, not_applicable="the reason")
     drives = tuple(
-        RowOutcome(row, seed, each, "" if each is RowVerdict.PASSED else f"seed {seed}")
+        RowOutcome(row, seed, each, why="" if each is RowVerdict.PASSED else f"seed {seed}")
         for seed, each in enumerate(came, 1)
     )
     judged = JudgedRow(row, drives)
@@ -266,15 +266,26 @@ def test_the_tables_hold_every_row_and_the_worst_of_its_drives(tmp_path):
         JudgedRow(
             row,
             (
-                RowOutcome(row, 1, RowVerdict.FAILED, "collision", (9.0, 10.0), impact_mps=5.0, least_gap_m=0.0),
                 RowOutcome(
-                    row, 2, RowVerdict.PASSED, "", (8.0, 9.5), impact_mps=0.0, least_gap_m=-0.02, demand_mps2=5.5
+                    row, 1, RowVerdict.FAILED, None, "collision", 9.0, 10.0, impact_speed_mps=5.0, min_gap_m=0.0
                 ),
-                RowOutcome(row, 3, RowVerdict.PASSED, "", (9.0, 9.5), deceleration_mps2=6.0, demand_mps2=5.4),
+                RowOutcome(
+                    row,
+                    2,
+                    RowVerdict.PASSED,
+                    None,
+                    "",
+                    8.0,
+                    9.5,
+                    impact_speed_mps=0.0,
+                    min_gap_m=-0.02,
+                    demand_mps2=5.5,
+                ),
+                RowOutcome(row, 3, RowVerdict.PASSED, None, "", 9.0, 9.5, max_deceleration_mps2=6.0, demand_mps2=5.4),
             ),
         ),
         *(
-            JudgedRow(replace(row, id=id), (RowOutcome(replace(row, id=id), 1, verdict, "collision"),))
+            JudgedRow(replace(row, id=id), (RowOutcome(replace(row, id=id), 1, verdict, why="collision"),))
             for id, verdict in (("two", RowVerdict.UNAVOIDABLE), ("three", RowVerdict.UNAVOIDABLE))
         ),
         JudgedRow(none),

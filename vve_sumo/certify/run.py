@@ -33,6 +33,7 @@ from vve_sumo.drive.run import resolve_by_name, table_by_name
 from vve_sumo.errors import ConfigError, RigError, SimulationError
 from vve_sumo.metrics.metric import Metric
 from vve_sumo.metrics.table import rows
+from vve_sumo.record.hashes import hash_file
 from vve_sumo.record.sweep_folder import Row, SweepPlan
 from vve_sumo.rig.load import load as load_rig
 from vve_sumo.rig.schema import Rig
@@ -114,7 +115,7 @@ class CertificateDesign(Design):
     def _planned(self) -> SweepPlan:
         query, driven = self.query, self._resolved.to_dict(self._working)
         car = json.dumps([driven["vehicle"], driven["vehicle_model"]], sort_keys=True)
-        files = {"rig": _digest(self.rig_file), "scenario": _digest(self._file), **driven["files_sha256"]}
+        files = {"rig": hash_file(self.rig_file), "scenario": hash_file(self._file), **driven["files_sha256"]}
         files |= {"vehicle model": hashlib.sha256(car.encode()).hexdigest()}
         files |= {f"brain, {name}": digest for name, digest in self.brain.files.items()}
         declared = self._table.get("parameters", {}) | {CASE: {"sets": ["title"], "meaning": "case of the certificate"}}
@@ -316,7 +317,7 @@ def certify(query: CertifyQuery, working: Path, ready: Ready, progress: Progress
     return Certificate(
         rig=design.rig_file.name.removesuffix(".toml"),
         rig_argument=query.rig,
-        rig_sha256=_digest(design.rig_file),
+        rig_sha256=hash_file(design.rig_file),
         scenario=query.scenario,
         values=dict(query.values),
         brain=design.brain,
@@ -371,9 +372,5 @@ def under_test(command: str | None, working: Path) -> BrainUnderTest:
     arguments = shlex.split(command or "")
     files = {argument: working / argument for argument in arguments}
     return BrainUnderTest(
-        command or "", {argument: _digest(file) for argument, file in files.items() if file.is_file()}
+        command or "", {argument: hash_file(file) for argument, file in files.items() if file.is_file()}
     )
-
-
-def _digest(file: Path) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest()

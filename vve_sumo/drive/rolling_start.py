@@ -251,7 +251,7 @@ def roll(rolling: RollingStart, pipeline: Pipeline, gateway: Gateway, car: Movin
         why = f" ({', '.join(status.reasons)})" if status.reasons else ""
         raise ConfigError(
             f"{rolling.file}: {INITIAL_SPEED}: when the drive begins the car is {status.state} at {speed:.2f} m/s "
-            f"and s {result.s:.1f} m{why}; expected engaged at {rolling.speed:g} m/s and s {rolling.s:g} m: choose a speed "
-            "that the controller keeps there"
+            f"and s {result.s:.1f} m{why}; expected engaged at {rolling.speed:g} m/s and s {rolling.s:g} m: choose "
+            "a speed that the controller keeps there"
         )
     return came

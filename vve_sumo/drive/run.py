@@ -125,7 +125,7 @@ def run(
     The scenario's injected faults act on the simulated vehicle; a playback has none, and refuses them.
 
     For a wrong input it raises ConfigError and leaves no record. A later failure is recorded as the outcome `broken`,
-    a keyboard interrupt as `interrupted`. An external controller `brain` drives in place of the scenario's own; where it is
+    a keyboard interrupt as `interrupted`. An external `brain` drives in place of the scenario's controller; where it is
     not there, RigError is raised and no record is left. With `kept` false no folder is written, and the summary lacks
     only the hashes of the record's files. SUMO is not started where the process of which this one is a fork has
     `loaded` the scenario's road.

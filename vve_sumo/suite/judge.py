@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -16,7 +16,7 @@ from vve_sumo.metrics.metric import Metric
 from vve_sumo.metrics.table import rows
 from vve_sumo.suite.measured import measure
 from vve_sumo.suite.row import RowOutcome, RowVerdict, SuiteRow
-from vve_sumo.sweep.job import MetricValue, RunResult
+from vve_sumo.sweep.job import MetricValue, RunResult, finite
 
 #: outcomes that can pass; a car that a fault stopped does not pass
 ENDINGS = ("stopped", "contact", "completed", "timeout")
@@ -34,59 +34,40 @@ COLUMNS: Final = rows(
         "largest demand on the service brakes, as a deceleration of the declared car", worse="lower",
     ),
 )  # fmt: skip
-#: columns of every sweep that an outcome holds, by its fields
-FIGURES: Final = {
-    "impact_mps": "impact_speed_mps",
-    "least_gap_m": "min_gap_m",
-    "deceleration_mps2": "max_deceleration_mps2",
-    "cut_in_ttc_s": "cut_in_ttc_s",
-    "demand_mps2": "demand_mps2",
-}
+#: figures of every sweep that an outcome holds
+FIGURES: Final = ("impact_speed_mps", "min_gap_m", "max_deceleration_mps2")
+#: fields of an outcome that are columns of the dataset
+STORED: Final = tuple(field.name for field in fields(RowOutcome))[4:]
 
 
 def columns_of(outcome: RowOutcome) -> dict[str, MetricValue]:
     """Return what a drive's row of the dataset holds of its outcome; a suite's row passes by its verdict."""
-    low, high = outcome.approach_mps or (None, None)
-    return {
-        "passed": outcome.verdict is RowVerdict.PASSED,
-        "failed": outcome.why,
-        "verdict": outcome.verdict.value,
-        "why": outcome.why,
-        "approach_least_mps": low,
-        "approach_greatest_mps": high,
-        "cut_in_ttc_s": _finite(outcome.cut_in_ttc_s),
-        "demand_mps2": _finite(outcome.demand_mps2),
-    }
+    stored = {name: finite(getattr(outcome, name)) for name in STORED}
+    passed = outcome.verdict is RowVerdict.PASSED
+    return {"passed": passed, "failed": outcome.why, "verdict": outcome.verdict.value, **stored}
 
 
 def outcome_of(row: SuiteRow, stored: Mapping[str, Any], record: Path) -> RowOutcome:
     """Return the outcome of a row's drive that the dataset holds; `record` is the folder of its record, if kept."""
-    approach = (stored["approach_least_mps"], stored["approach_greatest_mps"])
-    return RowOutcome(
-        row=row,
-        seed=stored["seed"],
-        verdict=RowVerdict(stored["verdict"]),
-        why=stored["why"],
-        approach_mps=None if approach[0] is None else approach,
-        record=record if record.is_dir() else None,
-        **{field: stored[column] for field, column in FIGURES.items()},
-    )
+    values = {name: stored[name] for name in STORED}
+    verdict = RowVerdict(stored["verdict"])
+    return RowOutcome(row, stored["seed"], verdict, record=record if record.is_dir() else None, **values)
 
 
 def judge(row: SuiteRow, seed: int, result: RunResult, record: Path) -> RowOutcome:
     """Return the outcome of a row's drive."""
     if result.error:
-        return RowOutcome(row, seed, RowVerdict.FAILED, result.error)
+        return RowOutcome(row, seed, RowVerdict.FAILED, why=result.error)
     measured = measure(row, record)
+    figures: dict[str, Any] = {name: _number(result, name) for name in FIGURES}
     outcome = RowOutcome(
         row=row,
         seed=seed,
         verdict=RowVerdict.PASSED,
-        approach_mps=measured.approach,
+        approach_least_mps=None if measured.approach is None else measured.approach[0],
+        approach_greatest_mps=None if measured.approach is None else measured.approach[1],
         cut_in_ttc_s=measured.ttc,
-        impact_mps=_number(result, "impact_speed_mps"),
-        least_gap_m=_number(result, "min_gap_m"),
-        deceleration_mps2=_number(result, "max_deceleration_mps2"),
+        **figures,
         demand_mps2=measured.demand,
         record=record,
     )
@@ -131,8 +112,4 @@ def invalidity(row: SuiteRow, approach: tuple[float, float] | None, ttc: float |
 
 def _number(result: RunResult, name: str) -> float | None:
     value = result.figures.get(name)
-    return _finite(float(value)) if isinstance(value, int | float) else None
-
-
-def _finite(value: float | None) -> float | None:
-    return value if value is not None and math.isfinite(value) else None
+    return float(value) if isinstance(value, int | float) and math.isfinite(value) else None

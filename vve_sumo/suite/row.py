@@ -69,14 +69,15 @@ class RowOutcome:
     row: SuiteRow
     seed: int  #: of the drive's noise
     verdict: RowVerdict
-    why: str = ""  #: reason of a verdict other than passed
-    approach_mps: tuple[float, float] | None = None  #: least and greatest speed from the target's entry to the braking
-    cut_in_ttc_s: float | None = None
-    impact_mps: float | None = None  #: relative, 0 without contact
-    least_gap_m: float | None = None
-    deceleration_mps2: float | None = None  #: the greatest
-    demand_mps2: float | None = None  #: largest demand on the service brakes, as a deceleration of the declared car
     record: Path | None = None  #: where it is kept
+    why: str = ""  #: reason of a verdict other than passed; this and what follows are columns of the dataset
+    approach_least_mps: float | None = None  #: least speed from the target's entry to the braking
+    approach_greatest_mps: float | None = None  #: the greatest
+    cut_in_ttc_s: float | None = None
+    impact_speed_mps: float | None = None  #: relative, 0 without contact
+    min_gap_m: float | None = None
+    max_deceleration_mps2: float | None = None
+    demand_mps2: float | None = None  #: largest demand on the service brakes, as a deceleration of the declared car
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +92,17 @@ class JudgedRow:
         """The first of DECIDING that a drive has: a row passes if every drive passes."""
         verdicts = {drive.verdict for drive in self.drives}
         return next((verdict for verdict in DECIDING if verdict in verdicts), RowVerdict.NOT_APPLICABLE)
+
+    def least(self, column: str) -> float | None:
+        """Return the least value that a drive has in a column; None where none has one."""
+        return min(self._values(column), default=None)
+
+    def greatest(self, column: str) -> float | None:
+        """Return the greatest value that a drive has in a column; None where none has one."""
+        return max(self._values(column), default=None)
+
+    def _values(self, column: str) -> list[float]:
+        return [value for drive in self.drives if (value := getattr(drive, column)) is not None]
 
     @property
     def passed(self) -> int:

@@ -8,9 +8,9 @@ from __future__ import annotations
 import csv
 import json
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from vve_sumo.suite.row import JudgedRow, RowVerdict
 
@@ -19,7 +19,7 @@ IN_KMH = 3.6  #: km/h in a m/s
 
 def record_of(judged: JudgedRow) -> dict[str, Any]:
     """Return a judged row as a flat table of values, the worst of its drives; None for a missing value."""
-    row, need, worst = judged.row, judged.row.need, WorstFigures.of(judged)
+    row, need = judged.row, judged.row.need
     return {
         "id": row.id,
         "what": row.description,
@@ -28,52 +28,18 @@ def record_of(judged: JudgedRow) -> dict[str, Any]:
         "why": judged.why,
         "driven": len(judged.drives),
         "passed": judged.passed,
-        "impact_kmh": _scaled(worst.impact),
-        "least_gap_m": _rounded(worst.gap),
-        "max_deceleration_mps2": _rounded(worst.deceleration),
-        "least_demand_mps2": _rounded(worst.demand),
-        "approach_least_kmh": _scaled(least(low for low, _high in _approaches(judged))),
-        "approach_greatest_kmh": _scaled(greatest(high for _low, high in _approaches(judged))),
-        "cut_in_ttc_s": _rounded(least(drive.cut_in_ttc_s for drive in judged.drives)),
+        "impact_kmh": _scaled(judged.greatest("impact_speed_mps")),
+        "least_gap_m": _rounded(judged.least("min_gap_m")),
+        "max_deceleration_mps2": _rounded(judged.greatest("max_deceleration_mps2")),
+        "least_demand_mps2": _rounded(judged.least("demand_mps2")),
+        "approach_least_kmh": _scaled(judged.least("approach_least_mps")),
+        "approach_greatest_kmh": _scaled(judged.greatest("approach_greatest_mps")),
+        "cut_in_ttc_s": _rounded(judged.least("cut_in_ttc_s")),
         "needed_m": None if need is None else _rounded(need.needed),
         "there_m": None if need is None else _rounded(need.available),
         "avoidable": None if need is None else need.avoidable,
         "records": ";".join(str(drive.record) for drive in judged.drives if drive.record is not None) or None,
     }
-
-
-class WorstFigures(NamedTuple):
-    """The worst value of each metric over a row's drives; None where no drive has one."""
-
-    impact: float | None  #: greatest [m/s]
-    gap: float | None  #: least [m]
-    deceleration: float | None  #: greatest [m/s2]
-    demand: float | None  #: least of the drives' largest demands [m/s2]
-
-    @classmethod
-    def of(cls, judged: JudgedRow) -> WorstFigures:
-        """Return the worst of a row's drives."""
-        drives = judged.drives
-        return cls(
-            greatest(drive.impact_mps for drive in drives),
-            least(drive.least_gap_m for drive in drives),
-            greatest(drive.deceleration_mps2 for drive in drives),
-            least(drive.demand_mps2 for drive in drives),
-        )
-
-
-def least(values: Iterable[float | None]) -> float | None:
-    """Return the least of the values that are not None."""
-    return min((value for value in values if value is not None), default=None)
-
-
-def greatest(values: Iterable[float | None]) -> float | None:
-    """Return the greatest of the values that are not None."""
-    return max((value for value in values if value is not None), default=None)
-
-
-def _approaches(judged: JudgedRow) -> list[tuple[float, float]]:
-    return [drive.approach_mps for drive in judged.drives if drive.approach_mps is not None]
 
 
 def _scaled(speed: float | None) -> float | None:
@@ -86,9 +52,10 @@ def _rounded(value: float | None) -> float | None:
 
 def cells(judged: JudgedRow) -> tuple[str, ...]:
     """Return a row's cells, in the order of HEADINGS."""
-    row, need, worst = judged.row, judged.row.need, WorstFigures.of(judged)
-    impact = None if worst.impact is None else IN_KMH * worst.impact
-    numbers = (impact, worst.gap, worst.deceleration, worst.demand)
+    row, need = judged.row, judged.row.need
+    impact = judged.greatest("impact_speed_mps")
+    braked, demand = judged.greatest("max_deceleration_mps2"), judged.least("demand_mps2")
+    numbers = (None if impact is None else IN_KMH * impact, judged.least("min_gap_m"), braked, demand)
     way = ("", "") if need is None else (f"{need.needed:.1f}", f"{need.available:.1f}")
     share = f"{judged.passed}/{len(judged.drives)}" if judged.drives else ""
     return (row.description, row.required, share, *(_cell(number) for number in numbers), *way, judged.verdict.value)
