@@ -8,7 +8,7 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 from vve_sumo.errors import ConfigError
@@ -101,15 +101,6 @@ class RoadConditions:
     mass_factor: float = 1.0  #: true mass over declared
     brake_gain_factor: float = 1.0  #: true brake torque over commanded
 
-    def to_dict(self) -> dict[str, float]:
-        """Return plain JSON."""
-        return {
-            "grade_percent": self.grade_percent,
-            "friction": self.friction,
-            "mass_factor": self.mass_factor,
-            "brake_gain_factor": self.brake_gain_factor,
-        }
-
 
 @dataclass(frozen=True, slots=True)
 class Episode:
@@ -132,7 +123,7 @@ class Episode:
             "phase": self.phase.value,
             "offset_s": self.offset,
             "actions": [action.to_dict() for action in self.actions],
-            "road": self.road.to_dict(),
+            "road": asdict(self.road),
             "seed": self.seed,
         }
 
