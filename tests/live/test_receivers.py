@@ -23,8 +23,8 @@ KINDS = {
     "oxts_can": 'interface = "slcan"\nchannel = "pty:FOLDER/oxts.pty"\n',
 }
 
-#: drives by OXTS's CAN output, some of which are stopped as they begin to roll: its steps of 1.1 cm look like a position
-#: that is frozen (docs/rigs.md)
+#: drives by OXTS's CAN output, some of which are stopped as they begin to roll: its positions have steps of 1.1 cm and
+#: look frozen (docs/rigs.md)
 TRIES = 4
 
 
