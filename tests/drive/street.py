@@ -6,11 +6,14 @@ import hashlib
 import json
 import shutil
 import tempfile
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import pytest
+
+    from vve_sumo.sweep.input_cache import InputCache
 
 REPOSITORY = Path(__file__).parent.parent.parent
 MPH = 0.44704
@@ -53,7 +56,18 @@ def altered(changes: dict[str, Any]) -> Any:
         for parent in parents:
             inner = inner[int(parent)] if isinstance(inner, list) else inner.setdefault(parent, {})
         inner[last] = value
-    return resolve_scenario("parked_car", parse(table, file), file, REPOSITORY)
+    read = _inputs()
+    return resolve_scenario(
+        "parked_car", parse(table, file), file, REPOSITORY, network_in=read.network, path_in=read.path
+    )
+
+
+@cache
+def _inputs() -> InputCache:
+    """Return what was read of networks and paths, as a sweep keeps it for its runs."""
+    from vve_sumo.sweep.input_cache import InputCache
+
+    return InputCache()
 
 
 #: station of the default path where its last bend is behind the car [m]
