@@ -150,7 +150,6 @@ class CertificateDesign(Design):
         return Rules(self.query.limits, self._resolved.scenario.ego.speed_mps, vehicle.steering_limit)
 
     def includes(self, row: Row) -> bool:
-        """Whether a row's case and seed are wanted now."""
         return row["seed"] in self.query.seeds and CASE_BY_NAME[row[CASE]] in self.query.cases
 
     def runs(self, dataset: Dataset) -> Iterator[RunSpec | Settled | None]:
@@ -207,7 +206,6 @@ class CertificateDesign(Design):
         yield run_of(case, seed)
 
     def job(self, run: RunSpec, record: Path | None) -> Job:
-        """Return the job of a case at a place of its own."""
         place = self._taken[run.key] = self._free.pop()
         case = CASE_BY_NAME[str(run.values[CASE])]
         log = (self._folder / "brains" / f"{run.key}.log").absolute()
@@ -237,7 +235,6 @@ class CertificateDesign(Design):
         )
 
     def take(self, row: Row) -> None:
-        """Note a stored row."""
         self._rows[row[CASE], row["seed"]] = row
 
     def _judge(self, name: str, seed: int, window: Window | None, figures: Mapping[str, Any]) -> dict[str, MetricValue]:

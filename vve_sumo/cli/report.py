@@ -22,7 +22,7 @@ their last complete tick or run.
 
 examples:
   vve-sumo report runs/mine      of a drive's record
-  vve-sumo report speeds         of a sweep's, a search's or a study's folder
+  vve-sumo report speeds         of a sweep's, a search's, a study's or a suite's folder
 """
 
 

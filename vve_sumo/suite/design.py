@@ -19,7 +19,7 @@ from vve_sumo.suite.row import JudgedRow, SuiteRow
 from vve_sumo.sweep.dataset import Dataset
 from vve_sumo.sweep.fill import Design, Settled
 from vve_sumo.sweep.job import Job, RunResult
-from vve_sumo.sweep.plan import ReadFiles, job_of_test
+from vve_sumo.sweep.plan import ReadFiles, job_of
 from vve_sumo.sweep.preflight import preview
 from vve_sumo.sweep.run_specs import RunSpec
 from vve_sumo.sweep.schedule import in_order
@@ -38,7 +38,6 @@ class SuiteDesign(Design):
         self._rows = {row.id: row for row in rows}
 
     def runs(self, dataset: Dataset) -> Iterator[RunSpec | Settled | None]:
-        """Yield the drives that the dataset does not hold."""
         left = (run for run in self._every() if not dataset.holds(run.number))
         return in_order(left, lambda run: self.job(run, None))
 
@@ -48,11 +47,9 @@ class SuiteDesign(Design):
         return (RunSpec(number, key(row, seed), {ROW: row}, seed) for number, (row, seed) in enumerate(places))
 
     def job(self, run: RunSpec, record: Path | None) -> Job:
-        """Return the job of a drive."""
-        return job_of_test(self.plan, run, record)
+        return job_of(self.plan, None, run, record)
 
     def judged(self, run: RunSpec, job: Job, result: RunResult) -> RunResult:
-        """Return a drive's result with its verdict."""
         assert job.keep is not None
         outcome = judge(self._rows[str(run.values[ROW])], run.seed, result, job.keep)
         return replace(result, figures=result.figures | columns_of(outcome))
@@ -136,7 +133,7 @@ def _with_hashes(plan: SweepPlan) -> SweepPlan:
     """Return a plan with the hashes of the files that its tests' drives read, by role, and of controllers by name."""
     hashes = ReadFiles()
     runs = [RunSpec(number, row, {ROW: row}, 1) for number, row in enumerate(plan.tests)]
-    jobs = [job_of_test(plan, run, None) for run in runs]
+    jobs = [job_of(plan, None, run, None) for run in runs]
     for job, one in zip(jobs, preview(jobs), strict=False):  # fewer where a controller ended the process
         if one.complaint:
             raise ConfigError(one.complaint)

@@ -73,7 +73,6 @@ class Varied(Design):
         self.search: AdaptiveSearch | None = None  #: once it has begun, where the sweep is one
 
     def runs(self, dataset: Dataset) -> Iterator[RunSpec | Settled | None]:
-        """Yield the runs in the order in which to drive them."""
         cells = self._query.cells
         if self._query.spec.search is None:
             yield from in_order(cells.unless(dataset.holds), lambda run: self.job(run, None))
@@ -83,11 +82,9 @@ class Varied(Design):
         dataset.settle(self.search.runs)
 
     def job(self, run: RunSpec, record: Path | None) -> Job:
-        """Return the job of a run."""
         return job_of(self.plan, self._query.spec, run, record)
 
     def take(self, row: Row) -> None:
-        """Pass a row on to the search."""
         if self.search is not None:
             self.search.take(row)
             self.status = self.search.status

@@ -191,33 +191,24 @@ def _scenario(name: str, file: Path, working: Path) -> tuple[Path, dict[str, Any
     return found, read_as(found, "scenario", Scenario)
 
 
-def job_of(plan: SweepPlan, spec: Spec, cell: RunSpec, keep: Path | None) -> Job:
-    """Return the job of a cell's run."""
-    return Job(
-        key=cell.key,
-        name=plan.scenario,
-        table=_table(plan, cell.values) | {"seed": cell.seed},
-        file=Path(plan.file),
-        working=Path(plan.working),
-        keep=keep,
-        rig=Path(plan.rig) if plan.rig else None,
-        time_limit_s=spec.time_limit_s,
-        memory_limit_mb=spec.memory_limit_mb,
-    )
-
-
-def job_of_test(plan: SweepPlan, run: RunSpec, keep: Path | None) -> Job:
-    """Return the job of a suite's test, which has a scenario of its own."""
-    row = str(run.values["row"])
+def job_of(plan: SweepPlan, spec: Spec | None, run: RunSpec, keep: Path | None) -> Job:
+    """Return the job of a run; a suite has no `spec`: each of its tests has a scenario of its own."""
+    if spec is None:
+        row = str(run.values["row"])
+        name, table = f"{plan.scenario}_{row}", plan.tests[row]["scenario"]
+        limits: dict[str, Any] = {"time_limit_s": TEST_TIME_LIMIT}
+    else:
+        name, table = plan.scenario, _table(plan, run.values)
+        limits = {"time_limit_s": spec.time_limit_s, "memory_limit_mb": spec.memory_limit_mb}
     return Job(
         key=run.key,
-        name=f"{plan.scenario}_{row}",
-        table=plan.tests[row]["scenario"] | {"seed": run.seed},
+        name=name,
+        table=table | {"seed": run.seed},
         file=Path(plan.file),
         working=Path(plan.working),
         keep=keep,
         rig=Path(plan.rig) if plan.rig else None,
-        time_limit_s=TEST_TIME_LIMIT,
+        **limits,
     )
 
 

@@ -20,7 +20,7 @@ from vve_sumo.sweep.dataset import refuse_mixed
 from vve_sumo.sweep.engine import run_one
 from vve_sumo.sweep.input_cache import InputCache, resolve_job
 from vve_sumo.sweep.job import Job, RunResult
-from vve_sumo.sweep.plan import job_of, job_of_test
+from vve_sumo.sweep.plan import job_of
 from vve_sumo.sweep.preflight import preview
 from vve_sumo.sweep.run_specs import RunSpec
 from vve_sumo.sweep.spec import parse_spec
@@ -90,10 +90,8 @@ def rerun(folder: Path, key: str, out: Path | None, warn: Callable[[str], None])
     run = RunSpec(
         row["number"], key, {name: row[name] for name in plan.parameters if row[name] is not None}, row["seed"]
     )
-    if plan.design == "suite":
-        job = job_of_test(plan, run, record)
-    else:
-        job = job_of(plan, parse_spec(plan.spec, folder / "sweep.json"), run, record)
+    spec = None if plan.design == "suite" else parse_spec(plan.spec, folder / "sweep.json")
+    job = job_of(plan, spec, run, record)
     parts = plugged_in.of_scenario(parse(job.table, job.file), job.working)
     if changed := [line for part in parts for line in part.changed(_recorded(plan, part))]:
         advice = "drive a sweep with the present code into another folder"
