@@ -263,8 +263,12 @@ class Lockstep:
         try:
             for number in count():
                 due = DueTick(number, number * PERIOD, (number + 1) * PERIOD)
-                done = tick.step(due, {ego.id: ego.input() for ego in self.egos})
-                ticked = {ego.id: ego.ticked(done[ego.id]) for ego in self.egos}
+                cars, ticked = {}, {}
+                for ego in self.egos:
+                    cars[ego.id] = ego.input()
+                done = tick.step(due, cars)
+                for ego in self.egos:
+                    ticked[ego.id] = ego.ticked(done[ego.id])
                 yield ticked
                 for ego in self.egos:
                     ego.drive(due.next_time, ticked[ego.id])

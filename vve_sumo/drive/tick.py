@@ -96,7 +96,7 @@ class EgoTick:
     ) -> None:
         """`ego` is the id of one of the virtual road's egos; its ticks go into `record`."""
         self.id = ego
-        self._pipeline, self._path, self._shell, self._record = pipeline, path, shell, record
+        self.pipeline, self._path, self._shell, self._record = pipeline, path, shell, record
         self._portions = 0
         self._next = 0
         self._looked_at: Actors | None = None
@@ -104,13 +104,13 @@ class EgoTick:
 
     def receive(self, received: float, data: bytes) -> None:
         """Take a portion of pose bytes that arrived at drive time `received` [s], before the next tick."""
-        self._pipeline.receive(received, data)
+        self.pipeline.receive(received, data)
         self._received(received, data)
 
     def accept(self, now: float, fix: Fix, data: bytes) -> Pose | None:
         """Take an already decoded fix, as `Pipeline.accept` does; `data` are the bytes that the record keeps of it."""
         self._received(fix.time_received, data)
-        return self._pipeline.accept(now, fix)
+        return self.pipeline.accept(now, fix)
 
     def _received(self, received: float, data: bytes) -> None:
         self._record.received_pose(received, data)
@@ -119,9 +119,9 @@ class EgoTick:
     def act(self, due: DueTick, car: CarInput, around: EgoSurroundings, clock: Callable[[], float]) -> CompletedTick:
         """Let the sensors see what is around the ego, decide, and hand the setpoint over."""
         actors = around.actors
-        self._pipeline.see(due.time, actors)
+        self.pipeline.see(due.time, actors)
         seen = clock()
-        result = self._pipeline.decide(due.number, due.time, car.steering, around.faults + self._shell.faults())
+        result = self.pipeline.decide(due.number, due.time, car.steering, around.faults + self._shell.faults())
         decided = clock()
         status = self._shell.hand_over(due.time, result.setpoint)
         self._recorded = RecordedTick(due.number, due.time, self._portions, car.steering, result, status, car.truth)
@@ -133,11 +133,7 @@ class EgoTick:
         if done.result.commanded_path is not None:
             self._record.commanded(due.number, done.result.commanded_path)
         assert self._recorded is not None
-        self._pipeline.prepare(due.time + PERIOD, self._recorded.steering)
-
-    def asked(self, time: float) -> Pose | None:
-        """Return the pose of the ego's front bumper to request of SUMO for drive time `time` [s]."""
-        return self._pipeline.front_bumper_at(time)
+        self.pipeline.prepare(due.time + PERIOD, self._recorded.steering)
 
     def record(self, asked: Pose | None, report: EgoSyncReport | None, around: EgoSurroundings) -> None:
         """Record the ego's tick, after SUMO has stepped to the next."""
@@ -165,22 +161,27 @@ class Tick:
 
     def __init__(self, egos: Sequence[EgoTick], road: VirtualRoad, clock: Callable[[], float] = _no_clock) -> None:
         """`clock` [s] gives only the times `seen` and `decided` of a completed tick."""
-        self._egos, self._road, self._clock = tuple(egos), road, clock
+        self._egos = tuple((ego, road.around[ego.id]) for ego in egos)
+        self._road, self._clock = road, clock
 
     def step(self, due: DueTick, cars: Mapping[str, CarInput]) -> dict[str, CompletedTick]:
         """Run a tick of every ego, whose `cars` are given by the egos' ids, as are the completed ticks."""
-        around, clock = self._road.around, self._clock
-        done = {ego.id: ego.act(due, cars[ego.id], around[ego.id], clock) for ego in self._egos}
+        done = {}
+        for ego, around in self._egos:
+            done[ego.id] = ego.act(due, cars[ego.id], around, self._clock)
         # The setpoints are on their way: the rest runs in the slack.
-        for ego in self._egos:
+        for ego, _ in self._egos:
             ego.prepare(due, done[ego.id])
         asked: dict[str, Pose] = {}
         reports: Mapping[str, EgoSyncReport] = {}
         for behind in range(due.catch_up, -1, -1):
-            asked = self._asked(due.next_time - behind * PERIOD)
+            asked = {}
+            for ego, _ in self._egos:
+                if (pose := ego.pipeline.front_bumper_at(due.next_time - behind * PERIOD)) is not None:
+                    asked[ego.id] = pose
             reports = self._road.advance(asked)
-        for ego in self._egos:
-            ego.record(asked.get(ego.id), reports.get(ego.id), around[ego.id])
+        for ego, around in self._egos:
+            ego.record(asked.get(ego.id), reports.get(ego.id), around)
         return done
 
     def finish(self) -> None:
@@ -188,8 +189,5 @@ class Tick:
 
         These rows show what the egos touched at the end.
         """
-        for ego in self._egos:
-            ego.finish(self._road.around[ego.id])
-
-    def _asked(self, time: float) -> dict[str, Pose]:
-        return {ego.id: pose for ego in self._egos if (pose := ego.asked(time)) is not None}
+        for ego, around in self._egos:
+            ego.finish(around)

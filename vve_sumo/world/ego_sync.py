@@ -200,7 +200,7 @@ class EgoSync:
             self._known, self._lane = False, ""
         if math.isnan(errors[0]):
             faults.append("ego_lost" if self._target else "ego_absent")
-        else:
+        elif not (errors[0] <= TOLERANCE and errors[1] <= TOLERANCE and errors[2] <= TOLERANCE):
             faults += [code for code, value in zip(_ERROR_CODES, errors, strict=True) if not value <= TOLERANCE]
         return EgoSyncReport(time, *errors, self._lane, self._lane != "", tuple(dict.fromkeys(faults)), error)
 

@@ -6,6 +6,7 @@ Keeps the state of one ego; `world` says when each part of it is due. Must not k
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from vve_sumo.geometry import Box, behind_bumper
 from vve_sumo.values import Actors, Pose
@@ -13,7 +14,7 @@ from vve_sumo.world.ego_sync import Ego, EgoSync
 from vve_sumo.world.lanes import Lanes
 from vve_sumo.world.proxies import EGO_PROXY_TYPE, ProxyVehicles
 from vve_sumo.world.standoff import Standoff
-from vve_sumo.world.surroundings import Row, cross_section
+from vve_sumo.world.surroundings import Row, cross_section, table
 
 #: SUMO vehicle class that decides how well the radar of another ego sees an ego
 EGO_CLASS = "passenger"
@@ -32,7 +33,8 @@ class PlacedEgo:
         self.pose: Pose | None = None  #: of the front bumper, the last that was accepted
         self.body: Box | None = None  #: at that pose
         self.moves = False  #: whether that pose is the coming step's; else the ego stands there
-        self.snapshot: Actors | None = None  #: the actors around it
+        self.rows: Sequence[Row] = ()  #: of the actors around it
+        self.snapshot: Actors = table(0.0, ())  #: the same as a table
 
     def place(self, pose: Pose) -> bool:
         """Have the front bumper at `pose` when the coming step ends; return whether the pose was accepted."""

@@ -44,6 +44,8 @@ class ScenarioActors:
 
         An actor whose numbers are not finite or beyond MAX_COORDINATE is left out. Raises SUMO's errors.
         """
+        if not (actors or self._on or self._shadows):
+            return ()
         self._on = tuple(actor for actor in actors if _somewhere(actor))
         here = {actor.id for actor in self._on}
         for name in [name for name in self._shadows if name not in here]:

@@ -123,11 +123,11 @@ class Surroundings:
         ]
         self._rows = found
 
-    def around(self, x: float, y: float, egos: Iterable[Row] = ()) -> Actors:
-        """Return the actors of the last look around x, y [m]; `egos` are the rows of others than the one there."""
+    def around(self, x: float, y: float, egos: Sequence[Row]) -> list[Row]:
+        """Return the rows of the last look around x, y [m]; `egos` are the rows of egos, which may be near too."""
         limit = self._reach * self._reach
-        near = [row for row in (*self._rows, *egos) if (row[1] - x) ** 2 + (row[2] - y) ** 2 <= limit]
-        return table(self._time, near)
+        rows = [*self._rows, *egos] if egos else self._rows
+        return [row for row in rows if (row[1] - x) ** 2 + (row[2] - y) ** 2 <= limit]
 
     def standing(self, seen: Actors, near: Box) -> list[tuple[str, Box]]:
         """Return the vehicles of a snapshot that stand within `CLOSE` of a body, with their boxes."""

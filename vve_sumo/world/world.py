@@ -83,6 +83,7 @@ class World:
             if isinstance(error, SUMO_ERRORS):
                 raise SimulationError(f"{network}: SUMO refused the street's furniture: {error}") from error
             raise
+        self._hidden_always = self._obstacles.proxies | frozenset(self._by_id)
         self._start, self._steps = 0.0, 0
         self._begun = False  # an ego has been placed
         self._cleared: tuple[str, ...] = ()
@@ -121,7 +122,7 @@ class World:
     @property
     def egos(self) -> tuple[str, ...]:
         """Ids of the egos, in order."""
-        return tuple(self._egos)
+        return tuple(self._by_id)
 
     @property
     def step_time_budget(self) -> StepTimeBudget | None:
@@ -130,7 +131,7 @@ class World:
 
     def proxy_lanes(self, ego: str) -> tuple[str, ...]:
         """Return the lanes on which traffic sees a proxy of an ego now."""
-        return self._egos[ego].proxies.lanes
+        return self._by_id[ego].proxies.lanes
 
     def set_actors(self, actors: Sequence[ActorState]) -> None:
         """Have exactly these actors of the scenario on the road at the next tick, besides traffic and obstacles.
@@ -150,7 +151,7 @@ class World:
         """
         begun = self._clock() if self._clock else 0.0
         for name in sorted(placements):
-            self._place(self._egos[name], placements[name])
+            self._place(self._by_id[name], placements[name])
         error = ""
         try:
             self._ready()
@@ -158,18 +159,21 @@ class World:
         except (SimulationError, *SUMO_ERRORS) as problem:
             error = str(problem)
         self._steps += 1
+        now = self._start + (self._steps - 1) * self._period
         try:
-            self._look()
             if self._begun:
-                self._signals.look(self._time())
+                self._look(now)
+                self._signals.look(now)
             if self._clock and self._step_time_budget and self._begun:
-                places = [(ego.pose.x, ego.pose.y) for ego in self._egos.values() if ego.pose is not None]
+                places = [(ego.pose.x, ego.pose.y) for ego in self._egos if ego.pose is not None]
                 self._step_time_budget.step(self._clock() - begun, places, self._hidden())
         except SUMO_ERRORS as problem:
             # The last snapshots stay, which is better than an empty road; the fault stops the cars.
             error = error or str(problem)
-        now = self._time()
-        return {name: ego.sync.check(now, error) for name, ego in self._egos.items()}
+        reports = {}
+        for ego in self._egos:
+            reports[ego.id] = ego.sync.check(now, error)
+        return reports
 
     def actors(self, ego: str) -> Actors:
         """Return all actors near an ego, without itself; the same table until the next step.
@@ -177,26 +181,19 @@ class World:
         Rows are vehicles by name (on a lane or not, parked ones too), persons on foot, obstacles, scenario actors,
         other egos. Empty before the ego entered.
         """
-        placed = self._egos[ego]
-        if placed.snapshot is None:
-            placed.snapshot = table(self._start, ())
-        return placed.snapshot
+        return self._by_id[ego].snapshot
 
     def contacts(self, ego: str) -> tuple[str, ...]:
         """Return the names of actors whose box overlaps an ego's."""
-        body = self._egos[ego].body
+        placed = self._by_id[ego]
+        body = placed.body
         if body is None:
             return ()
-        seen = self.actors(ego)
-        if not seen.ids:
-            return ()
-        columns = (seen.x, seen.y, seen.heading, seen.length, seen.width)
-        rows = zip(seen.ids, *(column.tolist() for column in columns), strict=True)
         # Beyond the sum of both boxes' lengths and widths an overlap is impossible.
         reach = body.length + body.width
         return tuple(
             name
-            for name, x, y, heading, length, width in rows
+            for name, x, y, heading, _, length, width, _, _ in placed.rows
             if max(abs(x - body.x), abs(y - body.y)) < reach + length + width
             and overlap(body, Box(x, y, heading, length, width))
         )
@@ -224,8 +221,8 @@ class World:
         length, width = max(ego.vehicle.length for ego in egos), max(ego.vehicle.width for ego in egos)
         make_type(EGO_PROXY_TYPE, length, width)
         make_type(OBSTACLE_PROXY_TYPE, length, width)
-        self._egos = {ego.id: PlacedEgo(lanes, ego) for ego in sorted(egos, key=lambda ego: ego.id)}
-        self._ids = frozenset(self._egos)
+        self._egos = tuple(PlacedEgo(lanes, ego) for ego in sorted(egos, key=lambda ego: ego.id))
+        self._by_id = {ego.id: ego for ego in self._egos}
         self._obstacles = Obstacles(obstacles, lanes)
         self._scenario_actors = ScenarioActors(lanes)
         self._surroundings = Surroundings(reach, self._obstacles.declared)
@@ -256,22 +253,21 @@ class World:
 
     def _ready(self) -> None:
         """Have everything where it belongs for the coming step; raises SUMO's errors."""
-        for ego in self._egos.values():
+        for ego in self._egos:
             ego.moves = ego.sync.ready()
-        for ego in self._egos.values():
             if ego.body is not None and ego.pose is not None:
                 ego.proxies.place(ego.body, ego.pose.speed if ego.moves else 0.0, ego.sync.lane)
         for entered in self._scenario_actors.place(self._asked):
             self._cleared += _clear(box_of(entered), entered.speed, self._hidden())
         self._scenario_actors.show()
-        for ego in self._egos.values():
+        for ego in self._egos:
             self._end_standoffs(ego)
             if ego.sync.entered():
                 self._surroundings.watch(ego.id)
 
     def _end_standoffs(self, ego: PlacedEgo) -> None:
         """Take drivers off the road whose standoff with an ego lasted too long; raises SUMO's errors."""
-        if ego.pose is None or ego.body is None or ego.snapshot is None:
+        if ego.pose is None or ego.body is None:
             return
         stands = abs(ego.pose.speed) < STANDING
         drivers = self._surroundings.standing(ego.snapshot, ego.body) if stands else ()
@@ -284,21 +280,20 @@ class World:
 
     def _hidden(self) -> frozenset[str]:
         """Return the names of the vehicles in SUMO that are no traffic."""
-        proxies = (ego.proxies.ids for ego in self._egos.values())
-        return self._ids.union(self._scenario_actors.ids, self._obstacles.proxies, *proxies)
+        hidden = self._hidden_always | self._scenario_actors.ids
+        for ego in self._egos:
+            hidden |= ego.proxies.ids
+        return hidden
 
-    def _time(self) -> float:
-        return self._start + (self._steps - 1) * self._period
-
-    def _look(self) -> None:
-        """Take the snapshots of the egos that have entered; raises SUMO's errors."""
-        if not self._begun:
-            return
-        self._surroundings.look(self._time(), self._hidden(), self._scenario_actors.seen())
-        for ego in self._egos.values():
+    def _look(self, now: float) -> None:
+        """Take the snapshots of the egos that have entered, at drive time `now` [s]; raises SUMO's errors."""
+        self._surroundings.look(now, self._hidden(), self._scenario_actors.seen())
+        egos = [ego.row() for ego in self._egos if ego.pose is not None] if len(self._egos) > 1 else []
+        for ego in self._egos:
             if ego.pose is not None:
-                others = (other.row() for other in self._egos.values() if other is not ego and other.pose is not None)
-                ego.snapshot = self._surroundings.around(ego.pose.x, ego.pose.y, others)
+                others = [row for row in egos if row[0] != ego.id] if egos else egos
+                ego.rows = self._surroundings.around(ego.pose.x, ego.pose.y, others)
+                ego.snapshot = table(now, ego.rows)
 
 
 def is_true(warning: str) -> bool:
