@@ -152,7 +152,7 @@ class VirtualRoad:
     def advance(self, asked: Mapping[str, Pose]) -> Mapping[str, EgoSyncReport]:
         """Place the egos, by id, and the actors, and let SUMO step once; return the report of each ego's placement.
 
-        Without a pose of any ego SUMO does not step, and no report is returned.
+        Without a pose of any ego SUMO does not step. An ego without a pose has no report: it has not entered yet.
         """
         if not asked:
             return {}
@@ -161,8 +161,9 @@ class VirtualRoad:
         # The engine of the scenario's actors knows one ego.
         if self._began is not None and (ego := asked.get(EGO)) is not None:
             self._world.set_actors(self._engine.step(ego.time - self._began, ego))
-        reports = self._world.step(asked)
-        for name, report in reports.items():
+        stepped, reports = self._world.step(asked), {}
+        for name in asked:
+            report = reports[name] = stepped[name]
             around, contacts = self.around[name], self._world.contacts(name)
             around.actors, around.contacts = self._world.actors(name), contacts
             around.faults = report.faults + (("virtual_contact",) if contacts else ())
