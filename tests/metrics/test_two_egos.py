@@ -23,7 +23,7 @@ def driven(ego: str, other: str) -> DriveData:
         for t, x in zip(time.tolist(), axle[ego].tolist(), strict=True)
     ]
     middle = axle[other] + CAR.rear_axle_to_bumper - 0.5 * CAR.length
-    box = {"actor": other, "speed_mps": SPEED[other], "length_m": CAR.length, "width_m": CAR.width - 0.1}
+    box = {"actor": other, "speed_mps": SPEED[other], "length_m": CAR.length, "width_m": CAR.width}
     boxes = [box | {"tick": tick, "x_m": x} for tick, x in enumerate(middle.tolist())]
     return DriveData(ticks_of(ticks), actors_of(boxes), straight(), CAR, PERIOD, ego=ego)
 

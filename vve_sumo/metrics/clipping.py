@@ -55,7 +55,7 @@ def nearest_in_band(
         begins = _Points(*(column[crosses] for column in points))
         ends = _Points(*(np.roll(column, -1, axis=0)[crosses] for column in points))
         number = box[crosses]
-        np.minimum.at(nearest, number, _crossing(begins, ends, number, edge[number], project))
+        np.minimum.at(nearest, number, _crossing(begins, ends, number, edge[number], inwards, project))
     return nearest
 
 
@@ -66,15 +66,22 @@ def _subdivided(corners: Floats, pieces: int) -> Floats:
     return sides.reshape(4 * pieces, corners.shape[-1])
 
 
-def _crossing(begins: _Points, ends: _Points, box: Indices, edge: Floats, project: Projection) -> Floats:
-    """Return how far ahead pieces of sides cross an edge of the band [m], by false position."""
+def _crossing(
+    begins: _Points, ends: _Points, box: Indices, edge: Floats, inwards: float, project: Projection
+) -> Floats:
+    """Return how far ahead pieces of sides cross an edge of the band [m], by false position.
+
+    Distances from the edge count `inwards` (1 for the right edge, -1 for the left): of the two ends of a piece one is
+    always above 0, and the other, which may lie on the edge, never.
+    """
     low, high = np.zeros(len(box)), np.ones(len(box))
-    at_low, at_high, ahead = begins.beside - edge, ends.beside - edge, begins.ahead
+    at_low, at_high, ahead = inwards * (begins.beside - edge), inwards * (ends.beside - edge), begins.ahead
     for _ in range(ROUNDS):
         share = low + (high - low) * at_low / (at_low - at_high)
         x, y, near = (one + share * (other - one) for one, other in zip(begins[:3], ends[:3], strict=True))
         ahead, beside = project(box, x, y, near)
-        same = (beside - edge > 0.0) == (at_low > 0.0)
-        low, at_low = np.where(same, share, low), np.where(same, beside - edge, at_low)
-        high, at_high = np.where(same, high, share), np.where(same, at_high, beside - edge)
+        inside = inwards * (beside - edge)
+        same = (inside > 0.0) == (at_low > 0.0)
+        low, at_low = np.where(same, share, low), np.where(same, inside, at_low)
+        high, at_high = np.where(same, high, share), np.where(same, at_high, inside)
     return ahead
