@@ -135,6 +135,8 @@ NEAR_MISSES = [
     ("actors.0.kind", "lorry", "actors.0.kind: expected 'car', 'van', 'truck', "),
     ("actors.0.at_m", 5.0, "actors.0: actor lead: expected one of at_m and ahead_m"),
     ("actors.0.id", "parked", "id 'parked' stands twice"),
+    ("actors.0.id", "ego", "actors: id 'ego' is the car's that is tested, expected another"),
+    ("obstacles.0.id", "ego", "obstacles: id 'ego' is the car's that is tested, expected another"),
     ("actors", {"id": "lead"}, "actors: expected an array, got a table"),
     ("parameters.gap.set", ["x"], "unknown key 'parameters.gap.set', did you mean 'sets'?"),
     ("parameters.gap.sets", "x", "parameters.gap.sets: expected an array, got 'x'"),

@@ -24,6 +24,7 @@ from vve_sumo.metrics.own import DeclaredMetrics
 from vve_sumo.scenario.schema import Criteria, CriterionBand, Scenario
 from vve_sumo.sensors import port as sensors
 from vve_sumo.units import is_quantity
+from vve_sumo.values import EGO
 
 
 def parse(table: dict[str, Any], file: Path) -> Scenario:
@@ -42,6 +43,9 @@ def parse(table: dict[str, Any], file: Path) -> Scenario:
     if twice is not None:
         where = "obstacles" if twice in (one.id for one in scenario.obstacles) else "actors"
         raise ConfigError(f"{file}: {where}: id {twice!r} stands twice, expected each once")
+    if EGO in names:
+        where = "obstacles" if EGO in (one.id for one in scenario.obstacles) else "actors"
+        raise ConfigError(f"{file}: {where}: id {EGO!r} is the car's that is tested, expected another")
     called = [sensors.STANDARD, *(sensor.name for sensor in scenario.sensors)]
     if len({*called}) < len(called):
         twice = next(name for name in called if called.count(name) > 1)
