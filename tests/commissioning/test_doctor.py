@@ -356,9 +356,9 @@ def test_the_versions_asked_for_are_those_of_the_package() -> None:
 
 def test_a_street_that_is_too_slow_is_no_go_and_a_held_back_one_a_note() -> None:
     load = {"refused": 0, "removed": 0}
-    assert machine_checks._judged_street([0.002] * 200, True, load).finding is CheckResult.GO
-    assert machine_checks._judged_street([0.002] * 190 + [0.03] * 10, False, load).finding is CheckResult.NO_GO
-    held = machine_checks._judged_street([0.002] * 200, True, {"refused": 7, "removed": 5})
+    assert machine_checks._judged_virtual_road([0.002] * 200, True, load).finding is CheckResult.GO
+    assert machine_checks._judged_virtual_road([0.002] * 190 + [0.03] * 10, False, load).finding is CheckResult.NO_GO
+    held = machine_checks._judged_virtual_road([0.002] * 200, True, {"refused": 7, "removed": 5})
     assert held.finding is CheckResult.NOTE
     assert "12 vehicles" in held.found
 

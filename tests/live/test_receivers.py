@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import shapely
 
-from tests.commissioning.test_doctor import told
+from tests.commissioning.test_doctor import reported
 from tests.live.command_line import SIMULATED, free_port, own_rig, vve_sumo
 from vve_sumo.rig import load as rigs
 
@@ -81,10 +81,10 @@ def test_the_doctor_finds_it_fit(kind: str, tmp_path: Path) -> None:
     """An OXTS unit on CAN is believed to be locking for its first 12 s, which the doctor waits for."""
     run = vve_sumo("doctor", str(short(tmp_path)), "--rig", str(rig_of(kind, tmp_path, free_port())), cwd=tmp_path)
     assert run.returncode == 0, run.stdout + run.stderr
-    assert told(run, "receiver")[1].startswith(kind)
-    assert told(run, "fix")[1].startswith("locked, RTK fixed")
-    assert float(told(run, "fixes")[1].split()[0]) == pytest.approx(100.0, rel=0.1)
-    assert float(told(run, "reports")[1].split("brake ")[1].split(",")[0]) == pytest.approx(50.0, rel=0.1)
+    assert reported(run, "receiver")[1].startswith(kind)
+    assert reported(run, "fix")[1].startswith("locked, RTK fixed")
+    assert float(reported(run, "fixes")[1].split()[0]) == pytest.approx(100.0, rel=0.1)
+    assert float(reported(run, "reports")[1].split("brake ")[1].split(",")[0]) == pytest.approx(50.0, rel=0.1)
 
 
 @pytest.mark.live
@@ -97,4 +97,4 @@ def test_a_port_that_another_program_serves_is_refused_and_nothing_is_read_from_
         with pytest.raises(BlockingIOError):
             other.accept()
     assert run.returncode == 3
-    assert "is in use by another program" in told(run, "bus")[1]
+    assert "is in use by another program" in reported(run, "bus")[1]
