@@ -81,7 +81,7 @@ class World:
         except BaseException as error:
             self._simulation.close()
             if isinstance(error, SUMO_ERRORS):
-                raise SimulationError(f"{network}: SUMO refused the street's furniture: {error}") from error
+                raise SimulationError(f"{network}: SUMO refused the road's furniture: {error}") from error
             raise
         self._hidden_always = self._obstacles.proxies | frozenset(self._by_id)
         self._start, self._steps = 0.0, 0
