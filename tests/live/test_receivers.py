@@ -23,9 +23,6 @@ KINDS = {
     "oxts_can": 'interface = "slcan"\nchannel = "pty:FOLDER/oxts.pty"\n',
 }
 
-#: its positions have steps of 1.1 cm, which the trust gate takes for a frozen pose as the car begins to roll
-OXTS_CAN = pytest.param("oxts_can", marks=pytest.mark.xfail(reason="pose_unsteady: docs/rigs.md", strict=False))
-
 
 def rig_of(kind: str, folder: Path, port: int) -> Path:
     """The simulated vehicle's rig with another receiver."""
@@ -58,7 +55,7 @@ heading_deg = 85.0
 
 
 @pytest.mark.live
-@pytest.mark.parametrize("kind", ["nmea_udp", "nmea_tcp", "nmea_serial", OXTS_CAN])
+@pytest.mark.parametrize("kind", ["nmea_udp", "nmea_tcp", "nmea_serial", "oxts_can"])
 def test_a_drive_by_its_bytes_over_its_wire(kind: str, tmp_path: Path) -> None:
     rig, record = rig_of(kind, tmp_path, free_port()), tmp_path / "record"
     done = vve_sumo("drive", str(short(tmp_path)), "--rig", str(rig), "--out", str(record), cwd=tmp_path)

@@ -23,7 +23,10 @@ LEVER_LIMIT: Final = 4.0  #: no output point lies further from the rear axle [m]
 YAW_RATE_LIMIT: Final = 2.0  #: no car on its wheels turns faster [rad/s]
 DRIFT_WINDOW: Final = 0.5  #: over which position and velocity are compared as a whole [s]
 VELOCITY_NOISE: Final = 0.5  #: what two velocities may differ by besides acceleration [m/s]
-FROZEN_SPEED: Final = 0.2  #: above it two fixes cannot have the same position to the last bit [m/s]
+FROZEN_SPEED: Final = 0.2  #: above it two fixes of a fine wire cannot have the same position to the last bit [m/s]
+#: a car that goes this many steps of its wire's positions has another one, whatever its heading (the diagonal of a step
+#: at most), with as much again for noise that goes against the way
+FROZEN_STEPS: Final = 2.0 * math.sqrt(2.0)
 ABSURD_ACCELERATION: Final = 20.0  #: specific force that only a crash or a broken sensor shows [m/s2]
 ACCELERATION_LIMIT: Final = 12.0  #: of any car [m/s2]: bounds how far it can leave a straight line
 MIN_ALTITUDE: Final = -600.0  #: of any road [m]: the Dead Sea's shore, less what ellipsoid and sea level differ by
@@ -60,7 +63,7 @@ REASONS: Final[dict[str, str]] = {
     "altitude_jump": "altitude or vertical velocity is not where the fix before leads",
     "tilt_jump": "pitch or roll changed faster than a car can tilt",
     "motion_jump": "yaw rate or acceleration changed by more than a car can change them",
-    "frozen_pose": "the position stands still to the last bit while the velocity says that the car moves",
+    "frozen_pose": "the position stays the same while the velocity says that the car moves",
     "heading_off_course": "the heading and the direction of travel disagree",
     "settling": "a jump or gap was seen a moment ago; fixes must agree for a while before they count again",
     "pose_stale": "no trusted fix for too long",
@@ -91,6 +94,7 @@ class TrustProfile:
     course_limit: float  #: heading against course [rad], on top of what a bend explains
     course_speed: float  #: the course is judged above it [m/s]
     settling: float  #: how long fixes must agree after a jump or gap [s]
+    position_step: float = 0.0  #: between two positions that the wire can say [m]; 0 where it is below any noise
 
     def __post_init__(self) -> None:
         """Raise ConfigError for a profile that would arm a car on fixes whose quality is not judged."""
@@ -130,7 +134,8 @@ DRIVE: Final = TrustProfile(
 #: fixes a second, one of which may be lost, and 50 ms on the wire; a prediction over 0.25 s that misses braking at
 #: 5 m/s2 is 0.16 m wrong. The yaw rate is differenced heading, late by 50 ms: a bend entered at 0.6 rad/s of yaw is
 #: 0.03 rad off it, and 0.01 rad are noise. In return a step of the heading shows by half: the least found is 0.16 rad.
-#: Noise of 0.08 rad makes 0.8 rad/s of a yaw rate that is differenced over 0.1 s.
+#: Noise of 0.08 rad makes 0.8 rad/s of a yaw rate that is differenced over 0.1 s. Positions may have no more than five
+#: decimals of a minute, the fewest that are enough for RTK.
 NMEA: Final = replace(
     DRIVE,
     name="nmea",
@@ -140,7 +145,11 @@ NMEA: Final = replace(
     stale_limit=0.25,
     heading_jump_limit=0.08,
     yaw_rate_jump_limit=0.8,
+    position_step=0.0186,
 )
+
+#: CAN output of an OXTS unit: as NCOM, with positions in steps of 1e-7 degrees.
+OXTS_CAN: Final = replace(DRIVE, name="oxts_can", position_step=0.0112)
 
 #: Recordings: no quality, no real time, as few as 2 fixes a second; a car is never armed on them.
 PLAYBACK: Final = TrustProfile(
@@ -281,10 +290,13 @@ def _of_the_rest(last: Fix, fix: Fix, profile: TrustProfile) -> list[str]:
     return reasons
 
 
-def _of_one_step(last: Fix, fix: Fix, off: tuple[float, float, float], profile: TrustProfile) -> list[str]:
+def _of_one_step(
+    last: Fix, fix: Fix, off: tuple[float, float, float], frozen: bool, profile: TrustProfile
+) -> list[str]:
     """Reasons against a fix by the one before it; both are finite, and `fix` is the newer.
 
-    `off` is how far the fix lies from where the one before leads, north and east [m], and its heading [rad].
+    `off` is how far the fix lies from where the one before leads, north and east [m], and its heading [rad];
+    `frozen` whether its position stays the same though it must not.
     """
     step = fix.time - last.time
     north, east, turned = off
@@ -294,12 +306,8 @@ def _of_one_step(last: Fix, fix: Fix, off: tuple[float, float, float], profile: 
         reasons.append("velocity_jump")
     if abs(turned) > profile.heading_jump_limit:
         reasons.append("heading_jump")
-    if fix.latitude == last.latitude and fix.longitude == last.longitude:
-        slower = min(
-            math.hypot(fix.velocity_north, fix.velocity_east), math.hypot(last.velocity_north, last.velocity_east)
-        )
-        if slower > FROZEN_SPEED:
-            reasons.append("frozen_pose")
+    if frozen:
+        reasons.append("frozen_pose")
     if not math.hypot(north, east) <= profile.jump_limit + 0.25 * ACCELERATION_LIMIT * step * step:
         reasons.append("pose_jump")
     return reasons
@@ -340,6 +348,7 @@ class TrustGate:
         self._drift = (0.0, 0.0, 0.0)
         self._drifts: deque[tuple[float, float, float, float]] = deque()
         self._last: Fix | None = None
+        self._unchanged = 0.0  # how far the car has gone since its position last changed [m]
         self._unsettled_until = -math.inf
         self._trusted_until = -math.inf
         self._steadiness = Steadiness()
@@ -394,6 +403,7 @@ class TrustGate:
         if not _BREAKING.isdisjoint(reasons):
             # Older fixes cannot be compared with any more. Fixes that agree for `settling` fill the window again.
             self._drifts.clear()
+            self._unchanged = 0.0
         if not _UNSETTLING.isdisjoint(reasons):
             self._unsettled_until = fix.time + self._profile.settling
         elif fix.time < self._unsettled_until:
@@ -403,8 +413,22 @@ class TrustGate:
     def _of_the_step(self, last: Fix, fix: Fix) -> list[str]:
         """Reasons by how far the fix lies from where the one before leads, in this step and over the window."""
         off = *_off_the_velocity(last, fix), _off_the_yaw_rate(last, fix)
-        reasons = _of_one_step(last, fix, off, self._profile)
+        reasons = _of_one_step(last, fix, off, self._frozen(last, fix), self._profile)
         return reasons + self._drifting(fix.time, off) if _BREAKING.isdisjoint(reasons) else reasons
+
+    def _frozen(self, last: Fix, fix: Fix) -> bool:
+        """Whether the position stays the same over a way on which the wire would say another one."""
+        if fix.latitude != last.latitude or fix.longitude != last.longitude:
+            self._unchanged = 0.0
+            return False
+        slower = min(
+            math.hypot(fix.velocity_north, fix.velocity_east), math.hypot(last.velocity_north, last.velocity_east)
+        )
+        if not slower > FROZEN_SPEED:
+            self._unchanged = 0.0
+            return False
+        self._unchanged += slower * (fix.time - last.time)
+        return self._unchanged > FROZEN_STEPS * self._profile.position_step
 
     def _drifting(self, time: float, off: tuple[float, float, float]) -> list[str]:
         """Reasons by a drift over the window before `time` [s], in steps `off` that are each too small to be found."""

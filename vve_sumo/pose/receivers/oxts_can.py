@@ -17,7 +17,7 @@ from vve_sumo.errors import RigError
 from vve_sumo.pose import oxts_can
 from vve_sumo.pose.receivers.port import FarBus, FrameBus, OnCan, OpenBus, OpenFarBus, Receiver, ReceiverTable
 from vve_sumo.pose.sources import Source
-from vve_sumo.pose.trust import DRIVE, TrustProfile
+from vve_sumo.pose.trust import OXTS_CAN, TrustProfile
 from vve_sumo.pty_link import PREFIX
 from vve_sumo.values import Fix, Frame
 
@@ -28,7 +28,7 @@ FRAME: Final = struct.Struct("<HB8s")
 class OxtsCan(ReceiverTable):
     """The CAN output of an OXTS unit."""
 
-    profile: ClassVar[TrustProfile] = DRIVE
+    profile: ClassVar[TrustProfile] = OXTS_CAN
     silent_hint: ClassVar[str] = "see pose.interface, pose.channel and pose.bitrate, and the receiver's CAN output"
 
     far_end_first: ClassVar[bool] = True
