@@ -62,3 +62,11 @@ def copied() -> Callable[[Path, Path], None]:
         shutil.copytree(source, target)
 
     return copy
+
+
+def holds(page: Any, condition: str) -> bool:
+    """Return whether a JavaScript condition holds on a page now.
+
+    Waiting is the caller's: the page's policy forbids what Playwright's own waiting evaluates again.
+    """
+    return bool(page.evaluate(f"() => Boolean({condition})"))

@@ -12,6 +12,8 @@ import pytest
 
 from tests.exhaustive import with_slow
 from tests.isolated import REPOSITORY, isolated
+from tests.live.patience import until
+from tests.view.conftest import holds
 from tests.view.test_page import opened
 from vve_sumo.cli import main
 from vve_sumo.export.formats import FORMATS
@@ -65,7 +67,7 @@ def test_the_page_opens_and_plays_to_the_end(driven: Path, tmp_path: Path, brows
     page = tmp_path / "page.html"
     assert main(["view", str(driven), "--html", str(page)]) == 0
     with opened(browser, page.as_uri()) as shown:
-        shown.wait_for_function("vveSumo.shown.records[0].frames.details !== null")
+        until(lambda: holds(shown, "vveSumo.shown.records[0].frames.details !== null"))
         shown.evaluate(f"vveSumo.shown.seek({ENDS})")
         assert shown.evaluate("vveSumo.shown.time") == pytest.approx(ended(driven))
 

@@ -22,6 +22,7 @@ from tests.conftest import REPOSITORY
 from tests.live.command_line import begun, own_rig, vve_sumo
 from tests.live.patience import until
 from tests.live.records import SHORTER
+from tests.view.conftest import holds
 from tests.view.test_page import COLOURS
 from vve_sumo.record.reader import read_table
 from vve_sumo.record.signals import Signals, read_signals
@@ -82,10 +83,6 @@ def driving(folder: Path, *more: str) -> Iterator[Drive]:
             console.send_signal(signal.SIGINT)
         with contextlib.suppress(subprocess.TimeoutExpired):
             console.communicate(timeout=60.0)
-
-
-def holds(page: Any, condition: str) -> bool:
-    return bool(page.evaluate(f"() => Boolean({condition})"))
 
 
 def kept(page: Any) -> list[dict[str, Any]]:

@@ -14,7 +14,7 @@ from tests.exhaustive import with_slow
 from tests.live.patience import until
 from tests.report.made import CODE
 from tests.report.test_page import CONTRAST, DESK, LOOKS, PHONE, READABLE, TARGET, contrast
-from tests.view.conftest import serving
+from tests.view.conftest import holds, serving
 from tests.view.made import Made
 from vve_sumo.view.library import Library
 from vve_sumo.view.notebook import ShownPage
@@ -228,7 +228,7 @@ AXES = """() => vveSumo.shown.views.flatMap(view => view.strips.plots.map(plot =
 
 def test_strips_have_room_for_their_labels_and_a_least_span(browser: Any, replay: PageServer) -> None:
     with opened(browser, replay.address) as page:
-        page.wait_for_function("vveSumo.shown.records[0].frames.details !== null")
+        until(lambda: holds(page, "vveSumo.shown.records[0].frames.details !== null"))
         # A car that keeps its speed but for noise, as strips of a live drive take it.
         page.evaluate("""() => { const { strips } = vveSumo.shown.views[0];
           strips.data = null;
@@ -242,14 +242,14 @@ def test_strips_have_room_for_their_labels_and_a_least_span(browser: Any, replay
         page.evaluate("""() => { const { strips } = vveSumo.shown.views[0];
           strips.data[2][1] = strips.data[2][1].map((_, k) => 123456 + 9 * k);
           strips.build(null); strips.plots[2].setScale('x', { min: 0, max: 15 }); }""")
-        page.wait_for_function("vveSumo.shown.views[0].strips.plots[2].axes[1]._size > 42")
+        until(lambda: holds(page, "vveSumo.shown.views[0].strips.plots[2].axes[1]._size > 42"))
         assert all(room >= needed for room, needed, _span in page.evaluate(AXES))
 
 
 def test_what_is_still_computed_does_not_look_like_a_free_road(browser: Any, replay: PageServer) -> None:
     gauge = "[...document.querySelectorAll('.gauge')].find(one => one.innerText.startsWith('gap ahead')).innerText"
     with opened(browser, replay.address) as page:
-        page.wait_for_function("vveSumo.shown.records[0].frames.details !== null")
+        until(lambda: holds(page, "vveSumo.shown.records[0].frames.details !== null"))
         said = page.evaluate(f"""() => {{ const [view] = vveSumo.shown.views, frame = {{ ...view.frame, gap: null }};
           return ['coming', 'failed', 'there'].map((detailed) => {{ view.show({{ ...frame, detailed }});
             return {gauge}; }}); }}""")
