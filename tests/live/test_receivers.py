@@ -11,6 +11,7 @@ import pytest
 import shapely
 
 from tests.commissioning.test_doctor import reported
+from tests.exhaustive import with_slow
 from tests.live.command_line import SIMULATED, free_port, own_rig, vve_sumo
 from vve_sumo.rig import load as rigs
 
@@ -22,6 +23,9 @@ KINDS = {
     "nmea_serial": f'device = "pty:FOLDER/gnss.pty"\n{SIGMAS}',
     "oxts_can": 'interface = "slcan"\nchannel = "pty:FOLDER/oxts.pty"\n',
 }
+
+#: one of NMEA's three wires, and the one that is not NMEA
+USUAL = ("nmea_serial", "oxts_can")
 
 
 def rig_of(kind: str, folder: Path, port: int) -> Path:
@@ -55,7 +59,7 @@ heading_deg = 85.0
 
 
 @pytest.mark.live
-@pytest.mark.parametrize("kind", ["nmea_udp", "nmea_tcp", "nmea_serial", "oxts_can"])
+@pytest.mark.parametrize("kind", with_slow(["nmea_udp", "nmea_tcp", "nmea_serial", "oxts_can"], USUAL.__contains__))
 def test_a_drive_by_its_bytes_over_its_wire(kind: str, tmp_path: Path) -> None:
     rig, record = rig_of(kind, tmp_path, free_port()), tmp_path / "record"
     done = vve_sumo("drive", str(short(tmp_path)), "--rig", str(rig), "--out", str(record), cwd=tmp_path)
@@ -73,7 +77,7 @@ def test_a_drive_by_its_bytes_over_its_wire(kind: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.live
-@pytest.mark.parametrize("kind", ["nmea_tcp", "oxts_can"])
+@pytest.mark.parametrize("kind", with_slow(["nmea_tcp", "oxts_can"], USUAL.__contains__))
 def test_the_doctor_finds_it_fit(kind: str, tmp_path: Path) -> None:
     """An OXTS unit on CAN is believed to be locking for its first 12 s, which the doctor waits for."""
     run = vve_sumo("doctor", str(short(tmp_path)), "--rig", str(rig_of(kind, tmp_path, free_port())), cwd=tmp_path)
