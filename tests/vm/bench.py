@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import dataclasses
 import math
-import pickle
 import select
 import subprocess
 import time
@@ -18,6 +17,7 @@ from tests.vm.wires import FRAME, Heard, Wire, Witness, open_raw
 from vve_sumo.frames import MapFrame
 from vve_sumo.live.channel import pair
 from vve_sumo.live.messages import Ready, decode
+from vve_sumo.live.recorder_client import RECORD, RecordBatch
 from vve_sumo.live.simulated_vehicle import CarConfig
 from vve_sumo.live.spawn import start
 from vve_sumo.record.rows import GatewayRow
@@ -160,11 +160,11 @@ class Bench:
                 self.states.append(feedback.status.state)
             self.reasons, self.speed = feedback.status.reasons, feedback.wheel_speed
         for data in self._recorder.receive():
-            for verb, said in pickle.loads(data):
-                if verb == "stepped":
-                    self.rows.append(said[0])
-                elif verb == "saw_frames":
-                    self.sent += [Frame(*frame) for frame in said[2] if frame[0] in layout.COMMAND_IDS]
+            batch = RECORD.decode(data)
+            assert isinstance(batch, RecordBatch), batch
+            self.rows += [row for (row,) in batch.stepped]
+            frames = [frame for _time, _channel, seen in batch.saw_frames for frame in seen]
+            self.sent += [frame for frame in frames if frame.id in layout.COMMAND_IDS]
 
     def commands(self, kind: int) -> list[Heard]:
         """Everything that the wire carried of one kind, on drive time."""
