@@ -89,6 +89,9 @@ SUBJECTS: Final[dict[str, Subject]] = {
     "gateway": _vehicle("gateway", *_GATEWAY),
     "motion_control": _vehicle("motion_control", *_GATEWAY),
     "monitor": _vehicle("monitor", "monitor.py", "observer.py"),
-    "trust": Subject("vve_sumo.pose.trust", ("tests/pose/test_trust.py", "tests/pose/test_trust_figures.py")),
+    "trust": Subject(
+        "vve_sumo.pose.trust",
+        ("tests/pose/test_trust.py", "tests/pose/test_trust_figures.py", "tests/pose/test_steadiness.py"),
+    ),
     "steadiness": Subject("vve_sumo.pose.steadiness", ("tests/pose/test_steadiness.py",)),
 }

@@ -282,14 +282,22 @@ def test_a_position_in_steps_that_freezes_is_found_within_a_few_steps(profile, s
     assert (found - at) * speed / rate <= 3.0 * math.sqrt(2.0) * STEPS[profile.name] + speed / rate
 
 
+def staying(speeds: list[float]) -> list[Fix]:
+    """Fixes with one position, a hundredth of a second apart."""
+    return [replace(STANDING, time=0.01 * k, velocity_east=speed) for k, speed in enumerate(speeds)]
+
+
+def test_a_way_without_another_position_counts_anew_after_the_car_was_slow():
+    verdicts = judged(staying([0.26] * 10 + [0.19] * 3 + [0.26] * 10), OXTS_CAN)
+    assert verdicts == [()] * 23
+
+
 def test_a_way_without_another_position_counts_anew_after_a_gap():
-    rate, speed = 100.0, 1.0
-    these = coarse(OXTS_CAN, speed, 0.0, rate, 1)[:20]
-    stays = [replace(fix, latitude=these[0].latitude, longitude=these[0].longitude) for fix in these]
+    stays = staying([0.26] * 20)
     late = [replace(fix, time=fix.time + 1.0) for fix in stays]
     first = [k for k, reasons in enumerate(judged(stays, OXTS_CAN)) if "frozen_pose" in reasons]
     both = [k for k, reasons in enumerate(judged([*stays, *late], OXTS_CAN)) if "frozen_pose" in reasons]
-    assert first == list(range(4, 20)), "0.01 m a step, beyond 0.0317 m"
+    assert first == list(range(13, 20)), "0.0026 m a step, beyond 0.0317 m"
     assert both == [*first, *(20 + k for k in first)]
 
 

@@ -290,6 +290,10 @@ def _of_the_rest(last: Fix, fix: Fix, profile: TrustProfile) -> list[str]:
     return reasons
 
 
+def _speed(fix: Fix) -> float:
+    return math.hypot(fix.velocity_north, fix.velocity_east)
+
+
 def _of_one_step(
     last: Fix, fix: Fix, off: tuple[float, float, float], frozen: bool, profile: TrustProfile
 ) -> list[str]:
@@ -418,16 +422,9 @@ class TrustGate:
 
     def _frozen(self, last: Fix, fix: Fix) -> bool:
         """Whether the position stays the same over a way on which the wire would say another one."""
-        if fix.latitude != last.latitude or fix.longitude != last.longitude:
-            self._unchanged = 0.0
-            return False
-        slower = min(
-            math.hypot(fix.velocity_north, fix.velocity_east), math.hypot(last.velocity_north, last.velocity_east)
-        )
-        if not slower > FROZEN_SPEED:
-            self._unchanged = 0.0
-            return False
-        self._unchanged += slower * (fix.time - last.time)
+        same = fix.latitude == last.latitude and fix.longitude == last.longitude
+        slower = min(_speed(last), _speed(fix)) if same else 0.0
+        self._unchanged = self._unchanged + slower * (fix.time - last.time) if slower > FROZEN_SPEED else 0.0
         return self._unchanged > FROZEN_STEPS * self._profile.position_step
 
     def _drifting(self, time: float, off: tuple[float, float, float]) -> list[str]:
