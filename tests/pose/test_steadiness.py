@@ -144,3 +144,34 @@ def test_the_same_of_a_receiver_without_faults() -> None:
     gate = TrustGate(DRIVE, EPOCH)
     ride = Ride(seconds=6.0)
     assert {(gate.step(fix.time_received, fix), gate.unsteady())[1] for fix in ride.fixes} == {()}
+
+
+#: reason: drive times of arrival of fixes, and of the fixes themselves, of which some second is refused for it alone
+LATE = {
+    "time_not_increasing": [(0.0005 * k, 0.0) for k in range(100)],
+    "fix_too_old": [(0.01 * k + 0.2, 0.01 * k) for k in range(1, 100)],
+    "fix_from_future": [(0.01 * k, 0.01 * k + 0.1) for k in range(100)],
+    "gap": [(0.2 * k, 0.2 * k) for k in range(1, 10)],
+    "settling": [(0.3 + 0.01 * k, 0.3 + 0.01 * k) for k in range(50)],
+}
+
+
+@pytest.mark.parametrize("reason", LATE)
+def test_messages_that_are_late_repeated_or_misdated_are_not_the_receivers_quality(reason: str) -> None:
+    gate, found = TrustGate(DRIVE, 0.0), []
+    for k in range(-20, 1):
+        assert gate.step(0.01 * k, replace(GOOD, time=0.01 * k)).trusted
+    for now, made in LATE[reason]:
+        found += gate.step(now, replace(GOOD, time=made)).reasons
+        assert gate.unsteady() == ()
+    assert {reason} <= set(found) <= {reason, "gap"}
+    assert found.count(reason) > 8
+
+
+def test_a_recording_is_never_unsteady() -> None:
+    gate = TrustGate(PLAYBACK, 0.0)
+    gate.step(0.0, replace(GOOD, time=0.0))
+    for k in range(1, 100):
+        stuck = replace(GOOD, time=0.01 * k, velocity_east=5.0)
+        assert k == 1 or gate.step(0.01 * k, stuck).reasons
+        assert gate.unsteady() == ()
