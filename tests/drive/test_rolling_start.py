@@ -74,11 +74,11 @@ def test_a_ramp_is_the_integral_of_its_own_jerk_and_acceleration(
 def test_the_car_has_the_steady_state_of_a_standing_start_at_that_place(
     record: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    rolled, stood = pd.read_parquet(record / "ticks.parquet"), standing(AT_SPEED, tmp_path_factory)
+    rolled, from_rest = pd.read_parquet(record / "ticks.parquet"), standing(AT_SPEED, tmp_path_factory)
     assert rolled.tick[0] == 0
     assert rolled.time_s[0] == 0.0
     assert rolled.s_m[0] == pytest.approx(STRAIGHT, abs=0.5)
-    there = stood[stood.s_m.between(STRAIGHT, rolled.s_m.iloc[-1])]
+    there = from_rest[from_rest.s_m.between(STRAIGHT, rolled.s_m.iloc[-1])]
     assert len(there) == pytest.approx(len(rolled), abs=10)
     speed = np.interp(rolled.s_m, there.s_m, there.true_speed_mps)
     assert np.abs(rolled.true_speed_mps - speed).max() < 0.05
@@ -99,10 +99,10 @@ def test_the_car_has_the_steady_state_of_a_standing_start_at_that_place(
 def test_on_a_bend_the_wheels_are_turned_as_they_would_be(tmp_path_factory: pytest.TempPathFactory) -> None:
     folder = tmp_path_factory.mktemp("bend") / "r"
     rolled = pd.read_parquet(recorded(tmp_path_factory, rolling_changes(ON_BEND, BEND), folder) / "ticks.parquet")
-    stood = standing(ON_BEND, tmp_path_factory)
+    from_rest = standing(ON_BEND, tmp_path_factory)
     begin = rolled[rolled.time_s < 0.5]
     for column, tolerance in (("true_speed_mps", 0.05), ("steering_rad", 0.01), ("yaw_rate_radps", 0.02)):
-        expected = np.interp(begin.s_m, stood.s_m.dropna(), stood[column][stood.s_m.notna()])
+        expected = np.interp(begin.s_m, from_rest.s_m.dropna(), from_rest[column][from_rest.s_m.notna()])
         assert np.abs(begin[column] - expected).max() < tolerance, column
     assert begin.steering_rad.abs().min() > 0.1  # it is a bend
 
@@ -161,14 +161,14 @@ def test_outcome_and_figures_are_those_of_standing_starts() -> None:
     """Two seeds each: the means differ by less than a standing start's seeds do, or a few centimetres."""
     changes = {"road.demand": [], "ego.speed_mps": 7.0, "obstacles": [{"id": "parked_car", "at_m": 116.0}]}
     begin = {"ego.initial_speed_mps": 7.0, "ego.initial_s_m": 50.0}
-    stood, rolled = (
+    from_rest, rolled = (
         pd.DataFrame([isolated(drive_once, changes | other | {"seed": seed}) for seed in (1, 2)])
         for other in ({}, begin)
     )
-    assert {*stood.outcome, *rolled.outcome} == {"stopped"}
-    assert (stood.duration_s.mean() - rolled.duration_s.mean()) > 7.0
+    assert {*from_rest.outcome, *rolled.outcome} == {"stopped"}
+    assert (from_rest.duration_s.mean() - rolled.duration_s.mean()) > 7.0
     for figure, tolerance in (("stop_gap_m", 0.15), ("min_ttc_s", 0.05), ("max_deceleration_mps2", 0.1)):
-        assert rolled[figure].mean() == pytest.approx(stood[figure].mean(), abs=tolerance), figure
+        assert rolled[figure].mean() == pytest.approx(from_rest[figure].mean(), abs=tolerance), figure
 
 
 @pytest.mark.parametrize(

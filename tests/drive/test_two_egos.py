@@ -24,7 +24,7 @@ def _driven(order: str) -> dict[str, Any]:
     from vve_sumo.world.ego_sync import Ego
     from vve_sumo.world.world import World
 
-    told: list[str] = []
+    events: list[str] = []
 
     class Ordered(MemoryRecorder):
         """Notes whose frames and rows it is asked to keep."""
@@ -32,18 +32,18 @@ def _driven(order: str) -> dict[str, Any]:
         ego = ""
 
         def saw_frames(self, time: float, channel: str, frames: Any) -> None:
-            told.extend([f"{self.ego} frames"] if any(frame.id in COMMAND_IDS for frame in frames) else [])
+            events.extend([f"{self.ego} frames"] if any(frame.id in COMMAND_IDS for frame in frames) else [])
             super().saw_frames(time, channel, frames)
 
         def ticked(self, row: Any) -> None:
-            told.append(f"{self.ego} row")
+            events.append(f"{self.ego} row")
             super().ticked(row)
 
     class Counted(World):
         """Notes when it steps."""
 
         def step(self, placements: Any) -> Any:
-            told.append(f"step {len(placements)}")
+            events.append(f"step {len(placements)}")
             return super().step(placements)
 
     scenarios = {name: altered(changes) for name, changes in PATHS.items()}
@@ -67,7 +67,7 @@ def _driven(order: str) -> dict[str, Any]:
     tables = {name: record.tables for name, record in records.items()}
     return {
         "hashes": hashes,
-        "order": told,
+        "order": events,
         "others": {name: set(each["actors"]["actor"].to_pylist()) for name, each in tables.items()},
         "faults": {name: set(each["ticks"]["ego_sync_faults"].to_pylist()) for name, each in tables.items()},
     }

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from tests.conftest import REPOSITORY
 from tests.drive.swerve import Swerver, over_and_back
-from tests.lot.test_fit import GATEWAY, STRAIGHT, VEHICLE, WATCHDOG, bend, geofence, proven, turned
+from tests.lot.test_fit import GATEWAY, STRAIGHT, VEHICLE, WATCHDOG, bend, best_clearance, geofence, proven, turned
 from tests.lot.test_geofence import BODY
 from tests.vehicle.closed_loop import ClosedLoop, straight
 from vve_sumo.drive.pipeline import Pipeline
@@ -196,15 +196,8 @@ def test_a_search_is_as_good_as_brute_force() -> None:
     found = fit(path, geofence(lot), speed, corridor)
     assert found.whole
     swept = needed(path, corridor, speed)
-    middle, allowed, best = swept.centroid.coords[0], shapely.Polygon(corners).buffer(-0.5), -math.inf
-    for angle in np.arange(0.0, math.tau, math.radians(6.0)):
-        c, s = math.cos(angle), math.sin(angle)
-        for x in np.arange(10.0, 50.0, 1.5):
-            for y in np.arange(8.0, 40.0, 1.5):
-                move = (c, -s, s, c, x - c * middle[0] + s * middle[1], y - s * middle[0] - c * middle[1])
-                aligned = shapely.affinity.affine_transform(swept, move)
-                if allowed.contains(aligned):
-                    best = max(best, allowed.boundary.distance(aligned))
+    allowed = shapely.Polygon(corners).buffer(-0.5)
+    best = best_clearance(swept, allowed)
     assert best > 0.0
     assert found.clearance >= best - 0.05
     # What the fit says of its own place is so: all of the ground lies inside, by so much.

@@ -84,6 +84,20 @@ def test_a_lot_in_the_shape_of_the_path_leaves_one_place() -> None:
     assert math.remainder(found.start[2] + 2.0, math.tau) == pytest.approx(0.0, abs=0.1)
 
 
+def best_clearance(swept: shapely.Geometry, allowed: shapely.Polygon) -> float:
+    """Distance from the edge [m] of the best placement of the ground on a grid of turns and shifts; -inf for none."""
+    middle, best = swept.centroid.coords[0], -math.inf
+    for angle in np.arange(0.0, math.tau, math.radians(6.0)):
+        c, s = math.cos(angle), math.sin(angle)
+        for x in np.arange(10.0, 50.0, 1.5):
+            for y in np.arange(8.0, 40.0, 1.5):
+                move = (c, -s, s, c, x - c * middle[0] + s * middle[1], y - s * middle[0] - c * middle[1])
+                aligned = shapely.affinity.affine_transform(swept, move)
+                if allowed.contains(aligned):
+                    best = max(best, allowed.boundary.distance(aligned))
+    return best
+
+
 def test_it_is_as_good_as_brute_force() -> None:
     path, corners = bend(12.0, 12, 8), [(0, 0), (52, -4), (60, 30), (38, 48), (4, 40)]
     pole = [(20, 14), (21, 14), (21, 15), (20, 15)]
@@ -95,17 +109,7 @@ def test_it_is_as_good_as_brute_force() -> None:
     swept = shapely.union_all(
         np.concatenate([shapely.polygons(geofence(lot).sweep(p.pose, p.steering, p.fallback_path)) for p in places])
     )
-    middle = swept.centroid.coords[0]
-    allowed = shapely.Polygon(corners, [pole]).buffer(-0.5)
-    best = -math.inf
-    for angle in np.arange(0.0, math.tau, math.radians(6.0)):
-        c, s = math.cos(angle), math.sin(angle)
-        for x in np.arange(10.0, 50.0, 1.5):
-            for y in np.arange(8.0, 40.0, 1.5):
-                move = (c, -s, s, c, x - c * middle[0] + s * middle[1], y - s * middle[0] - c * middle[1])
-                aligned = shapely.affinity.affine_transform(swept, move)
-                if allowed.contains(aligned):
-                    best = max(best, allowed.boundary.distance(aligned))
+    best = best_clearance(swept, shapely.Polygon(corners, [pole]).buffer(-0.5))
     assert best > 0.0
     assert found.clearance >= best - 0.05
 

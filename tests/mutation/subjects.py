@@ -91,7 +91,7 @@ SUBJECTS: Final[dict[str, Subject]] = {
     "monitor": _vehicle("monitor", "monitor.py", "observer.py"),
     "trust": Subject(
         "vve_sumo.pose.trust",
-        ("tests/pose/test_trust.py", "tests/pose/test_trust_figures.py", "tests/pose/test_steadiness.py"),
+        tuple(f"tests/pose/test_{test}.py" for test in ("trust", "trust_figures", "trust_frozen", "steadiness")),
     ),
     "steadiness": Subject("vve_sumo.pose.steadiness", ("tests/pose/test_steadiness.py",)),
 }

@@ -108,18 +108,18 @@ def test_a_corridor_may_be_said_in_any_unit_and_for_a_part_of_the_path() -> None
     assert (whole.from_m, whole.to_m, whole.right_m) == (0.0, None, 0.0)
     assert whole.left_m == pytest.approx(3.048)
     assert (part.from_m, part.to_m, part.left_m, part.right_m) == (40.0, 100.0, 1.0, 3.5)
-    told = parse(changed, FILE).model_dump(mode="json")
-    assert parse(told, FILE) == parse(changed, FILE)
+    written = parse(changed, FILE).model_dump(mode="json")
+    assert parse(written, FILE) == parse(changed, FILE)
 
 
 def test_a_scenario_without_a_corridor_is_recorded_as_before_there_was_one() -> None:
     scenario = parse(table(), FILE)
-    for told in (
+    for written in (
         scenario.model_dump(mode="json")["ego"],
         scenario.ego.model_dump(),
         json.loads(scenario.model_dump_json())["ego"],
     ):
-        assert [*told] == ["vehicle", "path", "speed_mps", "deviation_limit_m", "speed_margin_mps", "lot", "car"]
+        assert [*written] == ["vehicle", "path", "speed_mps", "deviation_limit_m", "speed_margin_mps", "lot", "car"]
 
 
 NEAR_MISSES = [

@@ -79,8 +79,8 @@ SYSTEM_CALLS = {
 Work = Callable[[Path, Callable[[int], None]], None]
 
 
-def _filled(folder: Path, told: Callable[[int], None]) -> None:
-    fill(folder, told).close()
+def _filled(folder: Path, finished: Callable[[int], None]) -> None:
+    fill(folder, finished).close()
 
 
 def _killed_at(folder: Path, instant: int, pipe: int, work: Work) -> None:
@@ -105,7 +105,7 @@ def _killed_at(folder: Path, instant: int, pipe: int, work: Work) -> None:
 
 
 def _forked(folder: Path, instant: int, work: Work = _filled) -> tuple[bool, set[int]]:
-    """Return whether the child was killed, and the runs that it was told are finished."""
+    """Return whether the child was killed, and the numbers of the runs that it reported as finished."""
     here, there = os.pipe()
     child = os.fork()
     if child == 0:
@@ -153,12 +153,12 @@ SUITE = replace(PLAN, design="suite", spec={"suite": "s", "seeds": COUNT})
 GROWN = replace(SUITE, spec={"suite": "s", "seeds": COUNT + 1}, cells=COUNT + 1)
 
 
-def _changed(folder: Path, told: Callable[[int], None]) -> None:
+def _changed(folder: Path, finished: Callable[[int], None]) -> None:
     """Add the run of another seed, and judge one in a sealed part anew."""
     dataset = Dataset(folder, GROWN, resume=True, rows_per_part=PER_PART)
     if not dataset.holds(COUNT):
         dataset.add(cell(COUNT), result(COUNT))
-        told(COUNT)
+        finished(COUNT)
     dataset.revise([{"number": 1, "passed": True, "outcome": "judged anew"}])
     dataset.close()
 

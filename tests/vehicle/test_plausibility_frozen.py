@@ -40,7 +40,7 @@ def test_a_gyroscope_that_does_not_change_while_the_receiver_sees_a_turn(change,
 @pytest.mark.parametrize(("change", "found"), [(0.029, False), (0.031, True)])
 def test_a_steering_report_that_does_not_change_while_it_is_told_to(change, found, sign):
     drive = Drive()
-    found_frozen(drive, 0.0, 0.001)  # it moved once since it is told anything
+    found_frozen(drive, 0.0, 0.001)  # it moved once since its first step
     assert not any(found_frozen(drive, 0.0) for _ in range(50))
     seen = [found_frozen(drive, sign * change) for _ in range(60)]
     assert seen.index(True) == 25 if found else not any(seen)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import struct
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
+from tests.bits import bits
 from tests.view.feed import sample
 from vve_sumo.live.view_feed import MAX_ROWS
 from vve_sumo.messages import MalformedMessage
@@ -47,32 +47,17 @@ CHANGES = st.fixed_dictionaries(
 )
 
 
-def _bits(value: Any) -> Any:
-    """Return something that is equal only where every bit of every number is."""
-    if isinstance(value, float):
-        return "nan" if math.isnan(value) else struct.pack("<d", value)
-    if isinstance(value, np.ndarray):
-        return value.dtype, value.shape, value.tobytes()
-    if dataclasses.is_dataclass(value):
-        return type(value), [_bits(getattr(value, field.name)) for field in dataclasses.fields(value)]
-    if isinstance(value, list | tuple):
-        return type(value), [_bits(one) for one in value]
-    if isinstance(value, dict):
-        return {key: _bits(one) for key, one in value.items()}
-    return type(value), value
-
-
 @given(CHANGES, st.integers(0, 2**40), st.integers(0, 30))
 def test_every_field_comes_through(changes: dict[str, Any], tick: int, count: int) -> None:
     sent = dataclasses.replace(sample(tick, count), **changes)
-    assert _bits(decode(encode(sent))) == _bits(sent)
+    assert bits(decode(encode(sent))) == bits(sent)
 
 
 def test_the_longest_reading_and_an_empty_one_come_through() -> None:
     full = ReadingView(math.nan, (np.linspace(0.0, 1.0, MAX_ROWS), [f"sedan.{row}" for row in range(MAX_ROWS)]))
     empty = ReadingView(math.inf, (np.zeros(0), []))
     sent = dataclasses.replace(sample(1, 1000), readings={"radar": full, "lidar": empty, "none": ReadingView(0.0, ())})
-    assert _bits(decode(encode(sent))) == _bits(sent)
+    assert bits(decode(encode(sent))) == bits(sent)
 
 
 @pytest.mark.parametrize("at", [0, 5, 200, -1])

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import math
-import struct
 from typing import Any
 
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.bits import bits
 from vve_sumo.values import Actors, Detections, Fix, FixQuality, Point, Pose
 from vve_sumo.wire.sample import Sample, SampleContent
 from vve_sumo.wire.sample_codec import decode_sample, encode_sample
@@ -39,25 +38,14 @@ FIXES = _of(Fix, locked=st.booleans(), quality=st.sampled_from(FixQuality))
 POSES = _of(Pose, point=st.sampled_from(Point))
 
 
-def _bits(value: Any) -> Any:
-    """Return something that is equal only where every bit of every number is."""
-    if isinstance(value, float):
-        return "nan" if math.isnan(value) else struct.pack("<d", value)
-    if isinstance(value, np.ndarray):
-        return value.dtype, value.shape, value.tobytes()
-    if dataclasses.is_dataclass(value):
-        return type(value), [_bits(getattr(value, field.name)) for field in dataclasses.fields(value)]
-    return type(value), value
-
-
 @given(FIXES, POSES, _tables(), NUMBERS, st.integers(0, 2**40))
 def test_every_field_comes_through(fix: Fix, pose: Pose, tables: Any, age: float, sequence: int) -> None:
     scan, actors = tables
     sample = Sample(sequence, 1.4e9, age, SampleContent(fix, pose, scan, age, actors))
-    assert _bits(decode_sample(encode_sample(sample, actors=True))) == _bits(sample)
+    assert bits(decode_sample(encode_sample(sample, actors=True))) == bits(sample)
     nobody = Actors(actors.time, (), *(np.zeros(0) for _ in range(8)))
     without = dataclasses.replace(sample, measured=SampleContent(fix, pose, scan, age, nobody))
-    assert _bits(decode_sample(encode_sample(sample, actors=False))) == _bits(without)
+    assert bits(decode_sample(encode_sample(sample, actors=False))) == bits(without)
 
 
 def test_a_sample_without_measurements_stays_one() -> None:

@@ -244,7 +244,7 @@ class GatewayProcess:
         except Exception as error:
             # A bug in sending or recording must not keep the gateway from stopping the car.
             self._record_failed = True
-            _say(f"a step could not be told or kept: {type(error).__name__}: {error}")
+            _say(f"a step could not be sent or recorded: {type(error).__name__}: {error}")
         return output.status
 
     def _find(self, received: list[Frame]) -> list[str]:

@@ -50,7 +50,7 @@ def start(
 
 
 def end(process: subprocess.Popen[bytes], timeout: float) -> None:
-    """Wait for a process that was told to end, by its closed channel; after `timeout` [s] it is killed."""
+    """Wait for a process that ends because its channel was closed; after `timeout` [s] it is killed."""
     try:
         process.wait(timeout)
     except subprocess.TimeoutExpired:

@@ -2,7 +2,7 @@
 
 Reads where the kernel's list of network interfaces has them; opens none. It tells cards of a PCI, USB or platform bus.
 What is attached by a serial line (slcan) has no device of its own in older kernels and lies among the virtual ones:
-named `vcan0`, it is not told from one. `ip -details link` shows which kind an interface is.
+named `vcan0`, the name does not tell the two apart. `ip -details link` shows which kind an interface is.
 """
 
 from __future__ import annotations

@@ -109,16 +109,16 @@ def _parts(folder: Path, summary: dict[str, Any]) -> Iterator[Alteration]:
 
 def _files(folder: Path, summary: dict[str, Any]) -> Iterator[Alteration]:
     """Compare the hash of the bytes of every table's file and of the provenance."""
-    told, broken = table_in(summary, "record_files_sha256"), summary.get("record_broken") or ()
+    recorded, broken = table_in(summary, "record_files_sha256"), summary.get("record_broken") or ()
     always = (*SCHEMAS, *_sensor_tables(folder))
     tables = [f"{name}{CLOSED_ENDING}" for name in (*always, *LIVE_SCHEMAS)]
-    own = [name for name in told if name == f"{TICK_METRICS}{CLOSED_ENDING}"]
+    own = [name for name in recorded if name == f"{TICK_METRICS}{CLOSED_ENDING}"]
     for name in dict.fromkeys((*tables, *own, PROVENANCE, *(file.name for file in hashed_files(folder)))):
         part = name.removesuffix(CLOSED_ENDING)
         missing = not (folder / name).exists()
         needed = part in (*always, PROVENANCE) or is_live(folder, summary)
-        if name in told:
-            if not _is(told[name], hash_file, folder / name):
+        if name in recorded:
+            if not _is(recorded[name], hash_file, folder / name):
                 yield Alteration(part, f"its file's hash differs from {SUMMARY}'s")
         elif not missing:
             yield Alteration(part, f"{SUMMARY} has no hash of its file")
