@@ -92,6 +92,8 @@ def test_half_a_surrogate_pair_is_sent_as_a_question_mark_wherever_it_stands():
     codec = MessageCodec[Word](MessageKind.CONSOLE, Word)
     back = codec.decode(codec.encode(Word("a\ud800", [Place("\udfff", 1.5)], {"k\ud800": ("ok", "\ud800b")})))
     assert back == Word("a?", [Place("?", 1.5)], {"k?": ("ok", "?b")})
+    held = [{"\ud800"}, frozenset({"\ud800"}), np.array(["\ud800"]), np.array(["\ud800", 1.0], dtype=object)]
+    assert [ANYTHING.decode(ANYTHING.encode(one))[0] for one in held] == ["?"] * 4
     array = ANYTHING.decode(ANYTHING.encode({"t": "\ud800", "a": np.arange(3)}))
     assert (array["t"], array["a"].tolist()) == ("?", [0, 1, 2])
 

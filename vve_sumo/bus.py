@@ -50,6 +50,8 @@ MAX_FRAMES: Final = 1000
 #: of a serial adapter: bytes read at once, and the longest line that can still become a frame
 SERIAL_CHUNK: Final = 4096
 MAX_LINE_LENGTH: Final = 32
+#: of a classic 11-bit frame: greatest identifier, most bytes
+MAX_IDENTIFIER, MAX_LENGTH = 0x7FF, 8
 
 #: a classic 11-bit data frame on a serial adapter's wire: LAWICEL, CANUSB manual, command t; most hold eight bytes
 _SERIAL_FRAME: Final = re.compile(
@@ -58,9 +60,6 @@ _SERIAL_FRAME: Final = re.compile(
     + rb")"
 )
 
-
-#: what follows a channel's name in a line of a candump log, by the frame's identifier
-_CANDUMP_IDENTIFIERS: Final = tuple(f" {identifier:03X}#" for identifier in range(0x800))
 
 #: event at the begin of an ASC file
 _BEGIN: Final = "Start of measurement"
@@ -194,7 +193,7 @@ def read_log(path: Path) -> Iterator[tuple[float, str, Frame]]:
 def candump_lines(timestamp: float, channel: str, frames: Iterable[Frame]) -> str:
     """Return a line of a candump log for each frame of one moment; `timestamp` [s] is kept to the microsecond."""
     head = f"({timestamp:017.6f}) {channel}"
-    return "".join([f"{head}{_CANDUMP_IDENTIFIERS[identifier]}{data.hex().upper()}\n" for identifier, data in frames])
+    return "".join([f"{head} {identifier:03X}#{data.hex().upper()}\n" for identifier, data in frames])
 
 
 def written_log(frames: Iterable[LoggedFrame], form: Literal["asc", "blf"]) -> bytes:
@@ -273,7 +272,9 @@ class _SerialBus(slcanBus):  # type: ignore[misc]  # python-can has no types tha
         super().shutdown()
 
     def send_frame(self, frame: Frame) -> None:
-        """Write a frame, or raise where there is no room for it."""
+        """Write a frame, or raise where it is no classic 11-bit one or there is no room for it."""
+        if not (0 <= frame.id <= MAX_IDENTIFIER and len(frame.data) <= MAX_LENGTH):
+            raise can.CanOperationError(f"no classic 11-bit frame: {frame.id:#x} with {len(frame.data)} bytes")
         self._write(f"t{frame.id:03X}{len(frame.data)}{frame.data.hex().upper()}")
 
     def frames(self) -> list[Frame]:

@@ -103,7 +103,9 @@ def _encodable(value: Any) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         changed = {field.name: _encodable(getattr(value, field.name)) for field in dataclasses.fields(value)}
         return dataclasses.replace(value, **changed)
-    if isinstance(value, (list, tuple)):
+    if isinstance(value, np.ndarray) and value.dtype.kind in "OU":
+        return _encodable(value.tolist())
+    if isinstance(value, (list, tuple, set, frozenset)):
         made = map(_encodable, value)
         return type(value)(*made) if hasattr(value, "_fields") else type(value)(made)
     return value

@@ -22,9 +22,9 @@ class PtyLink:
 
     def __init__(self, name: str, terminal: str) -> None:
         """Make the link that `pty:FILE` names; raises RigError where FILE is something else than such a link."""
-        self._link, self._terminal = Path(name.removeprefix(PREFIX)), terminal
         if not name.startswith(PREFIX):
             raise RigError(f"{name}: expected {PREFIX}FILE")  # never a link in place of a device
+        self._link, self._terminal = Path(name.removeprefix(PREFIX)), terminal
         try:
             if self._link.is_symlink() and self._link.readlink().is_relative_to(TERMINALS):
                 self._link.unlink()  # of a drive that was killed

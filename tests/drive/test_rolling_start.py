@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -18,14 +19,14 @@ from tests.isolated import command, isolated
 from vve_sumo.drive.lockstep import ScriptedOperator, assemble
 from vve_sumo.drive.replay import read_car_frames, read_pipeline_inputs, recorded_scenario, replay
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
-from vve_sumo.drive.rolling_start import SETTLING_TIME, Ramp, RollingStart
+from vve_sumo.drive.rolling_start import SETTLING_TIME, Ramp, RollingController, RollingStart
 from vve_sumo.drive.verify import alterations
 from vve_sumo.errors import ConfigError
 from vve_sumo.live.assembly import scenario_with_rig
 from vve_sumo.path import ReferencePath
 from vve_sumo.plant.injected_faults import InjectedFault
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import ArmingState
+from vve_sumo.values import ArmingState, ControlCommand, Observation, Point, Pose
 
 #: of the straight on which the default path begins, and of the bend after it, at its tightest [m]
 STRAIGHT, BEND = 60.0, 159.0
@@ -188,6 +189,21 @@ def test_a_speed_may_have_a_unit() -> None:
     assert altered({"ego.initial_speed": "25 mph"}).scenario.ego.initial_speed_mps == 11.176
 
 
+@pytest.mark.parametrize("said", [math.nan, math.inf, -math.inf, None])
+def test_what_a_controller_says_wrongly_before_drive_time_0_is_not_replaced_by_the_ramp(said: float | None) -> None:
+    class Wrong:
+        def step(self, _observation: Observation) -> Any:
+            return None if said is None else ControlCommand(0.0, said)
+
+    resolved = altered(rolling_changes(AT_SPEED, STRAIGHT))
+    rolling = RollingStart.of(resolved)
+    assert rolling is not None
+    pose = Pose(0.0, Point.REAR_AXLE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    observation = Observation(-1, rolling.begin + 1.0, pose, resolved.path, 8.0, {}, 0.0)
+    command = RollingController(Wrong(), rolling).step(observation)
+    assert command is None if said is None else repr(command.acceleration) == repr(said)
+
+
 def loop() -> ReferencePath:
     """A circle of 40 m radius that comes back to its start."""
     turn = np.linspace(0.0, 2.0 * np.pi, 60)
@@ -198,7 +214,7 @@ def test_what_cannot_roll_is_refused_in_one_line() -> None:
     rolling, key = altered(rolling_changes(AT_SPEED, 0.0)), "/parked_car.toml: ego.initial_speed_mps:"
     with pytest.raises(ConfigError, match=r"/parked_car.toml: ego.initial_s_m: 9000 lies beyond the path's 857"):
         assemble(altered(rolling_changes(AT_SPEED, 9000.0)), REPOSITORY)
-    with pytest.raises(ConfigError, match=r"ego.initial_speed_mps: a real car starts from rest"):
+    with pytest.raises(ConfigError, match=r"ego.initial_speed_mps: a drive with a rig starts from rest"):
         scenario_with_rig(rolling, _rig(), REPOSITORY)
     with pytest.raises(ConfigError, match=f"{key} an external controller is asked from drive time 0 on"):
         assemble(rolling, REPOSITORY, cast(Any, object()))

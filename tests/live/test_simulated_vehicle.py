@@ -198,6 +198,7 @@ def test_what_is_told_is_heard(tmp_path):
     ("change", "says"),
     [
         ({"seed": "seven"}, "simulated vehicle: Expected `int`, got `str` - at `$.seed`"),
+        ({"lot": {}}, "simulated vehicle: expected a map's projection and offset - at `$.lot`"),
         ({"faults": [{"kind": "no_such", "at": 1.0, "duration": 1.0}]}, "kind must be one of"),
     ],
 )

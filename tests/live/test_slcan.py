@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from tests.live.patience import until
 from vve_sumo.bus import Bus
+from vve_sumo.errors import RigError
 from vve_sumo.live.slcan import QUEUE_SIZE, Adapter, SlcanProtocol, encode_frame
 from vve_sumo.values import Frame
 
@@ -69,6 +70,12 @@ def test_frames_cross_to_python_can_and_back_bit_identical(adapter):
         for frame in frames[50:]:
             bus.send(can.Message(arbitration_id=frame.id, data=frame.data, is_extended_id=False))
         assert taken(adapter, len(frames[50:])) == frames[50:]
+
+
+@pytest.mark.parametrize("frame", [Frame(0x800, b""), Frame(-1, b""), Frame(0x60, bytes(9))])
+def test_what_is_no_classic_frame_of_11_bits_is_not_written_as_another(adapter, frame):
+    with Bus("slcan", adapter.name) as bus, pytest.raises(RigError, match="cannot send: no classic 11-bit frame"):
+        bus.send(frame)
 
 
 def test_our_own_bus_opens_it(adapter):

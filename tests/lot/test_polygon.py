@@ -63,6 +63,7 @@ def test_what_is_not_finite_lies_nowhere(bad: float) -> None:
     assert lot.holds_disc(10.0, 10.0, 1.0)
     assert not lot.holds(np.concatenate((box(10.0, 10.0), box(bad, 10.0))))
     assert not lot.holds_disc(bad, 10.0, 1.0)
+    assert not any(lot.holds_disc(10.0, 10.0, radius) for radius in (bad, -bad, -1.0))
     assert lot.clearance(box(bad, 10.0)) == -math.inf
 
 

@@ -109,6 +109,21 @@ def test_a_line_that_nobody_reads_holds_nothing_up_and_gives_a_reader_the_new(tm
     assert not link.is_symlink()
 
 
+def test_a_line_that_was_full_gives_whole_portions(tmp_path: Path) -> None:
+    far, link = PtyFarEnd(f"pty:{tmp_path / 'gnss'}"), tmp_path / "gnss"
+    source, heard_so_far, number = open_serial(str(link), 115_200), b"", 0
+    for _ in range(20):  # a reader that sleeps over hundreds of portions each time
+        for _ in range(400):
+            number += 1
+            far.send(b"<%06d %s>\n" % (number, b"x" * (number % 90)))
+        heard_so_far += heard(source, 1)
+    portions = heard_so_far.split(b"\n")[:-1]
+    assert len(portions) > 100
+    assert all(one.startswith(b"<") and one.endswith(b">") and one.count(b"<") == 1 for one in portions)
+    source.close()
+    far.close()
+
+
 def test_a_line_takes_the_place_of_nothing_else(tmp_path: Path) -> None:
     file = tmp_path / "mine"
     file.write_text("mine")

@@ -302,6 +302,14 @@ def test_an_outline_may_go_either_way_round() -> None:
         (put("operator.automatic", True), "operator.automatic: a real car is engaged by a person"),
         (put("car_start", simulated()["car_start"]), "car_start: "),
         (put("faults", [{"kind": "pose_lost", "at_s": 1.0}]), "faults: none is injected into a real car"),
+        (
+            put("pose", NMEA_UDP | {"kind": "nmea_serial", "device": "pty:/tmp/gnss"}),
+            "pose.device: pty:/tmp/gnss is a simulated vehicle's line, expected the receiver's own",
+        ),
+        (
+            put("pose", ON_CAN | {"interface": "slcan", "channel": "pty:/tmp/oxts"}),
+            "pose.channel: pty:/tmp/oxts is a simulated vehicle's line, expected the receiver's own",
+        ),
     ],
 )
 def test_what_no_real_car_is_driven_with(change: Change, words: str) -> None:
@@ -436,3 +444,19 @@ def test_identifiers_that_collide_on_one_bus(pose: dict[str, str] | None, others
         assert parse(table, EXAMPLE)
     else:
         assert words in said(table, lambda _table: None)
+
+
+def test_a_receiver_of_a_labs_own_may_count_its_channels(tmp_path: Path) -> None:
+    """python-can's Kvaser and PCAN drivers take a number."""
+    (tmp_path / "counted.py").write_text(
+        "from pydantic import Field\n"
+        "from vve_sumo.pose.receivers.ncom_udp import NcomUdp\n\n\n"
+        "class Counted(NcomUdp):\n"
+        "    channel: int = Field(default=0, description='number of the card')\n\n\n"
+        "def make():\n"
+        "    return Counted\n",
+        encoding="utf-8",
+    )
+    table = simulated()
+    table["pose"] |= {"kind": f"{tmp_path / 'counted.py'}:make", "channel": 3}
+    assert parse(table, EXAMPLE).pose.channel == 3

@@ -136,7 +136,7 @@ def test_the_receivers_acceleration_is_measured_with_the_same_lag():
     for expected in (2.0 * share, 2.0 * (1.0 - (1.0 - share) ** 2)):
         drive.speed += 2.0 * STEP
         drive.step()
-        assert drive.subject._satellite_acceleration == pytest.approx(expected)
+        assert drive.subject._gnss_acceleration == pytest.approx(expected)
 
 
 def test_wheels_that_accelerate_alone_allow_themselves_no_delay():

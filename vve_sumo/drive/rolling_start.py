@@ -211,6 +211,8 @@ class RollingController:
         if observation.time >= 0.0:
             return self._own.step(observation)
         command = self._own.step(replace(observation, desired_speed=self._rolling.speed))
+        if not _has_acceleration(command):
+            return command  # what is wrong with it is found as in the drive
         if observation.time >= -SETTLING_TIME or command.emergency:
             return command
         ramp = self._acceleration(observation)
@@ -223,6 +225,10 @@ class RollingController:
             return HOLD
         behind = clamp(wanted.s - self._s, -1.0, 1.0)
         return wanted.acceleration + SPEED_GAIN * (wanted.speed - pose.speed) + PLACE_GAIN * behind
+
+
+def _has_acceleration(command: object) -> bool:
+    return isinstance(command, ControlCommand) and math.isfinite(command.acceleration)
 
 
 def roll(rolling: RollingStart, pipeline: Pipeline, gateway: Gateway, car: MovingCar, operator: Operator) -> CarOutput:

@@ -102,6 +102,7 @@ class VirtualRoad:
     def __init__(self, world: World, engine: ScenarioEngine, *, waits: bool = False) -> None:
         self._world, self._engine, self._waits = world, engine, waits
         self._began: float | None = None
+        self._entered: set[str] = set()  # ids of the egos that have had a pose
         self.around = {ego: EgoSurroundings() for ego in world.egos}  #: by the ego's id
 
     @property
@@ -162,8 +163,12 @@ class VirtualRoad:
         if self._began is not None and (ego := asked.get(EGO)) is not None:
             self._world.set_actors(self._engine.step(ego.time - self._began, ego))
         stepped, reports = self._world.step(asked), {}
-        for name in asked:
-            report = reports[name] = stepped[name]
+        self._entered |= asked.keys()
+        for name, report in stepped.items():
+            if name not in self._entered:
+                continue
+            if name in asked:
+                reports[name] = report
             around, contacts = self.around[name], self._world.contacts(name)
             around.actors, around.contacts = self._world.actors(name), contacts
             around.faults = report.faults + (("virtual_contact",) if contacts else ())

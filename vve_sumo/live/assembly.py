@@ -16,7 +16,7 @@ from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline
 from vve_sumo.drive.brain import ExternalController
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.resolved_scenario import ResolvedScenario, resolve_scenario
-from vve_sumo.drive.rolling_start import INITIAL_SPEED
+from vve_sumo.drive.rolling_start import require_start_from_rest
 from vve_sumo.errors import ConfigError, RigError
 from vve_sumo.frames import Placement
 from vve_sumo.live.alignment import StandingPose, standing_pose
@@ -58,8 +58,7 @@ def scenario_with_rig(resolved: ResolvedScenario, rig: Rig, working: Path) -> Re
 
     Raises ConfigError for a speed above the rig's limit, and for a rolling start.
     """
-    if resolved.scenario.ego.initial_speed_mps is not None:
-        raise ConfigError(f"{INITIAL_SPEED}: a real car starts from rest; take the key out")
+    require_start_from_rest(resolved, "a drive with a rig starts from rest")
     wanted, allowed = resolved.scenario.ego.speed_mps, rig.limits.speed_mps
     if wanted > allowed:
         raise ConfigError(

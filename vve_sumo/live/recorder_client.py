@@ -118,7 +118,7 @@ class RecorderClient:
     def _keep(self, batch: RecordBatch) -> None:
         try:
             self._backlog.append(RECORD.encode(batch))
-        except TypeError:  # a sensor or a metric of a lab's own gave what no message holds
+        except Exception:  # a lab's own sensor or metric gave what no message holds: the drive stops
             self._fail("record_failed")
 
     def finish(self, patience: float) -> None:

@@ -188,9 +188,13 @@ def _driven(
         OperatorInput(listen=not plan.rig.operator.automatic) as keys,
     ):
         scenario = plan.resolved.scenario
-        source, car = start_simulated_vehicle.open_receiver(
-            plan.rig, plan.t0, scenario.seed, stack, plan.folder, scenario.weather.friction
-        )
+        try:
+            source, car = start_simulated_vehicle.open_receiver(
+                plan.rig, plan.t0, scenario.seed, stack, plan.folder, scenario.weather.friction
+            )
+        except RigError:
+            _remove_begun(plan.folder)
+            raise
         plan.folder.mkdir(parents=True, exist_ok=True)
         ground = _measure_alignment(plan, source, notify)
         scenario_content = plan.resolved.to_dict(plan.working) | ground.to_dict()
@@ -212,6 +216,13 @@ def _driven(
             processes.shutdown(EXIT_TIMEOUT)
             stack.pop_all()
     return console
+
+
+def _remove_begun(folder: Path) -> None:
+    """Remove the folder of a drive whose simulated vehicle or receiver cannot be had, unless it holds more."""
+    with contextlib.suppress(OSError):
+        (folder / "car.log").unlink(missing_ok=True)
+        folder.rmdir()
 
 
 def _end_page(plan: DrivePlan, processes: ProcessGroup) -> None:

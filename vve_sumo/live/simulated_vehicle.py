@@ -129,11 +129,19 @@ class CarConfig:
 
 def _plain(value: object) -> Any:
     """Return what is sent for a part of a configuration that msgspec does not know."""
-    return {"projection": value.projection, "offset": value.offset} if isinstance(value, MapFrame) else str(value)
+    if isinstance(value, MapFrame):
+        return {"projection": value.projection, "offset": value.offset}
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f"a {type(value).__name__} is no part of a configuration")
 
 
 def _made(kind: type[Any], value: Any) -> Any:
-    return MapFrame(value["projection"], tuple(value["offset"])) if kind is MapFrame else kind(value)
+    if kind is not MapFrame:
+        return kind(value)
+    if not (isinstance(value, dict) and value.keys() == {"projection", "offset"}):
+        raise ValueError("expected a map's projection and offset")
+    return MapFrame(value["projection"], tuple(value["offset"]))
 
 
 class TruthFile:

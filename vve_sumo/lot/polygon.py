@@ -74,6 +74,8 @@ class Lot:
 
     def holds_disc(self, x: float, y: float, radius: float) -> bool:
         """Tell whether everything within `radius` of a place lies inside [m]; False where a value is not finite."""
+        if not 0.0 <= radius < math.inf:
+            return False
         cleared_x, cleared_y, clearance = self._cleared
         if math.hypot(x - cleared_x, y - cleared_y) + radius < clearance - CLEARANCE_TOLERANCE:
             return True

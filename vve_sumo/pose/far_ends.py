@@ -89,9 +89,9 @@ class TcpFarEnd:
         with contextlib.suppress(OSError):
             while len(self._clients) < MAX_CLIENTS:
                 client, _address = self._server.accept()
+                self._clients.append(client)
                 client.setblocking(False)
                 client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                self._clients.append(client)
 
 
 class PtyFarEnd:
@@ -100,7 +100,11 @@ class PtyFarEnd:
     def __init__(self, name: str) -> None:
         """Make the terminal and the link that `pty:FILE` names; raises RigError where FILE is something else."""
         # The other side stays open here too, so that a reader may end and another one open it.
-        self._ours, self._theirs = os.openpty()
+        self._begun = b""  # of what was begun to be written, the rest
+        try:
+            self._ours, self._theirs = os.openpty()
+        except OSError as error:
+            raise RigError(f"{name}: no pseudo-terminal is left ({error.strerror})") from None
         tty.setraw(self._theirs)
         os.set_blocking(self._ours, False)
         try:
@@ -110,9 +114,11 @@ class PtyFarEnd:
             raise
 
     def send(self, data: bytes) -> None:
-        """Write to the line; what it does not hold because nobody reads is lost."""
+        """Write to the line; what it does not hold because nobody reads is lost, but never a part of a portion."""
         with contextlib.suppress(OSError):
-            os.write(self._ours, data)
+            self._begun = self._begun[os.write(self._ours, self._begun) :] if self._begun else b""
+            if not self._begun:
+                self._begun = data[os.write(self._ours, data) :]
 
     def close(self) -> None:
         """Remove the link, and close the terminal."""

@@ -17,6 +17,7 @@ from vve_sumo.lot.swept_area import Body, as_pairs, fan
 from vve_sumo.physical_constants import EARTH_RADIUS
 from vve_sumo.pose import oxts_can
 from vve_sumo.pose.receivers.udp import UdpReceiver
+from vve_sumo.pty_link import PREFIX
 from vve_sumo.rig import stop_figures
 from vve_sumo.rig.dates import day_to_come, expired_day
 from vve_sumo.rig.resolve import (
@@ -101,6 +102,9 @@ def _of_a_real_car(rig: Rig) -> Iterator[str]:
         yield f"bus: no real car is on {bus.interface}:{bus.channel}"
     if rig.operator.automatic:
         yield "operator.automatic: a real car is engaged by a person"
+    for key, line in _pose_lines(rig).items():
+        if line.startswith(PREFIX):
+            yield f"pose.{key}: {line} is a simulated vehicle's line, expected the receiver's own"
     if rig.car_start is not None:
         yield "car_start: a real car stands where it stands, this is for car = 'simulated'"
     if rig.faults:
@@ -183,9 +187,15 @@ def _of_outputs(rig: Rig) -> Iterator[str]:
             yield f"{here}.device: {output.device} is the line of {devices[output.device]}, expected one of its own"
     links = [output.channel for output in rig.outputs if (output.channel or "").startswith("pty:")]
     links += [rig.car_start.brain_channel] if rig.car_start is not None and rig.car_start.brain_channel else []
-    links += [line for key in ("device", "channel") if (line := getattr(rig.pose, key, "")).startswith("pty:")]
+    links += [line for line in _pose_lines(rig).values() if line.startswith(PREFIX)]
     for link in dict.fromkeys(link for link in links if links.count(link) > 1):
         yield f"outputs: {link} is named twice; a pty has one port, give each a file of its own"
+
+
+def _pose_lines(rig: Rig) -> dict[str, str]:
+    """Return the lines and channels that the receiver's table names, by key; a lab's own may hold what is no text."""
+    named = {key: getattr(rig.pose, key, None) for key in ("device", "channel")}
+    return {key: line for key, line in named.items() if isinstance(line, str)}
 
 
 def _listener(rig: Rig, place: str) -> str:

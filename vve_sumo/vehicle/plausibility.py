@@ -18,7 +18,7 @@ from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.drift import DELAY, DriftCheck, DriftSample
 from vve_sumo.vehicle.setpoint_validation import Debounce
 
-# Allowed difference of gnss and wheel speed: this for the noise of both, plus the wheels' calibrated scale error
+# Allowed difference of GNSS and wheel speed: this for the noise of both, plus the wheels' calibrated scale error
 # and DELAY times the acceleration.
 SPEED_DIFFERENCE: Final = 0.30  # [m/s]
 ACCELERATION_LAG: Final = 0.1  # of that acceleration [s]
@@ -135,8 +135,8 @@ class Plausibility:
         self._wheels = _Frozen(FROZEN_SPEED_CHANGE)
         self._gyroscope = _Frozen(FROZEN_YAW_RATE_CHANGE)
         self._steering_report = _Frozen(FROZEN_STEERING_CHANGE)
-        self._acceleration = self._satellite_acceleration = 0.0  # by the wheels, by the receiver [m/s2]
-        self._satellite = (math.nan, math.nan)  # the receiver's speed [m/s], and its time [s]
+        self._acceleration = self._gnss_acceleration = 0.0  # by the wheels, by the receiver [m/s2]
+        self._gnss = (math.nan, math.nan)  # the receiver's speed [m/s], and its time [s]
         self._speed = self._yaw_rate = math.nan  # of the step before
         self._bias, self._bias_time = 0.0, 0.0  # of the gyroscope [rad/s], and for how long it was averaged [s]
         self._x = self._y = self._heading = self._distance = self._turned = 0.0  # dead reckoning
@@ -175,7 +175,7 @@ class Plausibility:
         reasons = []
         allowed = SPEED_DIFFERENCE + 2.0 * self._speed_share * abs(car.speed)
         # The smaller acceleration of the two, so that a jump of wheels or receiver alone does not widen the tolerance.
-        by_wheels, by_receiver = abs(self._acceleration), abs(self._satellite_acceleration)
+        by_wheels, by_receiver = abs(self._acceleration), abs(self._gnss_acceleration)
         allowed += DELAY * (by_receiver if by_receiver < by_wheels else by_wheels)
         difference = abs(setpoint.speed - car.speed)
         gross = self._speed_gross.step(now, not difference <= GROSS_FACTOR * allowed)
@@ -193,11 +193,11 @@ class Plausibility:
 
     def _accelerate(self, setpoint: Setpoint) -> None:
         """Update the filtered acceleration by the receiver."""
-        (before, then), self._satellite = self._satellite, (setpoint.speed, setpoint.time)
+        (before, then), self._gnss = self._gnss, (setpoint.speed, setpoint.time)
         step = setpoint.time - then
         if 0.0 < step < ACCELERATION_LAG:
             share = step / (ACCELERATION_LAG + step)
-            self._satellite_acceleration += ((setpoint.speed - before) / step - self._satellite_acceleration) * share
+            self._gnss_acceleration += ((setpoint.speed - before) / step - self._gnss_acceleration) * share
 
     def _steering(self, now: float, car: CarMotion) -> list[str]:
         """Compare the yaw rate of a steady circle at the reported angle with the gyroscope's."""

@@ -35,7 +35,7 @@ class Standstill:
         self._possible = 0.0  # the speed that the car may still have [m/s]
         self.gnss_mean = 0.0  #: the receiver's speed, averaged near standstill [m/s]; the last one where unknown
         self._long = Debounce(REST_TIME)
-        self._satellite_long = Debounce(GNSS_REST_TIME)
+        self._gnss_long = Debounce(GNSS_REST_TIME)
         self.certain = False  #: the wheels say so, for long enough to be true, and nothing contradicts them
         self.settled = False  #: certain for `REST_TIME`, and not commanded to drive off
         self.at_rest = False  #: settled, or the receiver alone has said so for long
@@ -54,13 +54,13 @@ class Standstill:
         """
         if gnss is not None:
             self._average(gnss, elapsed)
-        satellite_stands = gnss is not None and abs(gnss) < GNSS_REST
+        gnss_stands = gnss is not None and abs(gnss) < GNSS_REST
         gnss_moves = gnss is not None and abs(self.gnss_mean) >= GNSS_MEAN_REST
         wheels_stand = wheels is not None and wheels < WHEEL_REST
         if wheels is not None and wheels >= self._possible - MAX_BRAKING * elapsed - QUANTUM:
             self._possible = wheels
         else:
-            sure = satellite_stands or braking is None
+            sure = gnss_stands or braking is None
             fall = MAX_BRAKING if sure else max(BRAKING_SHARE * (braking or 0.0), MIN_BRAKING)
             self._possible = max(self._possible - fall * elapsed, 0.0)
         self.moves = gnss_moves or (wheels is not None and not wheels_stand)
@@ -69,7 +69,7 @@ class Standstill:
         self.certain = wheels_stand and not gnss_moves and self._possible < WHEEL_REST
         # Reports that stop as the car moves off are those of a car that stood.
         self.settled = self._long.step(now, self.certain and not (braking is not None and braking < 0.0))
-        self.at_rest = self._satellite_long.step(now, satellite_stands and not gnss_moves) or self.settled
+        self.at_rest = self._gnss_long.step(now, gnss_stands and not gnss_moves) or self.settled
         self.contradicted = self.at_rest and not self.certain
 
     def _average(self, gnss: float, elapsed: float) -> None:

@@ -255,6 +255,7 @@ class World:
         """Have everything where it belongs for the coming step; raises SUMO's errors."""
         for ego in self._egos:
             ego.moves = ego.sync.ready()
+        for ego in self._egos:
             if ego.body is not None and ego.pose is not None:
                 ego.proxies.place(ego.body, ego.pose.speed if ego.moves else 0.0, ego.sync.lane)
         for entered in self._scenario_actors.place(self._asked):
