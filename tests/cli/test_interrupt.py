@@ -22,7 +22,7 @@ SHORT = ("sweep", "parked_car_speeds", "--out", "rows", "--workers", "1", "--qui
         (("drive", "parked_car", "--out", "record", "--quiet"), "record/can.log"),
         (("drive", "parked_car", "--out", "record"), "record/can.log"),
         (SHORT, "rows/sweep.json"),
-        (("suite", "pass_through", "--out", "rows", "--workers", "1", "--quiet"), "rows/sweep.json"),
+        (("suite", "pass_through", "--seeds", "50", "--out", "rows", "--workers", "1", "--quiet"), "rows/sweep.json"),
     ],
     ids=["drive", "drive with a bar", "sweep", "suite"],
 )
