@@ -117,9 +117,9 @@ def test_a_hidden_child_is_seen_where_the_closed_form_says(tmp_path):
     row = next(row for row in suite_rows("fmvss127_pedestrian") if row.id == "obstructed_crossing_right_50_30")
     outcome = driven_once("hidden", [row], tmp_path, workers=1, keep=True)[row.id]
     assert outcome.verdict is RowVerdict.PASSED
-    reported = read_table(outcome.record, "sensor_radar").filter(pc.field("actor") == "target")["tick"][0].as_py()
+    seen_at = read_table(outcome.record, "sensor_radar").filter(pc.field("actor") == "target")["tick"][0].as_py()
     ticks = read_table(outcome.record, "ticks")
-    scan = read_table(outcome.record, "readings").filter(pc.field("tick") == reported)
+    scan = read_table(outcome.record, "readings").filter(pc.field("tick") == seen_at)
     seen = round(scan["measured_s"][0].as_py() / PERIOD)
     (ego,) = ticks.filter(pc.field("tick") == seen).to_pylist()
     here = (pc.field("tick") == seen) & (pc.field("actor") == "target")
