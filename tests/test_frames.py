@@ -354,7 +354,7 @@ def test_a_wrong_convergence_would_be_seen(factor, monkeypatch):
 
 
 def test_a_lot_elsewhere_is_laid_onto_the_street_without_stretching():
-    """Two fixes 60 m apart in another town are 60 m apart in the virtual road, in the direction the alignment says."""
+    """Two fixes 60 m apart in another town are 60 m apart on the virtual road, in the direction the alignment says."""
     geodesic = pyproj.Geod(ellps="WGS84")
     lot = MapFrame(LOT_MAP)
     at = Placement(lot, Alignment(), MOUNTING, EPOCH).place(fix_of(40.311, -83.552, 20.0))

@@ -1,4 +1,4 @@
-"""Frames: geodetic, projected, map and body, as inverse pairs, and the placement of a fix into the virtual road.
+"""Frames: geodetic, projected, map and body, as inverse pairs, and the placement of a fix on the virtual road.
 
 Knows geometry and projections; must not know receivers' bytes, trust, SUMO or the controller. Headings in maps are
 counter-clockwise from the map's +x; a fix's heading is counter-clockwise from *true* east; what lies between is the
@@ -280,7 +280,7 @@ class Mounting:
 
 
 class Placement:
-    """From a fix of the output point to the pose of the rear axle in the virtual road, and back.
+    """From a fix of the output point to the pose of the rear axle on the virtual road, and back.
 
     `lot_frame` is the map plane of the lot, `alignment` lays it onto the virtual road's map; on the true place the
     lot's frame *is* the virtual road's and the alignment is `Alignment()`. `epoch` is the GNSS second of drive time 0.
@@ -295,7 +295,7 @@ class Placement:
         self._x, self._y = alignment.x, alignment.y
 
     def place(self, fix: Fix) -> Pose:
-        """Return the rear axle's pose in the virtual road.
+        """Return the rear axle's pose on the virtual road.
 
         Speeds are the true ones of the ground, not scaled to the map. Grade is the car's pitch, level where the
         receiver says none; gravity's share by pitch and the turning of the car axes (yaw rate times lateral speed)

@@ -252,6 +252,18 @@ def test_what_cannot_be_asked_is_one_line(sweep: Sweep, monkeypatch: pytest.Monk
     refused(r"needs DuckDB: pip install 'vve-sumo\[sql\]'", sweep.sql, "SELECT 1")
 
 
+def test_a_certificates_case_without_a_record_is_not_to_be_driven_again(tmp_path: Path) -> None:
+    plan = replace(PLAN, design="certificate")
+    dataset = Dataset(tmp_path, plan, resume=True)
+    dataset.add(cell(0)._replace(key="radar_freeze_seed_1"), result(0))
+    dataset.close()
+    with pytest.raises(ConfigError) as caught:
+        Sweep(tmp_path).run("radar_freeze_seed_1")
+    assert "no record of radar_freeze_seed_1: its case was not driven" in str(caught.value)
+    assert str(tmp_path / "records" / "radar_freeze_seed_1") in str(caught.value)
+    assert "--rerun" not in str(caught.value)
+
+
 def test_what_a_search_found(tmp_path: Path) -> None:
     fill(tmp_path)
     assert Sweep(tmp_path).found is None

@@ -64,6 +64,15 @@ def test_a_bug_fails_the_case_that_is_for_it_and_is_named(bug: str) -> None:
     assert [name in found for found in names(results)] == [True]
 
 
+def test_who_ignores_the_sequence_is_saved_from_a_frozen_radar_by_the_age_alone() -> None:
+    """Who checks the sequence answers at the first repeated datagram, this one once the scan is older than 0.1 s."""
+    _, frozen = certified("ignores_sequence", 1, cases=[CASE["radar_freeze"]])
+    assert frozen.verdict is CaseVerdict.PASSED
+    assert 0.0 < frozen.reaction <= 0.1
+    _, by_sequence = certified("ignores_age", 1, cases=[CASE["radar_freeze"]])
+    assert by_sequence.reaction == 0.0
+
+
 @pytest.mark.parametrize("sense", ["esr", "ars408"])
 def test_who_reads_a_radars_angle_by_the_wrong_sign_is_named(sense: str) -> None:
     """An ESR's angle is right positive, an ARS408's lateral distance left positive: the slip of a reader."""

@@ -302,9 +302,9 @@ def test_the_rig_of_a_live_record_is_what_was_declared(copy: Path, rig: Path) ->
     rig.write_text(rig.read_text().replace("[limits]", "[vehicle]\nmass_kg = 1859.0\n[limits]"))
     ours = rigs.load(rig)
     model = model_of(ours).to_dict()
-    reported = {"rig": ours.model_dump(mode="json", exclude_unset=True), "rig_name": "ours", "vehicle_model": model}
+    declared = {"rig": ours.model_dump(mode="json", exclude_unset=True), "rig_name": "ours", "vehicle_model": model}
     file = copy / "scenario.json"
-    file.write_text(json.dumps(json.loads(file.read_text()) | reported | {"vehicle": model.pop("vehicle")}))
+    file.write_text(json.dumps(json.loads(file.read_text()) | declared | {"vehicle": model.pop("vehicle")}))
     found = calibrate.calibrate(copy)
     assert found.declared.vehicle.mass == 1859.0
     # The car's true mass, 1.1 times the Fusion's: now the forces are the true ones.

@@ -70,7 +70,7 @@ def test_tuning_out_of_range_is_refused(probe, key: str, value: float) -> None:
 
 def test_the_page_tells_its_tuning_keys_as_they_are(repository, part) -> None:
     page = (repository / "docs" / "studies.md").read_text(encoding="utf-8")
-    reported = re.findall(r"^\| `(\w+_m\w*)` \| ([\d.]+) \| ([\d.]+), ([\d.]+) \|", page, re.MULTILINE)
+    documented = re.findall(r"^\| `(\w+_m\w*)` \| ([\d.]+) \| ([\d.]+), ([\d.]+) \|", page, re.MULTILINE)
     probe = part("brake_at")
-    assert {key: float(default) for key, default, _least, _greatest in reported} == probe.TUNING
-    assert {key: (float(least), float(greatest)) for key, _default, least, greatest in reported} == probe.RANGES
+    assert {key: float(default) for key, default, _least, _greatest in documented} == probe.TUNING
+    assert {key: (float(least), float(greatest)) for key, _default, least, greatest in documented} == probe.RANGES

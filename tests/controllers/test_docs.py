@@ -22,7 +22,7 @@ def page(repository):
     return (repository / "docs" / "controllers.md").read_text(encoding="utf-8")
 
 
-def reported(page, pattern):
+def documented(page, pattern):
     """The numbers of a sentence on the page, wherever its lines are broken."""
     return tuple(map(float, re.search(pattern, " ".join(page.split())).groups()))
 
@@ -44,7 +44,7 @@ def example(page, tmp_path):
 )
 def test_the_example_passes_the_shipped_scenario(page, example, changes):
     """The car with all its flaws, radar noise and traffic; what the page says of the drive, and of a shorter one."""
-    within, least, most = reported(page, r"within (\S+) m of the path and stops (\S+) to (\S+) m before")
+    within, least, most = documented(page, r"within (\S+) m of the path and stops (\S+) to (\S+) m before")
     summary = isolated(drive_once, changes | {"controller": {"name": f"{example}:make"}})
     assert summary["outcome"] == "stopped", summary
     assert summary["collision"] is False
@@ -86,7 +86,7 @@ def test_the_example_takes_tuning_and_names_a_wrong_key(example):
 @pytest.mark.slow
 def test_a_car_parked_askew_is_seen_too_late(page):
     """The limit that the page admits of the shipped controller; when this fails, the page is to be rewritten."""
-    aside, turned = reported(page, r"a car (\S+) m left of the path and turned by (\S+)°")
+    aside, turned = documented(page, r"a car (\S+) m left of the path and turned by (\S+)°")
     askew = {"id": "askew", "at_m": 639.0, "offset_m": aside, "turned_deg": turned}
     summary = isolated(drive_once, {"road.demand": [], "obstacles": [askew]})
     assert summary["collision"] is True
@@ -108,9 +108,9 @@ def test_the_design_table_has_units_in_its_heads(part):
 
 def test_the_table_of_tuning_keys_is_the_codes(page, part):
     rows = re.findall(r"^\| `(\w+)` \| (\S+) \| ([^|]*)\|", page, re.MULTILINE)
-    reported = {key: value.strip("`") for key, value, _ in rows}
+    documented = {key: value.strip("`") for key, value, _ in rows}
     tuning = part("follow_and_stop").TUNING
-    assert reported == {
+    assert documented == {
         key: str(value).lower() if isinstance(value, bool) else str(value) for key, value in tuning.items()
     }
 

@@ -28,7 +28,7 @@ class Ahead(NamedTuple):
     gap: float  #: [m]
 
 
-def reported(latency: float, ego: float, brakes: float, lead: float, slows: float = 0.0) -> Ahead:
+def tracked(latency: float, ego: float, brakes: float, lead: float, slows: float = 0.0) -> Ahead:
     """Follow a lead of a speed [m/s] that slows down [m/s2] for two seconds; the ego brakes [m/s2] in the second."""
     radar = Radar(replace(RadarConfig().ideal(), latency=latency), CAR, np.random.default_rng(1))
     tracker, newest, nearest, s, v, gap = Tracker(CAR), BEFORE_FIRST_SCAN, None, 0.0, ego, 60.0
@@ -50,7 +50,7 @@ def reported(latency: float, ego: float, brakes: float, lead: float, slows: floa
 @pytest.mark.parametrize("lead", [0.0, 8.0])
 def test_where_and_how_fast_the_lead_is_now_while_the_ego_brakes(latency: float, lead: float) -> None:
     """From the present pose a scan of 0.3 s ago would make a lead 1.8 m/s faster backwards, of an ego that brakes."""
-    ahead = reported(latency, ego=15.0, brakes=6.0, lead=lead)
+    ahead = tracked(latency, ego=15.0, brakes=6.0, lead=lead)
     assert ahead.nearest is not None
     assert ahead.nearest.gap == pytest.approx(ahead.gap, abs=0.03)
     assert ahead.nearest.speed == pytest.approx(lead, abs=0.05)
@@ -59,7 +59,7 @@ def test_where_and_how_fast_the_lead_is_now_while_the_ego_brakes(latency: float,
 @pytest.mark.parametrize("latency", [0.0, 0.09, 0.3])
 def test_a_lead_that_brakes_is_no_faster_now_than_it_was(latency: float) -> None:
     """What full braking is decided by: the speed of now and a deceleration that is not too small."""
-    ahead = reported(latency, ego=12.0, brakes=0.0, lead=16.0, slows=4.0)
+    ahead = tracked(latency, ego=12.0, brakes=0.0, lead=16.0, slows=4.0)
     (danger,) = ahead.dangers
     assert danger.speed <= 16.0 - 4.0 * 2.0 + 0.2
     assert danger.braking >= 4.0

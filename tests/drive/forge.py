@@ -35,9 +35,9 @@ def seal_again(folder: Path, **changes: Any) -> None:
 
 def change_json(file: Path, *keys: str | int, value: Any) -> None:
     """Set a key of a JSON file, in the form that the file has."""
-    reported = json.loads(file.read_text(encoding="utf-8"))
-    inner = reported
+    content = json.loads(file.read_text(encoding="utf-8"))
+    inner = content
     for key in keys[:-1]:
         inner = inner[key]
     inner[keys[-1]] = value
-    file.write_text(json.dumps(reported, indent=1) + "\n", encoding="utf-8")
+    file.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")

@@ -77,11 +77,9 @@ def test_a_record_as_it_was_left_is_the_same(driven: Path, record: Path, capsys:
     assert (code, ran(driven)) == (0, True)
 
 
-def places(reported: Any, *above: Any) -> Iterator[tuple[Any, ...]]:
+def places(content: Any, *above: Any) -> Iterator[tuple[Any, ...]]:
     """Every key of a JSON value, with those above it."""
-    inside = (
-        reported.items() if isinstance(reported, dict) else enumerate(reported) if isinstance(reported, list) else ()
-    )
+    inside = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
     for key, value in inside:
         yield (*above, key)
         yield from places(value, *above, key)
@@ -102,13 +100,13 @@ def other(value: Any) -> Any:
 @pytest.mark.parametrize("how", with_slow(["changed", "gone"], lambda how: how == "changed"))
 def test_every_key_counts(driven: Path, record: Path, file: str, how: str, capsys: pytest.CaptureFixture[str]) -> None:
     text = (record / file).read_text(encoding="utf-8")
-    reported = json.loads(text)
+    content = json.loads(text)
     form: dict[str, Any] = {"indent": 1, "sort_keys": file == "scenario.json"}
-    assert json.dumps(reported, **form) + "\n" == text, "else the form alone would be found"
-    points = [place for place in places(reported) if place[0] != "path_m" or len(place) < 2 or place[1] % 50 == 0]
+    assert json.dumps(content, **form) + "\n" == text, "else the form alone would be found"
+    points = [place for place in places(content) if place[0] != "path_m" or len(place) < 2 or place[1] % 50 == 0]
     assert len(points) > 50
     for place in points:
-        altered = copy.deepcopy(reported)
+        altered = copy.deepcopy(content)
         inner = altered
         for key in place[:-1]:
             inner = inner[key]

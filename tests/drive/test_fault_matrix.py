@@ -149,7 +149,7 @@ def assert_at_rest(row: Row, came: Driven) -> None:
 
 def assert_driver_has_control(came: Driven) -> None:
     """Every enable bit is off from the first tick that says so on, and the counters go on."""
-    reported = next(
+    first = next(
         number
         for number, ticked in enumerate(came.ticks)
         if number > came.fault and "driver_override" in ticked.status.reasons
@@ -157,6 +157,6 @@ def assert_driver_has_control(came: Driven) -> None:
     for kind in (codec.BrakeCommand, codec.ThrottleCommand, codec.SteeringCommand):
         said = [next(one for one in map(codec.decode, frames) if isinstance(one, kind)) for frames in came.sent]
         assert said[came.fault - 1].enable
-        assert not any(message.enable for message in said[reported:])
+        assert not any(message.enable for message in said[first:])
         assert all((b.counter - a.counter) % 256 == 1 for a, b in pairwise(said[came.fault :]))
-    assert len(came.sent) - reported > 20
+    assert len(came.sent) - first > 20

@@ -59,10 +59,10 @@ def test_the_mkz_drives_the_papers_drive(tmp_path: Path) -> None:
     assert summary["outcome"] == "stopped"
     assert summary["stop_gap_m"] == pytest.approx(5.0, abs=0.5)
     assert not summary["emergency_used"]
-    reported = resolved(tmp_path / "mkz")
-    assert reported["vehicle"]["mass"] == MKZ.vehicle.mass
-    assert reported["vehicle_model"]["name"] == reported["settings"]["ego"]["vehicle"] == "lincoln_mkz"
-    assert reported["files_sha256"]["vehicle"] == hash_file(REPOSITORY / "vehicles" / "lincoln_mkz.toml")
+    recorded = resolved(tmp_path / "mkz")
+    assert recorded["vehicle"]["mass"] == MKZ.vehicle.mass
+    assert recorded["vehicle_model"]["name"] == recorded["settings"]["ego"]["vehicle"] == "lincoln_mkz"
+    assert recorded["files_sha256"]["vehicle"] == hash_file(REPOSITORY / "vehicles" / "lincoln_mkz.toml")
 
 
 def test_the_simulated_vehicle_of_a_rig_is_the_car_that_the_rig_calibrates(tmp_path: Path) -> None:
@@ -76,15 +76,15 @@ def test_the_simulated_vehicle_of_a_rig_is_the_car_that_the_rig_calibrates(tmp_p
     rig.write_text(text, encoding="utf-8")
     summary = isolated(drive, str(tmp_path / "record"), None, str(rig), {"obstacles.parked_car.at_m": 200.0})
     assert summary["failed"] == []
-    reported = resolved(tmp_path / "record")
-    model = reported["vehicle_model"]
-    assert reported["vehicle"]["steering_ratio"] == 15.2
-    assert reported["vehicle"]["mass"] == FUSION.vehicle.mass
+    recorded = resolved(tmp_path / "record")
+    model = recorded["vehicle_model"]
+    assert recorded["vehicle"]["steering_ratio"] == 15.2
+    assert recorded["vehicle"]["mass"] == FUSION.vehicle.mass
     assert (model["calibration"]["brake_gain"], model["limits"]["stop_jerk"]) == (541.0, 4.0)
     assert model["mounting"]["forward"] == 1.10
     assert model["steering_wheel_bias"] == math.radians(1.5)
     assert model["rig"] == "The simulated vehicle on a made-up airfield"
-    assert "rig" not in reported, "which only a live drive has"
+    assert "rig" not in recorded, "which only a live drive has"
 
 
 def test_a_vehicle_that_nobody_knows_is_named() -> None:

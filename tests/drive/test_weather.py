@@ -45,6 +45,6 @@ def test_full_braking_is_what_friction_lets_through(friction: float) -> None:
 
 
 def test_on_a_dry_road_the_car_is_the_one_it_was() -> None:
-    reported = altered({"ego.car": {}})
-    assert car_parameters(reported) == vehicles.parameters(imperfections=vehicles.FUSION.measured)
-    assert math.isclose(reported.scenario.weather.friction, DRY)
+    plain = altered({"ego.car": {}})
+    assert car_parameters(plain) == vehicles.parameters(imperfections=vehicles.FUSION.measured)
+    assert math.isclose(plain.scenario.weather.friction, DRY)

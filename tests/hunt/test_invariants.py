@@ -137,11 +137,11 @@ def test_a_foot_whose_report_is_frozen_counts_from_when_the_gateway_brakes_less_
 ) -> None:
     def held_for_two_seconds(time: float) -> dict[str, Any]:
         pressed = 1.0 <= time < lifted
-        reported = command(0.3) if time >= 2.7 else command()._replace(brake_torque=900.0 if time < 2.0 else 0.0)
+        commanded = command(0.3) if time >= 2.7 else command()._replace(brake_torque=900.0 if time < 2.0 else 0.0)
         return {
             "driver": FIRM_FOOT if pressed else HANDS_OFF,
             "driver_brake_torque": torque if pressed else 0.0,
-            "command": reported,
+            "command": commanded,
             "due": dict.fromkeys(due, 0.5),
         }
 
@@ -292,10 +292,10 @@ def test_a_car_that_was_let_go_and_moves_with_no_foot_calls_the_driver() -> None
 
 
 def test_nobody_is_told_that_a_driver_who_touched_nothing_has_control() -> None:
-    reported = {"state": ArmingState.FAULT, "phase": CONTROL}
-    assert names(judged(lambda time: reported, 1.0)) == ["told_control"]
-    assert judged(lambda time: reported | {"driver": FIRM_FOOT if time < 0.4 else HANDS_OFF}, 1.0) == []
-    assert names(judged(lambda time: reported | {"pose": pose(0.0)}, 1.0)) == ["told_control"]
+    let_go = {"state": ArmingState.FAULT, "phase": CONTROL}
+    assert names(judged(lambda time: let_go, 1.0)) == ["told_control"]
+    assert judged(lambda time: let_go | {"driver": FIRM_FOOT if time < 0.4 else HANDS_OFF}, 1.0) == []
+    assert names(judged(lambda time: let_go | {"pose": pose(0.0)}, 1.0)) == ["told_control"]
 
 
 def test_nobody_is_told_driving_of_a_car_whose_module_is_off() -> None:

@@ -175,6 +175,41 @@ def test_a_hunt_that_was_cut_off_goes_on_to_the_same_end(tmp_path: Path) -> None
     assert sum(line.endswith("}") for line in lines) == 4
 
 
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"onset_s": ...},
+        {"margins": ...},
+        {"margins": [0.5]},
+        {"failure": None},
+        {"reasons": None},
+        {"violations": [["speed_limit", 1.0]]},
+        {"violations": [3]},
+        {"episode": {}},
+        {"phase": "nix"},
+        {"actions": ["brake_override"]},
+        {"actions": [{"kind": "nix", "after_s": 0.0, "for_s": 1.0}]},
+        {"actions": [{"kind": "key_stop", "after_s": "0", "for_s": 1.0}]},
+        {"road": {"slope": 1.0}},
+    ],
+    ids=str,
+)
+def test_a_damaged_episode_is_one_line_with_file_and_line(tmp_path: Path, damage: dict[str, object]) -> None:
+    episode = Episode(EpisodePhase.HELD, 0.0, (Action("key_stop", 0.0, 1.0),))
+    whole = {"name": "one"} | result_of(episode).to_dict()
+    within = damage.keys() & whole["episode"].keys()
+    changed = whole | ({"episode": whole["episode"] | damage} if within else damage)
+    damaged = {key: value for key, value in changed.items() if value is not ...}
+    HuntJournal(tmp_path, {"rig": "simulated"}, resume=False).close()
+    before = "".join(json.dumps(line) + "\n" for line in (whole, damaged | {"name": "two"}))
+    (tmp_path / EPISODES).write_text(before, encoding="utf-8")
+    with pytest.raises(ConfigError) as caught:
+        HuntJournal(tmp_path, {"rig": "simulated"}, resume=True)
+    assert str(caught.value).startswith(f"{tmp_path / EPISODES}: line 2 is no finished episode")
+    assert "\n" not in str(caught.value)
+    assert (tmp_path / EPISODES).read_text(encoding="utf-8") == before
+
+
 def test_a_folder_of_another_hunt_is_refused(tmp_path: Path) -> None:
     HuntJournal(tmp_path / "one", {"rig": "simulated", "seed": 1}, resume=False).close()
     with pytest.raises(ConfigError, match="not empty; take it up with --resume"):

@@ -152,8 +152,8 @@ class Bench:
         """Let real time pass until a condition holds."""
         deadline = time.monotonic() + patience
         while not condition():
-            reported = f"waited in vain: {self.state}, {self.reasons}, {self.car.speed:.2f} m/s"
-            assert time.monotonic() < deadline, reported
+            failure = f"waited in vain: {self.state}, {self.reasons}, {self.car.speed:.2f} m/s"
+            assert time.monotonic() < deadline, failure
             self._once()
 
     def drive(self, speed: float) -> bool:

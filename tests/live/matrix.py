@@ -363,16 +363,7 @@ INJECTED: Final = tuple(row for row in MATRIX if row.faults and row.right is not
 WITNESSES: Final = frozenset({"pose_lost", "bus_dead", "another_writer", "wheel_speeds_frozen", "brake_override"})
 #: rows whose stop is noticed and made as that of a row beside them
 ALIKE: Final = frozenset(
-    {
-        "drive_killed",
-        "sumo_stalled",
-        "gateway_paused",
-        "ctrl_c_hammered",
-        "controller_nan",
-        "controller_hangs",
-        "overrun",
-        "late_thirds",
-    }
+    {"sumo_stalled", "gateway_paused", "ctrl_c_hammered", "controller_nan", "overrun", "late_thirds"}
 )
 #: rows that `./check slow` alone tries live
 SLOW: Final = ALIKE | {row.name for row in INJECTED} - WITNESSES

@@ -75,11 +75,11 @@ def counters(heard: list[Heard]) -> list[int]:
     return unwrapped
 
 
-def assert_stopping(reported: list[Heard]) -> None:
+def assert_stopping(commanded: list[Heard]) -> None:
     """Nothing but a stop: no throttle, and the kit enabled until park was asked for."""
-    assert reported
-    assert all(heard.throttle.value == 0.0 for heard in reported)
-    for before, after in pairwise(reported):
+    assert commanded
+    assert all(heard.throttle.value == 0.0 for heard in commanded)
+    for before, after in pairwise(commanded):
         if not after.brake.enable and before.brake.enable:
             assert before.gear.gear is Gear.PARK
         assert before.brake.enable or not after.brake.enable, "never enabled again"
@@ -344,10 +344,10 @@ def test_a_recorder_that_hangs_stops_the_car_in_bounded_time_and_delays_no_step(
     b.kill(b.recorder, signal.SIGSTOP)
     frozen = b.now
     b.run_until(lambda: "record_full" in b.reasons, patience=300.0)
-    reported = b.since(frozen)
+    commanded = b.since(frozen)
     b.kill(b.recorder, signal.SIGCONT)
     b.rest()
-    assert len(reported) == pytest.approx((reported[-1].time - reported[0].time) / PERIOD, rel=0.1)
+    assert len(commanded) == pytest.approx((commanded[-1].time - commanded[0].time) / PERIOD, rel=0.1)
 
 
 @pytest.mark.live

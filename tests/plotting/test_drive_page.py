@@ -193,8 +193,8 @@ def test_a_drive_that_nobody_obeyed_shows_what_was_asked(tmp_path: Path) -> None
     places = []
     for state in ("engaged", "disarmed"):
         dots = curve(painted(page_of(driving(50, **asked, state=state), []), tmp_path), ACCELERATION)
-        reported, did = (np.nonzero(where)[0].mean() for where in (inked(dots), shows(dots, page.EGO_PALE)))
-        places.append(reported > did)
+        requested, driven = (np.nonzero(where)[0].mean() for where in (inked(dots), shows(dots, page.EGO_PALE)))
+        places.append(requested > driven)
     assert places == [False, True]
 
 

@@ -36,8 +36,8 @@ def test_two_wrong_bytes_of_one_minute_cost_one_fix_of_sixty_thousand(ten_minute
     rows = list(ten_minutes)
     received, packet = rows[1000]
     rows[1000] = (received, with_minute(packet, low, high))
-    said, reported = (int.from_bytes(p[63:67], "little") for p in (packet, rows[1000][1]))
-    assert (reported - said) / 1440.0 == pytest.approx(days, abs=0.05)
+    true, forged = (int.from_bytes(p[63:67], "little") for p in (packet, rows[1000][1]))
+    assert (forged - true) / 1440.0 == pytest.approx(days, abs=0.05)
     decoder = Decoder()
     times = [round((fix.time - START) * 1000.0) for fix in arrived(rows, decoder)]
     assert times == [10 * k for k in range(60_000) if k != 1000]

@@ -96,8 +96,8 @@ def test_one_wrong_time_of_day_costs_no_epoch(sentence, ahead):
     """It comes while no epoch is open; nor does it take the accuracy or the date of the others away."""
     rows = drive(150)
     at = NOON + 10.0 + 0.06
-    reported, true = without(rows, (at, sentence(NOON + 10.0 + ahead)))
-    assert reported == true
+    with_lie, true = without(rows, (at, sentence(NOON + 10.0 + ahead)))
+    assert with_lie == true
     fixes = fed(sorted([*rows, (at, sentence(NOON + 10.0 + ahead))], key=lambda row: row[0]))
     assert not any(math.isnan(fix.position_sigma) for fix in fixes[1:])
 
@@ -105,8 +105,8 @@ def test_one_wrong_time_of_day_costs_no_epoch(sentence, ahead):
 @pytest.mark.parametrize("date", ["010180", "201126", "221126", "311279"])
 def test_one_wrong_date_moves_nothing(date):
     rows = drive(150)
-    reported, true = without(rows, (NOON + 10.031, rmc(NOON + 10.0, date=date)))
-    assert reported == true
+    with_lie, true = without(rows, (NOON + 10.031, rmc(NOON + 10.0, date=date)))
+    assert with_lie == true
 
 
 def test_a_first_date_that_was_wrong_is_corrected_by_the_next_three():

@@ -61,11 +61,11 @@ def cut_short(record: Path, folder: Path) -> Path:
 def spoiled(record: Path, folder: Path) -> Path:
     """Write into a copy of a record what nobody should call anything."""
     shutil.copytree(record, folder)
-    reported = json.loads((folder / "scenario.json").read_text(encoding="utf-8"))
-    reported["settings"] |= {"title": CODE, "description": HOSTILE}
-    reported["settings"]["obstacles"][0]["id"] = HOSTILE
-    reported["settings"]["controller"]["name"] = HOSTILE
-    (folder / "scenario.json").write_text(json.dumps(reported), encoding="utf-8")
+    declared = json.loads((folder / "scenario.json").read_text(encoding="utf-8"))
+    declared["settings"] |= {"title": CODE, "description": HOSTILE}
+    declared["settings"]["obstacles"][0]["id"] = HOSTILE
+    declared["settings"]["controller"]["name"] = HOSTILE
+    (folder / "scenario.json").write_text(json.dumps(declared), encoding="utf-8")
     ended = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     ended |= {"outcome": "broken", "text": HOSTILE, "passed": False, "failed": [HOSTILE]}
     (folder / "summary.json").write_text(json.dumps(ended), encoding="utf-8")

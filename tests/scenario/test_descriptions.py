@@ -56,8 +56,8 @@ def words(key: str, value: Any) -> str:
 def test_everything_in_a_shipped_scenario_is_told(name: str) -> None:
     file = REPOSITORY / "scenarios" / f"{name}.toml"
     text = "\n".join(lines(resolve_by_name(name, REPOSITORY), REPOSITORY))
-    reported = [(key, value) for key, value in leaves(tomllib.loads(file.read_text(encoding="utf-8")))]
-    missing = [(key, value) for key, value in reported if not isinstance(value, bool) and words(key, value) not in text]
+    declared = [(key, value) for key, value in leaves(tomllib.loads(file.read_text(encoding="utf-8")))]
+    missing = [(key, value) for key, value in declared if not isinstance(value, bool) and words(key, value) not in text]
     assert [one for one in missing if one[1] not in (0.0, "pedestrian", "bicycle", "child")] == []
 
 

@@ -117,9 +117,9 @@ def test_a_hidden_child_is_seen_where_the_closed_form_says(tmp_path):
     row = next(row for row in suite_rows("fmvss127_pedestrian") if row.id == "obstructed_crossing_right_50_30")
     outcome = driven_once("hidden", [row], tmp_path, workers=1, keep=True)[row.id]
     assert outcome.verdict is RowVerdict.PASSED
-    reported = read_table(outcome.record, "sensor_radar").filter(pc.field("actor") == "target")["tick"][0].as_py()
+    seen_at = read_table(outcome.record, "sensor_radar").filter(pc.field("actor") == "target")["tick"][0].as_py()
     ticks = read_table(outcome.record, "ticks")
-    scan = read_table(outcome.record, "readings").filter(pc.field("tick") == reported)
+    scan = read_table(outcome.record, "readings").filter(pc.field("tick") == seen_at)
     seen = round(scan["measured_s"][0].as_py() / PERIOD)
     (ego,) = ticks.filter(pc.field("tick") == seen).to_pylist()
     here = (pc.field("tick") == seen) & (pc.field("actor") == "target")
@@ -342,12 +342,20 @@ def test_the_command_drives_prints_keeps_and_goes_on(capsys, tmp_path, monkeypat
     record = out / "records" / "between_two_cars_whole_seed_1"
     assert (record / "summary.json").is_file()
     driven_at = record.stat().st_mtime_ns
+    torn = record.with_name("between_two_cars_whole_seed_2")
+    # Of drives that were killed: one under way, and one between its end and its row.
+    for left in (torn.with_name(f"{torn.name}.part"), torn):
+        left.mkdir()
+        for name in ("scenario.json", "half.parquet"):
+            (left / name).write_text("half a", encoding="utf-8")
     assert drive("few", SuiteQuery(out=out, workers=1, keep=True, resume=True, seeds=2)) == 0
     assert "2 rows: 1 passed, 1 not applicable; 2 of 2 drives passed" in capsys.readouterr().out
     assert record.stat().st_mtime_ns == driven_at
-    assert (record.with_name("between_two_cars_whole_seed_2") / "summary.json").is_file()
+    assert (torn / "summary.json").is_file()
+    assert not (torn / "half.parquet").exists()
+    assert {one.name for one in torn.parent.iterdir()} == {record.name, torn.name}, "nothing else is left"
     assert len(load(out).rows()) == 2
-    key = "between_two_cars_whole_seed_2"
+    key = torn.name
     again = rerun(out, key, tmp_path / "again", lambda line: None)
     assert again.same
     assert again.drive().summary["record_sha256"] == load(out / "records" / key).summary["record_sha256"]

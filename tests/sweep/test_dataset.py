@@ -57,12 +57,12 @@ def begun(folder: Path, **changes: Any) -> Dataset:
     return Dataset(folder, replace(PLAN, **changes), resume=True, rows_per_part=PER_PART)
 
 
-def fill(folder: Path, reported: Callable[[int], None] = lambda number: None, most: int = COUNT) -> Dataset:
+def fill(folder: Path, finished: Callable[[int], None] = lambda number: None, most: int = COUNT) -> Dataset:
     dataset = begun(folder)
     for number in ORDER[:most]:
         if not dataset.holds(number):
             dataset.add(cell(number), result(number))
-            reported(number)
+            finished(number)
     return dataset
 
 
@@ -94,13 +94,13 @@ def _killed_at(folder: Path, instant: int, pipe: int, work: Work) -> None:
             if left == 0:
                 os.kill(os.getpid(), signal.SIGKILL)
 
-    def reported(number: int) -> None:
+    def finished(number: int) -> None:
         sys.setprofile(None)
         os.write(pipe, bytes([number]))
         sys.setprofile(look)
 
     sys.setprofile(look)
-    work(folder, reported)
+    work(folder, finished)
     sys.setprofile(None)
 
 

@@ -289,15 +289,15 @@ def test_results_travel_as_one_line(figures: dict[str, Any], error: str, said: s
     result = RunResult("key", figures, error, 1.5, 1.25, 180.0, said)
     line = result.to_json()
     assert "\n" not in line
-    outcomes = {name: None if isinstance(it, float) and it - it != 0.0 else it for name, it in figures.items()}
-    assert RunResult.from_json(line) == dataclasses.replace(result, figures=outcomes)
+    received = {name: None if isinstance(it, float) and it - it != 0.0 else it for name, it in figures.items()}
+    assert RunResult.from_json(line) == dataclasses.replace(result, figures=received)
 
 
 def test_lines_that_are_no_jobs_are_refused() -> None:
     made = job("key", keep=Path("/kept"))
     assert Job.from_json(made.to_json()) == made
     line = made.to_json()
-    for wrong, outcomes in (
+    for wrong, message in (
         (line.replace('"version": 5', '"version": 1'), "expected version 5, got 1"),
         (line.replace('"name": "straight_on"', '"name": 3'), "name: expected a str, got 3"),
         (line.replace('"working"', '"walking"'), "expected the keys"),
@@ -305,7 +305,7 @@ def test_lines_that_are_no_jobs_are_refused() -> None:
         (line[:-3], "expected a line of JSON"),
         ("[]", "expected version 5, got None"),
     ):
-        with pytest.raises(ConfigError, match=outcomes):
+        with pytest.raises(ConfigError, match=message):
             Job.from_json(wrong)
 
 

@@ -76,8 +76,8 @@ class CalibrationDrive:
         (folder / "pose.bin").write_bytes(b"".join(self._chunks))
         (folder / "can.log").write_text("".join(self._lines))
         model = vehicles.FUSION.to_dict()
-        reported = {"scenario": "calibration", "epoch_gnss_s": EPOCH, "vehicle": model.pop("vehicle")}
-        (folder / "scenario.json").write_text(json.dumps(reported | {"vehicle_model": model}))
+        declared = {"scenario": "calibration", "epoch_gnss_s": EPOCH, "vehicle": model.pop("vehicle")}
+        (folder / "scenario.json").write_text(json.dumps(declared | {"vehicle_model": model}))
         return folder
 
     def _tick(self, tick: int, heard: CarOutput) -> tuple[Frame, ...]:

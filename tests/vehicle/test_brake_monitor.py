@@ -32,23 +32,23 @@ class Drive:
         self.wheels = self.gnss = speed
         self.step(COAST)
 
-    def step(self, reported: Pedals, gain: float = 0.0, gnss: float | None = None, grade: float = 0.0) -> list[str]:
+    def step(self, commanded: Pedals, gain: float = 0.0, gnss: float | None = None, grade: float = 0.0) -> list[str]:
         """One step at `gain` [m/s2]; the receiver's own gain where it is another."""
         self.wheels += gain * STEP
         self.gnss += (gain if gnss is None else gnss) * STEP
-        return self.response.step(STEP, reported, self.wheels, self.gnss, grade)
+        return self.response.step(STEP, commanded, self.wheels, self.gnss, grade)
 
-    def until(self, reported: Pedals, gain: float, gnss: float | None = None, grade: float = 0.0) -> tuple[float, str]:
+    def until(self, commanded: Pedals, gain: float, gnss: float | None = None, grade: float = 0.0) -> tuple[float, str]:
         """After which time something is said, and what; infinite for nothing in 10 s."""
         for number in range(500):
-            codes = self.step(reported, gain, gnss, grade)
+            codes = self.step(commanded, gain, gnss, grade)
             if codes:
                 return (number + 1) * STEP, *codes
         return math.inf, ""
 
-    def run(self, duration: float, reported: Pedals, gain: float) -> None:
+    def run(self, duration: float, commanded: Pedals, gain: float) -> None:
         for _ in range(round(duration / STEP)):
-            assert self.step(reported, gain) == []
+            assert self.step(commanded, gain) == []
 
 
 @pytest.mark.parametrize(
@@ -211,13 +211,13 @@ def test_without_wheels_the_receiver_decides(silent):
 
 
 @pytest.mark.parametrize(("gain", "found"), [(0.4995, []), (0.5005, ["brake_not_following"])])
-@pytest.mark.parametrize("reported", [BRAKE, COAST])
-def test_a_car_that_others_brake_may_only_not_gain_speed(reported, gain, found):
+@pytest.mark.parametrize("commanded", [BRAKE, COAST])
+def test_a_car_that_others_brake_may_only_not_gain_speed(commanded, gain, found):
     """In a second by 0.25 m/s2 and a quarter of a metre per second; how hard it is braked is not known."""
     subject = BrakeMonitor(replace(FUSION, brake_delay=0.0, brake_lag=0.0), BARE)
     for _ in range(9):
-        assert subject.step(1.0, reported, 10.0, 10.0, 0.0, others_brake=True) == []
-    assert subject.step(1.0, reported, 10.0 + gain, 10.0 + gain, 0.0, others_brake=True) == found
+        assert subject.step(1.0, commanded, 10.0, 10.0, 0.0, others_brake=True) == []
+    assert subject.step(1.0, commanded, 10.0 + gain, 10.0 + gain, 0.0, others_brake=True) == found
 
 
 # What is not judged.

@@ -33,10 +33,8 @@ def test_a_report_that_does_not_follow_a_command_up_or_down_is_frozen(
     of: str, differs: float, found: bool, sign: float
 ) -> None:
     change = CHANGES[of]
-    output = 1000.0 * change, 1000.0 * change + sign * differs
-    assert frozen(change, (0.0, output[0], output[0]), (0.02, output[1], output[0]), (0.12, output[1], output[0])) == [
-        False, False, found
-    ]  # fmt: skip
+    before, after = 1000.0 * change, 1000.0 * change + sign * differs
+    assert frozen(change, (0.0, before, before), (0.02, after, before), (0.12, after, before)) == [False, False, found]
 
 
 def test_a_report_has_a_tenth_of_a_second_to_follow() -> None:

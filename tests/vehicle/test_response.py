@@ -59,7 +59,8 @@ def test_what_the_commands_explain_falls_no_faster_than_a_brake_lets_go(commands
         # How many steps a command is still among the recent ones; one that is just as old may not be.
         whole = math.floor(DELAY / STEP - 1e-9)
         explained = max(
-            output - RELEASE_RATE * STEP * max(index - n - whole, 0) for n, output in enumerate(torques[: index + 1])
+            commanded - RELEASE_RATE * STEP * max(index - n - whole, 0)
+            for n, commanded in enumerate(torques[: index + 1])
         )
         assert signs._explained == pytest.approx(max(explained, 0.0), abs=1.01 * RELEASE_RATE * STEP)
         assert signs._explained >= explained - 1e-6, "never less than what the brakes may still give"
@@ -207,16 +208,16 @@ def test_no_sequence_of_pedals_on_a_sound_car_looks_like_a_foot(wishes, mass_fac
     brakes = Lagged(FUSION.brake_delay, FUSION.brake_lag, FINE)
     engine = Lagged(vehicles.parameters().throttle_delay, CALIBRATION.drive_lag, FINE)
     speed, ramped, mass = 8.0, 0.0, CALIBRATION.mass * mass_factor
-    output = Pedals(0.0, 0.0)
+    commanded = Pedals(0.0, 0.0)
     for wish, steps in wishes:
         for _ in range(steps):
-            assert not monitor.step(STEP, output, speed, speed, grade)
+            assert not monitor.step(STEP, commanded, speed, speed, grade)
             force = CALIBRATION.mass * (wish + GRAVITY * math.sin(grade)) + CALIBRATION.drag(speed)
             push = CALIBRATION.throttle(force, speed) if force > 0.0 else 0.0
-            output = Pedals(CALIBRATION.brake_torque(-force) if force < 0.0 else 0.0, push)
+            commanded = Pedals(CALIBRATION.brake_torque(-force) if force < 0.0 else 0.0, push)
             for _ in range(round(STEP / FINE)):
-                ramped += min(max(output.brake_torque - ramped, -BRAKE_RAMP * FINE), BRAKE_RAMP * FINE)
+                ramped += min(max(commanded.brake_torque - ramped, -BRAKE_RAMP * FINE), BRAKE_RAMP * FINE)
                 braking = gain_factor * CALIBRATION.brake_force(brakes.step(ramped))
-                pushing = CALIBRATION.drive_force(engine.step(output.throttle), speed) + CALIBRATION.creep(speed)
+                pushing = CALIBRATION.drive_force(engine.step(commanded.throttle), speed) + CALIBRATION.creep(speed)
                 along = pushing - CALIBRATION.drag(speed) - braking
                 speed = max(speed + (along / mass - GRAVITY * math.sin(grade)) * FINE, 0.0)

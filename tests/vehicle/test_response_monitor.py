@@ -35,7 +35,7 @@ class Watched:
     def step(
         self,
         elapsed: float,
-        reported: Pedals = COAST,
+        commanded: Pedals = COAST,
         wheels: float = 20.0,
         gnss: float = math.nan,
         grade: float = 0.0,
@@ -43,7 +43,7 @@ class Watched:
     ) -> list[str]:
         self.now += elapsed
         return self.monitor.step(
-            self.now, elapsed, reported, self.reports, (wheels, gnss), grade, standstill=self.standstill, going=going
+            self.now, elapsed, commanded, self.reports, (wheels, gnss), grade, standstill=self.standstill, going=going
         )
 
 
@@ -68,10 +68,10 @@ def standing() -> Watched:
     return car
 
 
-def rolls(car: Watched, reported: Pedals = HELD) -> list[list[str]]:
+def rolls(car: Watched, commanded: Pedals = HELD) -> list[list[str]]:
     """Its wheels turn with 0.1 m/s."""
     car.say(WheelSpeeds(0.2, 0.2, 0.2, 0.2))
-    return [car.step(elapsed, reported, 0.0) for elapsed in (0.02, 0.09, 0.01)]
+    return [car.step(elapsed, commanded, 0.0) for elapsed in (0.02, 0.09, 0.01)]
 
 
 def test_a_car_that_rolls_off_under_its_holding_torque_does_not_follow() -> None:
@@ -131,8 +131,8 @@ def test_a_module_that_goes_on_repeating_an_old_command_is_frozen(
 
 def test_all_that_is_wrong_is_said() -> None:
     car = Watched()
-    for elapsed, reported in ((1.0, BRAKE), (1.0, BRAKE), (0.0, BRAKE), (0.0, Pedals(3000.0, 0.0))):
-        car.step(elapsed, reported)
+    for elapsed, commanded in ((1.0, BRAKE), (1.0, BRAKE), (0.0, BRAKE), (0.0, Pedals(3000.0, 0.0))):
+        car.step(elapsed, commanded)
         car.say(SAYS_BRAKE)
     assert car.step(0.02, Pedals(3000.0, 0.0)) == []
     assert car.step(0.08, Pedals(3000.0, 0.0), 25.0) == ["brake_not_following", "brake_report_frozen"]

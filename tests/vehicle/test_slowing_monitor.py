@@ -26,17 +26,17 @@ class Drive:
     """A car that gains what a test says, and whether a foot is seen."""
 
     def __init__(
-        self, reported: Pedals = COAST, calibration: Calibration = BARE, speed: float = 20.0, settled: bool = True
+        self, commanded: Pedals = COAST, calibration: Calibration = BARE, speed: float = 20.0, settled: bool = True
     ) -> None:
         self.monitor = SlowingMonitor(CAR, calibration)
         self.wheels = self.gnss = speed
         if settled:  # for so long that brakes and engine give what is commanded
-            assert self.monitor.step(1e12, reported, speed, speed, 0.0) is False
+            assert self.monitor.step(1e12, commanded, speed, speed, 0.0) is False
 
     def step(
         self,
         gain: float,
-        reported: Pedals = COAST,
+        commanded: Pedals = COAST,
         elapsed: float = 1.0,
         grade: float = 0.0,
         gnss: float | None = None,
@@ -44,7 +44,7 @@ class Drive:
         """A step in which the wheels gain so many m/s, and the receiver's speed as many unless it is told another."""
         self.wheels += gain
         self.gnss += gain if gnss is None else gnss
-        return self.monitor.step(elapsed, reported, self.wheels, self.gnss, grade)
+        return self.monitor.step(elapsed, commanded, self.wheels, self.gnss, grade)
 
 
 ROLLING = {"rolling_resistance": 0.4 / 9.80665}  # 0.4 m/s2
@@ -53,7 +53,7 @@ WEAK = {"drive_power_limit": 40_000.0}  # 2000 N at 20 m/s, a fifth of the force
 
 
 @pytest.mark.parametrize(
-    ("car", "reported", "grade", "speed", "least"),
+    ("car", "commanded", "grade", "speed", "least"),
     [
         # Any car: half of the push, 1.35 of the brakes, 1.5 of the drag, 0.35 m/s2 of margin; 0.30 m/s are left.
         ({}, COAST, 0.0, 20.0, -0.35 - 0.30),
@@ -72,12 +72,12 @@ WEAK = {"drive_power_limit": 40_000.0}  # 2000 N at 20 m/s, a fifth of the force
     ],
 )
 def test_the_least_that_a_sound_car_gains_in_a_second(
-    car: dict[str, float], reported: Pedals, grade: float, speed: float, least: float
+    car: dict[str, float], commanded: Pedals, grade: float, speed: float, least: float
 ) -> None:
     """Speed at the second's end; a millimetre per second less is a foot."""
     for gain, foot in ((least + NEAR, False), (least - NEAR, True)):
-        drive = Drive(reported, replace(BARE, **car), speed - gain)
-        assert drive.step(gain, reported, grade=grade) is foot
+        drive = Drive(commanded, replace(BARE, **car), speed - gain)
+        assert drive.step(gain, commanded, grade=grade) is foot
 
 
 def test_what_is_missing_adds_up_and_what_is_too_much_earns_nothing() -> None:
@@ -194,7 +194,7 @@ def test_an_engine_need_not_push_once_the_throttle_is_closed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("reported", "wheels", "gnss", "foot"),
+    ("commanded", "wheels", "gnss", "foot"),
     [
         # any car: 0.35 m/s2 are allowed
         (COAST, -0.66, -0.45 + NEAR, False),
@@ -211,9 +211,9 @@ def test_an_engine_need_not_push_once_the_throttle_is_closed() -> None:
     ],
 )
 def test_the_receiver_must_see_a_tenth_of_it_where_it_is_known(
-    reported: Pedals, wheels: float, gnss: float, foot: bool
+    commanded: Pedals, wheels: float, gnss: float, foot: bool
 ) -> None:
-    assert Drive(reported).step(wheels, reported, gnss=gnss) is foot
+    assert Drive(commanded).step(wheels, commanded, gnss=gnss) is foot
 
 
 def test_what_the_receiver_sees_adds_up_too() -> None:
@@ -234,29 +234,29 @@ def test_wheels_that_fall_faster_than_any_car_brakes_count_as_that(elapsed: floa
 # Steps that tell nothing.
 
 
-@pytest.mark.parametrize("reported", [COAST, PUSH])
-def test_a_step_of_no_length_begins_the_sums_anew_and_moves_no_pedal(reported: Pedals) -> None:
-    drive = Drive(reported)
-    lost = -0.55 if reported is COAST else 0.85
-    assert drive.step(lost, reported) is False
+@pytest.mark.parametrize("commanded", [COAST, PUSH])
+def test_a_step_of_no_length_begins_the_sums_anew_and_moves_no_pedal(commanded: Pedals) -> None:
+    drive = Drive(commanded)
+    lost = -0.55 if commanded is COAST else 0.85
+    assert drive.step(lost, commanded) is False
     assert drive.step(0.0, HARD, elapsed=0.0) is False
     assert drive.step(0.0, COAST, elapsed=0.0) is False
-    assert [drive.step(lost, reported) for _ in range(2)] == [False, True]
+    assert [drive.step(lost, commanded) for _ in range(2)] == [False, True]
 
 
 def test_wheels_that_are_unknown_for_a_step_begin_the_sums_anew_and_unteach_nothing() -> None:
     """The receiver is silent too, so that the wheels decide."""
-    for reported, lost in ((COAST, -0.55), (PUSH, 0.85)):
-        drive = Drive(reported)
+    for commanded, lost in ((COAST, -0.55), (PUSH, 0.85)):
+        drive = Drive(commanded)
         drive.gnss = math.nan
-        assert drive.step(lost, reported) is False
+        assert drive.step(lost, commanded) is False
         speed, drive.wheels = drive.wheels, math.nan
-        assert drive.step(0.0, reported) is False
+        assert drive.step(0.0, commanded) is False
         drive.wheels = speed
-        assert drive.step(0.0, reported) is False
-        assert [drive.step(lost, reported) for _ in range(2)] == [False, True]
+        assert drive.step(0.0, commanded) is False
+        assert [drive.step(lost, commanded) for _ in range(2)] == [False, True]
         drive.wheels = math.nan
-        assert drive.step(0.0, reported) is False
+        assert drive.step(0.0, commanded) is False
 
 
 def test_what_was_before_a_reset_does_not_count() -> None:

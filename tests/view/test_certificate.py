@@ -35,8 +35,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
         r"^openssl req (?:.*\\\n)*.*", (Path(__file__).parents[2] / "docs" / "world.md").read_text(), re.M
     )
     assert command is not None
-    reported = command[0].replace("192.168.1.5", "127.0.0.1")
-    subprocess.run(["bash", "-c", reported], cwd=folder, check=True, capture_output=True)
+    here = command[0].replace("192.168.1.5", "127.0.0.1")
+    subprocess.run(["bash", "-c", here], cwd=folder, check=True, capture_output=True)
     return Made(folder / "view-cert.pem", folder / "view-key.pem")
 
 

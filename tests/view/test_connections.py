@@ -63,10 +63,10 @@ def test_pages_that_read_nothing_do_not_pile_up(made: Made) -> None:
 def test_who_never_begins_with_tls_does_not_keep_a_request_out(tmp_path: Path) -> None:
     if shutil.which("openssl") is None:
         pytest.skip("openssl is not installed")
-    reported = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-subj", "/CN=127.0.0.1"]
+    make = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-subj", "/CN=127.0.0.1"]
     files = [str(tmp_path / name) for name in ("cert.pem", "key.pem")]
-    reported += ["-addext", "subjectAltName=IP:127.0.0.1", "-out", files[0], "-keyout", files[1]]
-    subprocess.run(reported, check=True, capture_output=True)
+    make += ["-addext", "subjectAltName=IP:127.0.0.1", "-out", files[0], "-keyout", files[1]]
+    subprocess.run(make, check=True, capture_output=True)
     made = PageServer(page_routes(NO_FRAMES), certificate=files)
     with serving(made) as server, connected(("127.0.0.1", server.port), 3 * MAX_WAITING):
         until(lambda: 0 < held(server.port) <= MAX_WAITING)

@@ -203,7 +203,7 @@ def test_another_release_of_sumo_is_refused():
 
 def test_nothing_is_printed_while_the_street_runs(tmp_path, repository):
     program = f"from pathlib import Path; from tests.world.test_world import _drive; _drive({str(tmp_path)!r}, 1)"
-    reported = subprocess.run(
+    printed = subprocess.run(
         [sys.executable, "-c", program],
         cwd=repository,
         env={**os.environ, "PYTHONPATH": str(repository)},
@@ -211,4 +211,4 @@ def test_nothing_is_printed_while_the_street_runs(tmp_path, repository):
         text=True,
         check=True,
     )
-    assert (reported.stdout, reported.stderr) == ("", "")
+    assert (printed.stdout, printed.stderr) == ("", "")

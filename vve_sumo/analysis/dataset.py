@@ -195,6 +195,8 @@ class Sweep:
             raise ConfigError(
                 f"{self.folder}: no finished run has the key {key!r}; the column key of its rows has them"
             )
+        if self._held.plan.design == "certificate":  # keeps the record of every drive, and none can be made again
+            raise ConfigError(f"{record}: no record of {key}: its case was not driven, or its record was removed")
         raise ConfigError(
             f"{self.folder}: the record of {key} was not kept; vve-sumo sweep --rerun {self.folder} {key} makes it"
         )

@@ -129,8 +129,8 @@ def _lockstep(arguments: argparse.Namespace) -> int:
     if resolved.note:
         note(resolved.note)
     folder = arguments.out if arguments.out is not None else new_run_folder(resolved.name, working)
-    foreign = nullcontext(None) if arguments.rig is None else _brain(arguments, resolved, working)
-    with foreign as brain, progress_bar.of_drive(resolved.name, quiet=arguments.quiet) as show:
+    controller = nullcontext(None) if arguments.rig is None else _brain(arguments, resolved, working)
+    with controller as brain, progress_bar.of_drive(resolved.name, quiet=arguments.quiet) as show:
         on_tick = progress_callback(resolved.path.length, show)
         done = run(resolved, folder, working, pose=arguments.pose, brain=brain, on_tick=on_tick)
     draw_and_show(resolved, done, as_json=arguments.json)

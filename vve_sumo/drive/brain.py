@@ -20,8 +20,11 @@ from vve_sumo.values import ControlCommand, Detections, Observation, newest_scan
 from vve_sumo.wire.sample import Sample, SampleContent, sequence_of, virtual_fix
 from vve_sumo.wire.setpoints import SILENT, SetpointInbox
 
-#: note of a command in whose place no setpoint is alive; the fault beside it makes the gateway stop
+#: note of a command in whose place no setpoint is alive; the fault beside it makes the gateway stop. Records hold this
+#: note and the one below, and are compared with them: so both keep the words that they had first
 _NOTHING: Final = "no foreign setpoint"
+#: note of the command of a car that an external controller commands itself
+_COMMANDS_ITSELF: Final = "external brain"
 
 #: reason code of a brain that has let its whole time pass in lockstep
 OVERDUE: Final = "brain_overdue"
@@ -154,7 +157,7 @@ class NoController:
 
     def step(self, observation: Observation) -> ControlCommand:
         """Return the steering that the car reports, and no acceleration."""
-        return ControlCommand(_held(observation), 0.0, note="external brain")
+        return ControlCommand(_held(observation), 0.0, note=_COMMANDS_ITSELF)
 
 
 def _held(observation: Observation) -> float:

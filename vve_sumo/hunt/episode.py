@@ -80,7 +80,7 @@ class Action:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Action:
-        """Return what `to_dict` gave; raises KeyError or ConfigError for other data."""
+        """Return what `to_dict` gave; raises AttributeError, KeyError, TypeError or ValueError for other data."""
         shape, period = Shape(data.get("shape", Shape.STEP)), data.get("period_s", math.nan)
         return cls(data["kind"], data["after_s"], data["for_s"], data.get("value", math.nan), shape, period)
 
@@ -129,7 +129,7 @@ class Episode:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Episode:
-        """Return what `to_dict` gave; raises KeyError, ValueError or ConfigError for other data."""
+        """Return what `to_dict` gave; raises AttributeError, KeyError, TypeError or ValueError for other data."""
         actions = tuple(map(Action.from_dict, data["actions"]))
         return cls(EpisodePhase(data["phase"]), data["offset_s"], actions, RoadConditions(**data["road"]), data["seed"])
 

@@ -19,6 +19,11 @@ EPISODES: Final = "episodes.jsonl"
 FOUND: Final = "found"
 REPORT: Final = "report.txt"
 
+#: of a line, with the types of their values; what these hold is checked by reading it
+_KEYS: Final[dict[str, type]] = {
+    "name": str, "episode": dict, "violations": list, "margins": dict, "outcome": str, "failure": str
+}  # fmt: skip
+
 
 class HuntJournal:
     """A hunt's folder; raises ConfigError for a folder that cannot be used."""
@@ -33,8 +38,8 @@ class HuntJournal:
             hint = "take it up with --resume, or name another" if begun else "name another"
             raise ConfigError(f"--out: {folder} is not empty; {hint}")
         file = folder / EPISODES
-        entries = journal_entries(file, {"name": str, "episode": dict}, "episode")
-        self.results = {entry["name"]: EpisodeResult.from_dict(entry) for entry in entries}
+        entries = journal_entries(file, _KEYS, "episode")
+        self.results = dict(_result(file, line, entry) for line, entry in enumerate(entries, 1))
         (folder / FOUND).mkdir(parents=True, exist_ok=True)
         replace_file(folder / QUERY, (json.dumps(query | {"versions": decisive_versions()}, indent=1) + "\n").encode())
         self._journal = Journal(file, infinite=True)  # a margin is, where a reaction never came
@@ -55,3 +60,12 @@ class HuntJournal:
     def close(self) -> None:
         """Close the file."""
         self._journal.close()
+
+
+def _result(file: Path, line: int, entry: dict[str, Any]) -> tuple[str, EpisodeResult]:
+    """Return name and result of an episode by its line; raises ConfigError for a damaged one."""
+    try:
+        return entry["name"], EpisodeResult.from_dict(entry)
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        what = f"no {error}" if isinstance(error, KeyError) else " ".join(str(error).split())[:200]
+        raise ConfigError(f"{file}: line {line} is no finished episode: {what}: the file was damaged") from None

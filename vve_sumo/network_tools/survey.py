@@ -154,7 +154,7 @@ def _write(out: Path, network: Network, points: Floats, edges: tuple[str, ...]) 
     rows = [[f"{math.degrees(angle):.{DECIMALS}f}" for angle in frame.to_geodetic(x, y)] for x, y in points.tolist()]
     lines = [
         "# Path for the middle of the ego's rear axle, WGS84, in driving order, a point about every metre.",
-        f"# Recorded in the virtual road {network.path.name}: a SUMO car drove the edges below at {SPEED:.0f} m/s,",
+        f"# Recorded on the virtual road {network.path.name}: a SUMO car drove the edges below at {SPEED:.0f} m/s,",
         f"# sampled every {PERIOD} s at its front bumper, which SUMO keeps on the lane's centre line; then smoothed.",
         f"# {ATTRIBUTION}",
         f"# edges: {' '.join(edges)}",

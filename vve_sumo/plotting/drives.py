@@ -55,7 +55,8 @@ Curves = tuple[tuple[str, SeriesStyle, str], ...]
 def drive_overview(run: Run) -> Figure:
     """Draw the page of a drive from its record alone: the virtual road from above, the moment that matters, and curves.
 
-    A drive that was killed is drawn up to its last tick. A record of layout 7 holds no lanes, so its street is bare.
+    A drive that was killed is drawn up to its last tick. A record of layout 7 holds no lanes, so its
+    virtual road is bare.
     """
     with page(*SIZE, arranged=False) as figure:
         drive_page.paint(figure, page_of(run))

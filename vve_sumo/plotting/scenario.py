@@ -423,7 +423,7 @@ def _whole_way(axes: Axes, page: Page) -> None:
 
 
 def _list(figure: Figure, page: Page, special_conditions: Sequence[str]) -> None:
-    """Write what happens, numbered as in the virtual road, what makes the drive pass, and what cannot be drawn."""
+    """Write what happens, numbered as on the virtual road, what makes the drive pass, and what cannot be drawn."""
     texts = [*_texts(page, special_conditions)]
     laid = [
         [line for text, mark in texts for line in _wrapped(text, mark, column)] for _size, column, _most in SETTINGS

@@ -74,7 +74,9 @@ class SweepPlan:
     cells: int  #: number of runs; for a search, the greatest number
     parameters: dict[str, Kind]
     criteria: list[str]  #: that the scenario states or a parameter sets
-    files_sha256: dict[str, list[str]]  #: hashes of the files that the first runs read, by role
+    #: hashes by role of the files that the first runs read; of a certificate of all that decides it: rig, scenario, the
+    #: vehicle's model and the brain too
+    files_sha256: dict[str, list[str]]
     versions: dict[str, str]
     rig: str = ""  #: file of the rig whose car drives; empty: the scenario's vehicle
     #: hashes of each controller's code by its name and the file's role; none of a shipped one

@@ -1,1 +1,1 @@
-"""Virtual sensors of the twin in the virtual road."""
+"""Virtual sensors of the twin on the virtual road."""

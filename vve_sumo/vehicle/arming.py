@@ -134,7 +134,7 @@ ENDING: Final = frozenset({_STOPPING, _STOPPED, _FAULT})
 #: Reason code to plain words; every code that the gateway itself or its process gives is here.
 REASONS: Final[dict[str, str]] = {
     "another_writer": "another node on the bus sends our command frames",
-    "brake_disabled": "the brake module dropped out although it is commanded",
+    "brake_disabled": "the brake module dropped out although it is commanded to work",
     "brake_fault": "the brake module reports a fault",
     "brake_not_following": "the car brakes less than its brakes are commanded to: the driver must brake",
     "brake_report_frozen": "the brake report stays the same although the brakes are commanded otherwise",
@@ -187,7 +187,7 @@ REASONS: Final[dict[str, str]] = {
     "speed_above_limit": "the car is faster than the rig's speed limit",
     "speed_mismatch": "satellite speed and wheel speeds disagree",
     "standstill_uncertain": "the wheels and the receiver disagree on whether the car stands",
-    "steering_disabled": "the steering module dropped out although it is commanded",
+    "steering_disabled": "the steering module dropped out although it is commanded to work",
     "steering_fault": "the steering module reports a fault",
     "steering_mismatch": "the reported steering angle and the car's gyroscope disagree",
     "steering_not_following": "the steering does not follow its command",
@@ -197,7 +197,7 @@ REASONS: Final[dict[str, str]] = {
     "stop_asked": "the operator asked to stop",
     "stop_asked_by_page": "somebody asked to stop over the page in a browser",
     "stop_input": "the stop button on the bus was pressed",
-    "throttle_disabled": "the throttle module dropped out although it is commanded",
+    "throttle_disabled": "the throttle module dropped out although it is commanded to work",
     "throttle_fault": "the throttle module reports a fault",
     "throttle_report_frozen": "the throttle report stays the same although the throttle is commanded otherwise",
     "throttle_report_stale": "no throttle report for too long",
