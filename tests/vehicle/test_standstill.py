@@ -60,6 +60,20 @@ def test_a_car_that_is_not_heard_may_still_do_what_it_did(last, may_move):
     assert not weighed.subject.may_move, "until it is heard again"
 
 
+def test_wheels_that_read_zero_every_other_time_do_not_say_that_the_car_stands():
+    weighed = moving(8.0)
+    for _ in range(200):
+        weighed.step(0.0, None, braking=None)
+        assert weighed.subject.may_move
+        weighed.step(8.0, None, braking=None)
+        assert weighed.subject.may_move
+    # A car that really stands is known to after the time that the hardest braking takes.
+    begun = weighed.now
+    while weighed.subject.may_move:
+        weighed.step(0.0, None, braking=None)
+    assert weighed.now - begun == pytest.approx(8.0 / 12.0, abs=2 * STEP)
+
+
 @pytest.mark.parametrize(
     ("wheels", "gnss", "certain", "moves"),
     [

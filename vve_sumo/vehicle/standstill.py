@@ -41,7 +41,7 @@ class Standstill:
         self.at_rest = False  #: settled, or the receiver alone has said so for long
         self.contradicted = False  #: the receiver has long said rest, but the wheels do not confirm it
         self.moves = False  #: something says that the car moves
-        self.may_move = False  #: it moves, or it did when wheels or receiver were last heard
+        self.may_move = False  #: it moves, or the wheels do not make certain that it stands; unheard, as last heard
 
     def step(
         self, now: float, elapsed: float, wheels: float | None, gnss: float | None, braking: float | None
@@ -64,9 +64,11 @@ class Standstill:
             fall = MAX_BRAKING if sure else max(BRAKING_SHARE * (braking or 0.0), MIN_BRAKING)
             self._possible = max(self._possible - fall * elapsed, 0.0)
         self.moves = gnss_moves or (wheels is not None and not wheels_stand)
-        if wheels is not None or gnss is not None:
-            self.may_move = self.moves
         self.certain = wheels_stand and not gnss_moves and self._possible < WHEEL_REST
+        if wheels is not None:
+            self.may_move = not self.certain
+        elif gnss is not None:
+            self.may_move = self.moves
         # Reports that stop as the car moves off are those of a car that stood.
         self.settled = self._long.step(now, self.certain and not (braking is not None and braking < 0.0))
         self.at_rest = self._gnss_long.step(now, gnss_stands and not gnss_moves) or self.settled
