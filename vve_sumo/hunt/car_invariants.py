@@ -83,7 +83,11 @@ class InsideLot:
 
 @dataclass(slots=True)
 class StopsInBound:
-    """A car that the gateway stops, or has let go of with no driver, is at rest within a bound or raises the alarm."""
+    """A car that the gateway stops, or has let go of with no driver, is at rest within a bound or raises the alarm.
+
+    The bound counts from the begin of the stop, and anew from every push of a throttle that is stuck open, while that
+    cannot have been noticed yet.
+    """
 
     stop: StopModel  #: of the weakest layer that may act
     downhill: float  #: slope, as `Stop.distance` takes it
@@ -93,6 +97,7 @@ class StopsInBound:
     margin: float = 1.0
     _bound: float | None = None
     _driven: float = 0.0
+    _begun: float = 0.0
     _alarmed: bool = False
     _exceeded_at: float | None = None
     _commanded: bool = False
@@ -109,7 +114,10 @@ class StopsInBound:
         speed = abs(sample.pose.speed)
         if self._bound is None:
             self._bound = self._bound_of(speed, sample.pose.acceleration)
-            self._driven, self._alarmed, self._exceeded_at = 0.0, False, None
+            self._driven, self._begun, self._alarmed, self._exceeded_at = 0.0, sample.time, False, None
+        if "drive_unasked" in sample.due and sample.time <= self._begun + self.tolerances.push_time:
+            pushed = self._driven + self._bound_of(speed, sample.pose.acceleration)
+            self._bound = max(self._bound, pushed)
         self._driven += speed * PERIOD
         self._alarmed |= alarmed(sample)
         if speed < REST:
