@@ -26,10 +26,12 @@ from vve_sumo.certify.report import reproduce_command
 from vve_sumo.certify.results import BrainUnderTest, CaseResult, CaseVerdict, Certificate
 from vve_sumo.certify.run import CertificateDesign, CertifyQuery, certify
 from vve_sumo.cli.parser import setting
-from vve_sumo.errors import ConfigError
+from vve_sumo.errors import ConfigError, RigError, SimulationError, VveError
 from vve_sumo.pose.sources import open_udp
 from vve_sumo.record.sweep_folder import SweepPlan
 from vve_sumo.sweep.dataset import Dataset
+from vve_sumo.sweep.engine import Local
+from vve_sumo.sweep.job import RunResult
 from vve_sumo.wire.datagrams import SetpointDatagram, encode_setpoint
 from vve_sumo.wire.signature import signed
 
@@ -104,6 +106,60 @@ def test_a_brain_that_cannot_be_started_leaves_nothing_behind(there: bool, tmp_p
         certify(query, tmp_path, lambda _case: None, lambda _tally: None)
     assert out.exists() is there
     assert not there or not any(out.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("error", "kind", "line"),
+    [
+        ("config: --brain: no", ConfigError, "--brain: no"),
+        ("rig: port 1", RigError, "port 1; 0 of {n} runs are finished"),
+        ("broken: it", SimulationError, "case nominal: broken: it; 0 of {n} runs"),
+    ],
+)
+def test_a_drive_that_broke_ends_the_certificate(
+    error: str, kind: type[VveError], line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Wrong input leaves nothing behind; what broke later can be continued."""
+    query = CertifyQuery(FOREIGN, "parked_car", None, select_cases(["radar_gap"]), (1,), tmp_path / "out", {})
+    monkeypatch.setattr(
+        Local, "run", lambda _engine, jobs, done: done(job := next(jobs), RunResult(job.key, error=error))
+    )
+    with pytest.raises(kind, match=line.format(n=2)):
+        certify(query, tmp_path, lambda _case: None, lambda _tally: None)
+    assert query.out.exists() is (kind is not ConfigError)
+
+
+@pytest.mark.parametrize("brain", [None, "./brain"])
+def test_a_brain_that_no_drive_can_start_is_exit_code_2_and_leaves_nothing(brain: str | None, tmp_path: Path) -> None:
+    """It is no program although it is executable, or nobody is there to start it."""
+    (tmp_path / "brain").write_text("neither a script nor a program\n", encoding="utf-8")
+    (tmp_path / "brain").chmod(0o755)
+    text = Path(FOREIGN).read_text(encoding="utf-8")
+    for port, free in zip(("5001", "5002", "5003"), free_ports(3), strict=True):
+        text = text.replace(port, str(free))
+    (tmp_path / "foreign.toml").write_text(text, encoding="utf-8")
+    command = ["certify", "--rig", "foreign.toml", "--out", "out", *(["--brain", brain] if brain else [])]
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "vve_sumo.cli", *command],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        check=False,
+        text=True,
+        timeout=120.0,
+    )
+    assert (done.returncode, len(done.stderr.splitlines()[-1:])) == (2, 1), done.stderr
+    assert "--brain" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_certificate_that_never_began_is_not_continued(tmp_path: Path) -> None:
+    query = CertifyQuery(FOREIGN, "parked_car", None, select_cases([]), (1,), tmp_path / "out", {}, resume=True)
+    with pytest.raises(ConfigError, match="expected the folder of a begun certificate"):
+        certify(query, tmp_path, lambda _case: None, lambda _tally: None)
+    assert not query.out.exists()
 
 
 def test_drives_of_another_car_or_another_road_are_in_no_one_certificate(tmp_path: Path) -> None:
@@ -210,7 +266,7 @@ def _certificate(**other: object) -> Certificate:
 
 
 def test_the_command_that_drives_it_again_has_the_same_rig_cases_and_values() -> None:
-    asked = "vve-sumo certify parked_car --rig mine/foreign.toml --runs 2"
+    asked = "vve-sumo certify parked_car --rig mine/foreign.toml --seeds 2"
     assert reproduce_command(_certificate()) == f"{asked} --brain './brain --fast'"
     select_cases = reproduce_command(_certificate(cases=("nominal", "radar_gap"), brain=BrainUnderTest("", {})))
     assert select_cases == f"{asked} --cases nominal,radar_gap"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,15 +14,23 @@ from typing import Any
 import pytest
 
 from tests.conftest import REPOSITORY
+from tests.drive.street import drive_once
 from tests.exhaustive import with_slow
+from tests.isolated import isolated
 from tests.live.patience import until
 from tests.live.stage import free_ports
 from vve_sumo.analysis import load
+from vve_sumo.certify import run
+from vve_sumo.certify.cases import select_cases
+from vve_sumo.certify.limits import CertificateLimits
+from vve_sumo.certify.run import CertifyQuery
 from vve_sumo.errors import ConfigError
+from vve_sumo.record.sweep_folder import SweepPlan
 from vve_sumo.report.write import report_of
 
 #: a street with a bend, so that every case can be tested, and short
 STREET = REPOSITORY / "examples" / "brains" / "street"
+SCENARIO = str(STREET / "certificate.toml")
 #: program of a brain and its first words, a case that it must pass, the cases that show its bug, a part of its name
 BUGS = [
     ("acts_on_invalid", "", ("radar_invalid",), "acts on radar marked invalid"),
@@ -31,6 +41,13 @@ BUGS = [
 
 def certified(brain: str, folder: Path, cases: str, *more: str) -> tuple[int, dict[str, Any]]:
     """Certify a shipped brain on two workers; return the exit code and the certificate."""
+    done = certify(brain, folder, cases, *more)
+    assert done.returncode in (0, 1), done.stderr
+    return done.returncode, json.loads((folder / "out" / "certificate.json").read_text(encoding="utf-8"))
+
+
+def certify(brain: str, folder: Path, cases: str, *more: str) -> subprocess.CompletedProcess[str]:
+    """Run the certificate of a shipped brain on two workers."""
     gnss, radar, setpoints = free_ports(3)
     rig = folder / "foreign.toml"
     text = (
@@ -46,16 +63,14 @@ def certified(brain: str, folder: Path, cases: str, *more: str) -> tuple[int, di
     out = folder / "out"
     options = ["--rig", str(rig), "--brain", words, "--out", str(out), "--workers", "2", *more]
     options += ["--cases", cases] if cases else []
-    done = subprocess.run(
-        [sys.executable, "-m", "vve_sumo.cli", "certify", str(STREET / "certificate.toml"), *options],
+    return subprocess.run(
+        [sys.executable, "-m", "vve_sumo.cli", "certify", SCENARIO, *options],
         cwd=REPOSITORY,
         check=False,
         capture_output=True,
         text=True,
         timeout=7200.0,
     )
-    assert done.returncode in (0, 1), done.stderr
-    return done.returncode, json.loads((out / "certificate.json").read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize(("brain", "passes", "fails", "defect"), with_slow(BUGS, lambda bug: bug is BUGS[0]))
@@ -82,6 +97,51 @@ def test_a_planted_bug_is_caught_and_named(
     assert load(tmp_path / "out").rows().set_index("case").loc["nominal", "why"].endswith("required 1 to 1.1 m")
     with pytest.raises(ConfigError, match=r"report\.html is the certificate"):
         report_of(tmp_path / "out")
+    _the_nominal_case_alone_is_continued_with_further_limits(tmp_path, brain)
+    _another_record_is_refused(tmp_path, brain, fails[0])
+
+
+def _the_nominal_case_alone_is_continued_with_further_limits(folder: Path, brain: str) -> None:
+    """Every finished case is judged by the limits that the plan states, also one that was not asked for again."""
+    before = load(folder / "out").rows().set_index("case")
+    _, nominal = certified(f"planted_bug.py {brain}", folder, "nominal", "--resume", "--limit", "max_deviation_m=0.001")
+    assert [result["case"] for result in nominal["results"]] == ["nominal"]
+    plan = SweepPlan.of(folder / "out")
+    assert (plan.spec["cases"], plan.spec["limits"]["max_deviation_m"]) == (before.index.tolist(), 0.001)
+    rows = load(folder / "out").rows().set_index("case")
+    assert rows.index.tolist() == before.index.tolist()
+    assert all("0.001 m" in why for why in rows["why"])
+    assert not any("0.001 m" in why for why in before["why"])
+
+
+def _another_record_is_refused(folder: Path, brain: str, case: str) -> None:
+    out = folder / "out"
+    nominal, other = (out / "records" / f"{name}_seed_1" for name in ("nominal", case))
+    kept = {file: file.read_bytes() for file in sorted(out.rglob("*")) if file.is_file()}
+
+    command = SweepPlan.of(out).spec["brain"]
+    limits = CertificateLimits(max_left_m=9.0)
+    query = CertifyQuery(
+        str(folder / "foreign.toml"), SCENARIO, command, select_cases([case]), (1,), out, {}, limits, resume=True
+    )
+
+    def refused(line: str) -> None:
+        with pytest.raises(ConfigError, match=re.escape(line)):
+            run.certify(query, REPOSITORY, lambda _case: None, lambda _tally: None)
+        assert (out / "sweep.json").read_bytes() == kept[out / "sweep.json"]
+
+    nominal.rename(folder / "nominal")
+    isolated(drive_once, {"duration_s": 1.0}, str(nominal))
+    refused(f"{nominal}: not as the certificate's drive left it: it is the record of another drive")
+    shutil.rmtree(nominal)
+    (folder / "nominal").rename(nominal)
+    (other / "setpoints.csv").write_bytes(kept[other / "setpoints.csv"].replace(b"-0.0", b"-0.1", 1))
+    refused(f"{other}: not as the certificate's drive left it: setpoints.csv")
+    (other / "setpoints.csv").write_bytes(kept[other / "setpoints.csv"])
+    (other / "summary.json").write_bytes(kept[other / "summary.json"].replace(b"0", b"1", 1))
+    refused(f"{other}: not as the certificate's drive left it: summary.json")
+    shutil.rmtree(other)
+    refused(f"{other}: not as the certificate's drive left it: its record is gone or was cut off")
 
 
 @pytest.mark.slow

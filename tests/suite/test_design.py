@@ -28,6 +28,7 @@ from vve_sumo.suite.judge import STORED, columns_of, outcome_of
 from vve_sumo.suite.query import with_controller
 from vve_sumo.suite.row import RowOutcome, RowVerdict, SuiteRow
 from vve_sumo.sweep.dataset import Dataset
+from vve_sumo.sweep.fill import _tally
 from vve_sumo.sweep.job import RunResult
 from vve_sumo.sweep.run_specs import RunSpec
 from vve_sumo.view.library import Library
@@ -83,6 +84,30 @@ def test_what_was_written_is_read_again_but_for_a_torn_line(tmp_path_factory, de
     assert len(rows) == len(outcomes)
     for outcome in outcomes:
         assert outcome_of(outcome.row, rows[key(outcome.row.id, outcome.seed)], folder / "none") == outcome
+
+
+@pytest.mark.parametrize(
+    ("verdict", "passed"),
+    [
+        (RowVerdict.PASSED, True),
+        (RowVerdict.FAILED, False),
+        (RowVerdict.INVALID, False),
+        (RowVerdict.UNAVOIDABLE, None),
+    ],
+)
+def test_a_drive_that_no_brakes_could_pass_counts_neither_as_passed_nor_as_failed(verdict, passed):
+    assert columns_of(RowOutcome(DRIVEN[0], 1, verdict))["passed"] is passed
+
+
+def test_a_drive_with_an_error_is_counted_once(design: SuiteDesign, tmp_path: Path) -> None:
+    run = next(run for run in design._every())
+    judged = design.judged(run, design.job(run, tmp_path / "record"), RunResult(run.key, error="crashed: SIGSEGV"))
+    assert (judged.figures["passed"], judged.figures["verdict"]) == (None, RowVerdict.FAILED.value)
+    dataset = Dataset(tmp_path / "suite", design.plan, resume=False)
+    dataset.add(run, judged)
+    tally = _tally(design, dataset)
+    dataset.close()
+    assert (tally.finished, tally.failed, tally.errors) == (1, 0, 1)
 
 
 def test_more_seeds_are_driven_beside_those_that_there_are(design: SuiteDesign, tmp_path: Path) -> None:

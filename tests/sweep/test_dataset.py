@@ -8,18 +8,20 @@ import resource
 import signal
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pyarrow.dataset
+import pyarrow.parquet as pq
 import pytest
 
 from tests.isolated import isolated
 from tests.sweep.reading import load_rows
 from vve_sumo.errors import ConfigError, SimulationError
-from vve_sumo.record.sweep_folder import MACHINE, SweepPlan
+from vve_sumo.record import sweep_folder
+from vve_sumo.record.sweep_folder import MACHINE, Held, Row, SweepPlan
 from vve_sumo.sweep.dataset import Dataset, refuse_mixed
 from vve_sumo.sweep.job import RunResult
 from vve_sumo.sweep.run_specs import RunSpec
@@ -155,11 +157,11 @@ GROWN = replace(SUITE, spec={"suite": "s", "seeds": COUNT + 1}, cells=COUNT + 1)
 
 def _changed(folder: Path, finished: Callable[[int], None]) -> None:
     """Add the run of another seed, and judge one in a sealed part anew."""
-    dataset = Dataset(folder, GROWN, resume=True, rows_per_part=PER_PART)
+    anew = [{"number": 1, "passed": True, "outcome": "judged anew"}]
+    dataset = Dataset(folder, GROWN, resume=True, hold=lambda _rows: anew, rows_per_part=PER_PART)
     if not dataset.holds(COUNT):
         dataset.add(cell(COUNT), result(COUNT))
         finished(COUNT)
-    dataset.revise([{"number": 1, "passed": True, "outcome": "judged anew"}])
     dataset.close()
 
 
@@ -381,3 +383,69 @@ def test_a_full_disk_is_one_line_and_the_sweep_goes_on_later(tmp_path: Path) -> 
     fill(tmp_path / "a").close()
     fill(tmp_path / "whole").close()
     assert content(tmp_path / "a") == content(tmp_path / "whole")
+
+
+def test_a_deleted_part_that_a_crash_of_the_machine_brings_back_hides_no_newer_row(tmp_path: Path) -> None:
+    """As where the journal was on the disk before the deletion of the part."""
+    dataset = Dataset(tmp_path, SUITE, resume=False, rows_per_part=4)
+    for number in range(COUNT):
+        dataset.add(cell(number), result(number))
+    dataset.close()
+    last = [tmp_path / place / f"part-{COUNT // 4:05d}.parquet" for place in ("rows", "machine")]
+    deleted = [part.read_bytes() for part in last]
+    bigger = replace(SUITE, spec={"suite": "s", "seeds": COUNT + 2}, cells=COUNT + 2)
+    anew = [{"number": COUNT - 1, "passed": True, "outcome": "judged anew"}]
+    dataset = Dataset(tmp_path, bigger, resume=True, hold=lambda _rows: anew, rows_per_part=4)
+    dataset.add(cell(COUNT), result(COUNT))
+    dataset.close()
+    assert not any(part.exists() for part in last)
+    for part, data in zip(last, deleted, strict=True):
+        part.write_bytes(data)
+
+    seen: list[str] = []
+
+    def look(rows: Iterator[Row]) -> list[Row]:
+        seen.extend(row["outcome"] for row in rows)
+        return []
+
+    dataset = Dataset(tmp_path, bigger, resume=True, hold=look, rows_per_part=4)
+    assert (dataset.finished, seen[COUNT - 1]) == (COUNT + 1, "judged anew")
+    dataset.close()
+    rows = load_rows(tmp_path)
+    assert rows["number"].tolist() == list(range(COUNT + 1))
+    assert rows["outcome"][COUNT - 1] == "judged anew"
+
+
+def test_what_a_design_refuses_of_finished_runs_leaves_the_folder_as_it_was(tmp_path: Path) -> None:
+    dataset = Dataset(tmp_path, SUITE, resume=False, rows_per_part=PER_PART)
+    dataset.add(cell(0), result(0))
+    dataset.close()
+    before = content(tmp_path)
+
+    def refuse(rows: Iterator[Row]) -> list[Row]:
+        raise ConfigError(f"{len(list(rows))} row")
+
+    with pytest.raises(ConfigError, match=r"^1 row$"):
+        Dataset(tmp_path, GROWN, resume=True, hold=refuse, rows_per_part=PER_PART)
+    assert content(tmp_path) == before
+    begun_again = Dataset(tmp_path, SUITE, resume=True, rows_per_part=PER_PART)  # the folder is not locked
+    begun_again.close()
+
+
+def test_a_reader_that_comes_while_rows_move_back_into_the_journal_misses_none(tmp_path: Path) -> None:
+    fill(tmp_path).close()
+    held = sweep_folder.journal
+
+    def moved(folder: Path) -> list[Row]:
+        """Return the journal of before; then, once, the first part's rows go into it and the part is deleted."""
+        noted = held(folder)
+        part = folder / "rows" / "part-00000.parquet"
+        if part.exists():
+            rows = [row | {"wall_s": 0.0} for row in pq.read_table(part).to_pylist()]
+            (folder / "journal.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
+            part.unlink()
+        return noted
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sweep_folder, "journal", moved)
+        assert Held.of(tmp_path).finished == COUNT

@@ -23,6 +23,7 @@ from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.run import Drive
 from vve_sumo.live.brain_link import key_of
 from vve_sumo.live.external_lockstep import external_controller_over, open_wires
+from vve_sumo.record.hashes import hash_file
 from vve_sumo.rig.load import load as load_rig
 from vve_sumo.rig.schema import Rig
 from vve_sumo.sweep.job import Job, MetricValue
@@ -75,7 +76,7 @@ def drive_case(
     kept.write(done.folder, link.answers)
     refused = "; ".join(f"{code}: {times}" for code, times in sorted(brain.refused.items()))
     taken = {"setpoints_taken": brain.taken, "setpoints_refused": refused, "unheard": " ".join(unheard)}
-    return done, {"fault_begins_s": said["begins"], **taken}
+    return done, {"fault_begins_s": said["begins"], **taken, "setpoints_sha256": hash_file(done.folder / kept.ANSWERS)}
 
 
 @contextmanager

@@ -14,6 +14,9 @@ import numpy as np
 from vve_sumo.analysis.run import Run
 from vve_sumo.certify.link import Answer
 from vve_sumo.certify.results import CaseDrive
+from vve_sumo.errors import ConfigError
+from vve_sumo.record.alterations import parts_altered_by_hash
+from vve_sumo.record.hashes import hash_file
 
 #: in a drive's record: every setpoint on the wire
 ANSWERS: Final = "setpoints.csv"
@@ -25,6 +28,20 @@ def write(folder: Path, answers: Sequence[Answer]) -> None:
         writer = csv.writer(out)
         writer.writerow(("time_s", "answers", "newest", "steering_rad", "acceleration_mps2"))
         writer.writerows((f"{a.time:.3f}", a.answers, a.newest, a.steering, a.acceleration) for a in answers)
+
+
+def require_unaltered(folder: Path, row: Mapping[str, Any]) -> None:
+    """Raise ConfigError unless a folder holds the record and the setpoints of the drive that a row is of."""
+    altered = parts_altered_by_hash(folder)
+    if altered is None:
+        altered = ["its record is gone or was cut off"]
+    elif not altered and (Run(folder).summary or {}).get("record_sha256") != row["record_sha256"]:
+        altered = ["it is the record of another drive"]
+    answers = folder / ANSWERS
+    if not altered and (not answers.is_file() or hash_file(answers) != row["setpoints_sha256"]):
+        altered = [ANSWERS]
+    if altered:
+        raise ConfigError(f"{folder}: not as the certificate's drive left it: {altered[0]}; choose another --out")
 
 
 def drive_of(folder: Path, refused: str = "", taken: int = 1) -> CaseDrive:

@@ -300,7 +300,7 @@ def reproduce_command(certificate: Certificate) -> str:
         certificate.scenario,
         "--rig",
         certificate.rig_argument,
-        "--runs",
+        "--seeds",
         str(max(certificate.seeds)),
     ]
     if certificate.cases != NAMES:

@@ -60,6 +60,7 @@ COLUMNS: Final = rows(
     _column("extra_braking_mps2", "extra braking", "during the fault, beyond the nominal drive's at the same time"),
     _column("setpoints_taken", "accepted setpoints", "setpoints of the brain that were accepted", kind="int"),
     _column("setpoints_refused", "rejected setpoints", "number of rejected setpoints by reason code", kind="str"),
+    _column("setpoints_sha256", "hash of the setpoints", "SHA-256 of setpoints.csv in the drive's record", kind="str"),
     _column("unheard", "unheard wires", "kinds of wires on whose port the brain did not listen", kind="str"),
 )
 
@@ -125,7 +126,7 @@ class CertificateDesign(Design):
                 "scenario": query.scenario,
                 "values": json.loads(json.dumps(dict(query.values))),
                 "brain": self.brain.command,
-                "cases": [case.name for case in query.cases],
+                "cases": [case.name for case in CASES if case in query.cases or case.name in self._cases_there()],
                 "limits": query.limits.to_dict(),
                 "seeds": len(query.seeds),
             },
@@ -149,15 +150,52 @@ class CertificateDesign(Design):
         vehicle = self._resolved.vehicle
         return Rules(self.query.limits, self._resolved.scenario.ego.speed_mps, vehicle.steering_limit)
 
-    def includes(self, row: Row) -> bool:
-        return row["seed"] in self.query.seeds and CASE_BY_NAME[row[CASE]] in self.query.cases
+    def _cases_there(self) -> Sequence[str]:
+        """Return the cases of the certificate that is continued."""
+        continued = self.query.resume and (self.query.out / "sweep.json").is_file()
+        plan = SweepPlan.of(self.query.out) if continued else None
+        return plan.spec["cases"] if plan is not None and plan.design == "certificate" else ()
+
+    def hold(self, rows: Iterator[Row]) -> list[Row]:
+        """Judge every finished drive under the present limits; return the rows of which that changes something.
+
+        Raises ConfigError where a record is not that of the drive, or a case's fault would begin at another time.
+        """
+        self._rows = {(row[CASE], row["seed"]): row for row in rows}
+        for name, seed in sorted(self._rows, key=lambda place: (place[1], NAMES.index(place[0]))):
+            self._hold(CASE_BY_NAME[name], seed, self._rows[name, seed])
+        judged = {place: columns_of(result) for place, result in self.results.items()}
+        return [
+            {"number": self._rows[place]["number"], **columns}
+            for place, columns in judged.items()
+            if any(self._rows[place][name] != value for name, value in columns.items())
+        ]
+
+    def _hold(self, case: Case, seed: int, row: Row) -> None:
+        """Judge a case that the dataset holds."""
+        record, window = self._record(case.name, seed), None
+        driven = row["setpoints_sha256"] is not None
+        if driven:
+            kept.require_unaltered(record, row)
+        if case.name != NOMINAL:
+            if seed not in self._nominal:
+                raise ConfigError(f"{self._folder}: holds {case.name} with seed {seed} without its {NOMINAL} case")
+            undriven, window = self._timing(case, seed, self._listened(seed))
+            begins = None if window is None else window.begins
+            if driven != (undriven is None) or begins != row["fault_begins_s"]:
+                raise ConfigError(
+                    f"{record}: its fault began at {row['fault_begins_s']} s, expected {begins} s; choose another --out"
+                )
+            if undriven is not None:
+                self.results[case.name, seed] = undriven
+                return
+        self._judge(case.name, seed, window, row)
 
     def runs(self, dataset: Dataset) -> Iterator[RunSpec | Settled | None]:
-        """Yield the cases that the dataset does not hold; those that it holds are judged anew."""
-        self._rows = {(row[CASE], row["seed"]): row for row in dataset.rows()}
-        held, waiting = dict(self._rows), list(self.query.seeds)
+        """Yield the cases that the dataset does not hold."""
+        waiting = list(self.query.seeds)
         for seed in waiting:
-            if (NOMINAL, seed) not in held:
+            if (NOMINAL, seed) not in self._rows:
                 yield from self._offered(NOMINAL, seed, None)
         while waiting:
             timed = [seed for seed in waiting if (NOMINAL, seed) in self._rows]
@@ -166,27 +204,25 @@ class CertificateDesign(Design):
             for seed in timed:
                 waiting.remove(seed)
                 yield from self._timed(seed)
-        dataset.revise(self._judged_anew(held))
 
     def _timed(self, seed: int) -> Iterator[RunSpec | Settled | None]:
         """Yield the cases of a seed whose nominal drive is over."""
-        if seed not in self._nominal:
-            self._judge(NOMINAL, seed, None, self._rows[NOMINAL, seed])
         if not self._nominal[seed].answers:
             return
-        unheard = (self._rows[NOMINAL, seed]["unheard"] or "").split()
-        listened = [kind for kind in self.kinds if kind not in unheard]
         for case in self.query.cases[1:]:
-            undriven, window = self._timing(case, seed, listened)
-            row = self._rows.get((case.name, seed))
+            if (case.name, seed) in self._rows:
+                continue
+            undriven, window = self._timing(case, seed, self._listened(seed))
             if undriven is not None:
                 self.results[case.name, seed] = undriven
-                if row is None:
-                    yield Settled(run_of(case.name, seed), RunResult(key(case.name, seed), columns_of(undriven)))
-            elif row is not None:
-                self._judge(case.name, seed, window, row)
+                yield Settled(run_of(case.name, seed), RunResult(key(case.name, seed), columns_of(undriven)))
             else:
                 yield from self._offered(case.name, seed, window)
+
+    def _listened(self, seed: int) -> list[str]:
+        """Return the wires that the brain received in the nominal drive of a seed."""
+        unheard = (self._rows[NOMINAL, seed]["unheard"] or "").split()
+        return [kind for kind in self.kinds if kind not in unheard]
 
     def _timing(self, case: Case, seed: int, listened: Sequence[str]) -> tuple[CaseResult | None, Window | None]:
         """Return the result of a case that is not driven, or the window of its fault."""
@@ -263,13 +299,6 @@ class CertificateDesign(Design):
         )
         return columns_of(result)
 
-    def _judged_anew(self, held: Mapping[tuple[str, int], Row]) -> Iterator[Row]:
-        """Yield the rows of before that other limits judge otherwise."""
-        for place, row in held.items():
-            fresh = columns_of(self.results[place]) if place in self.results else {}
-            if any(row[name] != value for name, value in fresh.items()):
-                yield {"number": row["number"], **fresh}
-
     def _record(self, case: str, seed: int) -> Path:
         return self._folder / "records" / key(case, seed)
 
@@ -309,8 +338,8 @@ def certify(query: CertifyQuery, working: Path, ready: Ready, progress: Progress
     again = f"the same command with --out {query.out} --resume"
     engine = Local(len(design.places))
     drive_into(query.out, design, engine, "all", resume=query.resume, resume_command=again, progress=progress)
-    places = ((case.name, seed) for seed in query.seeds for case in query.cases)
-    results = tuple(design.results[place] for place in places if place in design.results)
+    asked = ((case.name, seed) for seed in query.seeds for case in query.cases)
+    results = tuple(design.results[one] for one in asked if one in design.results)
     return Certificate(
         rig=design.rig_file.name.removesuffix(".toml"),
         rig_argument=query.rig,

@@ -17,7 +17,7 @@ EXIT_CODES = """exit codes:
   0  every case passed
   1  the brain failed a case, or a case could not be tested
   2  wrong use or configuration; nothing was written
-  3  the brain does not start, or a port is taken
+  3  the brain does not listen, or a port is taken
   4  the simulation broke
   130  interrupted from the keyboard; finished drives are kept, --resume continues
 """
@@ -40,7 +40,7 @@ examples:
   vve-sumo certify --list                    the cases: what is injected, what is required, and why
   vve-sumo certify --rig rigs/foreign.toml \\
       --brain 'python examples/brains/stop_for_parked.py routes/linden_17th.csv'
-  vve-sumo certify --rig ours --brain ./brain --cases radar_ageing,radar_invalid --runs 20 --out cert
+  vve-sumo certify --rig ours --brain ./brain --cases radar_ageing,radar_invalid --seeds 20 --out cert
   vve-sumo certify --rig ours --out cert --resume --workers 4 --limit max_deviation_m=0.3 \\
       --brain './brain {ncom} {radar} {setpoints}'
 """
@@ -67,12 +67,13 @@ def arguments(parser: Parser) -> None:
         help="brains tested in parallel (default: one a processor if their ports can differ)",
     )
     parser.add_argument("--resume", action="store_true", help="continue the certificate in --out")
-    parser.add_argument("--runs", type=int, default=1, metavar="N", help="seeds 1 to N of each case (default: 1)")
+    parser.add_argument("--seeds", type=int, default=1, metavar="N", help="drives of each case, by seed (default: 1)")
     parser.add_argument(
         "--set", type=setting, action="append", default=[], metavar="KEY=VALUE", dest="values",
         help="override a value of the scenario: a dotted key, or a parameter that it declares",
     )  # fmt: skip
     parser.add_argument("--list", action="store_true", dest="listed", help="list the cases and drive nothing")
+    parser.add_argument("--quiet", action="store_true", help="no progress, only the verdicts at the end")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -88,8 +89,8 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     if arguments.rig is None:
         raise ConfigError("--rig: expected the rig that names the brain's wires; see `vve-sumo certify --help`")
-    if arguments.runs < 1:
-        raise ConfigError(f"--runs: expected 1 or more, got {arguments.runs}")
+    if arguments.seeds < 1:
+        raise ConfigError(f"--seeds: expected 1 or more, got {arguments.seeds}")
     if arguments.resume and arguments.out is None:
         raise ConfigError("--resume: expected --out, the folder to continue")
     from vve_sumo.certify.limits import limits_of
@@ -103,7 +104,7 @@ def run(arguments: argparse.Namespace) -> int:
         scenario=arguments.scenario,
         command=arguments.brain,
         cases=cases,
-        seeds=tuple(range(1, arguments.runs + 1)),
+        seeds=tuple(range(1, arguments.seeds + 1)),
         out=out,
         values=values_of(arguments.values),
         limits=limits_of(dict(arguments.limits)),
@@ -113,7 +114,7 @@ def run(arguments: argparse.Namespace) -> int:
     from vve_sumo.certify import report
     from vve_sumo.certify.run import certify
 
-    with progress_bar.of_runs(quiet=False) as shown:
+    with progress_bar.of_runs(quiet=arguments.quiet) as shown:
         certificate = certify(query, working, _wait_for_manual_start, shown)
     page = report.write(certificate, out)
     _show(certificate)

@@ -35,6 +35,7 @@ FORMER_OPTIONS = {
     "--cut": "--write-shortened-path",
     "--leave": "--keep-values",
     "--keep": "--keep-records",
+    "--runs": "--seeds",
 }
 FORMER_COMMANDS = {"cliff": "study latency", "design": "steering-margin"}
 

@@ -83,11 +83,7 @@ class InsideLot:
 
 @dataclass(slots=True)
 class StopsInBound:
-    """A car that the gateway stops, or has let go of with no driver, is at rest within a bound or raises the alarm.
-
-    The bound counts from the begin of the stop, and anew from every push of a throttle that is stuck open, while that
-    cannot have been noticed yet.
-    """
+    """A car that the gateway stops, or has let go of with no driver, is at rest within a bound or raises the alarm."""
 
     stop: StopModel  #: of the weakest layer that may act
     downhill: float  #: slope, as `Stop.distance` takes it

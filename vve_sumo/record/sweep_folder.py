@@ -258,9 +258,12 @@ class Held:
     def of(cls, folder: Path) -> Self:
         """Read a folder; raises ConfigError where it holds no sweep, or one that cannot be read."""
         plan = SweepPlan.of(folder)
-        # The journal is read first, because runs move from it into parts, never back: so no run is missed.
-        noted = journal(folder)
-        there = parts(folder, plan.columns())
+        # Runs move between the journal and parts: what was read while they moved may lack some of them.
+        while True:
+            before = _part_names(folder)
+            noted, there = journal(folder), parts(folder, plan.columns())
+            if _part_names(folder) == before:
+                break
         rest = {row["number"]: row for row in noted if not _sealed(there, row["number"])}
         held = cls(folder, plan, there, [rest[number] for number in sorted(rest)])
         held._noted(plan.columns(), held.rest)
@@ -310,6 +313,10 @@ class Held:
             return table_of(rows, kinds)
         except (pa.ArrowException, TypeError) as error:
             raise unreadable(self.folder / "journal.jsonl", error) from None
+
+
+def _part_names(folder: Path) -> list[str]:
+    return sorted(file.name for file in (folder / "rows").glob("part-*.parquet"))
 
 
 def _sealed(there: Sequence[SweepPart], number: int) -> bool:

@@ -52,7 +52,8 @@ class SuiteDesign(Design):
     def judged(self, run: RunSpec, job: Job, result: RunResult) -> RunResult:
         assert job.keep is not None
         outcome = judge(self._rows[str(run.values[ROW])], run.seed, result, job.keep)
-        return replace(result, figures=result.figures | columns_of(outcome))
+        columns = columns_of(outcome) | ({"passed": None} if result.error else {})
+        return replace(result, figures=result.figures | columns)
 
     def outcomes(self, folder: Path) -> list[JudgedRow]:
         """Return the judged rows of the suite in a folder, in the suite's order."""
@@ -134,7 +135,11 @@ def _with_hashes(plan: SweepPlan) -> SweepPlan:
     hashes = ReadFiles()
     runs = [RunSpec(number, row, {ROW: row}, 1) for number, row in enumerate(plan.tests)]
     jobs = [job_of(plan, None, run, None) for run in runs]
-    for job, one in zip(jobs, preview(jobs), strict=False):  # fewer where a controller ended the process
+    previews = preview(jobs)
+    if len(previews) < len(jobs):
+        tried = parse(jobs[len(previews)].table, jobs[len(previews)].file).controller.name
+        raise ConfigError(f"controller {tried!r}: it ended the process in which it was made")
+    for job, one in zip(jobs, previews, strict=True):
         if one.complaint:
             raise ConfigError(one.complaint)
         hashes.add(parse(job.table, job.file).controller.name, one.files_sha256)

@@ -41,9 +41,12 @@ STORED: Final = tuple(field.name for field in fields(RowOutcome))[4:]
 
 
 def columns_of(outcome: RowOutcome) -> dict[str, MetricValue]:
-    """Return what a drive's row of the dataset holds of its outcome; a suite's row passes by its verdict."""
+    """Return what a drive's row of the dataset holds of its outcome; a suite's row passes by its verdict.
+
+    A drive that no brakes could pass counts neither as passed nor as failed.
+    """
     stored = {name: finite(getattr(outcome, name)) for name in STORED}
-    passed = outcome.verdict is RowVerdict.PASSED
+    passed = None if outcome.verdict is RowVerdict.UNAVOIDABLE else outcome.verdict is RowVerdict.PASSED
     return {"passed": passed, "failed": outcome.why, "verdict": outcome.verdict.value, **stored}
 
 

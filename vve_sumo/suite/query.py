@@ -14,12 +14,11 @@ from typing import NamedTuple
 from vve_sumo import workspace
 from vve_sumo.drive.resolved_scenario import load_vehicle_model, with_effective_deceleration
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.sweep_folder import earlier_layout
 from vve_sumo.scenario.schema import DEFAULT_VEHICLE
 from vve_sumo.suite import catalogue
 from vve_sumo.suite.design import design_of
 from vve_sumo.suite.row import JudgedRow, RowVerdict, SuiteRow
-from vve_sumo.sweep.fill import Progress, drive_into, engine_of
+from vve_sumo.sweep.fill import Progress, drive_into, engine_of, require_begun
 from vve_sumo.sweep.plan import rig_that_drives
 from vve_sumo.sweep.spec import Keep
 from vve_sumo.vehicle.model import VehicleModel
@@ -99,9 +98,8 @@ def _check(query: SuiteQuery) -> None:
     ):
         if requested and query.out is None:
             raise ConfigError(f"{option}: expected --out DIR as well, the folder of {description}")
-    if query.resume and query.out is not None and not (query.out / "sweep.json").is_file():
-        found = earlier_layout(query.out) or "has no sweep.json"
-        raise ConfigError(f"--resume: {query.out}: {found}; expected the folder of a begun suite")
+    if query.resume and query.out is not None:
+        require_begun(query.out, "suite")
 
 
 def drive(

@@ -11,10 +11,11 @@
 
 A finished run is at every instant in the journal or in a part. A part is written beside its place, synced, and renamed
 into it, first the machine's, then the rows'; only then the journal is written anew without its lines, the same way. A
-kill before the second rename leaves the journal whole, and the part is written again, with the same bytes; a kill after
-it leaves lines that are in the part as well, which are dropped when the sweep continues. A line cut by a kill has no
-end; it is cut off, and that run, which never counted, is run again. A part never changes; where runs are added to its
-numbers, or its rows are judged anew, its rows go back into the journal, and only then the part is deleted.
+kill before the second rename leaves the journal whole, and the part is written again, with the same bytes. A line cut
+by a kill has no end; it is cut off, and that run, which never counted, is run again. A part never changes; where runs
+are added to its numbers, or its rows are judged anew, its rows go back into the journal, and only then the part is
+deleted. So lines of the journal that belong to a part are as new as the part or newer: when the sweep continues, they
+replace the part's rows, and the part is written again.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ import os
 import signal
 import threading
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import pyarrow as pa
@@ -34,7 +35,7 @@ import pyarrow.parquet as pq
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.record.sweep_folder import MACHINE_SCHEMA, Held, Row, SweepPlan, earlier_layout, journal, parts
 from vve_sumo.sweep.job import RunResult
-from vve_sumo.sweep.journal import Journal, replace_file
+from vve_sumo.sweep.journal import Journal, replace_file, sync_folder
 from vve_sumo.sweep.run_specs import RunSpec
 
 ROWS_PER_PART = 1000
@@ -86,11 +87,19 @@ def _differing(there: Mapping[str, object], here: Mapping[str, object]) -> list[
 class Dataset:
     """A sweep's folder, locked by one process at a time; opening it repairs the state after a kill."""
 
-    def __init__(self, folder: Path, plan: SweepPlan, *, resume: bool, rows_per_part: int = ROWS_PER_PART) -> None:
-        """Open a folder for a plan.
+    def __init__(
+        self,
+        folder: Path,
+        plan: SweepPlan,
+        *,
+        resume: bool,
+        hold: Callable[[Iterator[Row]], list[Row]] = lambda _rows: [],
+        rows_per_part: int = ROWS_PER_PART,
+    ) -> None:
+        """Open a folder for a plan; `hold` receives the rows of its finished runs and returns what changes of them.
 
         Raises ConfigError, without any change, where the folder is locked, holds another sweep or other files, or holds
-        this sweep and `resume` is false.
+        this sweep and `resume` is false; so does `hold`.
         """
         self.folder, self.plan, self._per_part = folder, plan, rows_per_part
         self._cells = plan.cells
@@ -98,14 +107,20 @@ class Dataset:
         with self._writing():
             folder.mkdir(parents=True, exist_ok=True)
             self._lock = _locked(folder)
-            try:
-                _claim(folder, plan, resume=resume)
-                self._begin()
-            except BaseException:
-                os.close(self._lock)
-                raise
+        try:
+            _claim(folder, plan, resume=resume)
+            changes = hold(self._there()) if (folder / "sweep.json").is_file() else []
+            with self._writing():
+                self._begin(changes)
+        except BaseException:
+            os.close(self._lock)
+            raise
 
-    def _begin(self) -> None:
+    def _there(self) -> Iterator[Row]:
+        noted = {row["number"]: row for row in journal(self.folder)}
+        return (noted.get(row["number"], row) for row in self.rows())
+
+    def _begin(self, revised: Sequence[Row]) -> None:
         file = self.folder / "sweep.json"
         if not file.exists() or (self.plan.design != "sweep" and SweepPlan.of(self.folder) != self.plan):
             replace_file(file, self.plan.text().encode())
@@ -118,13 +133,13 @@ class Dataset:
         }
         self._open: dict[int, Row] = {}
         self._finished_in: Counter[int] = Counter()
-        for row in journal(self.folder):
-            if row["number"] // self._per_part not in self._sealed and row["number"] not in self._open:
-                self._take(row)
+        noted = {row["number"]: row for row in journal(self.folder)}
+        changes = noted | {row["number"]: noted.get(row["number"], {}) | row for row in revised}
         self._journal = Journal(self.folder / "journal.jsonl")
-        # A suite was continued with more seeds: its last part has room for them.
-        short = self.plan.design != "sweep"
-        self._unseal([part for part, runs in self._sealed.items() if short and runs < self._size(part)])
+        # With more seeds than before, the last part of a suite or a certificate has room for further runs.
+        growing = self.plan.design != "sweep"
+        short = {part for part, runs in self._sealed.items() if growing and runs < self._size(part)}
+        self._unseal(sorted(short | {number // self._per_part for number in changes} & self._sealed.keys()), changes)
         self._seal_complete()
 
     def close(self) -> None:
@@ -152,13 +167,6 @@ class Dataset:
         """Set the number of runs of a sweep whose number was unknown; all of them are finished."""
         self._cells = cells
         with self._writing():
-            self._seal_complete()
-
-    def revise(self, rows: Iterable[Row]) -> None:
-        """Replace columns of finished runs, such as those of a verdict; a row holds its number and these columns."""
-        changes = {row["number"]: row for row in rows}
-        with self._writing():
-            self._unseal(sorted({number // self._per_part for number in changes} & self._sealed.keys()), changes)
             self._seal_complete()
 
     def rows(self, columns: Sequence[str] | None = None) -> Iterator[Row]:
@@ -194,18 +202,24 @@ class Dataset:
         for part in [part for part in self._finished_in if self._part_complete(part)]:
             self._seal(part)
 
-    def _unseal(self, numbers: Sequence[int], changes: Mapping[int, Row] | None = None) -> None:
-        """Move the rows of parts into the journal, with changes to rows by number; then delete the parts."""
-        files = [[self.folder / place / _part_name(part) for place in ("rows", "machine")] for part in numbers]
-        for part, (rows, machine) in zip(numbers, files, strict=True):
+    def _unseal(self, numbers: Sequence[int], changes: Mapping[int, Row]) -> None:
+        """Move the rows of parts into the journal, with changed and further rows by number; then delete the parts."""
+        places = [self.folder / "rows", self.folder / "machine"]
+        for part in numbers:
             del self._sealed[part]
-            for row, took in zip(*(pq.read_table(file).to_pylist() for file in (rows, machine)), strict=True):
+            tables = (pq.read_table(place / _part_name(part)).to_pylist() for place in places)
+            for row, took in zip(*tables, strict=True):
                 self._take(row | took)
-        for number, change in (changes or {}).items():
-            self._open[number] |= change
-        self._journal.rewrite(self._open.values())  # the rows of incomplete parts alone
-        for file in (file for pair in files for file in pair):
-            file.unlink()
+        for number, change in changes.items():
+            if number in self._open:
+                self._open[number] |= change
+            else:
+                self._take(change)
+        self._journal.rewrite(self._open.values())
+        for place in places:  # the rows first: rows without their machine's part would be a damaged sweep
+            for part in numbers:
+                (place / _part_name(part)).unlink()
+            sync_folder(place)
 
     def _seal(self, part: int) -> None:
         """Write a part, then the journal without its rows."""

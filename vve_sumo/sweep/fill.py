@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from vve_sumo.errors import ConfigError, RigError, SimulationError, VveError
-from vve_sumo.record.sweep_folder import Row, SweepPlan
+from vve_sumo.record.sweep_folder import Row, SweepPlan, earlier_layout
 from vve_sumo.sweep.dataset import Dataset
 from vve_sumo.sweep.engine import Engine, Local
 from vve_sumo.sweep.job import Job, RunResult
@@ -44,6 +44,13 @@ class Design:
     def __init__(self, plan: SweepPlan) -> None:
         self.plan = plan
 
+    def hold(self, rows: Iterator[Row]) -> list[Row]:
+        """Take in the rows of finished runs; return those that change: each one's number and its new columns.
+
+        Called before anything is written; raises ConfigError where they cannot be continued.
+        """
+        return []
+
     def runs(self, dataset: Dataset) -> Iterator[RunSpec | Settled | None]:
         """Yield the runs that the dataset does not hold; None while the next one waits for another's row."""
         raise NotImplementedError
@@ -58,10 +65,6 @@ class Design:
 
     def take(self, row: Row) -> None:
         """Take a stored row."""
-
-    def includes(self, row: Row) -> bool:
-        """Whether a row of the dataset belongs to the runs that are wanted now."""
-        return True
 
 
 class Varied(Design):
@@ -117,21 +120,46 @@ def drive_into(
 ) -> None:
     """Drive the unfinished runs of a design into a folder.
 
-    Raises KeyboardInterrupt, RigError and SimulationError with the number of stored runs and `resume_command`, which
-    continues the design.
+    Raises ConfigError for a folder that cannot be driven into, and for what is wrong before the first run of a new one
+    is finished: then nothing of it remains. Raises KeyboardInterrupt, RigError and SimulationError with the number of
+    stored runs and `resume_command`, which continues the design.
     """
-    dataset = Dataset(out, design.plan, resume=resume)
+    if resume and design.plan.design != "sweep":
+        require_begun(out, design.plan.design)
+    existed, new = out.exists(), not (out / "sweep.json").exists()
+    dataset, refused = Dataset(out, design.plan, resume=resume, hold=design.hold), False
     try:
         whole = _drive(engine, design, dataset, keep, progress)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"interrupted; {_progress_text(dataset)}; to continue: {resume_command}") from None
     except VveError as error:
+        refused = isinstance(error, ConfigError) and new and not dataset.finished
+        if refused:
+            raise
         kind = RigError if isinstance(error, RigError) else SimulationError
         raise kind(f"{error}; {_progress_text(dataset)}; to continue: {resume_command}") from error
     finally:
         dataset.close()
+        if refused:
+            _remove(out, existed=existed)
     if not whole:
         raise SimulationError(f"some runs were interrupted; {_progress_text(dataset)}; to continue: {resume_command}")
+
+
+def require_begun(out: Path, design: str) -> None:
+    """Raise ConfigError unless a folder holds a begun suite or certificate."""
+    if not (out / "sweep.json").is_file():
+        found = earlier_layout(out) or "has no sweep.json"
+        raise ConfigError(f"--resume: {out}: {found}; expected the folder of a begun {design}")
+
+
+def _remove(out: Path, *, existed: bool) -> None:
+    """Remove what a design put into a new folder, which was empty or absent before."""
+    if not existed:
+        shutil.rmtree(out, ignore_errors=True)
+        return
+    for file in out.iterdir():
+        shutil.rmtree(file) if file.is_dir() else file.unlink()
 
 
 def _progress_text(dataset: Dataset) -> str:
@@ -201,8 +229,7 @@ def _kept(key: str, keep: Keep, passed: object) -> bool:
 def _tally(design: Design, dataset: Dataset) -> Tally:
     total = None if "search" in design.plan.spec else design.plan.asked
     tally = Tally(total, 0, 0, 0)
-    for row in dataset.rows(["passed", "error", "seed", *design.plan.parameters]):
-        if design.includes(row):
-            tally.count(row["passed"], row["error"])
+    for row in dataset.rows(["passed", "error"]):
+        tally.count(row["passed"], row["error"])
     tally.before = tally.finished
     return tally

@@ -63,11 +63,16 @@ def replace_file(file: Path, data: bytes) -> None:
     except OSError:
         temporary.unlink(missing_ok=True)
         raise
-    folder = os.open(file.parent, os.O_RDONLY)
+    sync_folder(file.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Wait until the names in a folder are on the disk: its renamed, new and deleted files."""
+    there = os.open(folder, os.O_RDONLY)
     try:
-        os.fsync(folder)
+        os.fsync(there)
     finally:
-        os.close(folder)
+        os.close(there)
 
 
 def _write_all(out: int, data: bytes) -> None:
