@@ -248,22 +248,6 @@ def test_a_stop_ends_within_its_bound_or_raises_the_alarm() -> None:
     assert judged(lambda time: rolls | {"pose": pose(10.0), "driver": FIRM_FOOT, "went": False}, 8.0) == []
 
 
-@pytest.mark.parametrize(("pushed_for", "broken"), [(0.4, []), (0.0, ["stops_in_bound"]), (2.0, ["stops_in_bound"])])
-def test_a_stuck_throttle_lengthens_a_stop_while_nobody_can_have_noticed_it(
-    pushed_for: float, broken: list[str]
-) -> None:
-    """2 s of push at 1 m/s2 before the brakes win are too long; 0.4 s are allowed if they were a push."""
-    lasts = pushed_for or 0.4
-
-    def stops(time: float) -> dict[str, Any]:
-        speed = 10.0 + min(time, lasts)
-        due = {"drive_unasked": 0.5} if time < pushed_for else {}
-        braked = max(speed - 1.7 * max(time - lasts, 0.0), 0.0)
-        return {"state": ArmingState.STOPPING, "phase": "stopping", "pose": pose(braked), "due": due}
-
-    assert names(judged(stops, 20.0)) == broken
-
-
 def test_a_car_that_is_let_go_with_no_driver_counts_as_being_stopped() -> None:
     def let_go(time: float) -> dict[str, Any]:
         return {"state": ArmingState.FAULT, "phase": CONTROL} if time > 1.0 else {}

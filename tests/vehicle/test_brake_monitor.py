@@ -124,8 +124,9 @@ def test_with_the_throttle_open_nothing_is_too_much(gain):
     assert Drive(speed=100.0).until(THROTTLE, gain) == (math.inf, "")
 
 
+@pytest.mark.parametrize("silent", ["", "wheels", "gnss"])
 @pytest.mark.parametrize(("before", "pressed"), [(2.0, 1.0), (2.0, 0.1), (-1.0, 1.0), (0.0, 1.0)])
-def test_an_engine_may_push_on_for_a_while_and_no_longer(before, pressed):
+def test_an_engine_may_push_on_for_a_while_and_no_longer(before, pressed, silent):
     """One and a half times the measured gain and 0.3 m/s2, falling with one and a half times the drive's lag."""
     steps = round(pressed / STEP)
     measured = before * (1.0 - (0.1 / (0.1 + STEP)) ** steps)
@@ -135,8 +136,19 @@ def test_an_engine_may_push_on_for_a_while_and_no_longer(before, pressed):
         excess = max(excess + (2.0 - 0.25 - push) * STEP, 0.0)
         number += 1
     drive = Drive(speed=20.0)
+    if silent:
+        setattr(drive, silent, math.nan)
     drive.run(pressed, THROTTLE, before)
     assert drive.until(COAST, 2.0) == (pytest.approx(number * STEP, abs=0.5 * STEP), "drive_not_following")
+
+
+def test_the_measured_gain_is_that_of_the_time_in_which_it_came():
+    """Wheels that are heard at every third step, and no receiver."""
+    drive = Drive(speed=20.0)
+    for number in range(150):
+        drive.wheels += 2.0 * STEP
+        drive.response.step(STEP, THROTTLE, math.nan if number % 3 else drive.wheels, math.nan, 0.0)
+    assert drive.response._acceleration == pytest.approx(2.0, rel=0.01)
 
 
 def test_an_engine_that_fades_with_its_lag_is_left_alone():
@@ -186,25 +198,68 @@ def test_a_receiver_that_comes_back_begins_to_count_then():
     assert drive.until(BRAKE, 0.0)[0] == pytest.approx(0.1, abs=1.01 * STEP)
 
 
-def test_wheels_that_are_silent_count_for_nothing():
-    drive = Drive()
-    drive.run(0.18, BRAKE, 0.0)
-    drive.wheels = math.nan
-    drive.run(0.2, BRAKE, 0.0)
-    drive.wheels = 10.0
-    assert drive.until(BRAKE, 0.0)[0] == pytest.approx(0.2, abs=2.01 * STEP)
-
-
-@pytest.mark.parametrize("silent", [False, True])
-def test_without_wheels_the_receiver_decides(silent):
-    """A quarter of a metre per second too much after 0.2 s; one that is silent for a step begins anew."""
+def test_without_wheels_the_receiver_decides():
+    """A quarter of a metre per second too much after 0.2 s."""
     drive = Drive()
     drive.wheels = math.nan
     drive.step(BRAKE)
     drive.run(0.18, BRAKE, 0.0)
-    if silent:
-        drive.response.step(STEP, BRAKE, math.nan, math.nan, 0.0)
-    assert drive.until(BRAKE, 0.0)[0] == pytest.approx(0.2 + STEP if silent else 0.02, abs=1.01 * STEP)
+    assert drive.until(BRAKE, 0.0)[0] == pytest.approx(0.02, abs=1.01 * STEP)
+
+
+@pytest.mark.parametrize("wheels", [math.nan, 0.0, math.inf])
+@pytest.mark.parametrize("steps", [1, 2, 5, 10, 20])
+@pytest.mark.parametrize("commanded", [BRAKE, COAST])
+def test_wheels_that_fail_every_other_time_hide_nothing(wheels, steps, commanded):
+    """As in `wheel_speed_invalid` and `wheel_speeds_zero` that flap while brakes fail or an engine pushes by itself."""
+    drive = Drive()
+    gain = 0.0 if commanded is BRAKE else 1.5
+    for number in range(60):
+        drive.wheels += gain * STEP
+        drive.gnss += gain * STEP
+        said = wheels if number // steps % 2 else drive.wheels
+        if drive.response.step(STEP, commanded, said, drive.gnss, 0.0):
+            break
+    assert number * STEP <= 0.2 + 2 * steps * STEP
+
+
+@pytest.mark.parametrize("wheels", [math.nan, 0.0])
+@pytest.mark.parametrize("steps", [1, 2, 5, 10])
+@pytest.mark.parametrize("gnss", [False, True])
+def test_wheels_that_fail_every_other_time_accuse_no_sound_brakes(wheels, steps, gnss):
+    drive = Drive(speed=50.0)
+    for number in range(500):
+        drive.wheels -= 2.0 * STEP
+        drive.gnss -= 2.0 * STEP
+        said = wheels if number // steps % 2 else drive.wheels
+        receiver = drive.gnss if gnss or wheels == 0.0 else math.nan
+        assert drive.response.step(STEP, BRAKE, said, receiver, 0.0) == []
+
+
+@pytest.mark.parametrize("silent", [1, 5])
+def test_what_neither_wheels_nor_receiver_saw_is_seen_afterwards(silent):
+    """1.25 m/s2 too much for as long as both are silent."""
+    drive = Drive()
+    drive.run(0.06, BRAKE, 0.0)
+    for _ in range(silent):
+        assert drive.response.step(STEP, BRAKE, math.nan, math.nan, 0.0) == []
+    assert drive.until(BRAKE, 0.0)[0] == pytest.approx(0.2 - 0.06 - silent * STEP, abs=1.01 * STEP)
+
+
+@pytest.mark.parametrize("speed", [0.2, 10.0])
+@pytest.mark.parametrize("silent", ["wheels", "gnss"])
+def test_one_of_two_speeds_is_enough_from_the_first_step(silent, speed):
+    drive = Drive(speed=speed)
+    drive.response = BrakeMonitor(replace(FUSION, brake_delay=0.0, brake_lag=0.0), BARE)
+    setattr(drive, silent, math.nan)
+    assert drive.until(BRAKE, 0.0)[0] == pytest.approx(0.2 + STEP, abs=1.01 * STEP)
+
+
+@pytest.mark.parametrize(("gnss", "judged"), [(0.29, False), (0.30, False), (0.31, True), (math.inf, False)])
+def test_wheels_of_zero_count_as_standing_unless_the_receiver_moves(gnss, judged):
+    drive = Drive()
+    drive.wheels, drive.gnss = 0.0, gnss
+    assert (drive.until(BRAKE, 0.0)[0] < math.inf) is judged
 
 
 # Others brake.
@@ -233,7 +288,7 @@ def test_a_step_without_time_begins_anew(elapsed):
     drive = Drive()
     drive.run(0.18, BRAKE, 0.0)
     assert drive.response.step(elapsed, BRAKE, 10.0, 10.0, 0.0) == []
-    assert drive.until(BRAKE, 0.0)[0] == pytest.approx(0.2, abs=1.01 * STEP)
+    assert drive.until(BRAKE, 0.0)[0] == pytest.approx(0.2 + STEP, abs=1.01 * STEP)
 
 
 def test_reset_forgets_everything():

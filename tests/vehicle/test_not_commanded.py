@@ -29,6 +29,7 @@ class Driven(Car):
             super()._advance(dt, torque_wish)
         else:
             self.speed = max(self.speed + self.foot * dt, 0.0)
+            self._torque = 550.0 * max(-self.foot, 0.0)
 
 
 def rehearsing() -> Rig:

@@ -74,6 +74,15 @@ def test_wheels_that_read_zero_every_other_time_do_not_say_that_the_car_stands()
     assert weighed.now - begun == pytest.approx(8.0 / 12.0, abs=2 * STEP)
 
 
+@pytest.mark.parametrize("braking", [0.0, -2.0])
+def test_a_car_that_nobody_brakes_does_not_stand_because_its_wheels_read_zero(braking):
+    weighed = moving(8.0)
+    for _ in range(20_000):
+        weighed.step(0.0, None, braking)
+    assert (weighed.subject.certain, weighed.subject.may_move) == (False, True)
+    assert weighed.until("certain", 0.0, 0.0, braking) <= 8.0 / 12.0 + FORGOTTEN, "the receiver says that it stands"
+
+
 @pytest.mark.parametrize(
     ("wheels", "gnss", "certain", "moves"),
     [
@@ -166,7 +175,6 @@ def test_wheels_that_say_zero_too_soon_wait_for_a_car_with_half_its_brakes():
 def test_a_car_that_is_told_next_to_nothing_rolls_out():
     """At 0.3 m/s2 at least, even where the command is to brake with 0.2."""
     assert moving(5.0).until("certain", 0.0, None, 0.2) == pytest.approx((5.0 - BELIEVED) / 0.3, abs=2.0 * STEP)
-    assert moving(5.0).until("certain", 0.0, None, 0.0) == pytest.approx((5.0 - BELIEVED) / 0.3, abs=2.0 * STEP)
 
 
 def test_wheels_at_the_bound_of_what_a_car_can_brake():

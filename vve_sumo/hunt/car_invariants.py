@@ -93,7 +93,6 @@ class StopsInBound:
     margin: float = 1.0
     _bound: float | None = None
     _driven: float = 0.0
-    _begun: float = 0.0
     _alarmed: bool = False
     _exceeded_at: float | None = None
     _commanded: bool = False
@@ -110,10 +109,7 @@ class StopsInBound:
         speed = abs(sample.pose.speed)
         if self._bound is None:
             self._bound = self._bound_of(speed, sample.pose.acceleration)
-            self._driven, self._begun, self._alarmed, self._exceeded_at = 0.0, sample.time, False, None
-        if "drive_unasked" in sample.due and sample.time <= self._begun + self.tolerances.push_time:
-            pushed = self._driven + self._bound_of(speed, sample.pose.acceleration)
-            self._bound = max(self._bound, pushed)
+            self._driven, self._alarmed, self._exceeded_at = 0.0, False, None
         self._driven += speed * PERIOD
         self._alarmed |= alarmed(sample)
         if speed < REST:

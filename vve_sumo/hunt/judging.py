@@ -72,8 +72,6 @@ class Tolerances:
     #: bound of a stop: share that speed and slip add, and what reports every 20 ms cannot time better [m]
     stop_share: float = 1.1
     stop_margin: float = 0.5
-    #: a throttle that is stuck open lengthens a stop: its push counts for so long, until the gateway can see it [s]
-    push_time: float = 0.5
     #: a car that is told to be driven may be without an enabled module for so long [s]
     told_time: float = 0.5
     #: a car that was let go may move with no foot on a pedal for so long without an alarm [s]

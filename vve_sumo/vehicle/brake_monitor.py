@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import dataclass
 from typing import Final
 
 from vve_sumo.physical_constants import GRAVITY
@@ -15,6 +16,7 @@ from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.actuation import Pedals
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.setpoint_validation import Debounce
+from vve_sumo.vehicle.standstill import GNSS_REST
 
 # A car that is 15 % heavier than declared, and whose brakes give 10 % less torque, has a share of 0.78.
 BRAKE_SHARE: Final = 0.75  # of the commanded torque that the brakes must give at least
@@ -25,7 +27,9 @@ PUSH_SHARE: Final = 1.5
 PUSH_MARGIN: Final = 0.3  # [m/s2]
 SPEED_EXCESS: Final = 0.25  # faster than the weakest car that is still sound by this is a fault [m/s]
 GNSS_EXCESS: Final = 0.10  # and by the receiver's speed this much at least, where it is known [m/s]
-MIN_SPEED: Final = 0.1  # slower than this the car counts as standing, and `HoldMonitor` judges it [m/s]
+# A car whose wheels are slower than this counts as standing, and `HoldMonitor` judges it; unless the receiver says that
+# it moves, for the wheels may say zero wrongly [m/s].
+MIN_SPEED: Final = 0.1
 # A car that was standing under a holding torque and is faster than this for this long is not held by its brakes.
 ROLL_SPEED: Final = 0.08  # of the fastest wheel; reports resolve 13 mm/s on a Fusion [m/s]
 GNSS_ROLL_SPEED: Final = 0.10  # of the receiver's averaged speed; a standing receiver's stays below half of it [m/s]
@@ -35,8 +39,38 @@ GNSS_ROLL_TIME: Final = 0.3
 ACCELERATION_LAG: Final = 0.1  # of the measured acceleration [s]
 
 
+@dataclass(slots=True)
+class SpeedExcess:
+    """A one-sided cumulative sum (Page, Biometrika 41, 1954) of how much faster one measured speed is than allowed.
+
+    While the speed is unknown, what it may gain is added up, so that nothing is forgotten of a sensor that fails every
+    other time.
+    """
+
+    value: float = 0.0  #: [m/s]
+    _speed: float = math.nan  # when it was last known [m/s]
+    _elapsed: float = 0.0  # since then [s]
+    _allowed: float = 0.0  # gain since then [m/s]
+
+    def step(self, elapsed: float, speed: float, most: float) -> float:
+        """Take a speed after `elapsed` [s] in which at most the acceleration `most` [m/s2] was allowed.
+
+        Returns the acceleration since the speed was last known [m/s2]. A speed of NaN or infinity is unknown; NaN is
+        returned for it, and for the first that is known.
+        """
+        self._elapsed += elapsed
+        self._allowed += most * elapsed
+        if not math.isfinite(speed):
+            return math.nan
+        gained = speed - self._speed
+        acceleration = gained / self._elapsed
+        self.value = cusum_step(self.value, gained - self._allowed)
+        self._speed, self._elapsed, self._allowed = speed, 0.0, 0.0
+        return acceleration
+
+
 class BrakeMonitor:
-    """A one-sided cumulative sum (Page, Biometrika 41, 1954) of the car's excess speed.
+    """Judges the excess of the wheels' and the receiver's speed over the largest of a sound car.
 
     `step` is called once a gateway step with the pedals commanded at the step before.
     """
@@ -54,9 +88,8 @@ class BrakeMonitor:
         self._torque = 0.0  # that should be there by now [N m]
         self._push = 0.0  # acceleration by the engine that there may still be [m/s2]
         self._acceleration = 0.0  # measured [m/s2]
-        self._speeds: tuple[float, float] | None = None  # by wheels and receiver, a step ago
-        self._by_wheels = True
-        self._excess = self._gnss_excess = 0.0
+        self._speed = 0.0  # by the wheels if they are known, else by the receiver; if neither is, the last one [m/s]
+        self._excess, self._gnss_excess = SpeedExcess(), SpeedExcess()
 
     def step(
         self, elapsed: float, pedals: Pedals, wheels: float, gnss: float, grade: float, others_brake: bool = False
@@ -66,26 +99,28 @@ class BrakeMonitor:
         Where the DBW controller brakes by itself (`others_brake`), how hard it does is not known: the car may only not
         gain speed.
         """
-        by_wheels = math.isfinite(wheels)
-        if by_wheels is not self._by_wheels:
-            self._by_wheels, self._speeds = by_wheels, None
-        wheels = wheels if by_wheels else gnss  # without wheels the receiver is all there is
-        before, self._speeds = self._speeds, (wheels, gnss)
         self._follow(elapsed, pedals)
-        if before is None or elapsed <= 0.0 or not wheels > MIN_SPEED:
-            self._excess = self._gnss_excess = 0.0
+        wheels_known, gnss_known = math.isfinite(wheels), math.isfinite(gnss)
+        if wheels_known or gnss_known:
+            self._speed = wheels if wheels_known else gnss
+        if elapsed <= 0.0 or not (self._speed > MIN_SPEED or (gnss_known and gnss > GNSS_REST)):
+            self._excess, self._gnss_excess = SpeedExcess(), SpeedExcess()
             return []
-        wheels_before, gnss_before = before
-        gained, gnss_gained = wheels - wheels_before, gnss - gnss_before
-        allowed = self._most(wheels, grade, 0.0 if others_brake else self._torque) * elapsed
-        self._excess = cusum_step(self._excess, gained - allowed)
-        self._gnss_excess = cusum_step(self._gnss_excess, gnss_gained - allowed)
-        if math.isfinite(gained):
-            share = elapsed / (ACCELERATION_LAG + elapsed)
-            self._acceleration += (gained / elapsed - self._acceleration) * share
+        most = self._most(self._speed, grade, 0.0 if others_brake else self._torque)
+        acceleration, gnss_acceleration = (
+            self._excess.step(elapsed, wheels, most), self._gnss_excess.step(elapsed, gnss, most)
+        )  # fmt: skip
+        if acceleration != acceleration:
+            acceleration = gnss_acceleration
+        if math.isfinite(acceleration):
+            self._acceleration += (acceleration - self._acceleration) * elapsed / (ACCELERATION_LAG + elapsed)
         # An excess in one of two speeds alone points at frozen wheels or a wrong receiver, not at the brakes.
-        confirmed = self._gnss_excess > GNSS_EXCESS or not math.isfinite(gnss)
-        if not (self._excess > SPEED_EXCESS and confirmed):
+        if wheels_known:
+            fast = self._excess.value > SPEED_EXCESS
+            confirmed = not gnss_known or self._gnss_excess.value > GNSS_EXCESS
+        else:
+            fast, confirmed = self._gnss_excess.value > SPEED_EXCESS, True
+        if not (fast and confirmed):
             return []
         braked = self._torque > 0.0 or others_brake
         return ["brake_not_following" if braked else "drive_not_following"]

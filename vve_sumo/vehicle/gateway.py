@@ -169,7 +169,7 @@ class Gateway:
             now,
             self._elapsed,
             idle=idle,
-            braking=-limiter.acceleration if commanded else None,
+            braking=-limiter.acceleration if commanded else None if reports.attended(now) else 0.0,
             steering=limiter.steering if steered else math.nan,
         )
         standstill = self._standstill

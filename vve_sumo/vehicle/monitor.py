@@ -121,8 +121,8 @@ class Monitor:
     ) -> list[str]:
         """Weigh whether the car stands, and compare receiver and car on its motion; reason codes of what disagrees.
 
-        With `idle` the car's owner does not command it. `braking` is the commanded deceleration [m/s2], None for
-        none, and `steering` the commanded road-wheel angle [rad], NaN for none.
+        With `idle` the car's owner does not command it. `braking` is the deceleration that `Standstill.step`
+        takes, and `steering` the commanded road-wheel angle [rad], NaN for none.
         """
         reports, standstill, setpoint = self.reports, self.standstill, self.validator.setpoint
         if setpoint is not None and (_GUESSED in setpoint.faults or not self.validator.valid(now)):

@@ -25,7 +25,7 @@ QUANTUM: Final = 0.04  # of wheel speeds, three times what they resolve on a Fus
 # Wheel speeds that fell too fast to zero, and that no receiver confirms, are believed once a car with this share of the
 # commanded deceleration could stand.
 BRAKING_SHARE: Final = 0.5
-MIN_BRAKING: Final = 0.3  # of a car that rolls out [m/s2]
+MIN_BRAKING: Final = 0.3  # of a car that is told to brake, however gently [m/s2]
 
 
 class Standstill:
@@ -49,8 +49,8 @@ class Standstill:
         """Weigh the evidence at `now` [s], `elapsed` after the last step.
 
         `wheels` is the speed of the fastest wheel, without sign, `gnss` the receiver's, forward positive [m/s];
-        None is "not known". `braking` is the commanded deceleration [m/s2], None where a driver may brake as hard as
-        the car can.
+        None is "not known". `braking` is the commanded deceleration [m/s2], at most 0 where nobody brakes, and None
+        where a driver may brake as hard as the car can.
         """
         if gnss is not None:
             self._average(gnss, elapsed)
@@ -60,8 +60,10 @@ class Standstill:
         if wheels is not None and wheels >= self._possible - MAX_BRAKING * elapsed - QUANTUM:
             self._possible = wheels
         else:
-            sure = gnss_stands or braking is None
-            fall = MAX_BRAKING if sure else max(BRAKING_SHARE * (braking or 0.0), MIN_BRAKING)
+            if gnss_stands or braking is None:
+                fall = MAX_BRAKING
+            else:
+                fall = max(BRAKING_SHARE * braking, MIN_BRAKING) if braking > 0.0 else 0.0
             self._possible = max(self._possible - fall * elapsed, 0.0)
         self.moves = gnss_moves or (wheels is not None and not wheels_stand)
         self.certain = wheels_stand and not gnss_moves and self._possible < WHEEL_REST
