@@ -56,7 +56,9 @@ def drive_end(ego: str, outcome: Outcome, reasons: tuple[str, ...], pipeline: Pi
     The text is the last failure of the controller or a sensor; without one, SUMO's last error message about the ego.
     """
     text = pipeline.failure or road.around[ego].detail
-    return DriveEnd(outcome, reasons, road.cleared, road.warnings, text, road.standoffs, road.signals)
+    return DriveEnd(
+        outcome, reasons, road.removed_at_entry, road.warnings, text, road.removed_after_standoff, road.signals
+    )
 
 
 def car_parameters(resolved: ResolvedScenario) -> CarParameters:

@@ -52,10 +52,12 @@ class DriveEnd:
 
     outcome: Outcome
     reasons: tuple[str, ...]  #: reason codes: the end trigger's first, if it fired, then the gateway's at the end
-    cleared: tuple[str, ...] = ()  #: vehicles taken off the virtual road where the ego or a scenario's actor entered it
+    #: vehicles taken off the virtual road where the ego or a scenario's actor entered it
+    removed_at_entry: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()  #: SUMO's
     text: str = ""  #: message of an exception that ended the drive, or of the last failure on the way
-    standoffs: tuple[str, ...] = ()  #: vehicles taken off the road because they and the ego waited for each other
+    #: vehicles taken off the road because they and the ego waited for each other
+    removed_after_standoff: tuple[str, ...] = ()
     signals: tuple[SignalChange, ...] = ()  #: what the traffic signals showed, change by change
     extra: Mapping[str, float] = field(default_factory=dict)  #: metrics of this shell alone, by summary key
 

@@ -106,14 +106,14 @@ class VirtualRoad:
         self.around = {ego: EgoSurroundings() for ego in world.egos}  #: by the ego's id
 
     @property
-    def cleared(self) -> tuple[str, ...]:
+    def removed_at_entry(self) -> tuple[str, ...]:
         """Vehicles taken off the road where an ego, or an actor of the scenario, entered it."""
-        return self._world.cleared
+        return self._world.removed_at_entry
 
     @property
-    def standoffs(self) -> tuple[str, ...]:
+    def removed_after_standoff(self) -> tuple[str, ...]:
         """Vehicles taken off the road because they and an ego waited for each other."""
-        return self._world.standoffs
+        return self._world.removed_after_standoff
 
     @property
     def signals(self) -> tuple[SignalChange, ...]:

@@ -110,13 +110,13 @@ class LiveDrive:
         """Return the way to an external controller, and the brain; neither where the rig has no outputs."""
         if outputs is None:
             return None, None
-        said, key, setpoints = rig.brain, key_of(rig.brain, working), None
-        if said.kind == "setpoints":
-            setpoints = open_setpoints(said, key)
+        brain, key, setpoints = rig.brain, key_of(rig.brain, working), None
+        if brain.kind == "setpoints":
+            setpoints = open_setpoints(brain, key)
         actors = any(KINDS[table.kind].tells_actors for table in rig.outputs)
         link_ = ChannelLink(outputs, setpoints, self._t0, actors=actors)
         mounting = mounting_of(rig)
-        return link_, external_controller(said.kind, link_, self._resolved.map_frame, mounting, lot.epoch, key)
+        return link_, external_controller(brain.kind, link_, self._resolved.map_frame, mounting, lot.epoch, key)
 
     def run(self) -> None:
         """Tick until the gateway is gone: a moving car needs fallback paths even if the console is gone."""
@@ -365,8 +365,8 @@ class LiveDrive:
             "outcome": outcome.value,
             "reasons": list(reasons),
             "signals": road.signals,
-            "cleared": list(road.cleared),
-            "standoffs": list(road.standoffs),
+            "removed_at_entry": list(road.removed_at_entry),
+            "removed_after_standoff": list(road.removed_after_standoff),
             "warnings": list(road.warnings),
             "text": self._pipeline.failure or road.traceback or road.around[EGO].detail,
             "clock": self._pipeline.clock_report(),

@@ -438,18 +438,14 @@ def _summary(plan: DrivePlan, why: tuple[str, ...], notify: Notify) -> dict[str,
     done = DriveEnd(
         Outcome(summary["outcome"]),
         tuple(summary["reasons"]),
-        tuple(summary.get("cleared", ())),
+        tuple(summary.get("removed_at_entry", ())),
         tuple(summary.get("warnings", ())),
         summary.get("text", ""),
-        tuple(summary.get("standoffs", ())),
+        tuple(summary.get("removed_after_standoff", ())),
     )
     parts, own = summary.get("record_parts_sha256", {}), plan.resolved.own_metrics()
     full = summarise_drive(plan.resolved, done, plan.folder, parts, own)
-    extra = {
-        key: summary[key]
-        for key in summary
-        if key not in full and key not in ("cleared", "standoffs", "warnings", SUMMARY_HASH_KEY)
-    }
+    extra = {key: summary[key] for key in summary if key not in full and key not in ("warnings", SUMMARY_HASH_KEY)}
     summary = full | extra | {"rig": plan.rig_file.stem, "shadow": plan.shadow, "brain": plan.rig.brain.kind}
     if plan.rig.brain.kind != "own":
         summary["controller"] = EXTERNAL_CONTROLLER

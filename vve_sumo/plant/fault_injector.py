@@ -218,9 +218,9 @@ class FaultInjector:
     def _written(self, torque: float) -> list[Frame]:
         """The other writer's frames: brakes and straight steering, and throttle only where it shares their frame."""
         frames = self._writer.encode(ActuationCommand(torque, 0.0, 0.0, 0.0, Gear.NONE, enable=True, clear=False))
-        said = [(frame, self._writer.commanded(frame)) for frame in frames]
+        commands = [(frame, self._writer.commanded(frame)) for frame in frames]
         return [
             frame
-            for frame, command in said
+            for frame, command in commands
             if command is not None and not (math.isnan(command.brake_torque) and math.isnan(command.wheel_angle))
         ]

@@ -136,7 +136,7 @@ ENDED = {
 }
 
 
-def said(summary: Mapping[str, Any]) -> str:
+def outcome_text(summary: Mapping[str, Any]) -> str:
     """Return in a line what a drive came to; the summary of a live one whose program was killed says less."""
     outcome, gap, seed = str(summary["outcome"]), summary.get("stop_gap_m"), summary.get("seed")
     parts = [ENDED.get(outcome, outcome)]

@@ -68,21 +68,21 @@ def _boundary(sweep: Sweep, rows: pd.DataFrame, found: Found) -> Figure:
     with page(WIDTH, height) as figure:
         axes = figure.subplots()
         plain(axes)
-        name(figure, f"Where “{_said(criterion)}” flips along {label_of(along)} · {sweep.title}")
+        name(figure, f"Where “{_criterion_text(criterion)}” flips along {label_of(along)} · {sweep.title}")
         if not len(rows):
             blank(axes, "no run is finished yet")
             return figure
         _runs(axes, rows, along, criterion, lines, others, seeds)
         flips = {tuple(line["values"].get(other) for other in others): line for line in found["boundaries"]}
         for place, values in enumerate(lines):
-            _flips(axes, place, flips.get(values), said=len(lines) <= MAX_LABELLED_LINES)
+            _flips(axes, place, flips.get(values), labelled=len(lines) <= MAX_LABELLED_LINES)
         _name_lines(axes, lines, others, rows.attrs["units"])
         axes.set_xlabel(axis_of(along, rows.attrs["units"]))
         explain(axes)
         return figure
 
 
-def _said(criterion: str) -> str:
+def _criterion_text(criterion: str) -> str:
     return {"collision": "no collision", "passed": "passed"}.get(criterion, label_of(criterion))
 
 
@@ -124,7 +124,7 @@ def _runs(
     axes.set_ylim(len(lines) - 0.4, -0.6)
 
 
-def _flips(axes: Axes, place: int, line: Found | None, *, said: bool) -> None:
+def _flips(axes: Axes, place: int, line: Found | None, *, labelled: bool) -> None:
     """Draw the pooled flips of a line with the spread of its seeds, and say them."""
     if line is None:
         return
@@ -134,7 +134,7 @@ def _flips(axes: Axes, place: int, line: Found | None, *, said: bool) -> None:
         high = (place - 0.38, place + 0.38)
         axes.fill_betweenx(high, ends[0], ends[1], color=INK, alpha=0.3, linewidth=0.0, zorder=2)
         axes.plot([sum(ends) / 2.0] * 2, high, color=INK, linewidth=1.4, zorder=2, label="flip")
-        if said:
+        if labelled:
             words = f"{flip['meets']:g} met, {flip['fails']:g} not"
             at: dict[str, Any] = {"xytext": (0, 1), "textcoords": "offset points", "ha": "center", "va": "bottom"}
             axes.annotate(words, (sum(ends) / 2.0, place - 0.38), fontsize=9, zorder=4, **at)

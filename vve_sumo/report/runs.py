@@ -129,9 +129,9 @@ def _combination(row: Mapping[Hashable, Any], parameters: Sequence[str], figures
 def _mean(row: Mapping[Hashable, Any], figure: str) -> str:
     """Return a figure's mean with its interval, of how many runs it is where some lack it, and the worst."""
     mean, half, worst = (row[f"{which}_{figure}"] for which in ("mean", "half_width", "worst"))
-    said = number(mean) if half != half or mean != mean else f"{number(mean)} ± {number(half)}"
-    said += f" ({row[f'{figure}_count']} of {row['runs']})" if row[f"{figure}_count"] < row["runs"] else ""
-    return said if worst != worst else f"{said}, worst {number(worst)}"
+    text = number(mean) if half != half or mean != mean else f"{number(mean)} ± {number(half)}"
+    text += f" ({row[f'{figure}_count']} of {row['runs']})" if row[f"{figure}_count"] < row["runs"] else ""
+    return text if worst != worst else f"{text}, worst {number(worst)}"
 
 
 def failed_runs(rows: pd.DataFrame, parameters: Sequence[str], figures: Sequence[str]) -> ReportTable:

@@ -164,7 +164,7 @@ def _of_controllers(compared: Sequence[Mapping[str, Any]], name: str) -> str:
         return ", ".join(one["name"] for one in compared)
     key = name.removeprefix("controller.tuning.")
     tunings = {one["name"]: (one.get("tuning") or {}).get(key) for one in compared}
-    return "; ".join(f"{_values(said)} ({name})" for name, said in tunings.items() if said is not None)
+    return "; ".join(f"{_values(value)} ({name})" for name, value in tunings.items() if value is not None)
 
 
 def _in_spec(parameters: dict[str, Any], name: str) -> object:

@@ -144,8 +144,8 @@ def packed_table(sweep: Sweep) -> bytes:
         if pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
             columns[key] = np.asarray(column.cast(pa.float64()).to_numpy(zero_copy_only=False), np.float64)
         else:
-            said = ["" if value is None else _said(value) for value in column.to_pylist()]
-            found = coded(said)
+            cells = ["" if value is None else _cell_text(value) for value in column.to_pylist()]
+            found = coded(cells)
             missing = np.array([value is None for value in column.to_pylist()], bool)
             columns[key], texts[key] = np.where(missing, -1, found.codes).astype(np.int32), found.texts
     names = [str(name) for name in frame]
@@ -155,7 +155,7 @@ def packed_table(sweep: Sweep) -> bytes:
     return pack(columns, head | {"texts": texts, "plotted": [across, up]})
 
 
-def _said(value: object) -> str:
+def _cell_text(value: object) -> str:
     return {True: "yes", False: "no"}[value] if isinstance(value, bool) else str(value)
 
 
