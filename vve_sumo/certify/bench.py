@@ -12,7 +12,7 @@ from pathlib import Path
 from random import Random
 from typing import Any, Final
 
-from vve_sumo.certify import kept
+from vve_sumo.certify import case_record
 from vve_sumo.certify.brain_process import BrainProcess
 from vve_sumo.certify.cases import CASE_BY_NAME, Case, Scene
 from vve_sumo.certify.link import FaultLink, FaultyWire, Window
@@ -73,13 +73,13 @@ def drive_case(
         stack.callback(link.close)
         brain = external_controller_over(link, place.rig, resolved, job.working)
         done = drive(brain)
-    kept.write(done.folder, link.answers)
+    case_record.write(done.folder, link.answers)
     refused = "; ".join(f"{code}: {times}" for code, times in sorted(brain.refused.items()))
     taken = {"setpoints_taken": brain.taken, "setpoints_refused": refused, "unheard": " ".join(unheard)}
     return done, {
         "fault_begins_s": case_settings["begins"],
         **taken,
-        "setpoints_sha256": hash_file(done.folder / kept.ANSWERS),
+        "setpoints_sha256": hash_file(done.folder / case_record.ANSWERS),
     }
 
 
@@ -137,7 +137,7 @@ def _link(
 
 
 def _scene(nominal: Path, window: Window, resolved: ResolvedScenario) -> Scene:
-    drive = kept.drive_of(nominal)
+    drive = case_record.drive_of(nominal)
     (speed,) = speeds_at(drive, [window.begins]).tolist()
     return Scene(track_of(drive), window.begins, bumper_of(resolved), speed)
 

@@ -265,7 +265,7 @@ class CalibrationRow(NamedTuple):
 
     words: str
     declared: str
-    found: str
+    identified: str
     uncertainty: str
     verdict: str
 

@@ -165,7 +165,7 @@ def _watchdog(rig: Rig, stated: StatedDay | None, today: datetime.date) -> Check
         "when the gateway itself dies, nobody brakes this car but its driver: have the watchdog of the drive-by-wire "
         "controller armed"
     )
-    return Check("watchdog test", f"not armed, {dated.found}", CheckResult.NOTE, advice)
+    return Check("watchdog test", f"not armed, {dated.observed}", CheckResult.NOTE, advice)
 
 
 def _dated(name: str, found: str, stated: StatedDay, rig: Rig, today: datetime.date) -> Check:
@@ -199,19 +199,19 @@ def echo(rig: Rig) -> Iterator[Check]:
     if wanted.channel == PTY or start_pose is None:
         return
     far = start_pose.channel or wanted.channel
-    with Bus(wanted.interface, wanted.channel) as here, Bus(wanted.interface, far) as there:
-        yield echoed(here, there)
+    with Bus(wanted.interface, wanted.channel) as near_end, Bus(wanted.interface, far) as far_end:
+        yield echoed(near_end, far_end)
 
 
-def echoed(here: Bus, there: Bus) -> Check:
+def echoed(near_end: Bus, far_end: Bus) -> Check:
     """Check whether a frame gets from one end of a bus to the other."""
     sent, begun = Frame(NO_COMMAND, time.monotonic_ns().to_bytes(8, "big")), time.monotonic()
-    here.send(sent)
+    near_end.send(sent)
     while (left := begun + ECHO_TIMEOUT - time.monotonic()) > 0.0:
-        observed = there.receive(left)
+        observed = far_end.receive(left)
         if observed is not None and observed[1] == sent:
-            return Check("echo", f"a frame from {here.name} is heard on {there.name}")
-    found = f"a frame from {here.name} is not heard on {there.name}"
+            return Check("echo", f"a frame from {near_end.name} is heard on {far_end.name}")
+    found = f"a frame from {near_end.name} is not heard on {far_end.name}"
     return Check("echo", found, CheckResult.NO_GO, "see that both are the same bus, at the same bitrate, and up")
 
 

@@ -239,18 +239,18 @@ class LockstepEgo:
             outcome = self._termination.unless_contact(Outcome.TIMEOUT)
         return None if outcome is None else (outcome, status.reasons)
 
-    def _end_reason(self, wanted: EndTrigger, ticked: LockstepTick, contact: bool) -> str:
+    def _end_reason(self, end_trigger: EndTrigger, ticked: LockstepTick, contact: bool) -> str:
         """Return the reason code for which the scenario ends the drive at this tick, from the true pose; else empty."""
         truth, s = ticked.truth, ticked.result.s
         bumper = deviation = ttc = math.nan
         if math.isfinite(s):
             place = self._path.project(truth.x, truth.y, s)
             bumper, deviation = place.s + self._vehicle.rear_axle_to_bumper, place.offset
-        if wanted.ttc_s is not None:
+        if end_trigger.ttc_s is not None:
             commanded = ticked.result.commanded_path
             lead = lead_vehicle_now(truth, s, ticked.actors, self._path, self._vehicle, commanded)
             ttc = float(lead.time_to_collision[0])
-        return end_reason(wanted, contact, bumper, deviation, ttc)
+        return end_reason(end_trigger, contact, bumper, deviation, ttc)
 
 
 class Lockstep:

@@ -179,7 +179,7 @@ def _unmet(name: str, wanted: Any, summary: Mapping[str, Any]) -> str:
         return f"{name} is none ({failed}), expected {_band(wanted) if band else wanted}"
     if band:
         met = _within(wanted, METRICS[name].absent if math.isnan(got) else got)
-        return "" if met else f"{name} is {_found(name, got, summary)}, expected {_band(wanted)}"
+        return "" if met else f"{name} is {_value_in_words(name, got, summary)}, expected {_band(wanted)}"
     return "" if got == wanted else f"{name} is {got}{_why(name, summary)}, expected {wanted}"
 
 
@@ -187,7 +187,7 @@ def _within(band: CriterionBand, value: float) -> bool:
     return (band.min is None or value >= band.min) and (band.max is None or value <= band.max)
 
 
-def _found(name: str, value: float, summary: Mapping[str, Any]) -> str:
+def _value_in_words(name: str, value: float, summary: Mapping[str, Any]) -> str:
     """Return the value of a metric that missed its band, with whom it is about, or with what it means to have none."""
     metric = METRICS[name]
     if math.isnan(value):

@@ -66,19 +66,19 @@ class DriveEnd:
 END_REASONS: Final = frozenset({"end_contact", "end_ego_at", "end_deviation", "end_ttc"})
 
 
-def end_reason(wanted: EndTrigger, contact: bool, bumper: float, deviation: float, ttc: float) -> str:
+def end_reason(end_trigger: EndTrigger, contact: bool, bumper: float, deviation: float, ttc: float) -> str:
     """Return the reason code of an end trigger's condition that holds, empty while none holds.
 
     `bumper` is the front bumper's s [m], `deviation` the lateral deviation [m], `ttc` the time to collision [s]; NaN
     meets no condition.
     """
-    if wanted.contact and contact:
+    if end_trigger.contact and contact:
         return "end_contact"
-    if wanted.ego_at_m is not None and bumper >= wanted.ego_at_m:
+    if end_trigger.ego_at_m is not None and bumper >= end_trigger.ego_at_m:
         return "end_ego_at"
-    if wanted.lateral_deviation_m is not None and abs(deviation) > wanted.lateral_deviation_m:
+    if end_trigger.lateral_deviation_m is not None and abs(deviation) > end_trigger.lateral_deviation_m:
         return "end_deviation"
-    return "end_ttc" if wanted.ttc_s is not None and ttc < wanted.ttc_s else ""
+    return "end_ttc" if end_trigger.ttc_s is not None and ttc < end_trigger.ttc_s else ""
 
 
 @dataclass(slots=True)

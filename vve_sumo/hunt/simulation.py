@@ -203,7 +203,7 @@ class EpisodeDrive:
         self.outcome: Outcome | None = None  #: that the drive would have by now
         self.ended_because: tuple[str, ...] = ()  #: reasons of the gateway at that outcome
         self.s = math.nan  #: distance along the path [m]
-        self.asked = math.nan  #: acceleration that the setpoint asks for [m/s2]
+        self.requested_acceleration = math.nan  #: acceleration that the setpoint asks for [m/s2]
 
     def _around(self, own: Controller) -> Controller:
         self._brain = TurningBrain(own)
@@ -237,7 +237,7 @@ class EpisodeDrive:
         output = self.gateway.step(now, sent, self._reports, self._operator_command)
         self.operator.observe(self._operator_command, output.status)
         self._status, self._frames = output.status, output.frames
-        self.asked = math.nan if setpoint is None else setpoint.acceleration
+        self.requested_acceleration = math.nan if setpoint is None else setpoint.acceleration
         return output.status
 
     def step(self) -> TruthSample:

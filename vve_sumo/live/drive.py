@@ -184,7 +184,7 @@ class LiveDrive:
         publisher = self._brain.publisher
         publisher.over |= self._has_engaged and status.state in ENDING
         if status.state is ArmingState.ENGAGED and WAITING not in status.reasons:
-            publisher.held = False
+            publisher.awaiting_start = False
 
     # A tick.
 
@@ -219,7 +219,9 @@ class LiveDrive:
         if self._brain is not None and self._gateway_is_silent():
             # Nothing else tells an external controller that nobody can stop the drive any more.
             foreign += ("gateway_silent",)
-        return ready + self._scheduled_faults + self._latency_faults + recording + self._source.found() + foreign
+        return (
+            ready + self._scheduled_faults + self._latency_faults + recording + self._source.sender_faults() + foreign
+        )
 
     def _gateway_is_silent(self) -> bool:
         """Whether the gateway has said nothing for too long; what waits because this process was held up counts."""

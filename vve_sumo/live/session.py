@@ -46,7 +46,7 @@ from vve_sumo.record.summary import SUMMARY_HASH_KEY, write_summary
 from vve_sumo.record.writer import claim
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
-from vve_sumo.rig.lock import held
+from vve_sumo.rig.lock import rig_lock
 from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.validation import PTY, arming_obstacle
 from vve_sumo.scenario.schema import EndTrigger
@@ -183,7 +183,7 @@ def _driven(
 ) -> Console:
     """Drive a plan to its end, from the rig's lock to the end of all processes but the page's, which `page` ends."""
     with (
-        held(plan.rig_file, plan.rig) as locks,
+        rig_lock(plan.rig_file, plan.rig) as locks,
         contextlib.ExitStack() as stack,
         OperatorInput(listen=not plan.rig.operator.automatic) as keys,
     ):

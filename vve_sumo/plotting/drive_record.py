@@ -59,7 +59,7 @@ def page_of(run: Run) -> DrivePage:
         sensed=_sensed(run, moment.time) if moment else (),
         named=_named(run),
         deviation_limit=_deviation_limit(run),
-        asked={name: bound for name, bound in (run.resolved["settings"].get("criteria") or {}).items() if bound},
+        criteria={name: bound for name, bound in (run.resolved["settings"].get("criteria") or {}).items() if bound},
     )
 
 

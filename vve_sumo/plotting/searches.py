@@ -37,7 +37,7 @@ def boundary(sweep: Sweep) -> Figure:
     flips. Of a worst case: every run's figure in the order of the search, the worst so far, and where that is.
     A search that has not ended shows its runs alone.
     """
-    found, rows = sweep.found, sweep.rows()
+    found, rows = sweep.search_result, sweep.rows()
     search = sweep.plan["spec"].get("search")
     if search is None:
         with page() as figure:

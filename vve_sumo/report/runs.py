@@ -66,7 +66,7 @@ def counts(sweep: Sweep, rows: pd.DataFrame) -> Counts:
     """Return how many runs there are."""
     passed = rows["passed"].to_numpy(np.float64, na_value=np.nan)
     errors = int((rows["error"].fillna("") != "").sum())
-    return Counts(sweep.asked, len(rows), int((passed == 1.0).sum()), int((passed == 0.0).sum()), errors)
+    return Counts(sweep.planned, len(rows), int((passed == 1.0).sum()), int((passed == 0.0).sum()), errors)
 
 
 def overview(sweep: Sweep, of: Counts, search: bool) -> ReportTable:

@@ -81,7 +81,7 @@ class Library:
             str(number): ViewedRecord(run, names[number]) for number, run in enumerate(held) if isinstance(run, Run)
         }
         self._lock = threading.Lock()
-        self._kept = frozenset(_kept(self.sweep)) if self.sweep is not None else frozenset()
+        self._record_keys = frozenset(_keys_with_record(self.sweep)) if self.sweep is not None else frozenset()
 
     def contents(self, run: str | None = None) -> dict[str, Any]:
         """Return what the page is to show; `run` is the key of a sweep's run, to be shown in place of the table."""
@@ -93,7 +93,7 @@ class Library:
             "version": VERSION,
             "kind": "sweep",
             "title": self.sweep.title,
-            "kept": sorted(self._kept),
+            "kept": sorted(self._record_keys),
             "records": [],
         }
 
@@ -102,7 +102,7 @@ class Library:
         with self._lock:
             if key in self._open:
                 return self._open[key]
-            if self.sweep is None or key not in self._kept:
+            if self.sweep is None or key not in self._record_keys:
                 return None
             while len(self._open) >= MAX_OPEN:
                 self._open.pop(next(iter(self._open)))
@@ -159,7 +159,7 @@ def _cell_text(value: object) -> str:
     return {True: "yes", False: "no"}[value] if isinstance(value, bool) else str(value)
 
 
-def _kept(sweep: Sweep) -> list[str]:
+def _keys_with_record(sweep: Sweep) -> list[str]:
     """Return the keys of the runs whose records were kept."""
     folder = sweep.folder / "records"
     return [one.name for one in folder.iterdir() if (one / "scenario.json").is_file()] if folder.is_dir() else []

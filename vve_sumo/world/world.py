@@ -88,7 +88,7 @@ class World:
         self._begun = False  # an ego has been placed
         self._removed_at_entry: tuple[str, ...] = ()
         self._removed_after_standoff: tuple[str, ...] = ()
-        self._asked: Sequence[ActorState] = ()
+        self._actor_states: Sequence[ActorState] = ()
         self._signals = SignalStates()
 
     @property
@@ -139,7 +139,7 @@ class World:
         They may be put anywhere. Where one enters, traffic that overlaps it or could not stop behind it is taken off
         the road. An actor whose numbers are not finite is left out.
         """
-        self._asked = actors
+        self._actor_states = actors
 
     def step(self, placements: Mapping[str, Pose]) -> dict[str, EgoSyncReport]:
         """Step the road to the next tick and compare SUMO's egos with the poses of their front bumpers then, by id.
@@ -258,7 +258,7 @@ class World:
         for ego in self._egos:
             if ego.body is not None and ego.pose is not None:
                 ego.proxies.place(ego.body, ego.pose.speed if ego.moves else 0.0, ego.sync.lane)
-        for entered in self._scenario_actors.place(self._asked):
+        for entered in self._scenario_actors.place(self._actor_states):
             self._removed_at_entry += _clear(box_of(entered), entered.speed, self._hidden())
         self._scenario_actors.show()
         for ego in self._egos:
