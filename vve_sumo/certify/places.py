@@ -119,11 +119,11 @@ def _filled(command: str, values: Mapping[str, str]) -> str:
     return _PLACEHOLDER.sub(value, command)
 
 
-def _moved(rig: Rig, number: int, held: ExitStack) -> Rig:
+def _moved(rig: Rig, number: int, stack: ExitStack) -> Rig:
     """Return a rig with free ports, which stay bound until all are chosen, and with links of another name."""
 
     def free() -> int:
-        end = held.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+        end = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         end.bind(("127.0.0.1", 0))
         return int(end.getsockname()[1])
 

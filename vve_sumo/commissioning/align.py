@@ -189,10 +189,10 @@ def description(site: AlignmentSite, result: AlignmentResult) -> Iterator[str]:
         yield _start(site, result.fit)
 
 
-def _start(site: AlignmentSite, found: Fit) -> str:
+def _start(site: AlignmentSite, fit: Fit) -> str:
     """Describe where the rear axle is at the path's start, and what the receiver reports there."""
     frame = meaning.frame_of(site.rig)
-    x, y, heading = found.start
+    x, y, heading = fit.start
     latitude, longitude = frame.to_geodetic(x, y)
     bearing = heading - frame.convergence(latitude, longitude)
     seen = Placement(frame, Alignment(), meaning.mounting_of(site.rig), 0.0).unplace(pose_at_rest(x, y, heading))

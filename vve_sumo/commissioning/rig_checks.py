@@ -168,14 +168,14 @@ def _watchdog(rig: Rig, stated: StatedDay | None, today: datetime.date) -> Check
     return Check("watchdog test", f"not armed, {dated.observed}", CheckResult.NOTE, advice)
 
 
-def _dated(name: str, found: str, stated: StatedDay, rig: Rig, today: datetime.date) -> Check:
+def _dated(name: str, observed: str, stated: StatedDay, rig: Rig, today: datetime.date) -> Check:
     """Judge a day that the rig states; what a simulated vehicle's rig states does not grow old."""
     if stated.is_to_come(today):
         return Check(
-            name, found, CheckResult.NO_GO, "that day is still to come: correct the date, or this machine's clock"
+            name, observed, CheckResult.NO_GO, "that day is still to come: correct the date, or this machine's clock"
         )
     age = (today - stated.day).days
-    text = f"{found}, {age} days ago"
+    text = f"{observed}, {age} days ago"
     if stated.has_expired(today):
         table = stated.key.partition(".")[0]
         return Check(name, text, CheckResult.NO_GO, f"{table}.valid_days allows {stated.valid_days}: repeat it")

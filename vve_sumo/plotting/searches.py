@@ -58,7 +58,7 @@ def met(rows: pd.DataFrame, criterion: str) -> NDArray[np.bool_]:
     return holds(rows, column, wanted)
 
 
-def _boundary(sweep: Sweep, rows: pd.DataFrame, found: Found) -> Figure:
+def _boundary(sweep: Sweep, rows: pd.DataFrame, result: Found) -> Figure:
     search = sweep.plan["spec"]["search"]
     along, criterion = search["along"], search.get("criterion", "passed")
     others = [parameter for parameter in sweep.parameters if parameter != along]
@@ -73,7 +73,7 @@ def _boundary(sweep: Sweep, rows: pd.DataFrame, found: Found) -> Figure:
             blank(axes, "no run is finished yet")
             return figure
         _runs(axes, rows, along, criterion, lines, others, seeds)
-        flips = {tuple(line["values"].get(other) for other in others): line for line in found["boundaries"]}
+        flips = {tuple(line["values"].get(other) for other in others): line for line in result["boundaries"]}
         for place, values in enumerate(lines):
             _flips(axes, place, flips.get(values), labelled=len(lines) <= MAX_LABELLED_LINES)
         _name_lines(axes, lines, others, rows.attrs["units"])
@@ -161,7 +161,7 @@ def _short(value: Any) -> str:
     return f"{value:g}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
 
 
-def _worst(sweep: Sweep, rows: pd.DataFrame, found: Found) -> Figure:
+def _worst(sweep: Sweep, rows: pd.DataFrame, result: Found) -> Figure:
     search = sweep.plan["spec"]["search"]
     figure_name, sign = (search["highest"], 1.0) if "highest" in search else (search["lowest"], -1.0)
     goal = "highest" if sign > 0.0 else "lowest"
@@ -177,7 +177,7 @@ def _worst(sweep: Sweep, rows: pd.DataFrame, found: Found) -> Figure:
         _course(panels[0], rows["number"].to_numpy(float), values, hit, sign, figure_name)
         if len(numeric) > 1:
             worst = int(np.nanargmax(sign * with_contacts(rows, figure_name)))
-            if case := found.get("worst"):  # of several contacts the hardest
+            if case := result.get("worst"):  # of several contacts the hardest
                 worst = int(np.flatnonzero(rows["key"] == case["key"])[0])
             _places(figure, panels[1], rows, numeric[:2], values, hit, figure_name, worst)
         return figure

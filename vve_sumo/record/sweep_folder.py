@@ -319,10 +319,10 @@ def _part_names(folder: Path) -> list[str]:
     return sorted(file.name for file in (folder / "rows").glob("part-*.parquet"))
 
 
-def _sealed(there: Sequence[SweepPart], number: int) -> bool:
+def _sealed(sealed_parts: Sequence[SweepPart], number: int) -> bool:
     """Return whether a run is in one of the parts."""
-    at = bisect_right(there, number, key=lambda part: part.first) - 1
-    return at >= 0 and number < there[at].first + there[at].runs
+    at = bisect_right(sealed_parts, number, key=lambda part: part.first) - 1
+    return at >= 0 and number < sealed_parts[at].first + sealed_parts[at].runs
 
 
 def _read(file: Path, columns: list[str]) -> pa.Table:
