@@ -47,16 +47,16 @@ class BrakeAt:
     def step(self, observation: Observation) -> ControlCommand:
         """Answer one observation; called once every PERIOD."""
         pose, path = observation.pose, observation.path
-        station = path.project(pose.x, pose.y, self._station)
-        self._station = station.s
-        deviation = self._observer.step(pose, path, station, PERIOD)
+        projection = path.project(pose.x, pose.y, self._station)
+        self._station = projection.s
+        deviation = self._observer.step(pose, path, projection, PERIOD)
         trim = self._trim.step(deviation.offset, deviation.speed, PERIOD, False)
         steering = clamp(self._law.steer(deviation, observation) + trim, -self._steering_limit, self._steering_limit)
-        target = self._tracker.step(observation, station)
+        target = self._tracker.step(observation, projection)
         if self._since is None:
-            self._since = self._onset(observation, target, path.length - station.s)
+            self._since = self._onset(observation, target, path.length - projection.s)
         if self._since is None:
-            return ControlCommand(steering, self._cruise(observation, station.s), note="cruise")
+            return ControlCommand(steering, self._cruise(observation, projection.s), note="cruise")
         braking = min(JERK * (observation.time - self._since), self._deceleration)
         return ControlCommand(steering, -braking, note="brake")
 

@@ -165,12 +165,12 @@ class CalibrationRun:
     def step(self, observation: Observation) -> ControlCommand:
         """Answer one observation; called once every PERIOD."""
         pose, path = observation.pose, observation.path
-        station = path.project(pose.x, pose.y, self._station)
-        self._station = station.s
+        projection = path.project(pose.x, pose.y, self._station)
+        self._station = projection.s
         phase, time = self._phase(observation)
         excess = phase.steer(time) if phase is not None and phase.steer is not None else None
-        steering = self._steer(excess, self._observer.step(pose, path, station, PERIOD), observation)
-        acceleration, note = self._accelerate(phase, Goal(path.length - station.s), pose)
+        steering = self._steer(excess, self._observer.step(pose, path, projection, PERIOD), observation)
+        acceleration, note = self._accelerate(phase, Goal(path.length - projection.s), pose)
         return ControlCommand(steering, acceleration, note=note)
 
     def _steer(self, excess: float | None, deviation: Deviation, observation: Observation) -> float:

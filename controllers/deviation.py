@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from vve_sumo.path import ReferencePath, Station
+from vve_sumo.path import PathProjection, ReferencePath
 from vve_sumo.values import Pose, Vehicle
 
 MIN_SPEED = 1.0  #: below it the direction of motion drowns in the receiver's velocity noise [m/s]
@@ -71,10 +71,10 @@ class DeviationObserver:
         self._misalignment = 0.0
         self._actuator = vehicle.steering_delay + vehicle.steering_lag
 
-    def step(self, pose: Pose, path: ReferencePath, station: Station, period: float) -> Deviation:
+    def step(self, pose: Pose, path: ReferencePath, projection: PathProjection, period: float) -> Deviation:
         """Advance by a period [s]; `pose` and `station` are the rear axle's."""
         speed = max(pose.speed, 0.0)
-        slip = steady_sideslip(self._vehicle, speed, station.curvature)
+        slip = steady_sideslip(self._vehicle, speed, projection.curvature)
         if speed > MIN_SPEED:
             residual = math.atan2(pose.lateral_speed, speed) - slip
             learnt = self._misalignment + (residual - self._misalignment) * period / SETTLING_TIME
@@ -82,10 +82,10 @@ class DeviationObserver:
         # A command waits one period on its way and is held for another, half of it on average.
         answer = 1.5 * period + self._actuator + tyre_response_time(self._vehicle, speed)
         return Deviation(
-            station.s,
-            station.offset,
-            turned(pose.heading + slip + self._misalignment - station.heading),
-            pose.yaw_rate - speed * station.curvature,
+            projection.s,
+            projection.offset,
+            turned(pose.heading + slip + self._misalignment - projection.heading),
+            pose.yaw_rate - speed * projection.curvature,
             speed,
-            path.at(station.s + speed * answer).curvature,
+            path.at(projection.s + speed * answer).curvature,
         )

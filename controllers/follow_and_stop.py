@@ -80,7 +80,7 @@ class CarFollowing(Protocol):
 
 
 class FollowAndStop:
-    """One step: station, deviation, steering; target, goals, acceleration."""
+    """One step: projection onto the path, deviation, steering; target, goals, acceleration."""
 
     def __init__(
         self, vehicle: Vehicle, law: SteeringLaw, tuning: dict[str, float], following: CarFollowing | None = None
@@ -112,23 +112,23 @@ class FollowAndStop:
     def step(self, observation: Observation) -> ControlCommand:
         """Answer one observation; called once every PERIOD."""
         pose = observation.pose
-        station = observation.path.project(pose.x, pose.y, self._station)
-        self._station = station.s
-        deviation = self._observer.step(pose, observation.path, station, PERIOD)
-        target = self._tracker.step(observation, station)
-        dangers = self._tracker.dangers(observation.time, station.s)
+        projection = observation.path.project(pose.x, pose.y, self._station)
+        self._station = projection.s
+        deviation = self._observer.step(pose, observation.path, projection, PERIOD)
+        target = self._tracker.step(observation, projection)
+        dangers = self._tracker.dangers(observation.time, projection.s)
         if self._emergency is not None and self._emergency.step(dangers, pose.speed):
             self._acceleration, self._stopped = COMFORT_LIMIT, pose.speed < STOPPED
             return ControlCommand(
                 self._steer(deviation, observation), self._emergency.demand, emergency=True, note="emergency"
             )
         if self._comfort:
-            acceleration, note = self._accelerate(observation, station.s, target)
+            acceleration, note = self._accelerate(observation, projection.s, target)
         elif self._stopped:
             # Nobody else stops for what is ahead: going on would be into it.
             acceleration, note = Standstill.HOLD, "hold"
         else:
-            acceleration, note = self._accelerate(observation, station.s, None)
+            acceleration, note = self._accelerate(observation, projection.s, None)
         return ControlCommand(self._steer(deviation, observation), acceleration, note=note)
 
     def _steer(self, deviation: Deviation, observation: Observation) -> float:

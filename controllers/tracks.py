@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vve_sumo.path import Corridor, ReferencePath, Station
+from vve_sumo.path import Corridor, PathProjection, ReferencePath
 from vve_sumo.values import Observation, Pose, Vehicle
 
 from .assignment import assign
@@ -272,7 +272,7 @@ class Tracker:
         self._memory = Memory()
         self._scanned = -math.inf
 
-    def step(self, observation: Observation, station: Station) -> Target | None:
+    def step(self, observation: Observation, projection: PathProjection) -> Target | None:
         """Take in a scan if it is new, and return the nearest target at the observation's time."""
         if self._corridor is None:
             self._corridor = self._corridor_of(observation.path)
@@ -281,10 +281,10 @@ class Tracker:
         if scan > self._scanned:
             self._scanned = scan
             then = self._memory.at(scan)
-            self._take_in(scan, _sightings(observation, then, station, self._vehicle.rear_axle_to_bumper))
+            self._take_in(scan, _sightings(observation, then, projection, self._vehicle.rear_axle_to_bumper))
             self._forget(scan, observation.pose)
             self._judge(self._corridor, now - scan)
-            bumper = station.s + self._vehicle.rear_axle_to_bumper
+            bumper = projection.s + self._vehicle.rear_axle_to_bumper
             # Unseen it may go on being one, but becomes none: where it would be by now, nobody has seen it.
             self._dangers = [
                 track
@@ -293,7 +293,7 @@ class Tracker:
                 and (track.seen == scan or track in self._dangers)
                 and _endangers(track, observation.path, self._corridor, bumper, observation.pose.speed, now)
             ]
-        return self._nearest(observation.time, station.s + self._vehicle.rear_axle_to_bumper)
+        return self._nearest(observation.time, projection.s + self._vehicle.rear_axle_to_bumper)
 
     def dangers(self, time: float, station: float) -> list[Target]:
         """Return all that the car would meet, or may, at a time [s] with its rear axle at a station [m].
@@ -435,7 +435,7 @@ def _is_inside(track: Track, corridor: Corridor, offset: float, variance: float)
     return corridor.contains(track.s, math.copysign(abs(offset) + 2.0 * math.sqrt(variance), offset))
 
 
-def _sightings(observation: Observation, then: AxleMotion, station: Station, front: float) -> list[Sighting]:
+def _sightings(observation: Observation, then: AxleMotion, projection: PathProjection, front: float) -> list[Sighting]:
     """Bring a scan's detections onto the path, from where the car was when the scan was made."""
     scan, heading = observation.radar, then.heading
     if not scan.range.size:
@@ -445,10 +445,10 @@ def _sightings(observation: Observation, then: AxleMotion, station: Station, fro
     sights = [(math.cos(heading + azimuth), math.sin(heading + azimuth)) for azimuth in azimuths]
     lines = np.array(sights)
     s, offset = observation.path.locate(
-        bumper_x + scan.range * lines[:, 0], bumper_y + scan.range * lines[:, 1], station.s, station.s + HORIZON
+        bumper_x + scan.range * lines[:, 0], bumper_y + scan.range * lines[:, 1], projection.s, projection.s + HORIZON
     )
     across = then.lateral_speed + then.yaw_rate * front
-    here, found = observation.path.at(station.s).heading, []
+    here, found = observation.path.at(projection.s).heading, []
     columns = zip(ranges, azimuths, sights, scan.range_rate.tolist(), s.tolist(), offset.tolist(), strict=True)
     for reach, azimuth, (sight_x, sight_y), rate, at_s, at_offset in columns:
         if not abs(at_offset) < LANE:

@@ -77,13 +77,13 @@ class Table(BaseModel):
 
 def in_si(table: Table, *left_out: str) -> dict[str, float]:
     """Return the numbers that a table says, in SI units and by names without units."""
-    said: dict[str, float] = {}
+    numbers: dict[str, float] = {}
     for key, value in table:
         if value is not None and key not in left_out:
             name, _, unit = key.rpartition("_")
             factor = UNITS.get(f"_{unit}")
-            said[key if factor is None else name] = value * (factor or 1.0)
-    return said
+            numbers[key if factor is None else name] = value * (factor or 1.0)
+    return numbers
 
 
 def in_key_units(table: dict[str, Any], model: Any) -> dict[str, Any]:
@@ -94,16 +94,16 @@ def in_key_units(table: dict[str, Any], model: Any) -> dict[str, Any]:
     is none of the key's, and for a quantity that is there twice.
     """
     fields = {name: field.annotation for name, field in model.model_fields.items()}
-    said: dict[str, Any] = {}
+    converted: dict[str, Any] = {}
     for key, value in table.items():
         try:
             name, inner = key_and_number(key, value, fields), _inside_in_key_units(value, fields.get(key))
         except ValueError as error:
             raise ValueError(f"{key}{'.' if isinstance(value, (dict, list)) else ': '}{error}") from None
-        if name[0] in said or (name[0] != key and name[0] in table):
+        if name[0] in converted or (name[0] != key and name[0] in table):
             raise ValueError(f"{key}: is there beside {name[0]}, expected one of them")
-        said[name[0]] = inner if name == (key, value) else name[1]
-    return said
+        converted[name[0]] = inner if name == (key, value) else name[1]
+    return converted
 
 
 def key_and_number(key: str, value: object, fields: Collection[str]) -> tuple[str, object]:
@@ -167,8 +167,8 @@ def complaint(file: Path | str, error: ValidationError, model: type[BaseModel]) 
     if first["type"] == "missing":
         return f"{file}: key {key!r} is missing"
     # Where a value may be of several kinds there is a complaint of each; together they say what is allowed.
-    said = dict.fromkeys(_expected(one) for one in complaints if _walk(one, model)[0] == place)
-    return f"{file}: {key}: {' or '.join(said).replace(' or expected ', ' or ')}{_came(first)}"
+    expectations = dict.fromkeys(_expected(one) for one in complaints if _walk(one, model)[0] == place)
+    return f"{file}: {key}: {' or '.join(expectations).replace(' or expected ', ' or ')}{_came(first)}"
 
 
 def unknown_key(key: str, last: str, known: list[str]) -> str:
@@ -196,10 +196,10 @@ def short_repr(value: object) -> str:
     if isinstance(value, dict):
         return "a table"
     try:
-        said = repr(value)
+        text = repr(value)
     except (ValueError, RecursionError):  # a whole number of thousands of digits, arrays in arrays in arrays
         return f"{type(value).__name__} beyond all bounds"
-    return said if len(said) <= MAX_VALUE_LENGTH else said[:MAX_VALUE_LENGTH] + "…"
+    return text if len(text) <= MAX_VALUE_LENGTH else text[:MAX_VALUE_LENGTH] + "…"
 
 
 def _walk(complaint: ErrorDetails, model: type[BaseModel]) -> tuple[list[int | str], list[type[BaseModel]]]:

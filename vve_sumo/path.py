@@ -58,7 +58,7 @@ class Segment(NamedTuple):
     y3: float
 
 
-class Station(NamedTuple):
+class PathProjection(NamedTuple):
     """The Frenet coordinates of a point, and the path at the foot of the perpendicular from it."""
 
     s: float  #: arc length of the foot from the path's start [m]; below 0 before the start, above length past the end
@@ -123,7 +123,7 @@ class ReferencePath:
         self._pieces = [_straight(self.segments[0], 0.0), *self.segments, _straight(self.segments[-1], length)]
         self._samples = self._sampled()
         # What `project` was asked last, and its answer: pipeline, controller and record ask for the same point.
-        self._projected: tuple[tuple[float, float, float | None], Station] | None = None
+        self._projected: tuple[tuple[float, float, float | None], PathProjection] | None = None
 
     @classmethod
     def from_points(
@@ -172,7 +172,7 @@ class ReferencePath:
             bend / (tx * tx + ty * ty) ** 1.5,
         )
 
-    def project(self, x: float, y: float, near: float | None = None) -> Station:
+    def project(self, x: float, y: float, near: float | None = None) -> PathProjection:
         """Find the foot of the perpendicular from a map point [m] to the path.
 
         `near` is an s [m] close to the foot's, such as the previous tick's: the search goes downhill from there, so
@@ -197,7 +197,7 @@ class ReferencePath:
             s += min(NEWTON_MAX_STEP, max(-NEWTON_MAX_STEP, step))
         speed = math.sqrt(speed_squared)
         offset = (dx * ty - dy * tx) / speed
-        foot = Station(s, offset, math.atan2(ty, tx), (tx * ay - ty * ax) / (speed_squared * speed))
+        foot = PathProjection(s, offset, math.atan2(ty, tx), (tx * ay - ty * ax) / (speed_squared * speed))
         self._projected = asked, foot
         return foot
 

@@ -39,7 +39,7 @@ def test_the_rows_are_the_finished_runs_in_order(tmp_path: Path, most: int) -> N
     sweep = Sweep(tmp_path)
     rows = sweep.rows()
     assert sweep.finished == most
-    assert sweep.asked == COUNT
+    assert sweep.planned == COUNT
     assert list(rows["number"]) == sorted(ORDER[:most])
     for _index, row in rows.iterrows():
         for name, value in row_of_result(row["number"]).items():
@@ -266,10 +266,10 @@ def test_a_certificates_case_without_a_record_is_not_to_be_driven_again(tmp_path
 
 def test_what_a_search_found(tmp_path: Path) -> None:
     fill(tmp_path)
-    assert Sweep(tmp_path).found is None
+    assert Sweep(tmp_path).search_result is None
     reported = {"search": "worst", "lowest": "stop_gap_m", "worst": None}
     (tmp_path / "search.json").write_text(json.dumps(reported), encoding="utf-8")
-    assert Sweep(tmp_path).found == reported
+    assert Sweep(tmp_path).search_result == reported
     (tmp_path / "search.json").write_text("[]", encoding="utf-8")
     with pytest.raises(ConfigError, match=r"search\.json: not what a search writes"):
-        _ = Sweep(tmp_path).found
+        _ = Sweep(tmp_path).search_result

@@ -199,7 +199,7 @@ def test_a_dataset_without_a_finished_run_is_one_line(tmp_path: Path) -> None:
     dataset = begun(tmp_path / "sweep")
     dataset.add(cell(4), result(4))
     assert load(tmp_path / "sweep").finished == 1
-    assert PLAN.cells == load(tmp_path / "sweep").asked
+    assert PLAN.cells == load(tmp_path / "sweep").planned
     dataset.close()
 
 

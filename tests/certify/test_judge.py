@@ -30,7 +30,7 @@ def test_silence_is_timed_to_the_tick(after: float, passes: bool) -> None:
     found = judge(CASE["radar_invalid"], window, course(onset=7.0, silent=5.0 + after), course())
     assert found.reaction == pytest.approx(after)
     assert (found.verdict is CaseVerdict.PASSED) is passes
-    assert found.left == 5.0
+    assert found.distance_left == 5.0
 
 
 def test_braking_counts_as_a_reaction_and_driving_on_does_not() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import REPOSITORY
-from vve_sumo.certify import kept
+from vve_sumo.certify import case_record
 from vve_sumo.certify.link import Answer
 from vve_sumo.certify.places import Place, has_places, place_of, places_of
 from vve_sumo.errors import ConfigError
@@ -66,5 +66,5 @@ def test_a_place_goes_to_the_process_that_drives(rig: Rig) -> None:
 
 
 def test_every_setpoint_is_kept_in_the_record(tmp_path: Path) -> None:
-    kept.write(tmp_path, [Answer(0.06000000000000001, 3, 4, 0.1, -1.5)])
-    assert kept._answers(tmp_path / kept.ANSWERS) == [Answer(0.06, 3, 4, 0.1, -1.5)]
+    case_record.write(tmp_path, [Answer(0.06000000000000001, 3, 4, 0.1, -1.5)])
+    assert case_record._answers(tmp_path / case_record.ANSWERS) == [Answer(0.06, 3, 4, 0.1, -1.5)]

@@ -135,4 +135,4 @@ def test_every_bug_of_a_reader_of_frames_is_named(bug: str, sense: str, seed: in
 def test_what_is_left_says_how_far_from_the_target_the_brain_stopped() -> None:
     (nominal,) = certified("stop_for_parked", 1, cases=[])
     assert nominal.verdict is CaseVerdict.PASSED
-    assert math.isclose(nominal.left, 5.5, abs_tol=0.6)
+    assert math.isclose(nominal.distance_left, 5.5, abs_tol=0.6)

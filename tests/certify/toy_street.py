@@ -332,7 +332,7 @@ class _Drive:
         scan = self._radar.step(now, car)
         fix = virtual_fix(pose, self._placement, _newest(now))
         sample = Sample(tick + 1, EPOCH + now, now, SampleContent(fix, pose, scan, now - scan.time, _actors(now)))
-        self._inbox.asked(sample.sequence)
+        self._inbox.sample_sent(sample.sequence)
         self._link.send(sample)
         for received, data in self._link.receive(now, True):
             self._inbox.take(received, data)
@@ -378,6 +378,6 @@ def certified(
 def _result(case: Case, seed: int, window: Window | None, course: CaseDrive, nominal: CaseDrive | None) -> CaseResult:
     found = judge(case, window, course, nominal, RULES)
     return CaseResult(
-        case, seed, found.verdict, found.why, window, found.reaction, found.left, course.impact_speed, course.outcome,
-        tuple(course.reasons), found.extra_braking, found.last, drive=course,
+        case, seed, found.verdict, found.why, window, found.reaction, found.distance_left, course.impact_speed,
+        course.outcome, tuple(course.reasons), found.extra_braking, found.last, drive=course,
     )  # fmt: skip

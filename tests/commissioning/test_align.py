@@ -284,7 +284,7 @@ def test_a_corridor_that_does_not_fit_is_told_by_place_and_distance(tmp_path: Pa
             assert result.whole
             assert "with its corridor: fits" in said
             assert check.finding is CheckResult.GO
-            assert check.found.startswith("fits with its corridor")
+            assert check.observed.startswith("fits with its corridor")
             continue
         assert not result.whole
         assert check.finding is CheckResult.NO_GO
@@ -294,7 +294,7 @@ def test_a_corridor_that_does_not_fit_is_told_by_place_and_distance(tmp_path: Pa
         assert 60.0 <= at <= 100.0
         assert aside == left
         assert over == pytest.approx(left + drift - 5.07, abs=0.6)
-        assert check.found in said
+        assert check.observed in said
         assert "declare a narrower corridor" in check.advice
 
 

@@ -33,9 +33,10 @@ def test_what_can_be_opened_is_named_and_closed(tmp_path: Path) -> None:
     fit = rig({"key_file": "brain.key"}, {"kind": "nmea", "tcp": f"127.0.0.1:{port}"})
     for _ in range(2):
         assert (
-            brain_checks.setpoints(fit, tmp_path).found == f"127.0.0.1 port {fit.brain.port}, of this machine, signed"
+            brain_checks.setpoints(fit, tmp_path).observed
+            == f"127.0.0.1 port {fit.brain.port}, of this machine, signed"
         )
-        assert brain_checks.outputs(fit).found == "ncom, radar, nmea"
+        assert brain_checks.outputs(fit).observed == "ncom, radar, nmea"
 
 
 def test_a_port_that_another_program_has_is_named(tmp_path: Path) -> None:

@@ -222,7 +222,7 @@ def test_a_second_calibration_replaces_the_first(calibrated: calibrate.Calibrate
 def test_a_table_in_words(calibrated: calibrate.Calibrated) -> None:
     table = {row.words: row for row in calibrate.rows(calibrated)}
     assert table["steering wheel, straight on"].declared.startswith("0.0")
-    assert table["steering wheel, straight on"].found.startswith(("1.9", "2.0"))
+    assert table["steering wheel, straight on"].identified.startswith(("1.9", "2.0"))
     assert table["throttle: dead time"].declared == ""
     assert {row.verdict for row in table.values()} == {"good"}
 

@@ -233,19 +233,19 @@ def test_what_speaks_against_a_fix_is_told_in_words(tmp_path: Path) -> None:
     rig = own_rig(tmp_path)
     good = heard_from(rig)
     assert {check.finding for check in good} <= {CheckResult.GO, CheckResult.NOTE}
-    assert "declared minimum" in of(good, "age").found
+    assert "declared minimum" in of(good, "age").observed
     floating = of(heard_from(rig, quality=FixQuality.RTK_FLOAT, position_sigma=0.4), "fix")
     assert floating.finding is CheckResult.NO_GO
     assert "RTK with fixed ambiguities" in floating.advice
     assert "position accuracy" in floating.advice
-    assert "RTK float" in floating.found
-    assert "0.400 m" in floating.found
+    assert "RTK float" in floating.observed
+    assert "0.400 m" in floating.observed
     old = of(heard_from(rig, differential_age=25.0), "fix")
     assert old.finding is CheckResult.NO_GO
-    assert "25.0 s old" in old.found
+    assert "25.0 s old" in old.observed
     assert "corrections" in old.advice
     unlocked = heard_from(rig, locked=False)
-    assert "not locked" in of(unlocked, "fix").found
+    assert "not locked" in of(unlocked, "fix").observed
     assert of(unlocked, "fix").finding is of(unlocked, "age").finding is CheckResult.NO_GO
     assert "navigation is locked" in of(unlocked, "fix").advice
     moving = of(heard_from(rig, velocity_east=2.0, velocity_north=0.2), "standing")
@@ -264,7 +264,7 @@ def documents(rig: Path, today: datetime.date = DAY) -> dict[str, Check]:
 def test_the_papers_of_a_real_car(tmp_path: Path) -> None:
     fit = documents(real_rig(tmp_path, "/dev/ttyACM0"))
     assert fit["arming"].finding is fit["watchdog test"].finding is fit["lot"].finding is CheckResult.GO
-    assert "120 days ago" in fit["watchdog test"].found
+    assert "120 days ago" in fit["watchdog test"].observed
     assert fit["calibration"].finding is CheckResult.NOTE
     untested = documents(real_rig(tmp_path, "/dev/ttyACM0", (WATCHDOG, "")))
     assert untested["arming"].finding is untested["watchdog test"].finding is CheckResult.NO_GO
@@ -282,7 +282,7 @@ def test_what_a_real_car_s_rig_states_grows_old(tmp_path: Path) -> None:
     assert {fit[name].finding for name in ("arming", "watchdog test", "calibration", "lot")} == {CheckResult.GO}
     late = documents(rig, year + day)
     assert late["arming"].finding is late["watchdog test"].finding is CheckResult.NO_GO
-    assert late["arming"].found.startswith("watchdog_test.date: the test of 2026-01-01 was 366 days ago")
+    assert late["arming"].observed.startswith("watchdog_test.date: the test of 2026-01-01 was 366 days ago")
     assert "watchdog_test.valid_days allows 365" in late["watchdog test"].advice
     assert late["lot"].finding is late["calibration"].finding is CheckResult.NOTE
     assert documents(rig, datetime.date(2029, 1, 1))["lot"].finding is CheckResult.NO_GO
@@ -298,14 +298,14 @@ def test_days_to_come_are_refused_but_for_those_of_another_time_zone(tmp_path: P
         assert documents(rig, datetime.date(2025, 12, 31))["lot"].finding is CheckResult.GO
         early = documents(rig, datetime.date(2025, 12, 30))
         assert early["lot"].finding is early["watchdog test"].finding is CheckResult.NO_GO
-    assert early["arming"].found.startswith("lot.surveyed: 2026-01-01 is still to come, today is 2025-12-30")
+    assert early["arming"].observed.startswith("lot.surveyed: 2026-01-01 is still to come, today is 2025-12-30")
 
 
 def test_a_lot_is_told_in_square_metres(tmp_path: Path) -> None:
     corners = ((40.003, -83.020), (40.003, -83.016), (40.006, -83.016), (40.006, -83.020))
     # An ellipsoid's lengths of a degree at 40 N: 111 034 m along the meridian, 85 395 m along the parallel.
     area = 0.003 * 111_034.0 * 0.004 * 85_395.0
-    found = documents(own_rig(tmp_path, outline(*corners)))["lot"].found
+    found = documents(own_rig(tmp_path, outline(*corners)))["lot"].observed
     assert float(found.split()[0]) == pytest.approx(area, rel=2e-3)
 
 
@@ -360,12 +360,12 @@ def test_a_street_that_is_too_slow_is_no_go_and_a_held_back_one_a_note() -> None
     assert machine_checks._judged_virtual_road([0.002] * 190 + [0.03] * 10, False, load).finding is CheckResult.NO_GO
     held = machine_checks._judged_virtual_road([0.002] * 200, True, {"refused": 7, "removed": 5})
     assert held.finding is CheckResult.NOTE
-    assert "12 vehicles" in held.found
+    assert "12 vehicles" in held.observed
 
 
 def test_what_the_kernel_permits_is_told_and_changes_nothing() -> None:
     before = Path("/proc/self/oom_score_adj").read_text()
-    found = machine_checks._priority().found
+    found = machine_checks._priority().observed
     assert re.search(r"oom_score_adj -1000 (not )?permitted$", found)
     assert Path("/proc/self/oom_score_adj").read_text() == before
 

@@ -52,7 +52,7 @@ def test_a_computer_that_stands_still_is_late_until_it_has_caught_up() -> None:
 def test_the_verdict_names_the_next_step_where_it_is_not_go(worst: float, finding: CheckResult) -> None:
     check = judged_wake_up(worst)
     assert check.finding is finding
-    assert f"at worst {1e3 * worst:.1f} ms late" in check.found
+    assert f"at worst {1e3 * worst:.1f} ms late" in check.observed
     assert ("close other programs" in check.advice) is (finding is not CheckResult.GO)
 
 

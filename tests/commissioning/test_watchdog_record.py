@@ -107,7 +107,7 @@ def test_the_weakest_and_the_latest_run_count() -> None:
     runs = [WatchdogStop(5.0, 2.61, 0.31), WatchdogStop(5.0, 3.0, 0.1), WatchdogStop(5.0, 2.8, 0.2)]
     check = compared(STATED.model_copy(update={"deceleration_mps2": 9.0, "delay_s": 0.12}), runs)
     assert check.finding is CheckResult.NO_GO
-    assert check.found == "measured 2.61 m/s2 after 0.31 s (the worst of 3 runs), the rig says 9 after 0.12"
+    assert check.observed == "measured 2.61 m/s2 after 0.31 s (the worst of 3 runs), the rig says 9 after 0.12"
 
 
 def test_a_real_car_s_armed_watchdog_needs_a_record(tmp_path: Path) -> None:
@@ -119,7 +119,7 @@ def test_a_real_car_s_armed_watchdog_needs_a_record(tmp_path: Path) -> None:
     assert list(checks(load(own_rig(tmp_path)), tmp_path)) == [], "a simulated vehicle's need not have one"
     (check,) = checks(parse(real() | {"watchdog_test": WATCHDOG | {"records": ["nowhere"]}}, EXAMPLE), tmp_path)
     assert check.finding is CheckResult.NO_GO
-    assert "nowhere" in check.found
+    assert "nowhere" in check.observed
 
 
 @pytest.mark.live
@@ -149,7 +149,7 @@ def test_the_doctor_reads_the_figures_of_a_live_test(tmp_path: Path) -> None:
         return check
 
     assert said().finding is CheckResult.GO
-    assert "(1 run)" in said().found
+    assert "(1 run)" in said().observed
     assert said(deceleration_mps2=9.0).finding is CheckResult.NO_GO
     assert said(delay_s=0.1 * reported.delay).finding is CheckResult.NO_GO
     assert said(date=day + datetime.timedelta(days=1)).finding is CheckResult.GO, "there it was that day already"
@@ -159,16 +159,16 @@ def test_the_doctor_reads_the_figures_of_a_live_test(tmp_path: Path) -> None:
         (said(with_vehicle(rig, wheelbase_m=2.9)), "is the record of another car than the rig's"),
     ):
         assert refused.finding is CheckResult.NO_GO
-        assert words in refused.found
+        assert words in refused.observed
     log = evidence.folder / "can.log"
     whole = log.read_text()
     log.write_text(whole.replace("060#", "061#", 1))
-    assert "can.log is not as the drive left it" in said().found
+    assert "can.log is not as the drive left it" in said().observed
     log.write_text(whole)
     assert said().finding is CheckResult.GO
     for file in ("summary.json", "ticks.parquet"):
         (evidence.folder / file).unlink()
-    assert "the drive that wrote it never finished it" in said().found
+    assert "the drive that wrote it never finished it" in said().observed
 
 
 def with_vehicle(rig: Rig, **values: float) -> Rig:

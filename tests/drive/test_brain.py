@@ -151,7 +151,7 @@ def test_a_brain_that_commands_the_car_itself_sees_nothing_before_the_go() -> No
     subject = brain("external", link)
     command = tick(subject, 0)
     assert (command.steering, command.acceleration) == (STEERING, 0.0)
-    subject.publisher.held = False
+    subject.publisher.awaiting_start = False
     tick(subject, 1)
     subject.publisher.over = True
     tick(subject, 2)

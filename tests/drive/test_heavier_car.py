@@ -56,7 +56,7 @@ def test_the_command_says_so_before_it_drives(tmp_path: Path) -> None:
 def test_the_doctor_notes_it(tmp_path: Path) -> None:
     resolved = resolve_by_name("parked_car", REPOSITORY, vehicle=str(van_file(tmp_path, DATASPEED)))
     noted = braking(resolved)
-    assert (noted.name, noted.finding, noted.found) == ("braking", CheckResult.NOTE, resolved.note)
+    assert (noted.name, noted.finding, noted.observed) == ("braking", CheckResult.NOTE, resolved.note)
     fine = braking(resolve_by_name("parked_car", REPOSITORY, vehicle=str(van_file(tmp_path, OWN_WIRE))))
     assert fine.finding is CheckResult.GO
-    assert fine.found.endswith("laden with 2800 kg 4.52 m/s2"), "5.5 m/s2 times 2300 over 2800"
+    assert fine.observed.endswith("laden with 2800 kg 4.52 m/s2"), "5.5 m/s2 times 2300 over 2800"

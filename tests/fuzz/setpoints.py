@@ -67,7 +67,7 @@ class _Run:
         self.key = self.chance.randbytes(32) if seed % 2 else b""
         self.inbox = SetpointInbox(0.0, self.key)
         self.now, self.asked, self.sequence = 0.0, [0], self.chance.randrange(1 << 32)
-        self.inbox.asked(0)
+        self.inbox.sample_sent(0)
         self.last: int | None = None
         self.sent: list[bytes] = []
         self.expires, self.wish = -math.inf, (0.0, 0.0)
@@ -77,7 +77,7 @@ class _Run:
         if chance.random() < 0.5:
             self.now += PERIOD * chance.random() * 2.0
             self.asked = [*self.asked, self.asked[-1] + 1][-10:]
-            self.inbox.asked(self.asked[-1])
+            self.inbox.sample_sent(self.asked[-1])
         data = self._datagram()
         before, later = self.inbox.command(self.now), self.now + chance.uniform(0.0, 0.2)
         before_later = self.inbox.command(later)

@@ -48,7 +48,7 @@ def sample(time: float, **changes: Any) -> TruthSample:
         "state": ArmingState.ENGAGED,
         "reasons": (),
         "phase": DRIVING,
-        "said": None,
+        "operator_command": None,
         "went": True,
         "due": {},
     }

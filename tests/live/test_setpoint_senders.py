@@ -30,7 +30,7 @@ class Bench:
         self._source = open_setpoints(Brain(kind="setpoints", port=port), key)
         ours, self._theirs = pair()
         self.link, self.inbox = ChannelLink(ours, self._source, 0.0, actors=False), SetpointInbox(0.0, key)
-        self.inbox.asked(7)
+        self.inbox.sample_sent(7)
         with socket.socket(fileno=socket.dup(self._source.fileno())) as same:
             self._port = same.getsockname()[1]
         self.brain, self.stranger = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))

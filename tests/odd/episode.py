@@ -41,7 +41,7 @@ class Told:
     longest_wait: float = 0.0  #: for somebody who stands in the way of an ego that means to move [s]
     waits: list[str] = field(default_factory=list)  #: a line for each beyond a minute
     jumps: list[str] = field(default_factory=list)  #: a line for each actor's step sideways
-    cleared: tuple[str, ...] = ()
+    removed_at_entry: tuple[str, ...] = ()
     most_standing: int = 0  #: actors that stood near the ego at one time
 
 
@@ -98,7 +98,7 @@ def drive(
                 waited = 0.0
         if waited > 60.0:
             reported.waits.append(f"seed {seed} until the end: {waited:.0f} s for {lane}")
-        reported.seconds, reported.cleared = seconds, world.cleared
+        reported.seconds, reported.removed_at_entry = seconds, world.removed_at_entry
     return reported
 
 

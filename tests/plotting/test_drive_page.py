@@ -256,7 +256,7 @@ def test_a_drive_with_a_moment_writes_every_word_on_the_page_and_none_over_anoth
         moment=Moment(150, 3.0, MomentMeasure.TIME_TO_COLLISION, 2.5, "other"),
         unseen=frozenset({"other"}),
         watching=["radar"],
-        asked={"stop_gap_m": {"min": 4.5, "max": 6.5}, "max_lateral_deviation_m": {"max": 0.15}},
+        criteria={"stop_gap_m": {"min": 4.5, "max": 6.5}, "max_lateral_deviation_m": {"max": 0.15}},
     )
     with mpl.rc_context(page.STYLE):
         figure = Figure(figsize=page.SIZE, dpi=page.DOTS_PER_INCH)
@@ -316,4 +316,4 @@ def test_the_gap_to_another_actor_than_the_one_that_mattered_has_a_colour_of_its
     ],
 )
 def test_the_end_of_a_drive_is_said_in_words(summary: dict[str, Any], words: str) -> None:
-    assert page.said(summary) == words
+    assert page.outcome_text(summary) == words

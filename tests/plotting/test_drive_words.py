@@ -124,7 +124,7 @@ def test_the_limit_at_which_the_gateway_stopped_the_car_is_drawn(tmp_path: Path)
 def test_a_required_gap_stands_only_where_there_is_a_gap() -> None:
     """The other one is ahead for the first half, and beside the path, where only the distance is drawn, after it."""
     beside = PARKED | {"y_m": lambda tick: 0.0 if tick < 100 else 6.0}
-    figure = painted(content(beside, asked={"min_gap_m": {"min": 3.0}}, distance=np.full(TICKS, 8.0)))
+    figure = painted(content(beside, criteria={"min_gap_m": {"min": 3.0}}, distance=np.full(TICKS, 8.0)))
     bound = next(line for line in panel(figure, "gap").lines if 3.0 in np.asarray(line.get_ydata(), float))
     assert np.flatnonzero(np.isfinite(bound.get_ydata())).tolist() == [*range(100)]
     assert "required: gap ≥ 3" in said(figure)

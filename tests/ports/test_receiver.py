@@ -337,7 +337,7 @@ def test_a_stray_datagram_before_the_receiver_does_not_lock_it_out(kind: str, po
                 time.sleep(0.05)
                 arrived = [data for _stamp, data in source.receive()]
                 assert arrived[1:] == [data for _received, data in portions()[:3]]
-                assert source.found() == ()
+                assert source.sender_faults() == ()
                 name = f"127.0.0.1:{stranger.getsockname()[1]}"
                 assert source.sender_report()["refused"] == {name: 1}
         finally:

@@ -49,7 +49,7 @@ class Played:
         now, self.waiting = self.waiting[:50], self.waiting[50:]
         return list(now)
 
-    def found(self) -> tuple[str, ...]:
+    def sender_faults(self) -> tuple[str, ...]:
         return ()
 
     def sender_report(self) -> dict[str, Any]:

@@ -183,11 +183,11 @@ def test_only_the_source_is_heard_and_every_other_sender_is_told(free_port):
             who.sendto(data, ("127.0.0.1", free_port))
         time.sleep(0.05)
         assert [data for _, data in source.receive()] == [b"a", b"c"]
-        assert source.found() == ("pose_foreign_sender",)
+        assert source.sender_faults() == ("pose_foreign_sender",)
         names = [f"{address}:{port}" for address, port in (receiver.getsockname(), stranger.getsockname())]
     assert source.sender_report() == {"sender": names[0], "refused": {names[1]: 2}}
     time.sleep(1.05)
-    assert source.found() == (), "a stray datagram is told for a second"
+    assert source.sender_faults() == (), "a stray datagram is told for a second"
     source.close()
 
 
@@ -198,7 +198,7 @@ def test_a_second_program_at_the_source_s_address_is_another_sender(free_port):
             who.sendto(data, ("127.0.0.1", free_port))
         time.sleep(0.05)
         assert [data for _, data in source.receive()] == [b"a", b"c"]
-    assert source.found() == ("pose_two_senders",)
+    assert source.sender_faults() == ("pose_two_senders",)
     assert len(source.sender_report()["refused"]) == 2
     source.close()
 

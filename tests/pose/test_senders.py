@@ -25,12 +25,12 @@ def test_at_most_one_sender_is_ever_taken_and_every_other_datagram_is_counted_an
         if accepted:
             taken.append((address, port))
         else:
-            assert senders.found(now)
-            assert set(senders.found(now)) <= DRIVE_REASONS.keys()
+            assert senders.faults(now)
+            assert set(senders.faults(now)) <= DRIVE_REASONS.keys()
     assert len(set(taken)) <= 1
     assert all(address == source if source else address.startswith("127.") for address, _port in taken)
     assert sum(senders.sender_report()["refused"].values()) == len(datagrams) - len(taken)
-    assert senders.found(now + STANDS + 1e-6) == ()
+    assert senders.faults(now + STANDS + 1e-6) == ()
 
 
 def test_the_receiver_is_taken_after_strangers_spoke():
@@ -43,13 +43,13 @@ def test_the_receiver_is_taken_after_strangers_spoke():
 def test_who_sends_what_no_receiver_sends_is_not_the_receiver():
     senders = Senders(SOURCE, lambda data: data == b"fix")
     assert senders.accepts(0.0, (SOURCE, 1), b"junk"), "its decoder says what is wrong"
-    assert senders.found(0.0) == ()
+    assert senders.faults(0.0) == ()
     assert senders.accepts(0.1, (SOURCE, 2), b"junk")
     assert senders.accepts(0.2, (SOURCE, 2), b"fix")
     assert senders.sender_report() == {"sender": f"{SOURCE}:2", "refused": {f"{SOURCE}:1": 1}}
     assert senders.accepts(0.3, (SOURCE, 2), b"junk"), "damage on the way makes nobody another one"
     assert not senders.accepts(0.4, (SOURCE, 1), b"fix")
-    assert senders.found(0.4) == ("pose_two_senders",)
+    assert senders.faults(0.4) == ("pose_two_senders",)
     assert senders.sender_report()["refused"] == {f"{SOURCE}:1": 2}
 
 
@@ -60,7 +60,7 @@ def test_another_port_is_told_from_another_address(sender, code):
     senders = Senders(SOURCE)
     assert senders.accepts(0.0, (SOURCE, 3000), b"x")
     assert not senders.accepts(1.0, sender, b"x")
-    assert senders.found(1.0 + STANDS) == (code,)
+    assert senders.faults(1.0 + STANDS) == (code,)
     assert senders.accepts(1.1, (SOURCE, 3000), b"x"), "the receiver is heard on"
 
 

@@ -18,17 +18,17 @@ from tests.live.command_line import own_rig
 from vve_sumo.errors import RigError
 from vve_sumo.rig import edit
 from vve_sumo.rig.load import load
-from vve_sumo.rig.lock import held
+from vve_sumo.rig.lock import rig_lock
 
 HOLD = """
 import os, subprocess, sys
 from pathlib import Path
 from vve_sumo.errors import RigError
 from vve_sumo.rig.load import load
-from vve_sumo.rig.lock import held
+from vve_sumo.rig.lock import rig_lock
 file = Path(sys.argv[1])
 try:
-    with held(file, load(file)) as locks:
+    with rig_lock(file, load(file)) as locks:
         if "heir" in sys.argv:
             heir = subprocess.Popen(["sleep", "60"], pass_fds=locks)
             print(heir.pid, flush=True)
@@ -65,7 +65,7 @@ def holder(rig: Path, *arguments: str) -> Iterator[tuple[str, subprocess.Popen[s
 def refusal(rig: Path) -> str:
     """What this process is told when it locks a rig; empty where it may."""
     try:
-        with held(rig, load(rig)):
+        with rig_lock(rig, load(rig)):
             return ""
     except RigError as error:
         return str(error)
@@ -177,7 +177,7 @@ def test_of_many_that_begin_at_once_one_has_the_rig(tmp_path: Path) -> None:
     def run() -> None:
         gate.wait()
         try:
-            with held(rig, loaded):
+            with rig_lock(rig, loaded):
                 reported.append("held")
                 gate.wait()
         except RigError:
@@ -210,7 +210,7 @@ def test_another_user_is_locked_out_too(tmp_path: Path) -> None:
         if child == 0:
             os.setuid(65534)
             try:
-                with held(place, loaded):
+                with rig_lock(place, loaded):
                     os._exit(0)
             except RigError:
                 os._exit(7)

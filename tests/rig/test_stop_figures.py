@@ -184,7 +184,7 @@ def test_doctor_says_no_go(tmp_path: Path) -> None:
     text = text.replace("delay_s = 0.12", "delay_s = 0.25")  # the toy waits 0.2 s for a command
     (tmp_path / "ours.toml").write_text(text.replace(was, ours), encoding="utf-8")
     against = examine("parked_car", str(tmp_path / "ours.toml"), REPOSITORY).against
-    said = [check.found for check in against if check.name == "rig"]
+    said = [check.observed for check in against if check.name == "rig"]
     assert len(said) == 1
     assert "watchdog_test.armed: expected false: when commands stop, toy lets go of everything and beeps" in said[0]
     assert against[0].finding is CheckResult.NO_GO

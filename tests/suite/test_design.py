@@ -198,7 +198,7 @@ def test_a_suites_folder_is_read_as_a_sweeps(design: SuiteDesign, tmp_path: Path
     dataset.close()
     sweep = load(tmp_path)
     rows = sweep.rows()
-    assert (sweep.title, sweep.parameters, sweep.asked) == ("a title", [ROW], 3 * len(DRIVEN))
+    assert (sweep.title, sweep.parameters, sweep.planned) == ("a title", [ROW], 3 * len(DRIVEN))
     assert rows["verdict"].tolist() == ["failed", *["passed"] * (3 * len(DRIVEN) - 1)]
     assert rows.attrs["units"]["demand_mps2"] == "m/s²"
     passed = sweep.grouped([ROW], ["demand_mps2"]).set_index(ROW)["passed"]

@@ -21,7 +21,7 @@ from tests.isolated import isolated
 from tests.sweep.reading import load_rows
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.record import sweep_folder
-from vve_sumo.record.sweep_folder import MACHINE, Held, Row, SweepPlan
+from vve_sumo.record.sweep_folder import MACHINE, Row, SweepPlan, SweepSnapshot
 from vve_sumo.sweep.dataset import Dataset, refuse_mixed
 from vve_sumo.sweep.job import RunResult
 from vve_sumo.sweep.run_specs import RunSpec
@@ -448,4 +448,4 @@ def test_a_reader_that_comes_while_rows_move_back_into_the_journal_misses_none(t
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sweep_folder, "journal", moved)
-        assert Held.of(tmp_path).finished == COUNT
+        assert SweepSnapshot.of(tmp_path).finished == COUNT

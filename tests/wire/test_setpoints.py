@@ -21,7 +21,7 @@ ASKED = SetpointDatagram(sequence=5, answers=100, time=1000.0, lifetime=0.08, st
 def _inbox(*sent: int) -> SetpointInbox:
     inbox = SetpointInbox(EPOCH)
     for sequence in sent:
-        inbox.asked(sequence)
+        inbox.sample_sent(sequence)
     return inbox
 
 
@@ -77,7 +77,7 @@ def test_a_command_is_never_older_than_its_lifetime(steps: list[tuple[float, int
     for number, (passed, ahead, asked, lifetime) in enumerate(steps):
         now += passed
         if asked:
-            inbox.asked(number)
+            inbox.sample_sent(number)
         data = _bytes(sequence=sequence + ahead, answers=number, lifetime=round(lifetime, 6), time=EPOCH + now)
         if inbox.take(now, data) == "":
             assert asked
@@ -99,7 +99,7 @@ def test_a_flood_of_bytes_never_gives_a_command() -> None:
 
 def test_with_a_key_only_who_has_it_is_obeyed() -> None:
     inbox = SetpointInbox(EPOCH, b"secret")
-    inbox.asked(100)
+    inbox.sample_sent(100)
     for data in (_bytes(), signed(_bytes(), b"other"), signed(_bytes(), b"secret")[:-1], b""):
         assert inbox.take(2.0, data) == FORGED
     assert inbox.command(2.0) is None
@@ -114,6 +114,6 @@ def test_with_a_key_only_who_has_it_is_obeyed() -> None:
 def test_a_signed_setpoint_of_another_drive_is_refused_whatever_it_answers(later: float, reason: str) -> None:
     """Every drive counts its radar datagrams from the same number, so a recorded setpoint answers one of them."""
     recorded, another_drive = signed(_bytes(), b"secret"), SetpointInbox(EPOCH + later, b"secret")
-    another_drive.asked(100)
+    another_drive.sample_sent(100)
     assert another_drive.take(2.0, recorded) == reason
     assert (another_drive.command(2.0) is None) == bool(reason)

@@ -48,7 +48,7 @@ class Seen:
         self.braked: dict[str, float] = {}
         self.x: dict[str, float] = {}
         self.ids: set[str] = set()
-        self.cleared: tuple[str, ...] = ()
+        self.removed_at_entry: tuple[str, ...] = ()
         self.inexact: list[str] = []
         self.warnings: tuple[str, ...] = ()
 
@@ -76,7 +76,7 @@ def _run(world: World, track: Track, seconds: float) -> Seen:
                 seen.nearest[name] = min(seen.nearest.get(name, math.inf), gap)
                 if gap == 0.0:
                     seen.touched.add((name, other))
-    seen.cleared, seen.warnings = world.cleared, world.warnings
+    seen.removed_at_entry, seen.warnings = world.removed_at_entry, world.warnings
     return seen
 
 
@@ -176,12 +176,14 @@ def _entered(folder: str, x: float, speed: float) -> Seen:
 
 
 @pytest.mark.parametrize(
-    ("x", "speed", "cleared"),
+    ("x", "speed", "removed_at_entry"),
     [(150.0, 15.0, ("driver",)), (165.0, 0.0, ("driver",)), (165.0, 15.0, ()), (220.0, 0.0, ())],
 )
-def test_traffic_that_could_not_avoid_a_scenario_actor_is_taken_away_when_it_enters(tmp_path, x, speed, cleared):
+def test_traffic_that_could_not_avoid_a_scenario_actor_is_taken_away_when_it_enters(
+    tmp_path, x, speed, removed_at_entry
+):
     seen = isolated(_entered, str(tmp_path), x, speed)
-    assert seen.cleared == cleared
+    assert seen.removed_at_entry == removed_at_entry
     assert seen.touched == set()
 
 

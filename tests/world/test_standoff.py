@@ -89,8 +89,8 @@ def _head_on(folder: str) -> tuple[list[tuple[float, tuple[str, ...]]], set[str]
         for k in range(round(170.0 / PERIOD)):
             world.step({EGO: pose(k * PERIOD, 150.0, -1.6, math.pi, 0.0)})
             touched |= set(world.contacts(EGO))
-            if not grown or grown[-1][1] != world.standoffs:
-                grown.append((k * PERIOD, world.standoffs))
+            if not grown or grown[-1][1] != world.removed_after_standoff:
+                grown.append((k * PERIOD, world.removed_after_standoff))
     return grown, touched
 
 

@@ -206,7 +206,7 @@ def _faced(folder: str) -> tuple[tuple[str, ...], list[str]]:
         for k in range(round((MAX_WAIT + 20.0) / PERIOD)):
             asked = {name: pose(k * PERIOD, 150.0, y, math.pi, 0.0) for name, y in (("a", -1.6), ("b", -3.9))}
             faults += [fault for report in world.step(asked).values() for fault in report.faults]
-        return world.standoffs, faults
+        return world.removed_after_standoff, faults
 
 
 def test_a_driver_who_waits_for_both_is_taken_off_the_road_once(tmp_path: Path) -> None:

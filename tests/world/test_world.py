@@ -132,7 +132,7 @@ def _entry(folder: str, speed: float) -> tuple[tuple[str, ...], bool]:
         for k in range(250):
             world.step({EGO: pose(k * PERIOD, min(400.0 + speed * k * PERIOD, 411.0), -1.6, 0.0, speed)})
             touched |= bool(world.contacts(EGO))
-        return world.cleared, touched
+        return world.removed_at_entry, touched
 
 
 def test_who_could_not_avoid_the_entering_ego_is_cleared_and_nobody_else(tmp_path):

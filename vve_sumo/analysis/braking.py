@@ -26,9 +26,9 @@ class Stop(stopping.Stop):
     rest_s: float  #: when the car was at rest [s]
     gap: float  #: front bumper to what was ahead at rest [m]; negative is overlap, NaN where nothing was
 
-    def margin(self, wanted: float = 0.0) -> float:
-        """Return the gap at rest beyond a wanted one [m]; negative is too close, NaN where nothing was ahead."""
-        return self.gap - wanted
+    def margin(self, target_gap: float = 0.0) -> float:
+        """Return the gap at rest beyond a target gap [m]; negative is too close, NaN where nothing was ahead."""
+        return self.gap - target_gap
 
 
 class Comfort(NamedTuple):

@@ -306,8 +306,8 @@ def _notes(one: Run, other: Run, true: bool) -> tuple[str, ...]:
     notes = []
     for what, ours, theirs in (
         ("scenarios", one.name, other.name),
-        ("seeds", _asked(one, "seed"), _asked(other, "seed")),
-        ("controllers", _asked(one, "controller"), _asked(other, "controller")),
+        ("seeds", _stated(one, "seed"), _stated(other, "seed")),
+        ("controllers", _stated(one, "controller"), _stated(other, "controller")),
         ("kinds of drive", _kind(one), _kind(other)),
     ):
         if ours != theirs:
@@ -331,7 +331,7 @@ def _changed(runs: Iterable[Run], altered: Callable[[Path], Sequence[str] | None
             yield f"{run.folder}: changed since the drive: {', '.join(parts)}"
 
 
-def _asked(run: Run, key: str) -> str:
+def _stated(run: Run, key: str) -> str:
     value = run.resolved["settings"][key]
     return str(value["name"]) if isinstance(value, dict) else str(value)
 

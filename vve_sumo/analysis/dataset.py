@@ -24,7 +24,7 @@ from vve_sumo.analysis.shown import shown
 from vve_sumo.analysis.units import described
 from vve_sumo.config_file import read_json
 from vve_sumo.errors import ConfigError, hint
-from vve_sumo.record.sweep_folder import Held
+from vve_sumo.record.sweep_folder import SweepSnapshot
 
 if TYPE_CHECKING:
     import duckdb
@@ -49,78 +49,78 @@ class Sweep:
         together, or one without a finished run.
         """
         self.folder = folder
-        self._held = Held.of(folder)
+        self._snapshot = SweepSnapshot.of(folder)
         json_models.check(self.plan, json_models.SweepModel, folder / "sweep.json")
-        if self._held.finished == 0:
+        if self._snapshot.finished == 0:
             raise ConfigError(f"{folder}: no run of this sweep is finished; vve-sumo sweep … --resume goes on with it")
 
     @cached_property
     def plan(self) -> dict[str, Any]:
         """Content of `sweep.json`."""
-        return asdict(self._held.plan)
+        return asdict(self._snapshot.plan)
 
     @property
     def title(self) -> str:
         """Title of the sweep, or the scenario's name where it has none."""
-        return str(self._held.plan.spec.get("title") or self.scenario)
+        return str(self._snapshot.plan.spec.get("title") or self.scenario)
 
     @property
     def scenario(self) -> str:
         """Name of the scenario."""
-        return self._held.plan.scenario
+        return self._snapshot.plan.scenario
 
     @property
     def parameters(self) -> list[str]:
         """What was varied: names of columns."""
-        return list(self._held.plan.parameters)
+        return list(self._snapshot.plan.parameters)
 
     @property
     def figures(self) -> list[str]:
         """What was measured, as far as it has a mean: names of columns."""
-        return list(self._held.plan.numbers())
+        return list(self._snapshot.plan.numbers())
 
     @property
     def columns(self) -> list[str]:
         """Names of all columns of a row."""
-        return list(self._held.plan.columns())
+        return list(self._snapshot.plan.columns())
 
     @property
-    def asked(self) -> int:
+    def planned(self) -> int:
         """How many runs were asked for; of a search, at most."""
-        return self._held.plan.asked
+        return self._snapshot.plan.planned
 
     @property
     def finished(self) -> int:
         """How many runs are finished."""
-        return self._held.finished
+        return self._snapshot.finished
 
     @cached_property
-    def found(self) -> dict[str, Any] | None:
+    def search_result(self) -> dict[str, Any] | None:
         """What a search found, content of `search.json`; None of a sweep that is none, or goes on."""
         file = self.folder / "search.json"
         if not file.exists():
             return None
-        found = read_json(file, "a search", "search")
+        content = read_json(file, "a search", "search")
         json_models.check(
-            found, json_models.Boundaries if found["search"] == "boundary" else json_models.SearchModel, file
+            content, json_models.Boundaries if content["search"] == "boundary" else json_models.SearchModel, file
         )
-        return found
+        return content
 
     def rows(self, columns: Sequence[str] | None = None) -> pd.DataFrame:
         """Return every finished run, a row each, in the design's order; all columns or these.
 
         What a run has not is NaN in a number and NA elsewhere. Raises ConfigError for a column that is not there.
         """
-        return self._frame(pa.concat_tables(self._held.tables(self._known(columns))))
+        return self._frame(pa.concat_tables(self._snapshot.tables(self._known(columns))))
 
     def batches(self, columns: Sequence[str] | None = None) -> Iterator[pd.DataFrame]:
         """Return the rows as `rows` does in portions, about a thousand at a time, for a dataset larger than memory."""
-        tables = self._held.tables(self._known(columns))
+        tables = self._snapshot.tables(self._known(columns))
         return (self._frame(table) for table in tables if table.num_rows)
 
     def machine(self) -> pd.DataFrame:
         """Return what every finished run took of the machine; `said` is the last that a run with an error printed."""
-        return self._frame(pa.concat_tables(self._held.machine()))
+        return self._frame(pa.concat_tables(self._snapshot.machine()))
 
     def sql(self, query: str) -> pd.DataFrame:
         """Return the answer to a query in DuckDB's SQL over the tables `runs` and `machine`.
@@ -144,15 +144,15 @@ class Sweep:
         """Return an answer whose `attrs` know the columns of `rows`, of `machine` and of `grouped` by their names."""
         known = meanings(self._meanings)
         frame = described(answer, {name: known.get(name, "computed by the query") for name in map(str, answer)})
-        frame.attrs["units"] |= {name: unit for name, unit in self._held.plan.units().items() if name in frame}
+        frame.attrs["units"] |= {name: unit for name, unit in self._snapshot.plan.units().items() if name in frame}
         return frame
 
     def _answer(self, connection: duckdb.DuckDBPyConnection, query: str) -> pd.DataFrame:
         import duckdb
 
         try:
-            connection.register("runs", self._held.lazy())
-            connection.register("machine", self._held.lazy("machine"))
+            connection.register("runs", self._snapshot.lazy())
+            connection.register("machine", self._snapshot.lazy("machine"))
             answer: pd.DataFrame = connection.execute(query).df()
         except (duckdb.Error, pa.ArrowException, OSError) as error:
             raise ConfigError(f"{self.folder}: sql: {' '.join(str(error).split())[:300]}") from None
@@ -166,7 +166,7 @@ class Sweep:
         """
         apart = self.parameters if by is None else list(by)
         wanted = self.figures if figures is None else list(figures)
-        kinds = self._held.plan.columns()
+        kinds = self._snapshot.plan.columns()
         text = next((name for name in wanted if kinds.get(name) == "str"), None)
         if text is not None:
             raise ConfigError(f"{self.folder}: figures: {text} is a text, which has no mean")
@@ -179,7 +179,7 @@ class Sweep:
 
     def _by_chance(self, frame: pd.DataFrame, by: Sequence[str]) -> NDArray[np.bool_]:
         """Return whether each run (n) belongs to a group by `by` whose runs differ by chance alone."""
-        spec, group = self._held.plan.spec, numbered(frame, by)
+        spec, group = self._snapshot.plan.spec, numbered(frame, by)
         if spec.get("search") is not None:  # it chose its runs by what the others came to
             return np.zeros(len(frame), bool)
         if spec.get("design") == "random" and spec.get("seeds", 1) == 1:
@@ -195,7 +195,7 @@ class Sweep:
             raise ConfigError(
                 f"{self.folder}: no finished run has the key {key!r}; the column key of its rows has them"
             )
-        if self._held.plan.design == "certificate":  # keeps the record of every drive, and none can be made again
+        if self._snapshot.plan.design == "certificate":  # keeps the record of every drive, and none can be made again
             raise ConfigError(f"{record}: no record of {key}: its case was not driven, or its record was removed")
         raise ConfigError(
             f"{self.folder}: the record of {key} was not kept; vve-sumo sweep --rerun {self.folder} {key} makes it"
@@ -253,17 +253,17 @@ class Sweep:
     def _frame(self, table: pa.Table) -> pd.DataFrame:
         # What may be missing; plain numpy would make objects of truth values, and floats of whole numbers.
         missing = {"bool": "boolean", "int": "Int64"}
-        kinds = self._held.plan.columns()
+        kinds = self._snapshot.plan.columns()
         sure = {"number", "seed", *self.parameters}
-        if self._held.plan.spec.get("controllers"):  # of which each has keys of its own
+        if self._snapshot.plan.spec.get("controllers"):  # of which each has keys of its own
             sure = {name for name in sure if not name.startswith("controller.tuning.")}
         better = {
             name: missing[kinds[name]] for name in table.column_names if name not in sure and kinds.get(name) in missing
         }
         frame = described(table.to_pandas().astype(better), self._meanings)
-        frame.attrs["units"] |= {name: unit for name, unit in self._held.plan.units().items() if name in frame}
+        frame.attrs["units"] |= {name: unit for name, unit in self._snapshot.plan.units().items() if name in frame}
         return frame
 
     @cached_property
     def _meanings(self) -> dict[str, str]:
-        return self._held.plan.meanings()
+        return self._snapshot.plan.meanings()

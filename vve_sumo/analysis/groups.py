@@ -136,13 +136,13 @@ def _counts(rows: pd.DataFrame, group: NDArray[np.int64], sure: NDArray[np.bool_
 
     judged, good = count(np.isfinite(passed)), count(passed == 1.0)
     share = np.divide(good, judged, out=np.full(groups, np.nan), where=judged > 0)
-    said = (
+    counts = (
         count(np.ones(len(rows), bool)),
         count(rows["error"].fillna("").to_numpy() != ""),
         count(rows["collision"].eq(True).fillna(False).to_numpy(bool)),
         count(rows["outcome"].eq("fault").fillna(False).to_numpy(bool)),
     )
-    return dict(zip(COUNTS, (*said, judged, good, share, *_intervals(good, judged, sure)), strict=True))
+    return dict(zip(COUNTS, (*counts, judged, good, share, *_intervals(good, judged, sure)), strict=True))
 
 
 def _intervals(good: NDArray[np.int64], judged: NDArray[np.int64], sure: NDArray[np.bool_]) -> Floats:
@@ -167,8 +167,8 @@ def _spread(name: str, rows: pd.DataFrame, group: NDArray[np.int64], sure: NDArr
     worst = {"lower": least, "higher": greatest, None: pd.Series(np.nan, index=mean.index)}[worse]
     worst = worst.where(hits == 0, at_contact(name)) if hit.any() else worst
     half = (groups.sem() * reach).where(sure)
-    said = (mean, half, worst, least, *(quantiles[q] for q in QUANTILES.values()), greatest)
-    columns = {f"{which}_{name}": each for which, each in zip(SPREAD, said, strict=True)}
+    spread = (mean, half, worst, least, *(quantiles[q] for q in QUANTILES.values()), greatest)
+    columns = {f"{which}_{name}": each for which, each in zip(SPREAD, spread, strict=True)}
     if name in BEYOND and "collision" in rows:
         # The order alone decides a median: what is known to lie beyond need not be known itself.
         middle = pd.Series(with_contacts(rows, name)).groupby(group).median()

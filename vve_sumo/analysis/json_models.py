@@ -22,20 +22,20 @@ from vve_sumo.sensors.radar_settings import RadarSettings
 from vve_sumo.values import Vehicle
 
 
-def _text(said: object) -> str:
-    if not isinstance(said, str):
+def _text(value: object) -> str:
+    if not isinstance(value, str):
         raise ValueError("expected a text")
-    return said
+    return value
 
 
-def _point(said: object) -> object:
+def _point(value: object) -> object:
     try:
-        numbers = [float(part) for part in str(said).split()]
+        numbers = [float(part) for part in str(value).split()]
     except ValueError:
         numbers = []
-    if not (isinstance(said, str) and len(numbers) == 2 and all(map(math.isfinite, numbers))):
+    if not (isinstance(value, str) and len(numbers) == 2 and all(map(math.isfinite, numbers))):
         raise ValueError("expected two numbers in quotes")
-    return said
+    return value
 
 
 #: any text, also one that is no Unicode

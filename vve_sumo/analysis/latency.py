@@ -84,10 +84,10 @@ def legs_over_time(run: Run) -> pd.DataFrame:
     table = seconds[["time_s", "woken_by", "missed"]].copy()
     for name in MEANINGS:
         table[f"{name}_ms"] = 1e3 * seconds[name]
-    said = {f"{name}_ms": meaning for name, meaning in MEANINGS.items()}
+    meanings = {f"{name}_ms": meaning for name, meaning in MEANINGS.items()}
     beside = {"time_s": "drive time of the tick", "missed": "ticks skipped before this one"}
     woken = "what began the tick: a datagram, or the deadline where the due one did not come"
-    return described(table, said | beside | {"woken_by": woken})
+    return described(table, meanings | beside | {"woken_by": woken})
 
 
 def _seconds(run: Run) -> pd.DataFrame:

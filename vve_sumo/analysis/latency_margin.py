@@ -196,8 +196,8 @@ def _missed(rows: pd.DataFrame) -> str:
 
 
 def _stopped_for(rows: pd.DataFrame) -> str:
-    said = rows["reasons"][rows["outcome"].eq("fault").fillna(False).to_numpy(bool)]
-    return "+".join(dict.fromkeys(reason for reasons in said for reason in reasons.split("; ")))
+    fault_reasons = rows["reasons"][rows["outcome"].eq("fault").fillna(False).to_numpy(bool)]
+    return "+".join(dict.fromkeys(reason for reasons in fault_reasons for reason in reasons.split("; ")))
 
 
 def edges_of(steps: pd.DataFrame, speed: float) -> pd.DataFrame:

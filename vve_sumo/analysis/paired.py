@@ -180,14 +180,14 @@ def _error(rows: pd.DataFrame) -> list[str]:
     return [name for name in ("error",) if name in rows]
 
 
-def _meanings(one: pd.DataFrame, other: pd.DataFrame, keys: Sequence[str], kept: Sequence[str]) -> dict[str, str]:
+def _meanings(one: pd.DataFrame, other: pd.DataFrame, keys: Sequence[str], figures: Sequence[str]) -> dict[str, str]:
     """Return what the columns of the pairs mean, by what those of the two tables do."""
 
     def of(rows: pd.DataFrame, name: str) -> str:
         return rows.attrs.get("meanings", {}).get(name) or meaning_of(name) or label_of(name)
 
     sides = {"one": one, "other": other}
-    own = {f"{side}_{name}": f"{side}: {of(rows, name)}" for side, rows in sides.items() for name in kept}
+    own = {f"{side}_{name}": f"{side}: {of(rows, name)}" for side, rows in sides.items() for name in figures}
     return {key: of(one, key) for key in keys} | own
 
 

@@ -86,9 +86,9 @@ class StoppingBoundCheck:
         return bool(self.missed)
 
 
-def _late(found: TimeInterval, declared: float) -> bool:
+def _late(measured: TimeInterval, declared: float) -> bool:
     """Whether a part of the brakes' answer is later than tolerated, for sure; never where it is not known."""
-    return found.low > declared + LATE
+    return measured.low > declared + LATE
 
 
 #: of a stop that the closed form says nothing of

@@ -113,17 +113,17 @@ def headway_distribution(run: Run, edges: ArrayLike = HEADWAY_EDGES) -> pd.DataF
     return described(pd.DataFrame(columns), HEADWAY_MEANINGS)
 
 
-def time_gap_error_of(run: Run, wanted: float | None = None, standstill: float | None = None) -> GapError:
-    """Return the error of the time gap [s] behind leaders, for the policy of a gap of `standstill` + `wanted` speed.
+def time_gap_error_of(run: Run, time_gap: float | None = None, standstill: float | None = None) -> GapError:
+    """Return the error of the time gap [s] behind leaders, for the policy of a gap of standstill + time_gap * speed.
 
-    wanted [s] and standstill [m] are the record's tuning `time_headway_s` and `gap_m` of the controller where they are
-    not given, standstill else 0. Raises ConfigError where neither names the wanted time gap.
+    Where they are not given, time_gap [s] and standstill [m] are the record's tuning `time_headway_s` and `gap_m` of
+    the controller, standstill else 0. Raises ConfigError where neither names the wanted time gap.
     """
     tuning = run.resolved["settings"]["controller"].get("tuning", {})
-    wanted = tuning.get("time_headway_s") if wanted is None else wanted
+    time_gap = tuning.get("time_headway_s") if time_gap is None else time_gap
     standstill = tuning.get("gap_m", 0.0) if standstill is None else standstill
-    if wanted is None:
+    if time_gap is None:
         raise ConfigError(f"{run.folder}: its controller's tuning has no time_headway_s: give the wanted time gap [s]")
     drive = run.data
     rows = np.flatnonzero(drive.behind_leader)
-    return time_gap_error(drive.lead.gap[rows], drive.motion.speed[rows], float(wanted), float(standstill))
+    return time_gap_error(drive.lead.gap[rows], drive.motion.speed[rows], float(time_gap), float(standstill))

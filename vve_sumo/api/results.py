@@ -79,7 +79,7 @@ def _counts(sweep: Sweep) -> str:
     rows = sweep.rows(["passed", "error"])
     passed, failed = (int(rows["passed"].eq(which).sum()) for which in (True, False))
     errors = int(rows["error"].ne("").sum())
-    of = "" if sweep.found is not None or sweep.finished == sweep.asked else f" of {sweep.asked}"
+    of = "" if sweep.search_result is not None or sweep.finished == sweep.planned else f" of {sweep.planned}"
     return f"{sweep.finished}{of} runs: {passed} passed, {failed} failed, {errors} with an error"
 
 

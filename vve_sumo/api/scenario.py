@@ -75,8 +75,8 @@ class Scenario:
         Keys without dots may be given by keyword: `replace(seed=3)`. Raises ConfigError, naming the key, for what no
         scenario's file may say.
         """
-        said = {key: plain(value) for key, value in {**(values or {}), **named}.items()}
-        return self._with(overrides.checked(self._table, said, f"{self._file}: "))
+        new_values = {key: plain(value) for key, value in {**(values or {}), **named}.items()}
+        return self._with(overrides.checked(self._table, new_values, f"{self._file}: "))
 
     def chosen(
         self, *, seed: int | None, speed: float | str | None, controller: str | None, vehicle: str | None

@@ -94,17 +94,17 @@ def _query(
     if isinstance(what, Mapping):
         raise ConfigError("vve.sweep: a mapping says itself what is varied; leave out vary, controllers and seeds")
     scenario = what if isinstance(what, Scenario) else Scenario(what)
-    said: dict[str, Any] = {"scenario": scenario.name, "parameters": plain(vary or {})}
+    query: dict[str, Any] = {"scenario": scenario.name, "parameters": plain(vary or {})}
     if controllers is not None:
-        said["controllers"] = _controllers(controllers)
+        query["controllers"] = _controllers(controllers)
     if seeds is not None:
-        said["seeds"] = plain(seeds)
-    return planned(said, CALLED, working, yes=False, rig=rig, scenario=(scenario.file.absolute(), scenario.table))
+        query["seeds"] = plain(seeds)
+    return planned(query, CALLED, working, yes=False, rig=rig, scenario=(scenario.file.absolute(), scenario.table))
 
 
-def _controllers(said: Mapping[str, Mapping[str, Any]] | Sequence[str]) -> list[dict[str, Any]]:
+def _controllers(controllers: Mapping[str, Mapping[str, Any]] | Sequence[str]) -> list[dict[str, Any]]:
     """Return what a sweep's file would say of controllers, given by name with their tuning, or by name alone."""
-    if isinstance(said, str) or not said:
-        raise ConfigError(f"vve.sweep: controllers: expected names, or {{name: {{key: values}}}}, got {said!r}")
-    tunings: Mapping[str, Mapping[str, Any]] = said if isinstance(said, Mapping) else {}
-    return [{"name": name, "tuning": plain(tunings.get(name, {}))} for name in said]
+    if isinstance(controllers, str) or not controllers:
+        raise ConfigError(f"vve.sweep: controllers: expected names, or {{name: {{key: values}}}}, got {controllers!r}")
+    tunings: Mapping[str, Mapping[str, Any]] = controllers if isinstance(controllers, Mapping) else {}
+    return [{"name": name, "tuning": plain(tunings.get(name, {}))} for name in controllers]

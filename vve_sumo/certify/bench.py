@@ -12,7 +12,7 @@ from pathlib import Path
 from random import Random
 from typing import Any, Final
 
-from vve_sumo.certify import kept
+from vve_sumo.certify import case_record
 from vve_sumo.certify.brain_process import BrainProcess
 from vve_sumo.certify.cases import CASE_BY_NAME, Case, Scene
 from vve_sumo.certify.link import FaultLink, FaultyWire, Window
@@ -65,31 +65,35 @@ def drive_case(
     Raises ConfigError for a brain that cannot be started, RigError for one that does not listen.
     """
     assert job.rig is not None
-    said, case = job.driven, CASE_BY_NAME[job.driven["case"]]
-    place = Place.from_dict(load_rig(job.rig, job.working), said["place"])
-    window = window_of(case, said["begins"])
-    with _brain(place, said, job.working) as (quiet, unheard), ExitStack() as stack:
-        link = _link(case, resolved, window, place.rig, said, job.working, quiet)
+    case_settings, case = job.driven, CASE_BY_NAME[job.driven["case"]]
+    place = Place.from_dict(load_rig(job.rig, job.working), case_settings["place"])
+    window = window_of(case, case_settings["begins"])
+    with _brain(place, case_settings, job.working) as (quiet, unheard), ExitStack() as stack:
+        link = _link(case, resolved, window, place.rig, case_settings, job.working, quiet)
         stack.callback(link.close)
         brain = external_controller_over(link, place.rig, resolved, job.working)
         done = drive(brain)
-    kept.write(done.folder, link.answers)
+    case_record.write(done.folder, link.answers)
     refused = "; ".join(f"{code}: {times}" for code, times in sorted(brain.refused.items()))
     taken = {"setpoints_taken": brain.taken, "setpoints_refused": refused, "unheard": " ".join(unheard)}
-    return done, {"fault_begins_s": said["begins"], **taken, "setpoints_sha256": hash_file(done.folder / kept.ANSWERS)}
+    return done, {
+        "fault_begins_s": case_settings["begins"],
+        **taken,
+        "setpoints_sha256": hash_file(done.folder / case_record.ANSWERS),
+    }
 
 
 @contextmanager
 def _brain(
-    place: Place, said: Mapping[str, Any], working: Path
+    place: Place, case_settings: Mapping[str, Any], working: Path
 ) -> Iterator[tuple[Callable[[], bool], tuple[str, ...]]]:
     """Start a brain; yields the function that tells whether it is idle, and the wires that it does not receive."""
     if place.command is None:
         yield _manual_quiet, ()
         return
-    ports, log = place.ports, Path(said["log"])
+    ports, log = place.ports, Path(case_settings["log"])
     log.parent.mkdir(parents=True, exist_ok=True)
-    process = BrainProcess(place.command, ports, log, working, said["environment"])
+    process = BrainProcess(place.command, ports, log, working, case_settings["environment"])
     try:
         unheard = process.wait_until_it_listens([port for port, kind in ports.items() if kind == "radar"])
         yield process.quiet, tuple(sorted(ports[port] for port in unheard))
@@ -107,7 +111,7 @@ def _link(
     resolved: ResolvedScenario,
     window: Window | None,
     rig: Rig,
-    said: Mapping[str, Any],
+    case_settings: Mapping[str, Any],
     working: Path,
     quiet: Callable[[], bool],
 ) -> FaultLink:
@@ -115,7 +119,11 @@ def _link(
     wires, setpoints = open_wires(rig, resolved, key)
     assert setpoints is not None  # a rig without setpoints is refused
     rng = Random(f"{case.name} {resolved.scenario.seed}")
-    scene = None if window is None or case.make_scan_fault is None else _scene(Path(said["nominal"]), window, resolved)
+    scene = (
+        None
+        if window is None or case.make_scan_fault is None
+        else _scene(Path(case_settings["nominal"]), window, resolved)
+    )
     faulty = [
         FaultyWire(
             wire.output,
@@ -129,7 +137,7 @@ def _link(
 
 
 def _scene(nominal: Path, window: Window, resolved: ResolvedScenario) -> Scene:
-    drive = kept.drive_of(nominal)
+    drive = case_record.drive_of(nominal)
     (speed,) = speeds_at(drive, [window.begins]).tolist()
     return Scene(track_of(drive), window.begins, bumper_of(resolved), speed)
 

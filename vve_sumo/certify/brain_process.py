@@ -69,8 +69,8 @@ class BrainProcess:
             except (OSError, ValueError) as error:
                 raise ConfigError(f"--brain: {command!r} cannot be started: {error}") from None
 
-    def wait_until_it_listens(self, wanted: Collection[int]) -> frozenset[int]:
-        """Return the ports on which the brain does not listen, once it listens on the `wanted` ones.
+    def wait_until_it_listens(self, required_ports: Collection[int]) -> frozenset[int]:
+        """Return the ports on which the brain does not listen, once it listens on the required ones.
 
         A port that is not open when all threads have waited for OPEN_PORT_TIMEOUT counts as not listened on.
         Raises RigError for a brain that ends or takes too long.
@@ -86,7 +86,7 @@ class BrainProcess:
                 ports = ", ".join(map(str, sorted(missing)))
                 raise RigError(f"--brain: does not listen on UDP port {ports} after {START_TIMEOUT:g} s")
             waits_since = min(waits_since, now) if self.quiet() else math.inf
-            if not missing & set(wanted) and now - waits_since > OPEN_PORT_TIMEOUT:
+            if not missing & set(required_ports) and now - waits_since > OPEN_PORT_TIMEOUT:
                 return frozenset(missing)
             time.sleep(0.02)
         return frozenset()

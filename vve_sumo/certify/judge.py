@@ -46,7 +46,7 @@ class Judgement:
     verdict: CaseVerdict
     why: str
     reaction: float  #: [s]; inf for never, NaN where none is measured
-    left: float  #: [m]; NaN where nothing was ahead
+    distance_left: float  #: [m]; NaN where nothing was ahead
     extra_braking: float  #: [m/s2]
     last: Answer | None
 

@@ -40,14 +40,14 @@ class Place:
         return {"command": self.command, "port": self.rig.brain.port, "outputs": outputs}
 
     @classmethod
-    def from_dict(cls, rig: Rig, said: Mapping[str, Any]) -> Self:
+    def from_dict(cls, rig: Rig, data: Mapping[str, Any]) -> Self:
         """Return the place of a rig that `to_dict` returned."""
         outputs = tuple(
             output.model_copy(update={"udp": udp, "channel": channel})
-            for output, (udp, channel) in zip(rig.outputs, said["outputs"], strict=True)
+            for output, (udp, channel) in zip(rig.outputs, data["outputs"], strict=True)
         )
-        brain = rig.brain.model_copy(update={"port": said["port"]})
-        return cls(rig.model_copy(update={"brain": brain, "outputs": outputs}), said["command"])
+        brain = rig.brain.model_copy(update={"port": data["port"]})
+        return cls(rig.model_copy(update={"brain": brain, "outputs": outputs}), data["command"])
 
 
 def place_of(rig: Rig, command: str | None) -> Place:
@@ -119,11 +119,11 @@ def _filled(command: str, values: Mapping[str, str]) -> str:
     return _PLACEHOLDER.sub(value, command)
 
 
-def _moved(rig: Rig, number: int, held: ExitStack) -> Rig:
+def _moved(rig: Rig, number: int, stack: ExitStack) -> Rig:
     """Return a rig with free ports, which stay bound until all are chosen, and with links of another name."""
 
     def free() -> int:
-        end = held.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+        end = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         end.bind(("127.0.0.1", 0))
         return int(end.getsockname()[1])
 

@@ -93,7 +93,7 @@ def _result(result: CaseResult) -> dict[str, Any]:
         "required": case.reaction.value,
         "required_within_s": _plain(case.within),
         "reaction_s": "never" if math.isinf(result.reaction) else _plain(result.reaction),
-        "distance_left_m": _plain(result.left),
+        "distance_left_m": _plain(result.distance_left),
         "impact_speed_mps": _plain(result.impact_speed),
         "outcome": result.outcome,
         "reasons": list(result.reasons),
@@ -179,7 +179,7 @@ def _limits(certificate: Certificate) -> ReportTable:
 
 def _key_figures(certificate: Certificate, drives: list[CaseResult]) -> list[KeyFigure]:
     hits = [result for result in drives if math.isfinite(result.impact_speed)]
-    left = [result.left for result in drives if math.isfinite(result.left)]
+    left = [result.distance_left for result in drives if math.isfinite(result.distance_left)]
     timed = [result.reaction for result in drives if not math.isnan(result.reaction)]
     return [
         KeyFigure("contacts", str(len(hits)), kind="no" if hits else "yes"),
@@ -249,7 +249,7 @@ def _drives(drives: list[CaseResult]) -> ReportTable:
                 result.key,
                 NONE if result.window is None else number(result.window.begins, "", 2),
                 "never" if math.isinf(result.reaction) else number(result.reaction, "", 2),
-                number(result.left, "", 2),
+                number(result.distance_left, "", 2),
                 _last(result),
                 ended,
                 Cell(f"{result.verdict.value}{': ' if result.why else ''}{result.why}", kind=mark),
@@ -333,7 +333,7 @@ def _picture(result: CaseResult) -> DrawnPlot:
         speed=drive.speed,
         gap=drive.gap,
         answered=np.array([answer.time for answer in drive.answers]),
-        asked=np.array([answer.acceleration for answer in drive.answers]),
+        acceleration=np.array([answer.acceleration for answer in drive.answers]),
         begins=begins,
         ends=math.nan if window is None else window.ends,
         deadline=begins + result.case.within if math.isfinite(result.case.within) else math.nan,

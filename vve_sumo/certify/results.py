@@ -60,7 +60,7 @@ class CaseResult:
     why: str = ""  #: why it failed or does not apply
     window: Window | None = None  #: of the fault; None where nothing was injected
     reaction: float = float("nan")  #: from the fault to the required reaction [s]; inf for never, NaN: not measured
-    left: float = float("nan")  #: distance left at rest [m]; NaN where nothing was ahead
+    distance_left: float = float("nan")  #: distance left at rest [m]; NaN where nothing was ahead
     impact_speed: float = float("nan")  #: [m/s]; NaN for no contact
     outcome: str = ""  #: how the drive ended
     reasons: tuple[str, ...] = ()  #: the gateway's at the end

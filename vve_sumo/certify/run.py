@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from vve_sumo import workspace
-from vve_sumo.certify import kept, places
+from vve_sumo.certify import case_record, places
 from vve_sumo.certify.bench import DRIVER, bumper_of, order
 from vve_sumo.certify.cases import CASE_BY_NAME, CASES, NAMES, NOMINAL, Case, inapplicable
 from vve_sumo.certify.diagnosis import diagnose
@@ -176,7 +176,7 @@ class CertificateDesign(Design):
         record, window = self._record(case.name, seed), None
         driven = row["setpoints_sha256"] is not None
         if driven:
-            kept.require_unaltered(record, row)
+            case_record.require_unaltered(record, row)
         if case.name != NOMINAL:
             if seed not in self._nominal:
                 raise ConfigError(f"{self._folder}: holds {case.name} with seed {seed} without its {NOMINAL} case")
@@ -276,7 +276,7 @@ class CertificateDesign(Design):
     def _judge(self, name: str, seed: int, window: Window | None, figures: Mapping[str, Any]) -> dict[str, MetricValue]:
         """Judge a drive by its record; return the columns of its row."""
         case, record = CASE_BY_NAME[name], self._record(name, seed)
-        drive = kept.drive_of(record, figures["setpoints_refused"] or "", figures["setpoints_taken"])
+        drive = case_record.drive_of(record, figures["setpoints_refused"] or "", figures["setpoints_taken"])
         if name == NOMINAL:
             self._nominal[seed] = drive
         judged = judge(case, window, drive, self._nominal[seed], self.rules)
@@ -287,7 +287,7 @@ class CertificateDesign(Design):
             judged.why,
             window,
             judged.reaction,
-            judged.left,
+            judged.distance_left,
             impact_speed=drive.impact_speed,
             outcome=drive.outcome,
             reasons=tuple(drive.reasons),
@@ -323,7 +323,7 @@ def columns_of(result: CaseResult) -> dict[str, MetricValue]:
         "fault_begins_s": None if result.window is None else result.window.begins,
         "reaction_s": finite(result.reaction),
         "reacted": None if result.reaction != result.reaction else finite(result.reaction) is not None,
-        "distance_left_m": finite(result.left),
+        "distance_left_m": finite(result.distance_left),
         "extra_braking_mps2": finite(result.extra_braking),
     }
 

@@ -32,7 +32,7 @@ from vve_sumo.path_feasibility import refuse_tight_bend
 from vve_sumo.rig import edit
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
-from vve_sumo.rig.lock import held
+from vve_sumo.rig.lock import rig_lock
 from vve_sumo.rig.schema import Rig
 
 #: largest residual of surveyed pairs where the rig states none [m]: half of a lane's spare width
@@ -100,7 +100,7 @@ def matched(site: AlignmentSite, notify: Callable[[str], None] = lambda line: No
     """
     rig, path, t0 = site.rig, site.resolved.path, time.monotonic()
     with contextlib.ExitStack() as stack:
-        stack.enter_context(held(site.rig_file, rig))
+        stack.enter_context(rig_lock(site.rig_file, rig))
         source, _car = start_simulated_vehicle.open_receiver(rig, t0, site.resolved.scenario.seed, stack, None)
         notify("waiting for trusted fixes of the standing car")
         standing = assembly.standing_pose_of(rig, source, t0)
@@ -189,10 +189,10 @@ def description(site: AlignmentSite, result: AlignmentResult) -> Iterator[str]:
         yield _start(site, result.fit)
 
 
-def _start(site: AlignmentSite, found: Fit) -> str:
+def _start(site: AlignmentSite, fit: Fit) -> str:
     """Describe where the rear axle is at the path's start, and what the receiver reports there."""
     frame = meaning.frame_of(site.rig)
-    x, y, heading = found.start
+    x, y, heading = fit.start
     latitude, longitude = frame.to_geodetic(x, y)
     bearing = heading - frame.convergence(latitude, longitude)
     seen = Placement(frame, Alignment(), meaning.mounting_of(site.rig), 0.0).unplace(pose_at_rest(x, y, heading))

@@ -155,14 +155,14 @@ def calibrate(folder: Path) -> Calibrated:
 
 def read(folder: Path, resolved: dict[str, Any], declared: VehicleModel) -> Log:
     """Read a record's commands, reports and fixes onto the drive's clock; raises ConfigError naming what is missing."""
-    said = _messages(folder / "can.log", float(resolved["epoch_gnss_s"]), declared.interface)
+    messages_by_kind = _messages(folder / "can.log", float(resolved["epoch_gnss_s"]), declared.interface)
     fixes = _fixes(folder / "pose.bin")
-    begin, end = _obedient(folder, said)
+    begin, end = _obedient(folder, messages_by_kind)
 
     def series(kind: type, value: Callable[[Any], float]) -> Series:
-        if kind not in said:
+        if kind not in messages_by_kind:
             raise ConfigError(f"{folder / 'can.log'}: no {kind.__name__} in it, expected a drive of the car")
-        return _series([(time, value(message)) for time, message in said[kind]])
+        return _series([(time, value(message)) for time, message in messages_by_kind[kind]])
 
     return Log(
         brake_torque=series(Commanded, attrgetter("brake_torque")),
@@ -179,13 +179,13 @@ def read(folder: Path, resolved: dict[str, Any], declared: VehicleModel) -> Log:
 def _messages(file: Path, epoch: float, config: InterfaceConfig) -> dict[type, list[tuple[float, Any]]]:
     """All decoded messages of the bus, reports and commands, by kind, with drive times [s]."""
     interface = load(config)
-    said: dict[type, list[tuple[float, Any]]] = {}
+    messages_by_kind: dict[type, list[tuple[float, Any]]] = {}
     for time, _channel, frame in bus.read_log(file):
         reports, command = interface.decode(frame), interface.commanded(frame)
         messages = [*(() if isinstance(reports, Malformed) else reports), *(() if command is None else (command,))]
         for message in messages:
-            said.setdefault(type(message), []).append((time - epoch, message))
-    return said
+            messages_by_kind.setdefault(type(message), []).append((time - epoch, message))
+    return messages_by_kind
 
 
 def _fixes(file: Path) -> list[Fix]:
@@ -195,12 +195,12 @@ def _fixes(file: Path) -> list[Fix]:
     return fixes
 
 
-def _obedient(folder: Path, said: dict[type, list[tuple[float, Any]]]) -> tuple[float, float]:
+def _obedient(folder: Path, messages_by_kind: dict[type, list[tuple[float, Any]]]) -> tuple[float, float]:
     """When the car follows commands [s]: from all modules enabled in drive until one of these conditions is lost."""
     news: list[tuple[float, type, bool]] = [
-        (time, kind, message.enabled) for kind in SUBSYSTEMS for time, message in said.get(kind, ())
+        (time, kind, message.enabled) for kind in SUBSYSTEMS for time, message in messages_by_kind.get(kind, ())
     ]
-    news += [(time, GearState, gear.gear is Gear.DRIVE) for time, gear in said.get(GearState, ())]
+    news += [(time, GearState, gear.gear is Gear.DRIVE) for time, gear in messages_by_kind.get(GearState, ())]
     state: dict[type, bool] = dict.fromkeys((*SUBSYSTEMS, GearState), False)
     begin = time = math.nan
     for time, kind, good in sorted(news, key=lambda one: one[0]):
@@ -265,7 +265,7 @@ class CalibrationRow(NamedTuple):
 
     words: str
     declared: str
-    found: str
+    identified: str
     uncertainty: str
     verdict: str
 

@@ -18,7 +18,7 @@ from vve_sumo.drive.run import resolve_by_name
 from vve_sumo.errors import ConfigError
 from vve_sumo.live import assembly
 from vve_sumo.rig import load as rigs
-from vve_sumo.rig.lock import held
+from vve_sumo.rig.lock import rig_lock
 from vve_sumo.rig.schema import Rig
 
 
@@ -54,7 +54,7 @@ def examine(
         _examine_scenario(report, resolved, loaded, working)
     if loaded is not None:
         with contextlib.ExitStack() as stack:
-            hold = held(workspace.find("rig", str(rig), working), loaded)
+            hold = rig_lock(workspace.find("rig", str(rig), working), loaded)
             advice = "wait for its end; on a serial adapter a second look would close the first one's channel"
             if report.attempt("in use", advice, lambda: bool(stack.enter_context(hold))):
                 rig_checks.examine(report, loaded, resolved, working)

@@ -35,7 +35,7 @@ def keep(rig_file: Path, checks: Sequence[Check], scenario: str, working: Path, 
         "scenario": scenario,
         "rig_file_sha256": hash_file(rig_file),
         "checks": [
-            dict(zip(CHECK_KEYS, (check.name, check.finding.value, check.found), strict=True)) for check in checks
+            dict(zip(CHECK_KEYS, (check.name, check.finding.value, check.observed), strict=True)) for check in checks
         ],
     }
     file = file_of(rig_file, working)

@@ -28,19 +28,19 @@ class Check(NamedTuple):
     """One line of the report."""
 
     name: str
-    found: str
+    observed: str
     finding: CheckResult = CheckResult.GO
     advice: str = ""  #: what to do next
 
     def lines(self) -> list[str]:
         """Return the check as it is printed."""
-        head = f"{self.finding:<5}  {self.name:<{WIDTH}}  {self.found}"
+        head = f"{self.finding:<5}  {self.name:<{WIDTH}}  {self.observed}"
         return [head, f"{'':<{WIDTH + 9}}-> {self.advice}"] if self.advice else [head]
 
 
-def judged(name: str, found: str, good: bool, advice: str, *, otherwise: CheckResult = CheckResult.NO_GO) -> Check:
+def judged(name: str, observed: str, good: bool, advice: str, *, otherwise: CheckResult = CheckResult.NO_GO) -> Check:
     """Return a check that is GO if `good`, else `otherwise` with `advice`."""
-    return Check(name, found) if good else Check(name, found, otherwise, advice)
+    return Check(name, observed) if good else Check(name, observed, otherwise, advice)
 
 
 class CheckReport:

@@ -118,12 +118,12 @@ def _priority() -> Check:
     permitted = rights()
     words = {True: "permitted", False: "not permitted"}
     found = f"real-time priority {GATEWAY_PRIORITY} {words[permitted.real_time]}, "
-    found += f"locking memory {words[permitted.memory]}, oom_score_adj {OOM_NEVER} {words[_kept()]}"
+    found += f"locking memory {words[permitted.memory]}, oom_score_adj {OOM_NEVER} {words[_spared_by_kernel()]}"
     lacking = permitted.lacking()
     return judged("priority", found, not lacking, lacking, otherwise=CheckResult.NOTE)
 
 
-def _kept() -> bool:
+def _spared_by_kernel() -> bool:
     """Whether the kernel would spare the gateway when memory runs out; tried with this process, then undone."""
     own = Path("/proc/self/oom_score_adj")
     try:

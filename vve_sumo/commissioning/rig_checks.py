@@ -165,17 +165,17 @@ def _watchdog(rig: Rig, stated: StatedDay | None, today: datetime.date) -> Check
         "when the gateway itself dies, nobody brakes this car but its driver: have the watchdog of the drive-by-wire "
         "controller armed"
     )
-    return Check("watchdog test", f"not armed, {dated.found}", CheckResult.NOTE, advice)
+    return Check("watchdog test", f"not armed, {dated.observed}", CheckResult.NOTE, advice)
 
 
-def _dated(name: str, found: str, stated: StatedDay, rig: Rig, today: datetime.date) -> Check:
+def _dated(name: str, observed: str, stated: StatedDay, rig: Rig, today: datetime.date) -> Check:
     """Judge a day that the rig states; what a simulated vehicle's rig states does not grow old."""
     if stated.is_to_come(today):
         return Check(
-            name, found, CheckResult.NO_GO, "that day is still to come: correct the date, or this machine's clock"
+            name, observed, CheckResult.NO_GO, "that day is still to come: correct the date, or this machine's clock"
         )
     age = (today - stated.day).days
-    text = f"{found}, {age} days ago"
+    text = f"{observed}, {age} days ago"
     if stated.has_expired(today):
         table = stated.key.partition(".")[0]
         return Check(name, text, CheckResult.NO_GO, f"{table}.valid_days allows {stated.valid_days}: repeat it")
@@ -199,19 +199,19 @@ def echo(rig: Rig) -> Iterator[Check]:
     if wanted.channel == PTY or start_pose is None:
         return
     far = start_pose.channel or wanted.channel
-    with Bus(wanted.interface, wanted.channel) as here, Bus(wanted.interface, far) as there:
-        yield echoed(here, there)
+    with Bus(wanted.interface, wanted.channel) as near_end, Bus(wanted.interface, far) as far_end:
+        yield echoed(near_end, far_end)
 
 
-def echoed(here: Bus, there: Bus) -> Check:
+def echoed(near_end: Bus, far_end: Bus) -> Check:
     """Check whether a frame gets from one end of a bus to the other."""
     sent, begun = Frame(NO_COMMAND, time.monotonic_ns().to_bytes(8, "big")), time.monotonic()
-    here.send(sent)
+    near_end.send(sent)
     while (left := begun + ECHO_TIMEOUT - time.monotonic()) > 0.0:
-        observed = there.receive(left)
+        observed = far_end.receive(left)
         if observed is not None and observed[1] == sent:
-            return Check("echo", f"a frame from {here.name} is heard on {there.name}")
-    found = f"a frame from {here.name} is not heard on {there.name}"
+            return Check("echo", f"a frame from {near_end.name} is heard on {far_end.name}")
+    found = f"a frame from {near_end.name} is not heard on {far_end.name}"
     return Check("echo", found, CheckResult.NO_GO, "see that both are the same bus, at the same bitrate, and up")
 
 
@@ -411,8 +411,8 @@ def _in_the_lot(rig: Rig, resolved: ResolvedScenario, alignment: Alignment) -> C
         return Check("path in the lot", excess.text(), CheckResult.NO_GO, f"{advice}; or declare a narrower corridor")
     if found is None:
         return Check("path in the lot", "not even its start is inside", CheckResult.NO_GO, advice)
-    said = f"from {found.station:.0f} m of {path.length:.0f} m on, the car could not stop inside"
-    return Check("path in the lot", said, CheckResult.NO_GO, advice)
+    message = f"from {found.station:.0f} m of {path.length:.0f} m on, the car could not stop inside"
+    return Check("path in the lot", message, CheckResult.NO_GO, advice)
 
 
 def _at_the_start(resolved: ResolvedScenario, placement: Placement, epoch: float, standing: list[Fix]) -> Check:

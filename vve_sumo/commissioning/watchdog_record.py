@@ -83,15 +83,15 @@ def _last_frame(sent: Floats, time: Floats, speed: Floats) -> tuple[float, float
     return float(sent[gaps[0]]), float(ends[gaps[0]])
 
 
-def _first_below(time: Floats, speed: Floats, wanted: float, begin: float) -> float:
+def _first_below(time: Floats, speed: Floats, target_speed: float, begin: float) -> float:
     """Return when the speed first falls to a value after `begin` [s], between two samples; infinity for never."""
-    found = np.flatnonzero((time > begin) & (speed <= wanted))
+    found = np.flatnonzero((time > begin) & (speed <= target_speed))
     if not len(found):
         return float("inf")
     at = int(found[0])
     if at == 0 or speed[at - 1] <= speed[at]:
         return float(time[at])
-    share = (speed[at - 1] - wanted) / (speed[at - 1] - speed[at])
+    share = (speed[at - 1] - target_speed) / (speed[at - 1] - speed[at])
     return float(max(time[at - 1] + share * (time[at] - time[at - 1]), begin))
 
 

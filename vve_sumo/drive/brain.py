@@ -68,23 +68,23 @@ class Publisher:
     """Makes the sample of every tick and sends it."""
 
     def __init__(
-        self, send: Callable[[Sample], None], placement: Placement, epoch: float, *, held: bool = False
+        self, send: Callable[[Sample], None], placement: Placement, epoch: float, *, awaiting_start: bool = False
     ) -> None:
         """`placement` is `virtual_placement`'s; `epoch` is the GNSS second of drive time 0.
 
-        `held`: nothing is valid until the drive begins, for a brain that would drive off by what it sees.
+        `awaiting_start`: nothing is valid until the drive begins, for a brain that would drive off by what it sees.
         """
         self._send, self._placement, self._epoch = send, placement, epoch
         self.sequence = 0  #: of the newest sample
         self.radar_valid = False  #: whether the newest sample holds a scan
         self.over = False  #: set when the drive ends: from then on every sample is invalid
-        self.held = held  #: whether every sample is invalid because the drive has not begun
+        self.awaiting_start = awaiting_start  #: whether every sample is invalid because the drive has not begun
 
     def publish(self, now: float, seen: SensorFrame | None, faults: tuple[str, ...]) -> None:
         """Send the sample of a tick; any fault but the brain's own silence makes it invalid, and so does no pose."""
         # A live tick keeps to the receiver's clock, so two may lie within one period of ours.
         self.sequence = max(self.sequence + 1, sequence_of(now))
-        sound = seen is not None and not (self.over or self.held) and all(code == SILENT for code in faults)
+        sound = seen is not None and not (self.over or self.awaiting_start) and all(code == SILENT for code in faults)
         measured = self._measured(now, seen) if seen is not None and sound else None
         sample = Sample(self.sequence, self._epoch + now, now, measured)
         self.radar_valid = sample.radar_valid
@@ -115,7 +115,7 @@ class SetpointController:
     def step(self, observation: Observation) -> ControlCommand:
         """Return what the newest setpoint asks for; a brain that asks for nothing is a fault of the next tick."""
         now, publisher, inbox = observation.time, self._publisher, self.inbox
-        inbox.asked(publisher.sequence)
+        inbox.sample_sent(publisher.sequence)
         try:
             self._take(now)
         except TimeoutError as error:
@@ -124,7 +124,7 @@ class SetpointController:
         self.faults = () if command is not None else (SILENT,)
         if self.overdue:
             self.faults = (OVERDUE,)
-        return command or ControlCommand(_held(observation), 0.0, note=_NOTHING)
+        return command or ControlCommand(_steering_as_reported(observation), 0.0, note=_NOTHING)
 
     def _take(self, now: float) -> None:
         publisher, inbox = self._publisher, self.inbox
@@ -157,10 +157,10 @@ class NoController:
 
     def step(self, observation: Observation) -> ControlCommand:
         """Return the steering that the car reports, and no acceleration."""
-        return ControlCommand(_held(observation), 0.0, note=_COMMANDS_ITSELF)
+        return ControlCommand(_steering_as_reported(observation), 0.0, note=_COMMANDS_ITSELF)
 
 
-def _held(observation: Observation) -> float:
+def _steering_as_reported(observation: Observation) -> float:
     return observation.steering if math.isfinite(observation.steering) else 0.0
 
 
@@ -217,7 +217,9 @@ def external_controller(
     setpoints. `waits`: whether a tick waits for the setpoint that answers its sample.
     """
     # A brain that commands the car by itself would drive off by what it sees: it sees nothing before the go.
-    publisher = Publisher(link.send, virtual_placement(frame, mounting, epoch), epoch, held=kind == "external")
+    publisher = Publisher(
+        link.send, virtual_placement(frame, mounting, epoch), epoch, awaiting_start=kind == "external"
+    )
     if kind == "setpoints":
         return ExternalController(
             publisher, SetpointController(publisher, link, SetpointInbox(epoch, key), waits=waits)

@@ -56,7 +56,9 @@ def drive_end(ego: str, outcome: Outcome, reasons: tuple[str, ...], pipeline: Pi
     The text is the last failure of the controller or a sensor; without one, SUMO's last error message about the ego.
     """
     text = pipeline.failure or road.around[ego].detail
-    return DriveEnd(outcome, reasons, road.cleared, road.warnings, text, road.standoffs, road.signals)
+    return DriveEnd(
+        outcome, reasons, road.removed_at_entry, road.warnings, text, road.removed_after_standoff, road.signals
+    )
 
 
 def car_parameters(resolved: ResolvedScenario) -> CarParameters:
@@ -237,18 +239,18 @@ class LockstepEgo:
             outcome = self._termination.unless_contact(Outcome.TIMEOUT)
         return None if outcome is None else (outcome, status.reasons)
 
-    def _end_reason(self, wanted: EndTrigger, ticked: LockstepTick, contact: bool) -> str:
+    def _end_reason(self, end_trigger: EndTrigger, ticked: LockstepTick, contact: bool) -> str:
         """Return the reason code for which the scenario ends the drive at this tick, from the true pose; else empty."""
         truth, s = ticked.truth, ticked.result.s
         bumper = deviation = ttc = math.nan
         if math.isfinite(s):
             place = self._path.project(truth.x, truth.y, s)
             bumper, deviation = place.s + self._vehicle.rear_axle_to_bumper, place.offset
-        if wanted.ttc_s is not None:
+        if end_trigger.ttc_s is not None:
             commanded = ticked.result.commanded_path
             lead = lead_vehicle_now(truth, s, ticked.actors, self._path, self._vehicle, commanded)
             ttc = float(lead.time_to_collision[0])
-        return end_reason(wanted, contact, bumper, deviation, ttc)
+        return end_reason(end_trigger, contact, bumper, deviation, ttc)
 
 
 class Lockstep:

@@ -217,8 +217,8 @@ class Pipeline:
         faults = shell_faults + sensed.faults
         setpoint, s, d, commanded = None, math.nan, math.nan, None
         if pose is not None:
-            beside = self._path.project(pose.x, pose.y, self._s)
-            self._s, s, d = beside.s, beside.s, beside.offset
+            projection = self._path.project(pose.x, pose.y, self._s)
+            self._s, s, d = projection.s, projection.s, projection.offset
             self._way += abs(pose.speed) * max(now - self._moved, 0.0)
             self._moved = now
             faults += ("off_path",) if not abs(d) <= self._deviation_limit else ()

@@ -288,9 +288,9 @@ def resolve_scenario(
     Raises ConfigError naming what is missing or wrong.
     """
 
-    def find(kind: str, wanted: str, key: str) -> Path:
+    def find(kind: str, name: str, key: str) -> Path:
         try:
-            return workspace.find(kind, wanted, working, beside=file.parent)
+            return workspace.find(kind, name, working, beside=file.parent)
         except ConfigError as error:
             raise ConfigError(f"{file}: {key}: {error}") from None
 

@@ -116,7 +116,7 @@ def run(
     *,
     pose: Path | None = None,
     brain: ExternalController | None = None,
-    kept: bool = True,
+    keep_record: bool = True,
     on_tick: TickCallback = lambda tick, now, speed, station: None,
     loaded: LoadedRoad | None = None,
 ) -> Drive:
@@ -126,8 +126,8 @@ def run(
 
     For a wrong input it raises ConfigError and leaves no record. A later failure is recorded as the outcome `broken`,
     a keyboard interrupt as `interrupted`. An external `brain` drives in place of the scenario's controller; where it is
-    not there, RigError is raised and no record is left. With `kept` false no folder is written, and the summary lacks
-    only the hashes of the record's files. SUMO is not started where the process of which this one is a fork has
+    not there, RigError is raised and no record is left. With `keep_record` false no folder is written, and the summary
+    lacks only the hashes of the record's files. SUMO is not started where the process of which this one is a fork has
     `loaded` the scenario's road.
     """
     if pose is not None and resolved.faults:
@@ -137,7 +137,7 @@ def run(
         )
     if pose is not None:
         require_start_from_rest(resolved, "a recorded drive begins as it was recorded")
-    if kept:
+    if keep_record:
         claim(folder)
     shell: DriveHost
     if pose is None:
@@ -149,7 +149,11 @@ def run(
             resolved = replace(resolved, files={**resolved.files, "pose": pose})
         foreign = {} if brain is None or brain.controller is None else {"brain": "setpoints"}
         settings = resolved.to_dict(working) | shell.lot.to_dict() | foreign
-        record = RecordWriter(folder, settings, shell.lot.epoch) if kept else MemoryRecorder(settings, shell.lot.epoch)
+        record = (
+            RecordWriter(folder, settings, shell.lot.epoch)
+            if keep_record
+            else MemoryRecorder(settings, shell.lot.epoch)
+        )
         if isinstance(record, RecordWriter):
             now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
             record.attach_table(ROADS, roads_table(resolved.lanes))
@@ -159,7 +163,7 @@ def run(
         except (ConfigError, RigError):
             record.discard()
             raise
-        if done.signals and kept:
+        if done.signals and keep_record:
             record.attach(SIGNALS, signals_text(done.signals))
     finally:
         shell.close()

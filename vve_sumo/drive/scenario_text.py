@@ -35,13 +35,13 @@ def lines(resolved: ResolvedScenario, working: Path) -> list[str]:
 
 def special_conditions(resolved: ResolvedScenario, working: Path) -> list[str]:
     """Return a line for everything besides actors and obstacles that makes the drive another than the usual one."""
-    said = descriptions.special_conditions(resolved.scenario)
+    conditions = descriptions.special_conditions(resolved.scenario)
     manoeuvre = _manoeuvre(resolved.scenario.controller, working)
     found = ", ".join(f"{at:.0f} m" for at in signals_along_path(resolved))
     return [
         *([f"manoeuvre: {manoeuvre}"] if manoeuvre else []),
         *([f"signals at {found} of the path: the traffic obeys, no sensor shows them"] if found else []),
-        *said,
+        *conditions,
     ]
 
 

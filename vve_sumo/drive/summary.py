@@ -121,8 +121,8 @@ def summary_of(
         **measured.per_drive,
         **({"metric_errors": dict(measured.errors)} if measured.errors else {}),
         **done.extra,
-        "removed_at_entry": list(done.cleared),
-        "removed_after_standoff": list(done.standoffs),
+        "removed_at_entry": list(done.removed_at_entry),
+        "removed_after_standoff": list(done.removed_after_standoff),
         "sumo_warnings": list(done.warnings),
         "text": done.text,
         "versions": versions(),
@@ -171,23 +171,23 @@ def invalidating_events(criteria: Criteria, summary: Mapping[str, Any]) -> list[
     return found
 
 
-def _unmet(name: str, wanted: Any, summary: Mapping[str, Any]) -> str:
+def _unmet(name: str, required: Any, summary: Mapping[str, Any]) -> str:
     """Return what a drive shows of a criterion that it does not meet; empty where it meets it."""
     got = summary[name]
-    band = isinstance(wanted, CriterionBand)
+    band = isinstance(required, CriterionBand)
     if failed := (summary.get("metric_errors") or {}).get(name):
-        return f"{name} is none ({failed}), expected {_band(wanted) if band else wanted}"
+        return f"{name} is none ({failed}), expected {_band(required) if band else required}"
     if band:
-        met = _within(wanted, METRICS[name].absent if math.isnan(got) else got)
-        return "" if met else f"{name} is {_found(name, got, summary)}, expected {_band(wanted)}"
-    return "" if got == wanted else f"{name} is {got}{_why(name, summary)}, expected {wanted}"
+        met = _within(required, METRICS[name].absent if math.isnan(got) else got)
+        return "" if met else f"{name} is {_value_in_words(name, got, summary)}, expected {_band(required)}"
+    return "" if got == required else f"{name} is {got}{_why(name, summary)}, expected {required}"
 
 
 def _within(band: CriterionBand, value: float) -> bool:
     return (band.min is None or value >= band.min) and (band.max is None or value <= band.max)
 
 
-def _found(name: str, value: float, summary: Mapping[str, Any]) -> str:
+def _value_in_words(name: str, value: float, summary: Mapping[str, Any]) -> str:
     """Return the value of a metric that missed its band, with whom it is about, or with what it means to have none."""
     metric = METRICS[name]
     if math.isnan(value):

@@ -52,10 +52,12 @@ class DriveEnd:
 
     outcome: Outcome
     reasons: tuple[str, ...]  #: reason codes: the end trigger's first, if it fired, then the gateway's at the end
-    cleared: tuple[str, ...] = ()  #: vehicles taken off the virtual road where the ego or a scenario's actor entered it
+    #: vehicles taken off the virtual road where the ego or a scenario's actor entered it
+    removed_at_entry: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()  #: SUMO's
     text: str = ""  #: message of an exception that ended the drive, or of the last failure on the way
-    standoffs: tuple[str, ...] = ()  #: vehicles taken off the road because they and the ego waited for each other
+    #: vehicles taken off the road because they and the ego waited for each other
+    removed_after_standoff: tuple[str, ...] = ()
     signals: tuple[SignalChange, ...] = ()  #: what the traffic signals showed, change by change
     extra: Mapping[str, float] = field(default_factory=dict)  #: metrics of this shell alone, by summary key
 
@@ -64,19 +66,19 @@ class DriveEnd:
 END_REASONS: Final = frozenset({"end_contact", "end_ego_at", "end_deviation", "end_ttc"})
 
 
-def end_reason(wanted: EndTrigger, contact: bool, bumper: float, deviation: float, ttc: float) -> str:
+def end_reason(end_trigger: EndTrigger, contact: bool, bumper: float, deviation: float, ttc: float) -> str:
     """Return the reason code of an end trigger's condition that holds, empty while none holds.
 
     `bumper` is the front bumper's s [m], `deviation` the lateral deviation [m], `ttc` the time to collision [s]; NaN
     meets no condition.
     """
-    if wanted.contact and contact:
+    if end_trigger.contact and contact:
         return "end_contact"
-    if wanted.ego_at_m is not None and bumper >= wanted.ego_at_m:
+    if end_trigger.ego_at_m is not None and bumper >= end_trigger.ego_at_m:
         return "end_ego_at"
-    if wanted.lateral_deviation_m is not None and abs(deviation) > wanted.lateral_deviation_m:
+    if end_trigger.lateral_deviation_m is not None and abs(deviation) > end_trigger.lateral_deviation_m:
         return "end_deviation"
-    return "end_ttc" if wanted.ttc_s is not None and ttc < wanted.ttc_s else ""
+    return "end_ttc" if end_trigger.ttc_s is not None and ttc < end_trigger.ttc_s else ""
 
 
 @dataclass(slots=True)

@@ -135,11 +135,11 @@ class EgoTick:
         assert self._recorded is not None
         self.pipeline.prepare(due.time + PERIOD, self._recorded.steering)
 
-    def record(self, asked: Pose | None, report: EgoSyncReport | None, around: EgoSurroundings) -> None:
+    def record(self, pose: Pose | None, report: EgoSyncReport | None, around: EgoSurroundings) -> None:
         """Record the ego's tick, after SUMO has stepped to the next."""
         assert self._recorded is not None
         # Without a report SUMO was not stepped, so the row has no requested pose.
-        placed = asked if report is not None else None
+        placed = pose if report is not None else None
         self._record.ticked(tick_row(self._recorded, self._path, placed, report, around))
         self._next = self._recorded.tick + 1
 

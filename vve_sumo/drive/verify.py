@@ -114,8 +114,8 @@ def _metrics(folder: Path, recorded: RecordedDrive, summary: dict[str, Any]) -> 
     ticks, actors = read_table(folder, "ticks"), read_table(folder, "actors")
     roads, commanded = read_roads(folder), read_commanded(folder)
     resolved = read_resolved(folder)
-    said = _measured(resolved, summary)
-    again = summary_of(recorded, done, ticks, actors, summary["record_parts_sha256"], roads, said, commanded)
+    own_metrics = _measured(resolved, summary)
+    again = summary_of(recorded, done, ticks, actors, summary["record_parts_sha256"], roads, own_metrics, commanded)
     again |= {"versions": resolved["versions"]}
     if recorded_brain(resolved):
         again |= {"controller": EXTERNAL_CONTROLLER}
@@ -140,21 +140,21 @@ def _measured(resolved: dict[str, Any], summary: dict[str, Any]) -> Measured:
     return Measured(values | missing, {}, table_in(summary, "metric_errors"))
 
 
-def _same(said: object, again: object) -> bool:
+def _same(recorded: object, again: object) -> bool:
     if isinstance(again, float) and not math.isfinite(again):
-        return said is None
-    if isinstance(again, float) and isinstance(said, (int, float)):
-        return math.isclose(said, again, rel_tol=RELATIVE_TOLERANCE, abs_tol=RELATIVE_TOLERANCE)
-    return said == again
+        return recorded is None
+    if isinstance(again, float) and isinstance(recorded, (int, float)):
+        return math.isclose(recorded, again, rel_tol=RELATIVE_TOLERANCE, abs_tol=RELATIVE_TOLERANCE)
+    return recorded == again
 
 
 def _names(resolved: dict[str, Any], summary: dict[str, Any]) -> Iterator[str]:
     """Compare the external controller, and of a live drive the rig's name and the shadow mode, with `scenario.json`."""
     brain = recorded_brain(resolved)
-    said = {"brain": brain} if brain else {}
+    expected = {"brain": brain} if brain else {}
     if "rig" in resolved:
-        said |= {"rig": resolved["rig_name"], "shadow": resolved["gateway"]["shadow"]}
-    for key, value in said.items():
+        expected |= {"rig": resolved["rig_name"], "shadow": resolved["gateway"]["shadow"]}
+    for key, value in expected.items():
         if summary.get(key) != value:
             yield f"{key} is {summary.get(key)!r}, scenario.json says {value!r}"
 
@@ -186,10 +186,10 @@ def _lockstep_ending(
         ended = Outcome.CONTACT if any(ticks["contacts"].to_pylist()) else Outcome.COMPLETED
     if outcome is not ended and not (outcome in ABNORMAL_OUTCOMES and ended is None):
         yield f"outcome is {outcome}, the ticks come to {ended or 'no end'}"
-    said = reasons[1:] if triggered else reasons
+    gateway_reasons = reasons[1:] if triggered else reasons
     last = [code for code in (ticks["reasons"][-1].as_py() if ticks.num_rows else "").split("+") if code]
-    if outcome not in (Outcome.INTERRUPTED, Outcome.BROKEN) and said != last:
-        yield f"reasons are {said}, the last tick's are {last}"
+    if outcome not in (Outcome.INTERRUPTED, Outcome.BROKEN) and gateway_reasons != last:
+        yield f"reasons are {gateway_reasons}, the last tick's are {last}"
 
 
 def _ended(ticks: pa.Table, actors: pa.Table, recorded: RecordedDrive) -> Outcome | None:
@@ -223,6 +223,8 @@ def _live_ending(outcome: Outcome, reasons: list[str], ticks: pa.Table, gateway:
         yield f"outcome is {outcome}, and something was touched"
     if outcome is Outcome.DRIVER and DRIVER_REASONS.isdisjoint(reasons):
         yield f"outcome is {outcome}, and no reason says that the driver stepped in"
-    said = {code for table in (ticks, gateway) for joined in table["reasons"].to_pylist() for code in joined.split("+")}
-    if strange := [code for code in reasons if code not in said | PROCESS_LOSS_REASONS]:
+    reported = {
+        code for table in (ticks, gateway) for joined in table["reasons"].to_pylist() for code in joined.split("+")
+    }
+    if strange := [code for code in reasons if code not in reported | PROCESS_LOSS_REASONS]:
         yield f"reasons are {reasons}, the gateway never said {strange[0]}"

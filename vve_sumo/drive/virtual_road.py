@@ -37,11 +37,11 @@ def obstacles_of(resolved: ResolvedScenario) -> tuple[Obstacle, ...]:
     return tuple(Obstacle(one.id, obstacle_position(one, resolved.path), one.length_m, one.width_m) for one in wanted)
 
 
-def obstacle_position(wanted: schema.ParkedObstacle, path: ReferencePath) -> MapSpot:
+def obstacle_position(obstacle: schema.ParkedObstacle, path: ReferencePath) -> MapSpot:
     """Return centre and heading, in the map, of an obstacle that the scenario places relative to a path."""
-    at = path.at(wanted.at_m)
-    x, y = at.x - wanted.offset_m * math.sin(at.heading), at.y + wanted.offset_m * math.cos(at.heading)
-    return MapSpot(x, y, at.heading + math.radians(wanted.turned_deg))
+    at = path.at(obstacle.at_m)
+    x, y = at.x - obstacle.offset_m * math.sin(at.heading), at.y + obstacle.offset_m * math.cos(at.heading)
+    return MapSpot(x, y, at.heading + math.radians(obstacle.turned_deg))
 
 
 def scenario_engine(resolved: ResolvedScenario) -> ScenarioEngine:
@@ -106,14 +106,14 @@ class VirtualRoad:
         self.around = {ego: EgoSurroundings() for ego in world.egos}  #: by the ego's id
 
     @property
-    def cleared(self) -> tuple[str, ...]:
+    def removed_at_entry(self) -> tuple[str, ...]:
         """Vehicles taken off the road where an ego, or an actor of the scenario, entered it."""
-        return self._world.cleared
+        return self._world.removed_at_entry
 
     @property
-    def standoffs(self) -> tuple[str, ...]:
+    def removed_after_standoff(self) -> tuple[str, ...]:
         """Vehicles taken off the road because they and an ego waited for each other."""
-        return self._world.standoffs
+        return self._world.removed_after_standoff
 
     @property
     def signals(self) -> tuple[SignalChange, ...]:
@@ -150,24 +150,24 @@ class VirtualRoad:
         """Let the scenario's actors begin: the operator said go."""
         self._waits = False
 
-    def advance(self, asked: Mapping[str, Pose]) -> Mapping[str, EgoSyncReport]:
+    def advance(self, poses: Mapping[str, Pose]) -> Mapping[str, EgoSyncReport]:
         """Place the egos, by id, and the actors, and let SUMO step once; return the report of each ego's placement.
 
         Without a pose of any ego SUMO does not step. An ego without a pose has no report: it has not entered yet.
         """
-        if not asked:
+        if not poses:
             return {}
-        if self._began is None and (not self._waits or any(pose.speed > MOVING_SPEED for pose in asked.values())):
-            self._began = next(iter(asked.values())).time
+        if self._began is None and (not self._waits or any(pose.speed > MOVING_SPEED for pose in poses.values())):
+            self._began = next(iter(poses.values())).time
         # The engine of the scenario's actors knows one ego.
-        if self._began is not None and (ego := asked.get(EGO)) is not None:
+        if self._began is not None and (ego := poses.get(EGO)) is not None:
             self._world.set_actors(self._engine.step(ego.time - self._began, ego))
-        stepped, reports = self._world.step(asked), {}
-        self._entered |= asked.keys()
+        stepped, reports = self._world.step(poses), {}
+        self._entered |= poses.keys()
         for name, report in stepped.items():
             if name not in self._entered:
                 continue
-            if name in asked:
+            if name in poses:
                 reports[name] = report
             around, contacts = self.around[name], self._world.contacts(name)
             around.actors, around.contacts = self._world.actors(name), contacts

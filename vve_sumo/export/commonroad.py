@@ -96,7 +96,7 @@ def _document(
 
 
 def _root(run: Run, number: int) -> ET.Element:
-    said = run.resolved["settings"].get("road") or {}
+    road = run.resolved["settings"].get("road") or {}
     began = "" if run.provenance is None else run.provenance.began_utc
     root = ET.Element(
         "commonRoad",
@@ -106,7 +106,7 @@ def _root(run: Run, number: int) -> ET.Element:
             "date": began[:10] if re.match(r"\d{4}-\d\d-\d\d", began) else "1980-01-06",
             "author": "vve_sumo",
             "affiliation": "",
-            "source": f"vve_sumo {__version__}, scenario {run.name}, SUMO network {said.get('network', 'unknown')}",
+            "source": f"vve_sumo {__version__}, scenario {run.name}, SUMO network {road.get('network', 'unknown')}",
             "timeStepSize": f"{TIME_STEP:g}",
         },
     )

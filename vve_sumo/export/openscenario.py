@@ -168,8 +168,8 @@ def _object(xosc: Any, entity: Entity, car: Vehicle) -> xosc.Vehicle | xosc.Pede
 
 
 def _began(run: Run) -> datetime.datetime:
-    said = "" if run.provenance is None else run.provenance.began_utc
+    began_utc = "" if run.provenance is None else run.provenance.began_utc
     try:
-        return datetime.datetime.fromisoformat(said)
+        return datetime.datetime.fromisoformat(began_utc)
     except ValueError:
         return datetime.datetime.fromisoformat(NO_DATE)

@@ -15,17 +15,17 @@ from vve_sumo.export.formats import FORMATS, Format
 from vve_sumo.export.part import ExportPart
 
 
-def export(held: Run | Sweep, name: str, out: Path | str | None = None) -> list[Path]:
+def export(source: Run | Sweep, name: str, out: Path | str | None = None) -> list[Path]:
     """Write a drive or a sweep in a format of FORMATS; return the files, the one that was asked for first.
 
     `out` is a file that does not exist yet, or a folder that does; by default it is the working folder, and the file is
     named after the record's or the sweep's folder. Raises ConfigError, before anything is written, for a format that is
     unknown, not installed or none for a sweep, and for files that exist.
     """
-    return export_all(held, [name], out)[name]
+    return export_all(source, [name], out)[name]
 
 
-def export_all(held: Run | Sweep, names: Sequence[str], out: Path | str | None = None) -> dict[str, list[Path]]:
+def export_all(source: Run | Sweep, names: Sequence[str], out: Path | str | None = None) -> dict[str, list[Path]]:
     """Write a drive or a sweep in several formats, all of them or none; return the files of each, as `export` does.
 
     Raises ConfigError as `export` does, and for several formats where `out` is one file.
@@ -40,8 +40,8 @@ def export_all(held: Run | Sweep, names: Sequence[str], out: Path | str | None =
     contents: dict[Path, bytes] = {}
     for name in names:
         form = FORMATS[name]
-        file = _place(held.folder, form, place)
-        parts = [*_parts(held, form)]
+        file = _place(source.folder, form, place)
+        parts = [*_parts(source, form)]
         written[name] = [_named(file, part) for part in parts]
         contents |= zip(written[name], (part.content for part in parts), strict=True)
     taken = next((file for file in contents if file.exists()), None)
@@ -51,13 +51,15 @@ def export_all(held: Run | Sweep, names: Sequence[str], out: Path | str | None =
     return written
 
 
-def _parts(held: Run | Sweep, form: Format) -> list[ExportPart]:
-    if isinstance(held, Run):
-        return [*form.of_drive(held)]
+def _parts(source: Run | Sweep, form: Format) -> list[ExportPart]:
+    if isinstance(source, Run):
+        return [*form.of_drive(source)]
     if form.of_sweep is None:
-        records = held.folder / "records" / "KEY"
-        raise ConfigError(f"{held.folder}: a sweep's folder; {form.name} is of one drive: a record, such as {records}")
-    return [*form.of_sweep(held)]
+        records = source.folder / "records" / "KEY"
+        raise ConfigError(
+            f"{source.folder}: a sweep's folder; {form.name} is of one drive: a record, such as {records}"
+        )
+    return [*form.of_sweep(source)]
 
 
 def _place(folder: Path, form: Format, out: Path) -> Path:

@@ -54,9 +54,9 @@ class EmptyRoad:
             lateral_speed=zeros,
         )
 
-    def advance(self, asked: Mapping[str, Pose]) -> Mapping[str, EgoSyncReport]:
+    def advance(self, poses: Mapping[str, Pose]) -> Mapping[str, EgoSyncReport]:
         """Place the ego's front bumper at a pose; without one, nothing is done. There is no report of a placement."""
-        if (pose := asked.get(EGO)) is None:
+        if (pose := poses.get(EGO)) is None:
             return {}
         ego, around = behind_bumper(pose.x, pose.y, pose.heading, self._length, self._width), self.around[EGO]
         around.contacts = tuple(name for name, box in self._boxes.items() if overlap(ego, box))

@@ -135,5 +135,5 @@ class Episode:
 
     def __str__(self) -> str:
         """Return the timeline on one line."""
-        said = ", ".join(map(str, self.actions))
-        return f"{self.phase.value} + {self.offset:g} s: {said}"
+        actions = ", ".join(map(str, self.actions))
+        return f"{self.phase.value} + {self.offset:g} s: {actions}"

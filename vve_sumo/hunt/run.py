@@ -57,20 +57,20 @@ class HuntProgress:
 
     total: int | None
     done: int = 0
-    here: int = 0  #: in this run
-    found: int = 0
+    done_in_this_run: int = 0  #: in this run
+    findings: int = 0
     seconds: float = 0.0  #: of this run
     last_found: int = 0  #: number of the episode that the newest finding came of
 
     @property
     def rate(self) -> float:
         """Return the episodes of this run an hour, the time for shrinking included."""
-        return 3600.0 * self.here / max(self.seconds, 1e-3)
+        return 3600.0 * self.done_in_this_run / max(self.seconds, 1e-3)
 
     def say(self) -> str:
         """Return how far it has come, on one line."""
         of = "" if self.total is None else f" of {self.total}"
-        return f"{self.done}{of} episodes, {self.rate:.0f} an hour, {self.found} found"
+        return f"{self.done}{of} episodes, {self.rate:.0f} an hour, {self.findings} found"
 
 
 Watch = Callable[[HuntProgress], None]
@@ -157,7 +157,7 @@ class Hunt:
         missing = [(name, episode) for name, episode in named if name not in known]
         for fresh, (name, result) in enumerate(self._run_named(missing), start=1):
             self.journal.add(name, result)
-            self.progress.here += 1
+            self.progress.done_in_this_run += 1
             self._show(self.progress.done + fresh)
         results = [known[name] for name, _episode in named if name in known]
         for result in results:
@@ -177,7 +177,7 @@ class Hunt:
         for invariant in self.findings.new(result):
             simplest = shrunk(result, invariant, self._run_all)
             self.findings.keep(HuntFinding(invariant, simplest), self.rig_text)
-            self.progress.found, self.progress.last_found = len(self.findings.all), self.progress.done
+            self.progress.findings, self.progress.last_found = len(self.findings.all), self.progress.done
             self._show(self.progress.done)
 
     def _run_all(self, episodes: Sequence[Episode]) -> list[EpisodeResult]:
@@ -188,7 +188,14 @@ class Hunt:
         progress = self.progress
         progress.seconds = time.monotonic() - self._begun
         self._watch(
-            HuntProgress(progress.total, done, progress.here, progress.found, progress.seconds, progress.last_found)
+            HuntProgress(
+                progress.total,
+                done,
+                progress.done_in_this_run,
+                progress.findings,
+                progress.seconds,
+                progress.last_found,
+            )
         )
 
 

@@ -136,7 +136,7 @@ class Phases:
         if speed > 2.0 and drive.s == drive.s and abs(path.at(drive.s).curvature) > BEND:
             holds.add(EpisodePhase.BEND)
         obstacle = min((one.at_m for one in drive.resolved.scenario.obstacles), default=path.length)
-        if drive.asked < BRAKES and drive.s > obstacle - 60.0 and speed > 2.0:
+        if drive.requested_acceleration < BRAKES and drive.s > obstacle - 60.0 and speed > 2.0:
             holds.add(EpisodePhase.BRAKING)
         return holds
 

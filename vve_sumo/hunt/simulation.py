@@ -138,11 +138,11 @@ class HuntOperator:
         self._ended = True
         return OperatorCommand.END
 
-    def observe(self, said: OperatorCommand | None, status: GatewayStatus) -> None:
+    def observe(self, command: OperatorCommand | None, status: GatewayStatus) -> None:
         """Take note of a tick's command and the gateway's answer."""
         self.went &= status.state in COMMANDING
         self.engaged |= status.state in COMMANDING
-        if said is OperatorCommand.GO and status.state is ArmingState.ENGAGED:
+        if command is OperatorCommand.GO and status.state is ArmingState.ENGAGED:
             self.went |= "go_too_early" not in status.reasons
 
 
@@ -193,7 +193,7 @@ class EpisodeDrive:
         self._termination = TerminationMonitor(resolved.path.length, resolved.scenario.after_stop_s)
         self._standstill_classifier = StandstillClassifier(resolved.scenario, resolved.path, resolved.vehicle)
         self.operator = HuntOperator()
-        self._said: OperatorCommand | None = None
+        self._operator_command: OperatorCommand | None = None
         self._status: GatewayStatus | None = None
         self._reports: list[Frame] = []
         self._frames: Sequence[Frame] = ()
@@ -203,7 +203,7 @@ class EpisodeDrive:
         self.outcome: Outcome | None = None  #: that the drive would have by now
         self.ended_because: tuple[str, ...] = ()  #: reasons of the gateway at that outcome
         self.s = math.nan  #: distance along the path [m]
-        self.asked = math.nan  #: acceleration that the setpoint asks for [m/s2]
+        self.requested_acceleration = math.nan  #: acceleration that the setpoint asks for [m/s2]
 
     def _around(self, own: Controller) -> Controller:
         self._brain = TurningBrain(own)
@@ -232,12 +232,12 @@ class EpisodeDrive:
 
     def hand_over(self, now: float, setpoint: Setpoint | None) -> GatewayStatus:
         """Run one gateway step on what reaches it of a setpoint, and on the car's newest reports."""
-        self._said = self.operator.command(now, self._status, self._car.speed)
+        self._operator_command = self.operator.command(now, self._status, self._car.speed)
         sent = self._brain.sent(now, setpoint)
-        output = self.gateway.step(now, sent, self._reports, self._said)
-        self.operator.observe(self._said, output.status)
+        output = self.gateway.step(now, sent, self._reports, self._operator_command)
+        self.operator.observe(self._operator_command, output.status)
         self._status, self._frames = output.status, output.frames
-        self.asked = math.nan if setpoint is None else setpoint.acceleration
+        self.requested_acceleration = math.nan if setpoint is None else setpoint.acceleration
         return output.status
 
     def step(self) -> TruthSample:
@@ -290,7 +290,7 @@ class EpisodeDrive:
             state=status.state,
             reasons=status.reasons,
             phase=phase(words),
-            said=self._said,
+            operator_command=self._operator_command,
             went=self.operator.went,
             due=self._due(now),
         )

@@ -63,6 +63,6 @@ class TruthSample(NamedTuple):
     state: ArmingState
     reasons: Sequence[str]
     phase: str  #: on the operator's screen
-    said: OperatorCommand | None  #: that the operator gave in this tick
+    operator_command: OperatorCommand | None  #: that the operator gave in this tick
     went: bool  #: a go was given and not refused
     due: Mapping[str, float]  #: kinds of actions that are due now, with the least value; NaN for a kind without

@@ -46,7 +46,9 @@ class ChannelLink:
     def faults(self) -> tuple[str, ...]:
         """Reason codes: the wires' process is gone, or somebody else sends setpoints."""
         gone = ("outputs_gone",) if self._outputs.closed else ()
-        return gone + (() if self._setpoints is None else tuple(_OF_SETPOINTS[c] for c in self._setpoints.found()))
+        return gone + (
+            () if self._setpoints is None else tuple(_OF_SETPOINTS[c] for c in self._setpoints.sender_faults())
+        )
 
     def close(self) -> None:
         """Close both ends."""

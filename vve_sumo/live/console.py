@@ -111,7 +111,7 @@ class Console:
         self.processes, self._keys, self._screen = processes, keys, screen
         self._operator = ScriptedOperator() if automatic else None
         self._state = ArmingState.DISARMED
-        self._engaged = self._over = self._ends = self._left = False
+        self._engaged = self._over = self._ends = self._left_by_operator = False
         self._stop: OperatorCommand | None = None  # whose stop is to be sent: the operator's, or the page's
         self._heard_at = math.inf  # time of the gateway's last message; inf before the first
         self._begun = time.monotonic()
@@ -150,16 +150,16 @@ class Console:
             self._show(GatewayProcessState.ENDED)
 
     def _show(self, state: GatewayProcessState) -> None:
-        if self._left or (self.processes.to_gateway.closed and state is GatewayProcessState.SILENT):
+        if self._left_by_operator or (self.processes.to_gateway.closed and state is GatewayProcessState.SILENT):
             # A gateway that has closed its channel is ending: its silence is no alarm.
-            state = GatewayProcessState.LEFT if self._left else GatewayProcessState.RESPONDING
+            state = GatewayProcessState.LEFT if self._left_by_operator else GatewayProcessState.RESPONDING
         self._status |= {"gateway": state.value, "engaged": self._engaged}
         self._screen.show(self._status)
 
     def _show_gateway_lost(self) -> None:
         """Show for ALARM_TIME that a car that was commanded is commanded no more."""
         until = time.monotonic() + ALARM_TIME
-        while not self._left and time.monotonic() < until:
+        while not self._left_by_operator and time.monotonic() < until:
             self._show(GatewayProcessState.GONE)
             time.sleep(POLL_INTERVAL)
         self._show(GatewayProcessState.GONE)
@@ -218,7 +218,7 @@ class Console:
             self.processes.to_gateway.send(link.encode_operator_command(command))
 
     def _leave(self) -> None:
-        self._over = self._left = True
+        self._over = self._left_by_operator = True
         self.processes.to_gateway.close()
 
     def _read_view(self) -> None:

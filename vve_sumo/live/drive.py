@@ -110,13 +110,13 @@ class LiveDrive:
         """Return the way to an external controller, and the brain; neither where the rig has no outputs."""
         if outputs is None:
             return None, None
-        said, key, setpoints = rig.brain, key_of(rig.brain, working), None
-        if said.kind == "setpoints":
-            setpoints = open_setpoints(said, key)
+        brain, key, setpoints = rig.brain, key_of(rig.brain, working), None
+        if brain.kind == "setpoints":
+            setpoints = open_setpoints(brain, key)
         actors = any(KINDS[table.kind].tells_actors for table in rig.outputs)
         link_ = ChannelLink(outputs, setpoints, self._t0, actors=actors)
         mounting = mounting_of(rig)
-        return link_, external_controller(said.kind, link_, self._resolved.map_frame, mounting, lot.epoch, key)
+        return link_, external_controller(brain.kind, link_, self._resolved.map_frame, mounting, lot.epoch, key)
 
     def run(self) -> None:
         """Tick until the gateway is gone: a moving car needs fallback paths even if the console is gone."""
@@ -184,7 +184,7 @@ class LiveDrive:
         publisher = self._brain.publisher
         publisher.over |= self._has_engaged and status.state in ENDING
         if status.state is ArmingState.ENGAGED and WAITING not in status.reasons:
-            publisher.held = False
+            publisher.awaiting_start = False
 
     # A tick.
 
@@ -219,7 +219,9 @@ class LiveDrive:
         if self._brain is not None and self._gateway_is_silent():
             # Nothing else tells an external controller that nobody can stop the drive any more.
             foreign += ("gateway_silent",)
-        return ready + self._scheduled_faults + self._latency_faults + recording + self._source.found() + foreign
+        return (
+            ready + self._scheduled_faults + self._latency_faults + recording + self._source.sender_faults() + foreign
+        )
 
     def _gateway_is_silent(self) -> bool:
         """Whether the gateway has said nothing for too long; what waits because this process was held up counts."""
@@ -365,8 +367,8 @@ class LiveDrive:
             "outcome": outcome.value,
             "reasons": list(reasons),
             "signals": road.signals,
-            "cleared": list(road.cleared),
-            "standoffs": list(road.standoffs),
+            "removed_at_entry": list(road.removed_at_entry),
+            "removed_after_standoff": list(road.removed_after_standoff),
             "warnings": list(road.warnings),
             "text": self._pipeline.failure or road.traceback or road.around[EGO].detail,
             "clock": self._pipeline.clock_report(),

@@ -298,7 +298,7 @@ class GatewayProcess:
             self._console.send(word)
 
     def _keep(
-        self, now: float, taken: StepInputs, found: tuple[str, ...], received: int, sent: int, output: GatewayOutput
+        self, now: float, taken: StepInputs, faults: tuple[str, ...], received: int, sent: int, output: GatewayOutput
     ) -> None:  # fmt: skip
         """Hand the step to the recorder."""
         monitor, status = self._gateway.monitor, output.status
@@ -309,7 +309,7 @@ class GatewayProcess:
                 time_s=now,
                 setpoint=taken.datagram,
                 operator_command="" if taken.command is None else taken.command.value,
-                process_faults="+".join(found),
+                process_faults="+".join(faults),
                 frames_received=received,
                 frames_sent=sent,
                 sequence=monitor.sequence,

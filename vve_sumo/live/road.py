@@ -26,7 +26,7 @@ class LiveRoad(VirtualRoad):
         super().__init__(world, engine, waits=True)
         self.traceback = ""  #: of the failure; empty while there was none
 
-    def advance(self, asked: Mapping[str, Pose]) -> Mapping[str, EgoSyncReport]:
+    def advance(self, poses: Mapping[str, Pose]) -> Mapping[str, EgoSyncReport]:
         """Advance as a virtual road does; after a failure, do nothing.
 
         Raises VveError only for the first pose, before which nothing is armed; the drive is then refused.
@@ -34,7 +34,7 @@ class LiveRoad(VirtualRoad):
         if self.traceback:
             return {}
         try:
-            return super().advance(asked)
+            return super().advance(poses)
         except VveError:
             raise
         except Exception:

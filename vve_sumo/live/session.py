@@ -46,7 +46,7 @@ from vve_sumo.record.summary import SUMMARY_HASH_KEY, write_summary
 from vve_sumo.record.writer import claim
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
-from vve_sumo.rig.lock import held
+from vve_sumo.rig.lock import rig_lock
 from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.validation import PTY, arming_obstacle
 from vve_sumo.scenario.schema import EndTrigger
@@ -183,7 +183,7 @@ def _driven(
 ) -> Console:
     """Drive a plan to its end, from the rig's lock to the end of all processes but the page's, which `page` ends."""
     with (
-        held(plan.rig_file, plan.rig) as locks,
+        rig_lock(plan.rig_file, plan.rig) as locks,
         contextlib.ExitStack() as stack,
         OperatorInput(listen=not plan.rig.operator.automatic) as keys,
     ):
@@ -438,18 +438,14 @@ def _summary(plan: DrivePlan, why: tuple[str, ...], notify: Notify) -> dict[str,
     done = DriveEnd(
         Outcome(summary["outcome"]),
         tuple(summary["reasons"]),
-        tuple(summary.get("cleared", ())),
+        tuple(summary.get("removed_at_entry", ())),
         tuple(summary.get("warnings", ())),
         summary.get("text", ""),
-        tuple(summary.get("standoffs", ())),
+        tuple(summary.get("removed_after_standoff", ())),
     )
     parts, own = summary.get("record_parts_sha256", {}), plan.resolved.own_metrics()
     full = summarise_drive(plan.resolved, done, plan.folder, parts, own)
-    extra = {
-        key: summary[key]
-        for key in summary
-        if key not in full and key not in ("cleared", "standoffs", "warnings", SUMMARY_HASH_KEY)
-    }
+    extra = {key: summary[key] for key in summary if key not in full and key not in ("warnings", SUMMARY_HASH_KEY)}
     summary = full | extra | {"rig": plan.rig_file.stem, "shadow": plan.shadow, "brain": plan.rig.brain.kind}
     if plan.rig.brain.kind != "own":
         summary["controller"] = EXTERNAL_CONTROLLER

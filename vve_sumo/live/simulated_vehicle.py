@@ -244,7 +244,7 @@ class EndCondition:
 
     def __init__(self, console: Channel) -> None:
         self._console = console
-        self._asked = False
+        self._stop_requested = False
         self._since = math.inf
         signal.signal(signal.SIGTERM, self._ask)
         for ignored in (signal.SIGINT, signal.SIGHUP):
@@ -253,12 +253,12 @@ class EndCondition:
     def due(self, now: float, at_rest: bool) -> bool:
         """Whether to end at drive time `now` [s]."""
         self._console.receive()
-        if self._asked or self._console.closed:
+        if self._stop_requested or self._console.closed:
             self._since = min(self._since, now)
         return now - self._since >= END_TIMEOUT or (at_rest and self._since < math.inf)
 
     def _ask(self, *_: object) -> None:
-        self._asked = True
+        self._stop_requested = True
 
 
 def main() -> int:

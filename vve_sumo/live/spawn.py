@@ -33,12 +33,12 @@ def start(
     """
     handed = {name: channel.fileno() for name, channel in channels.items()}
     log = config.get("log")
-    with Path(log).open("ab") if log else contextlib.nullcontext(2) as said:
+    with Path(log).open("ab") if log else contextlib.nullcontext(2) as output:
         process = subprocess.Popen(
             [sys.executable, "-P", "-m", f"vve_sumo.live.{module}"],
             stdin=subprocess.PIPE,
-            stdout=said,
-            stderr=said,
+            stdout=output,
+            stderr=output,
             env={**os.environ, "PYTHONPATH": _search_path()},
             pass_fds=(*handed.values(), *inherited),
             start_new_session=own_session,

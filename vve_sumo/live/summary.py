@@ -50,8 +50,8 @@ def _last_reasons(gateway: pa.Table | None) -> list[str]:
     if gateway is None:
         return []
     rows = zip(gateway["state"].to_pylist(), gateway["reasons"].to_pylist(), strict=True)
-    said = [reasons for state, reasons in rows if state in ENDING]
-    return said[-1].split("+") if said and said[-1] else []
+    ending_reasons = [reasons for state, reasons in rows if state in ENDING]
+    return ending_reasons[-1].split("+") if ending_reasons and ending_reasons[-1] else []
 
 
 def _latency(table: pa.Table | None) -> dict[str, Any]:

@@ -50,7 +50,7 @@ STOP: Final = b"stop"
 _KEYS: Final = ("key", "press r", "e engages", "e begins", "g goes")
 
 
-def said(status: Mapping[str, Any]) -> str:
+def status_in_words(status: Mapping[str, Any]) -> str:
     """Return a drive's phase and the reasons for it in plain words, as the console has them, without its keys."""
     silent = SILENT < status["status_age_s"] < float("inf")
     shown = {**status, "gateway": (GatewayProcessState.SILENT if silent else GatewayProcessState.RESPONDING).value}
@@ -70,7 +70,7 @@ class ViewProcess:
         """Bind the server's socket; raises ConfigError where that cannot be done."""
         folder = Path(config["folder"])
         self._drive, self._console = channels["drive"], channels["console"]
-        self._frames = LiveFrames(config["resolved"], said)
+        self._frames = LiveFrames(config["resolved"], status_in_words)
         scene = scene_of(config["resolved"], read_roads(folder), source="live")
         self._hub = Hub(self._frames, with_network(scene, config["resolved"], Path.cwd()))
         self._over = asyncio.Event()

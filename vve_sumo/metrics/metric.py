@@ -83,16 +83,16 @@ class Metric:
 
     def to_dict(self) -> dict[str, Any]:
         """Return what is not the default, for JSON: `absent` and `cap` as texts, as they may be infinite."""
-        said = {field.name: getattr(self, field.name) for field in fields(self)}
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
         usual = {field.name: repr(field.default) for field in fields(self)}
-        kept = {name: value for name, value in said.items() if repr(value) != usual[name]}
+        kept = {name: value for name, value in values.items() if repr(value) != usual[name]}
         return {name: repr(value) if name in ("absent", "cap") else value for name, value in kept.items()}
 
     @classmethod
-    def from_dict(cls, said: Mapping[str, Any]) -> Self:
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """Return the row that `to_dict` returned; raises TypeError or ValueError for what is none."""
-        numbers = {name: float(said[name]) for name in ("absent", "cap") if name in said}
-        return cls(**{**said, **numbers})
+        numbers = {name: float(data[name]) for name in ("absent", "cap") if name in data}
+        return cls(**{**data, **numbers})
 
 
 class MetricTable(Mapping[str, Metric], Generic[Subject]):

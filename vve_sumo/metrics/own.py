@@ -64,13 +64,13 @@ class DeclaredMetrics:
         return {which: [row.to_dict() for row in rows.values()] for which, rows in tables.items()}
 
     @classmethod
-    def from_dict(cls, said: Any) -> Self:
+    def from_dict(cls, data: Any) -> Self:
         """Return the rows that `to_dict` returned, of which the names of shipped metrics are left out.
 
         Those were a user's in an earlier version. Raises ConfigError in a few words for what is none.
         """
         try:
-            tables = {which: [Metric.from_dict(row) for row in said.get(which, ())] for which in cls.__slots__}
+            tables = {which: [Metric.from_dict(row) for row in data.get(which, ())] for which in cls.__slots__}
             if wrong := port.wrong_rows(*tables.values()):
                 raise ValueError(wrong)
         except (AttributeError, TypeError, ValueError) as error:
@@ -205,7 +205,7 @@ def _is_text(value: Any) -> bool:
 
 def _short(value: Any) -> str:
     try:
-        said = " ".join(repr(value).split())
+        text = " ".join(repr(value).split())
     except Exception:
         return f"a {type(value).__name__}"
-    return said if len(said) <= 80 else f"a {type(value).__name__}"
+    return text if len(text) <= 80 else f"a {type(value).__name__}"

@@ -94,13 +94,13 @@ class GapError(NamedTuple):
     rms: float
 
 
-def time_gap_error(gap: Floats, speed: Floats, wanted: float, standstill: float = 0.0) -> GapError:
+def time_gap_error(gap: Floats, speed: Floats, time_gap: float, standstill: float = 0.0) -> GapError:
     """Return the error of the time gap (g - g0) / v - h of a follower with the policy g0 + h v.
 
-    gap: bumper to bumper [m]; speed: of the follower [m/s], above 0; wanted: h [s]; standstill: g0 [m]. NaN in either
-    array is left out.
+    gap: bumper to bumper [m]; speed: of the follower [m/s], above 0; time_gap: the wanted one, h [s]; standstill:
+    g0 [m]. NaN in either array is left out.
     """
-    error = (gap - standstill) / speed - wanted
+    error = (gap - standstill) / speed - time_gap
     known = error[np.isfinite(error)]
     if not len(known):
         return GapError(math.nan, math.nan)

@@ -56,10 +56,10 @@ def buildings_near(path: Path, box: Box) -> list[Building]:
 
 def _height(poly: ET.Element) -> float:
     """Return the height that the map says, in metres or in storeys."""
-    said = {one.get("key"): one.get("value", "") for one in poly.iter("param")}
+    parameters = {one.get("key"): one.get("value", "") for one in poly.iter("param")}
     for key, unit in (("height", 1.0), ("building:levels", STOREY)):
         try:
-            height = float(said.get(key, "").removesuffix("m")) * unit
+            height = float(parameters.get(key, "").removesuffix("m")) * unit
         except ValueError:
             continue
         if math.isfinite(height) and height > 0.0:

@@ -151,9 +151,9 @@ def write_demand(
     mean = sum(_travel_time(edges) for edges, _kerb in samples) / len(samples)
     trips = list(_trips(places, drawn, mean / LEVELS[level], MAX_TRIP_FACTOR * mean, duration))
     spares = ", nobody with right of way over the ego's path" if unhindered else ""
-    said = "" if drivers == DRIVERS[0] else f", {drivers} drivers"
+    driver_note = "" if drivers == DRIVERS[0] else f", {drivers} drivers"
     types = [_type(name, drivers) for name in TYPES]
-    return _write(out, trips, types, f"{level} traffic, seed {seed}{spares}{said}", frozenset(clear), mean)
+    return _write(out, trips, types, f"{level} traffic, seed {seed}{spares}{driver_note}", frozenset(clear), mean)
 
 
 class _Choice:

@@ -56,9 +56,9 @@ class FaultInjectedCar:
         """Take in `frames`, advance to drive time `until` [s], a multiple of 5 ms; return the output until then."""
         output, last = CarOutput([], []), round(until * STEPS_PER_SECOND)
         while self._steps < last:
-            said = self._step(frames)
-            output.reports.extend(said.reports)
-            output.packets.extend(said.packets)
+            step_output = self._step(frames)
+            output.reports.extend(step_output.reports)
+            output.packets.extend(step_output.packets)
             frames = ()
         return output
 

@@ -102,8 +102,8 @@ class FaultInjector:
         self._packets_altered, self._driver_acts = due.ever(*POSE_KINDS), due.ever(*DRIVER_ACTIONS)
         self._car_fails = due.ever(*ACTUATOR_KINDS, "steering_stuck", "dbw_dropout")
         self._car_restored = False  # from what was injected before
-        self._kept: bytes | None = None  # packet that is sent after its successor
-        self._held: deque[tuple[float, bytes]] = deque()  # moment of release and packet
+        self._postponed: bytes | None = None  # packet that is sent after its successor
+        self._delayed: deque[tuple[float, bytes]] = deque()  # moment of release and packet
         self._foreign: list[Frame] = []  # the other writer's frames that the DBW controller has not yet received
 
     def moves(self, time: float, speed: float) -> None:
@@ -123,14 +123,14 @@ class FaultInjector:
         for time, packet in packets:
             for piece in self._mangled(time, packet):
                 # No packet overtakes the one before it: a network path is a queue.
-                earliest = self._held[-1][0] if self._held else time
-                self._held.append((max(earliest, self._release(time)), piece))
+                earliest = self._delayed[-1][0] if self._delayed else time
+                self._delayed.append((max(earliest, self._release(time)), piece))
         arrived: list[tuple[float, bytes]] = []
-        while self._held and self._held[0][0] <= now + ROUNDING:
-            arrived.append(self._held.popleft())
+        while self._delayed and self._delayed[0][0] <= now + ROUNDING:
+            arrived.append(self._delayed.popleft())
         if not self._holding(now):
-            arrived += [(now, piece) for _, piece in self._held]
-            self._held.clear()
+            arrived += [(now, piece) for _, piece in self._delayed]
+            self._delayed.clear()
         return arrived
 
     def on_reports(
@@ -193,12 +193,12 @@ class FaultInjector:
             pieces = [self._garbage()] if self._packets % int(period) == 0 else [self._garbage(), *pieces]
         if self._due.value("pose_duplicates", time) is not None:
             pieces = [piece for piece in pieces for _ in range(2)]
-        kept, self._kept = self._kept, None
+        kept, self._postponed = self._postponed, None
         if self._due.value("pose_reordered", time) is None:
             return pieces if kept is None else [kept, *pieces]
         if kept is not None:
             return [*pieces, kept]
-        self._kept = pieces.pop()
+        self._postponed = pieces.pop()
         return pieces
 
     def _garbage(self) -> bytes:
@@ -218,9 +218,9 @@ class FaultInjector:
     def _written(self, torque: float) -> list[Frame]:
         """The other writer's frames: brakes and straight steering, and throttle only where it shares their frame."""
         frames = self._writer.encode(ActuationCommand(torque, 0.0, 0.0, 0.0, Gear.NONE, enable=True, clear=False))
-        said = [(frame, self._writer.commanded(frame)) for frame in frames]
+        commands = [(frame, self._writer.commanded(frame)) for frame in frames]
         return [
             frame
-            for frame, command in said
+            for frame, command in commands
             if command is not None and not (math.isnan(command.brake_torque) and math.isnan(command.wheel_angle))
         ]

@@ -84,14 +84,17 @@ class WrongMinute:
     def __init__(self, due: Due, encoder: FixEncoder | None) -> None:
         self._due = due
         self._encoder = encoder if isinstance(encoder, MinuteEncoder) else None
-        self._said = False
+        self._wrong_minute_sent = False
 
     def alter(self, time: float, packet: bytes) -> bytes:
         """Return what is sent at `time` in place of a packet."""
         if self._due.value("pose_minute_wrong", time) is None or self._encoder is None:
-            self._said = False
-        elif not self._said and (wrong := self._encoder.with_wrong_minute(packet, MINUTES_WRONG)) is not None:
-            self._said = True
+            self._wrong_minute_sent = False
+        elif (
+            not self._wrong_minute_sent
+            and (wrong := self._encoder.with_wrong_minute(packet, MINUTES_WRONG)) is not None
+        ):
+            self._wrong_minute_sent = True
             return wrong
         return packet
 

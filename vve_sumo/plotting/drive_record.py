@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 from vve_sumo.analysis.run import Run
 from vve_sumo.metrics.moment import Moment, moment_of
 from vve_sumo.plotting.drive_page import draw
-from vve_sumo.plotting.page import DrivePage, FirstSighting, SensedShapes, said
+from vve_sumo.plotting.page import DrivePage, FirstSighting, SensedShapes, outcome_text
 from vve_sumo.record.layout import COMMANDED
 from vve_sumo.scenario.overrides import value_at
 from vve_sumo.values import Floats
@@ -38,7 +38,9 @@ def page_of(run: Run) -> DrivePage:
     roads = zip(*(run.arrow("roads")[name].to_pylist() for name in ("x_m", "y_m", "width_m")), strict=True)
     return DrivePage(
         title=run.title,
-        subtitle=f"killed: the record ends at {run.time[-1]:.2f} s" if run.summary is None else said(run.summary),
+        subtitle=f"killed: the record ends at {run.time[-1]:.2f} s"
+        if run.summary is None
+        else outcome_text(run.summary),
         ticks=run.arrow("ticks"),
         actors=run.arrow("actors"),
         lead=run.lead,
@@ -57,7 +59,7 @@ def page_of(run: Run) -> DrivePage:
         sensed=_sensed(run, moment.time) if moment else (),
         named=_named(run),
         deviation_limit=_deviation_limit(run),
-        asked={name: bound for name, bound in (run.resolved["settings"].get("criteria") or {}).items() if bound},
+        criteria={name: bound for name, bound in (run.resolved["settings"].get("criteria") or {}).items() if bound},
     )
 
 
@@ -71,7 +73,7 @@ def _commanded(run: Run, moment: Moment) -> Floats | None:
 def _setting(run: Run) -> str:
     """Return the values of the parameters that the scenario declares, and at what deviation it lets the car stop."""
     settings = run.resolved["settings"]
-    said = []
+    texts = []
     for name, parameter in (settings.get("parameters") or {}).items():
         try:
             value = value_at(settings, parameter["sets"][0])
@@ -79,8 +81,8 @@ def _setting(run: Run) -> str:
             continue
         unit = unit_of(parameter["sets"][0].rpartition(".")[2])
         if isinstance(value, int | float):
-            said.append(f"{name.replace('_', ' ')} {value:g} {unit}".strip())
-    return f"the scenario sets: {', '.join(said)}" if said else ""
+            texts.append(f"{name.replace('_', ' ')} {value:g} {unit}".strip())
+    return f"the scenario sets: {', '.join(texts)}" if texts else ""
 
 
 def _distance(run: Run, actor: str) -> Floats:

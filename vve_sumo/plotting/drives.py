@@ -141,7 +141,7 @@ def _times(axes: Axes, run: Run, frame: pd.DataFrame) -> None:
     curves = (("ttc_s", FIRST, "on the path"), ("mttc_s", SECOND, "modified"), ("ttc_2d_s", THIRD, "boxes"))
     if _curves(axes, frame, curves, axis_of("ttc_s"), "nothing closed in"):
         _limit(axes, TTC_THRESHOLD, f"{TTC_THRESHOLD:g} s: exposure")
-        _asked(axes, run, "min_ttc_s")
+        _criterion_lines(axes, run, "min_ttc_s")
         axes.set_ylim(0.0, MAX_TIME_SHOWN)
 
 
@@ -151,7 +151,7 @@ def _decelerations(axes: Axes, run: Run, frame: pd.DataFrame) -> None:
         return
     able = run.vehicle.deceleration_limit
     _limit(axes, able, f"declared {able:g} m/s²")
-    _asked(axes, run, "max_drac_mps2")
+    _criterion_lines(axes, run, "max_drac_mps2")
     axes.set_ylim(0.0, MAX_DECELERATION_SHARE * able)
 
 
@@ -165,7 +165,7 @@ def _limit(axes: Axes, value: float, word: str) -> None:
     axes.axhline(value, label=word, **LIMIT)
 
 
-def _asked(axes: Axes, run: Run, criterion: str) -> None:
+def _criterion_lines(axes: Axes, run: Run, criterion: str) -> None:
     """Draw the bound that the scenario sets to a metric on the side on which it is worse, if it does."""
     metric = PER_DRIVE[criterion]
     end = "min" if metric.worse == "lower" else "max"

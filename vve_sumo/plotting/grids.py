@@ -20,7 +20,7 @@ from vve_sumo.analysis.survivors import contacts, with_contacts
 from vve_sumo.metrics.table import axis_of, label_of
 from vve_sumo.plotting.columns import cautions, is_truth, need, numbers
 from vve_sumo.plotting.page import INK, PAPER, QUIET
-from vve_sumo.plotting.parts import ACROSS, MAX_PANELS, RowSubset, axis_said, outer, panels, parts_of, short, tall
+from vve_sumo.plotting.parts import ACROSS, MAX_PANELS, RowSubset, axis_label, outer, panels, parts_of, short, tall
 from vve_sumo.plotting.style import LIMIT, WIDTH, blank, explain, name, page, plain
 from vve_sumo.values import Floats
 
@@ -80,7 +80,7 @@ def grid(cells: Cells, values: Floats, which: NDArray[np.bool_]) -> Grid:
     return Grid(mean.reshape(shape), count.reshape(shape), runs.reshape(shape))
 
 
-def said(rows: pd.DataFrame, figure: str) -> str:
+def figure_label(rows: pd.DataFrame, figure: str) -> str:
     """Return the label of a figure: of a truth value that of the share."""
     if is_truth(rows, figure):
         return f"{label_of(figure)} [% of runs]"
@@ -164,7 +164,7 @@ class _Look:
     """How the panels of a map are drawn, so that they can be compared."""
 
     def __init__(self, rows: pd.DataFrame, figure: str, zero: str | None, grids: list[Grid], across: int) -> None:
-        self.word, self.zero = said(rows, figure), zero
+        self.word, self.zero = figure_label(rows, figure), zero
         self.colours = "cividis" if zero is None else "PuOr"
         share = is_truth(rows, figure)
         # Shares always have the same colours, so that maps of them can be compared.
@@ -214,8 +214,8 @@ def _fill(axes: Axes, row: int, column: int, colour: Any, means: Grid, look: _Lo
     box: dict[str, Any] = {"bbox": {"facecolor": colour, "edgecolor": "none", "pad": 0.8}} if count < runs else {}
     beside: dict[str, Any] = {"xycoords": "data", "textcoords": "offset points", "ha": "center", "va": "center"}
     beside |= {"color": ink, **box}
-    said = f"{means.mean[row, column]:.3g}"
-    axes.annotate(said, (column, row), (0.0, 0.0 if look.single else 5.5), fontsize=look.size, **beside)
+    mean_text = f"{means.mean[row, column]:.3g}"
+    axes.annotate(mean_text, (column, row), (0.0, 0.0 if look.single else 5.5), fontsize=look.size, **beside)
     if not look.single:
         word = f"{count} of {runs}" if count < runs else f"n = {runs}"
         axes.annotate(word, (column, row), (0.0, -6.5), fontsize=min(7.5, look.size), **beside)
@@ -239,7 +239,7 @@ def _name_cells(
             step = 1 + int(len(names) * longest * across // MAX_LABEL_LETTERS)
             axis.set_ticks(range(0, len(names), step), names[::step])
             if (number + across >= many) if axis is axes.xaxis else (number % across == 0):
-                axis.set_label_text(axis_said(rows, column))
+                axis.set_label_text(axis_label(rows, column))
         axes.tick_params(labelbottom=number + across >= many, labelleft=number % across == 0)
 
 
@@ -277,7 +277,7 @@ def distribution(
                 _pass_band(axes, band)
             axes.set_ylim(0.0, 102.0)
             explain(axes, title=panel.word)
-        outer(drawn_panels, said(rows, figure), "runs up to there [% of all]")
+        outer(drawn_panels, figure_label(rows, figure), "runs up to there [% of all]")
         return drawn
 
 

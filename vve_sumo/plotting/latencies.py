@@ -94,7 +94,7 @@ def _stacked(axes: Axes, table: pd.DataFrame, budget: float) -> None:
     bottoms = np.vstack((np.zeros(tops.shape[1]), tops[:-1]))
     for leg, colour, low, high in zip(LEGS, COLOURS, bottoms, tops, strict=True):
         held: dict[str, Any] = {"y1": np.append(low, low[-1]), "y2": np.append(high, high[-1]), "step": "post"}
-        axes.fill_between(edges, **held, color=colour, linewidth=0.0, label=_said(leg))
+        axes.fill_between(edges, **held, color=colour, linewidth=0.0, label=_leg_label(leg))
     highest = float(np.nanmax(tops))
     if np.isfinite(budget):
         axes.axhline(budget, label=f"budget {budget:g} ms", **LIMIT)
@@ -106,7 +106,7 @@ def _stacked(axes: Axes, table: pd.DataFrame, budget: float) -> None:
     explain(axes, 4)
 
 
-def _said(leg: str) -> str:
+def _leg_label(leg: str) -> str:
     return leg.replace("_", " ")
 
 
@@ -133,7 +133,7 @@ def _percentiles(axes: Axes, breakdown: pd.DataFrame, budget: float) -> None:
     if np.isfinite(budget):
         axes.axvline(budget, **LIMIT)
     axes.set_xscale("symlog", linthresh=NOTHING, linscale=0.5)
-    axes.set_yticks(places, [_said(str(leg)) for leg in shown.index])
+    axes.set_yticks(places, [_leg_label(str(leg)) for leg in shown.index])
     axes.set(xlabel="latency [ms]", ylim=(len(shown) - 0.5, -0.5))
     axes.xaxis.set_major_formatter("{x:g}")
     explain(axes, len(MARKS))

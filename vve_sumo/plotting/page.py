@@ -88,7 +88,7 @@ class DrivePage:
     commanded: Floats | None = None  #: path that the command carries at the moment (n x 2) [m]; None for none
     unseen: frozenset[str] = frozenset()  #: actors that no sensor saw around the moment
     watching: Sequence[str] = ()  #: the sensors that say whom they saw
-    asked: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  #: least and greatest value of metrics
+    criteria: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  #: least and greatest value of metrics
     approach: StopApproach | None = None  #: of the last stop
     setting: str = ""  #: what the scenario sets: values of its parameters, faults
     distance: Floats | None = None  #: between the bodies of the ego and of the actor that mattered, tick by tick [m]
@@ -136,7 +136,7 @@ ENDED = {
 }
 
 
-def said(summary: Mapping[str, Any]) -> str:
+def outcome_text(summary: Mapping[str, Any]) -> str:
     """Return in a line what a drive came to; the summary of a live one whose program was killed says less."""
     outcome, gap, seed = str(summary["outcome"]), summary.get("stop_gap_m"), summary.get("seed")
     parts = [ENDED.get(outcome, outcome)]

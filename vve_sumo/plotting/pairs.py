@@ -44,7 +44,7 @@ def paired(compared: PairedComparison, figure: str = "stop_gap_m", *, by: str | 
             return drawn
         for part in parts:
             look: dict[str, Any] = {"color": part.look.colour, "alpha": 0.75, "markersize": 4.5}
-            word = part.says(f"{(part.which & both).sum():,} pairs")
+            word = part.legend_label(f"{(part.which & both).sum():,} pairs")
             left.plot(one[part.which], other[part.which], part.look.mark, linestyle="", label=word, **look)
             _differences(right, (other - one)[part.which], part)
         _diagonal(left, compared, one, other)
@@ -72,7 +72,7 @@ def _differences(axes: Axes, difference: Floats, part: RowSubset) -> None:
         share = 100.0 * np.arange(len(ordered) + 1) / len(difference)
         middle = f"median {np.median(ordered):.3g}"
         style: dict[str, Any] = {"color": part.look.colour, "linestyle": part.look.stroke}
-        axes.step(np.append(ordered[:1], ordered), share, where="post", label=part.says(middle), **style)
+        axes.step(np.append(ordered[:1], ordered), share, where="post", label=part.legend_label(middle), **style)
         if len(ordered) < len(difference):
             axes.plot(ordered[-1], share[-1], "o", markerfacecolor=PAPER, markersize=5.0, color=part.look.colour)
 

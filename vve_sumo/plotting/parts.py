@@ -32,7 +32,7 @@ class RowSubset(NamedTuple):
     which: NDArray[np.bool_]  #: of every row (n) whether it is one of them
     look: SeriesStyle
 
-    def says(self, word: str) -> str:
+    def legend_label(self, word: str) -> str:
         """Return what a legend calls something that is drawn of this part."""
         return f"{self.word}: {word}" if self.word else word
 
@@ -107,7 +107,7 @@ def tall(rows: pd.DataFrame, facet: str | None, alone: float, row: float) -> flo
     return alone if count == 1 else 0.5 + row * -(-count // ACROSS)
 
 
-def axis_said(rows: pd.DataFrame, column: str) -> str:
+def axis_label(rows: pd.DataFrame, column: str) -> str:
     """Return what an axis of a parameter says: its label, and the unit of a number."""
     return axis_of(column, rows.attrs.get("units")) if is_number(rows[column]) else label_of(column)
 

@@ -17,9 +17,9 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.table import label_of
 from vve_sumo.plotting.columns import cautions, is_truth, need, numbers
 from vve_sumo.plotting.crowd import MAX_POINTS, portions, thinned
-from vve_sumo.plotting.grids import said
+from vve_sumo.plotting.grids import figure_label
 from vve_sumo.plotting.page import PAPER
-from vve_sumo.plotting.parts import RowSubset, axis_said, outer, panels, parts_of, tall
+from vve_sumo.plotting.parts import RowSubset, axis_label, outer, panels, parts_of, tall
 from vve_sumo.plotting.style import blank, explain, name, page, plain, widened
 from vve_sumo.values import Floats
 
@@ -70,7 +70,7 @@ def response(rows: pd.DataFrame, x: str, figure: str, *, by: str | None = None, 
             explain(axes, 2, panel.word)
         if len(rows):
             drawn_panels[0][0].set_xlim(*widened(float(at.min()), float(at.max())))
-        outer(drawn_panels, axis_said(rows, x), said(rows, figure))
+        outer(drawn_panels, axis_label(rows, x), figure_label(rows, figure))
         return drawn
 
 
@@ -85,7 +85,7 @@ def _line(axes: Axes, levels: Floats, line: Floats, values: Floats, part: RowSub
     known = int(np.isfinite(values).sum())
     count = f"{known:,} of {len(values):,} runs" if known < len(values) else f"{known:,} runs"
     look = part.look
-    axes.plot(levels, line, look.mark, linestyle=look.stroke, color=look.colour, label=part.says(count))
+    axes.plot(levels, line, look.mark, linestyle=look.stroke, color=look.colour, label=part.legend_label(count))
 
 
 def _lacking(axes: Axes, at: Floats, values: Floats, part: RowSubset, place: int) -> None:
@@ -96,7 +96,7 @@ def _lacking(axes: Axes, at: Floats, values: Floats, part: RowSubset, place: int
         if which.any():
             there = thinned(at[which])
             height = np.full(len(there), 0.025 + 0.045 * place)
-            axes.plot(there, height, mark, label=part.says(f"{why} ({which.sum():,})"), **low)
+            axes.plot(there, height, mark, label=part.legend_label(f"{why} ({which.sum():,})"), **low)
 
 
 def _middle(values: Floats, *, share: bool) -> float:

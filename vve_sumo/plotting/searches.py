@@ -37,7 +37,7 @@ def boundary(sweep: Sweep) -> Figure:
     flips. Of a worst case: every run's figure in the order of the search, the worst so far, and where that is.
     A search that has not ended shows its runs alone.
     """
-    found, rows = sweep.found, sweep.rows()
+    found, rows = sweep.search_result, sweep.rows()
     search = sweep.plan["spec"].get("search")
     if search is None:
         with page() as figure:
@@ -58,7 +58,7 @@ def met(rows: pd.DataFrame, criterion: str) -> NDArray[np.bool_]:
     return holds(rows, column, wanted)
 
 
-def _boundary(sweep: Sweep, rows: pd.DataFrame, found: Found) -> Figure:
+def _boundary(sweep: Sweep, rows: pd.DataFrame, result: Found) -> Figure:
     search = sweep.plan["spec"]["search"]
     along, criterion = search["along"], search.get("criterion", "passed")
     others = [parameter for parameter in sweep.parameters if parameter != along]
@@ -68,21 +68,21 @@ def _boundary(sweep: Sweep, rows: pd.DataFrame, found: Found) -> Figure:
     with page(WIDTH, height) as figure:
         axes = figure.subplots()
         plain(axes)
-        name(figure, f"Where “{_said(criterion)}” flips along {label_of(along)} · {sweep.title}")
+        name(figure, f"Where “{_criterion_text(criterion)}” flips along {label_of(along)} · {sweep.title}")
         if not len(rows):
             blank(axes, "no run is finished yet")
             return figure
         _runs(axes, rows, along, criterion, lines, others, seeds)
-        flips = {tuple(line["values"].get(other) for other in others): line for line in found["boundaries"]}
+        flips = {tuple(line["values"].get(other) for other in others): line for line in result["boundaries"]}
         for place, values in enumerate(lines):
-            _flips(axes, place, flips.get(values), said=len(lines) <= MAX_LABELLED_LINES)
+            _flips(axes, place, flips.get(values), labelled=len(lines) <= MAX_LABELLED_LINES)
         _name_lines(axes, lines, others, rows.attrs["units"])
         axes.set_xlabel(axis_of(along, rows.attrs["units"]))
         explain(axes)
         return figure
 
 
-def _said(criterion: str) -> str:
+def _criterion_text(criterion: str) -> str:
     return {"collision": "no collision", "passed": "passed"}.get(criterion, label_of(criterion))
 
 
@@ -124,7 +124,7 @@ def _runs(
     axes.set_ylim(len(lines) - 0.4, -0.6)
 
 
-def _flips(axes: Axes, place: int, line: Found | None, *, said: bool) -> None:
+def _flips(axes: Axes, place: int, line: Found | None, *, labelled: bool) -> None:
     """Draw the pooled flips of a line with the spread of its seeds, and say them."""
     if line is None:
         return
@@ -134,7 +134,7 @@ def _flips(axes: Axes, place: int, line: Found | None, *, said: bool) -> None:
         high = (place - 0.38, place + 0.38)
         axes.fill_betweenx(high, ends[0], ends[1], color=INK, alpha=0.3, linewidth=0.0, zorder=2)
         axes.plot([sum(ends) / 2.0] * 2, high, color=INK, linewidth=1.4, zorder=2, label="flip")
-        if said:
+        if labelled:
             words = f"{flip['meets']:g} met, {flip['fails']:g} not"
             at: dict[str, Any] = {"xytext": (0, 1), "textcoords": "offset points", "ha": "center", "va": "bottom"}
             axes.annotate(words, (sum(ends) / 2.0, place - 0.38), fontsize=9, zorder=4, **at)
@@ -161,7 +161,7 @@ def _short(value: Any) -> str:
     return f"{value:g}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
 
 
-def _worst(sweep: Sweep, rows: pd.DataFrame, found: Found) -> Figure:
+def _worst(sweep: Sweep, rows: pd.DataFrame, result: Found) -> Figure:
     search = sweep.plan["spec"]["search"]
     figure_name, sign = (search["highest"], 1.0) if "highest" in search else (search["lowest"], -1.0)
     goal = "highest" if sign > 0.0 else "lowest"
@@ -177,7 +177,7 @@ def _worst(sweep: Sweep, rows: pd.DataFrame, found: Found) -> Figure:
         _course(panels[0], rows["number"].to_numpy(float), values, hit, sign, figure_name)
         if len(numeric) > 1:
             worst = int(np.nanargmax(sign * with_contacts(rows, figure_name)))
-            if case := found.get("worst"):  # of several contacts the hardest
+            if case := result.get("worst"):  # of several contacts the hardest
                 worst = int(np.flatnonzero(rows["key"] == case["key"])[0])
             _places(figure, panels[1], rows, numeric[:2], values, hit, figure_name, worst)
         return figure

@@ -137,7 +137,7 @@ def _gaps_at_rest(rows: pd.DataFrame, by: str | None, facet: str | None) -> Figu
         for axes, panel in drawn:
             for place, part in enumerate(parts_of(rows, by)):
                 both = panel.which & part.which
-                crowd(axes, speed[both], stood[both], part.look, part.says("gap at rest"))
+                crowd(axes, speed[both], stood[both], part.look, part.legend_label("gap at rest"))
                 _without(axes, rows[both], speed[both], gap[both], part, place)
             axes.axhline(0.0, color=INK, linewidth=1.0)
             explain(axes, 2, panel.word)
@@ -161,7 +161,7 @@ def _without(axes: Axes, rows: pd.DataFrame, speed: Floats, gap: Floats, part: R
             at, (deepest, _low, middle, _high, _most) = bands(at[np.isfinite(at)], depth[np.isfinite(at)])
             at, depth = np.tile(at, 2), np.concatenate([middle, deepest])
         own = {"color": part.look.colour} if part.word else {}
-        word = part.says(f"collision ({runs(deep)})")
+        word = part.legend_label(f"collision ({runs(deep)})")
         axes.plot(at, depth, label=word, zorder=4, clip_on=False, **BAD | own)
     across = axes.get_xaxis_transform()
     edge = (
@@ -176,7 +176,7 @@ def _without(axes: Axes, rows: pd.DataFrame, speed: Floats, gap: Floats, part: R
             x = thinned(speed[which])
             style: dict[str, Any] = {"color": colour, "markersize": 6.0, "fillstyle": "none", "transform": across}
             height = np.full(len(x), 0.025 + 0.045 * place)
-            axes.plot(x, height, mark, label=part.says(f"{word} ({runs(which)})"), **style)
+            axes.plot(x, height, mark, label=part.legend_label(f"{word} ({runs(which)})"), **style)
 
 
 def stopping_distance(rows: pd.DataFrame, *, by: str | None = None, facet: str | None = None) -> Figure:
@@ -213,7 +213,7 @@ def stopping_distance(rows: pd.DataFrame, *, by: str | None = None, facet: str |
                 if both.any():
                     _law(upper, fastest, demand[both], reaction[both], part)
                 for axes, values in ((upper, distance), (lower, distance - bound)):
-                    crowd(axes, np.where(both, speed, np.nan), values, part.look, part.says("stops"))
+                    crowd(axes, np.where(both, speed, np.nan), values, part.look, part.legend_label("stops"))
             _hunting(upper, speed, distance, hunting & panel.which)
             _tolerated(lower, speed, tolerance, clean & panel.which)
             _broken(upper, lower, speed, distance, bound, flagged & panel.which)

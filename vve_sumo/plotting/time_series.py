@@ -97,7 +97,7 @@ def _speed(axes: Axes, page: DrivePage) -> None:
     title = f"{'true' if prefix(page.ticks) else 'estimated'} speed [m/s]"
     if _curves(axes, title, page, [(speed, {"color": EGO})], "no pose"):
         _from_zero(axes, speed, 1.0)
-        _asked(axes, page, "max_speed_mps", "")
+        _criterion_lines(axes, page, "max_speed_mps", "")
 
 
 def _gap(axes: Axes, page: DrivePage) -> None:
@@ -116,8 +116,8 @@ def _gap(axes: Axes, page: DrivePage) -> None:
     if not _curves(axes, title, page, curves, "nothing ahead"):
         return
     shown = np.concatenate([values for values, _style in curves])
-    _asked(axes, page, "stop_gap_m", "gap at rest ", np.isfinite(gap))
-    _asked(axes, page, "min_gap_m", "gap ", np.isfinite(gap))
+    _criterion_lines(axes, page, "stop_gap_m", "gap at rest ", np.isfinite(gap))
+    _criterion_lines(axes, page, "min_gap_m", "gap ", np.isfinite(gap))
     _from_zero(axes, shown, 1.0)
     _enlarge_last_metres(axes, float(np.nanmax(shown)))
     if math.isfinite(gap[-1]):
@@ -249,7 +249,7 @@ def _deviation(axes: Axes, page: DrivePage) -> None:
     if not _curves(axes, title, page, [(deviation, {"color": EGO})], "no pose on the path"):
         return
     _include(axes, -LEAST_DEVIATION_SHOWN, LEAST_DEVIATION_SHOWN)
-    if (most := page.asked.get("max_lateral_deviation_m", {}).get("max")) is not None:
+    if (most := page.criteria.get("max_lateral_deviation_m", {}).get("max")) is not None:
         shown = most <= 2.0 * max(map(abs, axes.get_ylim()))
         if shown:
             _include(axes, -1.15 * most, 1.15 * most)
@@ -274,7 +274,9 @@ def _bound(axes: Axes, value: float, label: str) -> None:
     axes.axhline(value, label=label, **BOUND)
 
 
-def _asked(axes: Axes, page: DrivePage, metric: str, word: str, known: NDArray[np.bool_] | None = None) -> None:
+def _criterion_lines(
+    axes: Axes, page: DrivePage, metric: str, word: str, known: NDArray[np.bool_] | None = None
+) -> None:
     """Draw the bounds that the scenario's criteria set to a metric, with words where they begin.
 
     A bound stands only at the ticks at which its quantity is `known`, so that no other curve is read against it.
@@ -286,7 +288,7 @@ def _asked(axes: Axes, page: DrivePage, metric: str, word: str, known: NDArray[n
     begin = float(time[int(np.argmax(known))])
     late = begin - time[0] > LATE * (time[-1] - time[0])
     for end, sign, side in (("min", "≥", "top"), ("max", "≤", "bottom")):
-        if (bound := page.asked.get(metric, {}).get(end)) is not None and math.isfinite(bound):
+        if (bound := page.criteria.get(metric, {}).get(end)) is not None and math.isfinite(bound):
             axes.plot(time, np.where(known, bound, np.nan), **BOUND)
             below = side == "top" and bound >= LOW_BOUND
             aside = (-2.0 if late else 2.0, -1.5 if below else 1.5)

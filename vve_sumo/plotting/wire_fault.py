@@ -30,7 +30,7 @@ class WireFaultDrive:
     speed: Floats  #: [m/s]
     gap: Floats  #: [m]; NaN for nothing ahead
     answered: Floats  #: time of every setpoint [s]
-    asked: Floats  #: acceleration that it asked for [m/s2]
+    acceleration: Floats  #: acceleration that it asked for [m/s2]
     begins: float  #: of the fault [s]; NaN for none
     ends: float  #: of the fault [s]; inf for the end of the drive
     deadline: float  #: by which the reaction is required [s]; NaN where there is none
@@ -55,7 +55,7 @@ def wire_fault(drive: WireFaultDrive) -> Figure:
         gap = np.where(near, drive.gap, np.nan)
         above.plot(drive.time, gap, color=SECOND.colour, linestyle=SECOND.stroke, label="gap [m]")
         above.set_ylim(bottom=0.0)
-        below.plot(drive.answered, drive.asked, ".", color=FIRST.colour, markersize=3.0)
+        below.plot(drive.answered, drive.acceleration, ".", color=FIRST.colour, markersize=3.0)
         below.set(xlabel="drive time [s]", ylabel="asked [m/s²]", xlim=(max(0.0, begin - BEFORE), last))
         explain(above, 4)
         return figure

@@ -282,19 +282,19 @@ class Decoder:
 
     def _date(self, packet: bytes, milliseconds: int, received: float) -> tuple[Outcome, int | None]:
         """The packet's time [ms], or None where it is not known, with the outcome for that case."""
-        said = None
+        stated = None
         if packet[62] == 0:
             minutes = int.from_bytes(packet[63:67], "little", signed=True)
-            said = minutes * MINUTE + milliseconds if minutes >= MINUTES_SET else None
+            stated = minutes * MINUTE + milliseconds if minutes >= MINUTES_SET else None
         if self._clock is None:
-            return _MINUTE_UNKNOWN, said
+            return _MINUTE_UNKNOWN, stated
         passed = received - self._dated_at
         expected = self._clock + (round(1000.0 * passed) if 0.0 < passed < math.inf else 0)
         ahead = (milliseconds - expected) % MINUTE
         nearest = expected + (ahead if ahead <= MINUTE // 2 else ahead - MINUTE)
-        if said is None:
+        if stated is None:
             return _MINUTE_UNKNOWN, None if passed > CLOCK_HOLD else nearest
-        return Outcome.MINUTE_DOUBTED, said if self._believed((said - nearest) // MINUTE) else None
+        return Outcome.MINUTE_DOUBTED, stated if self._believed((stated - nearest) // MINUTE) else None
 
     def _believed(self, off: int) -> bool:
         """Whether to accept a status channel 0 whose minute is `off` from the expected one."""

@@ -337,14 +337,14 @@ class Decoder:
     def _date(self, date: datetime.date, time_of_day: int) -> None:
         if self._epoch is not None and abs(_nearest(time_of_day - self._epoch.time_of_day)) > DATED:
             return
-        said = (date - GPS_EPOCH).days * DAY + time_of_day
+        stated = (date - GPS_EPOCH).days * DAY + time_of_day
         if self._dated is not None:
-            off = (said - self._dated - _nearest(time_of_day - self._dated)) // DAY
+            off = (stated - self._dated - _nearest(time_of_day - self._dated)) // DAY
             if not self._day.believe(off):
                 return
             if off != 0:
                 self._emitted = 0
-        self._dated = said
+        self._dated = stated
 
     def _completed(self, received: float) -> Fix | None:
         """The fix of the open epoch if it is complete; closes the epoch."""
@@ -418,8 +418,8 @@ class Decoder:
         return yaw_rate, (now.speed - then.speed) / step
 
 
-def _worse(declared: float, said: float) -> float:
+def _worse(declared: float, reported: float) -> float:
     """The larger of two standard deviations; a missing one does not count."""
     if math.isnan(declared):
-        return said
-    return declared if math.isnan(said) else max(declared, said)
+        return reported
+    return declared if math.isnan(reported) else max(declared, reported)

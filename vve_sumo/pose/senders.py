@@ -49,7 +49,7 @@ class Senders:
         self._refused[name if name in self._refused or len(self._refused) < MAX_NAMED else REST] += 1
         return unknown
 
-    def found(self, now: float) -> tuple[str, ...]:
+    def faults(self, now: float) -> tuple[str, ...]:
         """Return reason codes of the other senders that have sent within the last `STANDS` seconds."""
         return tuple(code for code, last in self._last.items() if now - last <= STANDS)
 

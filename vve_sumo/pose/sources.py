@@ -68,7 +68,7 @@ class Source(Protocol):
     def receive(self) -> list[tuple[float, bytes]]:
         """Return waiting portions, each with its monotonic arrival time [s]; never blocks, never raises."""
 
-    def found(self) -> tuple[str, ...]:
+    def sender_faults(self) -> tuple[str, ...]:
         """Return reason codes of others that send in the receiver's place now."""
 
     def sender_report(self) -> dict[str, Any]:
@@ -81,7 +81,7 @@ class Source(Protocol):
 class _Alone:
     """A source to which no other sender can send."""
 
-    def found(self) -> tuple[str, ...]:
+    def sender_faults(self) -> tuple[str, ...]:
         return ()
 
     def sender_report(self) -> dict[str, Any]:
@@ -110,8 +110,8 @@ class _Socket:
     def next_due(self) -> float:
         return math.inf
 
-    def found(self) -> tuple[str, ...]:
-        return () if self._senders is None else self._senders.found(time.monotonic())
+    def sender_faults(self) -> tuple[str, ...]:
+        return () if self._senders is None else self._senders.faults(time.monotonic())
 
     def sender_report(self) -> dict[str, Any]:
         return {} if self._senders is None else self._senders.sender_report()

@@ -42,9 +42,9 @@ class Alteration:
         return f"{self.part} is not as the drive left it: {self.why}"
 
 
-def parts_of(found: Sequence[Alteration] | None) -> list[str] | None:
+def parts_of(altered: Sequence[Alteration] | None) -> list[str] | None:
     """Return the names of the altered parts, each once; None for None."""
-    return None if found is None else list(dict.fromkeys(each.part for each in found))
+    return None if altered is None else list(dict.fromkeys(each.part for each in altered))
 
 
 def parts_altered_by_hash(folder: Path) -> list[str] | None:

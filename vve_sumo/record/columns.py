@@ -31,5 +31,5 @@ def described_schema(
         "labels": {name: label_of(name) for name, *_ in known},
         "meanings": {name: meaning for name, _, meaning, _ in known},
     }
-    fields = [pa.field(name, kind, metadata={"meaning": said, "unit": unit}) for name, kind, said, unit in known]
+    fields = [pa.field(name, kind, metadata={"meaning": meaning, "unit": unit}) for name, kind, meaning, unit in known]
     return pa.schema(fields, metadata={PANDAS_ATTRS: json.dumps(attrs)})

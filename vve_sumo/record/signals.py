@@ -28,10 +28,10 @@ def signals_text(changes: Iterable[SignalChange]) -> str:
 def read_signals(folder: Path) -> Signals:
     """Return what a record's file says; nothing where there is none, or where it is not such a file."""
     try:
-        said: Any = json.loads((folder / SIGNALS).read_text(encoding="utf-8"))
+        content: Any = json.loads((folder / SIGNALS).read_text(encoding="utf-8"))
         return {
             str(name): ([float(time) for time in times], [str(state) for state in states])
-            for name, (times, states) in said.items()
+            for name, (times, states) in content.items()
         }
     except (OSError, ValueError, TypeError, AttributeError):
         return {}

@@ -20,9 +20,9 @@ def write_summary(folder: Path, summary: dict[str, Any]) -> None:
 
 def sealed(summary: dict[str, Any]) -> str:
     """Return a summary as the text of its file, with the hash over all its other keys."""
-    said = {key: value for key, value in summary.items() if key != SUMMARY_HASH_KEY}
-    seal = hashlib.sha256(_spelt(said).encode()).hexdigest()
-    return _spelt(said | {SUMMARY_HASH_KEY: seal})
+    unsealed = {key: value for key, value in summary.items() if key != SUMMARY_HASH_KEY}
+    seal = hashlib.sha256(_spelt(unsealed).encode()).hexdigest()
+    return _spelt(unsealed | {SUMMARY_HASH_KEY: seal})
 
 
 def _spelt(summary: dict[str, Any]) -> str:

@@ -92,7 +92,7 @@ class SweepPlan:
         return DeclaredMetrics.from_dict({"per_drive": self.metrics}).per_drive
 
     @property
-    def asked(self) -> int:
+    def planned(self) -> int:
         """Number of runs that were asked for; for a search, the greatest number. A certificate may leave cases out."""
         left_out = self.design == "certificate" and "cases" in self.spec
         return len(self.spec["cases"]) * self.spec["seeds"] if left_out else self.cells
@@ -246,7 +246,7 @@ def unreadable(file: Path, error: Exception) -> ConfigError:
 
 
 @dataclass(frozen=True, slots=True)
-class Held:
+class SweepSnapshot:
     """A sweep's folder as it was at one instant; the sweep may go on meanwhile."""
 
     folder: Path
@@ -265,9 +265,9 @@ class Held:
             if _part_names(folder) == before:
                 break
         rest = {row["number"]: row for row in noted if not _sealed(there, row["number"])}
-        held = cls(folder, plan, there, [rest[number] for number in sorted(rest)])
-        held._noted(plan.columns(), held.rest)
-        return held
+        snapshot = cls(folder, plan, there, [rest[number] for number in sorted(rest)])
+        snapshot._noted(plan.columns(), snapshot.rest)
+        return snapshot
 
     @property
     def finished(self) -> int:
@@ -319,10 +319,10 @@ def _part_names(folder: Path) -> list[str]:
     return sorted(file.name for file in (folder / "rows").glob("part-*.parquet"))
 
 
-def _sealed(there: Sequence[SweepPart], number: int) -> bool:
+def _sealed(sealed_parts: Sequence[SweepPart], number: int) -> bool:
     """Return whether a run is in one of the parts."""
-    at = bisect_right(there, number, key=lambda part: part.first) - 1
-    return at >= 0 and number < there[at].first + there[at].runs
+    at = bisect_right(sealed_parts, number, key=lambda part: part.first) - 1
+    return at >= 0 and number < sealed_parts[at].first + sealed_parts[at].runs
 
 
 def _read(file: Path, columns: list[str]) -> pa.Table:
@@ -337,7 +337,7 @@ def read_tables(folder: Path) -> Iterator[pa.Table]:
 
     Raises ConfigError where the folder holds no sweep, or one that cannot be read.
     """
-    return Held.of(folder).tables()
+    return SweepSnapshot.of(folder).tables()
 
 
 def journal(folder: Path) -> list[Row]:

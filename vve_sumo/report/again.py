@@ -49,19 +49,19 @@ def command(run: Run, working: Path) -> str | None:
     return shlex.join([*line, *settings, "--out", "again"])
 
 
-def _differences(here: Any, there: Any, place: str = "") -> Iterator[tuple[str, Any]]:
+def _differences(declared: Any, recorded: Any, place: str = "") -> Iterator[tuple[str, Any]]:
     """Yield the dotted keys at which two trees of settings differ, as deep as both have them, with what is there."""
-    if isinstance(here, Mapping) and isinstance(there, Mapping):
-        if place and any(there[key] is None and here.get(key) is not None for key in there):
-            yield place, _without_none(there)  # a key that is to have no value is left out of its table
+    if isinstance(declared, Mapping) and isinstance(recorded, Mapping):
+        if place and any(recorded[key] is None and declared.get(key) is not None for key in recorded):
+            yield place, _without_none(recorded)  # a key that is to have no value is left out of its table
             return
-        for key, value in there.items():
-            yield from _differences(here.get(key), value, f"{place}.{key}" if place else str(key))
-    elif isinstance(here, list) and isinstance(there, list) and len(here) == len(there):
-        for number, value in enumerate(there):
-            yield from _differences(here[number], value, f"{place}.{number}")
-    elif here != there:
-        yield place, _without_none(there)
+        for key, value in recorded.items():
+            yield from _differences(declared.get(key), value, f"{place}.{key}" if place else str(key))
+    elif isinstance(declared, list) and isinstance(recorded, list) and len(declared) == len(recorded):
+        for number, value in enumerate(recorded):
+            yield from _differences(declared[number], value, f"{place}.{number}")
+    elif declared != recorded:
+        yield place, _without_none(recorded)
 
 
 def _without_none(value: Any) -> Any:

@@ -58,11 +58,11 @@ def setting(key: str, value: object) -> str:
     return f"{short(value)}{SPACE}{unit_of(key)}".rstrip() if is_number else short(value)
 
 
-def criterion(key: str, wanted: object) -> str:
+def criterion(key: str, required: object) -> str:
     """Return what a criterion asks for: a truth value, a word or a band with `min` and `max`."""
-    if not isinstance(wanted, Mapping):
-        return short(wanted)
-    low, high = wanted.get("min"), wanted.get("max")
+    if not isinstance(required, Mapping):
+        return short(required)
+    low, high = required.get("min"), required.get("max")
     if low is None or high is None:
         return f"at most {setting(key, high)}" if low is None else f"at least {setting(key, low)}"
     return f"{short(low)} to {setting(key, high)}"

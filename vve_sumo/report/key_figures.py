@@ -40,21 +40,21 @@ class KeyFigure:
     kind: Literal["", "yes", "no"] = ""  #: whether it met what was asked; empty where nothing was
 
 
-def of_drive(figures: Mapping[str, Any], wanted: Mapping[str, Any]) -> list[KeyFigure]:
-    """Return the key figures of a drive: of a contact, of its criteria `wanted`, and those that always matter."""
+def of_drive(figures: Mapping[str, Any], criteria: Mapping[str, Any]) -> list[KeyFigure]:
+    """Return the key figures of a drive: of a contact, of its `criteria`, and those that always matter."""
     names = ["impact_speed_mps"] if figures.get("collision") else []
-    names += [name for name in wanted if _is_number(name) and name != "duration_s" and wanted[name] is not None]
+    names += [name for name in criteria if _is_number(name) and name != "duration_s" and criteria[name] is not None]
     names += [name for name in OF_DRIVE if not math.isnan(_value(figures, name))]
     failed = [str(line) for line in figures.get("failed") or ()]
     judged = isinstance(figures.get("passed"), bool)
-    return [_of_drive(name, figures, wanted.get(name), failed, judged) for name in dict.fromkeys(names)][:MANY]
+    return [_of_drive(name, figures, criteria.get(name), failed, judged) for name in dict.fromkeys(names)][:MANY]
 
 
-def _of_drive(name: str, figures: Mapping[str, Any], wanted: Any, failed: Sequence[str], judged: bool) -> KeyFigure:
+def _of_drive(name: str, figures: Mapping[str, Any], required: Any, failed: Sequence[str], judged: bool) -> KeyFigure:
     value = number(_value(figures, name), unit_of(name))
-    note = "" if wanted is None else f"asked: {formatting.criterion(name, wanted)}"
+    note = "" if required is None else f"asked: {formatting.criterion(name, required)}"
     missed = any(line.startswith(f"{name} is ") for line in failed)
-    kind: Literal["", "yes", "no"] = "" if wanted is None or not judged else ("no" if missed else "yes")
+    kind: Literal["", "yes", "no"] = "" if required is None or not judged else ("no" if missed else "yes")
     if name == "impact_speed_mps":
         kind = "no"
     return KeyFigure(label_of(name), value, meaning_of(name), note, kind)

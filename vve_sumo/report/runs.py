@@ -66,7 +66,7 @@ def counts(sweep: Sweep, rows: pd.DataFrame) -> Counts:
     """Return how many runs there are."""
     passed = rows["passed"].to_numpy(np.float64, na_value=np.nan)
     errors = int((rows["error"].fillna("") != "").sum())
-    return Counts(sweep.asked, len(rows), int((passed == 1.0).sum()), int((passed == 0.0).sum()), errors)
+    return Counts(sweep.planned, len(rows), int((passed == 1.0).sum()), int((passed == 0.0).sum()), errors)
 
 
 def overview(sweep: Sweep, of: Counts, search: bool) -> ReportTable:
@@ -129,9 +129,9 @@ def _combination(row: Mapping[Hashable, Any], parameters: Sequence[str], figures
 def _mean(row: Mapping[Hashable, Any], figure: str) -> str:
     """Return a figure's mean with its interval, of how many runs it is where some lack it, and the worst."""
     mean, half, worst = (row[f"{which}_{figure}"] for which in ("mean", "half_width", "worst"))
-    said = number(mean) if half != half or mean != mean else f"{number(mean)} ± {number(half)}"
-    said += f" ({row[f'{figure}_count']} of {row['runs']})" if row[f"{figure}_count"] < row["runs"] else ""
-    return said if worst != worst else f"{said}, worst {number(worst)}"
+    text = number(mean) if half != half or mean != mean else f"{number(mean)} ± {number(half)}"
+    text += f" ({row[f'{figure}_count']} of {row['runs']})" if row[f"{figure}_count"] < row["runs"] else ""
+    return text if worst != worst else f"{text}, worst {number(worst)}"
 
 
 def failed_runs(rows: pd.DataFrame, parameters: Sequence[str], figures: Sequence[str]) -> ReportTable:

@@ -90,7 +90,7 @@ def parameters(scenario: Mapping[str, Any]) -> ReportTable:
     return ReportTable("parameters", ("parameter", Column("value", True), "sets"), rows)
 
 
-def criteria(wanted: Mapping[str, Any], figures: Mapping[str, Any], judged: bool) -> ReportTable:
+def criteria(required: Mapping[str, Any], figures: Mapping[str, Any], judged: bool) -> ReportTable:
     """Return the criteria: what was found, what each asks, and whether that meets it.
 
     `figures` hold `failed`, the lines of what was not met, where the drive was judged.
@@ -98,7 +98,7 @@ def criteria(wanted: Mapping[str, Any], figures: Mapping[str, Any], judged: bool
     failed = [str(line) for line in figures.get("failed") or ()]
     rows = [
         (named(key), _reached(key, figures.get(key)), formatting.criterion(key, want), _met(key, failed, judged))
-        for key, want in wanted.items()
+        for key, want in required.items()
         if want is not None
     ]
     return ReportTable("criteria", ("criterion", "found", "asked", "met"), rows)

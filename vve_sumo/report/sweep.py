@@ -70,9 +70,11 @@ def verdict(sweep: Sweep, rows: pd.DataFrame, counted: runs.Counts, margin: Late
     exploring = _search(sweep) is not None or margin is not None
     ends = (_driven(counted) if exploring else _judged(counted), *_extremes(rows))
     if _search(sweep) is not None:
-        if sweep.found is None:
+        if sweep.search_result is None:
             return ReportVerdict("broken off", ("The search was stopped or still runs.", *ends))
-        return ReportVerdict("explored", (search_results.sentence(sweep.found, rows.attrs.get("units", {})), *ends))
+        return ReportVerdict(
+            "explored", (search_results.sentence(sweep.search_result, rows.attrs.get("units", {})), *ends)
+        )
     if counted.finished < counted.planned:
         part = f"{integer(counted.finished)} of {count(counted.planned, 'run')} are finished"
         return ReportVerdict("broken off", (f"{part}: the sweep was stopped or still runs.", *ends))
@@ -164,7 +166,7 @@ def _of_controllers(compared: Sequence[Mapping[str, Any]], name: str) -> str:
         return ", ".join(one["name"] for one in compared)
     key = name.removeprefix("controller.tuning.")
     tunings = {one["name"]: (one.get("tuning") or {}).get(key) for one in compared}
-    return "; ".join(f"{_values(said)} ({name})" for name, said in tunings.items() if said is not None)
+    return "; ".join(f"{_values(value)} ({name})" for name, value in tunings.items() if value is not None)
 
 
 def _in_spec(parameters: dict[str, Any], name: str) -> object:
@@ -225,8 +227,12 @@ def _study(margin: LatencyMargin | None) -> dict[str, object]:
 def _results(sweep: Sweep, rows: pd.DataFrame, counted: runs.Counts) -> dict[str, object]:
     figures, units, searched = _figures(sweep), rows.attrs.get("units", {}), _search(sweep) is not None
     return {
-        "search_sentence": search_results.sentence(sweep.found, units) if sweep.found is not None else None,
-        "search_table": search_results.table_of(sweep.found, units) if sweep.found is not None else None,
+        "search_sentence": search_results.sentence(sweep.search_result, units)
+        if sweep.search_result is not None
+        else None,
+        "search_table": search_results.table_of(sweep.search_result, units)
+        if sweep.search_result is not None
+        else None,
         "searched": searched,
         "overview": runs.overview(sweep, counted, searched),
         "spread": runs.spread(rows, sweep.figures),

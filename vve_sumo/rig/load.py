@@ -59,10 +59,10 @@ def load(file: Path, working: Path | None = None, today: datetime.date | None = 
 
 def _over_model(table: dict[str, Any], file: Path, working: Path) -> dict[str, Any]:
     """Return a rig's table completed with the values of its vehicle model."""
-    said = {name: table.get(name, {}) for name in MODEL_TABLES}
-    if not all(isinstance(one, dict) for one in said.values()):
+    stated = {name: table.get(name, {}) for name in MODEL_TABLES}
+    if not all(isinstance(one, dict) for one in stated.values()):
         return table  # which the schema refuses in its own words
-    name = said["vehicle"].get("model", DEFAULT_VEHICLE)
+    name = stated["vehicle"].get("model", DEFAULT_VEHICLE)
     if not isinstance(name, str):
         raise ConfigError(f"{file}: vehicle.model: expected a text in quotes, got {name!r}")
     try:
@@ -72,11 +72,11 @@ def _over_model(table: dict[str, Any], file: Path, working: Path) -> dict[str, A
     wire = vehicles.load(found).interface  # and what is wrong in the model's own file is refused
     model = read_as(found, "vehicle", VehicleFile)
     whole: dict[str, Any] = {
-        one: {k: v for k, v in model[one].items() if k != "sources"} | said[one]
+        one: {k: v for k, v in model[one].items() if k != "sources"} | stated[one]
         for one in MODEL_TABLES
         if one in model  # which need not say what was measured
     }
-    if "brake_gain_kgm" not in said["calibration"]:
+    if "brake_gain_kgm" not in stated["calibration"]:
         _scale_brake_gain(whole, model["vehicle"])
     if isinstance(table.get("drive_by_wire"), dict):  # its settings are verified on the car: none are the model's
         whole["drive_by_wire"] = {"interface": wire.name} | table["drive_by_wire"]
@@ -99,9 +99,9 @@ def _judged(table: dict[str, Any], file: Path, validate: Callable[[type[Rig], di
         rig = validate(model, table)
         refuse(rig)
     except ValidationError as error:
-        said = complaint(file, error, model)
-        advice = (words for key, words in ADVICE.items() if said.endswith(f"key {key!r} is missing"))
-        raise ConfigError(said + next(advice, _keys_of(table, model, said))) from None
+        message = complaint(file, error, model)
+        advice = (words for key, words in ADVICE.items() if message.endswith(f"key {key!r} is missing"))
+        raise ConfigError(message + next(advice, _keys_of(table, model, message))) from None
     except ConfigError as error:
         raise ConfigError(f"{file}: {error}") from None
     return rig
@@ -133,9 +133,9 @@ def _with_its_receiver(table: dict[str, Any]) -> tuple[dict[str, Any], type[Rig]
         raise ConfigError(f"pose.{error}") from None
 
 
-def _keys_of(table: dict[str, Any], model: type[Rig], said: str) -> str:
+def _keys_of(table: dict[str, Any], model: type[Rig], message: str) -> str:
     """Return the hint beside an unknown key of the receiver: the keys that its kind has."""
-    if "unknown key 'pose." not in said:
+    if "unknown key 'pose." not in message:
         return ""
     keys = sorted(model.model_fields["pose"].annotation.model_fields)  # type: ignore[union-attr]
     return f"; kind {table['pose']['kind']!r} has {', '.join(keys)}"

@@ -28,7 +28,7 @@ CONNECT_TIMEOUT: Final = 0.5  #: to ask the kernel who holds a lock [s]
 
 
 @contextlib.contextmanager
-def held(rig_file: Path, rig: Rig) -> Iterator[tuple[int, ...]]:
+def rig_lock(rig_file: Path, rig: Rig) -> Iterator[tuple[int, ...]]:
     """Lock a rig, its buses and its serial lines while in the block.
 
     Yields the locks' file descriptors: a process that inherits them holds the locks as well, until it ends. The system

@@ -66,12 +66,12 @@ def steering_wheel_bias_of(rig: Rig) -> float:
 
 def limits_of(rig: Rig) -> Limits:
     """Return the limits that the gateway enforces."""
-    said, usual = in_si(rig.limits), Limits()
+    stated, usual = in_si(rig.limits), Limits()
 
     def changed(prefix: str) -> dict[str, float]:
-        return {key.removeprefix(prefix): value for key, value in said.items() if key.startswith(prefix)}
+        return {key.removeprefix(prefix): value for key, value in stated.items() if key.startswith(prefix)}
 
-    rest = {key: value for key, value in said.items() if not key.startswith(("comfort_", "emergency_"))}
+    rest = {key: value for key, value in stated.items() if not key.startswith(("comfort_", "emergency_"))}
     comfort, emergency = (
         replace(usual.comfort, **changed("comfort_")),
         replace(usual.emergency, **changed("emergency_")),

@@ -22,16 +22,16 @@ def complaints(rig: Rig, facts: InterfaceFacts) -> Iterator[str]:
 
 
 def _of_the_gateway(rig: Rig, braking: EffectiveDeceleration) -> Iterator[str]:
-    limits, said = limits_of(rig), rig.limits.model_fields_set
+    limits, stated = limits_of(rig), rig.limits.model_fields_set
     stops = {
         "stop_deceleration_mps2": limits.stop_deceleration,
         "critical_deceleration_mps2": limits.critical_deceleration,
     }
     # Only as an upper limit the comfort envelope may be left wider than the car.
-    stops |= {"comfort_deceleration_mps2": limits.comfort.deceleration} if "comfort_deceleration_mps2" in said else {}
+    stops |= {"comfort_deceleration_mps2": limits.comfort.deceleration} if "comfort_deceleration_mps2" in stated else {}
     for key, value in stops.items():
         if value > braking.value:
-            usual = "" if key in said else ", its default"
+            usual = "" if key in stated else ", its default"
             yield f"limits.{key}: expected {braking.rounded_down()}; got {value:g}{usual}"
 
 

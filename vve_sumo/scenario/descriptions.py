@@ -71,19 +71,19 @@ def _facing(turned: float) -> str:
 
 def action(event: ActorEvent) -> str:
     """Return what an actor does in an event."""
-    said = []
+    parts = []
     if event.speed_mps is not None:
         rate = "" if event.acceleration_mps2 is None else f" at {event.acceleration_mps2:g} m/s²"
         rate += f", built up in {event.build_up_s:g} s" if event.build_up_s else ""
-        said.append(f"changes its speed to {event.speed_mps:g} m/s{rate}")
+        parts.append(f"changes its speed to {event.speed_mps:g} m/s{rate}")
     if event.speeds is not None:
-        said.append(f"drives as recorded in {event.speeds}")
+        parts.append(f"drives as recorded in {event.speeds}")
     if event.offset_m is not None:
         over = "" if event.over_s is None else f" in {event.over_s:g} s"
-        said.append(f"goes over to {beside(event.offset_m)}{over}")
+        parts.append(f"goes over to {beside(event.offset_m)}{over}")
     if event.leaves:
-        said.append("leaves")
-    return ", ".join(said) or "goes on"
+        parts.append("leaves")
+    return ", ".join(parts) or "goes on"
 
 
 def beside(offset: float) -> str:
@@ -95,13 +95,13 @@ def beside(offset: float) -> str:
 
 def passes(criteria: Criteria) -> str:
     """Return what a drive must come to, in one line."""
-    said = [] if criteria.outcome is None else [f"outcome {criteria.outcome}"]
+    conditions = [] if criteria.outcome is None else [f"outcome {criteria.outcome}"]
     for name, wanted in criteria:
         if isinstance(wanted, CriterionBand):
-            said.append(f"{label_of(name)} {_between(wanted)} {unit_of(name)}".rstrip())
+            conditions.append(f"{label_of(name)} {_between(wanted)} {unit_of(name)}".rstrip())
         elif isinstance(wanted, bool):
-            said.append(label_of(name) if wanted else f"no {label_of(name)}")
-    return ", ".join(said) or "not judged"
+            conditions.append(label_of(name) if wanted else f"no {label_of(name)}")
+    return ", ".join(conditions) or "not judged"
 
 
 def _between(band: CriterionBand) -> str:
@@ -147,12 +147,12 @@ def _controller(scenario: Scenario) -> str:
 def _changed(what: str, table: BaseModel) -> str:
     """Return the values of a table that are not its defaults, after what the table is; empty where all are."""
     usual = type(table)()
-    said = [
+    changes = [
         f"{label_of(key)} {_value(key, value)}"
         for key in type(table).model_fields
         if (value := getattr(table, key)) != getattr(usual, key)
     ]
-    return f"{what}: {', '.join(said)}" if said else ""
+    return f"{what}: {', '.join(changes)}" if changes else ""
 
 
 def _value(key: str, value: object) -> str:
@@ -174,17 +174,17 @@ def _fault(scenario: Scenario) -> str:
 def _end(scenario: Scenario) -> str:
     """Return when the drive ends before its time."""
     end = scenario.end_trigger
-    said = ["at the first contact"] if end.contact else []
-    said += [f"when the ego's bumper is at {end.ego_at_m:g} m"] if end.ego_at_m is not None else []
+    conditions = ["at the first contact"] if end.contact else []
+    conditions += [f"when the ego's bumper is at {end.ego_at_m:g} m"] if end.ego_at_m is not None else []
     if end.lateral_deviation_m is not None:
-        said.append(f"when the ego is more than {end.lateral_deviation_m:g} m off its path")
-    said += [f"when the time to collision is below {end.ttc_s:g} s"] if end.ttc_s is not None else []
-    return f"ends {' or '.join(said)}" if said else ""
+        conditions.append(f"when the ego is more than {end.lateral_deviation_m:g} m off its path")
+    conditions += [f"when the time to collision is below {end.ttc_s:g} s"] if end.ttc_s is not None else []
+    return f"ends {' or '.join(conditions)}" if conditions else ""
 
 
 def others(scenario: Scenario) -> str:
     """Return who else is on the virtual road: actors by kind, obstacles, traffic."""
-    said = [name(actor) for actor in scenario.actors]
-    said += [f"standing {one.id!r}" for one in scenario.obstacles]
-    said += [f"traffic {name}" for name in scenario.road.demand]
-    return ", ".join(said) or "nobody"
+    names = [name(actor) for actor in scenario.actors]
+    names += [f"standing {one.id!r}" for one in scenario.obstacles]
+    names += [f"traffic {name}" for name in scenario.road.demand]
+    return ", ".join(names) or "nobody"

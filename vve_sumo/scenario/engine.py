@@ -184,7 +184,7 @@ class AlongPath:
     def __init__(self, path: ReferencePath, station: float, sense: float) -> None:
         """`sense` is 1 along the path and -1 against it; `station` [m] the place on it."""
         self.station, self._path, self._sense = station, path, sense
-        self._here = path.at(station)
+        self._path_point = path.at(station)
 
     @property
     def over(self) -> bool:
@@ -195,7 +195,7 @@ class AlongPath:
         """Go a distance [m] on while being so far [m] beside the path."""
         if distance == 0.0:
             return
-        wanted, from_heading = self._sense * distance, self._here.heading
+        wanted, from_heading = self._sense * distance, self._path_point.heading
         low, high = sorted((0.0, wanted / MIN_LENGTH_RATIO))
         gone, there = wanted, self._path.at(self.station + wanted)
         for _ in range(ROUNDS):
@@ -205,11 +205,11 @@ class AlongPath:
             gone = clamp(gone + missing / max(1.0 - offset * there.curvature, MIN_LENGTH_RATIO), low, high)
             there = self._path.at(self.station + gone)
         self.station += gone
-        self._here = there
+        self._path_point = there
 
     def spot(self, offset: float) -> tuple[float, float, float, float]:
         """Return x, y [m], heading [rad] of the way it goes there, and which side a growing offset is: 1 is left."""
-        x, y, heading, _ = self._here
+        x, y, heading, _ = self._path_point
         turned = heading if self._sense > 0.0 else heading + math.pi
         return x - offset * math.sin(heading), y + offset * math.cos(heading), turned, self._sense
 

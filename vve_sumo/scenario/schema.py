@@ -288,8 +288,8 @@ class CriterionBand(Table):
         return self
 
 
-def _kind_of_limit(said: object) -> str:
-    return "switch" if isinstance(said, bool) else "band"
+def _kind_of_limit(value: object) -> str:
+    return "switch" if isinstance(value, bool) else "band"
 
 
 #: what a criterion on a user's metric may be: true or false, or a band

@@ -12,7 +12,7 @@ from typing import Any
 
 from vve_sumo.drive.provenance import decisive_versions
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.sweep_folder import Held, SweepPlan
+from vve_sumo.record.sweep_folder import SweepPlan, SweepSnapshot
 from vve_sumo.scenario.load import parse
 from vve_sumo.suite.judge import COLUMNS, columns_of, judge, outcome_of
 from vve_sumo.suite.row import JudgedRow, SuiteRow
@@ -57,7 +57,7 @@ class SuiteDesign(Design):
 
     def outcomes(self, folder: Path) -> list[JudgedRow]:
         """Return the judged rows of the suite in a folder, in the suite's order."""
-        stored = {row["key"]: row for table in Held.of(folder).tables() for row in table.to_pylist()}
+        stored = {row["key"]: row for table in SweepSnapshot.of(folder).tables() for row in table.to_pylist()}
         seeds = range(1, self.plan.spec["seeds"] + 1)
         return [
             JudgedRow(

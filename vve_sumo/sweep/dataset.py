@@ -33,7 +33,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from vve_sumo.errors import ConfigError, SimulationError
-from vve_sumo.record.sweep_folder import MACHINE_SCHEMA, Held, Row, SweepPlan, earlier_layout, journal, parts
+from vve_sumo.record.sweep_folder import MACHINE_SCHEMA, Row, SweepPlan, SweepSnapshot, earlier_layout, journal, parts
 from vve_sumo.sweep.job import RunResult
 from vve_sumo.sweep.journal import Journal, replace_file, sync_folder
 from vve_sumo.sweep.run_specs import RunSpec
@@ -48,40 +48,40 @@ CHANGING_KEYS = {
 }  # fmt: skip
 
 
-def refuse_mixed(folder: Path, there: Mapping[str, str], here: Mapping[str, str]) -> None:
+def refuse_mixed(folder: Path, stored: Mapping[str, str], current: Mapping[str, str]) -> None:
     """Raise ConfigError unless a folder began with these versions of the software that determines a drive."""
-    for name in sorted({*there, *here}):
-        began, now = there.get(name, "none"), here.get(name, "none")
+    for name in sorted({*stored, *current}):
+        began, now = stored.get(name, "none"), current.get(name, "none")
         if began != now:
             raise ConfigError(f"{folder}: mixed versions: its rows are of {name} {began}, got {now}")
 
 
-def refuse_other(folder: Path, there: SweepPlan, here: SweepPlan) -> None:
+def refuse_other(folder: Path, stored: SweepPlan, current: SweepPlan) -> None:
     """Raise ConfigError with the difference unless the runs in a folder are those of this plan.
 
     A suite and a certificate may have more seeds than there; a certificate other cases and limits.
     """
-    if there.design != here.design:
-        raise ConfigError(f"{folder}: holds a {there.design}, expected a {here.design}; choose another --out")
-    refuse_mixed(folder, there.versions, here.versions)
-    another = f"{folder}: holds another {there.design}"
-    ignored = IGNORED_KEYS | CHANGING_KEYS[there.design]
-    for key in sorted({*there.spec, *here.spec} - ignored):
-        if there.spec.get(key) != here.spec.get(key):
+    if stored.design != current.design:
+        raise ConfigError(f"{folder}: holds a {stored.design}, expected a {current.design}; choose another --out")
+    refuse_mixed(folder, stored.versions, current.versions)
+    another = f"{folder}: holds another {stored.design}"
+    ignored = IGNORED_KEYS | CHANGING_KEYS[stored.design]
+    for key in sorted({*stored.spec, *current.spec} - ignored):
+        if stored.spec.get(key) != current.spec.get(key):
             raise ConfigError(f"{another}: its {key} differs; choose another --out")
-    changed = [f"the scenario {there.scenario}"] if there.table != here.table else []
-    changed += [f"the file of {role}" for role in _differing(there.files_sha256, here.files_sha256)]
-    changed += [f"the test {name}" for name in _differing(there.tests, here.tests)]
+    changed = [f"the scenario {stored.scenario}"] if stored.table != current.table else []
+    changed += [f"the file of {role}" for role in _differing(stored.files_sha256, current.files_sha256)]
+    changed += [f"the test {name}" for name in _differing(stored.tests, current.tests)]
     if changed:
-        raise ConfigError(f"{folder}: {changed[0]} has changed since that {there.design} began; choose another --out")
-    if there.columns() != here.columns() or (there.cells != here.cells and "seeds" not in ignored):
+        raise ConfigError(f"{folder}: {changed[0]} has changed since that {stored.design} began; choose another --out")
+    if stored.columns() != current.columns() or (stored.cells != current.cells and "seeds" not in ignored):
         raise ConfigError(f"{another}: its columns or its number of runs differ")
-    if there.cells > here.cells:
-        raise ConfigError(f"{folder}: holds {there.spec['seeds']} seeds, expected as many or more")
+    if stored.cells > current.cells:
+        raise ConfigError(f"{folder}: holds {stored.spec['seeds']} seeds, expected as many or more")
 
 
-def _differing(there: Mapping[str, object], here: Mapping[str, object]) -> list[str]:
-    return sorted(name for name in {*there, *here} if there.get(name) != here.get(name))
+def _differing(stored: Mapping[str, object], current: Mapping[str, object]) -> list[str]:
+    return sorted(name for name in {*stored, *current} if stored.get(name) != current.get(name))
 
 
 class Dataset:
@@ -109,14 +109,14 @@ class Dataset:
             self._lock = _locked(folder)
         try:
             _claim(folder, plan, resume=resume)
-            changes = hold(self._there()) if (folder / "sweep.json").is_file() else []
+            changes = hold(self._stored_rows()) if (folder / "sweep.json").is_file() else []
             with self._writing():
                 self._begin(changes)
         except BaseException:
             os.close(self._lock)
             raise
 
-    def _there(self) -> Iterator[Row]:
+    def _stored_rows(self) -> Iterator[Row]:
         noted = {row["number"]: row for row in journal(self.folder)}
         return (noted.get(row["number"], row) for row in self.rows())
 
@@ -171,7 +171,7 @@ class Dataset:
 
     def rows(self, columns: Sequence[str] | None = None) -> Iterator[Row]:
         """Yield the rows of all finished runs, without what they took of the machine, in the order of their numbers."""
-        return (row for table in Held.of(self.folder).tables(columns) for row in table.to_pylist())
+        return (row for table in SweepSnapshot.of(self.folder).tables(columns) for row in table.to_pylist())
 
     def add(self, cell: RunSpec, result: RunResult) -> Row:
         """Store a finished run and return its row; after that, a kill does not lose it.

@@ -163,7 +163,7 @@ def _remove(out: Path, *, existed: bool) -> None:
 
 
 def _progress_text(dataset: Dataset) -> str:
-    of = "" if "search" in dataset.plan.spec else f" of {dataset.plan.asked}"
+    of = "" if "search" in dataset.plan.spec else f" of {dataset.plan.planned}"
     return f"{dataset.finished}{of} runs are finished and stored in {dataset.folder}"
 
 
@@ -201,7 +201,7 @@ def _drive(engine: Engine, design: Design, dataset: Dataset, keep: Keep, progres
             whole = False  # not finished: it is driven when the design continues
             return
         result = design.judged(run, job, result)
-        if job.keep is not None and not _kept(job.key, keep, result.figures.get("passed")):
+        if job.keep is not None and not _keeps_record(job.key, keep, result.figures.get("passed")):
             shutil.rmtree(job.keep, ignore_errors=True)
         store(run, result)
 
@@ -218,16 +218,16 @@ def _drive(engine: Engine, design: Design, dataset: Dataset, keep: Keep, progres
 
 
 def _record(folder: Path, key: str, design: Design, keep: Keep) -> Path | None:
-    wanted = design.judges_records or _kept(key, keep, passed=False)
+    wanted = design.judges_records or _keeps_record(key, keep, passed=False)
     return (folder / "records" / key).absolute() if wanted else None
 
 
-def _kept(key: str, keep: Keep, passed: object) -> bool:
+def _keeps_record(key: str, keep: Keep, passed: object) -> bool:
     return keep == "all" or (keep == "failed" and not passed) or (isinstance(keep, tuple) and key in keep)
 
 
 def _tally(design: Design, dataset: Dataset) -> Tally:
-    total = None if "search" in design.plan.spec else design.plan.asked
+    total = None if "search" in design.plan.spec else design.plan.planned
     tally = Tally(total, 0, 0, 0)
     for row in dataset.rows(["passed", "error"]):
         tally.count(row["passed"], row["error"])

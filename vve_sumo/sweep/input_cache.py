@@ -43,26 +43,26 @@ class InputCache:
 
     def network(self, file: Path) -> Network:
         """Return what `read_network` does."""
-        return self._kept(self._networks, stamp(file), partial(read_network, file))
+        return self._cached(self._networks, stamp(file), partial(read_network, file))
 
     def path(self, file: Path, street: MapFrame, network: Network) -> LoadedPath:
         """Return what `read_path` does; `street` is the network's."""
         stamps = stamp(file), stamp(network.path)
-        return self._kept(self._paths, stamps, partial(read_path, file, street, network))
+        return self._cached(self._paths, stamps, partial(read_path, file, street, network))
 
     def rig(self, file: Path, working: Path) -> Rig:
         """Return what `rig.load.load` does."""
         from vve_sumo.rig.load import load
 
-        return self._kept(self._rigs, stamp(file), partial(load, file, working))
+        return self._cached(self._rigs, stamp(file), partial(load, file, working))
 
-    def _kept(self, kept: dict[Any, Read], state: Any, read: Callable[[], Read]) -> Read:
-        if state not in kept:
+    def _cached(self, cache: dict[Any, Read], state: Any, read: Callable[[], Read]) -> Read:
+        if state not in cache:
             value = read()
-            if len(kept) >= self.MAX_ENTRIES:
-                del kept[next(iter(kept))]
-            kept[state] = value
-        return kept[state]
+            if len(cache) >= self.MAX_ENTRIES:
+                del cache[next(iter(cache))]
+            cache[state] = value
+        return cache[state]
 
 
 def stamp(file: Path) -> Stamp:

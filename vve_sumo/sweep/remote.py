@@ -86,7 +86,7 @@ def _driven(job: Job, dask_worker: distributed.Worker) -> RunResult:
         worker.submit(job)
         while (result := worker.result()) is None:
             select.select([worker], [], [], POLL_INTERVAL)
-            if not _wanted(dask_worker, key):
+            if not _awaited(dask_worker, key):
                 raise distributed.Reschedule
     except BaseException:
         worker.kill()
@@ -95,7 +95,7 @@ def _driven(job: Job, dask_worker: distributed.Worker) -> RunResult:
     return result
 
 
-def _wanted(dask_worker: distributed.Worker, key: object) -> bool:
+def _awaited(dask_worker: distributed.Worker, key: object) -> bool:
     """Return whether this worker's scheduler still waits for a task."""
     task = dask_worker.state.tasks.get(key)
     return task is not None and task.state != "cancelled" and dask_worker.status.name in ALIVE
@@ -107,12 +107,12 @@ def end_idle_servers() -> None:
         _idle.pop().kill()
 
 
-def refuse_mixed(here: Mapping[str, str], there: Mapping[str, str], where: str) -> None:
+def refuse_mixed(client: Mapping[str, str], worker: Mapping[str, str], where: str) -> None:
     """Raise ConfigError unless a worker has the versions that the client has."""
-    for name in sorted({*here, *there}):
-        if here.get(name) != there.get(name):
+    for name in sorted({*client, *worker}):
+        if client.get(name) != worker.get(name):
             raise ConfigError(
-                f"mixed versions: {where} has {name} {there.get(name, 'none')}, here {here.get(name, 'none')}"
+                f"mixed versions: {where} has {name} {worker.get(name, 'none')}, here {client.get(name, 'none')}"
             )
 
 

@@ -54,12 +54,19 @@ def run_job(
     try:
         resolved = resolve_job(job, cache)
         claim(job)
-        folder, kept = growing(job, scratch), job.keep is not None
+        folder, keep_record = growing(job, scratch), job.keep is not None
         watch = progress_callback(resolved.path.length, report)
 
         def drive(brain: ExternalController | None = None) -> drives.Drive:
             return drives.run(
-                resolved, folder, job.working, pose=job.pose, brain=brain, kept=kept, on_tick=watch, loaded=loaded
+                resolved,
+                folder,
+                job.working,
+                pose=job.pose,
+                brain=brain,
+                keep_record=keep_record,
+                on_tick=watch,
+                loaded=loaded,
             )
 
         done, more = driver_of(job)(job, resolved, drive) if job.driver else (drive(), {})

@@ -27,10 +27,10 @@ from vve_sumo.vehicle.schema import (
 
 def declared(table: Declared) -> Vehicle:
     """Return the vehicle that a table declares; raises ConfigError, without the file's name, if it is impossible."""
-    said = in_si(table, "sources", "model")
-    ratio = said["steering_ratio"]
-    limits = {name: said.pop(f"steering_wheel_{name}") / ratio for name in ("limit", "rate_limit")}
-    vehicle = Vehicle(**said, steering_limit=limits["limit"], steering_rate_limit=limits["rate_limit"])
+    numbers = in_si(table, "sources", "model")
+    ratio = numbers["steering_ratio"]
+    limits = {name: numbers.pop(f"steering_wheel_{name}") / ratio for name in ("limit", "rate_limit")}
+    vehicle = Vehicle(**numbers, steering_limit=limits["limit"], steering_rate_limit=limits["rate_limit"])
     if not vehicle.rear_overhang >= 0.0:
         raise ConfigError("vehicle: length_m is less than wheelbase_m and front_overhang_m together")
     if not vehicle.front_axle_to_mass < vehicle.wheelbase:
@@ -40,8 +40,8 @@ def declared(table: Declared) -> Vehicle:
 
 def calibrated(table: PedalCalibration, vehicle: Vehicle) -> Calibration:
     """Return the longitudinal calibration of a vehicle; mass and torque limit are the vehicle's."""
-    said = in_si(table, "sources", "date", "steering_wheel_bias_deg")
-    return Calibration(mass=vehicle.mass, brake_torque_limit=vehicle.brake_torque_limit, **said)
+    numbers = in_si(table, "sources", "date", "steering_wheel_bias_deg")
+    return Calibration(mass=vehicle.mass, brake_torque_limit=vehicle.brake_torque_limit, **numbers)
 
 
 def simulated(table: Simulated) -> SimulatedParameters:
@@ -56,17 +56,17 @@ def imperfections(table: MeasuredImperfections | None) -> Imperfections:
     """
     if table is None:
         return IDEAL
-    said = Imperfections(combined_slip=table.combined_slip, **in_si(table, "sources", "combined_slip"))
-    share, late, latest = said.receiver_short_gaps, said.receiver_gap_p95, said.receiver_gap_max
-    if share > 0.0 and not FIX_PERIOD <= said.receiver_gap_min <= late <= latest:
+    measured = Imperfections(combined_slip=table.combined_slip, **in_si(table, "sources", "combined_slip"))
+    share, late, latest = measured.receiver_short_gaps, measured.receiver_gap_p95, measured.receiver_gap_max
+    if share > 0.0 and not FIX_PERIOD <= measured.receiver_gap_min <= late <= latest:
         raise ConfigError(
             "measured: receiver_short_gaps, receiver_gap_p95_s, receiver_gap_max_s: expected bursts at least "
             f"{FIX_PERIOD:g} s apart with a fix in every {FIX_PERIOD:g} s on average, got {share:g}, {late:g}, "
-            f"{latest:g}, whose shortest time between bursts would be {said.receiver_gap_min:.4f} s"
+            f"{latest:g}, whose shortest time between bursts would be {measured.receiver_gap_min:.4f} s"
         )
-    if said.receiver_float_every > 0.0 and not said.receiver_float_time > 0.0:
+    if measured.receiver_float_every > 0.0 and not measured.receiver_float_time > 0.0:
         raise ConfigError("measured.receiver_float_time_s: expected more than 0 beside receiver_float_every_s")
-    return said
+    return measured
 
 
 def interface(table: DriveByWire, folder: Path) -> InterfaceConfig:
@@ -82,32 +82,32 @@ def interface(table: DriveByWire, folder: Path) -> InterfaceConfig:
 def parse(table: dict[str, Any], file: Path) -> VehicleModel:
     """Return the vehicle that a parsed table holds; `file` is named in the ConfigError of a wrong one."""
     try:
-        said = VehicleFile.model_validate(numbers_of(table, file, VehicleFile))
+        tables = VehicleFile.model_validate(numbers_of(table, file, VehicleFile))
     except ValidationError as error:
         raise ConfigError(complaint(file, error, VehicleFile)) from None
     try:
-        return _resolved(file, said)
+        return _resolved(file, tables)
     except ConfigError as error:
         raise ConfigError(f"{file}: {error}") from None
 
 
-def _resolved(file: Path, said: VehicleFile) -> VehicleModel:
-    vehicle = declared(said.vehicle)
-    calibration = calibrated(said.calibration, vehicle)
+def _resolved(file: Path, tables: VehicleFile) -> VehicleModel:
+    vehicle = declared(tables.vehicle)
+    calibration = calibrated(tables.calibration, vehicle)
     most = vehicle.brake_torque_limit / calibration.brake_gain
     if not vehicle.deceleration_limit <= ROUNDING * most:
         raise ConfigError(
             f"vehicle.deceleration_limit_mps2: expected {most:.2f} or less, which brake_torque_limit_nm and "
             f"calibration.brake_gain_kgm give, got {vehicle.deceleration_limit:g}"
         )
-    numbers = simulated(said.simulated)
+    numbers = simulated(tables.simulated)
     if not numbers.laden_mass >= vehicle.mass:
         raise ConfigError(
             f"simulated.laden_mass_kg: expected vehicle.mass_kg, {vehicle.mass:g}, or more, got {numbers.laden_mass:g}"
         )
-    mounting = Mounting(said.simulated.receiver_forward_m, said.simulated.receiver_left_m)
-    name, wire = file.name.removesuffix(".toml"), interface(said.drive_by_wire, file.parent)
-    measured = imperfections(said.measured)
+    mounting = Mounting(tables.simulated.receiver_forward_m, tables.simulated.receiver_left_m)
+    name, wire = file.name.removesuffix(".toml"), interface(tables.drive_by_wire, file.parent)
+    measured = imperfections(tables.measured)
     return VehicleModel(name, vehicle, calibration, numbers, mounting, interface=wire, measured=measured)
 
 

@@ -140,7 +140,7 @@ class Plausibility:
         self._speed = self._yaw_rate = math.nan  # of the step before
         self._bias, self._bias_time = 0.0, 0.0  # of the gyroscope [rad/s], and for how long it was averaged [s]
         self._x = self._y = self._heading = self._distance = self._turned = 0.0  # dead reckoning
-        self._kept: tuple[deque[_Place], ...] = tuple(deque() for _ in WINDOWS)
+        self._windows: tuple[deque[_Place], ...] = tuple(deque() for _ in WINDOWS)
         self._sampled = -math.inf
         self._turn = 0  # of the windows
         self._way = 0.0  # driven, backwards counts negative [m]
@@ -241,7 +241,7 @@ class Plausibility:
 
     def _forget(self) -> None:
         if self._sampled != -math.inf:
-            for kept in self._kept:
+            for kept in self._windows:
                 kept.clear()
             self._drift.reset()
             self._sampled = -math.inf
@@ -250,13 +250,13 @@ class Plausibility:
         """Compare the setpoint's pose with an earlier one; each call takes the next window in turn."""
         place = self._place(now, car, setpoint)
         self._turn = (self._turn + 1) % len(WINDOWS)
-        kept, oldest = self._kept[self._turn], place.time - WINDOWS[self._turn]
+        kept, oldest = self._windows[self._turn], place.time - WINDOWS[self._turn]
         while kept and kept[0].time < oldest:
             kept.popleft()
         explained = True
         if place.time - self._sampled >= SAMPLE_PERIOD:
             self._sampled = place.time
-            for window in self._kept:
+            for window in self._windows:
                 window.append(place)
             way = self._way - car.speed * (now - setpoint.time)
             explained = self._drift.explain(

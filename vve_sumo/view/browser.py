@@ -121,7 +121,7 @@ class Browser:
         """
         answer = self._call("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
         if "exceptionDetails" in answer:
-            raise BrowserError(f"the page failed: {_said(answer['exceptionDetails'])}")
+            raise BrowserError(f"the page failed: {_exception_text(answer['exceptionDetails'])}")
         return answer["result"].get("value")
 
     @property
@@ -130,7 +130,7 @@ class Browser:
         found = []
         for event in self._events:
             if event["method"] == "Runtime.exceptionThrown":
-                found.append(_said(event["params"]["exceptionDetails"]))
+                found.append(_exception_text(event["params"]["exceptionDetails"]))
             elif event["method"] == "Runtime.consoleAPICalled" and event["params"]["type"] == "error":
                 found.append(" ".join(str(one.get("value", "")) for one in event["params"]["args"]))
         return found
@@ -235,6 +235,6 @@ def _end(process: int) -> None:
             time.sleep(0.01)
 
 
-def _said(details: dict[str, Any]) -> str:
+def _exception_text(details: dict[str, Any]) -> str:
     text = str(details.get("exception", {}).get("description") or details.get("text", ""))
     return " ".join(text.split())[:300]

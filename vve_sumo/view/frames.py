@@ -143,10 +143,10 @@ class Frames:
     def _coded(self) -> dict[str, Coded]:
         ticks = self._run.arrow("ticks")
         states, reasons = ticks["state"].to_pylist(), ticks["reasons"].to_pylist()
-        said = [state_in_words(*pair) for pair in zip(states, reasons, strict=True)]
+        phrases = [state_in_words(*pair) for pair in zip(states, reasons, strict=True)]
         trusted, why = ticks["pose_trusted"].to_pylist(), ticks["pose_reasons"].to_pylist()
         quality = [_quality(*pair) for pair in zip(trusted, why, strict=True)]
-        texts = {"state": states, "reason": reasons, "said": said, "quality": quality}
+        texts = {"state": states, "reason": reasons, "said": phrases, "quality": quality}
         texts["note"] = ticks["note"].to_pylist()
         texts["contact"] = ticks["contacts"].to_pylist()
         return {name: coded(values) for name, values in texts.items()}

@@ -67,8 +67,8 @@ class Gate:
 
     def _wrong(self, scope: Scope) -> str | None:
         headers: list[tuple[bytes, bytes]] = scope["headers"]
-        said = [value.decode("latin-1").lower() for name, value in headers if name == b"host"]
-        if len(said) != 1 or said[0] not in self._hosts:
+        hosts = [value.decode("latin-1").lower() for name, value in headers if name == b"host"]
+        if len(hosts) != 1 or hosts[0] not in self._hosts:
             return "host"
         origins = [value.decode("latin-1") for name, value in headers if name == b"origin"]
         if any(urlsplit_host(origin) not in self._hosts for origin in origins):

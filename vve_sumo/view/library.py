@@ -81,7 +81,7 @@ class Library:
             str(number): ViewedRecord(run, names[number]) for number, run in enumerate(held) if isinstance(run, Run)
         }
         self._lock = threading.Lock()
-        self._kept = frozenset(_kept(self.sweep)) if self.sweep is not None else frozenset()
+        self._record_keys = frozenset(_keys_with_record(self.sweep)) if self.sweep is not None else frozenset()
 
     def contents(self, run: str | None = None) -> dict[str, Any]:
         """Return what the page is to show; `run` is the key of a sweep's run, to be shown in place of the table."""
@@ -93,7 +93,7 @@ class Library:
             "version": VERSION,
             "kind": "sweep",
             "title": self.sweep.title,
-            "kept": sorted(self._kept),
+            "kept": sorted(self._record_keys),
             "records": [],
         }
 
@@ -102,7 +102,7 @@ class Library:
         with self._lock:
             if key in self._open:
                 return self._open[key]
-            if self.sweep is None or key not in self._kept:
+            if self.sweep is None or key not in self._record_keys:
                 return None
             while len(self._open) >= MAX_OPEN:
                 self._open.pop(next(iter(self._open)))
@@ -144,8 +144,8 @@ def packed_table(sweep: Sweep) -> bytes:
         if pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
             columns[key] = np.asarray(column.cast(pa.float64()).to_numpy(zero_copy_only=False), np.float64)
         else:
-            said = ["" if value is None else _said(value) for value in column.to_pylist()]
-            found = coded(said)
+            cells = ["" if value is None else _cell_text(value) for value in column.to_pylist()]
+            found = coded(cells)
             missing = np.array([value is None for value in column.to_pylist()], bool)
             columns[key], texts[key] = np.where(missing, -1, found.codes).astype(np.int32), found.texts
     names = [str(name) for name in frame]
@@ -155,11 +155,11 @@ def packed_table(sweep: Sweep) -> bytes:
     return pack(columns, head | {"texts": texts, "plotted": [across, up]})
 
 
-def _said(value: object) -> str:
+def _cell_text(value: object) -> str:
     return {True: "yes", False: "no"}[value] if isinstance(value, bool) else str(value)
 
 
-def _kept(sweep: Sweep) -> list[str]:
+def _keys_with_record(sweep: Sweep) -> list[str]:
     """Return the keys of the runs whose records were kept."""
     folder = sweep.folder / "records"
     return [one.name for one in folder.iterdir() if (one / "scenario.json").is_file()] if folder.is_dir() else []

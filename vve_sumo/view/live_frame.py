@@ -85,7 +85,7 @@ class LiveFrames:
             "t": round(sample.time, 4),
             "state": status.state.value,
             "reason": "+".join(status.reasons),
-            "said": self._said(sample),
+            "said": self._status_text(sample),
             "note": sample.note,
             "contact": "",
             "ego": None if pose is None else self._ego(sample, pose),
@@ -102,7 +102,7 @@ class LiveFrames:
             **self._in_the_lot(sample),
         }
 
-    def _said(self, sample: ViewSample) -> str:
+    def _status_text(self, sample: ViewSample) -> str:
         return self._wording(
             {
                 "state": sample.status.state.value,
@@ -166,10 +166,10 @@ class LiveFrames:
         found: list[dict[str, Any]] = []
         last = self._last_event
         if last is None or last[1].state != status.state:
-            found.append(_event(time, "state", self._said(sample)))
+            found.append(_event(time, "state", self._status_text(sample)))
             self._last_event = time, status
         elif last[1].reasons != status.reasons and time - last[0] >= REASON_PERIOD:
-            found.append(_event(time, "reason", self._said(sample)))
+            found.append(_event(time, "reason", self._status_text(sample)))
             self._last_event = time, status
         if sample.note and (before is None or before.note != sample.note):
             found.append(_event(time, "note", f"controller: {sample.note}"))

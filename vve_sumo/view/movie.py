@@ -62,9 +62,9 @@ def write_mp4(file: Path, pictures: Iterable[bytes], rate: float) -> None:
         assert process.stderr is not None
         with contextlib.suppress(BrokenPipeError):
             _feed(process.stdin, pictures)
-        said = process.stderr.read().decode(errors="replace").strip()
+        error_output = process.stderr.read().decode(errors="replace").strip()
     if process.returncode:
-        raise ConfigError(f"{file}: ffmpeg failed: {' '.join(said.split())[-300:] or process.returncode}")
+        raise ConfigError(f"{file}: ffmpeg failed: {' '.join(error_output.split())[-300:] or process.returncode}")
 
 
 def _feed(sink: IO[bytes], pictures: Iterable[bytes]) -> None:

@@ -95,7 +95,7 @@ class ObjectList:
     objects: Sequence[Object]
 
 
-def encode(found: ObjectList, sensor: int = 0, valid: bool = True) -> tuple[Frame, ...]:
+def encode(cycle: ObjectList, sensor: int = 0, valid: bool = True) -> tuple[Frame, ...]:
     """Return the frames of a cycle in the order sent, from sensor number `sensor` (0 to 7).
 
     The sensor's state comes first: it reports a persistent error where `valid` is False, and the list is empty then. A
@@ -104,13 +104,13 @@ def encode(found: ObjectList, sensor: int = 0, valid: bool = True) -> tuple[Fram
     """
     if not 0 <= sensor <= 7:
         raise ValueError(f"an ARS408 is sensor 0 to 7, got {sensor}")
-    objects = found.objects if valid else ()
+    objects = cycle.objects if valid else ()
     if len(objects) > MAX_OBJECTS:
         raise ValueError(f"an ARS408 sends at most {MAX_OBJECTS} objects, got {len(objects)}")
     shift = SENSOR_STEP * sensor
     status = _OBJECTS.encode(
         NUMBER_OF_OBJECTS=len(objects),
-        MEASUREMENT_COUNTER=found.counter % COUNTS,
+        MEASUREMENT_COUNTER=cycle.counter % COUNTS,
         INTERFACE_VERSION=INTERFACE_VERSION,
     )
     frames = [Frame(RADAR_STATE + shift, _state(sensor, valid)), Frame(OBJECTS + shift, status)]

@@ -125,13 +125,13 @@ def decode_radar(data: bytes) -> RadarDatagram | None:
     return RadarDatagram(sequence, time, lifetime, measured, speed, yaw_rate, targets, bool(flags & VALID))
 
 
-def encode_setpoint(asked: SetpointDatagram) -> bytes:
+def encode_setpoint(setpoint: SetpointDatagram) -> bytes:
     """Return the bytes of a setpoint; raises ValueError for a number that is not finite."""
-    if not all(map(math.isfinite, (asked.time, asked.steering, asked.acceleration))):
+    if not all(map(math.isfinite, (setpoint.time, setpoint.steering, setpoint.acceleration))):
         raise ValueError("a setpoint carries finite numbers only")
-    lifetime, flags = _microseconds(asked.lifetime), EMERGENCY * asked.emergency
-    body = _HEAD.pack(MAGIC, VERSION, SETPOINT, flags, asked.sequence % SEQUENCES, lifetime)
-    body += _SETPOINT.pack(asked.time, asked.steering, asked.acceleration, asked.answers % SEQUENCES, 0)
+    lifetime, flags = _microseconds(setpoint.lifetime), EMERGENCY * setpoint.emergency
+    body = _HEAD.pack(MAGIC, VERSION, SETPOINT, flags, setpoint.sequence % SEQUENCES, lifetime)
+    body += _SETPOINT.pack(setpoint.time, setpoint.steering, setpoint.acceleration, setpoint.answers % SEQUENCES, 0)
     return body + _CRC.pack(zlib.crc32(body))
 
 
@@ -151,7 +151,7 @@ def decode_setpoint(data: bytes) -> SetpointDatagram | Wrong:
     return SetpointDatagram(sequence, answers, time, lifetime, steering, acceleration, bool(flags & EMERGENCY))
 
 
-def _opened(data: bytes, wanted: int) -> tuple[int, int, float] | Wrong:
+def _opened(data: bytes, expected_kind: int) -> tuple[int, int, float] | Wrong:
     """Return flags, sequence and lifetime [s] of a datagram of the wanted kind, or why it is none."""
     magic, version, kind, flags, sequence, lifetime = _HEAD.unpack_from(data)
     if magic != MAGIC:
@@ -160,7 +160,7 @@ def _opened(data: bytes, wanted: int) -> tuple[int, int, float] | Wrong:
         return Wrong.VERSION
     if zlib.crc32(data[: -_CRC.size]) != _CRC.unpack(data[-_CRC.size :])[0]:
         return Wrong.CRC
-    if kind != wanted:
+    if kind != expected_kind:
         return Wrong.KIND
     return flags, sequence, lifetime / MICROSECONDS
 

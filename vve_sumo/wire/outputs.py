@@ -233,7 +233,7 @@ class _Objects:
     def __init__(self, most: int) -> None:
         self._numbering = Numbering(most)
         self._time = math.nan
-        self._found: list[_Object] = []
+        self._numbered: list[_Object] = []
 
     def of(self, measured: SampleContent) -> list[_Object]:
         """Return the numbered detections of a sample's scan."""
@@ -242,12 +242,12 @@ class _Objects:
             self._time = scan.time
             numbers = self._numbering.step(scan, measured.pose.yaw_rate)
             columns = (scan.range.tolist(), scan.azimuth.tolist(), scan.range_rate.tolist(), scan.mode.tolist())
-            self._found = [
+            self._numbered = [
                 _Object(given.number, given.new, far, aside, rate, given.range_acceleration, mode)
                 for given, far, aside, rate, mode in zip(numbers, *columns, strict=True)
                 if given is not None
             ]
-        return self._found
+        return self._numbered
 
 
 def _over_ground(one: _Object, speed: float) -> float:

@@ -43,13 +43,15 @@ class SetpointInbox:
         self._epoch, self._key = epoch, key
         self.counts: Counter[str] = Counter()  #: datagrams that were not taken, by reason code
         self.taken = 0  #: setpoints taken
-        self._asked: deque[int] = deque(maxlen=MAX_ANSWERED)  # sequences of the newest datagrams that were sent
+        self._sent_sequences: deque[int] = deque(
+            maxlen=MAX_ANSWERED
+        )  # sequences of the newest datagrams that were sent
         self._newest: SetpointDatagram | None = None
         self._expires = -math.inf
 
-    def asked(self, sequence: int) -> None:
+    def sample_sent(self, sequence: int) -> None:
         """Note the sequence of a radar datagram that was just sent; a setpoint must answer one of the last."""
-        self._asked.append(sequence % SEQUENCES)
+        self._sent_sequences.append(sequence % SEQUENCES)
 
     def take(self, now: float, data: bytes) -> str:
         """Take a datagram that arrived at drive time `now` [s]; return why it was not taken, empty where it was."""
@@ -76,9 +78,9 @@ class SetpointInbox:
             return UNASKED
         if age > MAX_AGE + CLOCK_TOLERANCE:
             return LATE
-        if setpoint.answers in self._asked:
+        if setpoint.answers in self._sent_sequences:
             return ""
-        newest = self._asked[-1] if self._asked else None
+        newest = self._sent_sequences[-1] if self._sent_sequences else None
         older = newest is not None and (newest - setpoint.answers) % SEQUENCES < SEQUENCES // 2
         return LATE if older else UNASKED
 

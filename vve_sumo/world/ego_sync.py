@@ -260,13 +260,13 @@ class EgoSync:
                 route = libsumo.vehicle.getRouteID(self._id)
         self._route = route
 
-    def _ahead(self, here: str, lane: str) -> tuple[str, ...]:
+    def _ahead(self, edge: str, lane: str) -> tuple[str, ...]:
         """Return the edges from the present one onward: the intended ones where the ego is on its route."""
         inside = lane.startswith(":")
         beyond = self._lanes.exit_edge(lane)
         for i in (*range(self._reached, len(self._intended)), *range(self._reached)):
             rest = self._intended[i:]
-            if rest[0] == here and (not inside or rest[1:2] == (beyond,)):
+            if rest[0] == edge and (not inside or rest[1:2] == (beyond,)):
                 self._reached = i
                 return rest + self._lanes.onward_from(rest[-1])[1:]
-        return (here, *self._lanes.onward_from(beyond)) if inside else self._lanes.onward(lane)
+        return (edge, *self._lanes.onward_from(beyond)) if inside else self._lanes.onward(lane)

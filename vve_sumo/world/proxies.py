@@ -48,7 +48,7 @@ class ProxyVehicles:
         self._by_lane: dict[str, str] = {}
         self._lengths: dict[str, float] = {}
         self._born = 0
-        self._held: list[tuple[RoadStrip, ...]] = [
+        self._strips: list[tuple[RoadStrip, ...]] = [
             ()
         ] * 4  #: for each corner of the body the piece of the line it lay on
 
@@ -98,7 +98,7 @@ class ProxyVehicles:
         """Keep the lanes along which the ego came, newest first."""
         if self._line and self._line[0].id == name:
             return
-        self._held = [()] * 4
+        self._strips = [()] * 4
         if self._line and not self._lanes.follows(self._line[0].id, name):
             self._line.clear()
         if name in self._lanes.by_id:
@@ -114,11 +114,11 @@ class ProxyVehicles:
             return False
         for number, (x, y) in enumerate(corners):
             # The piece that held this corner at the last tick mostly still does.
-            if not holds(self._held[number], x, y):
+            if not holds(self._strips[number], x, y):
                 held = next((band for lane in self._line for band in lane.bands if holds((band,), x, y)), None)
                 if held is None:
                     return False
-                self._held[number] = (held,)
+                self._strips[number] = (held,)
         return bool(self._line)
 
     def _keep(self, cuts: Mapping[str, Cut]) -> None:

@@ -86,9 +86,9 @@ class World:
         self._hidden_always = self._obstacles.proxies | frozenset(self._by_id)
         self._start, self._steps = 0.0, 0
         self._begun = False  # an ego has been placed
-        self._cleared: tuple[str, ...] = ()
-        self._standoffs: tuple[str, ...] = ()
-        self._asked: Sequence[ActorState] = ()
+        self._removed_at_entry: tuple[str, ...] = ()
+        self._removed_after_standoff: tuple[str, ...] = ()
+        self._actor_states: Sequence[ActorState] = ()
         self._signals = SignalStates()
 
     @property
@@ -110,14 +110,14 @@ class World:
         return tuple(line for line in self._simulation.warnings if EGO_PROXY_TYPE not in line and is_true(line))
 
     @property
-    def cleared(self) -> tuple[str, ...]:
+    def removed_at_entry(self) -> tuple[str, ...]:
         """Vehicles taken off the road because they could not have avoided an entering ego or scenario actor."""
-        return self._cleared
+        return self._removed_at_entry
 
     @property
-    def standoffs(self) -> tuple[str, ...]:
+    def removed_after_standoff(self) -> tuple[str, ...]:
         """Vehicles taken off the road because they and an ego waited for each other."""
-        return self._standoffs
+        return self._removed_after_standoff
 
     @property
     def egos(self) -> tuple[str, ...]:
@@ -139,7 +139,7 @@ class World:
         They may be put anywhere. Where one enters, traffic that overlaps it or could not stop behind it is taken off
         the road. An actor whose numbers are not finite is left out.
         """
-        self._asked = actors
+        self._actor_states = actors
 
     def step(self, placements: Mapping[str, Pose]) -> dict[str, EgoSyncReport]:
         """Step the road to the next tick and compare SUMO's egos with the poses of their front bumpers then, by id.
@@ -247,7 +247,7 @@ class World:
             if overlap(ego.body, box):
                 raise ConfigError(f"obstacle {declared.id}: it stands where the ego starts")
         try:
-            self._cleared += _clear(ego.body, pose.speed, self._hidden())
+            self._removed_at_entry += _clear(ego.body, pose.speed, self._hidden())
         except SUMO_ERRORS as problem:
             raise SimulationError(f"SUMO does not let the ego in: {problem}") from problem
 
@@ -258,8 +258,8 @@ class World:
         for ego in self._egos:
             if ego.body is not None and ego.pose is not None:
                 ego.proxies.place(ego.body, ego.pose.speed if ego.moves else 0.0, ego.sync.lane)
-        for entered in self._scenario_actors.place(self._asked):
-            self._cleared += _clear(box_of(entered), entered.speed, self._hidden())
+        for entered in self._scenario_actors.place(self._actor_states):
+            self._removed_at_entry += _clear(box_of(entered), entered.speed, self._hidden())
         self._scenario_actors.show()
         for ego in self._egos:
             self._end_standoffs(ego)
@@ -275,9 +275,9 @@ class World:
         for name in ego.standoff.over(ego.snapshot.time, ego.body, ego.pose.speed, drivers):
             # A driver who was in the way of an entering actor or of another ego is gone already; SUMO raises on a
             # second removal.
-            if name not in self._cleared and name not in self._standoffs:
+            if name not in self._removed_at_entry and name not in self._removed_after_standoff:
                 libsumo.vehicle.remove(name)
-                self._standoffs += (name,)
+                self._removed_after_standoff += (name,)
 
     def _hidden(self) -> frozenset[str]:
         """Return the names of the vehicles in SUMO that are no traffic."""

@@ -103,7 +103,7 @@ class FrameSource:
         now = time.monotonic()
         return [(now, FRAME.pack(frame.id, len(frame.data), frame.data)) for frame in frames]
 
-    def found(self) -> tuple[str, ...]:
+    def sender_faults(self) -> tuple[str, ...]:
         """Return nothing: a frame does not name its sender."""
         return ()
 

@@ -83,7 +83,7 @@ class Module:
     pressed: int = 0  #: steps beyond the override threshold
     touched: int = 0  #: steps beyond the activity threshold
     source: WatchdogSource = WatchdogSource.NONE
-    asked: bool = False  #: the last usable command asks to enable it
+    enable_commanded: bool = False  #: the last usable command asks to enable it
     broken: bool = False  #: cannot be enabled, whatever is commanded
 
     def hear(self, command: BrakeCommand | ThrottleCommand | SteeringCommand, step: int) -> None:
@@ -96,7 +96,7 @@ class Module:
         if last is None or last.counter != command.counter:
             self.counted = step
             self.counting |= last is not None and last.enable and command.enable
-        self.command, self.heard, self.asked = command, step, command.enable
+        self.command, self.heard, self.enable_commanded = command, step, command.enable
 
     def feel(self, value: float, override_steps: int, activity_steps: int) -> None:
         """Update the driver's activity and override from an input `value`."""
@@ -192,7 +192,9 @@ class DbwController:
             self._watch(speed, oldest)
         fault = self.fault
         for module in self.modules:
-            module.enabled = module.asked and not (module.broken or module.timeout or module.override or fault)
+            module.enabled = module.enable_commanded and not (
+                module.broken or module.timeout or module.override or fault
+            )
         if self._shift_ends is not None and self._step >= self._shift_ends:
             self.gear, self._shift_ends = self.gear_command, None
         # A counter never changes after the last command, so no time-out comes before it is found to be stuck.
@@ -216,7 +218,7 @@ class DbwController:
             self._watch_fault()
         elif not (self.brake.override or self.throttle.override or self.steering.override):
             for index, module in enumerate(self.modules):
-                if module.counting and (module.timeout or not module.asked or module.counted <= oldest):
+                if module.counting and (module.timeout or not module.enable_commanded or module.counted <= oldest):
                     cause = self._cause(module, speed)
                     if cause is not None:
                         self._latch(index, cause)
@@ -226,7 +228,7 @@ class DbwController:
         """Why the watchdog trips on an armed module: an offset from its first code in `WatchdogSource`, or None."""
         if module.timeout:
             return 2
-        if not module.asked:
+        if not module.enable_commanded:
             parked = self.gear is Gear.PARK and abs(speed) < REST_SPEED
             module.counting = not parked
             return None if parked else 1

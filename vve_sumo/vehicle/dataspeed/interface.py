@@ -161,7 +161,9 @@ def make(settings: Mapping[str, SettingValue]) -> DataspeedDbw1:
     names = {variant.name.lower(): variant for variant in layout.Variant}
     if unknown := sorted(settings.keys() - {"variant"}):
         raise ConfigError(f"setting {unknown[0]!r} is unknown; allowed is 'variant'")
-    said = settings.get("variant")
-    if said not in names:
-        raise ConfigError(f"setting 'variant' must be {' or '.join(names)}, to be verified on the car; got {said!r}")
-    return DataspeedDbw1(names[str(said)])
+    firmware = settings.get("variant")
+    if firmware not in names:
+        raise ConfigError(
+            f"setting 'variant' must be {' or '.join(names)}, to be verified on the car; got {firmware!r}"
+        )
+    return DataspeedDbw1(names[str(firmware)])

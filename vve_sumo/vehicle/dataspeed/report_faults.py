@@ -47,7 +47,7 @@ class ReportFaults:
 
     def __init__(self, variant: layout.Variant) -> None:
         self._variant = variant
-        self._kept: dict[int, Frame] = {}  # content of each frozen report, by identifier
+        self._frozen_content: dict[int, Frame] = {}  # content of each frozen report, by identifier
 
     def alter(self, time: float, frame: Frame, due: Due) -> Frame:
         """Return what is sent at `time` in place of a report, by the faults that are due."""
@@ -57,9 +57,9 @@ class ReportFaults:
 
     def _frozen(self, time: float, frame: Frame, due: Due) -> Frame:
         if due(_FROZEN.get(frame.id, ""), time) is None:
-            self._kept.pop(frame.id, None)
+            self._frozen_content.pop(frame.id, None)
             return frame
-        return self._kept.setdefault(frame.id, frame)
+        return self._frozen_content.setdefault(frame.id, frame)
 
     def _set(self, time: float, frame: Frame, due: Due) -> Frame:
         changes: dict[str, Any] = {}
