@@ -5,9 +5,12 @@ A drive of 60 s (3000 ticks) among 50 vehicles of Linden past a car parked far o
 controller. **Whole** is a run as the sweep's server drives it: fork of a process that has Python and SUMO imported,
 scenario, street, car and controller set up, drive, record hashed (nobody keeps it), figures, result. **Bare** is SUMO
 alone in a fork of a process that has it imported: the same network, demand, options and step length, loaded, stepped
-3000 times and closed; no ego, no reading. Both alternate, each in a process of its own; medians of processor and wall
-time. The traffic is the shipped one, whose drivers act every 0.1 s, and the same one acting at every tick. All wholes
-have one seed: their server has loaded the road, so that a whole does not load it, as a bare does.
+3000 times and closed; no ego, no reading. **Moved** is what any program must do that drives an ego through SUMO at
+every tick: a fork of a process that has started SUMO with the traffic, as a whole is one, puts an ego on the path at
+the drive's speed with `moveToXY`, sets its speed, steps, and reads the vehicles around it by its context
+subscription. All three alternate, each in a process of its own; medians of processor and wall time. The traffic is
+the shipped one, whose drivers act every 0.1 s, and the same one acting at every tick. All wholes have one seed: their
+server has loaded the road, so that a whole does not load it, as a bare does.
 Runs an hour are those of a few seeds, as in most sweeps, and of a seed for each run, whose road is loaded each time.
 With --runs, that many short runs instead, and whether the memory of the last 500 is that of the first.
 """
@@ -15,6 +18,7 @@ With --runs, that many short runs instead, and whether the memory of the last 50
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import select
 import statistics
@@ -32,15 +36,20 @@ sys.path.insert(0, str(REPOSITORY))
 
 os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")
 
+from vve_sumo.drive.run import resolve_by_name  # noqa: E402
 from vve_sumo.sweep.engine import Local  # noqa: E402
 from vve_sumo.sweep.job import Job, RunResult  # noqa: E402
 from vve_sumo.sweep.worker import Worker  # noqa: E402
+from vve_sumo.world.ego_sync import KEEP_ROUTE_EXACT, MATCH_THRESHOLD, compass  # noqa: E402
+from vve_sumo.world.simulation import OPTIONS  # noqa: E402
+from vve_sumo.world.surroundings import MAX_CENTRE_DISTANCE  # noqa: E402
 
 TICKS, SHORT_TICKS, PERIOD = 3000, 100, 0.02
 SCENARIO = REPOSITORY / "scenarios" / "parked_car.toml"
 DEMAND = REPOSITORY / "routes" / "linden_moderate.rou.xml"
 SEEDS = 3  #: of a sweep of which runs an hour are counted, one after the other, as a sweep orders its runs
 NETWORK = REPOSITORY / "networks" / "linden.net.xml"
+AROUND = 220.0 + MAX_CENTRE_DISTANCE  #: range of the subscription of a moved ego, as the virtual road's [m]
 ACTING = ' actionStepLength="0.1"'  #: of the shipped traffic's vehicle types
 FRESH = """
 import sys
@@ -69,14 +78,17 @@ def job(key: str, demand: Path, ticks: int, seed: int = 1) -> Job:
     return Job(key, SCENARIO.stem, table, SCENARIO, REPOSITORY)
 
 
+def started(demand: Path) -> list[str]:
+    """Return SUMO's command line."""
+    arguments = ["sumo", "--net-file", str(NETWORK), "--seed", "1", "--step-length", f"{PERIOD:.3f}"]
+    return [*arguments, "--route-files", str(demand), *(word for option in OPTIONS for word in option)]
+
+
 def bare(demand: Path, ticks: int) -> Cost:
     """Let a child start SUMO, step it and close it."""
     import libsumo
 
-    from vve_sumo.world.simulation import OPTIONS
-
-    arguments = ["sumo", "--net-file", str(NETWORK), "--seed", "1", "--step-length", f"{PERIOD:.3f}"]
-    arguments += ["--route-files", str(demand), *(word for option in OPTIONS for word in option)]
+    arguments = started(demand)
     begun, pid = time.monotonic(), os.fork()
     if pid == 0:
         libsumo.start(arguments)
@@ -88,6 +100,62 @@ def bare(demand: Path, ticks: int) -> Cost:
     if status:
         sys.exit(f"SUMO alone ended with status {status}")
     return Cost(usage.ru_utime + usage.ru_stime, time.monotonic() - begun)
+
+
+def way(ticks: int) -> tuple[list[tuple[float, float, float]], float]:
+    """Return x, y [m] and SUMO's angle [degrees] of an ego on the drive's path at each tick, and its speed [m/s]."""
+    resolved = resolve_by_name(str(SCENARIO), REPOSITORY, seed=1)
+    speed = resolved.scenario.ego.speed_mps
+    points = [resolved.path.at(speed * PERIOD * (tick + 1)) for tick in range(ticks)]
+    return [(point.x, point.y, compass(point.heading)) for point in points], speed
+
+
+def moved(demand: Path, poses: list[tuple[float, float, float]], speed: float) -> Cost:
+    """Let a child start SUMO; return what a fork of it takes that moves an ego, steps and reads what is around it."""
+    here, there = os.pipe()
+    pid = os.fork()
+    if pid == 0:
+        os.close(here)
+        os.write(there, json.dumps(_moved(demand, poses, speed)).encode())
+        os._exit(0)
+    os.close(there)
+    with os.fdopen(here, "rb") as pipe:
+        cost = pipe.read()
+    _pid, status = os.waitpid(pid, 0)
+    if status or not cost:
+        sys.exit(f"SUMO with a moved ego ended with status {status}")
+    return Cost(*json.loads(cost))
+
+
+def _moved(demand: Path, poses: list[tuple[float, float, float]], speed: float) -> Cost:
+    import libsumo
+
+    libsumo.start(started(demand))
+    begun, pid = time.monotonic(), os.fork()
+    if pid == 0:
+        _move(libsumo, poses, speed)
+        os._exit(0)
+    _pid, status, usage = os.wait4(pid, 0)
+    if status:
+        os._exit(1)
+    return Cost(usage.ru_utime + usage.ru_stime, time.monotonic() - begun)
+
+
+def _move(libsumo: Any, poses: list[tuple[float, float, float]], speed: float) -> None:
+    vehicle = libsumo.vehicle
+    edge, _position, _lane = libsumo.simulation.convertRoad(*poses[0][:2])
+    libsumo.route.add("way", [edge])
+    vehicle.add("ego", "way", departSpeed=f"{speed}")
+    vehicle.setSpeedMode("ego", 32)
+    vehicle.setLaneChangeMode("ego", 0)
+    variables = (libsumo.VAR_POSITION, libsumo.VAR_SPEED, libsumo.VAR_ANGLE)
+    vehicle.subscribeContext("ego", libsumo.CMD_GET_VEHICLE_VARIABLE, AROUND, variables)
+    for x, y, angle in poses:
+        vehicle.moveToXY("ego", "", -1, x, y, angle, KEEP_ROUTE_EXACT, MATCH_THRESHOLD)
+        vehicle.setSpeed("ego", speed)
+        libsumo.simulationStep()
+        if "ego" not in vehicle.getContextSubscriptionResults("ego"):
+            os._exit(1)
 
 
 def driven(engine: Local, jobs: list[Job]) -> list[RunResult]:
@@ -114,19 +182,26 @@ def whole(worker: Worker, one: Job, ticks: int) -> Cost:
 
 
 def compare(name: str, demand: Path, rounds: int, ticks: int) -> None:
-    """Alternate whole drives and bare steps; print medians and their ratio."""
-    worker, one, wholes, bares = Worker(), job("one", demand, ticks), [], []
+    """Alternate whole drives, a moved ego and bare steps; print medians and their ratios."""
+    worker, one, wholes, moves, bares = Worker(), job("one", demand, ticks), [], [], []
+    poses, speed = way(ticks)
     try:
         whole(worker, one, ticks)  # a server reads network and path once, not at every run
         for _ in range(rounds):
             wholes.append(whole(worker, one, ticks))
+            moves.append(moved(demand, poses, speed))
             bares.append(bare(demand, ticks))
     finally:
         worker.kill()
     print(f"\n{name}: medians of {rounds}")
     for kind in Cost._fields:
-        drive, alone = (statistics.median(getattr(cost, kind) for cost in costs) for costs in (wholes, bares))
-        print(f"  {kind:4}  whole {drive:6.3f} s  bare {alone:6.3f} s  ratio {drive / alone:5.2f}")
+        drive, ego, alone = (
+            statistics.median(getattr(cost, kind) for cost in costs) for costs in (wholes, moves, bares)
+        )
+        print(
+            f"  {kind:4}  whole {drive:6.3f} s  moved {ego:6.3f} s  bare {alone:6.3f} s"
+            f"  whole over moved {drive / ego:5.2f}, over bare {drive / alone:5.2f}"
+        )
 
 
 def hourly(count: int, drive: Callable[[], object]) -> float:
