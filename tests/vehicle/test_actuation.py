@@ -153,11 +153,41 @@ def test_a_saturated_pedal_winds_nothing_up():
 def test_never_both_pedals_and_never_beyond_their_travel(steps):
     actuation = Actuation(CALIBRATION, FUSION.brake_delay, FUSION.brake_lag)
     for acceleration, speed, grade, brakes_only in steps:
-        brake, throttle = actuation.step(acceleration, speed, grade, PERIOD, brakes_only)
+        brake, throttle = actuation.step(acceleration, speed, grade, PERIOD, brakes_only=brakes_only)
         assert 0.0 <= brake <= 3250.0
         assert 0.0 <= throttle <= 1.0
         assert brake == 0.0 or throttle == 0.0
         assert throttle == 0.0 or not brakes_only
+
+
+@pytest.mark.parametrize("steps", [1, 2, 10, 40])
+@pytest.mark.parametrize("way", ["unknown", "wrong"])
+def test_a_speed_that_fails_now_and_then_makes_the_car_brake_no_other_than_was_asked(steps, way):
+    """Zero that is not believed, or no speed at all, every other few steps; a car 15 % heavier than declared."""
+    loop = Loop(Car(speed=25.0, brake_lag=FUSION.brake_lag, mass=1.15 * 1690.0))
+    actuation, speeds = loop.actuation, []
+    actuation._holding = False
+    for number in range(400):
+        if number // steps % 2 == 0:
+            pedals = actuation.step(-2.0, loop.car.speed, 0.0, PERIOD, brakes_only=True)
+        elif way == "wrong":
+            pedals = actuation.step(-2.0, 0.0, 0.0, PERIOD, brakes_only=True, believed=False)
+        else:
+            pedals = actuation.without_speed(2.0, 0.0)
+            actuation.lose_speed()
+        loop.car._brake_pipe.append(pedals.brake_torque)
+        loop.car.advance(PERIOD)
+        speeds.append(loop.car.speed)
+    assert slope(speeds, 2.0, 6.0) == pytest.approx(-2.0, abs=0.35)
+
+
+def test_one_wrong_report_of_zero_neither_holds_nor_corrects():
+    actuation = Actuation(CALIBRATION, FUSION.brake_delay, FUSION.brake_lag)
+    actuation._holding = False
+    before = [actuation.step(-2.0, 8.0 - 0.04 * number, 0.0, PERIOD) for number in range(50)][-1]
+    wrong = actuation.step(-2.0, 0.0, 0.0, PERIOD, believed=False)
+    assert wrong.brake_torque == pytest.approx(before.brake_torque, abs=10.0)
+    assert actuation.step(-2.0, 5.92, 0.0, PERIOD).brake_torque == pytest.approx(before.brake_torque, abs=10.0)
 
 
 @pytest.mark.parametrize("deceleration", [2.4, 4.0])

@@ -207,33 +207,42 @@ def test_without_wheels_the_receiver_decides():
     assert drive.until(BRAKE, 0.0)[0] == pytest.approx(0.02, abs=1.01 * STEP)
 
 
-@pytest.mark.parametrize("wheels", [math.nan, 0.0, math.inf])
-@pytest.mark.parametrize("steps", [1, 2, 5, 10, 20])
+@pytest.mark.parametrize("wheels", [math.nan, math.inf])
+@pytest.mark.parametrize("receiver", [False, True])
+@pytest.mark.parametrize("steps", [1, 2, 5])
 @pytest.mark.parametrize("commanded", [BRAKE, COAST])
-def test_wheels_that_fail_every_other_time_hide_nothing(wheels, steps, commanded):
-    """As in `wheel_speed_invalid` and `wheel_speeds_zero` that flap while brakes fail or an engine pushes by itself."""
+def test_wheels_that_fail_every_other_time_hide_nothing(wheels, receiver, steps, commanded):
+    """As in `wheel_speed_invalid` that flaps while brakes fail or an engine pushes by itself."""
     drive = Drive()
     gain = 0.0 if commanded is BRAKE else 1.5
     for number in range(60):
         drive.wheels += gain * STEP
         drive.gnss += gain * STEP
         said = wheels if number // steps % 2 else drive.wheels
-        if drive.response.step(STEP, commanded, said, drive.gnss, 0.0):
+        if drive.response.step(STEP, commanded, said, drive.gnss if receiver else math.nan, 0.0):
             break
     assert number * STEP <= 0.2 + 2 * steps * STEP
 
 
-@pytest.mark.parametrize("wheels", [math.nan, 0.0])
 @pytest.mark.parametrize("steps", [1, 2, 5, 10])
-@pytest.mark.parametrize("gnss", [False, True])
-def test_wheels_that_fail_every_other_time_accuse_no_sound_brakes(wheels, steps, gnss):
+@pytest.mark.parametrize("receiver", [False, True])
+def test_wheels_that_fail_every_other_time_accuse_no_brakes_that_give_just_enough(steps, receiver):
     drive = Drive(speed=50.0)
     for number in range(500):
-        drive.wheels -= 2.0 * STEP
-        drive.gnss -= 2.0 * STEP
-        said = wheels if number // steps % 2 else drive.wheels
-        receiver = drive.gnss if gnss or wheels == 0.0 else math.nan
-        assert drive.response.step(STEP, BRAKE, said, receiver, 0.0) == []
+        drive.wheels -= 1.26 * STEP
+        drive.gnss -= 1.26 * STEP
+        said = math.nan if number // steps % 2 else drive.wheels
+        assert drive.response.step(STEP, BRAKE, said, drive.gnss if receiver else math.nan, 0.0) == []
+
+
+def test_a_car_that_came_to_rest_unseen_is_not_too_fast():
+    """Within 1.2 s sound brakes take more than 3 m/s: what is left is the receiver's noise."""
+    drive = Drive(speed=3.0)
+    drive.run(0.2, BRAKE, -1.5)
+    for _ in range(120):
+        assert drive.response.step(STEP, BRAKE, math.nan, math.nan, 0.0) == []
+    for _ in range(5):
+        assert drive.response.step(STEP, BRAKE, 0.12, 0.12, 0.0) == []
 
 
 @pytest.mark.parametrize("silent", [1, 5])
@@ -253,13 +262,6 @@ def test_one_of_two_speeds_is_enough_from_the_first_step(silent, speed):
     drive.response = BrakeMonitor(replace(FUSION, brake_delay=0.0, brake_lag=0.0), BARE)
     setattr(drive, silent, math.nan)
     assert drive.until(BRAKE, 0.0)[0] == pytest.approx(0.2 + STEP, abs=1.01 * STEP)
-
-
-@pytest.mark.parametrize(("gnss", "judged"), [(0.29, False), (0.30, False), (0.31, True), (math.inf, False)])
-def test_wheels_of_zero_count_as_standing_unless_the_receiver_moves(gnss, judged):
-    drive = Drive()
-    drive.wheels, drive.gnss = 0.0, gnss
-    assert (drive.until(BRAKE, 0.0)[0] < math.inf) is judged
 
 
 # Others brake.

@@ -55,6 +55,29 @@ def test_a_car_that_keeps_its_speed_under_its_brakes_does_not_follow() -> None:
     assert [car.step(1.0, BRAKE) for _ in range(2)] == [[], NOT_FOLLOWING]
 
 
+@pytest.mark.parametrize("steps", [1, 2, 5, 10])
+@pytest.mark.parametrize("gnss", [math.nan, 20.0])
+def test_wheels_that_say_zero_every_other_time_hide_no_brakes_that_fail(steps: int, gnss: float) -> None:
+    """20 m/s under 2000 N m, with the evidence for a standstill as the gateway weighs it."""
+    car, found = Watched(), []
+    for number in range(100):
+        wheels = 20.0 if number // steps % 2 == 0 else 0.0
+        car.standstill.step(car.now + 0.02, 0.02, wheels, None if gnss != gnss else gnss, 2000.0 / 550.0)
+        found.append(car.step(0.02, BRAKE, wheels, gnss))
+    assert NOT_FOLLOWING in found
+    assert found.index(NOT_FOLLOWING) * 0.02 <= 0.4 + 2 * steps * 0.02
+
+
+@pytest.mark.parametrize("steps", [1, 2, 5, 10])
+def test_wheels_that_say_zero_every_other_time_accuse_no_sound_brakes(steps: int) -> None:
+    car = Watched()
+    for number in range(200):
+        speed = 20.0 - 3.0 * 0.02 * number
+        wheels = speed if number // steps % 2 == 0 else 0.0
+        car.standstill.step(car.now + 0.02, 0.02, wheels, None, 3.0)
+        assert car.step(0.02, BRAKE, wheels, going=False) == []
+
+
 def test_how_hard_others_brake_is_not_known() -> None:
     car = Watched()
     car.say(OTHERS)

@@ -74,6 +74,30 @@ def test_wheels_that_read_zero_every_other_time_do_not_say_that_the_car_stands()
     assert weighed.now - begun == pytest.approx(8.0 / 12.0, abs=2 * STEP)
 
 
+def test_wheels_that_turned_a_moment_ago_count_for_longer_than_a_receiver_that_says_rest():
+    """Which may be frozen; after 3 s without a wheel that turns it is believed."""
+    weighed = Weighed()
+    weighed.step(0.0, 0.0)
+    for _ in range(500):
+        weighed.step(0.5, 0.0, braking=None)
+        assert weighed.subject.may_move
+        weighed.step(None, 0.0, braking=None)
+        assert weighed.subject.may_move
+    begun = weighed.now
+    while weighed.subject.may_move:
+        weighed.step(None, 0.0, braking=None)
+    assert weighed.now - begun == pytest.approx(3.0, abs=2 * STEP)
+
+
+@pytest.mark.parametrize(
+    ("wheels", "fell"), [(8.0 - 12.0 * STEP - 0.05, True), (8.0 - 12.0 * STEP, False), (None, False)]
+)
+def test_wheels_fall_no_faster_than_a_car_can_brake(wheels, fell):
+    weighed = moving(8.0)
+    weighed.step(wheels, 8.0)
+    assert weighed.subject.fell_too_fast is fell
+
+
 @pytest.mark.parametrize("braking", [0.0, -2.0])
 def test_a_car_that_nobody_brakes_does_not_stand_because_its_wheels_read_zero(braking):
     weighed = moving(8.0)

@@ -60,19 +60,30 @@ class Actuation:
         self._hold_target = self._hold_torque
         self._driving = False
         self._torque = 0.0
+        self._believed_speed = 0.0
         self._restart()
 
     def step(
-        self, acceleration: float, speed: float, grade: float, elapsed: float, brakes_only: bool = False
-    ) -> Pedals:  # fmt: skip
+        self,
+        acceleration: float,
+        speed: float,
+        grade: float,
+        elapsed: float,
+        *,
+        brakes_only: bool = False,
+        believed: bool = True,
+    ) -> Pedals:
         """Pedals for `acceleration` [m/s2] at the measured `speed` [m/s] on `grade` [rad, uphill positive].
 
         `elapsed` is the time since the last step [s]. A grade beyond HOLD_GRADE is clipped to it. With `brakes_only`
-        the throttle always stays closed.
+        the throttle always stays closed. In place of a speed that is not `believed` the last one counts that was, and
+        nothing is corrected.
         """
+        measured = speed if believed else math.nan
+        self._believed_speed = speed = speed if believed else self._believed_speed
         if self._stands(acceleration, speed):
             return self._hold(speed, elapsed)
-        requested = acceleration + INTEGRAL_GAIN * self._speed_error(acceleration, speed, elapsed)
+        requested = acceleration + INTEGRAL_GAIN * self._speed_error(acceleration, measured, elapsed)
         slope = clamp(math.sin(grade), -HOLD_GRADE, HOLD_GRADE)
         force = self._calibration.mass * (requested + GRAVITY * slope)
         force += self._calibration.drag(speed) - self._calibration.creep(speed)
@@ -87,6 +98,10 @@ class Actuation:
         force = self._calibration.mass * (deceleration + GRAVITY * downhill) + self._calibration.creep_force
         self._torque = self._calibration.brake_torque(force)
         return Pedals(self._torque, 0.0)
+
+    def lose_speed(self) -> None:
+        """Compare the next speed with none before it: what is lost while the speed is unknown is not corrected."""
+        self._last_speed = math.nan
 
     def _stands(self, acceleration: float, speed: float) -> bool:
         if self._holding:

@@ -16,7 +16,6 @@ from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.actuation import Pedals
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.setpoint_validation import Debounce
-from vve_sumo.vehicle.standstill import GNSS_REST
 
 # A car that is 15 % heavier than declared, and whose brakes give 10 % less torque, has a share of 0.78.
 BRAKE_SHARE: Final = 0.75  # of the commanded torque that the brakes must give at least
@@ -27,9 +26,7 @@ PUSH_SHARE: Final = 1.5
 PUSH_MARGIN: Final = 0.3  # [m/s2]
 SPEED_EXCESS: Final = 0.25  # faster than the weakest car that is still sound by this is a fault [m/s]
 GNSS_EXCESS: Final = 0.10  # and by the receiver's speed this much at least, where it is known [m/s]
-# A car whose wheels are slower than this counts as standing, and `HoldMonitor` judges it; unless the receiver says that
-# it moves, for the wheels may say zero wrongly [m/s].
-MIN_SPEED: Final = 0.1
+MIN_SPEED: Final = 0.1  # slower than this the car counts as standing, and `HoldMonitor` judges it [m/s]
 # A car that was standing under a holding torque and is faster than this for this long is not held by its brakes.
 ROLL_SPEED: Final = 0.08  # of the fastest wheel; reports resolve 13 mm/s on a Fusion [m/s]
 GNSS_ROLL_SPEED: Final = 0.10  # of the receiver's averaged speed; a standing receiver's stays below half of it [m/s]
@@ -59,7 +56,7 @@ class SpeedExcess:
         returned for it, and for the first that is known.
         """
         self._elapsed += elapsed
-        self._allowed += most * elapsed
+        self._allowed = max(self._allowed + most * elapsed, -self._speed)  # nothing brakes to below zero
         if not math.isfinite(speed):
             return math.nan
         gained = speed - self._speed
@@ -94,7 +91,7 @@ class BrakeMonitor:
     def step(
         self, elapsed: float, pedals: Pedals, wheels: float, gnss: float, grade: float, others_brake: bool = False
     ) -> list[str]:
-        """Reason codes at speeds `wheels` and `gnss` [m/s], NaN where one is not known, on `grade` [rad].
+        """Reason codes at speeds `wheels` and `gnss` [m/s] on `grade` [rad]; NaN is a speed not known or not believed.
 
         Where the DBW controller brakes by itself (`others_brake`), how hard it does is not known: the car may only not
         gain speed.
@@ -103,7 +100,7 @@ class BrakeMonitor:
         wheels_known, gnss_known = math.isfinite(wheels), math.isfinite(gnss)
         if wheels_known or gnss_known:
             self._speed = wheels if wheels_known else gnss
-        if elapsed <= 0.0 or not (self._speed > MIN_SPEED or (gnss_known and gnss > GNSS_REST)):
+        if elapsed <= 0.0 or self._speed <= MIN_SPEED:
             self._excess, self._gnss_excess = SpeedExcess(), SpeedExcess()
             return []
         most = self._most(self._speed, grade, 0.0 if others_brake else self._torque)

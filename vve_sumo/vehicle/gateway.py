@@ -232,7 +232,9 @@ class Gateway:
             arming.judge_idle(faults + self._missing(now))
             return
         attended = self._attended_long.step(now, self._reports.attended(now))
-        alone = "driver_override" in arming.causes and self._standstill.may_move and not attended
+        # A receiver that says rest may be frozen: a car in gear whose wheels are not heard may creep.
+        unheard = math.isnan(self.monitor.speed) and not self._reports.in_park(now)
+        alone = "driver_override" in arming.causes and (self._standstill.may_move or unheard) and not attended
         if self._unattended_long.step(now, alone and arming.ended):
             arming.notes.append("driver_needed")
 
@@ -293,7 +295,8 @@ class Gateway:
             arming.notes.append("brakes_latched")
         # A car that is said to stand, and is not known to, may roll.
         helpless = latched or arming.state is _STOPPED or not _HELPLESS.isdisjoint(arming.causes)
-        helpless |= arming.state is not _ENGAGED and not _MOTION_UNHEARD.isdisjoint(faults)
+        unheard = self._fastest != self._fastest or not _MOTION_UNHEARD.isdisjoint(faults)
+        helpless |= arming.state is not _ENGAGED and unheard
         if helpless and not self._standstill.certain and "driver_needed" not in arming.notes:
             arming.notes.append("driver_needed")
 

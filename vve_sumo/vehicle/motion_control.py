@@ -157,7 +157,8 @@ class MotionControl:
         acceleration, steering, limited = limiter.step(
             requested, setpoint.steering, self._steering_speed(), setpoint.emergency, self._elapsed
         )  # fmt: skip
-        pedals = self.actuation.step(acceleration, speed, setpoint.grade, self._elapsed)
+        believed = not self._standstill.fell_too_fast
+        pedals = self.actuation.step(acceleration, speed, setpoint.grade, self._elapsed, believed=believed)
         if requested != setpoint.acceleration:
             limited = (*limited, "speed")
         return MotionCommand(pedals, acceleration, steering, limited)
@@ -195,10 +196,16 @@ class MotionControl:
         limiter, grade = self.limiter, self.grade()
         blind = self.actuation.without_speed(-limiter.acceleration, grade)
         if not self._reports.speed_known(now):
+            self.actuation.lose_speed()
             return blind
         seen = self.actuation.step(
-            limiter.acceleration, self._reports.speed, grade, self._elapsed, brakes_only=True
-        )  # fmt: skip
+            limiter.acceleration,
+            self._reports.speed,
+            grade,
+            self._elapsed,
+            brakes_only=True,
+            believed=not self._standstill.fell_too_fast,
+        )
         return Pedals(max(blind.brake_torque, seen.brake_torque), 0.0)
 
     def _speed_believed(self, now: float) -> bool:

@@ -65,7 +65,9 @@ class ResponseMonitor:
         """
         foot, others_brake, torque = reports.brake.driver_torque, reports.brake.watchdog_braking, pedals.brake_torque
         wheels, gnss = speeds
-        faults = self._brakes.step(elapsed, pedals, wheels, gnss, grade, others_brake)
+        # Wheels that say zero by mistake would end what is added up.
+        believed = math.nan if standstill.fell_too_fast else wheels
+        faults = self._brakes.step(elapsed, pedals, believed, gnss, grade, others_brake)
         held = torque >= self._holding_torque and not others_brake
         mean = math.nan if gnss != gnss else standstill.gnss_mean
         stands = standstill.certain and standstill.at_rest

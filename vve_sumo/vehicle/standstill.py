@@ -33,6 +33,7 @@ class Standstill:
 
     def __init__(self) -> None:
         self._possible = 0.0  # the speed that the car may still have [m/s]
+        self._turned_at = -math.inf  # drive time at which a wheel was last heard to turn [s]
         self.gnss_mean = 0.0  #: the receiver's speed, averaged near standstill [m/s]; the last one where unknown
         self._long = Debounce(REST_TIME)
         self._gnss_long = Debounce(GNSS_REST_TIME)
@@ -40,8 +41,10 @@ class Standstill:
         self.settled = False  #: certain for `REST_TIME`, and not commanded to drive off
         self.at_rest = False  #: settled, or the receiver alone has said so for long
         self.contradicted = False  #: the receiver has long said rest, but the wheels do not confirm it
+        self.fell_too_fast = False  #: the wheels say less than the hardest braking can have left of their speed
         self.moves = False  #: something says that the car moves
-        self.may_move = False  #: it moves, or the wheels do not make certain that it stands; unheard, as last heard
+        #: it moves, or the wheels do not make certain that it stands; unheard, as last heard
+        self.may_move = False
 
     def step(
         self, now: float, elapsed: float, wheels: float | None, gnss: float | None, braking: float | None
@@ -57,7 +60,10 @@ class Standstill:
         gnss_stands = gnss is not None and abs(gnss) < GNSS_REST
         gnss_moves = gnss is not None and abs(self.gnss_mean) >= GNSS_MEAN_REST
         wheels_stand = wheels is not None and wheels < WHEEL_REST
-        if wheels is not None and wheels >= self._possible - MAX_BRAKING * elapsed - QUANTUM:
+        if wheels is not None and not wheels_stand:
+            self._turned_at = now
+        self.fell_too_fast = wheels is not None and wheels < self._possible - MAX_BRAKING * elapsed - QUANTUM
+        if wheels is not None and not self.fell_too_fast:
             self._possible = wheels
         else:
             if gnss_stands or braking is None:
@@ -70,7 +76,9 @@ class Standstill:
         if wheels is not None:
             self.may_move = not self.certain
         elif gnss is not None:
-            self.may_move = self.moves
+            # A receiver that says rest may be frozen: wheels that turned a moment ago count for longer.
+            turned = now - self._turned_at < GNSS_REST_TIME
+            self.may_move = self.moves or (self.may_move and turned)
         # Reports that stop as the car moves off are those of a car that stood.
         self.settled = self._long.step(now, self.certain and not (braking is not None and braking < 0.0))
         self.at_rest = self._gnss_long.step(now, gnss_stands and not gnss_moves) or self.settled
