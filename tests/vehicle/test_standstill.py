@@ -45,7 +45,7 @@ def moving(speed: float) -> Weighed:
 def test_it_knows_nothing_at_first():
     subject = Standstill()
     assert (subject.certain, subject.settled, subject.at_rest, subject.moves, subject.contradicted) == (False,) * 5
-    assert not subject.may_move
+    assert (subject.may_move, subject.fell_too_fast) == (False, False)
 
 
 @pytest.mark.parametrize(("last", "may_move"), [((2.0, None), True), ((None, 2.0), True), ((0.0, 0.0), False)])
@@ -87,6 +87,33 @@ def test_wheels_that_turned_a_moment_ago_count_for_longer_than_a_receiver_that_s
     while weighed.subject.may_move:
         weighed.step(None, 0.0, braking=None)
     assert weighed.now - begun == pytest.approx(3.0, abs=2 * STEP)
+
+
+def test_only_wheels_that_turned_count_for_longer():
+    weighed = moving(8.0)
+    while weighed.now < 4.0:
+        weighed.step(0.0, None, 0.0)
+        assert weighed.subject.may_move, "zeros that are not believed"
+    begun = weighed.now
+    while weighed.subject.may_move:
+        weighed.step(None, 0.0, 0.0)
+    assert weighed.now - begun <= FORGOTTEN
+
+
+def test_a_receiver_alone_is_believed_when_it_says_rest():
+    weighed = Weighed()
+    weighed.step(None, 2.0)
+    begun = weighed.now
+    while weighed.subject.may_move:
+        weighed.step(None, 0.0)
+    assert weighed.now - begun <= FORGOTTEN
+
+
+def test_wheels_that_turned_before_they_stood_do_not_count():
+    weighed = moving(0.1)
+    weighed.until("certain", 0.0, None)
+    weighed.step(None, 0.0)
+    assert not weighed.subject.may_move
 
 
 @pytest.mark.parametrize(
