@@ -117,12 +117,29 @@ def test_wheels_that_turned_before_they_stood_do_not_count():
 
 
 @pytest.mark.parametrize(
-    ("wheels", "fell"), [(8.0 - 12.0 * STEP - 0.05, True), (8.0 - 12.0 * STEP, False), (None, False)]
+    ("wheels", "gnss", "fell"),
+    [
+        (8.0 - 12.0 * STEP - 0.05, None, True),
+        (8.0 - 12.0 * STEP, None, False),
+        (7.69, 8.0, True),
+        (7.71, 8.0, False),
+        (None, 8.0, False),
+        (None, None, False),
+    ],
 )
-def test_wheels_fall_no_faster_than_a_car_can_brake(wheels, fell):
+def test_wheels_fall_no_faster_than_a_car_can_brake(wheels, gnss, fell):
     weighed = moving(8.0)
-    weighed.step(wheels, 8.0)
+    weighed.step(wheels, gnss)
     assert weighed.subject.fell_too_fast is fell
+
+
+@pytest.mark.parametrize(("gnss", "fell"), [(8.0, False), (8.29, False), (8.31, True), (None, True)])
+def test_wheels_that_come_down_from_a_wrong_speed_are_believed_with_the_receiver(gnss, fell):
+    weighed = moving(8.0)
+    weighed.step(30.0, gnss, 0.0)
+    for _ in range(100):
+        weighed.step(8.0, gnss, 0.0)
+        assert weighed.subject.fell_too_fast is fell
 
 
 @pytest.mark.parametrize("braking", [0.0, -2.0])

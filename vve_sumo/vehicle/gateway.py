@@ -233,7 +233,7 @@ class Gateway:
             return
         attended = self._attended_long.step(now, self._reports.attended(now))
         # A receiver that says rest may be frozen: a car in gear whose wheels are not heard may creep.
-        unheard = math.isnan(self.monitor.speed) and not self._reports.in_park(now)
+        unheard = math.isnan(self.monitor.speed) and self._reports.gear.gear is not Gear.PARK
         alone = "driver_override" in arming.causes and (self._standstill.may_move or unheard) and not attended
         if self._unattended_long.step(now, alone and arming.ended):
             arming.notes.append("driver_needed")

@@ -41,7 +41,8 @@ class Standstill:
         self.settled = False  #: certain for `REST_TIME`, and not commanded to drive off
         self.at_rest = False  #: settled, or the receiver alone has said so for long
         self.contradicted = False  #: the receiver has long said rest, but the wheels do not confirm it
-        self.fell_too_fast = False  #: the wheels say less than the hardest braking can have left of their speed
+        #: the wheels say less than the hardest braking can have left of their speed, and than the receiver
+        self.fell_too_fast = False
         self.moves = False  #: something says that the car moves
         #: it moves, or the wheels do not make certain that it stands; unheard, as last heard
         self.may_move = False
@@ -62,8 +63,11 @@ class Standstill:
         wheels_stand = wheels is not None and wheels < WHEEL_REST
         if wheels is not None and not wheels_stand:
             self._turned_at = now
-        self.fell_too_fast = wheels is not None and wheels < self._possible - MAX_BRAKING * elapsed - QUANTUM
-        if wheels is not None and not self.fell_too_fast:
+        fell = wheels is not None and wheels < self._possible - MAX_BRAKING * elapsed - QUANTUM
+        # Wheels that the receiver confirms fell from a speed that was wrong.
+        confirmed = wheels is not None and gnss is not None and wheels >= gnss - GNSS_REST
+        self.fell_too_fast = fell and not confirmed
+        if wheels is not None and not fell:
             self._possible = wheels
         else:
             if gnss_stands or braking is None:
