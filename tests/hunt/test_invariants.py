@@ -225,6 +225,20 @@ def test_the_speed_limit_holds_but_for_a_stuck_throttle_or_a_foot_on_it() -> Non
     assert judged(lambda time: fast | {"driver": DriverInputs(throttle_pedal=0.3), "went": False}, 1.0) == []
 
 
+@pytest.mark.parametrize(
+    ("phase", "brakes", "broken"),
+    [(BRAKES, False, []), (DRIVING, False, ["speed_limit"]), (BRAKES, True, ["speed_limit"])],
+)
+def test_a_car_that_was_pushed_and_has_no_brakes_may_roll_on_while_its_driver_is_called(
+    phase: str, brakes: bool, broken: list[str]
+) -> None:
+    def rolls_on(time: float) -> dict[str, Any]:
+        pushed = {"due": {"drive_unasked": 0.5}} if time < 1.0 else {}
+        return {"pose": pose(13.6), "phase": phase, "enabled": (brakes, True, True)} | pushed
+
+    assert [name for name in names(judged(rolls_on, 12.0)) if name == "speed_limit"] == broken
+
+
 def test_the_body_stays_in_the_lot() -> None:
     outside = {"pose": pose(place=(944.0, 0.0))}
     assert names(judged(lambda time: outside, 1.0)) == ["inside_lot"]

@@ -43,7 +43,10 @@ class SpeedLimit:
 
     def step(self, sample: TruthSample) -> str | None:
         """Take a tick."""
-        if foot_on_throttle(sample.driver) or "drive_unasked" in sample.due:
+        pushed = foot_on_throttle(sample.driver) or "drive_unasked" in sample.due
+        # One without brakes rolls on for long; its driver is called.
+        rolls_on = sample.time < self._gas_until and not sample.enabled[0] and alarmed(sample)
+        if pushed or rolls_on:
             # Such a car gains speed by what the gateway can only brake against; that it does is another invariant's.
             self._gas_until = sample.time + 5.0
         if sample.state not in COMMANDING or sample.time < self._gas_until:
