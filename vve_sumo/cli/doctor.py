@@ -50,7 +50,10 @@ def run(arguments: argparse.Namespace) -> int:
             complain(f"the verdict could not be stored for the record of the next drive: {error}")
     against = [check.name for check in report.against]
     if arguments.json:
-        checks = [check._asdict() for check in report.checks]
+        checks = [
+            {"name": check.name, "finding": check.finding, "found": check.observed, "advice": check.advice}
+            for check in report.checks
+        ]
         print(json.dumps({"verdict": "NO-GO" if against else "GO", "checks": checks}))
     else:
         print(f"NO-GO: {', '.join(against)}" if against else "GO")
