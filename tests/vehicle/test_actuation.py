@@ -190,6 +190,15 @@ def test_one_wrong_report_of_zero_neither_holds_nor_corrects():
     assert actuation.step(-2.0, 5.92, 0.0, PERIOD).brake_torque == pytest.approx(before.brake_torque, abs=10.0)
 
 
+@pytest.mark.parametrize("believed", [False, True])
+def test_a_speed_of_nan_reaches_no_pedal(believed):
+    actuation = Actuation(CALIBRATION, FUSION.brake_delay, FUSION.brake_lag)
+    actuation._holding = False
+    for speed, trusted in ((8.0, True), (math.nan, True), (0.0, believed), (math.nan, False), (7.8, True)):
+        pedals = actuation.step(-2.0, speed, 0.0, PERIOD, believed=trusted)
+        assert all(map(math.isfinite, pedals)), speed
+
+
 @pytest.mark.parametrize("deceleration", [2.4, 4.0])
 def test_without_a_speed_the_brakes_still_give_what_is_asked_against_full_creep(deceleration):
     actuation = Actuation(CALIBRATION, FUSION.brake_delay, FUSION.brake_lag)

@@ -76,11 +76,13 @@ class Actuation:
         """Pedals for `acceleration` [m/s2] at the measured `speed` [m/s] on `grade` [rad, uphill positive].
 
         `elapsed` is the time since the last step [s]. A grade beyond HOLD_GRADE is clipped to it. With `brakes_only`
-        the throttle always stays closed. In place of a speed that is not `believed` the last one counts that was, and
-        nothing is corrected.
+        the throttle always stays closed. In place of a speed that is NaN or not `believed` the last other one counts,
+        and nothing is corrected.
         """
         measured = speed if believed else math.nan
-        self._believed_speed = speed = speed if believed else self._believed_speed
+        if measured == measured:
+            self._believed_speed = speed
+        speed = self._believed_speed
         if self._stands(acceleration, speed):
             return self._hold(speed, elapsed)
         requested = acceleration + INTEGRAL_GAIN * self._speed_error(acceleration, measured, elapsed)

@@ -181,8 +181,13 @@ class MotionControl:
         limiter.acceleration = move_towards(limiter.acceleration, -requested, jerk, jerk, self._elapsed)
         if self._standstill.certain or self._speed_believed(now):
             pedals = self.actuation.step(
-                limiter.acceleration, self._reports.speed, self.grade(), self._elapsed, brakes_only=True
-            )  # fmt: skip
+                limiter.acceleration,
+                self._reports.speed,
+                self.grade(),
+                self._elapsed,
+                brakes_only=True,
+                believed=not self._standstill.fell_too_fast,
+            )
         else:
             pedals = self._brake_in_doubt(now)
         if weak and not self._standstill.certain:

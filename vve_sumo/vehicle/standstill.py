@@ -25,7 +25,7 @@ QUANTUM: Final = 0.04  # of wheel speeds, three times what they resolve on a Fus
 # Wheel speeds that fell too fast to zero, and that no receiver confirms, are believed once a car with this share of the
 # commanded deceleration could stand.
 BRAKING_SHARE: Final = 0.5
-MIN_BRAKING: Final = 0.3  # of a car that is told to brake, however gently [m/s2]
+MIN_BRAKING: Final = 0.3  # of a car that is commanded to brake, however gently [m/s2]
 
 
 class Standstill:
