@@ -7,15 +7,15 @@ the end. It must not know what the place is: a car, a stop line, the end of the 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from vve_sumo.values import Vehicle
 
-TRACKING = 2.2  #: acceleration for each m/s off the profile [1/s]
-SOFT_END = 1.2  #: time constant of the end [s]: the deceleration fades below a * SOFT_END of speed
-LAST_SPEED = 0.4  #: at which the last bit begins [m/s]: the brakes are held on until rest
-LAST_DECELERATION = 0.5  #: of the last bit [m/s2]
-STANDING = 0.5  #: a target slower than this is standing [m/s]
+TRACKING: Final = 2.2  #: acceleration for each m/s off the profile [1/s]
+SOFT_END: Final = 1.2  #: time constant of the end [s]: the deceleration fades below a * SOFT_END of speed
+LAST_SPEED: Final = 0.4  #: at which the last bit begins [m/s]: the brakes are held on until rest
+LAST_DECELERATION: Final = 0.5  #: of the last bit [m/s2]
+STANDING: Final = 0.5  #: a target slower than this is standing [m/s]
 
 
 class Goal(NamedTuple):
@@ -66,7 +66,7 @@ class Standstill:
     RELEASE_DISTANCE = 1.5  #: the goal is farther than this ... [m]
     RELEASE_TIME = 1.0  #: ... for this long [s]
     REST_SPEED = 0.05  #: [m/s]
-    HOLD = -1.0  #: pressed on at rest, also on a slope of 10 % [m/s2]
+    HOLD: Final = -1.0  #: pressed on at rest, also on a slope of 10 % [m/s2]
 
     def __init__(self, period: float) -> None:
         self._period = period

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import inf
+from typing import Final
 
 from scipy.optimize import linear_sum_assignment
 
-ALONE = 1e6  #: cost of a row without a column, above all others: as many rows get one as can
+ALONE: Final = 1e6  #: cost of a row without a column, above all others: as many rows get one as can
 
 
 def assign(costs: Sequence[Sequence[float]]) -> dict[int, int]:
@@ -24,4 +25,5 @@ def assign(costs: Sequence[Sequence[float]]) -> dict[int, int]:
     # Each row has the choice of as many more columns as there are rows: there it stays alone.
     alone = [ALONE] * len(costs)
     taken = linear_sum_assignment([[*(cost if cost < inf else inf for cost in row), *alone] for row in costs])
-    return {row: column for row, column in zip(*map(list, taken), strict=True) if column < len(costs[row])}
+    rows, columns = (found.tolist() for found in taken)
+    return {row: column for row, column in zip(rows, columns, strict=True) if column < len(costs[row])}

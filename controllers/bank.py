@@ -10,15 +10,15 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from vve_sumo.values import Floats
 
-LONGEST_STEP = 0.1  #: changes of speed are counted on for at most so long between two scans [s]
-LEAST_PROBABILITY = 1e-12  #: no speed becomes less probable than this: each can come back
-NEGLIGIBLE = 1e-4  #: a speed less probable than this adds nothing to what is foreseen
+LONGEST_STEP: Final = 0.1  #: changes of speed are counted on for at most so long between two scans [s]
+LEAST_PROBABILITY: Final = 1e-12  #: no speed becomes less probable than this: each can come back
+NEGLIGIBLE: Final = 1e-4  #: a speed less probable than this adds nothing to what is foreseen
 
 
 class Habits(NamedTuple):

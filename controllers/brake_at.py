@@ -6,6 +6,8 @@ regulates nothing while it brakes; whoever shall stop at a place wants follow_an
 
 from __future__ import annotations
 
+from typing import Final
+
 from vve_sumo.controller import Tuning, settle
 from vve_sumo.laws import clamp, jerk_limit, stopping_distance
 from vve_sumo.values import ControlCommand, Observation, Vehicle
@@ -16,8 +18,8 @@ from .speed import SPEEDING_UP, SpeedKeeper, SpeedProfile
 from .tracks import Target, Tracker
 from .trim import SteeringTrim
 
-PERIOD = 0.02  #: of the tick [s]
-JERK = 4.0  #: with which the brake sets in, less than the gateway's comfort would cut [m/s3]
+PERIOD: Final = 0.02  #: of the tick [s]
+JERK: Final = 4.0  #: with which the brake sets in, less than the gateway's comfort would cut [m/s3]
 
 TUNING: dict[str, float | str | bool] = {
     "trigger_m": 45.0,  #: bumper to target when it begins to brake

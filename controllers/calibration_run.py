@@ -11,6 +11,7 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Final
 
 from vve_sumo.controller import Tuning, settle
 from vve_sumo.laws import clamp
@@ -21,7 +22,7 @@ from .deviation import Deviation, DeviationObserver, steady_steering, tyre_respo
 from .preview import PreviewSteering, PreviewTuning
 from .trim import SteeringTrim
 
-PERIOD = 0.02  #: of the tick [s]
+PERIOD: Final = 0.02  #: of the tick [s]
 
 TUNING: dict[str, float | str | bool] = {
     "top_acceleration_m_s2": 1.9,  #: the gateway's comfort ends at 2.0
@@ -41,15 +42,15 @@ RANGES: dict[str, tuple[float, float]] = {
 #: pulls: shares of the top acceleration, the desired speed and the top deceleration, and seconds of coasting in between
 PULLS = ((0.5, 0.5, 0.25, 1.0), (0.75, 0.75, 0.5, 1.5), (1.0, 1.0, 0.75, 2.0), (0.75, 0.75, 1.0, 0.0))
 CREEP, CREEP_SPEED = 0.15, 0.6  #: about what a car in drive does by itself [m/s2], up to here [m/s]
-COAST = -0.12  #: about what a car without pedals does by itself [m/s2]
-SLOW = 0.7  #: where braking ends: no car rests before the end [m/s]
-RELEASE = 10.0  #: with which the gateway lets a brake go [m/s3]: what is lost on the way is braked less
-PUSHING = 0.4  #: about how long a throttle that is let go still pushes: gateway's jerk limit and engine [s]
-TRACKING = 0.8  #: acceleration for each m/s of speed error where a speed is kept [1/s]
+COAST: Final = -0.12  #: about what a car without pedals does by itself [m/s2]
+SLOW: Final = 0.7  #: where braking ends: no car rests before the end [m/s]
+RELEASE: Final = 10.0  #: with which the gateway lets a brake go [m/s3]: what is lost on the way is braked less
+PUSHING: Final = 0.4  #: about how long a throttle that is let go still pushes: gateway's jerk limit and engine [s]
+TRACKING: Final = 0.8  #: acceleration for each m/s of speed error where a speed is kept [1/s]
 STEP_TIME, SINE_TIME = 0.8, 2.0  #: a quarter of the steps, a half of the sines [s]
 SETTLE_TIME, STRAIGHT_TIME = 2.0, 3.0  #: back to the path, and straight on at top speed [s]
-FORGETTING = 0.5  #: time constant with which an excursion that is over is forgotten [s]
-STOP = 1.5  #: deceleration of the last stop [m/s2]
+FORGETTING: Final = 0.5  #: time constant with which an excursion that is over is forgotten [s]
+STOP: Final = 1.5  #: deceleration of the last stop [m/s2]
 
 
 @dataclass(frozen=True, slots=True)

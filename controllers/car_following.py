@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
-LEAST_GAP = 0.1  #: gap that stands for contact, where the law divides by it [m]
+LEAST_GAP: Final = 0.1  #: gap that stands for contact, where the law divides by it [m]
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,19 +7,20 @@ standard deviations: full braking hangs on it, and somebody may follow close beh
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from .bank import Bank, SpeedHypothesis
 from .trend import Trend
 
-CROSSES = 4.0  #: standard deviations of speed across the path that tell crossing from noise
+CROSSES: Final = 4.0  #: standard deviations of speed across the path that tell crossing from noise
 IN, LEFT = 2.5, 1.0  #: standard deviations by which one must be foreseen to be in the band, or beyond it
-COMES_OVER = 2.0  #: standard deviations of speed across the path that tell changing lanes from keeping one
-PREDICTION_HORIZON = 3.0  #: nothing is foretold farther ahead than this [s]
-KNOWN = 0.5  #: its standard deviation must be less than this: one seen for the first time changes no lane yet [m/s]
-ON_FOOT = 3.0  #: who crosses faster than this is not walking [m/s]
-SPEED_SIGMA = 0.15  #: of a speed that lies between two of the bank's [m/s]
-LATERAL_AGILITY = 0.05  #: spectral density of the acceleration of who crosses [m2/s3]
-FRONT = 4.0  #: from the rear of a car that comes over to its front [m]
+COMES_OVER: Final = 2.0  #: standard deviations of speed across the path that tell changing lanes from keeping one
+PREDICTION_HORIZON: Final = 3.0  #: nothing is foretold farther ahead than this [s]
+KNOWN: Final = 0.5  #: its standard deviation must be less than this: one seen for the first time changes no lane yet [m/s]
+ON_FOOT: Final = 3.0  #: who crosses faster than this is not walking [m/s]
+SPEED_SIGMA: Final = 0.15  #: of a speed that lies between two of the bank's [m/s]
+LATERAL_AGILITY: Final = 0.05  #: spectral density of the acceleration of who crosses [m2/s3]
+FRONT: Final = 4.0  #: from the rear of a car that comes over to its front [m]
 WALKER, VEHICLE = 0.5, 4.0  #: way across the path that at least follows the edge that comes first [m]
 
 

@@ -9,7 +9,7 @@ import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -21,8 +21,8 @@ from .preview import PreviewTuning
 
 SPEEDS = (2.2, 4.5, 6.7, 8.9, 11.2, 13.4, 15.6, 17.9, 20.1)  #: 5 to 45 mph in steps of 5 [m/s]
 DEFAULT = PreviewTuning()
-PADE_ORDER = 4  #: of the steering's dead time; exact to far beyond any crossover here
-TRIM_SHARE = 0.25  #: of the steering trim, as in follow_and_stop
+PADE_ORDER: Final = 4  #: of the steering's dead time; exact to far beyond any crossover here
+TRIM_SHARE: Final = 0.25  #: of the steering trim, as in follow_and_stop
 
 
 class Margins(NamedTuple):

@@ -6,13 +6,13 @@ It must not know which law steers.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from vve_sumo.path import PathProjection, ReferencePath
 from vve_sumo.values import Pose, Vehicle
 
-MIN_SPEED = 1.0  #: below it the direction of motion drowns in the receiver's velocity noise [m/s]
-SETTLING_TIME = 1.0  #: of the misalignment estimate [s]: slow beside the steering loop, quick beside a drive
+MIN_SPEED: Final = 1.0  #: below it the direction of motion drowns in the receiver's velocity noise [m/s]
+SETTLING_TIME: Final = 1.0  #: of the misalignment estimate [s]: slow beside the steering loop, quick beside a drive
 MISALIGNMENT_LIMIT = math.radians(2.0)  #: more than this is a fault of the rig and not for a controller to hide
 
 

@@ -9,20 +9,21 @@ and Gavrila, *IEEE Transactions on Intelligent Transportation Systems* 15, 494, 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Final
 
 from vve_sumo.laws import stopping_distance
 from vve_sumo.values import Vehicle
 
 from .tracks import Target
 
-MARGIN = 2.0  #: rest of the gap that full braking shall leave [m]
-FULL = -9.0  #: asked for while it lasts [m/s2]: all there is, whatever the road; the gateway holds the car's limit
+MARGIN: Final = 2.0  #: rest of the gap that full braking shall leave [m]
+FULL: Final = -9.0  #: asked for while it lasts [m/s2]: all there is, whatever the road; the gateway holds the car's limit
 PARTIAL, EARLIER = -4.0, 0.3  #: for one who is foreseen: so hard [m/s2], so long before it must be full [s]
-FULL_FROM = 0.7  #: probability from which one who is foreseen is braked for fully
-LASTS = 1.0  #: braking goes on for what is in the way, if it had to begin within so long anyway [s]
-JERK = 30.0  #: with which the gateway lets it build up [m/s3]
-REST_SPEED = 0.05  #: [m/s]
-FIRST_ORDER_RAMP = 2.0  #: a first-order lag T loses as much way as a linear ramp over 2 T
+FULL_FROM: Final = 0.7  #: probability from which one who is foreseen is braked for fully
+LASTS: Final = 1.0  #: braking goes on for what is in the way, if it had to begin within so long anyway [s]
+JERK: Final = 30.0  #: with which the gateway lets it build up [m/s3]
+REST_SPEED: Final = 0.05  #: [m/s]
+FIRST_ORDER_RAMP: Final = 2.0  #: a first-order lag T loses as much way as a linear ramp over 2 T
 
 
 class Emergency:

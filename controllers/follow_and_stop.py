@@ -6,7 +6,7 @@ It composes the other files of this folder; the tuning keys are below, with thei
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from typing import Final, Protocol
 
 from vve_sumo.controller import Tuning, settle
 from vve_sumo.errors import ConfigError
@@ -26,9 +26,9 @@ from .stanley import Stanley
 from .tracks import Target, Tracker
 from .trim import SteeringTrim
 
-PERIOD = 0.02  #: of the tick [s]
-COMFORT_LIMIT = -3.3  #: of comfort, inside the gateway's comfort envelope [m/s2]
-STOPPED = 1.0  #: an emergency braking that lasts down to this speed has stopped the car [m/s]
+PERIOD: Final = 0.02  #: of the tick [s]
+COMFORT_LIMIT: Final = -3.3  #: of comfort, inside the gateway's comfort envelope [m/s2]
+STOPPED: Final = 1.0  #: an emergency braking that lasts down to this speed has stopped the car [m/s]
 JERK_DOWN, JERK_UP = 4.0, 2.5  #: of comfort [m/s3]
 
 TUNING: dict[str, float | str | bool] = {

@@ -7,9 +7,10 @@ It must not know bands, nor what is done about the car.
 from __future__ import annotations
 
 from collections import deque
+from typing import Final
 
-LAG = 1.0  #: what was seen since is of a car that may be leaving its lane already [s]
-DRIFT = 0.001  #: of the place that is kept [m2/s]: it is averaged over about three seconds
+LAG: Final = 1.0  #: what was seen since is of a car that may be leaving its lane already [s]
+DRIFT: Final = 0.001  #: of the place that is kept [m2/s]: it is averaged over about three seconds
 
 
 class KeptPlace:

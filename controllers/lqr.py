@@ -7,6 +7,7 @@ computed when the controller is made, for a table of speeds.
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from vve_sumo.values import Observation, Vehicle
 from .deviation import Deviation, steady_steering
 
 SPEEDS = tuple(float(speed) for speed in range(2, 26))  #: at which gains are computed [m/s]
-DIGITS = 9  #: gains are rounded, so that the last bits of a linear algebra library never reach a setpoint
+DIGITS: Final = 9  #: gains are rounded, so that the last bits of a linear algebra library never reach a setpoint
 
 
 def lateral_error_model(vehicle: Vehicle, speed: float) -> tuple[Floats, Floats]:

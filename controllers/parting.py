@@ -7,6 +7,7 @@ not know brakes, nor who is worth braking for.
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 
@@ -15,10 +16,10 @@ from vve_sumo.path import Corridor, ReferencePath
 from .crossing import LEFT, ON_FOOT, PREDICTION_HORIZON
 from .trend import Trend
 
-MAX_BODY_LENGTH = 18.0  #: of the body that may follow the point that is seen, an articulated bus [m]
-MIN_CLEARANCE = 2.0  #: that must stay between it and the front bumper [m]
-SIDE_REACH = 5.0  #: what is in the band so far behind the bumper would be met by the car's side [m]
-STEP = 0.1  #: of the forecast [s]
+MAX_BODY_LENGTH: Final = 18.0  #: of the body that may follow the point that is seen, an articulated bus [m]
+MIN_CLEARANCE: Final = 2.0  #: that must stay between it and the front bumper [m]
+SIDE_REACH: Final = 5.0  #: what is in the band so far behind the bumper would be met by the car's side [m]
+STEP: Final = 0.1  #: of the forecast [s]
 BODY = np.linspace(0.0, MAX_BODY_LENGTH, 13)  #: places along it that are looked at [m]
 
 

@@ -6,18 +6,19 @@ It must not know other road users; who wants to stop for one asks for less accel
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from vve_sumo.laws import PI, squared_speed_limits
 from vve_sumo.path import SAMPLE_SPACING, ReferencePath
 from vve_sumo.values import Vehicle
 
-LATERAL_COMFORT = 2.0  #: lateral acceleration in bends [m/s2]
-SLOWING = 1.5  #: deceleration ahead of bends [m/s2]
-SPEEDING_UP = 1.5  #: [m/s2]
-NO_SPEED_LIMIT = 60.0  #: stands for "no limit" in the table, so that differences stay finite [m/s]
-LEARNING_BAND = 0.5  #: greater speed errors are transients and teach nothing [m/s]
-TRACKING = 0.8  #: acceleration for each m/s of speed error [1/s]
-LEARNING = 0.05  #: integral gain [1/s2]: what throttle map and drag get wrong goes in about 16 s
+LATERAL_COMFORT: Final = 2.0  #: lateral acceleration in bends [m/s2]
+SLOWING: Final = 1.5  #: deceleration ahead of bends [m/s2]
+SPEEDING_UP: Final = 1.5  #: [m/s2]
+NO_SPEED_LIMIT: Final = 60.0  #: stands for "no limit" in the table, so that differences stay finite [m/s]
+LEARNING_BAND: Final = 0.5  #: greater speed errors are transients and teach nothing [m/s]
+TRACKING: Final = 0.8  #: acceleration for each m/s of speed error [1/s]
+LEARNING: Final = 0.05  #: integral gain [1/s2]: what throttle map and drag get wrong goes in about 16 s
 
 
 class SpeedProfile:

@@ -8,13 +8,14 @@ is turned by atan(L curvature): with that the deviation e dies out at the rate k
 from __future__ import annotations
 
 import math
+from typing import Final
 
 from vve_sumo.values import Observation, Vehicle
 
 from .deviation import Deviation
 
-SOFTENING = 1.0  #: keeps the law calm at walking pace [m/s]
-YAW_DAMPING = 0.1  #: road-wheel angle for each rad/s that the car turns faster than the path asks [s]
+SOFTENING: Final = 1.0  #: keeps the law calm at walking pace [m/s]
+YAW_DAMPING: Final = 0.1  #: road-wheel angle for each rad/s that the car turns faster than the path asks [s]
 
 
 class Stanley:

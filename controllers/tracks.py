@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -35,41 +35,41 @@ from .trend import Trend
 
 RANGE_SIGMA, RATE_SIGMA, AZIMUTH_SIGMA = 0.25, 0.15, math.radians(0.6)  #: of the radar, quantisation included
 #: of an offset's variance is the radar's own noise, the rest is caution: the bank takes no caution in
-NOISE_SHARE = 0.8
-AGILITY = 1.0  #: spectral density of a target's acceleration [m2/s3]
-DRIFT = 0.02  #: of a target that keeps its place across the path [m2/s]
+NOISE_SHARE: Final = 0.8
+AGILITY: Final = 1.0  #: spectral density of a target's acceleration [m2/s3]
+DRIFT: Final = 0.02  #: of a target that keeps its place across the path [m2/s]
 LATERAL_SPEED, LATERAL_AGILITY = 4.0, 0.05  #: of one that crosses: to begin with [m/s], its spectral density [m2/s3]
-DRIVES = 3.0  #: what is faster than this along the path is a car that keeps its lane or changes it [m/s]
-CHANGE_AGILITY = 0.2  #: spectral density of its acceleration across the path [m2/s3]
+DRIVES: Final = 3.0  #: what is faster than this along the path is a car that keeps its lane or changes it [m/s]
+CHANGE_AGILITY: Final = 0.2  #: spectral density of its acceleration across the path [m2/s3]
 BUS, TURNING = 12.5, 1.5  #: of a long body [m]; for so long [s] its nearest point may run along its flank
-LENGTH = 9.0  #: of a car that goes along and of the own, more than which it takes to get past it [m]
-FRESH = 0.13  #: who was seen longer ago than this may have gone straight on since [s]
-SOON = 2.0  #: it counts from so long before it is in the way [s]
+LENGTH: Final = 9.0  #: of a car that goes along and of the own, more than which it takes to get past it [m]
+FRESH: Final = 0.13  #: who was seen longer ago than this may have gone straight on since [s]
+SOON: Final = 2.0  #: it counts from so long before it is in the way [s]
 LIKELY, DOUBTED = 0.4, -0.2  #: standard deviations by which it must be foreseen there to be followed, and on followed
 CHANGE, JERK = 3.0, 1.5  #: of a target's acceleration: to begin with [m/s2], its spectral density [m2/s5]
-BRAKES = 3.0  #: standard deviations of acceleration that tell braking from noise
-HARDER = 2.0  #: standard deviations by which one who brakes may do so harder than it seems
-ONCOMING = -2.0  #: what comes nearer than this along the path is judged by where it is, not by where it will be [m/s]
+BRAKES: Final = 3.0  #: standard deviations of acceleration that tell braking from noise
+HARDER: Final = 2.0  #: standard deviations by which one who brakes may do so harder than it seems
+ONCOMING: Final = -2.0  #: what comes nearer than this along the path is judged by where it is, not by where it will be [m/s]
 FLANK, ASIDE = 3.0, math.tan(math.radians(40.0))  #: of a car seen so far to the side the point slides by so much [m]
-GATE = 3.5  #: standard deviations within which a detection belongs to a track
-LANE = 8.0  #: detections farther beside the path are left alone [m]
-HORIZON = 150.0  #: detections farther along the path are left alone [m]
-CONFIRMED = 3  #: hits before a track counts
-REMEMBERED = 1.0  #: where the car was is remembered for so long [s]: as long as the slowest radar takes
+GATE: Final = 3.5  #: standard deviations within which a detection belongs to a track
+LANE: Final = 8.0  #: detections farther beside the path are left alone [m]
+HORIZON: Final = 150.0  #: detections farther along the path are left alone [m]
+CONFIRMED: Final = 3  #: hits before a track counts
+REMEMBERED: Final = 1.0  #: where the car was is remembered for so long [s]: as long as the slowest radar takes
 COAST, COAST_TENTATIVE, COAST_AT_REST = 0.6, 0.2, 5.0  #: a track lives on unseen for so long [s]
-MARGIN = 0.3  #: kept on both sides of the swept body [m]
-HYSTERESIS = 0.3  #: a target that is in the way must clear the band by this much to be out of it [m]
+MARGIN: Final = 0.3  #: kept on both sides of the swept body [m]
+HYSTERESIS: Final = 0.3  #: a target that is in the way must clear the band by this much to be out of it [m]
 #: probability from which one who crosses, and a car that cuts in, is braked for; below which it is no longer
 CROSSING_FROM, CUT_IN_FROM, FORESEEN_UNTIL = 0.5, 0.6, 0.3
 #: a car that has left the place where it kept its lane by so much [m] is braked for partly from this probability on
 WANDERS, LEAVES_FROM = 0.45, 0.25
-KNOWN_LANE = 0.2  #: standard deviation within which that place must be known [m]
-CUTS_IN = 1.3  #: a car that cuts in counts from so long before it is in the band [s]
-BANK_COVERS = 4.5  #: who crosses faster than this is judged by the one filter on place and speed, not by the bank [m/s]
-PASSES = 0.2  #: for so long from the car's arrival on its front would meet one who crosses [s]
-FACE = 1.8  #: width of a body's rear, along which its nearest point slides while the car turns behind it [m]
-BEHIND = 1.0  #: the car is behind a body whose line, along the path there, the bumper is so near to [m]
-INSIDE = 0.3  #: one who crosses must come this far into the band to count [m]: into the way of the body itself
+KNOWN_LANE: Final = 0.2  #: standard deviation within which that place must be known [m]
+CUTS_IN: Final = 1.3  #: a car that cuts in counts from so long before it is in the band [s]
+BANK_COVERS: Final = 4.5  #: who crosses faster than this is judged by the one filter on place and speed, not by the bank [m/s]
+PASSES: Final = 0.2  #: for so long from the car's arrival on its front would meet one who crosses [s]
+FACE: Final = 1.8  #: width of a body's rear, along which its nearest point slides while the car turns behind it [m]
+BEHIND: Final = 1.0  #: the car is behind a body whose line, along the path there, the bumper is so near to [m]
+INSIDE: Final = 0.3  #: one who crosses must come this far into the band to count [m]: into the way of the body itself
 
 
 class Target(NamedTuple):

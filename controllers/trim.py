@@ -5,12 +5,14 @@ It must not know which law steers; its answer is added to the law's.
 
 from __future__ import annotations
 
+from typing import Final
+
 from vve_sumo.laws import clamp
 from vve_sumo.values import Vehicle
 
-LIMIT = 0.02  #: road-wheel angle [rad]: 17 deg at the wheel, far beyond any honest zero error
-MIN_SPEED = 0.5  #: nothing is learnt while parked [m/s]
-MAX_OFFSET = 0.3  #: a greater deviation is an event, not an offset, and counts as this much [m]
+LIMIT: Final = 0.02  #: road-wheel angle [rad]: 17 deg at the wheel, far beyond any honest zero error
+MIN_SPEED: Final = 0.5  #: nothing is learnt while parked [m/s]
+MAX_OFFSET: Final = 0.3  #: a greater deviation is an event, not an offset, and counts as this much [m]
 
 
 class SteeringTrim:

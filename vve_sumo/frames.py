@@ -10,9 +10,9 @@ from __future__ import annotations
 import cmath
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import pyproj
 from pyproj.enums import TransformDirection
@@ -136,7 +136,8 @@ def _natural_origin(plane: pyproj.CRS) -> tuple[float, float]:
     """Return latitude and longitude of the projection's natural origin [rad]."""
     operation = plane.coordinate_operation
     assert operation is not None  # every projected reference system has one
-    named = {parameter.name: math.radians(float(parameter.value)) for parameter in operation.params}
+    parameters: Iterable[Any] = operation.params  # pyproj declares their values as numbers, and gives text
+    named = {parameter.name: math.radians(float(parameter.value)) for parameter in parameters}
     return named["Latitude of natural origin"], named["Longitude of natural origin"]
 
 

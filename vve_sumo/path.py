@@ -10,7 +10,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,23 +18,23 @@ from numpy.typing import ArrayLike, NDArray
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-MIN_POINT_SPACING = 0.01  #: two successive points nearer than this are one point recorded twice [m]
-SAMPLE_SPACING = 1.0  #: of the table for searches, small against any radius that a car can drive [m]
-EXTENSION = 200.0  #: straight extension of the table at both ends, beyond a long-range radar's reach [m]
+MIN_POINT_SPACING: Final = 0.01  #: two successive points nearer than this are one point recorded twice [m]
+SAMPLE_SPACING: Final = 1.0  #: of the table for searches, small against any radius that a car can drive [m]
+EXTENSION: Final = 200.0  #: straight extension of the table at both ends, beyond a long-range radar's reach [m]
 
-BRANCH_TOLERANCE = 1.0  #: a search of the whole path prefers an earlier branch that is at most this farther off [m]
+BRANCH_TOLERANCE: Final = 1.0  #: a search of the whole path prefers an earlier branch that is at most this farther off [m]
 
-ARC_LENGTH_ROUNDS = 8  #: refits of the spline over its own arc length; each gains about two digits
-NEWTON_ROUNDS = 12
-NEWTON_TOLERANCE = 1e-7  #: [m]
-NEWTON_MAX_STEP = 4.0  #: keeps the search local, so that it never reaches the other branch of a loop [m]
-NEWTON_MIN_SLOPE = 0.5  #: keeps every step downhill, even from beyond the centre of curvature
+ARC_LENGTH_ROUNDS: Final = 8  #: refits of the spline over its own arc length; each gains about two digits
+NEWTON_ROUNDS: Final = 12
+NEWTON_TOLERANCE: Final = 1e-7  #: [m]
+NEWTON_MAX_STEP: Final = 4.0  #: keeps the search local, so that it never reaches the other branch of a loop [m]
+NEWTON_MIN_SLOPE: Final = 0.5  #: keeps every step downhill, even from beyond the centre of curvature
 
 # Gauss-Legendre nodes and weights of order five on [0, 1], from the closed form of their roots.
-_INNER = math.sqrt(5 - 2 * math.sqrt(10 / 7)) / 3
-_OUTER = math.sqrt(5 + 2 * math.sqrt(10 / 7)) / 3
-_INNER_WEIGHT = (322 + 13 * math.sqrt(70)) / 1800
-_OUTER_WEIGHT = (322 - 13 * math.sqrt(70)) / 1800
+_INNER: Final = math.sqrt(5 - 2 * math.sqrt(10 / 7)) / 3
+_OUTER: Final = math.sqrt(5 + 2 * math.sqrt(10 / 7)) / 3
+_INNER_WEIGHT: Final = (322 + 13 * math.sqrt(70)) / 1800
+_OUTER_WEIGHT: Final = (322 - 13 * math.sqrt(70)) / 1800
 GAUSS_LEGENDRE = (
     ((1 - _OUTER) / 2, _OUTER_WEIGHT),
     ((1 - _INNER) / 2, _INNER_WEIGHT),

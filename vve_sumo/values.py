@@ -149,7 +149,7 @@ class Detections:
 
 
 #: first-order time constant from throttle to drive force, assumed for a car without calibration [s]
-DRIVE_LAG = 0.25
+DRIVE_LAG: Final = 0.25
 
 
 @dataclass(frozen=True, slots=True)

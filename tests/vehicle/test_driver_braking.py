@@ -81,6 +81,36 @@ def test_a_foot_of_450_newton_metres_latches_the_brakes_after_80_milliseconds(
     ]  # fmt: skip
 
 
+def repeats(*steps: tuple[float, float, float, float]) -> list[bool]:
+    """Whether each of several reports is the last one that the commands explained."""
+    compared, then, repeated = DriverBrakingDetector(BRAKES), steps[0][0], []
+    for now, commanded, reported, foot in steps:
+        compared.step(now, now - then, commanded, reported, foot)
+        repeated.append(compared.repeated)
+        then = now
+    return repeated
+
+
+@pytest.mark.parametrize(("changed", "repeated"), [(0.0, True), (0.5, False), (-0.5, False)])
+def test_a_report_that_stays_the_same_while_the_command_falls_below_it_is_told_from_others(
+    changed: float, repeated: bool
+) -> None:
+    """1400 N m explain the report, 900 do not; the report after a second is another to the last bit, or is not."""
+    braked = [(0.02 * step, 1400.0, 1400.0, 0.0) for step in range(10)]
+    held = [(0.2 + 0.02 * step, 900.0, 1400.0, 0.0) for step in range(50)]
+    after = (1.2, 900.0, 1400.0 + changed, 0.0)
+    assert signs(*braked, *held, after)[-1]
+    assert repeats(*braked, *held, after)[-1] == repeated
+
+
+def test_a_torque_that_no_command_ever_explained_is_no_repeated_one() -> None:
+    assert repeats(*((0.02 * step, 0.0, 800.0, 0.0) for step in range(50))) == [False] * 50
+
+
+def test_a_torque_that_is_not_reported_is_no_repeated_one() -> None:
+    assert repeats(*((0.02 * step, 0.0, float("nan"), 0.0) for step in range(5))) == [False] * 5
+
+
 def test_nothing_is_explained_before_the_first_command() -> None:
     assert signs((0.0, 0.0, 150.5, 0.0), (0.03, 0.0, 150.5, 0.0)) == [False, True]
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
 from pathlib import Path
+from typing import Final
 
 from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline, seed_of
 from vve_sumo.drive.brain import ExternalController
@@ -47,7 +48,7 @@ from vve_sumo.world.loaded_road import LoadedRoad
 #: called once a tick with the tick's number, drive time [s], speed [m/s] and distance along the path [m]
 TickCallback = Callable[[int, float, float, float], None]
 
-CAR_BUS = "can0"  #: name of the car's bus in the record
+CAR_BUS: Final = "can0"  #: name of the car's bus in the record
 
 
 def drive_end(ego: str, outcome: Outcome, reasons: tuple[str, ...], pipeline: Pipeline, road: VirtualRoad) -> DriveEnd:

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 from vve_sumo.commanded_path import curve
 from vve_sumo.controller import Guarded
@@ -43,11 +43,11 @@ from vve_sumo.values import (
 )
 
 #: greatest difference of a tick's time from the time for which its fallback path was prepared [s]; else prepared anew
-PREPARED_TIME_TOLERANCE = 0.01
+PREPARED_TIME_TOLERANCE: Final = 0.01
 #: below it the car stands, and a commanded path that was refused is judged anew [m/s]
-STANDSTILL = 0.1
+STANDSTILL: Final = 0.1
 #: of how many setpoints the requested angles are kept for the geofence: those that a car may not have answered yet
-STEERING_HISTORY = 10
+STEERING_HISTORY: Final = 10
 
 #: the sensors' readings at a tick: the columns of each sensor's table in the record, by the sensor's name
 Readings = Mapping[str, tuple[Column, ...]]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.path import ReferencePath
@@ -23,7 +23,7 @@ from vve_sumo.world.surroundings import table
 from vve_sumo.world.world import World
 
 #: A car that is faster than this has driven off [m/s].
-MOVING_SPEED = 0.5
+MOVING_SPEED: Final = 0.5
 
 
 def egos_of(resolved: ResolvedScenario) -> tuple[Ego, ...]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +22,9 @@ from vve_sumo.values import Floats
 Indices = NDArray[np.int64]
 
 #: of the samples of a way [m]
-SPACING = 1.0
+SPACING: Final = 1.0
 #: an actor that is this much farther from its last place than its speed explains has been moved, not driven [m]
-MAX_JUMP = 5.0
+MAX_JUMP: Final = 5.0
 
 
 class WayLine(NamedTuple):

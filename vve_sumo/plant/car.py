@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -35,9 +35,9 @@ from vve_sumo.vehicle.interface import (
 )
 from vve_sumo.vehicle.model import IDEAL, Imperfections
 
-STEP = 0.005  # of the integration and of the drive-by-wire controller [s]
+STEP: Final = 0.005  # of the integration and of the drive-by-wire controller [s]
 STEPS_PER_SECOND = round(1.0 / STEP)
-FAST = 2  # steps between measurements: 100 Hz; reports and fixes come with them
+FAST: Final = 2  # steps between measurements: 100 Hz; reports and fixes come with them
 # In Python 3.11 naming a member of an enumeration is a call; code that runs in every step names these instead.
 _PARK, _REAR_AXLE = Gear.PARK, Point.REAR_AXLE
 _DRIVE_SIGNS = {Gear.DRIVE: 1.0, Gear.LOW: 1.0, Gear.REVERSE: -1.0}

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 from vve_sumo.physical_constants import AIR_DENSITY, GRAVITY
 
-KINEMATIC_SPEED = 1.0  # at and below it wheels roll where they point: slip angles divide by speed [m/s]
-DYNAMIC_SPEED = 3.0  # from here on the tyre model alone applies; the two differ by 0.1 % on a steady circle [m/s]
+KINEMATIC_SPEED: Final = 1.0  # at and below it wheels roll where they point: slip angles divide by speed [m/s]
+DYNAMIC_SPEED: Final = 3.0  # from here on the tyre model alone applies; the two differ by 0.1 % on a steady circle [m/s]
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ A fault that cannot be injected is refused, so that no drive counts as a test of
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Final
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.plant.injected_faults import KINDS, InjectedFault
@@ -14,9 +15,9 @@ from vve_sumo.pose.receivers.port import MinuteEncoder, Receiver, standard
 from vve_sumo.vehicle.interface import INTERFACE_KINDS, InterfaceConfig, load
 
 #: fault of a receiver whose messages hold the minute apart from the rest of the time
-MINUTE_WRONG = "pose_minute_wrong"
+MINUTE_WRONG: Final = "pose_minute_wrong"
 #: of the simulated end that is asked what it can inject; it is never stepped [s]
-_STEP = 0.005
+_STEP: Final = 0.005
 
 
 def injectable_kinds(config: InterfaceConfig) -> frozenset[str]:

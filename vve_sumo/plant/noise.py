@@ -8,16 +8,21 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from itertools import chain, count
+from typing import Final
 
 import numpy as np
 
-BLOCK = 512
+BLOCK: Final = 512
 
 
 def white(seeds: np.random.SeedSequence) -> Iterator[float]:
     """Independent normal draws of standard deviation 1, without end."""
     generator = np.random.Generator(np.random.PCG64(seeds))
-    return chain.from_iterable(reversed(generator.standard_normal(BLOCK).tolist()) for _ in count())
+
+    def block(_: int) -> Iterator[float]:
+        return reversed(generator.standard_normal(BLOCK).tolist())
+
+    return chain.from_iterable(map(block, count()))
 
 
 def wander(sigma: float, time: float, period: float, seeds: np.random.SeedSequence) -> Iterator[float]:

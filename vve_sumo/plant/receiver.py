@@ -10,6 +10,7 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -22,9 +23,9 @@ from vve_sumo.values import Fix, FixQuality, Pose
 from vve_sumo.vehicle.model import FIX_PERIOD, IDEAL, Imperfections
 
 PERIOD = FIX_PERIOD  # between fixes [s]
-ALTITUDE = 220.0  # of the lot at the start, about Columbus's [m]
+ALTITUDE: Final = 220.0  # of the lot at the start, about Columbus's [m]
 _RTK_FIXED = FixQuality.RTK_FIXED
-STREAMS = 8  # independent sources of noise
+STREAMS: Final = 8  # independent sources of noise
 
 
 @dataclass(frozen=True, slots=True)

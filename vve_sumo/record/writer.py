@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import pyarrow as pa
@@ -48,10 +48,10 @@ from vve_sumo.values import Actors, CommandedPath, Frame
 _encoded = lru_cache(maxsize=4096)(str.encode)
 
 #: ticks between two writes; 10 ticks of 20 ms are 0.2 s, the most that a killed process may lose
-TICKS_PER_BATCH = 10
+TICKS_PER_BATCH: Final = 10
 
 #: the same for a record that is not kept: nothing can be lost, and longer batches are faster
-UNKEPT_TICKS_PER_BATCH = 250
+UNKEPT_TICKS_PER_BATCH: Final = 250
 
 #: tables of a record that is not kept whose rows are kept in memory: the summary's metrics are computed from them
 SUMMARISED = frozenset({"ticks", "actors", COMMANDED})

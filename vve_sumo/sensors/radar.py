@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Final
 
 import numpy as np
 
@@ -24,11 +25,11 @@ from vve_sumo.sensors.visibility import Sector
 from vve_sumo.values import Actors, Detections, Pose, Vehicle
 
 #: Cycle times are compared as whole microseconds, so that 0.1 + 0.2 never decides when a scan is due.
-MICROSECONDS = 1_000_000
+MICROSECONDS: Final = 1_000_000
 #: Cross-section that `detection_probability` is stated for [m2]: a car seen from behind, 10 dBsm.
-REFERENCE_CROSS_SECTION = 10.0
+REFERENCE_CROSS_SECTION: Final = 10.0
 #: Actor name of a false alarm; no actor has it.
-NO_ACTOR = ""
+NO_ACTOR: Final = ""
 #: Columns of a scan in the record, one row per detection.
 COLUMNS = (
     SensorColumn("range_m", "float", "from the middle of the front bumper to the seen point"),
@@ -174,7 +175,7 @@ class Radar:
         self._vehicle = vehicle
         self._sectors = [Sector(mode.range_max, math.tan(mode.half_angle)) for mode in config.modes]
         self._period, self._latency = round(config.period * MICROSECONDS), round(config.latency * MICROSECONDS)
-        self._next_due: float = -math.inf  # the first scan is made at the first step
+        self._next_due: int | None = None  # the first scan is made at the first step
         self._coming: deque[tuple[int, RadarScan]] = deque()
         self._seed = generator.bytes(32)
         self._luck: dict[str, CorrelatedNoise] = {}
@@ -191,7 +192,7 @@ class Radar:
         scan.
         """
         now, self.refused, out = round(time * MICROSECONDS), 0, None
-        if now >= self._next_due and _finite(pose):
+        if (self._next_due is None or now >= self._next_due) and _finite(pose):
             self._next_due = (now // self._period + 1) * self._period
             self._coming.append((now + self._latency, self._measure(time, now, pose, actors)))
         while self._coming and self._coming[0][0] <= now:

@@ -18,13 +18,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from operator import attrgetter
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 #: Nearer to a plane than this counts as lying in it [m]; keeps every quotient finite.
-IN_PLANE = 1e-9
+IN_PLANE: Final = 1e-9
 #: A gap between two boxes narrower than this slope (about an angle [rad]) lets nothing through: rounding leaves such
 #: slits between boxes that touch.
-NARROWEST_GAP = 1e-9
+NARROWEST_GAP: Final = 1e-9
 
 #: Ends of stretches of slope that do not meet, ascending: rightmost and leftmost of each in turn. A slope lies within a
 #: stretch where an odd number of ends lies before it.

@@ -6,6 +6,7 @@ foot goes unseen; what is left then is the car's motion (`slowing_monitor`). Dec
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import Final
 
@@ -38,6 +39,9 @@ class DriverBrakingDetector:
         self._unasked_long = Debounce(UNASKED_TIME)
         self._strong_long = Debounce(LATCH_TIME)
         self._explained = 0.0  # torque that the commands explain [N m]
+        self._explained_report = math.nan  # the last report that they explained [N m]
+        #: the report is the last one that the commands explained, to the bit: it may be frozen, and the command has fallen
+        self.repeated = False
         self._commands: deque[tuple[float, float]] = deque()  # time and torque of the recent ones, falling torques only
         self.brakes_latched = False  #: a foot was strong enough, for long enough, to take the brakes from the gateway
 
@@ -56,6 +60,9 @@ class DriverBrakingDetector:
         largest, falling = self._largest(now, commanded), self._explained - RELEASE_RATE * elapsed
         self._explained = explained = falling if falling > largest else largest
         unasked = reported - (1.0 + UNASKED_SHARE) * explained
+        if not unasked > UNASKED_TORQUE:
+            self._explained_report = reported
+        self.repeated = reported == self._explained_report
         strong = unasked > LATCH_TORQUE or foot > LATCH_TORQUE
         self.brakes_latched |= self._strong_long.step(now, strong)
         return self._unasked_long.step(now, unasked > UNASKED_TORQUE)

@@ -244,7 +244,8 @@ class Gateway:
         # time is over, every latched override counts.
         overrides = arming.new_overrides(self._engagement.settled(now))
         if overrides:
-            if self._foot_inferred or any(map(self._confirmed, overrides)):
+            confirmed = self._foot_inferred and self._response_monitor.confirms_override
+            if confirmed or any(map(self._confirmed, overrides)):
                 arming.apply(ArmingEvent.OVERRIDE, ["driver_override", *faults])
                 return
             # The word of one module alone, which may be wrong: a car that nobody brakes must not be let go.

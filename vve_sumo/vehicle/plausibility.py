@@ -31,7 +31,7 @@ YAW_RATE_DIFFERENCE: Final = 0.10  # [rad/s]
 
 # Dead reckoning: windows over which the pose is compared with it. A step shows in the short window. A slow drift shows
 # in the long one, where the calibration's errors allow a larger difference.
-WINDOWS: Final = (1.0, 3.0, 10.0)  # [s]
+WINDOWS: Final[tuple[float, ...]] = (1.0, 3.0, 10.0)  # [s]
 SAMPLE_PERIOD: Final = 0.1  # between two poses that are kept for later comparison [s]
 POSITION_DIFFERENCE: Final = 0.15  # ten sigma of RTK noise and what the pose's filter adds [m]
 # Lateral share of the distance: the receiver's heading against the car's (0.2 deg), and half of the rear axle's slip.

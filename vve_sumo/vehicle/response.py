@@ -31,6 +31,8 @@ class ResponseMonitor:
         self._signs = DriverBrakingDetector(vehicle)
         self._brake_echo, self._throttle_echo = CommandEcho(TORQUE_CHANGE), CommandEcho(OPENING_CHANGE)
         self.driver_inferred = False  #: the car brakes or slows down as under a driver's foot
+        #: it does, and not by a report alone that may be frozen: that confirms what a module says of an override
+        self.confirms_override = False
         #: a foot has been strong enough, for long enough, to take the brakes until the next engagement
         self.brakes_latched = False
 
@@ -44,7 +46,7 @@ class ResponseMonitor:
         """Forget how the car answered: it is not commanded."""
         for monitor in (self._brakes, self._hold, self._slowing, self._brake_echo, self._throttle_echo):
             monitor.reset()
-        self.driver_inferred = False
+        self.driver_inferred = self.confirms_override = False
 
     def step(
         self,
@@ -82,6 +84,7 @@ class ResponseMonitor:
         else:
             self._slowing.reset()
         self.driver_inferred = (unasked or slowed) and not others_brake
+        self.confirms_override = self.driver_inferred and (slowed or not self._signs.repeated)
         return faults
 
     def _frozen(self, now: float, pedals: Pedals, reports: CarReports) -> list[str]:

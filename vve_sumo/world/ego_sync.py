@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import libsumo
 
@@ -17,38 +18,38 @@ from vve_sumo.world.lanes import Lanes
 from vve_sumo.world.simulation import SUMO_ERRORS
 
 #: An ego's vehicle type in SUMO has this name with the ego's id after it.
-EGO_TYPE = "ego_car"
+EGO_TYPE: Final = "ego_car"
 
 #: Flag of moveToXY for an exact place, on any edge or off the network; and its search distance for lanes [m].
-KEEP_ROUTE_EXACT = 2
-MATCH_THRESHOLD = 20.0
+KEEP_ROUTE_EXACT: Final = 2
+MATCH_THRESHOLD: Final = 20.0
 
 #: With this mode neither safe-speed rules nor limits nor right of way change the speed that is set.
-SPEED_MODE = 32
+SPEED_MODE: Final = 32
 
 #: SUMO's number for "no value".
-INVALID = -1073741824.0
+INVALID: Final = -1073741824.0
 
 #: Largest difference between the requested and SUMO's value that is no fault: [m], [rad], [m/s].
-TOLERANCE = 1e-6
+TOLERANCE: Final = 1e-6
 
 #: No road car is faster [m/s]; a larger speed is a broken pose.
-MAX_SPEED = 100.0
+MAX_SPEED: Final = 100.0
 
 #: How far outside the network's bounding box a pose may lie [m].
-SURROUNDINGS = 1000.0
+SURROUNDINGS: Final = 1000.0
 
 #: Deceleration that followers assume of the ego [m/s2]: SUMO's passenger-car value. With 9 instead, followers at
 #: 15 m/s keep 29 m where they would keep 18 m.
-DECELERATION = 4.5
+DECELERATION: Final = 4.5
 
 #: SUMO warns where the ego brakes harder than this [m/s2]; the noise of measured speeds would often exceed less.
-NO_WARNING_BELOW = 1e6
+NO_WARNING_BELOW: Final = 1e6
 
 
 #: The ego may drive at so many times a lane's limit. The factor is no greater than needed: every vehicle looks behind
 #: as far as the vehicle with the greatest factor needs to brake, and with 100 SUMO's step took four times as long.
-SPEED_FACTOR = 5.0
+SPEED_FACTOR: Final = 5.0
 
 
 #: reason codes for errors of position, heading and speed that are above the tolerance

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Final
 
 import libsumo
 import numpy as np
@@ -22,22 +23,22 @@ from vve_sumo.values import Floats
 from vve_sumo.world.coverage import RoadStrip, covered
 
 #: SUMO's link directions in the order in which the onward route prefers them: straight on first, a U-turn last.
-TURN_PREFERENCE = "sRLrlt"
+TURN_PREFERENCE: Final = "sRLrlt"
 
 #: A route onward ends after so many edges or so far ahead [m]. Traffic yields to an ego whose route goes on past the
 #: next junction, but not to one whose route ends there.
-ONWARD_EDGES = 6
-ONWARD_DISTANCE = 400.0
+ONWARD_EDGES: Final = 6
+ONWARD_DISTANCE: Final = 400.0
 
 #: The pieces of lanes near a box are searched again after the box moved so far [m].
-NEARBY_REFRESH_DISTANCE = 10.0
+NEARBY_REFRESH_DISTANCE: Final = 10.0
 
 #: The few pieces close to a body are selected again after a corner of the body may have moved so far [m].
-CLOSE_REFRESH_DISTANCE = 2.0
+CLOSE_REFRESH_DISTANCE: Final = 2.0
 
 #: A corner may lie so far before or past a piece [m] and still count as in its lane, because the drawn lanes of one
 #: road have small gaps.
-END_PLAY = 0.3
+END_PLAY: Final = 0.3
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
+from typing import Final
 
 import libsumo
 
@@ -18,24 +19,24 @@ from vve_sumo.geometry import Box, Corners
 from vve_sumo.world.coverage import RoadStrip
 from vve_sumo.world.lanes import Cut, Lane, Lanes, holds
 
-EGO_PROXY_TYPE = "ego_ghost"
+EGO_PROXY_TYPE: Final = "ego_ghost"
 
 #: A lane gets its proxy when the body, smaller by this on every side, cuts it [m], and loses the proxy when the body
 #: does not cut it at all: so centimetres of GNSS noise beside a lane line do not make a proxy come and go.
-CUT_DEPTH = 0.05
+CUT_DEPTH: Final = 0.05
 
 #: Smallest length of a proxy [m]: SUMO needs a length above 0.
-MIN_LENGTH = 0.1
+MIN_LENGTH: Final = 0.1
 
 #: A change of length is passed on to SUMO above this [m].
-LENGTH_STEP = 0.01
+LENGTH_STEP: Final = 0.01
 
 #: Number of newest lanes, front bumper's included, that may hold the body: a short junction has two pieces.
-LANES_BEHIND = 4
+LANES_BEHIND: Final = 4
 
 #: Flag of moveToXY for an exact place, any edge and no permissions: proxies and obstacles may stand on a bus lane.
-KEEP_ROUTE_GHOST = 6
-MATCH_THRESHOLD = 5.0
+KEEP_ROUTE_GHOST: Final = 6
+MATCH_THRESHOLD: Final = 5.0
 
 
 class ProxyVehicles:

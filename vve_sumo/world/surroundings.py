@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence, Set
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import libsumo
 import numpy as np
@@ -40,30 +40,30 @@ RADAR_CROSS_SECTIONS = {
     "pedestrian": 0.5,
     "child": 0.25,  # not a class of SUMO, but a kind of scenario actor: half the surface of an adult
 }
-OTHER_CROSS_SECTION = 10.0
+OTHER_CROSS_SECTION: Final = 10.0
 
 #: Greatest distance from a road vehicle's front bumper, to which SUMO measures, back to its centre [m].
-MAX_CENTRE_DISTANCE = 15.0
+MAX_CENTRE_DISTANCE: Final = 15.0
 
 #: A vehicle whose centre is farther from the ego's than this along an axis of the map is in no standoff [m].
-CLOSE = 30.0
+CLOSE: Final = 30.0
 
 VARIABLES = (libsumo.VAR_POSITION, libsumo.VAR_SPEED, libsumo.VAR_ANGLE)
 
 #: Cached bodies are dropped when the cache holds so many more vehicles than SUMO reports near the ego.
-MAX_FORGOTTEN = 256
+MAX_FORGOTTEN: Final = 256
 
 
-NO_COLUMNS = (np.empty(0),) * 8
+NO_COLUMNS: Final = (np.empty(0),) * 8
 
 #: A greater lateral speed [m/s] is taken as 0: it comes from a kink in the drawn lanes, because a car on a dry road
 #: does not slip more. In a lane change SUMO also turns the body, so that its centre moves across its heading at most
 #: half as fast as the change itself (0.5 m/s for 3.2 m in 3 s).
-MAX_LATERAL_SPEED = 1.5
+MAX_LATERAL_SPEED: Final = 1.5
 
 #: Greatest speed at which a body's tail may swing around its front [m/s]. Where a lane change begins in a junction,
 #: SUMO turns a body by up to 0.3 rad in one step. The tail of a car at 10 m/s in a turn of 6 m radius swings at 8 m/s.
-MAX_TAIL_SWING = 15.0
+MAX_TAIL_SWING: Final = 15.0
 
 
 class ActorBody(NamedTuple):

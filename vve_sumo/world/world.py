@@ -29,7 +29,7 @@ from vve_sumo.world.step_time import StepTimeBudget
 from vve_sumo.world.surroundings import Surroundings, table
 
 #: Gap that traffic needs to an ego that enters among moving vehicles [m]: SUMO's standstill gap.
-ENTRY_GAP = 2.5
+ENTRY_GAP: Final = 2.5
 
 #: SUMO's warning of a vehicle that was moved farther than it can drive: where from, where to, how far [m]
 MOVED: Final = re.compile(r"moved by TraCI from (\S+),(\S+) to (\S+),(\S+) \(dist (\S+)\)")
@@ -49,9 +49,9 @@ class World:
         network: Path,
         *,
         egos: Sequence[Ego],
-        demand: Sequence[Path] = (),
         seed: int,
         period: float,
+        demand: Sequence[Path] = (),
         obstacles: Sequence[Obstacle] = (),
         warm_up: float = 0.0,
         range_of_interest: float = 220.0,

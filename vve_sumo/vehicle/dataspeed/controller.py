@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from vve_sumo.values import Frame
 from vve_sumo.vehicle.dataspeed import codec, layout
@@ -27,17 +28,17 @@ from vve_sumo.vehicle.interface import HANDS_OFF, DriverInputs, Gear, Malformed,
 
 # Time without a usable command after which a module drops out [s]; a stuck counter trips the watchdog after the same
 # time, which is an assumption: that time is not public.
-TIMEOUT = 0.100
-OVERRIDE_TIME = 0.100  # input beyond the threshold for this long is the driver taking over [s]
-ACTIVITY_TIME = 0.020  # [s]
+TIMEOUT: Final = 0.100
+OVERRIDE_TIME: Final = 0.100  # input beyond the threshold for this long is the driver taking over [s]
+ACTIVITY_TIME: Final = 0.020  # [s]
 BRAKE_OVERRIDE, THROTTLE_OVERRIDE = 0.22, 0.30  # pedal sensor
-PEDAL_ACTIVITY = 0.18  # pedal sensor
+PEDAL_ACTIVITY: Final = 0.18  # pedal sensor
 STEERING_OVERRIDE, STEERING_ACTIVITY = 3.0, 1.5  # driver's torque on the wheel [N m]; not public, assumptions
-REST_SPEED = 0.05  # slower counts as standing [m/s]
-SHIFT_BRAKE = 200.0  # torque that the shifter takes for a pressed pedal [N m]; an assumption
+REST_SPEED: Final = 0.05  # slower counts as standing [m/s]
+SHIFT_BRAKE: Final = 200.0  # torque that the shifter takes for a pressed pedal [N m]; an assumption
 
 # The DBW controller moves the pedal at most 0.4 in 20 ms; as torque, by the table's mean slope [N m/s].
-BRAKE_RAMP = 0.4 / 0.020 * TORQUES[-1] / (PEDALS[-1] - PEDALS[0])
+BRAKE_RAMP: Final = 0.4 / 0.020 * TORQUES[-1] / (PEDALS[-1] - PEDALS[0])
 
 # In Python 3.11 naming a member of an enumeration is a call; code that runs with every command names these instead.
 _NO_BRAKE, _BRAKE_PEDAL, _BRAKE_PERCENT = BrakeKind.NONE, BrakeKind.PEDAL, BrakeKind.PERCENT
