@@ -16,7 +16,8 @@ CROSSES: Final = 4.0  #: standard deviations of speed across the path that tell 
 IN, LEFT = 2.5, 1.0  #: standard deviations by which one must be foreseen to be in the band, or beyond it
 COMES_OVER: Final = 2.0  #: standard deviations of speed across the path that tell changing lanes from keeping one
 PREDICTION_HORIZON: Final = 3.0  #: nothing is foretold farther ahead than this [s]
-KNOWN: Final = 0.5  #: its standard deviation must be less than this: one seen for the first time changes no lane yet [m/s]
+#: Its standard deviation must be less than this: one seen for the first time changes no lane yet [m/s]
+KNOWN: Final = 0.5
 ON_FOOT: Final = 3.0  #: who crosses faster than this is not walking [m/s]
 SPEED_SIGMA: Final = 0.15  #: of a speed that lies between two of the bank's [m/s]
 LATERAL_AGILITY: Final = 0.05  #: spectral density of the acceleration of who crosses [m2/s3]

@@ -17,7 +17,8 @@ from vve_sumo.values import Vehicle
 from .tracks import Target
 
 MARGIN: Final = 2.0  #: rest of the gap that full braking shall leave [m]
-FULL: Final = -9.0  #: asked for while it lasts [m/s2]: all there is, whatever the road; the gateway holds the car's limit
+#: Asked for while it lasts [m/s2]: all there is, whatever the road; the gateway holds the car's limit
+FULL: Final = -9.0
 PARTIAL, EARLIER = -4.0, 0.3  #: for one who is foreseen: so hard [m/s2], so long before it must be full [s]
 FULL_FROM: Final = 0.7  #: probability from which one who is foreseen is braked for fully
 LASTS: Final = 1.0  #: braking goes on for what is in the way, if it had to begin within so long anyway [s]

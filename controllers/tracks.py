@@ -49,7 +49,8 @@ LIKELY, DOUBTED = 0.4, -0.2  #: standard deviations by which it must be foreseen
 CHANGE, JERK = 3.0, 1.5  #: of a target's acceleration: to begin with [m/s2], its spectral density [m2/s5]
 BRAKES: Final = 3.0  #: standard deviations of acceleration that tell braking from noise
 HARDER: Final = 2.0  #: standard deviations by which one who brakes may do so harder than it seems
-ONCOMING: Final = -2.0  #: what comes nearer than this along the path is judged by where it is, not by where it will be [m/s]
+#: What comes nearer than this along the path is judged by where it is, not by where it will be [m/s]
+ONCOMING: Final = -2.0
 FLANK, ASIDE = 3.0, math.tan(math.radians(40.0))  #: of a car seen so far to the side the point slides by so much [m]
 GATE: Final = 3.5  #: standard deviations within which a detection belongs to a track
 LANE: Final = 8.0  #: detections farther beside the path are left alone [m]
@@ -65,7 +66,8 @@ CROSSING_FROM, CUT_IN_FROM, FORESEEN_UNTIL = 0.5, 0.6, 0.3
 WANDERS, LEAVES_FROM = 0.45, 0.25
 KNOWN_LANE: Final = 0.2  #: standard deviation within which that place must be known [m]
 CUTS_IN: Final = 1.3  #: a car that cuts in counts from so long before it is in the band [s]
-BANK_COVERS: Final = 4.5  #: who crosses faster than this is judged by the one filter on place and speed, not by the bank [m/s]
+#: Who crosses faster than this is judged by the one filter on place and speed, not by the bank [m/s]
+BANK_COVERS: Final = 4.5
 PASSES: Final = 0.2  #: for so long from the car's arrival on its front would meet one who crosses [s]
 FACE: Final = 1.8  #: width of a body's rear, along which its nearest point slides while the car turns behind it [m]
 BEHIND: Final = 1.0  #: the car is behind a body whose line, along the path there, the bumper is so near to [m]

@@ -22,7 +22,8 @@ MIN_POINT_SPACING: Final = 0.01  #: two successive points nearer than this are o
 SAMPLE_SPACING: Final = 1.0  #: of the table for searches, small against any radius that a car can drive [m]
 EXTENSION: Final = 200.0  #: straight extension of the table at both ends, beyond a long-range radar's reach [m]
 
-BRANCH_TOLERANCE: Final = 1.0  #: a search of the whole path prefers an earlier branch that is at most this farther off [m]
+#: A search of the whole path prefers an earlier branch that is at most this farther off [m]
+BRANCH_TOLERANCE: Final = 1.0
 
 ARC_LENGTH_ROUNDS: Final = 8  #: refits of the spline over its own arc length; each gains about two digits
 NEWTON_ROUNDS: Final = 12

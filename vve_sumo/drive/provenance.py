@@ -19,6 +19,7 @@ from typing import Any, Final
 
 import pyproj
 
+from vve_sumo import values
 from vve_sumo.config_file import read_json
 from vve_sumo.drive.plugged_in import digest
 from vve_sumo.drive.resolved_scenario import DECISIVE_LIBRARIES, ResolvedScenario, versions
@@ -45,9 +46,12 @@ def provenance(resolved: ResolvedScenario, began_utc: str) -> dict[str, Any]:
 
 @cache
 def software() -> dict[str, Any]:
-    """Return hash and commit of the code and the versions of Python and the libraries; computed once per process."""
+    """Return hash and commit of the code, whether it runs compiled, and the versions of Python and the libraries.
+
+    Computed once per process.
+    """
     return {
-        "code": {"sha256": code_sha256(PACKAGE), **_checkout(PACKAGE)},
+        "code": {"sha256": code_sha256(PACKAGE), "compiled": is_compiled(), **_checkout(PACKAGE)},
         "python": f"{platform.python_implementation()} {platform.python_version()}",
         "libraries": libraries(),
         "proj": pyproj.__proj_version__,
@@ -75,6 +79,11 @@ def host() -> dict[str, str]:
         "machine": platform.machine(),
         "c_library": library or "unknown",
     }
+
+
+def is_compiled() -> bool:
+    """Return whether the modules of every tick are compiled ones."""
+    return not values.__file__.endswith(".py")
 
 
 def code_sha256(package: Path) -> str:

@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol
 
 from vve_sumo.drive.pipeline import Pipeline, TickResult
 from vve_sumo.drive.tick_rows import RecordedTick, tick_row
-from vve_sumo.drive.virtual_road import EgoSurroundings, VirtualRoad
+from vve_sumo.drive.virtual_road import EgoSurroundings
 from vve_sumo.path import ReferencePath
 from vve_sumo.record.rows import TickRow
 from vve_sumo.sensors.port import Column
@@ -156,10 +156,23 @@ class EgoTick:
         self._looked_at = actors
 
 
+class Road(Protocol):
+    """What a tick needs of a virtual road."""
+
+    @property
+    def around(self) -> Mapping[str, EgoSurroundings]:
+        """What surrounds each ego, by its id; kept up to date."""
+        ...
+
+    def advance(self, poses: Mapping[str, Pose]) -> Mapping[str, EgoSyncReport]:
+        """Place the front bumpers of the egos that have a pose, step once, and report the placements."""
+        ...
+
+
 class Tick:
     """Runs one tick after the other, for one shell: all egos act, all are placed, SUMO steps once."""
 
-    def __init__(self, egos: Sequence[EgoTick], road: VirtualRoad, clock: Callable[[], float] = _no_clock) -> None:
+    def __init__(self, egos: Sequence[EgoTick], road: Road, clock: Callable[[], float] = _no_clock) -> None:
         """`clock` [s] gives only the times `seen` and `decided` of a completed tick."""
         self._egos = tuple((ego, road.around[ego.id]) for ego in egos)
         self._road, self._clock = road, clock

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from vve_sumo.controller import Controller
 from vve_sumo.drive.assembly import PoseInput, build_pipeline, seed_of
@@ -19,7 +19,7 @@ from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
 from vve_sumo.drive.standstill_cause import StandstillClassifier
 from vve_sumo.drive.termination import Outcome, TerminationMonitor
 from vve_sumo.drive.tick import CarInput, DueTick, EgoTick, Tick
-from vve_sumo.drive.virtual_road import VirtualRoad, pose_at_rest
+from vve_sumo.drive.virtual_road import pose_at_rest
 from vve_sumo.frames import Alignment, Placement
 from vve_sumo.hunt.brains import BEHAVIOURS, Behaviour, TurningBrain
 from vve_sumo.hunt.empty_road import EmptyRoad
@@ -189,7 +189,7 @@ class EpisodeDrive:
         )
         self.road = EmptyRoad(resolved)
         self._ego = EgoTick(EGO, pipeline, resolved.path, self, NoRecord())
-        self._tick = Tick([self._ego], cast(VirtualRoad, self.road))
+        self._tick = Tick([self._ego], self.road)
         self._termination = TerminationMonitor(resolved.path.length, resolved.scenario.after_stop_s)
         self._standstill_classifier = StandstillClassifier(resolved.scenario, resolved.path, resolved.vehicle)
         self.operator = HuntOperator()

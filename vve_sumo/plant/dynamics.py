@@ -13,7 +13,8 @@ from typing import Final
 from vve_sumo.physical_constants import AIR_DENSITY, GRAVITY
 
 KINEMATIC_SPEED: Final = 1.0  # at and below it wheels roll where they point: slip angles divide by speed [m/s]
-DYNAMIC_SPEED: Final = 3.0  # from here on the tyre model alone applies; the two differ by 0.1 % on a steady circle [m/s]
+# From here on the tyre model alone applies; the two differ by 0.1 % on a steady circle [m/s]
+DYNAMIC_SPEED: Final = 3.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,7 +34,7 @@ def injectable_kinds(config: InterfaceConfig) -> frozenset[str]:
             f"interface {config.name}: {type(simulated).__name__} has no `injectable`, expected the kinds of "
             "fault that it injects: docs/vehicle.md#another-drive-by-wire-interface"
         )
-    claimed = frozenset(injectable) & INTERFACE_KINDS.keys()
+    claimed = frozenset(injectable).intersection(INTERFACE_KINDS)
     shown = {kind for kind, report in SENSOR_KINDS.items() if report in reported}
     return claimed | shown | KINDS.keys() - INTERFACE_KINDS.keys() - SENSOR_KINDS.keys()
 

@@ -438,7 +438,6 @@ class Encoder:
         """Return a packet whose minute is so far off, with its checksum; None for one of another status channel."""
         if data[_CHANNEL : _CHANNEL + 1] != b"\0":
             return None
-        wrong = bytearray(data)
-        wrong[_MINUTE] = (int.from_bytes(data[_MINUTE], "little") + minutes).to_bytes(4, "little")
-        wrong[_CHECKSUM] = sum(wrong[1:_CHECKSUM]) & 0xFF
-        return bytes(wrong)
+        minute = (int.from_bytes(data[_MINUTE], "little") + minutes).to_bytes(4, "little")
+        wrong = data[: _MINUTE.start] + minute + data[_MINUTE.stop : _CHECKSUM]
+        return wrong + bytes((sum(wrong[1:]) & 0xFF,)) + data[_CHECKSUM + 1 :]

@@ -40,7 +40,8 @@ class DriverBrakingDetector:
         self._strong_long = Debounce(LATCH_TIME)
         self._explained = 0.0  # torque that the commands explain [N m]
         self._explained_report = math.nan  # the last report that they explained [N m]
-        #: the report is the last one that the commands explained, to the bit: it may be frozen, and the command has fallen
+        #: the report is, to the bit, the last one that the commands explained: the command has fallen, and the report
+        #: may be frozen
         self.repeated = False
         self._commands: deque[tuple[float, float]] = deque()  # time and torque of the recent ones, falling torques only
         self.brakes_latched = False  #: a foot was strong enough, for long enough, to take the brakes from the gateway
