@@ -19,8 +19,9 @@ def white(seeds: np.random.SeedSequence) -> Iterator[float]:
     """Independent normal draws of standard deviation 1, without end."""
     generator = np.random.Generator(np.random.PCG64(seeds))
 
-    def block(_: int) -> Iterator[float]:
-        return reversed(generator.standard_normal(BLOCK).tolist())
+    def block(_: int) -> list[float]:
+        drawn: list[float] = generator.standard_normal(BLOCK).tolist()
+        return drawn[::-1]
 
     return chain.from_iterable(map(block, count()))
 
