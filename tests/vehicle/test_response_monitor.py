@@ -164,6 +164,40 @@ def test_all_that_is_wrong_is_said() -> None:
 # A foot.
 
 
+@pytest.mark.parametrize("after", [1395.0, 1394.5, 1400.0])
+def test_a_torque_that_repeats_itself_while_the_command_falls_confirms_no_override(after: float) -> None:
+    """The report says 1395 N m under a command of as much, and goes on while 955 hold the car; then it says `after`."""
+    car = Watched()
+    for number in range(150):
+        car.say(BrakeTorque(1395.0))
+        car.step(0.02, Pedals(1395.0 if number < 20 else 955.0, 0.0), going=False)
+    assert car.monitor.driver_inferred
+    assert not car.monitor.confirms_override
+    for _ in range(3):
+        car.say(BrakeTorque(after))
+        car.step(0.02, Pedals(955.0, 0.0), going=False)
+    assert car.monitor.driver_inferred
+    assert car.monitor.confirms_override == (after != 1395.0)
+    car.monitor.reset()
+    assert not car.monitor.confirms_override
+
+
+def test_a_motion_as_under_a_foot_confirms_an_override_whatever_the_torque_says() -> None:
+    car = Watched()
+    for number in range(200):
+        car.say(BrakeTorque(1395.0))
+        car.step(0.02, Pedals(1395.0 if number < 20 else 955.0, 0.0), wheels=20.0 - 0.1 * number)
+    assert car.monitor.confirms_override
+
+
+def test_where_others_brake_nothing_confirms_an_override() -> None:
+    car = Watched()
+    for _ in range(10):
+        car.say(BrakeTorque(1395.0), OTHERS)
+        car.step(0.02, going=False)
+    assert not car.monitor.confirms_override
+
+
 def test_a_torque_that_nobody_commanded_is_a_foot() -> None:
     car = Watched()
     assert car.monitor.driver_inferred is False
