@@ -11,6 +11,11 @@ A frozen dataclass with slots is not what mypyc makes a native class of: slots m
 one call each. Before it is compiled, the text of such a class gets the constructor and the pickling that it would have
 had, and loses `slots`; a native class has neither more attributes nor a `__dict__` anyway. A protocol gets a decorator
 that does nothing: as a native class, only what inherits from it would be one.
+
+What mypyc 2.4 does otherwise than Python, and a listed module therefore leaves out: a generator expression is computed
+as a list, so an endless one never ends; a slice of a bytearray cannot be assigned to; a `Final` tuple that a
+comprehension runs over needs its type; a native object cannot be copied by its parts; a value of another type than
+declared raises.
 """
 
 from __future__ import annotations
@@ -150,6 +155,7 @@ class CompiledWheel(BuildHookInterface[Any]):
             compiled = compile_package(Path(self.root), Path(self._folder))
         except subprocess.CalledProcessError as error:
             self.app.display_error(error.output)
+            shutil.rmtree(self._folder)
             raise
         build_data["force_include"] |= {str(file): place for file, place in compiled.items()}
         build_data["pure_python"] = False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
@@ -13,23 +14,32 @@ from vve_sumo.vehicle.driver_braking import DriverBrakingDetector
 BRAKES = replace(vehicles.FUSION.vehicle, brake_delay=0.095, brake_lag=0.05)
 
 
-def signs(*steps: tuple[float, float, float, float]) -> list[bool]:
-    """Whether a foot shows at each of several steps: time [s], torque commanded, reported, and the foot's [N m]."""
-    compared, then, shown = DriverBrakingDetector(BRAKES), steps[0][0], []
+def seen(steps: Sequence[tuple[float, float, float, float]]) -> list[tuple[bool, bool, bool]]:
+    """Whether a foot shows, the brakes are taken to be latched, and the report repeats itself, after each step.
+
+    A step is the time [s], the torque commanded, reported, and the foot's [N m].
+    """
+    compared, then, found = DriverBrakingDetector(BRAKES), steps[0][0], []
     for now, commanded, reported, foot in steps:
-        shown.append(compared.step(now, now - then, commanded, reported, foot))
+        shown = compared.step(now, now - then, commanded, reported, foot)
+        found.append((shown, compared.brakes_latched, compared.repeated))
         then = now
-    return shown
+    return found
+
+
+def signs(*steps: tuple[float, float, float, float]) -> list[bool]:
+    """Whether a foot shows at each of several steps."""
+    return [shown for shown, _, _ in seen(steps)]
 
 
 def latches(*steps: tuple[float, float, float, float]) -> list[bool]:
     """Whether the brakes are taken to be latched after each of several steps."""
-    compared, then, latched = DriverBrakingDetector(BRAKES), steps[0][0], []
-    for now, commanded, reported, foot in steps:
-        compared.step(now, now - then, commanded, reported, foot)
-        latched.append(compared.brakes_latched)
-        then = now
-    return latched
+    return [latched for _, latched, _ in seen(steps)]
+
+
+def repeats(*steps: tuple[float, float, float, float]) -> list[bool]:
+    """Whether each of several reports is the last one that the commands explained."""
+    return [repeated for _, _, repeated in seen(steps)]
 
 
 @pytest.mark.parametrize(("torque", "foot"), [(150.0, False), (150.4, True), (290.0, True)])
@@ -81,16 +91,6 @@ def test_a_foot_of_450_newton_metres_latches_the_brakes_after_80_milliseconds(
     ]  # fmt: skip
 
 
-def repeats(*steps: tuple[float, float, float, float]) -> list[bool]:
-    """Whether each of several reports is the last one that the commands explained."""
-    compared, then, repeated = DriverBrakingDetector(BRAKES), steps[0][0], []
-    for now, commanded, reported, foot in steps:
-        compared.step(now, now - then, commanded, reported, foot)
-        repeated.append(compared.repeated)
-        then = now
-    return repeated
-
-
 @pytest.mark.parametrize(("changed", "repeated"), [(0.0, True), (0.5, False), (-0.5, False)])
 def test_a_report_that_stays_the_same_while_the_command_falls_below_it_is_told_from_others(
     changed: float, repeated: bool
@@ -105,6 +105,15 @@ def test_a_report_that_stays_the_same_while_the_command_falls_below_it_is_told_f
 
 def test_a_torque_that_no_command_ever_explained_is_no_repeated_one() -> None:
     assert repeats(*((0.02 * step, 0.0, 800.0, 0.0) for step in range(50))) == [False] * 50
+
+
+def test_a_report_that_is_missing_for_a_while_and_comes_again_is_still_a_repeated_one() -> None:
+    braked = [(0.02 * step, 1400.0, 1400.0, 0.0) for step in range(10)]
+    held = [(0.2 + 0.02 * step, 900.0, 1400.0, 0.0) for step in range(50)]
+    missing = [(1.2 + 0.02 * step, 900.0, float("nan"), 0.0) for step in range(15)]
+    again = [(1.5 + 0.02 * step, 900.0, 1400.0, 0.0) for step in range(5)]
+    assert signs(*braked, *held, *missing, *again)[-1]
+    assert repeats(*braked, *held, *missing, *again)[-20:] == [False] * 15 + [True] * 5
 
 
 def test_a_torque_that_is_not_reported_is_no_repeated_one() -> None:

@@ -61,7 +61,7 @@ class DriverBrakingDetector:
         largest, falling = self._largest(now, commanded), self._explained - RELEASE_RATE * elapsed
         self._explained = explained = falling if falling > largest else largest
         unasked = reported - (1.0 + UNASKED_SHARE) * explained
-        if not unasked > UNASKED_TORQUE:
+        if unasked <= UNASKED_TORQUE:  # never where the torque is not known: the last known one stays
             self._explained_report = reported
         self.repeated = reported == self._explained_report
         strong = unasked > LATCH_TORQUE or foot > LATCH_TORQUE
