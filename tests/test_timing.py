@@ -64,6 +64,7 @@ def test_what_listens_waits_longer_than_what_speaks() -> None:
     assert drive.GATEWAY_SILENCE > 2.0 * timing.NOTICED, "the drive hears the gateway at every step"
     assert console.SILENT > STATUS_INTERVAL + 2.0 * timing.NOTICED, "the console hears it about ten times a second"
     assert timing.MAX_REPORT_AGE > 2.0 * timing.NOTICED + timing.PERIOD, "two reports of one a step may be lost"
+    assert timing.MAX_PARK_REPORT_AGE > timing.NOTICED + timing.PERIOD, "a step may be late, and one report be lost"
     assert timing.MAX_GEAR_REPORT_AGE > 3.0 / 20.0 + timing.NOTICED, "and two of the gear, at 20 Hz"
     assert DRIVE.stale_limit > timing.SETPOINT_LIFETIME, "a pose is predicted for as long as a setpoint lives, and more"
 

@@ -51,3 +51,4 @@ def test_times():
     """The DBW controller gives up after 100 ms; reports come at 50 Hz, the gear at 20 Hz: three may be lost."""
     assert timing.SETPOINT_LIFETIME == timing.MAX_REPORT_AGE == 0.1
     assert timing.MAX_GEAR_REPORT_AGE == 4 / 20
+    assert timing.MAX_PARK_REPORT_AGE == 0.06

@@ -197,6 +197,28 @@ def test_a_park_that_nobody_can_be_sure_of_lets_nothing_go(trouble):
     assert rig.gateway.done
 
 
+def test_no_park_is_asked_for_on_wheel_speeds_that_are_old():
+    """A car that begins to roll just after its last report is stopped because reports are missing, and may roll."""
+    rig = Rig(Car(shift_time=2.0))
+    rig.cruise(5.0)
+    rig.step(command=OperatorCommand.STOP)
+    while rig.step().state is not S.STOPPED:
+        pass
+    assert rig.commands()[3].gear is Gear.PARK
+    rig.car.silent = {layout.WHEEL_SPEEDS}
+    asked = 0
+    while asked < 10:
+        rig.step()
+        if rig.commands()[3].gear is not Gear.PARK:
+            break
+        asked += 1
+    assert asked * PERIOD == pytest.approx(0.06, abs=PERIOD)
+    rig.car.silent = set()
+    rig.step()
+    rig.step()
+    assert rig.commands()[3].gear is Gear.PARK
+
+
 def test_no_gear_is_asked_for_while_the_wheels_turn():
     rig = Rig(Car(shift_time=math.inf))
     rig.step(command=OperatorCommand.ENGAGE)

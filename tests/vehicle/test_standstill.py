@@ -116,6 +116,46 @@ def test_wheels_that_turned_before_they_stood_do_not_count():
     assert not weighed.subject.may_move
 
 
+@pytest.mark.parametrize("gnss", [0.0, None])
+def test_a_car_that_was_driven_off_unseen_does_not_stand_before_its_brakes_could_have_stopped_it(gnss):
+    """Wheels that read zero and a receiver that froze at rest: 2 m/s2 for a second is a car of 2 m/s."""
+    weighed = Weighed()
+    weighed.until("certain", 0.0, gnss, 0.0)
+    begun = weighed.now
+    while weighed.subject.certain:
+        weighed.step(0.0, gnss, -2.0)
+    assert weighed.now - begun == pytest.approx(0.5 / 2.0, abs=2 * STEP)
+    while weighed.now < begun + 1.0:
+        assert weighed.step(0.0, gnss, -2.0) == (False, False, False)
+    # Half of the commanded braking of 4 m/s2, down to what a car gains before it is seen to move.
+    assert weighed.until("certain", 0.0, gnss) == pytest.approx((2.0 - 0.5) / 2.0, abs=3 * STEP)
+
+
+def test_a_car_that_is_seen_to_move_off_stands_as_soon_as_it_is_seen_to_stand():
+    weighed = Weighed()
+    for _ in range(64):
+        weighed.step(0.0, 0.0, -2.0)
+    weighed.step(0.06, 0.0, -2.0)
+    assert weighed.until("certain", 0.0, 0.0) <= FORGOTTEN
+
+
+def test_a_request_that_leaves_the_car_held_says_nothing_and_a_foot_may_brake_hard():
+    weighed = Weighed()
+    for _ in range(2000):
+        weighed.step(0.0, 0.0, -0.1)
+    assert weighed.subject.certain
+    for _ in range(128):
+        weighed.step(0.0, 0.0, -2.0)  # 4 m/s
+    assert weighed.until("certain", 0.0, 0.0, None) == pytest.approx((4.0 - 0.5) / 12.0, abs=3 * STEP)
+
+
+def test_a_car_that_is_let_go_coasts():
+    weighed = Weighed()
+    for _ in range(64):
+        weighed.step(0.0, 0.0, -2.0)  # 2 m/s
+    assert weighed.until("certain", 0.0, 0.0, 0.0) == pytest.approx((2.0 - 0.5) / 0.1, rel=0.02)
+
+
 @pytest.mark.parametrize(
     ("wheels", "gnss", "fell"),
     [
@@ -148,7 +188,7 @@ def test_a_car_that_nobody_brakes_does_not_stand_because_its_wheels_read_zero(br
     for _ in range(20_000):
         weighed.step(0.0, None, braking)
     assert (weighed.subject.certain, weighed.subject.may_move) == (False, True)
-    assert weighed.until("certain", 0.0, 0.0, braking) <= 8.0 / 12.0 + FORGOTTEN, "the receiver says that it stands"
+    assert weighed.until("certain", 0.0, 0.0, 0.0) <= 8.0 / 12.0 + FORGOTTEN, "the receiver says that it stands"
 
 
 @pytest.mark.parametrize(

@@ -346,7 +346,7 @@ class Gateway:
         wheel_limit = self._wire.wheel_angle_limit
         wheel_angle = clamp(steering * self._ratio + self._wheel_bias, -wheel_limit, wheel_limit)
         clear = self._clear and not self._shadow
-        gear = Gear.NONE if self._shadow else self._motion.gear()
+        gear = Gear.NONE if self._shadow else self._motion.gear(now)
         frames = self._interface.encode(
             ActuationCommand(torque, throttle, wheel_angle, self._wheel_rate, gear, enable, clear)
         )

@@ -10,6 +10,7 @@ import math
 from typing import Final, NamedTuple
 
 from vve_sumo.laws import clamp
+from vve_sumo.timing import MAX_PARK_REPORT_AGE
 from vve_sumo.values import ArmingState, Setpoint, Vehicle
 from vve_sumo.vehicle.actuation import Actuation, Pedals
 from vve_sumo.vehicle.arming import COMMANDING, CRITICAL
@@ -17,9 +18,10 @@ from vve_sumo.vehicle.arming_machine import ArmingMachine
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.engagement import Engagement
 from vve_sumo.vehicle.fallback import FallbackTracker
-from vve_sumo.vehicle.interface import Gear, InterfaceFacts
+from vve_sumo.vehicle.interface import Gear, InterfaceFacts, WheelSpeeds
 from vve_sumo.vehicle.limits import Limiter, Limits, move_towards
 from vve_sumo.vehicle.monitor import Monitor
+from vve_sumo.vehicle.reports import TOLERANCE
 from vve_sumo.vehicle.standstill import WHEEL_REST
 
 # Wheel speeds that are less than the receiver's by more than this are not trusted to limit the steering [m/s].
@@ -125,13 +127,14 @@ class MotionControl:
         """Return the grade of the newest accepted setpoint [rad, uphill positive]; 0 without one."""
         return 0.0 if self._monitor.validator.setpoint is None else self._monitor.validator.setpoint.grade
 
-    def gear(self) -> Gear:
-        """Return the gear to request: drive once the car is enabled, park once it has stopped, else none."""
+    def gear(self, now: float) -> Gear:
+        """Return the gear to request at `now` [s]: drive once the car is enabled, park once it has stopped, else none."""
         if not self._standstill.certain:
             return _NO_GEAR
         if self._arming.state is _STOPPED:
-            # A car that rolled a moment ago may only seem to stand.
-            return Gear.PARK if self._standstill.settled else _NO_GEAR
+            # A car that rolled a moment ago, or that has not been heard since, may only seem to stand.
+            heard = self._reports.age(WheelSpeeds, now) <= MAX_PARK_REPORT_AGE + TOLERANCE
+            return Gear.PARK if self._standstill.settled and heard else _NO_GEAR
         if self._arming.state is _ENGAGED and self._engagement.enabled and not self._engagement.in_drive:
             return Gear.DRIVE
         return _NO_GEAR

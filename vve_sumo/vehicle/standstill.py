@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from vve_sumo.vehicle.actuation import START_ACCELERATION
 from vve_sumo.vehicle.setpoint_validation import Debounce
 
 WHEEL_REST: Final = 0.05  # no wheel turns faster [m/s]; reports resolve 13 mm/s on a Fusion, 3 mm/s on the wire
@@ -26,6 +27,11 @@ QUANTUM: Final = 0.04  # of wheel speeds, three times what they resolve on a Fus
 # commanded deceleration could stand.
 BRAKING_SHARE: Final = 0.5
 MIN_BRAKING: Final = 0.3  # of a car that is commanded to brake, however gently [m/s2]
+# Speed that a car was commanded to gain without any report that shows it: with more, reports of rest are not believed.
+# Either something holds the car, or wheels and receiver are wrong [m/s]. A car that drives off shows its first motion
+# at less than half of it.
+UNANSWERED: Final = 0.5
+COASTING: Final = 0.1  # deceleration of a car that nobody brakes and nobody drives, at least [m/s2]
 
 
 class Standstill:
@@ -33,6 +39,7 @@ class Standstill:
 
     def __init__(self) -> None:
         self._possible = 0.0  # the speed that the car may still have [m/s]
+        self._unanswered = 0.0  # speed that the car was commanded to gain and that no report has shown [m/s]
         self._turned_at = -math.inf  # drive time at which a wheel was last heard to turn [s]
         self.gnss_mean = 0.0  #: the receiver's speed, averaged near standstill [m/s]; the last one where unknown
         self._long = Debounce(REST_TIME)
@@ -76,7 +83,9 @@ class Standstill:
                 fall = max(BRAKING_SHARE * braking, MIN_BRAKING) if braking > 0.0 else 0.0
             self._possible = max(self._possible - fall * elapsed, 0.0)
         self.moves = gnss_moves or (wheels is not None and not wheels_stand)
-        self.certain = wheels_stand and not gnss_moves and self._possible < WHEEL_REST
+        self._count_unanswered(elapsed, braking)
+        answered = self._unanswered < UNANSWERED
+        self.certain = wheels_stand and not gnss_moves and self._possible < WHEEL_REST and answered
         if wheels is not None:
             self.may_move = not self.certain
         elif gnss is not None:
@@ -85,8 +94,21 @@ class Standstill:
             self.may_move = self.moves or (self.may_move and turned)
         # Reports that stop as the car moves off are those of a car that stood.
         self.settled = self._long.step(now, self.certain and not (braking is not None and braking < 0.0))
-        self.at_rest = self._gnss_long.step(now, gnss_stands and not gnss_moves) or self.settled
+        self.at_rest = self._gnss_long.step(now, gnss_stands and not gnss_moves and answered) or self.settled
         self.contradicted = self.at_rest and not self.certain
+
+    def _count_unanswered(self, elapsed: float, braking: float | None) -> None:
+        """Add up the speed that is commanded while nothing says that the car moves, and take off what brakes can."""
+        if self.moves:
+            self._unanswered = 0.0
+        elif braking is None:
+            self._unanswered = max(self._unanswered - MAX_BRAKING * elapsed, 0.0)
+        elif braking < 0.0:
+            # A smaller request leaves a standing car held.
+            self._unanswered += -braking * elapsed if -braking > START_ACCELERATION else 0.0
+        else:
+            loses = max(BRAKING_SHARE * braking, MIN_BRAKING) if braking > 0.0 else COASTING
+            self._unanswered = max(self._unanswered - loses * elapsed, 0.0)
 
     def _average(self, gnss: float, elapsed: float) -> None:
         """Average the receiver's speed; one that is above rest is taken as it is, so that the mean does not lag it."""
