@@ -30,7 +30,7 @@ PERIOD = 0.02  # of a tick [s]
 #: bits of a frame that are never stuffed: delimiters, acknowledgement, end and the space after it
 UNSTUFFED = 13
 POLYNOMIAL = 0x4599  # of CAN's CRC-15
-NOBODY = Actors(0.0, (), *(np.zeros(0) for _ in range(8)))
+NOBODY = Actors.none(0.0)
 
 
 def crc15(bits: Sequence[int]) -> int:

@@ -45,6 +45,7 @@ from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.validation import arming_obstacle
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Scenario, When
+from vve_sumo.sensors.lidar_settings import LidarSettings
 from vve_sumo.sweep.controllers import VariedController
 from vve_sumo.sweep.spec import Boundary, Spec, WorstCase, parse_spec
 from vve_sumo.vehicle import arming
@@ -204,6 +205,7 @@ GENERATED = {
     ("scenarios.md", "triggers"): lambda: keys(When),
     ("rigs.md", "keys"): _rig_keys,
     ("rigs.md", "receivers"): _receivers,
+    ("lidar.md", "lidar keys"): lambda: keys(LidarSettings),
     ("sweeps.md", "keys"): lambda: keys(Spec),
     ("sweeps.md", "controllers keys"): lambda: keys(VariedController, "controllers[]."),
     ("sweeps.md", "boundary keys"): lambda: keys(Boundary, "search."),

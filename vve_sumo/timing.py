@@ -28,6 +28,6 @@ NOTICED: Final = MAX_STEP_INTERVAL * PERIOD
 MAX_REPORT_AGE: Final = 0.1
 #: the same of the gear, which comes at 20 Hz: four periods
 MAX_GEAR_REPORT_AGE: Final = 0.2
-#: age of wheel speeds up to which they show that the car stands now: three steps of the gateway. An older zero may be of
-#: a car that has begun to roll, and no shift to park is requested on it.
+#: age of wheel speeds up to which they show that the car stands now: three steps of the gateway. An older zero may be
+#: of a car that has begun to roll, and no shift to park is requested on it.
 MAX_PARK_REPORT_AGE: Final = 3 * PERIOD

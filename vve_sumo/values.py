@@ -113,6 +113,16 @@ class Actors:
     width: Floats  #: of the box [m]
     radar_cross_section: Floats  #: at 77 GHz [m2]
     lateral_speed: Floats  #: of the centre across the heading [m/s], left positive: the lateral part of a lane change
+    height: Floats  #: of the box, above the ground that it stands on [m]
+    kind: NDArray[np.int8]  #: row of `BODY_KINDS`
+
+    @classmethod
+    def none(cls, time: float) -> Actors:
+        """Return the actors at drive time `time` [s] where nobody is near."""
+        return cls(time, (), *_NO_COLUMNS, np.zeros(0, np.int8))
+
+
+_NO_COLUMNS: Final = (np.zeros(0),) * 9
 
 
 class ActorState(NamedTuple):
@@ -146,6 +156,32 @@ class Detections:
     azimuth: Floats  #: direction of the detected point from the middle of the front bumper [rad], left positive
     range_rate: Floats  #: radial velocity at the antenna [m/s], opening positive
     mode: NDArray[np.int8]  #: 0 long range, 1 medium range
+
+
+@fast_frozen
+@dataclass(frozen=True, slots=True)
+class PointCloud:
+    """One turn of a lidar as a controller sees it: what came back of F firings of C channels.
+
+    Ranges and angles count from the lidar at the moment of the ray: the car moves on during a turn.
+    """
+
+    time: float  #: drive time of the turn's last firing [s]; -inf before the first turn
+    azimuth: Floats  #: of each firing's first ray from the lidar's x axis [rad], left positive (F)
+    azimuth_offset: Floats  #: of each channel's ray from that of the first [rad] (C)
+    elevation: Floats  #: of each channel [rad], up positive (C)
+    time_offset: Floats  #: of each firing from `time` [s], at most 0 (F)
+    range: Floats  #: along the ray [m] (F by C); 0 where nothing came back
+    reflectivity: NDArray[np.int8]  #: apparent, in percent of a matt white surface met squarely (F by C)
+
+    def points(self) -> Floats:
+        """Return x ahead, y left, z up [m] from the lidar of the rays that came back (n by 3), firing by firing."""
+        firing, channel = np.nonzero(self.range > 0.0)
+        far, azimuth = self.range[firing, channel], self.azimuth[firing] + self.azimuth_offset[channel]
+        level = far * np.cos(self.elevation[channel])
+        return np.stack(
+            (level * np.cos(azimuth), level * np.sin(azimuth), far * np.sin(self.elevation[channel])), axis=-1
+        )
 
 
 #: first-order time constant from throttle to drive force, assumed for a car without calibration [s]

@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 
 from tests import vehicles
 from tests.record.declared import LIVE_TABLES, RESOLVED, TABLES
+from vve_sumo.body_kinds import number_of
 from vve_sumo.record.layout import LAYOUT
 from vve_sumo.record.rows import TickRow
 from vve_sumo.record.summary import write_summary
@@ -31,6 +32,8 @@ BOX = {
     "y_m": 0.0,
     "radar_cross_section_m2": 10.0,
     "lateral_speed_mps": 0.0,
+    "height_m": 1.5,
+    "kind": number_of("car"),
 }
 
 

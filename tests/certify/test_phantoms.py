@@ -40,13 +40,12 @@ def sample(time: float, curvature: float, there: tuple[tuple[float, float, float
     """What the sensors see at a time, by a scan that is AGE old."""
     rows = np.array(there, np.float64).reshape(-1, 3)
     scan = Detections(time - AGE, rows[:, 0], rows[:, 1], rows[:, 2], np.zeros(len(rows), np.int8))
-    nobody = [np.zeros(0) for _ in range(8)]
     fix = Fix(**{**_fields(no_fix(1000.0 + time, time)), "locked": True, "quality": FixQuality.RTK_FIXED})
     return Sample(
         round(time / TICK) + 1,
         1000.0 + time,
         time,
-        SampleContent(fix, pose(time, curvature), scan, AGE, Actors(time, (), *nobody)),
+        SampleContent(fix, pose(time, curvature), scan, AGE, Actors.none(time)),
     )
 
 

@@ -258,8 +258,8 @@ def _scan(time: float, rows: Sequence[tuple[float, float, float]]) -> Detections
 
 def _actors(now: float) -> Actors:
     x, y, heading = place(OBSTACLE + 2.3)
-    one = [np.array([value]) for value in (x, y, heading, 0.0, 4.6, 1.8, 10.0, 0.0)]
-    return Actors(now, ("parked_car",), *one)
+    one = [np.array([value]) for value in (x, y, heading, 0.0, 4.6, 1.8, 10.0, 0.0, 1.5)]
+    return Actors(now, ("parked_car",), *one, np.zeros(1, np.int8))
 
 
 def _newest(now: float) -> Fix:

@@ -184,7 +184,8 @@ def _scanned(radar: Radar, due: float, pose: Pose, bodies: Sequence[Body],
     columns = np.array(places, dtype=float).reshape(-1, 4).T.copy()
     sizes = np.array([body[1:] for body in bodies], dtype=float).reshape(-1, 3).T.copy()
     names = tuple(f"body{i}" for i in range(len(bodies)))
-    scan = radar.step(due, pose, Actors(due, names, *columns, *sizes, np.zeros(len(bodies))))
+    shapes = np.zeros(len(bodies)), np.full(len(bodies), 1.5), np.zeros(len(bodies), np.int8)
+    scan = radar.step(due, pose, Actors(due, names, *columns, *sizes, *shapes))
     return newest if scan is None else replace(scan.detections, time=scan.detections.time - (due - pose.time))
 
 

@@ -36,8 +36,10 @@ def tracked(latency: float, ego: float, brakes: float, lead: float, slows: float
         time = tick * PERIOD
         rear = CAR.rear_axle_to_bumper + 60.0 + lead * time - 0.5 * slows * time * time
         pose = Pose(time, Point.REAR_AXLE, s, 0.0, 0.0, v, 0.0, 0.0, 0.0, 0.0)
-        columns = (np.array([value]) for value in (rear + 2.25, 0.0, 0.0, lead - slows * time, 4.5, 1.8, 10.0, 0.0))
-        scan = radar.step(time, pose, Actors(time, ("lead",), *columns))
+        columns = (
+            np.array([value]) for value in (rear + 2.25, 0.0, 0.0, lead - slows * time, 4.5, 1.8, 10.0, 0.0, 1.5)
+        )
+        scan = radar.step(time, pose, Actors(time, ("lead",), *columns, np.zeros(1, np.int8)))
         newest = newest if scan is None else scan.detections
         nearest = tracker.step(Observation(tick, time, pose, ROAD, ego, {"radar": newest}, 0.0), ROAD.project(s, 0.0))
         gap = rear - s - CAR.rear_axle_to_bumper

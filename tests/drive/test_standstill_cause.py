@@ -52,6 +52,8 @@ def ahead(*road: tuple[str, float, float, float], demand: tuple[str, ...] = ("li
         width=np.full(len(names), WIDTH),
         radar_cross_section=np.full(len(names), 10.0),
         lateral_speed=np.zeros(len(names)),
+        height=np.full(len(names), 1.5),
+        kind=np.zeros(len(names), np.int8),
     )
     return StandstillClassifier(scenario(*demand), path, FUSION.vehicle).classify(pose, STATION, actors)
 
@@ -88,7 +90,7 @@ def test_nothing_is_ahead_beside_the_strip_too_far_away_or_behind(
 def test_a_car_whose_place_is_unknown_stands_before_nothing() -> None:
     path = ReferencePath.from_points(np.array([0.0, 300.0]), np.array([0.0, 0.0]))
     pose = Pose(0.0, Point.REAR_AXLE, STATION, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    empty = Actors(0.0, (), *(np.empty(0) for _ in range(8)))
+    empty = Actors.none(0.0)
     observer = StandstillClassifier(scenario(), path, FUSION.vehicle)
     assert observer.classify(None, STATION, empty) is StandstillCause.CLEAR
     assert observer.classify(pose, math.nan, empty) is StandstillCause.CLEAR

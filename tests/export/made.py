@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from tests.analysis.made import BOX, PERIOD, put, write
+from vve_sumo.body_kinds import number_of
 from vve_sumo.record.layout import ROADS_SCHEMA
 
 TICKS = 151
@@ -25,9 +26,9 @@ X, Y = RADIUS * np.cos(HEADING - math.pi / 2) - RADIUS, RADIUS * np.sin(HEADING 
 ACTORS: dict[str, dict[str, Any]] = {
     "parked": {"x_m": 30.0, "y_m": 5.0, "heading_rad": 0.3, "length_m": 4.6, "width_m": 1.8},
     "walker": {"x_m": 8.0, "y_m": -3.0, "heading_rad": math.pi, "length_m": 0.6, "width_m": 0.5, "speed_mps": 1.5,
-               "radar_cross_section_m2": 0.5},
+               "radar_cross_section_m2": 0.5, "height_m": 1.7, "kind": number_of("pedestrian")},
     "lorry.7": {"x_m": -50.0, "y_m": 20.0, "heading_rad": -0.4, "length_m": 9.0, "width_m": 2.4, "speed_mps": 10.0,
-                   "radar_cross_section_m2": 100.0},
+                   "radar_cross_section_m2": 100.0, "height_m": 3.5, "kind": number_of("truck")},
 }  # fmt: skip
 SETTINGS = {
     "title": "by hand: <&>",

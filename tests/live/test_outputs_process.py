@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from itertools import pairwise
 from typing import Any
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -24,7 +23,7 @@ from vve_sumo.wire.sample import NO_SCAN, Sample, SampleContent, no_fix, sequenc
 from vve_sumo.wire.sample_codec import encode_sample
 
 pytestmark = pytest.mark.live
-NOBODY = Actors(0.0, (), *(np.zeros(0) for _ in range(8)))
+NOBODY = Actors.none(0.0)
 POSE = Pose(0.0, Point.REAR_AXLE, *(0.0 for _ in range(8)))
 VALID = Sample(1, 0.0, 0.0, SampleContent(no_fix(0.0, 0.0), POSE, NO_SCAN, 0.0, NOBODY))
 PLACEMENT = virtual_placement(local_frame(0.7, -1.4), Mounting(0.0, 0.0), 0.0)

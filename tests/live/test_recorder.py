@@ -19,7 +19,7 @@ from tests.record.declared import RESOLVED
 from tests.record.test_record import actors, row
 from vve_sumo.bus import read_log
 from vve_sumo.live.channel import pair
-from vve_sumo.live.recorder_client import MAX_BACKLOG, RecorderClient
+from vve_sumo.live.recorder_client import MAX_BACKLOG, MAX_ROWS, RecorderClient
 from vve_sumo.live.spawn import start
 from vve_sumo.live.summary import summarise
 from vve_sumo.record.hashes import hash_parts, whole
@@ -114,6 +114,28 @@ def test_what_two_processes_say_becomes_one_record(desk: Desk, tmp_path: Path) -
     assert [frame.id for _, _, frame in read_log(desk.folder / "can.log")] == [0x061, 0x060] * 60
     assert not list(desk.folder.glob("*.arrows"))
     assert desk.drive.failure == desk.gateway.failure == ""
+
+
+def test_a_reading_of_many_rows_goes_in_several_datagrams_and_is_one_in_the_record(desk: Desk, tmp_path: Path) -> None:
+    """A turn of a lidar is longer than a datagram may be."""
+    rows = 2 * MAX_ROWS + 1
+    many = tuple(np.resize(np.asarray(column), rows) for column in COLUMNS[:-1]), tuple(f"body {n}" for n in range(rows))
+    columns = (*many[0], many[1])
+    by_hand = LiveRecord(tmp_path / "by_hand", {"a": 1} | RESOLVED, 1000.0)
+    for number in range(12):
+        for to in (desk.drive, by_hand):
+            to.sensed(number, "radar", 0.02 * number, columns if number % 5 == 0 else COLUMNS)
+            to.snapshot(number, actors(3))
+            to.ticked(row(number))
+        desk.drive.flush()
+        time.sleep(0.02)
+    desk.drive.ended({"outcome": "stopped", "reasons": []})
+    desk.drive.finish(10.0)
+    summary = desk.hang_up()
+    assert summary["record_parts_sha256"] == by_hand.close()
+    readings = read_table(desk.folder, "readings")["rows"].to_pylist()
+    assert readings[:6] == [rows, *[len(COLUMNS[0])] * 4, rows]
+    assert read_table(desk.folder, "sensor_radar").num_rows == sum(readings)
 
 
 def test_the_lockstep_parts_hash_as_in_lockstep(tmp_path: Path) -> None:

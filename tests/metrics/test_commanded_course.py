@@ -153,7 +153,9 @@ def test_only_ticks_with_a_path_go_by_it() -> None:
 def test_while_the_drive_goes_on_the_gap_is_along_the_newest_command() -> None:
     """As the record says it afterwards of what is in the strip."""
     at = np.zeros(1)
-    actors = Actors(0.0, ("struck",), at + 70.0, at + 3.2, at, at, at + 4.8, at + 2.0, at, at)
+    actors = Actors(
+        0.0, ("struck",), at + 70.0, at + 3.2, at, at, at + 4.8, at + 2.0, at, at, at + 1.5, at.astype(np.int8)
+    )
     ego = Pose(0.0, Point.REAR_AXLE, 10.0, 0.0, 0.0, SPEED, 0.0, 0.0, 0.0, 0.0)
     path = by_tick(ways(90.0))[0]
     without, said = (lead_vehicle_now(ego, 10.0, actors, straight(), CAR, one) for one in (None, path))

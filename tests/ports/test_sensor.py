@@ -37,6 +37,11 @@ from vve_sumo.wire.sample import Sample, no_fix
 SCENE = actors([car(30.0, 0.0)])
 
 
+class TestLidar(SensorConformance):
+    kind = "lidar"
+    settings: ClassVar[dict[str, Any]] = {"rate_hz": 20.0, "azimuth_step_deg": 1.0, "range_sigma_m": 0.02}
+
+
 class TestRadar(SensorConformance):
     kind = "radar"
 
@@ -81,7 +86,7 @@ def test_the_toy_measures_what_another_geometry_says() -> None:
 
 
 def test_the_shipped_kinds_are_known() -> None:
-    assert set(PORT.shipped) == {"radar"} <= set(PORT.known())
+    assert set(PORT.shipped) == {"radar", "lidar"} <= set(PORT.known())
 
 
 @pytest.mark.parametrize(
@@ -157,7 +162,15 @@ def test_a_scenario_with_wrong_sensors_is_one_line(sensors: list[dict[str, Any]]
             r"sensors\.ahead: sensor .*: unknown key 'width', did you mean",
         ),
         (AHEAD | {"settings": {"width_m": -1.0}}, r"sensors\.ahead: sensor .*: width_m: expected greater than 0"),
-        (AHEAD | {"kind": "lidar"}, r"sensors\.ahead: sensor lidar: unknown; known are radar"),
+        (AHEAD | {"kind": "sonar"}, r"sensors\.ahead: sensor sonar: unknown; known are lidar, radar"),
+        (
+            {"name": "roof", "kind": "lidar", "settings": {"azimuth_step_deg": 0.7}},
+            r"sensors\.roof: sensor lidar: .*azimuth_step_deg: expected a whole number of steps in 360, got 514\.286",
+        ),
+        (
+            {"name": "roof", "kind": "lidar", "settings": {"channels_deg": [90.0]}},
+            r"sensors\.roof: sensor lidar: channels_deg.*expected less than 90",
+        ),
         (AHEAD | {"kind": "nowhere.py:make"}, r"sensors\.ahead: sensor nowhere\.py:make: there is no file nowhere\.py"),
     ],
 )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from tests.drive.street import altered
@@ -90,7 +89,7 @@ def predicted(lies: dict[int, float]) -> tuple[list[tuple[float, float]], list[t
             wrong = replace(fix, time=fix.time + lies[k], latitude=fix.latitude + 30.0 / 6_371_000.0)
             pipeline.receive(time + 0.0095, pack(wrong, 16, bytes(8)))
         pipeline.receive(time + 0.01, encoder.encode(fix))
-        pipeline.see(time + 0.01, Actors(time, (), *(np.empty(0) for _ in range(8))))
+        pipeline.see(time + 0.01, Actors.none(time))
         decided = pipeline.decide(k, time + 0.01, 0.0)
         pose = pipeline.front_bumper_at(time + 0.01)
         if pose is not None:

@@ -40,7 +40,7 @@ def row(tick: int, **changes: object) -> TickRow:
 def actors(count: int) -> Actors:
     """Return a table of some actors."""
     column = np.arange(float(count))
-    return Actors(0.0, tuple(f"car{i}" for i in range(count)), *[column] * 8)
+    return Actors(0.0, tuple(f"car{i}" for i in range(count)), *[column] * 9, np.arange(count).astype(np.int8))
 
 
 def fill(record: MemoryRecorder, ticks: int, **changes: object) -> None:

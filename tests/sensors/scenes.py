@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tests import vehicles
+from vve_sumo.body_kinds import TYPICAL, number_of
 from vve_sumo.values import Actors, Point, Pose
 
 FUSION = vehicles.FUSION.vehicle
@@ -22,9 +23,13 @@ def car(x: float, y: float, heading: float = 0.0, speed: float = 0.0) -> Row:
     return x, y, heading, speed, 4.5, 1.8, 10.0
 
 
-def actors(rows: Sequence[Row], ids: Sequence[str] | None = None, lateral_speed: float = 0.0) -> Actors:
+def actors(
+    rows: Sequence[Row], ids: Sequence[str] | None = None, lateral_speed: float = 0.0, kind: str = "car"
+) -> Actors:
     names = tuple(ids) if ids is not None else tuple(f"car{row}" for row in range(len(rows)))
-    return Actors(0.0, names, *np.array(rows, float).reshape(-1, 7).T.copy(), np.full(len(names), lateral_speed))
+    table, count = np.array(rows, float).reshape(-1, 7).T.copy(), len(names)
+    heights, kinds = np.full(count, TYPICAL[kind].height), np.full(count, number_of(kind), np.int8)
+    return Actors(0.0, names, *table, np.full(count, lateral_speed), heights, kinds)
 
 
 def rear_axle(

@@ -35,7 +35,7 @@ from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.gateway import Gateway
 
 LOT = local_frame(math.radians(40.0), math.radians(-82.98))
-NOBODY = Actors(0.0, (), *(np.zeros(0) for _ in range(8)))
+NOBODY = Actors.none(0.0)
 
 
 def winding(length: float = 400.0, swing: float = 3.0, period: float = 80.0) -> ReferencePath:

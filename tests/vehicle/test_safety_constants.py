@@ -158,7 +158,10 @@ FIGURES: Final[dict[ModuleType, dict[str, tuple[float | tuple[float, ...], str]]
         "QUANTUM": (0.04, "three times what a Fusion's reports resolve, 13 mm/s"),
         "BRAKING_SHARE": (0.5, "half of the commanded deceleration is a very weak car's"),
         "MIN_BRAKING": (0.3, "of a car that rolls out"),
-        "UNANSWERED": (0.5, "twice what a car that drives off gains before it is seen to move, and more; 0.13 measured"),
+        "UNANSWERED": (
+            0.5,
+            "twice what a car that drives off gains before it is seen to move, and more; 0.13 measured",
+        ),
         "COASTING": (0.1, "rolling resistance alone"),
     },
 }

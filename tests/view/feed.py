@@ -35,10 +35,12 @@ def crowd(count: int, x: float, y: float, time: float) -> Actors:
     side = max(math.ceil(math.sqrt(count)), 1)
     rows = np.arange(count)
     east, north = (rows % side) * 9.0 + 5.0 * time, (rows // side) * 6.0
-    shape = np.full(count, 4.5), np.full(count, 1.8), np.full(count, 10.0), np.zeros(count)
+    shape = np.full(count, 4.5), np.full(count, 1.8), np.full(count, 10.0), np.zeros(count), np.full(count, 1.5)
     ids = tuple(f"sedan.{row}" for row in range(count))
     speed = np.full(count, 5.0)
-    return Actors(time, ids, x + 20.0 + east, y - 3.0 * side + north, np.zeros(count), speed, *shape)
+    return Actors(
+        time, ids, x + 20.0 + east, y - 3.0 * side + north, np.zeros(count), speed, *shape, np.zeros(count, np.int8)
+    )
 
 
 def sample(tick: int, count: int = 5, x: float = 1379.0, y: float = 1176.0) -> ViewSample:

@@ -11,6 +11,7 @@ import pyproj
 import pytest
 
 from tests.vehicles import FUSION as MODEL
+from vve_sumo.body_kinds import number_of
 from vve_sumo.frames import MapFrame, move_point
 from vve_sumo.values import Actors, Detections, Point, Pose
 
@@ -31,6 +32,8 @@ ACTORS = Actors(
     np.array([1.8, 0.5]),
     np.array([10.0, 0.5]),
     np.array([0.0, 0.1]),
+    np.array([1.5, 1.7]),
+    np.array([number_of("car"), number_of("pedestrian")], np.int8),
 )
 SCAN = Detections(
     1.91, np.array([22.3, 40.1]), np.array([0.05, -0.2]), np.array([-9.0, 3.0]), np.array([0, 1], np.int8)

@@ -21,7 +21,7 @@ CONTEXT = Context(FUSION.vehicle, "")
 SPEED = 9.0
 POSE = Pose(0.0, Point.REAR_AXLE, 0.0, 0.0, 0.0, SPEED, 0.0, 0.1, 0.0, 0.0)
 SCAN = Detections(0.0, np.array([30.0]), np.array([0.1]), np.array([-SPEED]), np.array([0], np.int8))
-NOBODY = Actors(0.0, (), *(np.zeros(0) for _ in range(8)))
+NOBODY = Actors.none(0.0)
 
 
 def sample(time: float, *, valid: bool = True) -> Sample:

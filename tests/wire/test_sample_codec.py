@@ -31,7 +31,8 @@ def _tables(draw: st.DrawFn) -> tuple[Detections, Actors]:
     modes = np.array(draw(st.lists(st.integers(0, 1), min_size=found, max_size=found)), np.int8)
     names = tuple(draw(st.lists(st.text(), min_size=seen, max_size=seen)))
     scan = Detections(draw(NUMBERS), *(column(found) for _ in range(3)), modes)
-    return scan, Actors(draw(NUMBERS), names, *(column(seen) for _ in range(8)))
+    kinds = np.array(draw(st.lists(st.integers(0, 7), min_size=seen, max_size=seen)), np.int8)
+    return scan, Actors(draw(NUMBERS), names, *(column(seen) for _ in range(9)), kinds)
 
 
 FIXES = _of(Fix, locked=st.booleans(), quality=st.sampled_from(FixQuality))
@@ -43,7 +44,7 @@ def test_every_field_comes_through(fix: Fix, pose: Pose, tables: Any, age: float
     scan, actors = tables
     sample = Sample(sequence, 1.4e9, age, SampleContent(fix, pose, scan, age, actors))
     assert bits(decode_sample(encode_sample(sample, actors=True))) == bits(sample)
-    nobody = Actors(actors.time, (), *(np.zeros(0) for _ in range(8)))
+    nobody = Actors.none(actors.time)
     without = dataclasses.replace(sample, measured=SampleContent(fix, pose, scan, age, nobody))
     assert bits(decode_sample(encode_sample(sample, actors=False))) == bits(without)
 

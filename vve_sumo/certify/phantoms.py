@@ -14,6 +14,7 @@ from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 
+from vve_sumo.body_kinds import TYPICAL, number_of
 from vve_sumo.values import Actors, Detections, Floats, Pose
 from vve_sumo.wire.sample import Sample, SampleContent
 
@@ -162,10 +163,12 @@ class Phantoms:
             "width": [_WIDTH for _ in places],
             "radar_cross_section": [_CROSS_SECTION for _ in places],
             "lateral_speed": [0.0 for _ in places],
+            "height": [TYPICAL["car"].height for _ in places],
         }
         columns = {name: np.concatenate([getattr(actors, name), row]) for name, row in rows.items()}
+        kind = np.concatenate([actors.kind, np.full(len(places), number_of("car"), np.int8)])
         ids = (*actors.ids, *(f"phantom_{n}" for n in range(len(places))))
-        return Actors(time=actors.time, ids=ids, **columns)
+        return Actors(time=actors.time, ids=ids, kind=kind, **columns)
 
 
 class MissedDetections:

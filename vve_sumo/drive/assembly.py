@@ -84,11 +84,14 @@ class PoseInput:
 def sensors_of(resolved: ResolvedScenario) -> dict[str, GuardedSensor]:
     """Return the scenario's sensors by name, each with its own random number generator; raises ConfigError."""
 
+    wanted = resolved.sensors()
+    buildings = resolved.buildings()
+
     def made(name: str, settings: SensorSettings) -> GuardedSensor:
         seeds = seed_of(resolved.scenario.seed, name if name == STANDARD else f"sensor {name}")
-        return GuardedSensor(name, settings, resolved.vehicle, np.random.default_rng(seeds))
+        return GuardedSensor(name, settings, resolved.vehicle, np.random.default_rng(seeds), buildings)
 
-    return {name: PORT.make(name, made, name, settings) for name, settings in resolved.sensors().items()}
+    return {name: PORT.make(name, made, name, settings) for name, settings in wanted.items()}
 
 
 def build_pipeline(

@@ -8,7 +8,7 @@ is the drive's: in lockstep the external controller is waited for at every tick,
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal, Protocol
 
@@ -16,9 +16,10 @@ from vve_sumo.controller import Controller
 from vve_sumo.drive.pipeline import SensorFrame
 from vve_sumo.errors import RigError
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
-from vve_sumo.values import ControlCommand, Detections, Observation, newest_scan
-from vve_sumo.wire.sample import Sample, SampleContent, sequence_of, virtual_fix
+from vve_sumo.values import ControlCommand, Detections, Observation, PointCloud, newest_scan
+from vve_sumo.wire.sample import LidarTurn, Sample, SampleContent, sequence_of, virtual_fix
 from vve_sumo.wire.setpoints import SILENT, SetpointInbox
+from vve_sumo.wire.vlp16 import turn_of
 
 #: note of a command in whose place no setpoint is alive; the fault beside it makes the gateway stop. Records hold this
 #: note and the one below, and are compared with them: so both keep the words that they had first
@@ -68,13 +69,21 @@ class Publisher:
     """Makes the sample of every tick and sends it."""
 
     def __init__(
-        self, send: Callable[[Sample], None], placement: Placement, epoch: float, *, awaiting_start: bool = False
+        self,
+        send: Callable[[Sample], None],
+        placement: Placement,
+        epoch: float,
+        *,
+        awaiting_start: bool = False,
+        lidars: Collection[str] = (),
     ) -> None:
         """`placement` is `virtual_placement`'s; `epoch` is the GNSS second of drive time 0.
 
         `awaiting_start`: nothing is valid until the drive begins, for a brain that would drive off by what it sees.
+        `lidars` are the sensors whose turns the wires carry.
         """
-        self._send, self._placement, self._epoch = send, placement, epoch
+        self._send, self._placement, self._epoch, self._lidars = send, placement, epoch, tuple(lidars)
+        self._turned: dict[str, float] = {}  # drive time of the newest turn of each lidar that was sent
         self.sequence = 0  #: of the newest sample
         self.radar_valid = False  #: whether the newest sample holds a scan
         self.over = False  #: set when the drive ends: from then on every sample is invalid
@@ -99,7 +108,17 @@ class Publisher:
             if output is not scan and isinstance(output, Detections)
         }
         fix = virtual_fix(seen.pose, self._placement, seen.fix)
-        return SampleContent(fix, seen.pose, scan, age, seen.actors, others)
+        return SampleContent(fix, seen.pose, scan, age, seen.actors, others, self._new_turns(seen))
+
+    def _new_turns(self, seen: SensorFrame) -> dict[str, LidarTurn]:
+        """Return the turns of the lidars whose turns a wire carries, each once."""
+        turns = {}
+        for name in self._lidars:
+            cloud = seen.sensors.get(name)
+            if isinstance(cloud, PointCloud) and cloud.time > self._turned.get(name, -math.inf):
+                self._turned[name] = cloud.time
+                turns[name] = turn_of(cloud)
+        return turns
 
 
 class SetpointController:
@@ -210,16 +229,17 @@ def external_controller(
     key: bytes = b"",
     *,
     waits: bool = False,
+    lidars: Collection[str] = (),
 ) -> ExternalController:
     """Return what a drive has of the external controller that a link leads to; `kind` is `brain.kind` of a rig.
 
     `frame` is the virtual road's map, `mounting` the receiver's, `epoch` the GNSS second of drive time 0, `key` signs
-    setpoints. `waits`: whether a tick waits for the setpoint that answers its sample.
+    setpoints. `waits`: whether a tick waits for the setpoint that answers its sample. `lidars` are the sensors whose
+    turns the wires carry.
     """
     # A brain that commands the car by itself would drive off by what it sees: it sees nothing before the go.
-    publisher = Publisher(
-        link.send, virtual_placement(frame, mounting, epoch), epoch, awaiting_start=kind == "external"
-    )
+    placement, waits_for_go = virtual_placement(frame, mounting, epoch), kind == "external"
+    publisher = Publisher(link.send, placement, epoch, awaiting_start=waits_for_go, lidars=lidars)
     if kind == "setpoints":
         return ExternalController(
             publisher, SetpointController(publisher, link, SetpointInbox(epoch, key), waits=waits)

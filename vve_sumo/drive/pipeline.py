@@ -300,6 +300,11 @@ class Pipeline:
         driven = max(self._s, self._way)
         return fallback, self._geofence.check(pose, steering, fallback, driven, requested)
 
+    def prepare_sensors(self) -> None:
+        """Let the sensors do what they left to do at this tick: in its slack, else it is done at the next."""
+        for sensor in self._sensors.values():
+            sensor.prepare()
+
     def front_bumper_at(self, time: float) -> Pose | None:
         """Return the front bumper's pose to request of SUMO for drive time `time` [s]; None before a trusted fix."""
         pose = self._predictor.at(time)

@@ -26,6 +26,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.frames import MapFrame
 from vve_sumo.lot.corridor import CorridorStretch, DeclaredCorridor
 from vve_sumo.metrics.own import OwnMetrics, load_own
+from vve_sumo.network_tools.buildings import buildings_file, buildings_near
 from vve_sumo.path import ReferencePath
 from vve_sumo.path_feasibility import find_reversal, refuse_tight_bend
 from vve_sumo.record import drawings
@@ -34,6 +35,8 @@ from vve_sumo.rig.car_parameters import imperfections_of
 from vve_sumo.scenario.load import check_criteria
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.sensors.port import STANDARD, SensorSettings, configured
+from vve_sumo.sensors.port import load as load_sensor
+from vve_sumo.sensors.street import Building
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Floats, Vehicle
 from vve_sumo.vehicle.effective_deceleration import limited_to, of_model
@@ -68,6 +71,8 @@ LANE_POINT_SPACING = 10.0
 MAX_DISTANCE_FROM_PATH = 150.0
 #: points of a line that are looked at together when others are looked for near it
 DISTANCE_BATCH = 64
+#: role of the file of the buildings
+BUILDINGS = "buildings"
 #: comment in a path's file that names the edges it runs along
 EDGES_PREFIX = "# edges:"
 
@@ -166,6 +171,18 @@ class ResolvedScenario:
                 raise ConfigError(f"{self.file}: sensors.{sensor.name}: {error}") from None
         return made
 
+    def buildings(self) -> tuple[Building, ...]:
+        """Return the buildings near the path, where there is a file of them and one of the sensors sees them.
+
+        Raises ConfigError where the file cannot be read.
+        """
+        file = self.files.get(BUILDINGS)
+        if file is None:
+            return ()
+        points = np.array(self.path.points)
+        low, high = points.min(axis=0) - MAX_DISTANCE_FROM_PATH, points.max(axis=0) + MAX_DISTANCE_FROM_PATH
+        return tuple(buildings_near(file, (low[0], low[1], high[0], high[1])))
+
     def own_metrics(self) -> OwnMetrics:
         """Return the metrics that the scenario's `metrics` name, loaded once, and make them known by name.
 
@@ -196,6 +213,8 @@ class ResolvedScenario:
                 raise ConfigError(
                     f"outputs.{number}.sensor: {name!r} serves no {content}, which {output.kind!r} carries"
                 )
+            if why := KINDS[output.kind].refuses(sensors[name]):
+                raise ConfigError(f"outputs.{number}: {output.kind!r} cannot carry sensor {name!r}: {why}")
 
     def _drawings(self, sensors: Mapping[str, SensorSettings]) -> dict[str, Any]:
         kinds = {STANDARD: STANDARD} | {sensor.name: sensor.kind for sensor in self.scenario.sensors}
@@ -330,6 +349,8 @@ def resolve_scenario(
     followed = find_actor_paths(scenario.actors, file, path, find, read)
     files = {"network": network.path, "path": path_file, "vehicle": vehicle_file, **followed.files}
     files |= {f"demand_{number}": found for number, found in enumerate(demand)}
+    if (buildings := _seen_buildings(scenario, network)) is not None:
+        files |= {BUILDINGS: buildings}
     return ResolvedScenario(
         name=name,
         scenario=scenario,
@@ -346,6 +367,14 @@ def resolve_scenario(
         recordings=followed.recordings,
         file=file,
     )
+
+
+def _seen_buildings(scenario: Scenario, network: Network) -> Path | None:
+    """Return the file of the buildings beside a network, where there is one and a sensor sees them."""
+    file = buildings_file(network.path)
+    if file is None or not any(load_sensor(one.kind).sees_buildings() for one in scenario.sensors):
+        return None
+    return file
 
 
 def read_path(file: Path, map_frame: MapFrame, network: Network) -> LoadedPath:

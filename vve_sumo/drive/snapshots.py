@@ -10,7 +10,7 @@ from vve_sumo.timing import PERIOD
 from vve_sumo.values import Actors
 
 #: of a tick at which nobody was near
-NO_ACTORS = Actors(0.0, (), *(np.empty(0) for _ in ACTOR_COLUMNS))
+NO_ACTORS = Actors.none(0.0)
 
 
 def snapshots(table: pa.Table) -> dict[int, Actors]:

@@ -128,12 +128,13 @@ class EgoTick:
         return CompletedTick(result, status, actors, seen, decided)
 
     def prepare(self, due: DueTick, done: CompletedTick) -> None:
-        """Record what the ego's tick looked at, and prepare the fallback path of its next one."""
+        """Record what the ego's tick looked at, and prepare the fallback path and the sensors of its next one."""
         self._record_looks(due.number, done.result, done.actors)
         if done.result.commanded_path is not None:
             self._record.commanded(due.number, done.result.commanded_path)
         assert self._recorded is not None
         self.pipeline.prepare(due.time + PERIOD, self._recorded.steering)
+        self.pipeline.prepare_sensors()
 
     def record(self, pose: Pose | None, report: EgoSyncReport | None, around: EgoSurroundings) -> None:
         """Record the ego's tick, after SUMO has stepped to the next."""

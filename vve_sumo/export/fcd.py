@@ -13,8 +13,9 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from vve_sumo.analysis.bodies import PERSONS, RecordedBody, bodies
+from vve_sumo.analysis.bodies import RecordedBody, bodies
 from vve_sumo.analysis.run import Run
+from vve_sumo.body_kinds import PERSONS
 from vve_sumo.export.lanes import ON_FOOT, RecordedLane, lanes_of, places
 from vve_sumo.export.part import ExportPart
 

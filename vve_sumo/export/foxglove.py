@@ -123,7 +123,7 @@ def _transforms(run: Run, times: list[int], places: tuple[Floats, ...]) -> Itera
                 timestamp=at,
                 parent_frame_id=EGO,
                 child_frame_id=name,
-                translation=Vector3(x=frame.x_m, y=frame.y_m),
+                translation=Vector3(x=frame.x_m, y=frame.y_m, z=frame.z_m),
                 rotation=turned(frame.yaw_rad),
             )
             for name, frame in frames.items()

@@ -27,7 +27,7 @@ from vve_sumo.analysis.sensed import SensedTable
 from vve_sumo.export.foxglove_scene import stamp, turned
 from vve_sumo.export.unix_time import unix_of_drive
 from vve_sumo.record.layout import sensor_table
-from vve_sumo.sensors.drawing import Boxes, in_frame, quantities
+from vve_sumo.sensors.drawing import Boxes, heights, in_frame, quantities
 from vve_sumo.values import Floats
 
 #: layout of a column in a cloud, by its type in the record; Foxglove has no whole number of 64 bits
@@ -131,5 +131,7 @@ def _points(table: SensedTable, layouts: dict[str, str]) -> np.ndarray[Any, Any]
     points = np.zeros(len(table.range), np.dtype({"names": [*layouts], "formats": [*layouts.values()]}))
     for name in [*layouts][3:]:
         points[name] = table.rows[name].to_numpy(zero_copy_only=False)
-    points["x"], points["y"] = in_frame(table.drawing, _numbers(table))
+    numbers = _numbers(table)
+    points["x"], points["y"] = in_frame(table.drawing, numbers)
+    points["z"] = heights(table.drawing, numbers)
     return points

@@ -20,8 +20,9 @@ from foxglove_schemas_protobuf.TextPrimitive_pb2 import TextPrimitive
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.timestamp_pb2 import Timestamp
 
-from vve_sumo.analysis.bodies import PERSONS, TYPICAL, RecordedBody, bodies
+from vve_sumo.analysis.bodies import RecordedBody, bodies
 from vve_sumo.analysis.run import Run
+from vve_sumo.body_kinds import PERSONS
 from vve_sumo.export.commonroad import bounds
 from vve_sumo.export.lanes import lanes_of
 from vve_sumo.record.declared import recorded_points
@@ -85,7 +86,7 @@ def scene(run: Run, times: list[int], frame: str) -> Iterator[tuple[int, SceneUp
 
 
 def _box(body: RecordedBody, row: int, at: Timestamp, frame: str) -> SceneEntity:
-    height, heading = TYPICAL[body.kind].height, float(body.heading[row])
+    height, heading = body.height, float(body.heading[row])
     x, y = float(body.x[row]), float(body.y[row])
     cube = CubePrimitive(
         pose=Pose(position=Vector3(x=x, y=y, z=0.5 * height), orientation=turned(heading)),

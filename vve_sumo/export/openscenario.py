@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from vve_sumo.analysis.bodies import PERSONS, TYPICAL, RecordedBody, bodies, obstacles
+from vve_sumo.analysis.bodies import RecordedBody, bodies, obstacles
 from vve_sumo.analysis.run import Run
+from vve_sumo.body_kinds import PERSONS, TYPICAL
 from vve_sumo.errors import ConfigError
 from vve_sumo.export.part import ExportPart
 from vve_sumo.values import EGO, Vehicle
@@ -152,7 +153,7 @@ def _at(xosc: Any, time: float, point: str) -> xosc.ValueTrigger:
 def _object(xosc: Any, entity: Entity, car: Vehicle) -> xosc.Vehicle | xosc.Pedestrian:
     """Return what an entity is; `car` is what was declared of the ego."""
     body, typical = entity.body, TYPICAL[entity.body.kind]
-    box = xosc.BoundingBox(body.width, body.length, typical.height, entity.behind, 0.0, 0.5 * typical.height)
+    box = xosc.BoundingBox(body.width, body.length, body.height, entity.behind, 0.0, 0.5 * body.height)
     if body.kind in PERSONS:
         return xosc.Pedestrian(body.kind, typical.mass, xosc.PedestrianCategory.pedestrian, box)
     half = round(AXLE_SHARE * body.length, 3)

@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 
+from vve_sumo.body_kinds import TYPICAL, number_of
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.virtual_road import EgoSurroundings, obstacle_position
 from vve_sumo.geometry import Box, behind_bumper, overlap
@@ -52,6 +53,8 @@ class EmptyRoad:
             width=column("width"),
             radar_cross_section=np.full(len(boxes), CROSS_SECTION),
             lateral_speed=zeros,
+            height=np.full(len(boxes), TYPICAL["car"].height),
+            kind=np.full(len(boxes), number_of("car"), np.int8),
         )
 
     def advance(self, poses: Mapping[str, Pose]) -> Mapping[str, EgoSyncReport]:

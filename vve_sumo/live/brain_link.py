@@ -18,6 +18,7 @@ from vve_sumo.live.outputs import OutputWire
 from vve_sumo.pose.sources import Source, open_udp
 from vve_sumo.rig.schema import Brain as RigBrain
 from vve_sumo.rig.schema import Rig
+from vve_sumo.wire.outputs import KINDS
 from vve_sumo.wire.sample import Sample
 from vve_sumo.wire.sample_codec import encode_sample
 from vve_sumo.wire.setpoints import is_setpoint
@@ -128,3 +129,8 @@ class WiredLink:
             self._setpoints.close()
         for wire in self._wires:
             wire.outlet.close()
+
+
+def lidars_on(rig: Rig) -> frozenset[str]:
+    """Return the names of the lidars whose turns a rig's wires carry."""
+    return frozenset(one.sensor for one in rig.outputs if one.sensor and KINDS[one.kind].content == "points")

@@ -20,6 +20,8 @@ from vve_sumo.values import Actors, CommandedPath, Frame
 
 #: datagrams kept here while the recorder's queue is full; with one every 20 ms, 2 s beyond that queue
 MAX_BACKLOG: Final = 100
+#: rows of a reading in one datagram: of a lidar's, with its six columns, about 100 kB
+MAX_ROWS: Final = 4000
 #: between two attempts to send the last datagrams [s]
 RETRY_INTERVAL: Final = 0.01
 
@@ -29,7 +31,8 @@ class RecordBatch(Struct, array_like=True, forbid_unknown_fields=True):
 
     received_pose: list[tuple[float, bytes]] = field(default_factory=list)
     saw_frames: list[tuple[float, str, list[Frame]]] = field(default_factory=list)
-    sensed: list[tuple[int, str, float, tuple[Any, ...]]] = field(default_factory=list)
+    sensed: list[tuple[int, str, float, tuple[Any, ...], int]] = field(default_factory=list)
+    more_sensed: list[tuple[int, str, tuple[Any, ...]]] = field(default_factory=list)
     snapshot: list[tuple[int, Actors]] = field(default_factory=list)
     commanded: list[tuple[int, CommandedPath]] = field(default_factory=list)
     ticked: list[tuple[TickRow]] = field(default_factory=list)
@@ -51,6 +54,7 @@ class RecorderClient:
     def __init__(self, channel: Channel) -> None:
         self._channel = channel
         self._batch = RecordBatch()
+        self._full: list[RecordBatch] = []  # before it, each of which fills a datagram
         self._empty = True
         self._backlog: deque[bytes] = deque()
         self.failure = ""
@@ -66,8 +70,17 @@ class RecorderClient:
         self._empty = False
 
     def sensed(self, tick: int, sensor: str, measured: float, columns: tuple[Column, ...]) -> None:
-        """Keep a sensor's output at a tick: drive time at which it was measured [s], columns of its table."""
-        self._batch.sensed.append((tick, sensor, measured, columns))
+        """Keep a sensor's output at a tick: drive time at which it was measured [s], columns of its table.
+
+        A reading of more than MAX_ROWS is sent in several datagrams.
+        """
+        rows = len(columns[0])
+        first = columns if rows <= MAX_ROWS else tuple(column[:MAX_ROWS] for column in columns)
+        self._batch.sensed.append((tick, sensor, measured, first, rows))
+        for begin in range(MAX_ROWS, rows, MAX_ROWS):
+            self._full.append(self._batch)
+            part = tuple(column[begin : begin + MAX_ROWS] for column in columns)
+            self._batch = RecordBatch(more_sensed=[(tick, sensor, part)])
         self._empty = False
 
     def snapshot(self, tick: int, actors: Actors) -> None:
@@ -103,9 +116,11 @@ class RecorderClient:
     def flush(self) -> None:
         """Send what came since the last flush; to be called once a tick or step, after everything urgent."""
         if not self._empty:
-            batch, self._batch, self._empty = self._batch, RecordBatch(), True
+            batches, self._full = [*self._full, self._batch], []
+            self._batch, self._empty = RecordBatch(), True
             if len(self._backlog) < MAX_BACKLOG:
-                self._keep(batch)
+                for batch in batches:
+                    self._keep(batch)
             else:
                 self._fail("record_full")
         while self._backlog and self._channel.send(self._backlog[0]):

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from vve_sumo.errors import ConfigError
+from vve_sumo.sensors.street import Building
 from vve_sumo.world.network import Box, meets, shape_of
 
 #: ending of the polygon file that belongs to a network `NAME.net.xml`: `NAME.poly.xml` beside it
@@ -17,14 +17,6 @@ ENDING: Final = ".poly.xml"
 STOREY: Final = 3.1
 #: of a building whose height nobody says [m]: two storeys
 HEIGHT: Final = 2 * STOREY
-
-
-@dataclass(frozen=True, slots=True)
-class Building:
-    """A building as a block."""
-
-    outline: tuple[tuple[float, float], ...]  #: corners, map [m]
-    height: float  #: [m]
 
 
 def buildings_file(network: Path) -> Path | None:

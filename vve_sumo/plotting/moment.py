@@ -16,9 +16,11 @@ from vve_sumo.metrics.moment import Moment, MomentMeasure
 from vve_sumo.plotting.birds_eye import MapWindow, draw_car, draw_map, rotated
 from vve_sumo.plotting.page import (
     ACTOR,
+    CLOUD,
     EGO,
     INK,
     LEFT_WIDTH,
+    MANY_POINTS,
     OBSTACLE,
     PAPER,
     QUIET,
@@ -267,6 +269,11 @@ def _sensed(axes: Axes, page: DrivePage, view: MapWindow) -> None:
             origins = view.place(placed.origin_x, placed.origin_y)
             ends = np.stack((origins, points, np.full_like(points, np.nan)), axis=1).reshape(-1, 2)
             axes.plot(*ends.T, color=colour, linewidth=0.8, zorder=7.5)
+        if len(points) > MANY_POINTS:
+            # A cloud: marks would cover what they lie on. The legend shows one as large as any other.
+            axes.plot(*points.T, ".", markersize=1.5, color=CLOUD, zorder=6.5)
+            axes.plot(math.nan, math.nan, ".", markersize=6.0, color=CLOUD, label=label)
+            continue
         style: dict[str, Any] = {"markersize": 6.0, "markerfacecolor": colour, "markeredgecolor": INK}
         axes.plot(*points.T, marker, **style, markeredgewidth=0.8, zorder=8.5, label=label)
 

@@ -52,6 +52,10 @@ STYLE: dict[Any, Any] = {
 LEFT, LEFT_WIDTH, RIGHT, RIGHT_WIDTH = 0.25, 7.35, 8.35, 4.4
 BOTTOM, TOP, BETWEEN = 0.75, 6.95, 0.42
 
+#: a reading of more points than this is drawn as a cloud of dots
+MANY_POINTS = 300
+#: colour of such dots: dark enough to be seen when they are small
+CLOUD = "#6a51a3"
 #: marker and colour of the shapes of each sensor, in their order; after the last they begin again
 SENSED = (("D", "#cc79a7"), ("^", "#f0e442"), ("s", "#56b4e9"), ("v", "#009e73"))
 

@@ -28,7 +28,7 @@ from vve_sumo.record.layout import (
     TICK_METRICS,
     UNHASHED,
 )
-from vve_sumo.record.reader import read_table, sensor_tables
+from vve_sumo.record.reader import read_stored_table, sensor_tables
 
 
 class ColumnHashes:
@@ -80,7 +80,7 @@ def hash_parts(folder: Path) -> dict[str, str]:
 
 def hash_part(folder: Path, name: str) -> str:
     """Return the hash of one part of a record; raises ConfigError as `hash_parts` does."""
-    return hash_file(folder / name) if name in RAW_PARTS else hash_table(read_table(folder, name))
+    return hash_file(folder / name) if name in RAW_PARTS else hash_table(read_stored_table(folder, name))
 
 
 def hash_file(file: Path) -> str:

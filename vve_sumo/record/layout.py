@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 import pyarrow as pa
 
+from vve_sumo.body_kinds import BODY_KINDS
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.metric import Metric
 from vve_sumo.metrics.own import DeclaredMetrics
@@ -25,10 +26,11 @@ from vve_sumo.values import EGO
 #: Version of a record's layout. Layout 2 added path and car; 3 added provenance.json and the summary's hash of itself;
 #: 4 added the actors' lateral speed and the time of measurement of a scan; 5 added, for live drives, the actors of
 #: SUMO's last step, under the tick after the last; 6 added the vehicle model; 7 added a table for each sensor in place
-#: of the radar's alone, and the hashes of the code of interface and receiver; 8 added the lanes around the path.
-LAYOUT = 8
-#: layouts that can be read: a record of layout 7 is one of layout 8 without the lanes around the path
-READABLE_LAYOUTS = (7, 8)
+#: of the radar's alone, and the hashes of the code of interface and receiver; 8 added the lanes around the path;
+#: 9 added the actors' height and kind.
+LAYOUT = 9
+#: layouts that can be read: what a record of 7 or 8 lacks follows from what it holds, or is left empty
+READABLE_LAYOUTS = (7, 8, 9)
 #: numpy's type of each numeric column
 NUMPY_KINDS = {pa.int64(): np.int64, pa.int8(): np.int8, pa.float64(): np.float64, pa.bool_(): np.bool_}
 _ARROW: dict[str, pa.DataType] = {
@@ -71,6 +73,8 @@ SCHEMAS: dict[str, pa.Schema] = {
             ("width_m", pa.float64(), "of the box"),
             ("radar_cross_section_m2", pa.float64(), "at 77 GHz, by the kind of actor: an assumption"),
             ("lateral_speed_mps", pa.float64(), "of the centre across the heading, left positive"),
+            ("height_m", pa.float64(), "of the box, above the ground"),
+            ("kind", pa.int8(), f"of body: {', '.join(f'{n} {kind}' for n, kind in enumerate(BODY_KINDS))}"),
         ]
     ),
 }

@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 
 from vve_sumo.config_file import read_json
 from vve_sumo.errors import ConfigError
+from vve_sumo.record.earlier import with_kinds
 from vve_sumo.record.layout import (
     CHUNK_HEAD,
     CLOSED_ENDING,
@@ -46,8 +47,18 @@ def read_pose_chunks(file: Path) -> list[tuple[float, bytes]]:
 def read_table(record: Path, name: str, ego: str = EGO) -> pa.Table:
     """Return one of an ego's tables, finished or left open by a killed drive (up to its last whole batch).
 
-    Raises ConfigError where the record has no such ego or neither form of the table, or where its file cannot be read.
+    Columns that the table did not have in an earlier layout are added by what the others say. Raises ConfigError where
+    the record has no such ego or neither form of the table, or where its file cannot be read.
     """
+    table = read_stored_table(record, name, ego)
+    if name != "actors" or "kind" in table.schema.names:
+        return table
+    resolved = read_json(ego_folder(record, ego) / "scenario.json", "a drive", "settings")
+    return with_kinds(table, resolved["settings"])
+
+
+def read_stored_table(record: Path, name: str, ego: str = EGO) -> pa.Table:
+    """Return one of an ego's tables with the columns that its file has; raises ConfigError as `read_table` does."""
     folder = ego_folder(record, ego)
     closed, still_open = folder / f"{name}{CLOSED_ENDING}", folder / f"{name}{OPEN_ENDING}"
     if not closed.is_file() and not still_open.is_file():

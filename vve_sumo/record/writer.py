@@ -280,11 +280,20 @@ class MemoryRecorder:
         """Record CAN frames received or sent at one drive time [s], as candump lines with GNSS time."""
         self._can.append(candump_lines(self._epoch + time, channel, frames).encode())
 
-    def sensed(self, tick: int, sensor: str, measured: float, columns: tuple[Column, ...]) -> None:
-        """Record a sensor's reading at a tick: drive time of the measurement [s], columns of the sensor's table."""
-        rows = len(columns[0])
-        self._tables["readings"].append((tick, sensor, measured, rows))
-        if rows:
+    def sensed(
+        self, tick: int, sensor: str, measured: float, columns: tuple[Column, ...], rows: int | None = None
+    ) -> None:
+        """Record a sensor's reading at a tick: drive time of the measurement [s], columns of the sensor's table.
+
+        With `rows`, so many rows, of which `columns` are the first; the others follow by `more_sensed`.
+        """
+        here = len(columns[0])
+        self._tables["readings"].append((tick, sensor, measured, here if rows is None else rows))
+        self.more_sensed(tick, sensor, columns)
+
+    def more_sensed(self, tick: int, sensor: str, columns: tuple[Column, ...]) -> None:
+        """Record further rows of a sensor's reading."""
+        if rows := len(columns[0]):
             self._tables[sensor_table(sensor)].extend(tick, rows, columns)
 
     def snapshot(self, tick: int, actors: Actors) -> None:
@@ -301,6 +310,8 @@ class MemoryRecorder:
             actors.width,
             actors.radar_cross_section,
             actors.lateral_speed,
+            actors.height,
+            actors.kind,
         )
         self._tables["actors"].extend(tick, len(actors.ids), columns)
 

@@ -298,13 +298,13 @@ Place = Annotated[str, AfterValidator(_place)]
 class RigOutput(Table):
     """An outgoing wire: what a virtual sensor says, for a control computer of somebody else's."""
 
-    kind: Literal["ncom", "nmea", "radar", "esr", "ars408", "osi_view", "osi_data", "stop"] = Field(
-        description="what is sent: see the table of wires"
-    )
+    kind: Literal[
+        "ncom", "nmea", "radar", "esr", "ars408", "osi_view", "osi_data", "vlp16", "vlp16_position", "stop"
+    ] = Field(description="what is sent: see the table of wires")
     sensor: Name | None = Field(
         default=None,
         description="`radar`, `esr`, `ars408`, `osi_data`: name of the scenario's sensor whose detections are sent, "
-        "where that is not `radar`",
+        "where that is not `radar`; `vlp16`: name of the scenario's lidar",
     )
     udp: Place | None = Field(default=None, description="send datagrams to this address and port")
     tcp: Place | None = Field(default=None, description="`ncom`, `nmea`: serve a stream on this address and port")
@@ -334,6 +334,8 @@ class RigOutput(Table):
             raise ValueError(f"host says nothing for kind {self.kind!r}, it is for esr")
         if (self.kind == "stop") != (self.can_id is not None):
             raise ValueError("can_id is the identifier of the stop frame: kind 'stop' needs it, and no other has it")
+        if self.kind == "vlp16" and self.sensor is None:
+            raise ValueError("kind 'vlp16' needs sensor: name the scenario's lidar")
         if self.kind in ("esr", "ars408", "stop"):
             if byte_ways or self.interface is None or self.channel is None:
                 raise ValueError(f"kind {self.kind!r} goes out on a CAN bus: name interface and channel, nothing else")

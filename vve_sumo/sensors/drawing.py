@@ -30,6 +30,7 @@ class Mounting(Table):
 
     x_m: Finite = Field(default=0.0, description="forward")
     y_m: Finite = Field(default=0.0, description="left")
+    z_m: Finite = Field(default=0.0, description="up")
     yaw_rad: Finite = Field(default=0.0, description="of its x axis, counter-clockwise from the car's forward axis")
 
 
@@ -45,6 +46,7 @@ class Polar(Table):
     azimuth: str | None = Field(
         default=None, description="column of the azimuth [rad], left positive; none: straight along the x axis"
     )
+    elevation: str | None = Field(default=None, description="column of the elevation [rad], up positive; none: level")
 
 
 class Cartesian(Table):
@@ -199,8 +201,18 @@ def in_frame(drawing: Drawing, table: Mapping[str, Floats]) -> tuple[Floats, Flo
     if isinstance(place, Cartesian):
         return table[place.x], table[place.y]
     reach = table[place.range]
+    if place.elevation is not None:
+        reach = reach * np.cos(table[place.elevation])
     azimuth = np.zeros(len(reach)) if place.azimuth is None else table[place.azimuth]
     return reach * np.cos(azimuth), reach * np.sin(azimuth)
+
+
+def heights(drawing: Drawing, table: Mapping[str, Floats]) -> Floats:
+    """Return how far the rows of a table lie above the drawing's own frame [m]; 0 where it does not say."""
+    place = drawing.place
+    if isinstance(place, Cartesian) or place.elevation is None:
+        return np.zeros(len(next(iter(table.values()))))
+    return table[place.range] * np.sin(table[place.elevation])
 
 
 def ranges(drawing: Drawing, table: Mapping[str, Floats]) -> Floats:

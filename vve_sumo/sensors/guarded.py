@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any, Final
+from collections.abc import Callable, Sequence
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vve_sumo.ports import error_text
-from vve_sumo.sensors.port import Column, Sensor, SensorColumn, SensorSettings
+from vve_sumo.sensors.port import Column, Reading, Sensor, SensorColumn, SensorSettings
+from vve_sumo.sensors.street import Building
 from vve_sumo.values import Actors, Pose, SensorOutput, Vehicle
 
 _NUMBERS: Final[dict[str, type[np.generic]]] = {
@@ -34,16 +36,37 @@ class WrongTypeError(Exception):
     """A value is not of the kind that the sensor's class declares."""
 
 
+class _Prepared(NamedTuple):
+    """What a sensor prepared for the next tick."""
+
+    columns: tuple[Column, ...]
+    output: SensorOutput | None  #: None for no reading
+    error: BaseException | None  #: why there is none
+
+
+_NOTHING_PREPARED: Final = _Prepared((), None, None)
+
+
 class GuardedSensor:
     """Steps a sensor, checks what it returns, and reports failures as reason codes.
 
     Codes: sensor_raised, sensor_wrong_type, sensor_not_finite, sensor_late, actors_not_finite.
     """
 
-    def __init__(self, name: str, settings: SensorSettings, vehicle: Vehicle, generator: np.random.Generator) -> None:
+    def __init__(
+        self,
+        name: str,
+        settings: SensorSettings,
+        vehicle: Vehicle,
+        generator: np.random.Generator,
+        buildings: Sequence[Building] = (),
+    ) -> None:
         """Make the sensor; raises what its class raises, and TypeError where its output is invalid."""
         self._name = name
-        self._sensor: Sensor = settings.sensor(vehicle, generator)
+        self._sensor: Sensor = settings.sensor_among(buildings, vehicle, generator)
+        self._preparing: Callable[[], Reading | None] | None = getattr(self._sensor, "prepare", None)
+        self._prepared = _NOTHING_PREPARED
+        self._stepped = False  # and not prepared since
         self._columns, self._max_age = settings.columns, float(settings.max_age())
         self._observation = settings.observation
         self._fields = tuple(field.name for field in dataclasses.fields(settings.observation) if field.name != "time")
@@ -59,14 +82,21 @@ class GuardedSensor:
 
     def step(self, time: float, pose: Pose, actors: Actors) -> tuple[Column, ...] | None:
         """Step at drive time `time` [s]; return the columns of the reading that comes out, None where none does."""
-        self.faults = ()
+        self.prepare()
+        self.faults, self._prepared, prepared = (), _NOTHING_PREPARED, self._prepared
         columns = None
         try:
+            if prepared.error is not None:
+                raise prepared.error
             reading = self._sensor.step(time, pose, actors)
+            self._stepped = True
             if self._sensor.refused:
                 self.faults = ("actors_not_finite",)
-            if reading is not None:
-                columns = self._taken(reading.columns(), self._sensor.output, time)
+            if prepared.output is not None:
+                columns = self._dated(prepared.columns, prepared.output, time)
+            elif reading is not None:
+                output = self._sensor.output
+                columns = self._dated(self._fit(reading.columns(), output), output, time)
         except KeyboardInterrupt:
             raise
         except NotFiniteError as error:
@@ -81,8 +111,33 @@ class GuardedSensor:
             self._fail("sensor_late", f"its newest output is older than {self._max_age:g} s")
         return columns
 
-    def _taken(self, columns: tuple[Column, ...], output: SensorOutput, now: float) -> tuple[Column, ...]:
-        """Return a reading's columns as the record takes them, and take its output; raises where one is invalid."""
+    def prepare(self) -> None:
+        """Let a sensor that prepares do its work after a step, in the slack of the tick; a failure shows at the next.
+
+        Does nothing where it has been called since the last step.
+        """
+        if self._preparing is None or not self._stepped:
+            return
+        self._stepped = False
+        try:
+            reading = self._preparing()
+            if reading is not None:
+                output = self._sensor.output
+                self._prepared = _Prepared(self._fit(reading.columns(), output), output, None)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
+            self._prepared = _Prepared((), None, error)
+
+    def _dated(self, columns: tuple[Column, ...], output: SensorOutput, now: float) -> tuple[Column, ...]:
+        """Take a valid output, and return the columns of its reading; raises where its date is wrong."""
+        if not self.output.time < output.time <= now:
+            raise WrongTypeError(f"dated {output.time} at {now} after one of {self.output.time}")
+        self.output = output
+        return columns
+
+    def _fit(self, columns: tuple[Column, ...], output: SensorOutput) -> tuple[Column, ...]:
+        """Return a reading's columns as the record takes them; raises where one, or the output, is invalid."""
         if len(columns) != len(self._columns):
             raise WrongTypeError(f"{len(columns)} columns, expected {len(self._columns)}")
         sound = self._check(output)
@@ -93,9 +148,6 @@ class GuardedSensor:
         )
         if len({len(column) for column in fit}) != 1:
             raise WrongTypeError("its columns have different lengths")
-        if not self.output.time < output.time <= now:
-            raise WrongTypeError(f"dated {output.time} at {now} after one of {self.output.time}")
-        self.output = output
         return fit
 
     def _check(self, output: object) -> dict[int, str]:
@@ -134,7 +186,7 @@ def _column(column: Column, declared: SensorColumn) -> Column:
     """Return a column as read-only values of the declared kind."""
     wanted = _NUMBERS.get(declared.kind)
     if wanted is None:
-        if not all(isinstance(text, str) for text in column):
+        if not all(issubclass(kind, str) for kind in set(map(type, column))):
             raise WrongTypeError(f"{declared.name} holds what is no text")
         return tuple(column)
     values = np.asarray(column)

@@ -18,16 +18,24 @@ from vve_sumo.config_file import Table, complaint
 from vve_sumo.errors import ConfigError
 from vve_sumo.ports import Port, error_text
 from vve_sumo.sensors.drawing import Drawing, wrong
-from vve_sumo.values import Actors, Detections, Pose, SensorOutput, Vehicle
+from vve_sumo.sensors.street import Building
+from vve_sumo.values import Actors, Detections, PointCloud, Pose, SensorOutput, Vehicle
 
 #: Every kind is found by a name of this table, as `file.py:function` or by entry point; `make()` returns its class.
-PORT: Final = Port("sensor", "vve_sumo.sensors", "()", {"radar": "vve_sumo.sensors.radar_settings"})
+PORT: Final = Port(
+    "sensor",
+    "vve_sumo.sensors",
+    "()",
+    {"radar": "vve_sumo.sensors.radar_settings", "lidar": "vve_sumo.sensors.lidar_settings"},
+)
 #: kind and name of the sensor that every scenario has; the scenario's table of that name sets it
 STANDARD: Final = "radar"
 
 Column = Sequence[Any] | NDArray[Any]
-#: what of a sensor's output an outgoing wire can carry: an output of `detections` is a `vve_sumo.values.Detections`
-Content = Literal["detections"]
+#: what of a sensor's output an outgoing wire can carry, by the name that a kind's `serves` has for it
+Content = Literal["detections", "points"]
+#: the class of an output that serves a content
+CONTENTS: Final[Mapping[Content, type]] = {"detections": Detections, "points": PointCloud}
 ColumnKind = Literal["float", "int", "int8", "bool", "str"]
 
 
@@ -65,6 +73,17 @@ class Sensor(Protocol):
         ...
 
 
+class PreparingSensor(Sensor, Protocol):
+    """A sensor whose work would delay the controller: it is done in the slack of the tick, after the command is out."""
+
+    def prepare(self) -> Reading | None:
+        """Do what the last step left to do; return the reading that comes out at the next tick, if any.
+
+        Called once after each step, and before the next one.
+        """
+        ...
+
+
 class SensorSettings(Table):
     """What a scenario says of a sensor: a kind's class adds its keys."""
 
@@ -86,6 +105,17 @@ class SensorSettings(Table):
     def sensor(self, vehicle: Vehicle, generator: np.random.Generator, /) -> Sensor:
         """Return a sensor on a vehicle, which draws from this generator alone; raises ConfigError."""
         raise NotImplementedError
+
+    def sensor_among(
+        self, buildings: Sequence[Building], vehicle: Vehicle, generator: np.random.Generator, /
+    ) -> Sensor:
+        """Return a sensor on a street with these buildings; a kind that sees them overrides this."""
+        return self.sensor(vehicle, generator)
+
+    @classmethod
+    def sees_buildings(cls) -> bool:
+        """Whether the kind sees buildings."""
+        return cls.sensor_among is not SensorSettings.sensor_among
 
 
 def load(kind: str) -> type[SensorSettings]:
@@ -137,8 +167,10 @@ def _wrong(kind: type[SensorSettings]) -> str:
         return f"columns: expected texts, got {strange[0]!r}"
     if unknown := [content for content in kind.serves if content not in get_args(Content)]:
         return f"serves {unknown[0]!r}, expected {', '.join(get_args(Content))}"
-    if "detections" in kind.serves and not issubclass(kind.observation, Detections):
-        return f"serves 'detections' with an observation of {kind.observation.__name__}, expected Detections"
+    for content in kind.serves:
+        if not issubclass(kind.observation, CONTENTS[content]):
+            wanted, got = CONTENTS[content].__name__, kind.observation.__name__
+            return f"serves {content!r} with an observation of {got}, expected {wanted}"
     kinds = get_args(ColumnKind)
     if strange := [column for column in columns if column.kind not in kinds]:
         return f"column {strange[0].name!r} is of kind {strange[0].kind!r}, expected {', '.join(kinds)}"

@@ -128,7 +128,7 @@ class MotionControl:
         return 0.0 if self._monitor.validator.setpoint is None else self._monitor.validator.setpoint.grade
 
     def gear(self, now: float) -> Gear:
-        """Return the gear to request at `now` [s]: drive once the car is enabled, park once it has stopped, else none."""
+        """Return the gear to request at `now` [s]: drive once enabled, park once the car has stopped, else none."""
         if not self._standstill.certain:
             return _NO_GEAR
         if self._arming.state is _STOPPED:

@@ -12,6 +12,7 @@ import numpy as np
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.sensed import SensedTable, pose_at
 from vve_sumo.metrics.lead_vehicle import index_of_tick
+from vve_sumo.record.layout import ACTOR_COLUMNS
 from vve_sumo.values import Actors, FallbackPath, Point, Pose, Setpoint, resolve_fallback_path
 from vve_sumo.vehicle import link
 from vve_sumo.view.frames import Column, Frames, pack
@@ -24,17 +25,6 @@ FOOTPRINT_STEP: Final = 10
 
 #: the reasons, as the file numbers them
 WHY: Final = [why.value for why in Why]
-
-_ACTOR_COLUMNS: Final = (
-    "x_m",
-    "y_m",
-    "heading_rad",
-    "speed_mps",
-    "length_m",
-    "width_m",
-    "radar_cross_section_m2",
-    "lateral_speed_mps",
-)
 
 
 class _Unseen(NamedTuple):
@@ -84,7 +74,7 @@ def _looks(run: Run) -> dict[int, Actors]:
     table = run.arrow("actors")
     at = index_of_tick(run.arrow("ticks"), table)
     names = table["actor"].to_pylist()
-    columns = [table[name].to_numpy() for name in _ACTOR_COLUMNS]
+    columns = [table[name].to_numpy() for name in ACTOR_COLUMNS]
     ticks, begins = np.unique(at, return_index=True)
     ends = np.append(begins, len(at))[1:]  # none where no actor came into range
     return {

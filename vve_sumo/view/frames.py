@@ -18,7 +18,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vve_sumo.analysis.bodies import declared_kinds, kind_of
 from vve_sumo.analysis.run import Run
 from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.metrics.lead_vehicle import index_of_tick
@@ -211,14 +210,12 @@ class Frames:
 
     def _bodies(self) -> dict[str, Any]:
         run, rows = self._run, self._run.data.actor_rows
-        declared = declared_kinds(run.resolved["settings"])
-        sections = run.arrow("actors")["radar_cross_section_m2"].to_numpy()[rows.rows]
+        kinds, heights = (run.arrow("actors")[name].to_numpy()[rows.rows] for name in ("kind", "height_m"))
         firsts = np.unique(rows.code, return_index=True)[1].tolist()
         found = {}
         for first in firsts:
-            name = rows.names[int(rows.code[first])]
-            kind = declared.get(name) or kind_of(name, float(sections[first]))
-            found[name] = body(kind, float(rows.boxes.length[first]), float(rows.boxes.width[first]))
+            size = float(rows.boxes.length[first]), float(rows.boxes.width[first]), float(heights[first])
+            found[rows.names[int(rows.code[first])]] = body(int(kinds[first]), *size)
         return found
 
 

@@ -12,7 +12,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from vve_sumo.analysis.bodies import declared_kinds, kind_of
 from vve_sumo.drive.reasons import in_words
 from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
 from vve_sumo.record.declared import recorded_path, recorded_vehicle
@@ -48,7 +47,6 @@ class LiveFrames:
             name: _Sensor(name, drawing, [column[0] for column in resolved["sensors"][name]])
             for name, drawing in drawings_of(resolved).items()
         }
-        self._declared = declared_kinds(resolved["settings"])
         rig = rig_of(resolved)
         self._lot = None if rig is None else LotView(rig, resolved, self._vehicle)
         self._looks: deque[tuple[float, Pose | None, Actors]] = deque(maxlen=MAX_KEPT)
@@ -152,8 +150,8 @@ class LiveFrames:
     def _meet(self, actors: Actors) -> None:
         for row, name in enumerate(actors.ids):
             if name not in self.bodies:
-                kind = self._declared.get(name) or kind_of(name, float(actors.radar_cross_section[row]))
-                self.bodies[name] = body(kind, float(actors.length[row]), float(actors.width[row]))
+                size = (float(column[row]) for column in (actors.length, actors.width, actors.height))
+                self.bodies[name] = body(int(actors.kind[row]), *size)
 
     def _look(self, sensor: _Sensor, reading: ReadingView) -> None:
         """Place a reading, and find the actors that it did not see, from the tick at which it was measured."""

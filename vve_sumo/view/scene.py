@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from vve_sumo.analysis.bodies import TYPICAL
+from vve_sumo.body_kinds import BODY_KINDS
 from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.errors import VveError
 from vve_sumo.lot.geofence import Geofence
@@ -96,9 +96,9 @@ def scene_of(resolved: Mapping[str, Any], roads: pa.Table, *, source: str) -> di
     }
 
 
-def body(kind: str, length: float, width: float) -> dict[str, Any]:
-    """Return an actor's body as the scene has it."""
-    return {"kind": kind, "length": length, "width": width, "height": TYPICAL[kind].height}
+def body(kind: int, length: float, width: float, height: float) -> dict[str, Any]:
+    """Return an actor's body as the scene has it: `kind` is a row of BODY_KINDS, the rest metres."""
+    return {"kind": BODY_KINDS[kind], "length": length, "width": width, "height": height}
 
 
 def finite(value: float | None, decimals: int = 6) -> float | None:

@@ -8,6 +8,8 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Collection
+from dataclasses import fields
+from typing import Final
 
 import numpy as np
 
@@ -15,6 +17,9 @@ from vve_sumo.sensors.drawing import FieldOfView
 from vve_sumo.sensors.echo import Antenna, echoes
 from vve_sumo.sensors.visibility import Sector
 from vve_sumo.values import Actors
+
+#: fields of `Actors` that have an entry an actor, beside the names
+_COLUMNS: Final = tuple(field.name for field in fields(Actors) if field.name not in ("time", "ids"))
 
 
 class Why(enum.StrEnum):
@@ -63,6 +68,5 @@ class Look:
 
 def _alone(actors: Actors, row: int) -> Actors:
     one = slice(row, row + 1)
-    columns = (actors.x, actors.y, actors.heading, actors.speed, actors.length, actors.width)
-    sections = (actors.radar_cross_section, actors.lateral_speed)
-    return Actors(actors.time, (actors.ids[row],), *(column[one] for column in (*columns, *sections)))
+    columns = {name: getattr(actors, name)[one] for name in _COLUMNS}
+    return Actors(actors.time, (actors.ids[row],), **columns)

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 from vve_sumo.pose import ncom, nmea_encoder
 from vve_sumo.values import Actors, Frame, Vehicle
-from vve_sumo.wire import ars408, datagrams, esr
+from vve_sumo.wire import ars408, datagrams, esr, vlp16
 from vve_sumo.wire.numbering import Numbering
 from vve_sumo.wire.sample import NO_SCAN, Sample, SampleContent, no_fix
 
 if TYPE_CHECKING:
-    from vve_sumo.sensors.port import Content
+    from vve_sumo.sensors.port import Content, SensorSettings
 
 #: how long a control computer may act on a radar datagram [s]
 LIFETIME: Final = 0.1
@@ -281,6 +281,35 @@ class OsiOutput:
         return (bytes(self._encoder.sensor_view(sample.time, sample.measured.pose, actors).SerializeToString()),)
 
 
+class Vlp16Output:
+    """A lidar's turns as the data packets of a Velodyne VLP-16, all of a turn at once; nothing while invalid."""
+
+    def __init__(self, _context: Context) -> None:
+        self._encoder = vlp16.Vlp16Encoder()
+
+    def step(self, sample: Sample) -> Sequence[bytes]:
+        """Return the packets of a sample that brings a turn."""
+        measured = sample.measured
+        if measured is None or measured.turn is None:
+            return ()
+        return self._encoder.encode(measured.turn, sample.time - sample.drive_time)
+
+
+class Vlp16PositionOutput:
+    """The position packets of a VLP-16 that hears the receiver, ten times a second."""
+
+    def __init__(self, _context: Context) -> None:
+        self._due = _Due(0.1)
+
+    def step(self, sample: Sample) -> Sequence[bytes]:
+        """Return the packet of a sample where one is due; while invalid its sentence says that it knows no place."""
+        if not self._due.due(sample):
+            return ()
+        measured = sample.measured
+        fix = measured.fix if measured else no_fix(sample.time, sample.drive_time)
+        return (vlp16.position_packet(sample.time, nmea_encoder.encode(fix)),)
+
+
 class StopOutput:
     """A stop frame: one byte, 1, at every step at which the outputs are invalid after they were valid; else nothing."""
 
@@ -305,6 +334,13 @@ class OfOtherSensor:
         return self._output.step(sample.seen_by(self._sensor))
 
 
+def _other_channels(settings: SensorSettings) -> str:
+    """Return what a VLP-16's packets cannot say of a lidar."""
+    wanted = [float(elevation) for elevation in vlp16.ELEVATIONS_DEG]
+    got = [*getattr(settings, "channels_deg", ())]
+    return "" if got == wanted else f"channels_deg: a VLP-16 has {wanted}, got {got}"
+
+
 @dataclass(frozen=True, slots=True)
 class Kind:
     """A kind of outgoing wire."""
@@ -314,6 +350,8 @@ class Kind:
     tells_actors: bool = False  #: whether it needs the actors of a sample
     content: Content | None = None  #: what it carries of a sensor that serves it; None: of no sensor
     signed: bool = False  #: whether its datagrams are this project's own, which a key signs
+    #: what of a sensor's settings the wire cannot carry, in one phrase; empty for nothing
+    refuses: Callable[[SensorSettings], str] = lambda settings: ""
 
 
 KINDS: Final[Mapping[str, Kind]] = {
@@ -327,6 +365,13 @@ KINDS: Final[Mapping[str, Kind]] = {
     ),
     "esr": Kind(EsrOutput, "the radar as a Delphi ESR's tracks, 20 Hz", content="detections"),
     "ars408": Kind(Ars408Output, "the radar as a Continental ARS408's objects, 13.3 Hz", content="detections"),
+    "vlp16": Kind(
+        Vlp16Output,
+        "a lidar's turns as a Velodyne VLP-16's data packets, a turn at a time",
+        content="points",
+        refuses=_other_channels,
+    ),
+    "vlp16_position": Kind(Vlp16PositionOutput, "the position packets of a Velodyne VLP-16, 10 Hz"),
     "stop": Kind(StopOutput, "a frame that asks for a stop, at each tick of a drive that is invalid"),
     "osi_view": Kind(
         lambda c: OsiOutput(c, view=True),

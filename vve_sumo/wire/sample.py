@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vve_sumo.frames import Placement
 from vve_sumo.timing import PERIOD
@@ -24,6 +25,17 @@ MAX_SCAN_AGE: Final = 0.3
 
 
 @dataclass(frozen=True, slots=True)
+class LidarTurn:
+    """A turn of a lidar in whole numbers, small enough for a datagram: F firings of C channels."""
+
+    time: float  #: drive time of the last firing [s]
+    firing_period: float  #: from one firing to the next [s]
+    azimuth: NDArray[np.uint16]  #: of each firing from the lidar's x axis, clockwise [0.01 degree] (F)
+    range: NDArray[np.uint16]  #: along the ray [2 mm], 0 where nothing came back: firing after firing (F x C)
+    reflectivity: NDArray[np.uint8]  #: apparent [percent] (F x C)
+
+
+@dataclass(frozen=True, slots=True)
 class SampleContent:
     """What a valid sample carries."""
 
@@ -33,6 +45,9 @@ class SampleContent:
     scan_age: float  #: since the scan was measured [s]; inf before the first
     actors: Actors  #: on the virtual road, as the sensors saw them
     others: Mapping[str, Detections] = field(default_factory=dict)  #: the newest of each other sensor of detections
+    #: of each lidar whose turn came out at this tick, where a wire carries them
+    turns: Mapping[str, LidarTurn] = field(default_factory=dict)
+    turn: LidarTurn | None = None  #: of the lidar that a wire is of
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,12 +70,13 @@ class Sample:
         return self.measured is not None and self.measured.scan_age <= MAX_SCAN_AGE
 
     def seen_by(self, sensor: str) -> Sample:
-        """Return the same with the newest scan of another sensor as its scan; with none where it has none of that."""
+        """Return the same with the newest scan, or the turn, of another sensor; with none where it has none of that."""
         if self.measured is None:
             return self
         scan = self.measured.others.get(sensor, NO_SCAN)
         age = self.drive_time - scan.time  # infinite before the first
-        return replace(self, measured=replace(self.measured, scan=scan, scan_age=age))
+        turn = self.measured.turns.get(sensor)
+        return replace(self, measured=replace(self.measured, scan=scan, scan_age=age, turn=turn))
 
 
 def sequence_of(drive_time: float) -> int:

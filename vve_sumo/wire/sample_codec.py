@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
-
-import numpy as np
 
 from vve_sumo.messages import MalformedMessage, MessageCodec, MessageKind
 from vve_sumo.values import Actors
-from vve_sumo.wire.sample import Sample, SampleContent
+from vve_sumo.wire.sample import Sample
 
 _CODEC: Final = MessageCodec[Sample](MessageKind.OUTPUTS, Sample)
-_NO_COLUMNS: Final = [np.zeros(0) for _ in range(8)]
 
 
 def encode_sample(sample: Sample, *, actors: bool) -> bytes:
     """Return the datagram of a sample; without `actors`, the actors are left out and arrive as none."""
     if (measured := sample.measured) is not None and not actors:
-        nobody = Actors(measured.actors.time, (), *_NO_COLUMNS)
-        left = SampleContent(measured.fix, measured.pose, measured.scan, measured.scan_age, nobody, measured.others)
-        sample = Sample(sample.sequence, sample.time, sample.drive_time, left)
+        nobody = Actors.none(measured.actors.time)
+        sample = replace(sample, measured=replace(measured, actors=nobody))
     return _CODEC.encode(sample)
 
 

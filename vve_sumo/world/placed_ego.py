@@ -8,13 +8,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from vve_sumo.body_kinds import TYPICAL
 from vve_sumo.geometry import Box, behind_bumper
 from vve_sumo.values import Actors, Pose
 from vve_sumo.world.ego_sync import Ego, EgoSync
 from vve_sumo.world.lanes import Lanes
 from vve_sumo.world.proxies import EGO_PROXY_TYPE, ProxyVehicles
 from vve_sumo.world.standoff import Standoff
-from vve_sumo.world.surroundings import Row, cross_section, table
+from vve_sumo.world.surroundings import Row, body_of, row_of, table
 
 #: SUMO vehicle class that decides how well the radar of another ego sees an ego
 EGO_CLASS = "passenger"
@@ -50,5 +51,5 @@ class PlacedEgo:
         assert pose is not None and body is not None  # noqa: PT018
         lateral = pose.lateral_speed - 0.5 * body.length * pose.yaw_rate  # of the centre
         speed, lateral = (pose.speed, lateral if math.isfinite(lateral) else 0.0) if self.moves else (0.0, 0.0)
-        section = cross_section(EGO_CLASS)
-        return self.id, body.x, body.y, body.heading, speed, body.length, body.width, section, lateral
+        seen = body_of("", EGO_CLASS, body.length, body.width, TYPICAL["car"].height)
+        return row_of(self.id, (body.x, body.y, body.heading), speed, seen, lateral)

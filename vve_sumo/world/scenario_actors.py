@@ -11,12 +11,13 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Final
 
+from vve_sumo.body_kinds import TYPICAL, number_of
 from vve_sumo.geometry import Box
 from vve_sumo.values import ActorState
 from vve_sumo.world.ego_sync import MAX_SPEED
 from vve_sumo.world.lanes import Cut, Lanes, cuts
 from vve_sumo.world.proxies import EGO_PROXY_TYPE, ProxyVehicles
-from vve_sumo.world.surroundings import cross_section
+from vve_sumo.world.surroundings import ActorBody, cross_section
 
 #: From a scenario's kind of actor to SUMO's vehicle class, where their names differ; for the radar cross section.
 SUMO_CLASSES: Final = {"car": "passenger", "van": "delivery"}
@@ -63,10 +64,12 @@ class ScenarioActors:
             self._shadows[actor.id].show(actor)
         self.ids = frozenset().union(*(shadow.ids for shadow in self._shadows.values()))
 
-    def seen(self) -> Iterator[tuple[ActorState, float]]:
-        """Yield the actors on the road, each with its radar cross section [m2]."""
+    def seen(self) -> Iterator[tuple[ActorState, ActorBody]]:
+        """Yield the actors on the road, each with its body."""
         for actor in self._on:
-            yield actor, cross_section(SUMO_CLASSES.get(actor.kind, actor.kind))
+            section = cross_section(SUMO_CLASSES.get(actor.kind, actor.kind))
+            height = TYPICAL[actor.kind].height
+            yield actor, ActorBody(actor.length, actor.width, section, height, number_of(actor.kind))
 
 
 class ActorProxies:

@@ -12,6 +12,7 @@ from typing import Any, Final, NamedTuple
 import libsumo
 import numpy as np
 
+from vve_sumo.body_kinds import BODY_KINDS, TYPICAL, number_of
 from vve_sumo.geometry import Box
 from vve_sumo.values import Actors, ActorState
 from vve_sumo.world.ego_sync import heading_of
@@ -42,6 +43,22 @@ RADAR_CROSS_SECTIONS = {
 }
 OTHER_CROSS_SECTION: Final = 10.0
 
+#: Kind of body by SUMO vehicle class; any other is a car.
+BODY_KIND_OF_CLASS: Final = {
+    "delivery": "van",
+    "bus": "bus",
+    "coach": "bus",
+    "tram": "bus",
+    "truck": "truck",
+    "trailer": "truck",
+    "motorcycle": "motorcycle",
+    "moped": "motorcycle",
+    "bicycle": "bicycle",
+    "scooter": "bicycle",
+    "wheelchair": "bicycle",
+    "pedestrian": "pedestrian",
+}
+
 #: Greatest distance from a road vehicle's front bumper, to which SUMO measures, back to its centre [m].
 MAX_CENTRE_DISTANCE: Final = 15.0
 
@@ -53,8 +70,6 @@ VARIABLES = (libsumo.VAR_POSITION, libsumo.VAR_SPEED, libsumo.VAR_ANGLE)
 #: Cached bodies are dropped when the cache holds so many more vehicles than SUMO reports near the ego.
 MAX_FORGOTTEN: Final = 256
 
-
-NO_COLUMNS: Final = (np.empty(0),) * 8
 
 #: A greater lateral speed [m/s] is taken as 0: it comes from a kink in the drawn lanes, because a car on a dry road
 #: does not slip more. In a lane change SUMO also turns the body, so that its centre moves across its heading at most
@@ -72,16 +87,28 @@ class ActorBody(NamedTuple):
     length: float  #: [m]
     width: float  #: [m]
     radar_cross_section: float  #: [m2]
+    height: float  #: [m]
+    kind: int  #: row of BODY_KINDS
 
 
-#: name, centre x, centre y, heading, speed, length, width, radar cross section, speed across the heading
-Row = tuple[str, float, float, float, float, float, float, float, float]
+#: name, centre x, centre y, heading, speed, length, width, radar cross section, speed across the heading, height, kind
+Row = tuple[str, float, float, float, float, float, float, float, float, float, int]
 Place = tuple[float, float, float]  #: centre x, centre y, heading
 
 
 def cross_section(kind: str) -> float:
     """Return the radar cross section of a SUMO vehicle class [m2]."""
     return RADAR_CROSS_SECTIONS.get(kind, OTHER_CROSS_SECTION)
+
+
+def body_of(name: str, vehicle_class: str, length: float, width: float, height: float) -> ActorBody:
+    """Return the body of a vehicle of SUMO's: by its name, its vehicle class and its size [m].
+
+    Where a vehicle is named after a kind of body, as `bus.15`, it is of that kind.
+    """
+    named = name.partition(".")[0]
+    kind = named if named in BODY_KINDS else BODY_KIND_OF_CLASS.get(vehicle_class, "car")
+    return ActorBody(length, width, cross_section(vehicle_class), height, number_of(kind))
 
 
 class Surroundings:
@@ -93,8 +120,7 @@ class Surroundings:
         self._egos: list[str] = []  # whose surroundings SUMO reports
         self._rows: list[Row] = []
         self._obstacles: list[Row] = [
-            (one.id, box.x, box.y, box.heading, 0.0, box.length, box.width, cross_section(one.kind), 0.0)
-            for one, box in obstacles
+            row_of(one.id, (box.x, box.y, box.heading), 0.0, _body_of_obstacle(one, box), 0.0) for one, box in obstacles
         ]
         self._bodies: dict[str, ActorBody] = {}
         self._before: dict[str, Place] = {}
@@ -107,20 +133,17 @@ class Surroundings:
         if ego not in self._egos:
             self._egos.append(ego)
 
-    def look(self, time: float, hidden: Set[str], actors: Iterable[tuple[ActorState, float]] = ()) -> None:
+    def look(self, time: float, hidden: Set[str], actors: Iterable[tuple[ActorState, ActorBody]] = ()) -> None:
         """Read the actors near the egos at a drive time [s], without the vehicles in `hidden`.
 
-        Rows are vehicles by name, persons on foot, obstacles, and `actors`: the scenario's actors, each with its radar
-        cross section [m2]. A vehicle's lateral speed is the mean since the last look. Its front is where SUMO has
+        Rows are vehicles by name, persons on foot, obstacles, and `actors`: the scenario's actors, each with its
+        body. A vehicle's lateral speed is the mean since the last look. Its front is where SUMO has
         it; its heading follows SUMO's, limited by MAX_TAIL_SWING. Raises SUMO's errors.
         """
         found = self._vehicles(time, hidden)
         found += _persons()
         found += self._obstacles
-        found += [
-            (one.id, one.x, one.y, one.heading, one.speed, one.length, one.width, section, 0.0)
-            for one, section in actors
-        ]
+        found += [row_of(one.id, (one.x, one.y, one.heading), one.speed, body, 0.0) for one, body in actors]
         self._rows = found
 
     def around(self, x: float, y: float, egos: Sequence[Row]) -> list[Row]:
@@ -158,17 +181,17 @@ class Surroundings:
             if last is not None:
                 heading = followed(last[2], heading, MAX_TAIL_SWING * period / body.length)
             front_x, front_y = values[libsumo.VAR_POSITION]
-            x, y, heading = place = _centre(front_x, front_y, heading, body)
+            place = _centre(front_x, front_y, heading, body)
             if last is not None:
                 lateral = _lateral(last, place, period)
             self._before[name] = place
-            rows.append((name, x, y, heading, values[libsumo.VAR_SPEED], *body, lateral))
+            rows.append(row_of(name, place, values[libsumo.VAR_SPEED], body, lateral))
         return rows
 
     def _learn(self, name: str) -> ActorBody:
         vehicle = libsumo.vehicle
-        body = ActorBody(vehicle.getLength(name), vehicle.getWidth(name), cross_section(vehicle.getVehicleClass(name)))
-        self._bodies[name] = body
+        size = vehicle.getLength(name), vehicle.getWidth(name), vehicle.getHeight(name)
+        body = self._bodies[name] = body_of(name, vehicle.getVehicleClass(name), *size)
         return body
 
 
@@ -177,9 +200,20 @@ def _persons() -> Iterator[Row]:
     person = libsumo.person
     for name in person.getIDList():
         if person.getVehicle(name) == "":
-            body = ActorBody(person.getLength(name), person.getWidth(name), RADAR_CROSS_SECTIONS["pedestrian"])
+            body = body_of("", "pedestrian", person.getLength(name), person.getWidth(name), person.getHeight(name))
             x, y = person.getPosition(name)
-            yield name, *_centre(x, y, heading_of(person.getAngle(name)), body), person.getSpeed(name), *body, 0.0
+            place = _centre(x, y, heading_of(person.getAngle(name)), body)
+            yield row_of(name, place, person.getSpeed(name), body, 0.0)
+
+
+def _body_of_obstacle(obstacle: Obstacle, box: Box) -> ActorBody:
+    return body_of("", obstacle.kind, box.length, box.width, TYPICAL["car"].height)
+
+
+def row_of(name: str, place: Place, speed: float, body: ActorBody, lateral_speed: float) -> Row:
+    """Return an actor as a row of the table."""
+    length, width, section, height, kind = body
+    return name, *place, speed, length, width, section, lateral_speed, height, kind
 
 
 def followed(before: float, heading: float, most: float) -> float:
@@ -209,8 +243,9 @@ def _lateral(before: Place, now: Place, period: float) -> float:
 def table(time: float, rows: Sequence[Row]) -> Actors:
     """Return rows as a table of actors at a drive time [s]."""
     if not rows:
-        return Actors(time, (), *NO_COLUMNS)
-    names, *columns = zip(*rows, strict=True)
-    block = np.array(columns)
-    block.setflags(write=False)  # all sensors and the record share the columns
-    return Actors(time, names, *block)
+        return Actors.none(time)
+    names, *columns, kinds = zip(*rows, strict=True)
+    block, kind = np.array(columns), np.array(kinds, np.int8)
+    for shared in (block, kind):
+        shared.setflags(write=False)  # all sensors and the record share the columns
+    return Actors(time, names, *(*block, kind))

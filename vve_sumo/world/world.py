@@ -193,7 +193,7 @@ class World:
         reach = body.length + body.width
         return tuple(
             name
-            for name, x, y, heading, _, length, width, _, _ in placed.rows
+            for name, x, y, heading, _, length, width, *_ in placed.rows
             if max(abs(x - body.x), abs(y - body.y)) < reach + length + width
             and overlap(body, Box(x, y, heading, length, width))
         )
