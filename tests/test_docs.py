@@ -45,6 +45,7 @@ from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.validation import arming_obstacle
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Scenario, When
+from vve_sumo.sensors.camera_settings import CameraSettings
 from vve_sumo.sensors.lidar_settings import LidarSettings
 from vve_sumo.sweep.controllers import VariedController
 from vve_sumo.sweep.spec import Boundary, Spec, WorstCase, parse_spec
@@ -205,6 +206,7 @@ GENERATED = {
     ("scenarios.md", "triggers"): lambda: keys(When),
     ("rigs.md", "keys"): _rig_keys,
     ("rigs.md", "receivers"): _receivers,
+    ("camera.md", "camera keys"): lambda: keys(CameraSettings),
     ("lidar.md", "lidar keys"): lambda: keys(LidarSettings),
     ("sweeps.md", "keys"): lambda: keys(Spec),
     ("sweeps.md", "controllers keys"): lambda: keys(VariedController, "controllers[]."),

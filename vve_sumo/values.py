@@ -184,6 +184,25 @@ class PointCloud:
         )
 
 
+@fast_frozen
+@dataclass(frozen=True, slots=True)
+class CameraObjects:
+    """The objects in one picture of a camera as a controller sees them: a column per quantity, one row per object."""
+
+    time: float  #: drive time of the picture, not of the arrival [s]; -inf before the first
+    number: NDArray[np.int64]  #: kept while an object is followed
+    kind: NDArray[np.int8]  #: row of `BODY_KINDS`
+    status: NDArray[np.int8]  #: 1 standing, 2 stopped after it moved, 3 moving, 4 oncoming
+    x: Floats  #: of the middle of the near side, ahead of the front bumper [m]
+    y: Floats  #: of the middle of the near side, left of the car's axis [m]
+    relative_speed: Floats  #: along the car's axis [m/s], opening positive
+    width: Floats  #: [m]
+    length: Floats  #: what is usual for the kind [m]
+    lane_known: bool  #: whether the car is in a lane
+    lane_left: float  #: from the camera to the left border of that lane [m]; 0 where none is known
+    lane_right: float  #: from the camera to its right border [m]; 0 where none is known
+
+
 #: first-order time constant from throttle to drive force, assumed for a car without calibration [s]
 DRIVE_LAG: Final = 0.25
 

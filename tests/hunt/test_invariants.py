@@ -250,6 +250,27 @@ def test_the_body_stays_in_the_lot() -> None:
     assert names(judged(lambda time: {"pose": pose(place=(938.5, 0.0))}, 1.0)) == ["inside_lot"]
 
 
+@pytest.mark.parametrize(
+    ("brakes", "phase", "left_at", "broken"),
+    [
+        (False, BRAKES, 6.0, []),
+        (False, BRAKES, 4.5, ["inside_lot"]),
+        (True, BRAKES, 6.0, ["inside_lot"]),
+        (False, "stopping", 6.0, ["inside_lot"]),
+    ],
+)
+def test_a_driver_who_was_called_for_long_brakes_a_car_whose_brakes_are_not_ours(
+    brakes: bool, phase: str, left_at: float, broken: list[str]
+) -> None:
+    """A hand on the wheel ends the watchdog's braking, and commands do not arrive: nobody but the driver can brake."""
+
+    def rolls(time: float) -> dict[str, Any]:
+        away = {"pose": pose(3.0, place=(944.0, 0.0))} if time >= left_at else {"pose": pose(3.0)}
+        return {"state": ArmingState.STOPPING, "phase": phase, "enabled": (brakes, False, False)} | away
+
+    assert [name for name in names(judged(rolls, 8.0)) if name == "inside_lot"] == broken
+
+
 def test_a_stop_ends_within_its_bound_or_raises_the_alarm() -> None:
     rolls = {"state": ArmingState.STOPPING, "phase": "stopping"}
 

@@ -119,7 +119,10 @@ def test_what_two_processes_say_becomes_one_record(desk: Desk, tmp_path: Path) -
 def test_a_reading_of_many_rows_goes_in_several_datagrams_and_is_one_in_the_record(desk: Desk, tmp_path: Path) -> None:
     """A turn of a lidar is longer than a datagram may be."""
     rows = 2 * MAX_ROWS + 1
-    many = tuple(np.resize(np.asarray(column), rows) for column in COLUMNS[:-1]), tuple(f"body {n}" for n in range(rows))
+    many = (
+        tuple(np.resize(np.asarray(column), rows) for column in COLUMNS[:-1]),
+        tuple(f"body {n}" for n in range(rows)),
+    )
     columns = (*many[0], many[1])
     by_hand = LiveRecord(tmp_path / "by_hand", {"a": 1} | RESOLVED, 1000.0)
     for number in range(12):

@@ -42,6 +42,11 @@ class TestLidar(SensorConformance):
     settings: ClassVar[dict[str, Any]] = {"rate_hz": 20.0, "azimuth_step_deg": 1.0, "range_sigma_m": 0.02}
 
 
+class TestCamera(SensorConformance):
+    kind = "camera"
+    settings: ClassVar[dict[str, Any]] = {"false_objects": 0.1}
+
+
 class TestRadar(SensorConformance):
     kind = "radar"
 
@@ -86,7 +91,7 @@ def test_the_toy_measures_what_another_geometry_says() -> None:
 
 
 def test_the_shipped_kinds_are_known() -> None:
-    assert set(PORT.shipped) == {"radar", "lidar"} <= set(PORT.known())
+    assert set(PORT.shipped) == {"radar", "lidar", "camera"} <= set(PORT.known())
 
 
 @pytest.mark.parametrize(
@@ -162,7 +167,7 @@ def test_a_scenario_with_wrong_sensors_is_one_line(sensors: list[dict[str, Any]]
             r"sensors\.ahead: sensor .*: unknown key 'width', did you mean",
         ),
         (AHEAD | {"settings": {"width_m": -1.0}}, r"sensors\.ahead: sensor .*: width_m: expected greater than 0"),
-        (AHEAD | {"kind": "sonar"}, r"sensors\.ahead: sensor sonar: unknown; known are lidar, radar"),
+        (AHEAD | {"kind": "sonar"}, r"sensors\.ahead: sensor sonar: unknown; known are camera, lidar, radar"),
         (
             {"name": "roof", "kind": "lidar", "settings": {"azimuth_step_deg": 0.7}},
             r"sensors\.roof: sensor lidar: .*azimuth_step_deg: expected a whole number of steps in 360, got 514\.286",

@@ -16,6 +16,8 @@ from vve_sumo.values import Actors, Pose
 PERIOD = 0.02
 IDEAL = LidarConfig().ideal()
 NO_WALLS = walls_of(())
+#: the channel of an elevation in degrees
+LASER = {round(math.degrees(elevation)): channel for channel, elevation in enumerate(IDEAL.elevations)}
 HOUSE = walls_of([Building(((30.0, 10.0), (60.0, 10.0), (60.0, 30.0), (30.0, 30.0)), 6.0)])
 
 
@@ -109,7 +111,7 @@ def test_a_car_that_drives_is_met_where_it_was_at_the_moment_of_the_ray() -> Non
     """The rear of a car ahead that drives away: 20 m/s in the half turn between its being met and the turn's end."""
     scene = actors([car(22.25 + 1.4, 0.0, 0.0, 20.0)])
     (_, scan) = driven(IDEAL, 0.1, scene=scene)[0]
-    channel = 6
+    channel = LASER[-3]
     ahead = scan.cloud.range[900, channel] * math.cos(IDEAL.elevations[channel])
     # Met at 0.05 s, in the slack of the tick at 0.06 s, for which the scene is given.
     assert ahead == pytest.approx(20.0 - 20.0 * 0.01, abs=1e-3)
@@ -159,7 +161,7 @@ def test_a_dark_wall_is_lost_beyond_its_range() -> None:
             lidar.step(tick * PERIOD, rear_axle(), actors([]))
             scan = lidar.prepare()
             if scan is not None:
-                ahead = scan.cloud.range[890:910, 8]  # a degree up: the ground is nearer a degree down
+                ahead = scan.cloud.range[890:910, LASER[1]]  # a degree down the ground is nearer
                 shares.setdefault(distance, []).append((ahead > 0.0).mean())
     near, half, far = (float(np.mean(values)) for values in shares.values())
     assert near > 0.95
@@ -170,7 +172,7 @@ def test_a_dark_wall_is_lost_beyond_its_range() -> None:
 def test_what_is_too_near_or_too_far_does_not_come_back() -> None:
     near = walls_of([Building(((1.4 + 0.3, -5.0), (1.4 + 0.3, 5.0), (9.0, 0.0)), 5.0)])
     (_, scan) = driven(IDEAL, 0.1, scene=actors([]), walls=near)[0]
-    assert scan.cloud.range[900, 7] == 0.0
+    assert scan.cloud.range[900, LASER[-1]] == 0.0
     (_, scan) = driven(replace(IDEAL, range_max=15.0), 0.1, scene=actors([car(30.0, 0.0)]))[0]
     assert scan.cloud.range.max() <= 15.0
 

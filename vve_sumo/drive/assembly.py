@@ -85,11 +85,11 @@ def sensors_of(resolved: ResolvedScenario) -> dict[str, GuardedSensor]:
     """Return the scenario's sensors by name, each with its own random number generator; raises ConfigError."""
 
     wanted = resolved.sensors()
-    buildings = resolved.buildings()
+    street = resolved.street()
 
     def made(name: str, settings: SensorSettings) -> GuardedSensor:
         seeds = seed_of(resolved.scenario.seed, name if name == STANDARD else f"sensor {name}")
-        return GuardedSensor(name, settings, resolved.vehicle, np.random.default_rng(seeds), buildings)
+        return GuardedSensor(name, settings, resolved.vehicle, np.random.default_rng(seeds), street)
 
     return {name: PORT.make(name, made, name, settings) for name, settings in wanted.items()}
 

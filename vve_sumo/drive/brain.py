@@ -8,7 +8,7 @@ is the drive's: in lockstep the external controller is waited for at every tick,
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal, Protocol
 
@@ -16,7 +16,15 @@ from vve_sumo.controller import Controller
 from vve_sumo.drive.pipeline import SensorFrame
 from vve_sumo.errors import RigError
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
-from vve_sumo.values import ControlCommand, Detections, Observation, PointCloud, newest_scan
+from vve_sumo.values import (
+    CameraObjects,
+    ControlCommand,
+    Detections,
+    Observation,
+    PointCloud,
+    SensorOutput,
+    newest_scan,
+)
 from vve_sumo.wire.sample import LidarTurn, Sample, SampleContent, sequence_of, virtual_fix
 from vve_sumo.wire.setpoints import SILENT, SetpointInbox
 from vve_sumo.wire.vlp16 import turn_of
@@ -75,14 +83,14 @@ class Publisher:
         epoch: float,
         *,
         awaiting_start: bool = False,
-        lidars: Collection[str] = (),
+        wired: Collection[str] = (),
     ) -> None:
         """`placement` is `virtual_placement`'s; `epoch` is the GNSS second of drive time 0.
 
         `awaiting_start`: nothing is valid until the drive begins, for a brain that would drive off by what it sees.
-        `lidars` are the sensors whose turns the wires carry.
+        `wired` are the lidars and cameras that the wires carry.
         """
-        self._send, self._placement, self._epoch, self._lidars = send, placement, epoch, tuple(lidars)
+        self._send, self._placement, self._epoch, self._wired = send, placement, epoch, tuple(wired)
         self._turned: dict[str, float] = {}  # drive time of the newest turn of each lidar that was sent
         self.sequence = 0  #: of the newest sample
         self.radar_valid = False  #: whether the newest sample holds a scan
@@ -108,13 +116,15 @@ class Publisher:
             if output is not scan and isinstance(output, Detections)
         }
         fix = virtual_fix(seen.pose, self._placement, seen.fix)
-        return SampleContent(fix, seen.pose, scan, age, seen.actors, others, self._new_turns(seen))
+        wired = {name: seen.sensors[name] for name in self._wired if name in seen.sensors}
+        lists = {name: output for name, output in wired.items() if isinstance(output, CameraObjects)}
+        turns = self._new_turns(wired)
+        return SampleContent(fix, seen.pose, scan, age, seen.actors, others, turns, lists=lists)
 
-    def _new_turns(self, seen: SensorFrame) -> dict[str, LidarTurn]:
-        """Return the turns of the lidars whose turns a wire carries, each once."""
+    def _new_turns(self, wired: Mapping[str, SensorOutput]) -> dict[str, LidarTurn]:
+        """Return the turns of the lidars that a wire carries, each once."""
         turns = {}
-        for name in self._lidars:
-            cloud = seen.sensors.get(name)
+        for name, cloud in wired.items():
             if isinstance(cloud, PointCloud) and cloud.time > self._turned.get(name, -math.inf):
                 self._turned[name] = cloud.time
                 turns[name] = turn_of(cloud)
@@ -229,17 +239,17 @@ def external_controller(
     key: bytes = b"",
     *,
     waits: bool = False,
-    lidars: Collection[str] = (),
+    wired: Collection[str] = (),
 ) -> ExternalController:
     """Return what a drive has of the external controller that a link leads to; `kind` is `brain.kind` of a rig.
 
     `frame` is the virtual road's map, `mounting` the receiver's, `epoch` the GNSS second of drive time 0, `key` signs
-    setpoints. `waits`: whether a tick waits for the setpoint that answers its sample. `lidars` are the sensors whose
-    turns the wires carry.
+    setpoints. `waits`: whether a tick waits for the setpoint that answers its sample. `wired` are the lidars and
+    cameras that the wires carry.
     """
     # A brain that commands the car by itself would drive off by what it sees: it sees nothing before the go.
     placement, waits_for_go = virtual_placement(frame, mounting, epoch), kind == "external"
-    publisher = Publisher(link.send, placement, epoch, awaiting_start=waits_for_go, lidars=lidars)
+    publisher = Publisher(link.send, placement, epoch, awaiting_start=waits_for_go, wired=wired)
     if kind == "setpoints":
         return ExternalController(
             publisher, SetpointController(publisher, link, SetpointInbox(epoch, key), waits=waits)

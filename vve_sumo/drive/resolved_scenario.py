@@ -36,7 +36,7 @@ from vve_sumo.scenario.load import check_criteria
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.sensors.port import STANDARD, SensorSettings, configured
 from vve_sumo.sensors.port import load as load_sensor
-from vve_sumo.sensors.street import Building
+from vve_sumo.sensors.street import Building, LaneStrip, Street
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Floats, Vehicle
 from vve_sumo.vehicle.effective_deceleration import limited_to, of_model
@@ -171,11 +171,19 @@ class ResolvedScenario:
                 raise ConfigError(f"{self.file}: sensors.{sensor.name}: {error}") from None
         return made
 
-    def buildings(self) -> tuple[Building, ...]:
-        """Return the buildings near the path, where there is a file of them and one of the sensors sees them.
+    def street(self) -> Street:
+        """Return what the sensors may see of the street near the path; buildings where there is a file of them.
 
         Raises ConfigError where the file cannot be read.
         """
+        lanes = [
+            LaneStrip(lane.shape[:, 0], lane.shape[:, 1], lane.width)
+            for lane in self.lanes
+            if lane.kind in ("lane", "junction")
+        ]
+        return Street(self._buildings(), lanes)
+
+    def _buildings(self) -> tuple[Building, ...]:
         file = self.files.get(BUILDINGS)
         if file is None:
             return ()
@@ -372,7 +380,7 @@ def resolve_scenario(
 def _seen_buildings(scenario: Scenario, network: Network) -> Path | None:
     """Return the file of the buildings beside a network, where there is one and a sensor sees them."""
     file = buildings_file(network.path)
-    if file is None or not any(load_sensor(one.kind).sees_buildings() for one in scenario.sensors):
+    if file is None or not any(load_sensor(one.kind).sees_street() for one in scenario.sensors):
         return None
     return file
 

@@ -12,6 +12,7 @@ import numpy as np
 from vve_sumo.hunt.judging import (
     ACT_TIME,
     ANSWERING_SHARE,
+    CALLED_TIME,
     HIDE_PEDAL,
     REST,
     DriverControl,
@@ -60,7 +61,7 @@ class SpeedLimit:
 
 @dataclass(slots=True)
 class InsideLot:
-    """The body of a car that nobody has taken over stays inside the lot's outline."""
+    """The body of a car that nobody has taken over, and that not only its driver can brake, stays inside the lot."""
 
     lot: Lot  #: without margin
     body: Body
@@ -68,11 +69,15 @@ class InsideLot:
     name: ClassVar[str] = "inside_lot"
     margin: float = 1.0
     _count: int = 0
+    _ours_at: float | None = None  # when brakes last acted on commands, or no alarm called the driver
 
     def step(self, sample: TruthSample) -> str | None:
         """Take a tick."""
         self._count += 1
-        if self._count % 5 or self.driven.taken or sample.state in (ArmingState.DISARMED, ArmingState.READY):
+        if self._ours_at is None or sample.enabled[0] or not alarmed(sample):
+            self._ours_at = sample.time
+        left = self.driven.taken or sample.time - self._ours_at >= CALLED_TIME
+        if self._count % 5 or left or sample.state in (ArmingState.DISARMED, ArmingState.READY):
             return None
         pose = sample.pose
         turn = complex(math.cos(pose.heading), math.sin(pose.heading))

@@ -25,6 +25,8 @@ STEERS: Final = 3.0
 HAND: Final = 1.5
 #: a gateway that lets go so soon after the driver's last act does so because of it [s]
 ACT_TIME: Final = 1.0
+#: a driver who has been called for so long, for brakes that act on no command, has had the time to brake [s]
+CALLED_TIME: Final = 5.0
 #: a car that truly moves faster than this with nobody at the pedals is unattended [m/s]; the gateway's own is less
 UNATTENDED_SPEED: Final = 0.3
 #: a car that truly moves slower than this stands [m/s]; wheel speeds resolve no less

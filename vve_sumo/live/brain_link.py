@@ -131,6 +131,7 @@ class WiredLink:
             wire.outlet.close()
 
 
-def lidars_on(rig: Rig) -> frozenset[str]:
-    """Return the names of the lidars whose turns a rig's wires carry."""
-    return frozenset(one.sensor for one in rig.outputs if one.sensor and KINDS[one.kind].content == "points")
+def wired_sensors(rig: Rig) -> frozenset[str]:
+    """Return the names of the lidars and cameras that a rig's wires carry."""
+    carried = ("points", "objects")
+    return frozenset(one.sensor for one in rig.outputs if one.sensor and KINDS[one.kind].content in carried)

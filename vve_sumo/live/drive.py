@@ -28,7 +28,7 @@ from vve_sumo.drive.virtual_road import open_world, scenario_engine
 from vve_sumo.errors import VveError
 from vve_sumo.live import messages, signals, spawn, start_pose
 from vve_sumo.live.assembly import from_dict, pipeline_of, source_of
-from vve_sumo.live.brain_link import ChannelLink, key_of, lidars_on, open_setpoints
+from vve_sumo.live.brain_link import ChannelLink, key_of, open_setpoints, wired_sensors
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.jitter_wait import JitterWait, gateway_lateness
 from vve_sumo.live.latency_monitor import LatencyMonitor
@@ -115,8 +115,8 @@ class LiveDrive:
             setpoints = open_setpoints(brain, key)
         actors = any(KINDS[table.kind].tells_actors for table in rig.outputs)
         link_ = ChannelLink(outputs, setpoints, self._t0, actors=actors)
-        frame, mounting, lidars = self._resolved.map_frame, mounting_of(rig), lidars_on(rig)
-        return link_, external_controller(brain.kind, link_, frame, mounting, lot.epoch, key, lidars=lidars)
+        frame, mounting, wired = self._resolved.map_frame, mounting_of(rig), wired_sensors(rig)
+        return link_, external_controller(brain.kind, link_, frame, mounting, lot.epoch, key, wired=wired)
 
     def run(self) -> None:
         """Tick until the gateway is gone: a moving car needs fallback paths even if the console is gone."""

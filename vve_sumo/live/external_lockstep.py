@@ -13,7 +13,7 @@ from pathlib import Path
 from vve_sumo.drive.brain import ExternalController, Link, external_controller
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
 from vve_sumo.errors import ConfigError
-from vve_sumo.live.brain_link import WiredLink, key_of, lidars_on, open_setpoints
+from vve_sumo.live.brain_link import WiredLink, key_of, open_setpoints, wired_sensors
 from vve_sumo.live.outputs import OutputWire, opened
 from vve_sumo.pose.sources import Source
 from vve_sumo.rig.schema import Rig
@@ -45,9 +45,9 @@ def external_controller_over(link: Link, rig: Rig, resolved: ResolvedScenario, w
 
     Raises ConfigError for a key file that cannot be read.
     """
-    key, mounting, lidars = key_of(rig.brain, working), resolved.model.mounting, lidars_on(rig)
+    key, mounting, wired = key_of(rig.brain, working), resolved.model.mounting, wired_sensors(rig)
     return external_controller(
-        rig.brain.kind, link, resolved.map_frame, mounting, DEFAULT_EPOCH, key, waits=True, lidars=lidars
+        rig.brain.kind, link, resolved.map_frame, mounting, DEFAULT_EPOCH, key, waits=True, wired=wired
     )
 
 

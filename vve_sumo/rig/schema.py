@@ -299,26 +299,27 @@ class RigOutput(Table):
     """An outgoing wire: what a virtual sensor says, for a control computer of somebody else's."""
 
     kind: Literal[
-        "ncom", "nmea", "radar", "esr", "ars408", "osi_view", "osi_data", "vlp16", "vlp16_position", "stop"
+        "ncom", "nmea", "radar", "esr", "ars408", "osi_view", "osi_data", "mobileye", "vlp16", "vlp16_position", "stop"
     ] = Field(description="what is sent: see the table of wires")
     sensor: Name | None = Field(
         default=None,
         description="`radar`, `esr`, `ars408`, `osi_data`: name of the scenario's sensor whose detections are sent, "
-        "where that is not `radar`; `vlp16`: name of the scenario's lidar",
+        "where that is not `radar`; `vlp16`, `mobileye`: name of the scenario's lidar or camera",
     )
     udp: Place | None = Field(default=None, description="send datagrams to this address and port")
     tcp: Place | None = Field(default=None, description="`ncom`, `nmea`: serve a stream on this address and port")
     device: Name | None = Field(default=None, description="`ncom`, `nmea`: write to this serial line")
     baud: Annotated[int, Field(ge=1200, le=4_000_000)] = Field(default=115_200, description="of the serial line")
     interface: Name | None = Field(
-        default=None, description="`esr`, `ars408`, `stop`: python-can's, of a bus that does not command the car"
+        default=None,
+        description="`esr`, `ars408`, `mobileye`, `stop`: python-can's, of a bus that does not command the car",
     )
     channel: Name | None = Field(
         default=None,
-        description="`esr`, `ars408`, `stop`: python-can's; with `slcan` also `pty:FILE`: FILE becomes a link to a "
-        "serial port of its own",
+        description="`esr`, `ars408`, `mobileye`, `stop`: python-can's; with `slcan` also `pty:FILE`: FILE becomes a "
+        "link to a serial port of its own",
     )
-    bitrate: Bitrate = Field(default=500_000, description="`esr`, `ars408`, `stop`: [bit/s]")
+    bitrate: Bitrate = Field(default=500_000, description="`esr`, `ars408`, `mobileye`, `stop`: [bit/s]")
     host: Literal["drive", "bus"] = Field(
         default="drive",
         description="`esr`: where the radar knows the car's motion from: the `drive`, or vehicle messages on its `bus`",
@@ -334,9 +335,10 @@ class RigOutput(Table):
             raise ValueError(f"host says nothing for kind {self.kind!r}, it is for esr")
         if (self.kind == "stop") != (self.can_id is not None):
             raise ValueError("can_id is the identifier of the stop frame: kind 'stop' needs it, and no other has it")
-        if self.kind == "vlp16" and self.sensor is None:
-            raise ValueError("kind 'vlp16' needs sensor: name the scenario's lidar")
-        if self.kind in ("esr", "ars408", "stop"):
+        if self.kind in ("vlp16", "mobileye") and self.sensor is None:
+            what = "lidar" if self.kind == "vlp16" else "camera"
+            raise ValueError(f"kind {self.kind!r} needs sensor: name the scenario's {what}")
+        if self.kind in ("esr", "ars408", "mobileye", "stop"):
             if byte_ways or self.interface is None or self.channel is None:
                 raise ValueError(f"kind {self.kind!r} goes out on a CAN bus: name interface and channel, nothing else")
             return self

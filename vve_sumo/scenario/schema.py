@@ -347,7 +347,7 @@ class SensorSettings(Table):
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")] = Field(
         description="its name in `observation.sensors` and in the record, each once; `radar` is that of `[radar]`"
     )
-    kind: Name = Field(description="`radar`, `lidar`, `file.py:make`, or an installed package's entry point")
+    kind: Name = Field(description="`radar`, `lidar`, `camera`, `file.py:make`, or an installed package's entry point")
     settings: dict[str, bool | Finite | int | str | list[Finite]] = Field(
         default={}, description="the keys of its kind; of `radar` those of `[radar]`"
     )

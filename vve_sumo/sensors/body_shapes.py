@@ -66,6 +66,12 @@ class Blocks(NamedTuple):
     speed_y: Floats  #: map [m/s]
 
 
+def finite_rows(actors: Actors) -> Indices:
+    """Return the rows of the actors whose every number is finite."""
+    total = actors.x + actors.y + actors.heading + actors.speed + actors.lateral_speed
+    return np.flatnonzero(np.isfinite(total + actors.length + actors.width + actors.height))
+
+
 def blocks_of(actors: Actors, rows: Indices) -> Blocks:
     """Return the blocks of some rows of the actors, every number of which must be finite."""
     parts = [_BY_NUMBER[kind] for kind in actors.kind[rows].tolist()]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -16,12 +16,15 @@ from numpy.typing import NDArray
 
 from vve_sumo.ports import error_text
 from vve_sumo.sensors.port import Column, Reading, Sensor, SensorColumn, SensorSettings
-from vve_sumo.sensors.street import Building
+from vve_sumo.sensors.street import Street
 from vve_sumo.values import Actors, Pose, SensorOutput, Vehicle
 
 _NUMBERS: Final[dict[str, type[np.generic]]] = {
     "float": np.float64, "int": np.int64, "int8": np.int8, "bool": np.bool_
 }  # fmt: skip
+
+#: a street of which nothing is known
+NO_STREET: Final = Street()
 
 _PLAIN: Final = "biufU"  # numpy's kinds of arrays that hold truth values, numbers or texts, and no objects
 
@@ -59,11 +62,11 @@ class GuardedSensor:
         settings: SensorSettings,
         vehicle: Vehicle,
         generator: np.random.Generator,
-        buildings: Sequence[Building] = (),
+        street: Street = NO_STREET,
     ) -> None:
         """Make the sensor; raises what its class raises, and TypeError where its output is invalid."""
         self._name = name
-        self._sensor: Sensor = settings.sensor_among(buildings, vehicle, generator)
+        self._sensor: Sensor = settings.sensor_along(street, vehicle, generator)
         self._preparing: Callable[[], Reading | None] | None = getattr(self._sensor, "prepare", None)
         self._prepared = _NOTHING_PREPARED
         self._stepped = False  # and not prepared since

@@ -22,8 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vve_sumo.body_kinds import BODY_KINDS
-from vve_sumo.path import Indices
-from vve_sumo.sensors.body_shapes import Blocks, blocks_of
+from vve_sumo.sensors.body_shapes import Blocks, blocks_of, finite_rows
 from vve_sumo.sensors.port import Column
 from vve_sumo.sensors.ray_casting import GROUND, NOTHING, WALL, Firings, Hits, cast
 from vve_sumo.sensors.street import Walls
@@ -147,7 +146,7 @@ class Lidar:
         if not math.isfinite(place.x + place.y + heading):
             raise ValueError("lidar: the pose is not finite")
         self._before, self._now = before, place
-        self.refused = len(actors.ids) - len(_sound(actors))
+        self.refused = len(actors.ids) - len(finite_rows(actors))
 
     def prepare(self) -> LidarScan | None:
         """Cast the rays since the tick before; return the turn that they complete, if they complete one."""
@@ -158,7 +157,7 @@ class Lidar:
         begin = max(before.time, now.time - LONGEST_GAP)
         first = max(self._next, math.ceil((begin - SAME_TIME) / config.firing_period))
         after = math.ceil((now.time - SAME_TIME) / config.firing_period)
-        rows = _sound(now.actors)
+        rows = finite_rows(now.actors)
         blocks = blocks_of(now.actors, rows)
         while first < after:
             turn, end = first // config.steps, min(after, (first // config.steps + 1) * config.steps)
@@ -270,9 +269,3 @@ def _cloud(config: LidarConfig, time: float, range_: Floats, reflectivity: NDArr
     offset: Floats = channel * (config.channel_spread * config.step)
     age: Floats = (firing - (len(range_) - 1)) * config.firing_period
     return PointCloud(time, azimuth, offset, np.array(config.elevations), age, range_, reflectivity)
-
-
-def _sound(actors: Actors) -> Indices:
-    """Return the rows of the actors whose every number is finite."""
-    total = actors.x + actors.y + actors.heading + actors.speed + actors.lateral_speed
-    return np.flatnonzero(np.isfinite(total + actors.length + actors.width + actors.height))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Annotated, ClassVar, Final, Self
 
 import numpy as np
@@ -13,7 +12,7 @@ from vve_sumo.config_file import Finite, Positive
 from vve_sumo.sensors.drawing import Drawing, Mounting, Points, Polar
 from vve_sumo.sensors.lidar import Lidar, LidarConfig
 from vve_sumo.sensors.port import Content, Sensor, SensorColumn, SensorSettings
-from vve_sumo.sensors.street import Building, walls_of
+from vve_sumo.sensors.street import Street, walls_of
 from vve_sumo.values import PointCloud, Vehicle
 
 #: turns that may be missing before the lidar counts as late
@@ -96,13 +95,11 @@ class LidarSettings(SensorSettings):
 
     def sensor(self, vehicle: Vehicle, generator: np.random.Generator, /) -> Sensor:
         """Return a lidar on a vehicle, on a street without buildings."""
-        return self.sensor_among((), vehicle, generator)
+        return self.sensor_along(Street(), vehicle, generator)
 
-    def sensor_among(
-        self, buildings: Sequence[Building], vehicle: Vehicle, generator: np.random.Generator, /
-    ) -> Sensor:
-        """Return a lidar on a vehicle, on a street with these buildings."""
-        return Lidar(self.config(), generator, walls_of(buildings))
+    def sensor_along(self, street: Street, vehicle: Vehicle, generator: np.random.Generator, /) -> Sensor:
+        """Return a lidar on a vehicle, on a street."""
+        return Lidar(self.config(), generator, walls_of(street.buildings))
 
 
 def make() -> type[SensorSettings]:

@@ -18,24 +18,24 @@ from vve_sumo.config_file import Table, complaint
 from vve_sumo.errors import ConfigError
 from vve_sumo.ports import Port, error_text
 from vve_sumo.sensors.drawing import Drawing, wrong
-from vve_sumo.sensors.street import Building
-from vve_sumo.values import Actors, Detections, PointCloud, Pose, SensorOutput, Vehicle
+from vve_sumo.sensors.street import Street
+from vve_sumo.values import Actors, CameraObjects, Detections, PointCloud, Pose, SensorOutput, Vehicle
 
 #: Every kind is found by a name of this table, as `file.py:function` or by entry point; `make()` returns its class.
 PORT: Final = Port(
     "sensor",
     "vve_sumo.sensors",
     "()",
-    {"radar": "vve_sumo.sensors.radar_settings", "lidar": "vve_sumo.sensors.lidar_settings"},
+    {kind: f"vve_sumo.sensors.{kind}_settings" for kind in ("radar", "lidar", "camera")},
 )
 #: kind and name of the sensor that every scenario has; the scenario's table of that name sets it
 STANDARD: Final = "radar"
 
 Column = Sequence[Any] | NDArray[Any]
 #: what of a sensor's output an outgoing wire can carry, by the name that a kind's `serves` has for it
-Content = Literal["detections", "points"]
+Content = Literal["detections", "points", "objects"]
 #: the class of an output that serves a content
-CONTENTS: Final[Mapping[Content, type]] = {"detections": Detections, "points": PointCloud}
+CONTENTS: Final[Mapping[Content, type]] = {"detections": Detections, "points": PointCloud, "objects": CameraObjects}
 ColumnKind = Literal["float", "int", "int8", "bool", "str"]
 
 
@@ -106,16 +106,14 @@ class SensorSettings(Table):
         """Return a sensor on a vehicle, which draws from this generator alone; raises ConfigError."""
         raise NotImplementedError
 
-    def sensor_among(
-        self, buildings: Sequence[Building], vehicle: Vehicle, generator: np.random.Generator, /
-    ) -> Sensor:
-        """Return a sensor on a street with these buildings; a kind that sees them overrides this."""
+    def sensor_along(self, street: Street, vehicle: Vehicle, generator: np.random.Generator, /) -> Sensor:
+        """Return a sensor on a street; a kind that sees buildings or lanes overrides this."""
         return self.sensor(vehicle, generator)
 
     @classmethod
-    def sees_buildings(cls) -> bool:
-        """Whether the kind sees buildings."""
-        return cls.sensor_among is not SensorSettings.sensor_among
+    def sees_street(cls) -> bool:
+        """Whether the kind sees more than bodies."""
+        return cls.sensor_along is not SensorSettings.sensor_along
 
 
 def load(kind: str) -> type[SensorSettings]:

@@ -1,17 +1,23 @@
-"""What stands along the virtual road for the whole drive, as a sensor sees it: buildings as walls.
+"""What lies along the virtual road for the whole drive, as a sensor sees it: buildings as walls, and lanes.
 
 Declarations and plane geometry; knows no file.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Self
+from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 
 from vve_sumo.values import Floats
+
+#: cosine of the greatest angle between a heading and a lane that leads in it
+LEADS: Final = math.cos(math.radians(45.0))
+#: so far beyond its ends a piece of a lane still counts [m]: in a bend there is a gap between two
+JOINT: Final = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +36,55 @@ class Building:
         """Return the building that `to_dict` wrote; raises KeyError, TypeError or ValueError for anything else."""
         outline = tuple((float(x), float(y)) for x, y in recorded["outline_m"])
         return cls(outline, float(recorded["height_m"]))
+
+
+class LaneStrip(NamedTuple):
+    """A lane for vehicles."""
+
+    x: Floats  #: centre line in driving direction, map [m]
+    y: Floats  #: map [m]
+    width: float  #: [m]
+
+
+class Street(NamedTuple):
+    """What a sensor may see of the street."""
+
+    buildings: Sequence[Building] = ()
+    lanes: Sequence[LaneStrip] = ()
+
+
+class LaneBorders(NamedTuple):
+    """The borders of the lane that somebody is in."""
+
+    left: float  #: distance to the left border, across the lane [m]
+    right: float  #: distance to the right border, across the lane [m]
+
+
+class Lanes:
+    """Lanes, looked up by place and direction."""
+
+    def __init__(self, lanes: Sequence[LaneStrip]) -> None:
+        pieces = [
+            np.stack((lane.x[:-1], lane.y[:-1], np.diff(lane.x), np.diff(lane.y), np.full(len(lane.x) - 1, lane.width)))
+            for lane in lanes
+        ]
+        table: Floats = np.concatenate(pieces, axis=1) if pieces else np.zeros((5, 0))
+        self._x, self._y, self._along_x, self._along_y, self._width = (table[row] for row in range(5))
+        self._length = np.maximum(np.hypot(self._along_x, self._along_y), 1e-9)
+
+    def borders(self, x: float, y: float, heading: float) -> LaneBorders | None:
+        """Return the borders of the lane at a place, map [m], that leads in a heading [rad]; None outside of all."""
+        east, north = x - self._x, y - self._y
+        along = (east * self._along_x + north * self._along_y) / self._length
+        across = (north * self._along_x - east * self._along_y) / self._length
+        leads = (self._along_x * math.cos(heading) + self._along_y * math.sin(heading)) / self._length > LEADS
+        here = leads & (along >= -JOINT) & (along <= self._length + JOINT) & (np.abs(across) <= 0.5 * self._width)
+        found = np.flatnonzero(here)
+        if not len(found):
+            return None
+        one = found[np.argmin(np.abs(across[found]))]
+        half, aside = 0.5 * float(self._width[one]), float(across[one])
+        return LaneBorders(half - aside, half + aside)
 
 
 class Walls(NamedTuple):

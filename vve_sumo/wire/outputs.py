@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 from vve_sumo.pose import ncom, nmea_encoder
 from vve_sumo.values import Actors, Frame, Vehicle
-from vve_sumo.wire import ars408, datagrams, esr, vlp16
+from vve_sumo.wire import ars408, datagrams, esr, mobileye, vlp16
 from vve_sumo.wire.numbering import Numbering
 from vve_sumo.wire.sample import NO_SCAN, Sample, SampleContent, no_fix
 
@@ -27,6 +27,9 @@ MICROSECONDS: Final = 1_000_000
 
 #: how long the vehicle messages of an ESR's host count [s]: five of their periods of 20 ms, an assumption
 HOST_LIFETIME: Final = 0.1
+
+#: an older list of a camera is shown by nobody [s]
+MAX_LIST_AGE: Final = 0.5
 
 #: returns the frames that others have sent on a bus since the last call, in order
 Hear = Callable[[], Sequence[Frame]]
@@ -310,6 +313,24 @@ class Vlp16PositionOutput:
         return (vlp16.position_packet(sample.time, nmea_encoder.encode(fix)),)
 
 
+class MobileyeOutput:
+    """A camera's list as a Mobileye's obstacles, once for each list; a failed camera's status while invalid."""
+
+    def __init__(self, _context: Context) -> None:
+        self._encoder = mobileye.MobileyeEncoder()
+        self._listed = -math.inf
+
+    def step(self, sample: Sample) -> Sequence[Frame]:
+        """Return the frames of a sample that brings a list, or that is not valid."""
+        listed = sample.measured.objects if sample.measured is not None else None
+        if listed is None or sample.drive_time - listed.time > MAX_LIST_AGE:
+            return self._encoder.encode(None, sample.time)
+        if listed.time <= self._listed:
+            return ()
+        self._listed = listed.time
+        return self._encoder.encode(listed, sample.time)
+
+
 class StopOutput:
     """A stop frame: one byte, 1, at every step at which the outputs are invalid after they were valid; else nothing."""
 
@@ -365,6 +386,7 @@ KINDS: Final[Mapping[str, Kind]] = {
     ),
     "esr": Kind(EsrOutput, "the radar as a Delphi ESR's tracks, 20 Hz", content="detections"),
     "ars408": Kind(Ars408Output, "the radar as a Continental ARS408's objects, 13.3 Hz", content="detections"),
+    "mobileye": Kind(MobileyeOutput, "a camera's list as a Mobileye's obstacles, a list at a time", content="objects"),
     "vlp16": Kind(
         Vlp16Output,
         "a lidar's turns as a Velodyne VLP-16's data packets, a turn at a time",

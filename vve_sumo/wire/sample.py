@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vve_sumo.frames import Placement
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import Actors, Detections, Fix, FixQuality, Pose
+from vve_sumo.values import Actors, CameraObjects, Detections, Fix, FixQuality, Pose
 
 NO_SCAN: Final = Detections(-math.inf, np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, np.int8))
 #: of a tick's time, in ticks
@@ -48,6 +48,10 @@ class SampleContent:
     #: of each lidar whose turn came out at this tick, where a wire carries them
     turns: Mapping[str, LidarTurn] = field(default_factory=dict)
     turn: LidarTurn | None = None  #: of the lidar that a wire is of
+    lists: Mapping[str, CameraObjects] = field(
+        default_factory=dict
+    )  #: the newest of each camera, where a wire carries it
+    objects: CameraObjects | None = None  #: of the camera that a wire is of
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +79,8 @@ class Sample:
             return self
         scan = self.measured.others.get(sensor, NO_SCAN)
         age = self.drive_time - scan.time  # infinite before the first
-        turn = self.measured.turns.get(sensor)
-        return replace(self, measured=replace(self.measured, scan=scan, scan_age=age, turn=turn))
+        turn, objects = self.measured.turns.get(sensor), self.measured.lists.get(sensor)
+        return replace(self, measured=replace(self.measured, scan=scan, scan_age=age, turn=turn, objects=objects))
 
 
 def sequence_of(drive_time: float) -> int:
