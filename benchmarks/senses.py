@@ -1,0 +1,71 @@
+"""What lidar and camera cost among fifty bodies, beside the radar: on the way to the command, and in the tick's slack.
+
+python benchmarks/senses.py [--seconds N] [--smoke]
+The three take turns at every tick, so that a noisy machine disturbs all of them alike. Times are of this process' CPU.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import statistics
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+
+from tests.sensors.scenes import FUSION, actors, car, rear_axle
+from vve_sumo.sensors.guarded import GuardedSensor
+from vve_sumo.sensors.port import configured
+from vve_sumo.timing import PERIOD
+
+BODIES = 50
+SPEED = 10.0  #: of the ego [m/s]
+RATES = {"radar": 20.0, "lidar": 10.0, "camera": 15.0}  #: readings a second
+
+
+def main() -> None:
+    """Print what a tick's step costs, and what a reading costs in all."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=60.0, help="of driving [s]")
+    parser.add_argument("--smoke", action="store_true", help="a tiny amount of work, whose figures say nothing")
+    arguments = parser.parse_args()
+    ticks = round((1.0 if arguments.smoke else arguments.seconds) / PERIOD)
+    chance = np.random.default_rng(1)
+    street = [
+        car(
+            chance.uniform(-80, 120),
+            chance.choice((-1, 1)) * chance.uniform(2.5, 30),
+            chance.uniform(-math.pi, math.pi),
+            8.0,
+        )
+        for _ in range(BODIES)
+    ]
+    sensors = {kind: GuardedSensor(kind, configured(kind, {}), FUSION, np.random.default_rng(2)) for kind in RATES}
+    before: dict[str, list[float]] = {kind: [] for kind in RATES}
+    after: dict[str, list[float]] = {kind: [] for kind in RATES}
+    scene = actors(street)
+    for tick in range(ticks):
+        now = tick * PERIOD
+        pose = rear_axle(SPEED * (now % 4.0), 0.0, 0.0, SPEED)
+        for kind, sensor in sensors.items():
+            begun = time.process_time()
+            sensor.step(now, pose, scene)
+            stepped = time.process_time()
+            sensor.prepare()
+            before[kind].append(stepped - begun)
+            after[kind].append(time.process_time() - stepped)
+    seconds = ticks * PERIOD
+    print(f"{BODIES} bodies, {seconds:.0f} s")
+    for kind, rate in RATES.items():
+        step = 1000.0 * statistics.mean(before[kind])
+        reading = 1000.0 * (sum(before[kind]) + sum(after[kind])) / (rate * seconds)
+        slack = 1000.0 * max(after[kind])
+        print(f"  {kind:6} a step {step:.3f} ms, a reading {reading:.2f} ms in all, most in one slack {slack:.1f} ms")
+
+
+if __name__ == "__main__":
+    main()
