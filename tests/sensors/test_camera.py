@@ -148,6 +148,18 @@ def test_false_objects_come_as_often_as_declared_and_nobody_is_behind_them() -> 
     assert (np.abs(y) <= x * math.tan(config.view.half_angle) + 1e-9).all()
 
 
+def test_false_objects_share_no_number_with_what_is_there() -> None:
+    many = [car(20.0 + 2.0 * (row % 10), 3.0 * (row // 10) - 10.0) for row in range(70)]
+    config = replace(IDEAL, false_objects=5.0, min_visible=0.0, min_rows=1.0)
+    objects = last(config, actors(many)).objects
+    assert 63 in objects.number
+    assert {0.0} == {
+        speed for number, speed in zip(objects.number, objects.relative_speed, strict=True) if number == 63
+    }
+    real = [name for name in last(config, actors(many)).names if name]
+    assert len(real) == len(set(real))
+
+
 # --- numbers, status, lanes -------------------------------------------------------------------------------------------
 
 

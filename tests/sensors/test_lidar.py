@@ -120,14 +120,13 @@ def test_a_car_that_drives_is_met_where_it_was_at_the_moment_of_the_ray() -> Non
 def test_the_mounting_is_where_the_rays_begin() -> None:
     turned = replace(IDEAL, x=0.5, y=0.4, z=1.2, yaw=math.radians(30.0))
     (_, scan) = driven(turned, 0.1, scene=actors([]), walls=HOUSE)[0]
-    cloud, channel = scan.cloud, 7
-    # The wall's near face lies 9.6 m to the left. The firing that looks along +y is at 60 degrees of the lidar's own.
-    firing = int(np.argmin(np.abs(cloud.azimuth + cloud.azimuth_offset[channel] - math.radians(30.0))))
-    azimuth = float(cloud.azimuth[firing] + cloud.azimuth_offset[channel]) + math.radians(30.0)
-    expected = 9.6 / math.sin(azimuth) if 9.6 / math.tan(azimuth) >= 29.5 else None
+    cloud, channel = scan.cloud, LASER[1]
+    # The near face of the house is 9.6 m to the left of the lidar; the ray goes to 39.5 m ahead of it.
+    direction = math.atan2(9.6, 39.5) - turned.yaw
+    firing = int(np.argmin(np.abs(cloud.azimuth + cloud.azimuth_offset[channel] - direction)))
+    azimuth = float(cloud.azimuth[firing] + cloud.azimuth_offset[channel]) + turned.yaw
     level = float(cloud.range[firing, channel]) * math.cos(turned.elevations[channel])
-    if expected is not None:
-        assert level == pytest.approx(expected, rel=1e-6)
+    assert level == pytest.approx(9.6 / math.sin(azimuth), rel=1e-9)
     ground = float(cloud.range[0, 0])
     assert ground * math.sin(math.radians(15.0)) == pytest.approx(1.2)
 

@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.bits import bits
+from vve_sumo.sensors.camera import no_objects
 from vve_sumo.values import Actors, Detections, Fix, FixQuality, Point, Pose
-from vve_sumo.wire.sample import Sample, SampleContent
+from vve_sumo.wire.sample import NO_SCAN, LidarTurn, Sample, SampleContent, no_fix
 from vve_sumo.wire.sample_codec import decode_sample, encode_sample
 
 NUMBERS = st.floats()
@@ -37,6 +38,26 @@ def _tables(draw: st.DrawFn) -> tuple[Detections, Actors]:
 
 FIXES = _of(Fix, locked=st.booleans(), quality=st.sampled_from(FixQuality))
 POSES = _of(Pose, point=st.sampled_from(Point))
+
+
+def test_a_turn_and_a_list_come_through_bit_for_bit() -> None:
+    turn = LidarTurn(
+        0.1, 5e-5, np.array([0, 35_999], np.uint16), np.arange(32, dtype=np.uint16), np.full(32, 200, np.uint8)
+    )
+    seen = no_objects(0.3)
+    listed = dataclasses.replace(seen, number=np.array([7]), x=np.array([0.1]), lane_known=True, lane_left=1.25)
+    pose = Pose(0.0, Point.REAR_AXLE, *([0.0] * 8))
+    content = SampleContent(
+        no_fix(0.0, 0.0), pose, NO_SCAN, 0.0, Actors.none(0.0), turns={"roof": turn}, lists={"front": listed}
+    )
+    sample = Sample(3, 1.4e9, 0.3, content)
+    assert bits(decode_sample(encode_sample(sample, actors=False))) == bits(sample)
+    front, roof = sample.seen_by("front").measured, sample.seen_by("roof").measured
+    assert front is not None
+    assert roof is not None
+    assert front.objects is listed
+    assert roof.turn is turn
+    assert front.turn is roof.objects is None
 
 
 @given(FIXES, POSES, _tables(), NUMBERS, st.integers(0, 2**40))

@@ -119,6 +119,16 @@ def test_a_turn_that_fills_no_packet_waits_for_the_next() -> None:
     assert np.hypot(found[:, 0], found[:, 1]) == pytest.approx(level, abs=1e-4)
 
 
+def test_what_waited_is_not_sent_after_a_turn_that_never_came() -> None:
+    config = replace(EXACT, steps=900, rate=20.0)
+    one, _, three = [scan for _, scan in driven(config, 0.15, scene=SCENE)]
+    encoder = Vlp16Encoder()
+    assert len(encoder.encode(turn_of(one.cloud), EPOCH)) == 37
+    packets = encoder.encode(turn_of(three.cloud), EPOCH)
+    assert len(packets) == 37, "the half packet of the first turn is gone"
+    assert int.from_bytes(packets[0][1200:1204], "little") == past_the_hour(EPOCH + 0.1)
+
+
 def test_what_the_wire_cannot_say_is_nothing() -> None:
     """Two bytes of 2 mm end at 131 m; a lidar of other channels is no VLP-16."""
     cloud = driven(EXACT, 0.1, scene=SCENE)[0][1].cloud

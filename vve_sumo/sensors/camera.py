@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from vve_sumo.body_kinds import BODY_KINDS, TYPICAL, number_of
+from vve_sumo.body_kinds import BODY_KINDS, number_of
 from vve_sumo.sensors.body_shapes import Blocks, blocks_of, finite_rows
 from vve_sumo.sensors.image_mask import CameraPlace, Mask, Pinhole, mask_of
 from vve_sumo.sensors.port import Column, SensorColumn
@@ -34,8 +34,8 @@ SPEED_TIME: Final = 1.0
 STANDING_SPEED: Final = 0.5
 #: an object that comes towards the camera faster than this over the ground is oncoming [m/s]
 ONCOMING_SPEED: Final = 1.0
-#: numbers of objects, as a driver assistance camera gives them
-NUMBERS: Final = 64
+#: Objects have the numbers below it, as those of a driver assistance camera; the false ones have this one.
+FALSE_NUMBER: Final = 63
 MICROSECONDS: Final = 1_000_000
 
 COLUMNS: Final = (
@@ -151,7 +151,7 @@ class Camera:
         self._look: _Look | None = None
         self._waiting: list[tuple[float, CameraFrame]] = []  # frames that are not out yet, with their times
         self._followed: dict[str, _Followed] = {}
-        self._free = list(range(NUMBERS))
+        self._free = list(range(FALSE_NUMBER))
         self.output = no_objects(-math.inf)  #: newest list, for the controller
         self.refused = 0  #: actors left out at the last tick because of a value that is not finite
 
@@ -159,6 +159,8 @@ class Camera:
         """Take the ego's pose and the actors at drive time `time` [s]; return the list that comes out, if one does."""
         if pose.point is not Point.REAR_AXLE:
             raise ValueError(f"camera: the pose must be the rear axle's, got {pose.point}")
+        if not math.isfinite(pose.x + pose.y + pose.heading + pose.speed):
+            raise ValueError("camera: the pose is not finite")
         self._look = _Look(time, pose, actors)
         self.refused = len(actors.ids) - len(finite_rows(actors))
         out = None
@@ -256,7 +258,7 @@ class Camera:
             x = config.range_max * math.sqrt(far)
             y = (2.0 * side - 1.0) * x * math.tan(config.view.half_angle)
             kind = number_of("car")
-            yield _Object(NUMBERS - 1, kind, Status.STANDING, x, y, 0.0, 1.8, _TYPICAL_LENGTH["car"], 0.0, NO_ACTOR)
+            yield _Object(FALSE_NUMBER, kind, Status.STANDING, x, y, 0.0, 1.8, _TYPICAL_LENGTH["car"], 0.0, NO_ACTOR)
 
 
 #: lengths that are reported, because a picture from behind does not show them [m]: assumptions
@@ -264,7 +266,6 @@ _TYPICAL_LENGTH: Final[Mapping[str, float]] = {
     "car": 4.5, "van": 5.5, "truck": 9.0, "bus": 12.0, "motorcycle": 2.2, "bicycle": 1.8, "pedestrian": 0.5,
     "child": 0.4,
 }  # fmt: skip
-assert _TYPICAL_LENGTH.keys() == TYPICAL.keys()
 
 
 def no_objects(time: float) -> CameraObjects:

@@ -47,7 +47,7 @@ class CameraPlace(NamedTuple):
 
 
 class Drawn(NamedTuple):
-    """Where a block would be in the picture if it stood alone."""
+    """Where a block would be in the picture if it were alone."""
 
     rows: slice
     columns: slice

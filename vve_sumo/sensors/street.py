@@ -6,9 +6,9 @@ Declarations and plane geometry; knows no file.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple, Self
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -26,16 +26,6 @@ class Building:
 
     outline: tuple[tuple[float, float], ...]  #: corners, map [m]
     height: float  #: [m]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain JSON, for the record."""
-        return {"outline_m": [list(corner) for corner in self.outline], "height_m": self.height}
-
-    @classmethod
-    def from_dict(cls, recorded: Mapping[str, Any]) -> Self:
-        """Return the building that `to_dict` wrote; raises KeyError, TypeError or ValueError for anything else."""
-        outline = tuple((float(x), float(y)) for x, y in recorded["outline_m"])
-        return cls(outline, float(recorded["height_m"]))
 
 
 class LaneStrip(NamedTuple):

@@ -64,6 +64,10 @@ class Vlp16Encoder:
         self._range, self._reflectivity = np.zeros((0, CHANNELS), np.uint16), np.zeros((0, CHANNELS), np.uint8)
         self._time = np.zeros(0)
 
+    def _forget(self) -> None:
+        self._azimuth, self._time = self._azimuth[:0], self._time[:0]
+        self._range, self._reflectivity = self._range[:0], self._reflectivity[:0]
+
     def encode(self, turn: LidarTurn, epoch: float) -> list[bytes]:
         """Return the data packets that a turn fills; `epoch` is the GNSS second of drive time 0.
 
@@ -73,6 +77,8 @@ class Vlp16Encoder:
         if len(turn.range) != CHANNELS * firings:
             raise ValueError(f"a VLP-16 has {CHANNELS} channels, got {len(turn.range) / max(firings, 1):g}")
         time = epoch + turn.time + turn.firing_period * np.arange(1 - firings, 1)
+        if len(self._time) and firings and not time[0] - self._time[-1] < 2.0 * turn.firing_period:
+            self._forget()  # of a turn that was not the one before, such as the last one before an invalid time
         azimuth, times = np.append(self._azimuth, turn.azimuth), np.append(self._time, time)
         range_ = np.vstack((self._range, turn.range.reshape(-1, CHANNELS)))
         reflectivity = np.vstack((self._reflectivity, turn.reflectivity.reshape(-1, CHANNELS)))
