@@ -181,6 +181,22 @@ def test_a_speed_that_fails_now_and_then_makes_the_car_brake_no_other_than_was_a
     assert slope(speeds, 2.0, 6.0) == pytest.approx(-2.0, abs=0.35)
 
 
+def test_a_stop_whose_speed_fell_at_once_and_is_doubted_from_then_on_brakes_as_asked():
+    """Wheel speeds that were a tenth too large become right: a car that seems to brake hard must not brake less."""
+    loop = Loop(Car(speed=12.0, brake_lag=FUSION.brake_lag))
+    actuation, speeds = loop.actuation, []
+    actuation._holding = False
+    for number in range(200):
+        scale, believed = (1.1, True) if number < 40 else (1.0, number < 45)
+        pedals = actuation.step(
+            -2.4, scale * loop.car.speed, 0.0, PERIOD, brakes_only=True, believed=believed
+        )  # fmt: skip
+        loop.car._brake_pipe.append(pedals.brake_torque)
+        loop.car.advance(PERIOD)
+        speeds.append(loop.car.speed)
+    assert slope(speeds, 1.5, 3.5) == pytest.approx(-2.4, abs=0.2)
+
+
 def test_one_wrong_report_of_zero_neither_holds_nor_corrects():
     actuation = Actuation(CALIBRATION, FUSION.brake_delay, FUSION.brake_lag)
     actuation._holding = False

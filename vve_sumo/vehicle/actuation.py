@@ -77,7 +77,7 @@ class Actuation:
 
         `elapsed` is the time since the last step [s]. A grade beyond HOLD_GRADE is clipped to it. With `brakes_only`
         the throttle always stays closed. In place of a speed that is NaN or not `believed` the last other one counts,
-        and nothing is corrected.
+        and nothing more is corrected; with `brakes_only` a correction from before counts only if it brakes harder.
         """
         measured = speed if believed else math.nan
         if measured == measured:
@@ -85,7 +85,11 @@ class Actuation:
         speed = self._believed_speed
         if self._stands(acceleration, speed):
             return self._hold(speed, elapsed)
-        requested = acceleration + INTEGRAL_GAIN * self._speed_error(acceleration, measured, elapsed)
+        error = self._speed_error(acceleration, measured, elapsed)
+        if brakes_only and measured != measured:
+            # Nobody sees any more whether the car brakes too hard: what made it so may be the speed's own jump.
+            error = min(error, 0.0)
+        requested = acceleration + INTEGRAL_GAIN * error
         slope = clamp(math.sin(grade), -HOLD_GRADE, HOLD_GRADE)
         force = self._calibration.mass * (requested + GRAVITY * slope)
         force += self._calibration.drag(speed) - self._calibration.creep(speed)
