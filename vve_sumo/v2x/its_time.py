@@ -24,10 +24,11 @@ def require_time(time_ms: int) -> int:
 
 
 def unfold(remainder: int, modulus: int, now_ms: int) -> int:
-    """Return the time that has a remainder and is nearest to `now_ms`; the earlier one where two are.
+    """Return the time that has a remainder and is nearest to `now_ms`, but not before the epoch; of two, the earlier.
 
     A message carries the remainder of its TimestampIts [ms] only. That of the receiver is ahead by the transport, and
     off by what the two clocks differ.
     """
     ahead = (remainder - now_ms) % modulus
-    return now_ms + (ahead if ahead < modulus - ahead else ahead - modulus)
+    nearest = now_ms + (ahead if ahead < modulus - ahead else ahead - modulus)
+    return nearest if nearest >= 0 else nearest + modulus
