@@ -16,7 +16,8 @@ AROUND = Area(AreaShape.CIRCLE, 40.0, -83.0, 500)
 
 def frame(message: MessageId, payload: bytes, area: Area | None = None) -> bytes:
     """Return an Ethernet frame with a message, as a single-hop broadcast unless it is for an area."""
-    packet = Packet(SOURCE, PORTS[message], payload, area)
+    hops = 1 if area is None else 10
+    packet = Packet(SOURCE, PORTS[message], payload, area, hops=hops, max_hops=hops)
     return geonetworking.ethernet_frame(geonetworking.encode(packet), ADDRESS)
 
 

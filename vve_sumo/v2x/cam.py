@@ -35,12 +35,13 @@ from vve_sumo.v2x.reference_position import (
     rounded_position,
 )
 
-#: counts of confidences that are unavailable
-_NO_HEADING_CONFIDENCE: Final = 127
-_NO_SPEED_CONFIDENCE: Final = 127
-_NO_ACCELERATION_CONFIDENCE: Final = 102
-_DIRECTIONS: Final = {False: "forward", True: "backward", None: "unavailable"}
-_REVERSING: Final = {name: reversing for reversing, name in _DIRECTIONS.items()}
+# What is unavailable: confidences of heading and speed, acceleration, curvature and yaw rate, whether there is a
+# trailer, and how the curvature was found.
+_NO_CONFIDENCE, _NO_ACCELERATION_CONFIDENCE, _NO_CURVATURE_CONFIDENCE, _NO_YAW_RATE_CONFIDENCE = 127, 102, 7, 8
+_NO_TRAILER_INFORMATION, _NO_CALCULATION_MODE = 4, 2
+_DEFAULT_ROLE: Final = 0
+_DIRECTIONS: Final = {False: 0, True: 1, None: 2}
+_REVERSING: Final = {number: reversing for reversing, number in _DIRECTIONS.items()}
 
 
 @fast_frozen
@@ -85,7 +86,7 @@ def encode(cam: Cam) -> bytes:
         else ("basicVehicleContainerHighFrequency", _vehicle_content(cam)),
     }
     if cam.lights is not None:
-        low = {"vehicleRole": "default", "exteriorLights": (bytes([cam.lights]), 8), "pathHistory": []}
+        low = {"vehicleRole": _DEFAULT_ROLE, "exteriorLights": (bytes([cam.lights]), 8), "pathHistory": []}
         parameters["lowFrequencyContainer"] = ("basicVehicleContainerLowFrequency", low)
     body = {"generationDeltaTime": require_time(cam.time_ms) % GENERATION_DELTA, "camParameters": parameters}
     return uper.encode("CAM", {"header": header_content(MessageId.CAM, cam.station), "cam": body})
@@ -98,21 +99,24 @@ def _has_no_motion(cam: Cam) -> bool:
 
 def _vehicle_content(cam: Cam) -> dict[str, Any]:
     return {
-        "heading": {"headingValue": heading_count(cam.heading), "headingConfidence": _NO_HEADING_CONFIDENCE},
-        "speed": {"speedValue": SPEED.count(cam.speed), "speedConfidence": _NO_SPEED_CONFIDENCE},
+        "heading": {"headingValue": heading_count(cam.heading), "headingConfidence": _NO_CONFIDENCE},
+        "speed": {"speedValue": SPEED.count(cam.speed), "speedConfidence": _NO_CONFIDENCE},
         "driveDirection": _DIRECTIONS[cam.reversing],
         "vehicleLength": {
             "vehicleLengthValue": VEHICLE_LENGTH.count(cam.length),
-            "vehicleLengthConfidenceIndication": "unavailable",
+            "vehicleLengthConfidenceIndication": _NO_TRAILER_INFORMATION,
         },
         "vehicleWidth": VEHICLE_WIDTH.count(cam.width),
         "longitudinalAcceleration": {
             "value": ACCELERATION.count(cam.acceleration),
             "confidence": _NO_ACCELERATION_CONFIDENCE,
         },
-        "curvature": {"curvatureValue": CURVATURE.count(cam.curvature), "curvatureConfidence": "unavailable"},
-        "curvatureCalculationMode": "unavailable",
-        "yawRate": {"yawRateValue": YAW_RATE.count(cam.yaw_rate), "yawRateConfidence": "unavailable"},
+        "curvature": {
+            "curvatureValue": CURVATURE.count(cam.curvature),
+            "curvatureConfidence": _NO_CURVATURE_CONFIDENCE,
+        },
+        "curvatureCalculationMode": _NO_CALCULATION_MODE,
+        "yawRate": {"yawRateValue": YAW_RATE.count(cam.yaw_rate), "yawRateConfidence": _NO_YAW_RATE_CONFIDENCE},
     }
 
 

@@ -17,7 +17,7 @@ NO_LATITUDE: Final = 900_000_001
 NO_LONGITUDE: Final = 1_800_000_001
 _UNUSED_LONGITUDE: Final = -1_800_000_000  #: the standard has it as 180 degrees east
 #: the content of an altitude that is unavailable
-_NO_ALTITUDE: Final = {"altitudeValue": 800_001, "altitudeConfidence": "unavailable"}
+_NO_ALTITUDE: Final = {"altitudeValue": 800_001, "altitudeConfidence": 15}
 
 #: names of the ellipse's fields in a ReferencePositionWithConfidence, which is the same on the wire as ...
 AXIS_LENGTHS: Final = ("semiMajorAxisLength", "semiMinorAxisLength", "semiMajorAxisOrientation")

@@ -56,11 +56,41 @@ def specification(message: str) -> Any:
     """
     modules = {name: module for file in MODULES[message] for name, module in _parsed(file).items()}
     modules = copy.deepcopy(modules)  # compiling writes into them, and messages share the dictionary
-    return _library().compile_dict(modules, "uper")
+    types = {name: one for module in modules.values() for name, one in module["types"].items()}
+    named = {name: one["named-numbers"] for name, one in types.items() if "named-numbers" in one}
+    constants = {name: one["value"] for module in modules.values() for name, one in module["values"].items()}
+    _resolve(modules, named, constants)
+    return _library().compile_dict(modules, "uper", numeric_enums=True)
+
+
+def _resolve(node: Any, named: dict[str, dict[str, int]], constants: dict[str, int]) -> None:
+    """Replace, in a parsed tree, what asn1tools 0.169 compiles wrong without a word.
+
+    A default that is a name (of `named` by type, or of `constants`) becomes its number. A union of values to which a
+    number is restricted becomes its span, of which alone the encoding depends (X.691, 13.2); asn1tools takes the first
+    part for all of it.
+    """
+    if isinstance(node, list):
+        for one in node:
+            _resolve(one, named, constants)
+    elif isinstance(node, dict):
+        names = {**constants, **named.get(node.get("type", ""), {})}
+        if "default" in node:
+            node["default"] = names.get(node["default"], node["default"])
+        parts: list[Any] = node.get("restricted-to", [])
+        if len(parts) > 1 and None not in parts:
+            ends: list[int] = [names.get(end, end) for part in parts for end in _ends(part)]
+            node["restricted-to"] = [(min(ends), max(ends))]
+        for one in node.values():
+            _resolve(one, named, constants)
+
+
+def _ends(part: Any) -> tuple[Any, ...]:
+    return part if isinstance(part, tuple) else (part,)
 
 
 def encode(message: str, content: dict[str, Any]) -> bytes:
-    """Return the bytes of a message whose content is within the ASN.1 type."""
+    """Return the bytes of a message whose content is within the ASN.1 type; enumerations are numbers in it."""
     encoded: bytes = specification(message).encode(message, content)
     return encoded
 
@@ -73,3 +103,15 @@ def decode(message: str, data: bytes) -> dict[str, Any]:
     except Exception as error:  # asn1tools meets some bytes with errors of Python's own
         raise MessageDecodeError(f"no {message}: {error}") from None
     return content
+
+
+@functools.cache
+def alternatives(message: str, choice: str) -> tuple[str, ...]:
+    """Return the names of a choice's alternatives, in the order of their numbers, in the modules of a message."""
+    (members,) = (
+        module["types"][choice]["members"]
+        for file in MODULES[message]
+        for module in _parsed(file).values()
+        if choice in module["types"]
+    )
+    return tuple(member["name"] for member in members if member is not None)
