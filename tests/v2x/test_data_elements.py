@@ -10,11 +10,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vve_sumo.v2x import data_elements as elements
-from vve_sumo.v2x.data_elements import DataElement, ExteriorLights, StationType, heading_count, heading_of
+from vve_sumo.v2x.data_elements import (
+    DataElement,
+    ExteriorLights,
+    Scale,
+    StationType,
+    angle_count,
+    angle_of,
+    heading_count,
+    heading_of,
+)
 from vve_sumo.v2x.uper import ENCODING, FOLDER
 
 DICTIONARY = (FOLDER / "TS102894-2v241-CDD.asn").read_text(encoding=ENCODING)
 ELEMENTS = [one for one in vars(elements).values() if isinstance(one, DataElement)]
+SCALES = [one for one in vars(elements).values() if isinstance(one, Scale)]
 
 
 def declared(name: str) -> tuple[dict[str, int], int, int]:
@@ -25,22 +35,31 @@ def declared(name: str) -> tuple[dict[str, int], int, int]:
     return named, int(found[2]), int(found[3])
 
 
-@pytest.mark.parametrize("element", ELEMENTS, ids=lambda one: one.name)
+@pytest.mark.parametrize("element", ELEMENTS, ids=lambda one: one.scale.name)
 def test_an_element_counts_as_the_dictionary_declares(element: DataElement) -> None:
-    named, least, greatest = declared(element.name)
-    assert named["unavailable"] == element.unavailable == element.count(None)
+    named, least, greatest = declared(element.scale.name)
+    assert named["unavailable"] == element.unavailable == greatest == element.count(None)
     assert element.value(element.unavailable) is None
-    above = {name: number for name, number in named.items() if name.lower().endswith(("outofrange", "positive"))}
-    assert element.count(1e9) == element.highest == max(above.values()) == greatest - 1
-    assert element.lowest == max(least, named.get("doNotUse", least - 1) + 1)
-    assert (element.lowest < 0) == any("egative" in name for name in named)
+    above = {number for name, number in named.items() if name.lower().endswith(("outofrange", "positive"))}
+    assert element.count(1e9) == element.scale.highest == max(above) == greatest - 1
+    assert element.scale.lowest == max(least, named.get("doNotUse", least - 1) + 1)
+    assert (element.scale.lowest < 0) == any("egative" in name for name in named)
 
 
-@pytest.mark.parametrize("element", ELEMENTS, ids=lambda one: one.name)
-def test_every_count_stands_for_itself(element: DataElement) -> None:
-    assert element.unavailable is not None
-    for count in range(element.lowest, element.highest + 1):
-        assert element.count(element.value(count)) == count
+@pytest.mark.parametrize("scale", SCALES, ids=lambda one: one.name)
+def test_what_is_always_known_counts_as_the_dictionary_declares(scale: Scale) -> None:
+    found = re.search(
+        rf"^{scale.name} *::= *INTEGER *(?:\{{.*?\}})? *\((-?\d+) *\.\. *(-?\d+)\)", DICTIONARY, re.S | re.M
+    )
+    assert found is not None
+    assert (scale.lowest, scale.highest) == (int(found[1]), int(found[2]))
+    assert scale.count(1e9) == scale.highest
+
+
+@pytest.mark.parametrize("scale", [*(one.scale for one in ELEMENTS), *SCALES], ids=lambda one: one.name)
+def test_every_count_stands_for_itself(scale: Scale) -> None:
+    for count in range(scale.lowest, scale.highest + 1):
+        assert scale.count(scale.value(count)) == count
 
 
 @pytest.mark.parametrize(
@@ -70,10 +89,18 @@ def test_every_count_stands_for_itself(element: DataElement) -> None:
         (elements.VEHICLE_WIDTH, 6.01, 61),
         (elements.SEMI_AXIS, 0.0, 1),
         (elements.SEMI_AXIS, 40.931, 4_094),
+        (elements.VELOCITY, -0.015, -1),
+        (elements.VELOCITY, -170.0, -16_383),
+        (elements.OBJECT_DIMENSION, 25.41, 255),
+        (elements.COORDINATE_CONFIDENCE, 40.941, 4_095),
+        (elements.COORDINATE, -1310.72, -131_072),
+        (elements.COORDINATE, 12.3401, 1_235),
+        (elements.DELTA_TIME, -0.0999, -99),
+        (elements.LENGTH, 80.04, 800),
     ],
 )
 def test_a_quantity_between_two_steps_is_rounded_as_the_words_say(
-    element: DataElement, value: float, count: int
+    element: DataElement | Scale, value: float, count: int
 ) -> None:
     assert element.count(value) == count
 
@@ -91,6 +118,17 @@ def test_a_heading_is_counted_clockwise_from_north(compass: float, count: int) -
 @given(st.integers(0, 3599))
 def test_every_heading_stands_for_itself(count: int) -> None:
     assert heading_count(heading_of(count)) == count
+
+
+@pytest.mark.parametrize(("degrees", "count"), [(0.0, 0), (0.01, 1), (359.9, 3599), (359.91, 0), (-90.0, 2700)])
+def test_an_angle_is_counted_counter_clockwise_and_rounded_up(degrees: float, count: int) -> None:
+    assert angle_count(math.radians(degrees)) == count
+    assert angle_of(count) == pytest.approx(math.remainder(math.radians(count / 10.0), math.tau))
+
+
+@given(st.integers(0, 3599))
+def test_every_angle_stands_for_itself(count: int) -> None:
+    assert angle_count(angle_of(count) or 0.0) == count
 
 
 def test_kinds_and_lights_are_the_dictionarys() -> None:

@@ -13,7 +13,7 @@ from typing import Any, Final, TypeVar
 
 from vve_sumo.frozen import fast_frozen
 from vve_sumo.v2x import uper
-from vve_sumo.v2x.data_elements import SPEED, StationType, heading_count, heading_of, rounded_heading
+from vve_sumo.v2x.data_elements import SPEED, StationType, heading_count, heading_of, require_number, rounded_heading
 from vve_sumo.v2x.decode_error import MessageDecodeError
 from vve_sumo.v2x.its_time import require_time
 from vve_sumo.v2x.pdu_header import MAX_STATION, MessageId, header_content, require_station, station_of
@@ -179,8 +179,7 @@ def _require(denm: Denm) -> None:
         ("validity_s", denm.validity_s, 0, MAX_VALIDITY),
         ("interval_ms", denm.interval_ms, 1, MAX_INTERVAL),
     ):
-        if value is not None and not least <= value <= greatest:
-            raise ValueError(f"{name}: expected {least} to {greatest}, got {value}")
+        require_number(name, value, least, greatest)
     if denm.termination is None and denm.cause is None:
         raise ValueError("cause: expected one for an event that is not terminated, got None")
     if (

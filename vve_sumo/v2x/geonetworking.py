@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
 
-from vve_sumo.v2x.data_elements import StationType, heading_count, heading_of
+from vve_sumo.v2x.data_elements import StationType, heading_count, heading_of, require_number
 from vve_sumo.v2x.decode_error import MessageDecodeError
 from vve_sumo.v2x.pdu_header import MessageId
 from vve_sumo.v2x.reference_position import STEPS, latitude_count, longitude_count
@@ -115,11 +115,11 @@ def encode(packet: Packet) -> bytes:
     """
     if len(packet.payload) + _BTP.size > MAX_PAYLOAD:
         raise ValueError(f"a packet carries {MAX_PAYLOAD - _BTP.size} bytes at most, got {len(packet.payload)}")
-    _require("hops", packet.hops, 255)
-    _require("max_hops", packet.max_hops, 255)
-    _require("traffic_class", packet.traffic_class, 63)
-    _require("port", packet.port, 0xFFFF)
-    _require("port_info", packet.port_info, 0xFFFF)
+    require_number("hops", packet.hops, 0, 255)
+    require_number("max_hops", packet.max_hops, 0, 255)
+    require_number("traffic_class", packet.traffic_class, 0, 63)
+    require_number("port", packet.port, 0, 0xFFFF)
+    require_number("port_info", packet.port_info, 0, 0xFFFF)
     kind, extended = _extended(packet)
     return b"".join(
         (
@@ -144,7 +144,7 @@ def _extended(packet: Packet) -> tuple[int, bytes]:
     vector, area = _vector_bytes(packet.source), packet.area
     if area is None:
         return _TSB << 4, vector + bytes(_MEDIUM)
-    _require("sequence", packet.sequence, 0xFFFF)
+    require_number("sequence", packet.sequence, 0, 0xFFFF)
     return _GBC << 4 | area.shape, _SEQUENCE.pack(packet.sequence) + vector + _area_bytes(area)
 
 
@@ -153,7 +153,7 @@ def _vector_bytes(source: PositionVector) -> bytes:
         raise ValueError(f"a link-layer address has 6 bytes, got {len(source.address)}")
     if not math.isfinite(source.speed):
         raise ValueError(f"speed: expected a finite number, got {source.speed}")
-    _require("time_ms", source.time_ms, TIME_MODULUS - 1)
+    require_number("time_ms", source.time_ms, 0, TIME_MODULUS - 1)
     speed = round(max(-_MAX_SPEED, min(_MAX_SPEED, 100.0 * source.speed))) % _SPEEDS
     return _VECTOR.pack(
         source.manual << 15 | source.station_type << 10,
@@ -167,8 +167,8 @@ def _vector_bytes(source: PositionVector) -> bytes:
 
 
 def _area_bytes(area: Area) -> bytes:
-    _require("distance_a", area.distance_a, 0xFFFF)
-    _require("distance_b", area.distance_b, 0xFFFF)
+    require_number("distance_a", area.distance_a, 0, 0xFFFF)
+    require_number("distance_b", area.distance_b, 0, 0xFFFF)
     return _AREA.pack(
         latitude_count(area.latitude_deg),
         longitude_count(area.longitude_deg),
@@ -184,11 +184,6 @@ def _lifetime_code(lifetime: float) -> int:
         if 0.0 <= lifetime <= _MAX_MULTIPLIER * unit:
             return math.ceil(lifetime / unit - 1e-6) << 2 | code
     raise ValueError(f"lifetime: expected 0 to {_MAX_MULTIPLIER * _LIFETIME_UNITS[-1]:g} s, got {lifetime}")
-
-
-def _require(name: str, value: int, greatest: int) -> None:
-    if not 0 <= value <= greatest:
-        raise ValueError(f"{name}: expected 0 to {greatest}, got {value}")
 
 
 def decode(data: bytes) -> Packet:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import Any, Final
 
+from vve_sumo.v2x.data_elements import require_number
 from vve_sumo.v2x.decode_error import MessageDecodeError
 
 MAX_STATION: Final = 2**32 - 1  #: a station's identifier has 32 bits
@@ -40,8 +41,7 @@ def header_content(message: MessageId, station: int) -> dict[str, int]:
 
 def require_station(station: int) -> int:
     """Return a station's identifier; raises ValueError for one that is no 32-bit number."""
-    if not 0 <= station <= MAX_STATION:
-        raise ValueError(f"station: expected 0 to {MAX_STATION}, got {station}")
+    require_number("station", station, 0, MAX_STATION)
     return station
 
 

@@ -89,20 +89,25 @@ def _ends(part: Any) -> tuple[Any, ...]:
     return part if isinstance(part, tuple) else (part,)
 
 
-def encode(message: str, content: dict[str, Any]) -> bytes:
-    """Return the bytes of a message whose content is within the ASN.1 type; enumerations are numbers in it."""
-    encoded: bytes = specification(message).encode(message, content)
+def encode(message: str, content: Any, part: str | None = None) -> bytes:
+    """Return the bytes of a message, or of a `part` that it carries as bytes, whose content is within its ASN.1 type.
+
+    Enumerations are numbers in the content, choices pairs of a name and a content.
+    """
+    encoded: bytes = specification(message).encode(part or message, content)
     return encoded
 
 
-def decode(message: str, data: bytes) -> dict[str, Any]:
-    """Return the content of a message; raises MessageDecodeError for bytes that are none."""
-    compiled = specification(message)
+def decode(message: str, data: bytes, part: str | None = None) -> Any:
+    """Return the content of a message, or of a `part` that it carries as bytes.
+
+    Raises MessageDecodeError for bytes that are none.
+    """
+    compiled, kind = specification(message), part or message
     try:
-        content: dict[str, Any] = compiled.decode(message, data, check_constraints=True)
+        return compiled.decode(kind, data, check_constraints=True)
     except Exception as error:  # asn1tools meets some bytes with errors of Python's own
-        raise MessageDecodeError(f"no {message}: {error}") from None
-    return content
+        raise MessageDecodeError(f"no {kind}: {error}") from None
 
 
 @functools.cache
