@@ -1,0 +1,1 @@
+"""Tests of the codecs of V2X messages and of the headers that carry them."""
