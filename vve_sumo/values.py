@@ -203,6 +203,33 @@ class CameraObjects:
     lane_right: float  #: from the camera to its right border [m]; 0 where none is known
 
 
+@fast_frozen
+@dataclass(frozen=True, slots=True)
+class Stations:
+    """What a V2X receiver knows of others as a controller sees it: the last message of every station, one row each.
+
+    Places are those that the messages tell of: a station has moved on since, for its row's `age`.
+    """
+
+    time: float  #: drive time of the output [s]; -inf before the first
+    number: NDArray[np.int64]  #: ID of the station
+    message: NDArray[np.int8]  #: 2 a CAM, of a vehicle; 16 a VAM, of a person or a cyclist
+    kind: NDArray[np.int8]  #: row of `BODY_KINDS`, as far as the message tells
+    age: Floats  #: from the time that the message tells of to `time` [s]
+    latitude: Floats  #: WGS84 [rad]; in a CAM of the middle of the front, in a VAM of the body's middle
+    longitude: Floats  #: WGS84 [rad], likewise
+    x: Floats  #: of the middle of the body, ahead of the front bumper at `time` [m]
+    y: Floats  #: of the middle of the body, left of the car's axis at `time` [m]
+    heading: Floats  #: from the car's axis at `time` [rad], counter-clockwise
+    true_heading: Floats  #: from true east [rad], counter-clockwise
+    speed: Floats  #: over the ground along the heading [m/s]
+    yaw_rate: Floats  #: [rad/s], counter-clockwise; 0 where the message has none
+    acceleration: Floats  #: along the heading [m/s2]; 0 where the message has none
+    length: Floats  #: [m]; what is usual for the kind where the message has none
+    width: Floats  #: [m]; what is usual for the kind where the message has none
+    uncertainty: Floats  #: radius in which the place is with 95 %, as the message has it [m]
+
+
 #: first-order time constant from throttle to drive force, assumed for a car without calibration [s]
 DRIVE_LAG: Final = 0.25
 

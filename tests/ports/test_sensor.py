@@ -47,6 +47,11 @@ class TestCamera(SensorConformance):
     settings: ClassVar[dict[str, Any]] = {"false_objects": 0.1}
 
 
+class TestV2x(SensorConformance):
+    kind = "v2x"
+    settings: ClassVar[dict[str, Any]] = {"latency_s": 0.1}
+
+
 class TestRadar(SensorConformance):
     kind = "radar"
 
@@ -91,7 +96,7 @@ def test_the_toy_measures_what_another_geometry_says() -> None:
 
 
 def test_the_shipped_kinds_are_known() -> None:
-    assert set(PORT.shipped) == {"radar", "lidar", "camera"} <= set(PORT.known())
+    assert set(PORT.shipped) == {"radar", "lidar", "camera", "v2x"} <= set(PORT.known())
 
 
 @pytest.mark.parametrize(
@@ -167,7 +172,7 @@ def test_a_scenario_with_wrong_sensors_is_one_line(sensors: list[dict[str, Any]]
             r"sensors\.ahead: sensor .*: unknown key 'width', did you mean",
         ),
         (AHEAD | {"settings": {"width_m": -1.0}}, r"sensors\.ahead: sensor .*: width_m: expected greater than 0"),
-        (AHEAD | {"kind": "sonar"}, r"sensors\.ahead: sensor sonar: unknown; known are camera, lidar, radar"),
+        (AHEAD | {"kind": "sonar"}, r"sensors\.ahead: sensor sonar: unknown; known are camera, lidar, radar, v2x"),
         (
             {"name": "roof", "kind": "lidar", "settings": {"azimuth_step_deg": 0.7}},
             r"sensors\.roof: sensor lidar: .*azimuth_step_deg: expected a whole number of steps in 360, got 514\.286",

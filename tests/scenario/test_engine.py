@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from tests.world.streets import FUSION, pose
+from vve_sumo.body_kinds import TYPICAL
 from vve_sumo.path import ReferencePath
-from vve_sumo.scenario.engine import SIZES, RecordedSpeed, ScenarioEngine, Sidestep, SpeedChange
+from vve_sumo.scenario.engine import RecordedSpeed, ScenarioEngine, Sidestep, SpeedChange
 from vve_sumo.scenario.schema import Actor, ActorEvent
 from vve_sumo.values import ActorState, Pose
 
@@ -65,7 +66,7 @@ def test_constant_deceleration_is_exact_at_every_tick():
         braking = min(max(time - 2.0, 0.0), 15.0 / 4.0)
         assert state.x == pytest.approx(50.0 + 15.0 * min(time, 2.0) + 15.0 * braking - 2.0 * braking**2, abs=1e-9)
         assert state.speed == pytest.approx(15.0 - 4.0 * braking, abs=1e-9)
-        assert (state.y, state.heading, state.length, state.width) == (0.0, 0.0, *SIZES["car"])
+        assert (state.y, state.heading, state.length, state.width) == (0.0, 0.0, *TYPICAL["car"][:2])
 
 
 @pytest.mark.parametrize("kind", ["pedestrian", "child"])

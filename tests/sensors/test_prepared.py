@@ -62,7 +62,7 @@ def test_a_failure_in_the_slack_is_a_fault_of_the_next_tick(monkeypatch: pytest.
     assert "out of order" in sensor.text
 
 
-@pytest.mark.parametrize("kind", ["lidar", "camera"])
+@pytest.mark.parametrize("kind", ["lidar", "camera", "v2x"])
 def test_a_pose_that_is_no_number_is_a_fault(kind: str) -> None:
     sensor = GuardedSensor("mine", configured(kind, {}), FUSION, np.random.default_rng(1))
     sensor.step(0.0, rear_axle(x=float("nan")), SCENE)

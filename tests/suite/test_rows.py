@@ -10,9 +10,9 @@ import pytest
 
 from tests import vehicles
 from vve_sumo import laws
+from vve_sumo.body_kinds import TYPICAL
 from vve_sumo.errors import ConfigError
 from vve_sumo.network_tools.proving_ground import TEST_TRACK
-from vve_sumo.scenario.engine import SIZES
 from vve_sumo.scenario.schema import Actor, Scenario
 from vve_sumo.suite import catalogue, requirements
 from vve_sumo.suite.physics import DETECTION, BrakedMotion, full_braking, gap_used, reaction_time
@@ -149,7 +149,7 @@ def test_a_hidden_child_is_first_seen_where_the_parked_cars_let_it():
         assert nearer.ahead_m - farther.ahead_m - farther.length_m == pytest.approx(1.0)
         for tick in count():
             left = 3.0 - 1e-4 * tick
-            front = -pace * left + 0.5 * SIZES["child"].length
+            front = -pace * left + 0.5 * TYPICAL["child"].length
             at_corner = front * (speed * left - 1.0) / (speed * left)
             if at_corner > edge:
                 break
@@ -216,7 +216,7 @@ def test_a_cut_in_comes_over_the_edge_of_the_lane_just_before_the_rule_ends(fast
 
 def test_targets_are_as_wide_as_cars():
     widths = {
-        actor.width_m or SIZES[actor.kind].width
+        actor.width_m or TYPICAL[actor.kind].width
         for row in DRIVEN
         for actor in row.scenario.actors
         if actor.kind == "car"

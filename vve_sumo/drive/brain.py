@@ -23,6 +23,7 @@ from vve_sumo.values import (
     Observation,
     PointCloud,
     SensorOutput,
+    Stations,
     newest_scan,
 )
 from vve_sumo.wire.sample import LidarTurn, Sample, SampleContent, sequence_of, virtual_fix
@@ -118,8 +119,11 @@ class Publisher:
         fix = virtual_fix(seen.pose, self._placement, seen.fix)
         wired = {name: seen.sensors[name] for name in self._wired if name in seen.sensors}
         lists = {name: output for name, output in wired.items() if isinstance(output, CameraObjects)}
-        turns = self._new_turns(wired)
-        return SampleContent(fix, seen.pose, scan, age, seen.actors, others, turns, lists=lists)
+        turns, heard = (
+            self._new_turns(wired),
+            {n: output for n, output in wired.items() if isinstance(output, Stations)},
+        )
+        return SampleContent(fix, seen.pose, scan, age, seen.actors, others, turns, lists=lists, heard=heard)
 
     def _new_turns(self, wired: Mapping[str, SensorOutput]) -> dict[str, LidarTurn]:
         """Return the turns of the lidars that a wire carries, each once."""

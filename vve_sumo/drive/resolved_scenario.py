@@ -181,7 +181,7 @@ class ResolvedScenario:
             for lane in self.lanes
             if lane.kind in ("lane", "junction")
         ]
-        return Street(self._buildings(), lanes)
+        return Street(self._buildings(), lanes, self.map_frame)
 
     def _buildings(self) -> tuple[Building, ...]:
         file = self.files.get(BUILDINGS)

@@ -132,6 +132,6 @@ class WiredLink:
 
 
 def wired_sensors(rig: Rig) -> frozenset[str]:
-    """Return the names of the lidars and cameras that a rig's wires carry."""
-    carried = ("points", "objects")
+    """Return the names of the lidars, cameras and V2X receivers that a rig's wires carry."""
+    carried = ("points", "objects", "stations")
     return frozenset(one.sensor for one in rig.outputs if one.sensor and KINDS[one.kind].content in carried)

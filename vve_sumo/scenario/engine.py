@@ -12,32 +12,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final, NamedTuple, Protocol
 
+from vve_sumo.body_kinds import TYPICAL
 from vve_sumo.laws import clamp
 from vve_sumo.path import ReferencePath
 from vve_sumo.scenario.schema import Actor, ActorEvent, Kind, When
 from vve_sumo.values import ActorState, Pose, Vehicle
-
-
-class ActorSize(NamedTuple):
-    """How much ground a road user covers."""
-
-    length: float  #: along the way it faces [m]
-    width: float  #: [m]
-
-
-#: Where a scenario states no size. Cars, vans, lorries, buses and motorcycles of ordinary size, as SUMO's vehicle
-#: classes have them (a van as a Sprinter or Transit). The others are about as large as the dummies that Euro NCAP
-#: tests with: a bicycle with its rider, an adult and a child in mid-stride, the stride along the way they go.
-SIZES: Final[dict[Kind, ActorSize]] = {
-    "car": ActorSize(4.5, 1.8),
-    "van": ActorSize(5.9, 2.0),
-    "truck": ActorSize(7.1, 2.4),
-    "bus": ActorSize(12.0, 2.5),
-    "motorcycle": ActorSize(2.2, 0.9),
-    "bicycle": ActorSize(1.9, 0.6),
-    "pedestrian": ActorSize(0.6, 0.5),
-    "child": ActorSize(0.5, 0.35),
-}
 
 #: Acceleration of people who set off or stop on foot [m/s2], where a scenario states none and asks for measured ones:
 #: 0.14 g with a standard deviation of 0.09 g up to 1.36 m/s, the mean of 288 people at crosswalks (Fugger, Randles,
@@ -293,7 +272,7 @@ class ActorController:
     ) -> None:
         """`path` is the actor's own, or the ego's again; `recordings` are found by the names that its events use."""
         self._actor, self._ego_path, self._path, self._recordings = actor, ego_path, path, recordings
-        size = SIZES[actor.kind]
+        size = TYPICAL[actor.kind]
         self._length = size.length if actor.length_m is None else actor.length_m
         self._width = size.width if actor.width_m is None else actor.width_m
         self._turned = math.radians(actor.turned_deg)

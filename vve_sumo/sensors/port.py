@@ -19,23 +19,28 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.ports import Port, error_text
 from vve_sumo.sensors.drawing import Drawing, wrong
 from vve_sumo.sensors.street import Street
-from vve_sumo.values import Actors, CameraObjects, Detections, PointCloud, Pose, SensorOutput, Vehicle
+from vve_sumo.values import Actors, CameraObjects, Detections, PointCloud, Pose, SensorOutput, Stations, Vehicle
 
 #: Every kind is found by a name of this table, as `file.py:function` or by entry point; `make()` returns its class.
 PORT: Final = Port(
     "sensor",
     "vve_sumo.sensors",
     "()",
-    {kind: f"vve_sumo.sensors.{kind}_settings" for kind in ("radar", "lidar", "camera")},
+    {kind: f"vve_sumo.sensors.{kind}_settings" for kind in ("radar", "lidar", "camera", "v2x")},
 )
 #: kind and name of the sensor that every scenario has; the scenario's table of that name sets it
 STANDARD: Final = "radar"
 
 Column = Sequence[Any] | NDArray[Any]
 #: what of a sensor's output an outgoing wire can carry, by the name that a kind's `serves` has for it
-Content = Literal["detections", "points", "objects"]
+Content = Literal["detections", "points", "objects", "stations"]
 #: the class of an output that serves a content
-CONTENTS: Final[Mapping[Content, type]] = {"detections": Detections, "points": PointCloud, "objects": CameraObjects}
+CONTENTS: Final[Mapping[Content, type]] = {
+    "detections": Detections,
+    "points": PointCloud,
+    "objects": CameraObjects,
+    "stations": Stations,
+}
 ColumnKind = Literal["float", "int", "int8", "bool", "str"]
 
 

@@ -8,11 +8,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
 from vve_sumo.values import Floats
+
+if TYPE_CHECKING:
+    from vve_sumo.frames import MapFrame
 
 #: cosine of the greatest angle between a heading and a lane that leads in it
 LEADS: Final = math.cos(math.radians(45.0))
@@ -41,6 +44,7 @@ class Street(NamedTuple):
 
     buildings: Sequence[Building] = ()
     lanes: Sequence[LaneStrip] = ()
+    map_frame: MapFrame | None = None  #: where on Earth the map lies; None: nobody says
 
 
 class LaneBorders(NamedTuple):

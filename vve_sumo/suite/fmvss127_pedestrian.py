@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from vve_sumo.scenario.engine import SIZES
+from vve_sumo.body_kinds import TYPICAL
 from vve_sumo.suite import requirements
 from vve_sumo.suite.fmvss127 import STEP, no_contact_row, steady
 from vve_sumo.suite.physics import BrakedMotion, Need, first_sight_distance, full_braking, gap_used
@@ -60,7 +60,7 @@ def _crossing(car: Vehicle, walk: requirements.Walk, kmh: float) -> SuiteRow:
     available = speed * walking
     if walk.obstructed:
         corner = 0.5 * car.width + requirements.PARKED_CLEARANCE
-        available = first_sight_distance(corner, requirements.PARKED_GAP, speed, pace, 0.5 * SIZES["child"].length)
+        available = first_sight_distance(corner, requirements.PARKED_GAP, speed, pace, 0.5 * TYPICAL["child"].length)
     return _row(walk, kmh, [actor, *parked], Need(_needed(car, speed, 0.0), available), end_when_passed(speed, ahead))
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Protocol
 
+from vve_sumo.frames import MapFrame
 from vve_sumo.pose import ncom, nmea_encoder
 from vve_sumo.values import Actors, Frame, Vehicle
 from vve_sumo.wire import ars408, datagrams, esr, mobileye, vlp16
@@ -331,6 +332,39 @@ class MobileyeOutput:
         return self._encoder.encode(listed, sample.time)
 
 
+class V2xOutput:
+    """Each message that a V2X receiver heard, as a GeoNetworking packet; nothing while invalid."""
+
+    def __init__(self, _context: Context) -> None:
+        from vve_sumo.wire.v2x import HeardEncoder
+
+        self._encoder = HeardEncoder()
+
+    def step(self, sample: Sample) -> Sequence[bytes]:
+        """Return the packets of a sample that brings messages."""
+        measured = sample.measured
+        if measured is None or measured.stations is None:
+            return ()
+        return self._encoder.encode(measured.stations, sample.time - sample.drive_time)
+
+
+class CamOutput:
+    """The ego's own CAM, whenever it is due; nothing while invalid."""
+
+    def __init__(self, context: Context) -> None:
+        from vve_sumo.wire.v2x import EgoEncoder
+
+        # A rehearsal of the wires, without a virtual road, has nothing to send.
+        frame = MapFrame(context.projection, context.map_offset) if context.projection else None
+        self._encoder = EgoEncoder(context.vehicle, frame) if frame is not None else None
+
+    def step(self, sample: Sample) -> Sequence[bytes]:
+        """Return the packet of a sample where one is due."""
+        if sample.measured is None or self._encoder is None:
+            return ()
+        return self._encoder.encode(sample.measured, sample.time)
+
+
 class StopOutput:
     """A stop frame: one byte, 1, at every step at which the outputs are invalid after they were valid; else nothing."""
 
@@ -394,6 +428,8 @@ KINDS: Final[Mapping[str, Kind]] = {
         refuses=_other_channels,
     ),
     "vlp16_position": Kind(Vlp16PositionOutput, "the position packets of a Velodyne VLP-16, 10 Hz"),
+    "v2x": Kind(V2xOutput, "the messages that a V2X receiver heard as GeoNetworking packets", content="stations"),
+    "cam": Kind(CamOutput, "the ego's own CAM as a GeoNetworking packet, 1 to 10 Hz"),
     "stop": Kind(StopOutput, "a frame that asks for a stop, at each tick of a drive that is invalid"),
     "osi_view": Kind(
         lambda c: OsiOutput(c, view=True),

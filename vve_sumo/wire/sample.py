@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vve_sumo.frames import Placement
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import Actors, CameraObjects, Detections, Fix, FixQuality, Pose
+from vve_sumo.values import Actors, CameraObjects, Detections, Fix, FixQuality, Pose, Stations
 
 NO_SCAN: Final = Detections(-math.inf, np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, np.int8))
 #: of a tick's time, in ticks
@@ -52,6 +52,9 @@ class SampleContent:
         default_factory=dict
     )  #: the newest of each camera, where a wire carries it
     objects: CameraObjects | None = None  #: of the camera that a wire is of
+    #: what each V2X receiver knows of others, where a wire carries it
+    heard: Mapping[str, Stations] = field(default_factory=dict)
+    stations: Stations | None = None  #: of the receiver that a wire is of
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +83,9 @@ class Sample:
         scan = self.measured.others.get(sensor, NO_SCAN)
         age = self.drive_time - scan.time  # infinite before the first
         turn, objects = self.measured.turns.get(sensor), self.measured.lists.get(sensor)
-        return replace(self, measured=replace(self.measured, scan=scan, scan_age=age, turn=turn, objects=objects))
+        stations = self.measured.heard.get(sensor)
+        seen = replace(self.measured, scan=scan, scan_age=age, turn=turn, objects=objects, stations=stations)
+        return replace(self, measured=seen)
 
 
 def sequence_of(drive_time: float) -> int:
