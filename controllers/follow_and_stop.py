@@ -11,7 +11,7 @@ from typing import Final, Protocol
 from vve_sumo.controller import Tuning, settle
 from vve_sumo.errors import ConfigError
 from vve_sumo.laws import clamp, jerk_limit
-from vve_sumo.path import ReferencePath
+from vve_sumo.path import PathProjection, ReferencePath
 from vve_sumo.values import ControlCommand, Observation, Vehicle
 
 from .approach import NOWHERE, Approach, Goal, Standstill
@@ -79,14 +79,30 @@ class CarFollowing(Protocol):
         ...
 
 
+class Warner(Protocol):
+    """Whatever knows of who will be in the way, besides the radar."""
+
+    def step(self, observation: Observation, projection: PathProjection) -> Target | None:
+        """Return the nearest target; called at every tick."""
+        ...
+
+
 class FollowAndStop:
     """One step: projection onto the path, deviation, steering; target, goals, acceleration."""
 
     def __init__(
-        self, vehicle: Vehicle, law: SteeringLaw, tuning: dict[str, float], following: CarFollowing | None = None
+        self,
+        vehicle: Vehicle,
+        law: SteeringLaw,
+        tuning: dict[str, float],
+        following: CarFollowing | None = None,
+        warned: Warner | None = None,
     ) -> None:
-        """`following` decides what is done behind a target; without it, the target is approached as a goal."""
-        self._following = following
+        """`following` decides what is done behind a target; without it, the target is approached as a goal.
+
+        `warned` adds a target that no scan shows yet.
+        """
+        self._following, self._warned = following, warned
         self._law, self._steering_limit = law, vehicle.steering_limit
         #: for the gain design; None where it steers by another law
         self.preview_tuning = law.tuning if isinstance(law, PreviewSteering) else None
@@ -116,6 +132,7 @@ class FollowAndStop:
         self._station = projection.s
         deviation = self._observer.step(pose, observation.path, projection, PERIOD)
         target = self._tracker.step(observation, projection)
+        warned = self._warned.step(observation, projection) if self._warned is not None else None
         dangers = self._tracker.dangers(observation.time, projection.s)
         if self._emergency is not None and self._emergency.step(dangers, pose.speed):
             self._acceleration, self._stopped = COMFORT_LIMIT, pose.speed < STOPPED
@@ -123,12 +140,12 @@ class FollowAndStop:
                 self._steer(deviation, observation), self._emergency.demand, emergency=True, note="emergency"
             )
         if self._comfort:
-            acceleration, note = self._accelerate(observation, projection.s, target)
+            acceleration, note = self._accelerate(observation, projection.s, target, warned)
         elif self._stopped:
             # Nobody else stops for what is ahead: going on would be into it.
             acceleration, note = Standstill.HOLD, "hold"
         else:
-            acceleration, note = self._accelerate(observation, projection.s, None)
+            acceleration, note = self._accelerate(observation, projection.s, None, None)
         return ControlCommand(self._steer(deviation, observation), acceleration, note=note)
 
     def _steer(self, deviation: Deviation, observation: Observation) -> float:
@@ -138,12 +155,16 @@ class FollowAndStop:
         self._saturated = granted != wanted
         return granted
 
-    def _accelerate(self, observation: Observation, s: float, target: Target | None) -> tuple[float, str]:
+    def _accelerate(
+        self, observation: Observation, s: float, target: Target | None, warned: Target | None
+    ) -> tuple[float, str]:
         speed, measured = observation.pose.speed, observation.pose.acceleration
         profile = self._profiled(observation.path)
         cruise = self._keeper.step(profile, s, speed, measured, observation.desired_speed, self._cruising)
         candidates = {"cruise": cruise}
         goals = {"path_end": Goal(observation.path.length - s), "target": self._stop.goal(target)}
+        if warned is not None:
+            goals["warned"] = self._stop.goal(warned)
         for note, goal in goals.items():
             if goal is not NOWHERE:
                 candidates[note] = self._approach.acceleration(goal, speed, measured)

@@ -8,8 +8,8 @@ from vve_sumo.hunt.episode import Action, Episode, EpisodePhase
 from vve_sumo.hunt.known_limits import known
 
 
-def episode(*actions: Action) -> Episode:
-    return Episode(EpisodePhase.DRIVING, 1.0, actions)
+def episode(*actions: Action, phase: EpisodePhase = EpisodePhase.DRIVING) -> Episode:
+    return Episode(phase, 1.0, actions)
 
 
 FROZEN = Action("steering_report_frozen", 0.0, 4.0)
@@ -30,3 +30,9 @@ def test_a_frozen_report_excuses_its_own_module_while_it_is_frozen(other: Action
     assert known("told_driving", episode(FROZEN, other)) is excused
     assert not known("told_driving", episode(other))
     assert not known("inside_lot", episode(FROZEN, other))
+
+
+def test_a_foot_that_a_frozen_report_hides_is_excused_of_a_car_that_stands_alone() -> None:
+    actions = (Action("brake_report_frozen", 0.0, 0.85), Action("brake_override", 0.02, 0.18, 0.221))
+    for phase in EpisodePhase:
+        assert known("told_driving", episode(*actions, phase=phase)) is (phase is EpisodePhase.AT_REST)

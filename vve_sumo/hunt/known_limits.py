@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple
 
-from vve_sumo.hunt.episode import Action, Episode
+from vve_sumo.hunt.episode import Action, Episode, EpisodePhase
 from vve_sumo.plant.injected_faults import VALUES
 
 #: kind of fault that switches a module off
@@ -20,6 +20,7 @@ class Limit(NamedTuple):
     module: int  #: value of the `DROPOUT` of the same module
     why: str
     override: str = ""  #: kind of the driver's action that takes the module over, where that is no better seen
+    at_rest_only: bool = False  #: whether it is no better seen in a car that stands alone
 
     @property
     def kinds(self) -> frozenset[str]:
@@ -30,7 +31,8 @@ class Limit(NamedTuple):
         """Whether the report is frozen while its own module is off."""
         frozen = [one for one in episode.actions if one.kind == self.frozen]
         off = [one for one in episode.actions if one.kind == DROPOUT and _module(one) == self.module]
-        off += [one for one in episode.actions if one.kind == self.override]
+        if not self.at_rest_only or episode.phase is EpisodePhase.AT_REST:
+            off += [one for one in episode.actions if one.kind == self.override]
         return any(one.after < other.end and other.after < one.end for one in frozen for other in off)
 
 
@@ -52,7 +54,10 @@ LIMITS: Final = (
         "brake_report_frozen",
         1,
         "brakes that are off and whose report is frozen differ from good ones in nothing while they are not told to "
-        "brake; they are found as soon as they are",
+        "brake, or are told to hold a car that stands with the same torque as ever; they are found as soon as they are "
+        "told otherwise, or the car rolls. In a car that drives an override shows in how it slows",
+        "brake_override",
+        at_rest_only=True,
     ),
     Limit(
         "told_driving",
