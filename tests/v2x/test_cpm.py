@@ -1,4 +1,4 @@
-"""The CPM: a second compiler of the same ASN.1 reads what was encoded; a receiver reads `rounded`; other bytes are refused.
+"""The CPM: a second compiler of the same ASN.1 reads what was encoded, a receiver `rounded`; other bytes are refused.
 
 tshark 4.0 has the draft of release 1 (TR 103 562) only, whose bytes are others: it does not read this release. Two
 encoders of the same files agree; the meaning of each field remains unchecked by other programs.

@@ -1,4 +1,4 @@
-"""The VAM: a second compiler of the same ASN.1 reads what was encoded; a receiver reads `rounded`; other bytes are refused.
+"""The VAM: a second compiler of the same ASN.1 reads what was encoded, a receiver `rounded`; other bytes are refused.
 
 No decoder of this release of the VAM was found that is independent of the ASN.1 files shipped here: pycrate's own
 modules are of release 1, tshark 4.0 has none. Two encoders of the same files agree; that the files are those of the
