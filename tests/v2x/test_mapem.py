@@ -1,4 +1,4 @@
-"""The MAPEM: tshark reads the counts of which a message was made; a receiver reads `rounded`; other bytes are refused."""
+"""The MAPEM: tshark reads the counts of which a message was made, a receiver `rounded`; other bytes are refused."""
 
 from __future__ import annotations
 
@@ -149,9 +149,7 @@ def test_a_receiver_reads_rounded(message: Mapem) -> None:
 @given(st.lists(steps, min_size=63, max_size=63))
 def test_roundings_do_not_add_up_from_node_to_node(walked: list[tuple[float, float]]) -> None:
     nodes = nodes_from(walked)
-    (one,) = mapem.decode(
-        mapem.encode(Mapem(9, (replace(INTERSECTION, lanes=(replace(LANE, nodes=nodes),)),)))
-    ).intersections
+    (one,) = mapem.decode(mapem.encode(with_lane(replace(LANE, nodes=nodes)))).intersections
     for found, given_node in zip(one.lanes[0].nodes, nodes, strict=True):
         assert found == pytest.approx(given_node, abs=0.005 + 1e-9)
 

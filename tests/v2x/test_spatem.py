@@ -1,4 +1,4 @@
-"""The SPATEM: tshark reads the counts of which a message was made; a receiver reads `rounded`; other bytes are refused."""
+"""The SPATEM: tshark reads the counts of which a message was made, a receiver `rounded`; other bytes are refused."""
 
 from __future__ import annotations
 
@@ -111,12 +111,14 @@ def test_a_receiver_reads_rounded(message: Spatem) -> None:
     assert spatem.rounded(read_back) == read_back
 
 
+def with_event(event: Event) -> Spatem:
+    return Spatem(9, (replace(STATE, movements=(Movement(1, (event,)),)),))
+
+
 def test_times_are_rounded_to_the_nearest_tenth_and_end_at_an_hour() -> None:
     red = replace(RED, min_end=12.34, max_end=12.36, likely_end=4000.0)
-    (movement,) = (
-        spatem.rounded(Spatem(9, (replace(STATE, movements=(Movement(1, (red,)),)),))).intersections[0].movements
-    )
-    (event,) = movement.events
+    (state,) = spatem.rounded(with_event(red)).intersections
+    (event,) = state.movements[0].events
     assert (event.min_end, event.max_end, event.likely_end) == (12.3, 12.4, 3600.0)
 
 
@@ -124,8 +126,9 @@ def test_times_are_rounded_to_the_nearest_tenth_and_end_at_an_hour() -> None:
 @pytest.mark.parametrize(
     "message",
     [
-        *(Spatem(9, (replace(STATE, movements=(Movement(1, (replace(RED, **{name: value}),)),)),))
-          for name in ("min_end", "max_end", "likely_end", "start", "next_start") for value in (math.nan, math.inf, -1.0)),
+        *(with_event(replace(RED, **{name: value}))
+          for name in ("min_end", "max_end", "likely_end", "start", "next_start")
+          for value in (math.nan, math.inf, -1.0)),
         *(Spatem(9, (replace(STATE, **{name: value}),)) for name, value in (
             ("second", math.nan), ("second", -1.0), ("id", 65_536), ("region", -1), ("revision", 128),
             ("minute_of_year", 527_040), ("movements", ()), ("movements", (Movement(256, (RED,)),)),
