@@ -233,8 +233,8 @@ def _connection_content(connection: Connection) -> dict[str, Any]:
 def decode(data: bytes) -> Mapem:
     """Return the message of some bytes.
 
-    Raises MessageDecodeError for bytes that are no MAPEM, for a reference point that is unavailable, and for lanes
-    whose nodes are computed of another lane's or are degrees, which nothing here sends.
+    Raises MessageDecodeError for bytes that are no MAPEM, for a reference point that is unavailable, and for lanes of
+    a kind that later versions have added, or whose nodes are computed of another lane's or are degrees.
     """
     station, body = dsrc.decode(MessageId.MAPEM, data)
     intersections = tuple(_intersection_of(content) for content in body.get("intersections", ()))
@@ -259,9 +259,12 @@ def _intersection_of(content: dict[str, Any]) -> IntersectionGeometry:
 
 def _lane_of(content: dict[str, Any]) -> Lane:
     attributes, maneuvers = content["laneAttributes"], content.get("maneuvers")
+    kind = attributes["laneType"][0]
+    if kind not in _KIND_NAMES:
+        raise MessageDecodeError(f"lane {content['laneID']} is of a kind that is not known ({kind})")
     return Lane(
         content["laneID"],
-        LaneKind(_KIND_NAMES.index(attributes["laneType"][0])),
+        LaneKind(_KIND_NAMES.index(kind)),
         Direction(attributes["directionalUse"][0]),
         _nodes_of(*content["nodeList"]),
         content.get("ingressApproach"),
