@@ -56,6 +56,13 @@ def test_the_wheel_has_what_a_workspace_is_laid_out_of() -> None:
     assert included == {name: f"{SHIPPED}/{name}" for name in (*WORKSPACE_FOLDERS, *CONFORMANCE_SUITES, "docs")}
 
 
+def test_the_wheel_has_the_modules_of_v2x_messages_and_their_licence(installed: Path) -> None:
+    source = REPOSITORY / "vve_sumo" / "v2x" / "asn1"
+    packed = {file.name: file.read_bytes() for file in (installed / "vve_sumo" / "v2x" / "asn1").iterdir()}
+    assert packed == {file.name: file.read_bytes() for file in source.iterdir()}
+    assert {"LICENSE.txt", "TS102894-2v241-CDD.asn"} <= packed.keys()
+
+
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the wheel's content, built from this checkout."""

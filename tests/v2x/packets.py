@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from hypothesis import strategies as st
 
 from vve_sumo.v2x import geonetworking
@@ -19,6 +21,15 @@ def frame(message: MessageId, payload: bytes, area: Area | None = None) -> bytes
     hops = 1 if area is None else 10
     packet = Packet(SOURCE, PORTS[message], payload, area, hops=hops, max_hops=hops)
     return geonetworking.ethernet_frame(geonetworking.encode(packet), ADDRESS)
+
+
+def nearly(genuine: bytes) -> Iterator[bytes]:
+    """Yield a message with each of its bits flipped, and each of its beginnings."""
+    whole, size = int.from_bytes(genuine), len(genuine)
+    for bit in range(8 * size):
+        yield (whole ^ 1 << bit).to_bytes(size)
+    for length in range(size):
+        yield genuine[:length]
 
 
 def spoilt(genuine: bytes) -> st.SearchStrategy[bytes]:

@@ -7,11 +7,13 @@ and that a field means what we take it for, no comparison with it can show.
 from __future__ import annotations
 
 import importlib.util
+import json
 import re
 import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 
@@ -30,7 +32,7 @@ generate_modules(PycrateGenerator, sys.argv[1])
 """
 
 
-def release2(factory: pytest.TempPathFactory) -> ModuleType:
+def compiled(factory: pytest.TempPathFactory) -> ModuleType:
     """Return the module that pycrate generates of all files, generated once in a session."""
     file = once(factory, "pycrate_release2", _generate) / "etsi_release2.py"
     spec = importlib.util.spec_from_file_location("etsi_release2", file)
@@ -42,8 +44,6 @@ def release2(factory: pytest.TempPathFactory) -> ModuleType:
 
 
 def _generate(folder: Path) -> None:
-    import json
-
     folder.mkdir()
     names = sorted({file for files in uper.MODULES.values() for file in files})
     texts = {name: _parsable((uper.FOLDER / name).read_text(encoding=uper.ENCODING)) for name in names}
@@ -52,7 +52,7 @@ def _generate(folder: Path) -> None:
 
 
 def _parsable(text: str) -> str:
-    """Return the text without comments and without WITH COMPONENT(S), which the encoding does not depend on (X.691, 10.3)."""
+    """Return the text without comments and WITH COMPONENT(S), on which the encoding does not depend (X.691, 10.3)."""
     text = re.sub(r"/\*.*?\*/", "", text, flags=re.S)
     while found := re.search(r"\((\s*\()*\s*WITH COMPONENT", text):
         depth, end = 0, found.start()
@@ -65,3 +65,12 @@ def _parsable(text: str) -> str:
     for theirs, ours in _SAME.items():
         text = text.replace(theirs, ours)
     return text
+
+
+def read_and_made_again(kind: Any, data: bytes) -> Any:
+    """Return what pycrate reads of a message; fail unless it makes the same bytes of that again."""
+    kind.from_uper(data)
+    content = kind.get_val()
+    kind.set_val(content)
+    assert kind.to_uper() == data
+    return content

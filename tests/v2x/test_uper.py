@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
+from importlib import import_module
 
 import pytest
 
+from tests.conftest import REPOSITORY
 from vve_sumo.errors import ConfigError
 from vve_sumo.v2x import uper
+
+#: a message of each kind, by the module that encodes it and tests it
+SAMPLES = {"cam": "CAR", "denm": "EVENT", "vam": "CYCLIST", "cpm": "MESSAGE"}
 
 
 def test_without_asn1tools_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -23,15 +29,24 @@ def test_importing_the_codecs_compiles_nothing() -> None:
     subprocess.run([sys.executable, "-c", done], check=True, timeout=60)
 
 
-@pytest.mark.parametrize("message", uper.MODULES)
-def test_messages_that_share_a_dictionary_are_compiled_as_alone(message: str) -> None:
-    import asn1tools
+@pytest.mark.parametrize("message", SAMPLES)
+def test_a_message_has_the_same_bytes_whichever_others_are_compiled(message: str) -> None:
+    """Messages share the parsed dictionary: a process that compiles one alone stands against this one, with all."""
+    for one in uper.MODULES:
+        uper.specification(one)
+    ours = import_module(f"vve_sumo.v2x.{message}").encode(
+        getattr(import_module(f"tests.v2x.test_{message}"), SAMPLES[message])
+    )
+    sample = f"from tests.v2x.test_{message} import {SAMPLES[message]} as one; from vve_sumo.v2x import {message}"
+    command = [sys.executable, "-c", f"{sample}; print({message}.encode(one).hex())"]
+    alone = subprocess.run(command, check=True, capture_output=True, text=True, cwd=REPOSITORY, timeout=60).stdout
+    assert bytes.fromhex(alone) == ours
 
-    together = uper.specification(message)
-    texts = "\n".join((uper.FOLDER / file).read_text(encoding=uper.ENCODING) for file in uper.MODULES[message])
-    alone = asn1tools.compile_string(texts, "uper")
-    assert together.types.keys() == alone.types.keys()
-    assert repr(together.types[message]) == repr(alone.types[message])
+
+def test_the_page_s_example_runs() -> None:
+    page = (REPOSITORY / "docs" / "v2x.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```python\n(.*?)```", page, re.S)
+    exec(example, {})
 
 
 def test_the_modules_are_licensed() -> None:

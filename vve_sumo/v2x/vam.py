@@ -84,7 +84,7 @@ class Vam:
     station: int  #: identifier, 32 bits
     station_type: StationType
     time_ms: int  #: TimestampIts at which it was where it says [ms since 2004-01-01, leap seconds counted]
-    latitude_deg: float  #: WGS84, of the middle of its ground [degree]
+    latitude_deg: float  #: WGS84, of its reference position [degree]
     longitude_deg: float  #: WGS84 [degree]
     confidence: ConfidenceEllipse | None = None  #: of the position
     heading: float | None = None  #: of the motion [rad], counter-clockwise from true east
