@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from vve_sumo.drive import summary
+from vve_sumo.metrics.per_drive import OF_RIDE
 from vve_sumo.scenario.schema import Criteria, CriterionBand
 from vve_sumo.sweep.run import verdicts
 
@@ -145,3 +146,15 @@ def test_nothing_of_a_playback_is_judged() -> None:
     found = verdicts(STRICT, GOOD | {"outcome": "played", "passed": None})
     assert set(found.values()) == {None}
     assert "meets_stop_gap_m" in found
+
+
+def test_a_criterion_on_comfort_judges_and_is_not_written_where_it_is_not_stated() -> None:
+    """So that the `scenario.json` of drives without one, and the hash of their record, is what it was."""
+    wanted = Criteria(weighted_rms_xy_mps2=CriterionBand(max=0.315))
+    assert judged(wanted, weighted_rms_xy_mps2=0.2) == []
+    assert judged(wanted, weighted_rms_xy_mps2=0.4) == ["weighted_rms_xy_mps2 is 0.400, expected at most 0.315"]
+    (line,) = judged(wanted, weighted_rms_xy_mps2=math.nan)
+    assert "the car did not drive for long enough" in line
+    assert wanted.model_dump(mode="json")["weighted_rms_xy_mps2"] == {"min": None, "max": 0.315}
+    assert not {*OF_RIDE} & {*Criteria().model_dump(mode="json")}
+    assert "max_deceleration_mps2" in Criteria().model_dump(mode="json")

@@ -32,6 +32,7 @@ from vve_sumo.metrics.lead_vehicle import (
     own_stations,
 )
 from vve_sumo.metrics.predicted_ways import Indices, PlacedWays, recorded_ways
+from vve_sumo.metrics.ride_comfort import RideComfort, lateral_acceleration, ride_comfort, ride_of
 from vve_sumo.metrics.routes import OWN_PATH, Routes
 from vve_sumo.metrics.slope import slope
 from vve_sumo.metrics.stopping import MOVING, BrakingEpisode, Stop, braking_episodes, commanded_deceleration, last_stop
@@ -87,6 +88,25 @@ class DriveData:
         prefix = "true_" if true else ""
         names = ("x_m", "y_m", "heading_rad", "speed_mps", "acceleration_mps2")
         return Motion(true, self.column("time_s"), *(self.column(f"{prefix}{name}") for name in names))
+
+    @cached_property
+    def lateral_acceleration(self) -> Floats:
+        """Across the heading, left positive, tick by tick [m/s2].
+
+        Of the rear axle's true places where there is a truth; else speed times yaw rate as estimated, its slip left
+        out.
+        """
+        motion = self.motion
+        if motion.true:
+            return lateral_acceleration(motion.time, motion.x, motion.y, motion.heading)
+        return motion.speed * self.column("yaw_rate_radps")
+
+    @cached_property
+    def ride_comfort(self) -> RideComfort | None:
+        """How the ride felt; None where the car never moved or its acceleration was not known throughout."""
+        motion = self.motion
+        ride = ride_of(motion.time, motion.speed, motion.acceleration, self.lateral_acceleration, self.period)
+        return ride_comfort(ride) if ride else None
 
     @cached_property
     def ego_boxes(self) -> Boxes:

@@ -21,6 +21,7 @@ UNITS: dict[str, str] = {
     "_mps": "m/s",
     "_mps2": "m/s²",
     "_mps3": "m/s³",
+    "_mps1p5": "m/s¹·⁵",
     "_m_s": "m/s",  # of controllers' tuning keys
     "_m_s2": "m/s²",
     "_per_s": "1/s",

@@ -20,8 +20,11 @@ from vve_sumo.metrics.braked_for import hardest_braking_for, last_stop_for
 from vve_sumo.metrics.conflict import HORIZON
 from vve_sumo.metrics.drive_data import FOLLOWING_SPEED, MIN_FOLLOWED, DriveData
 from vve_sumo.metrics.following import MAX_DECELERATION
+from vve_sumo.metrics.frequency_weighting import WD, WF
 from vve_sumo.metrics.metric import MetricTable
 from vve_sumo.metrics.port import Metrics
+from vve_sumo.metrics.ride_comfort import AVERAGED, MARGIN, MAX_GAP, RideComfort
+from vve_sumo.metrics.slope import SLOPE_REACH
 from vve_sumo.metrics.stopping import AT_REST, MIN_RELEASE_TIME, REGAINED, REVERSED, Stop, commanded_deceleration
 from vve_sumo.metrics.stopping_tolerance import tolerance
 from vve_sumo.metrics.string_stability import SETTLED_FOR, SETTLED_SPEED
@@ -246,6 +249,72 @@ metric(
     "of the rear axle along its heading",
     lambda drive: greatest(drive.motion.speed),
     criterion=False,
+)
+
+
+#: metrics of how the ride felt to passengers
+OF_RIDE: list[str] = []
+
+
+def _of_ride(name: str, label: str, meaning: str, value: Callable[[RideComfort], float], **rest: Any) -> None:
+    """Enter a metric of the ride's comfort; NaN where the drive holds no ride whose accelerations are known."""
+    OF_RIDE.append(name)
+
+    def measured(drive: DriveData) -> float:
+        return value(drive.ride_comfort) if drive.ride_comfort else math.nan
+
+    missing = "the car did not drive for long enough, or its acceleration was not known throughout"
+    metric(name, label, meaning, measured, worse="higher", missing=missing, **rest)
+
+
+_of_ride(
+    "weighted_rms_x_mps2",
+    "weighted longitudinal acceleration",
+    f"of the rear axle along its heading, weighted with Wd: root mean square from {MARGIN:g} s before the first motion "
+    f"to {MARGIN:g} s after the last; none for less than {1.0 / WD.high_pass:g} s, without motion, and where the "
+    f"acceleration was not known for longer than {MAX_GAP:g} s",
+    lambda felt: felt.longitudinal,
+    source="ISO 2631-1",
+)
+_of_ride(
+    "weighted_rms_y_mps2",
+    "weighted lateral acceleration",
+    "as weighted_rms_x_mps2, across the heading",
+    lambda felt: felt.lateral,
+    source="ISO 2631-1",
+)
+_of_ride(
+    "weighted_rms_xy_mps2",
+    "vibration total value, horizontal",
+    "root of the sum of squares of weighted_rms_x_mps2 and weighted_rms_y_mps2; the vertical axis, which is not "
+    "simulated, would add to it",
+    lambda felt: felt.total,
+    source="ISO 2631-1",
+)
+_of_ride(
+    "mtvv_xy_mps2",
+    "MTVV, horizontal",
+    f"maximum transient vibration value: greatest root mean square over any {AVERAGED:g} s of both weighted "
+    "accelerations together; none as weighted_rms_x_mps2",
+    lambda felt: felt.max_transient,
+    source="ISO 2631-1",
+)
+_of_ride(
+    "msdv_xy_mps1p5",
+    "MSDV, horizontal",
+    "motion sickness dose value: root of the time integral of the squares of both horizontal accelerations, weighted "
+    "with Wf; the standard defines it of vertical motion alone, and no share of sick passengers follows from this one; "
+    f"none as weighted_rms_x_mps2, and for less than {1.0 / WF.high_pass:g} s",
+    lambda felt: felt.sickness_dose,
+    source="ISO 2631-1, of the vertical axis",
+)
+_of_ride(
+    "max_jerk_xy_mps3",
+    "maximum horizontal jerk",
+    "greatest size of the rate of change of the rear axle's acceleration along and across its heading as one vector: "
+    f"slopes of the lines that fit best within ±{SLOPE_REACH} s; none without motion, and where the acceleration was "
+    f"not known for longer than {MAX_GAP:g} s",
+    lambda felt: felt.max_jerk,
 )
 
 

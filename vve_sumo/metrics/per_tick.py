@@ -12,6 +12,7 @@ from vve_sumo.metrics import following
 from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.metric import MetricTable
 from vve_sumo.metrics.port import Metrics
+from vve_sumo.metrics.ride_comfort import AVERAGED, MARGIN
 from vve_sumo.metrics.slope import SLOPE_REACH, slope
 from vve_sumo.metrics.stopping import AT_REST
 from vve_sumo.values import Floats
@@ -33,6 +34,24 @@ metric(
     "jerk",
     f"rate of change of acceleration_mps2: slope of the line that fits best within ±{SLOPE_REACH} s",
     lambda drive: slope(drive.motion.time, drive.motion.acceleration, drive.period),
+)
+
+
+def _weighted(drive: DriveData) -> Floats:
+    """Return the running root mean square of the weighted acceleration; NaN at ticks outside the ride."""
+    felt, time = drive.ride_comfort, drive.motion.time
+    nothing = np.full(len(time), np.nan)
+    return nothing if felt is None else np.interp(time, felt.time, felt.running, left=np.nan, right=np.nan)
+
+
+metric(
+    "weighted_acceleration_mps2",
+    "weighted acceleration",
+    f"root mean square of the last {AVERAGED:g} s of the rear axle's horizontal accelerations, along and across its "
+    f"heading, weighted with Wd; from {MARGIN:g} s before the first motion to {MARGIN:g} s after the last",
+    _weighted,
+    worse="higher",
+    source="ISO 2631-1",
 )
 metric(
     "gap_m",

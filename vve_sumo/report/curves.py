@@ -28,6 +28,7 @@ MAX_TICKS: Final = 3000
 PANELS = (
     ("speed_mps",),
     ("acceleration_mps2",),
+    ("weighted_acceleration_mps2",),
     ("gap_m", "rss_distance_m"),
     ("ttc_s", "headway_s"),
     ("drac_mps2",),

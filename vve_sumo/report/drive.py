@@ -19,9 +19,10 @@ from vve_sumo.analysis.sensing import sensor_statistics, watching
 from vve_sumo.drive.verify import altered_parts
 from vve_sumo.metrics.key_figures import emergency_layer
 from vve_sumo.metrics.metric import unit_of
-from vve_sumo.metrics.per_drive import OF_STOP, PER_DRIVE
+from vve_sumo.metrics.per_drive import OF_RIDE, OF_STOP, PER_DRIVE
 from vve_sumo.metrics.table import PLAYBACK
 from vve_sumo.report import again, formatting, key_figures, pictures, settings, stops
+from vve_sumo.report.comfort import comfort
 from vve_sumo.report.curves import curves
 from vve_sumo.report.formatting import NONE, integer, number, share, short
 from vve_sumo.report.page import ReportPage, hashes, versions
@@ -31,8 +32,8 @@ from vve_sumo.report.verdict import altered, figures_of, of_drive
 
 Figures = Mapping[str, Any]
 
-#: figures that the section on the stop shows
-STOP = frozenset(OF_STOP)
+#: figures that the sections on the stop and on comfort show
+IN_SECTIONS = frozenset((*OF_STOP, *OF_RIDE))
 #: actors whom a sensor saw that are shown at most
 MAX_ACTORS = 30
 #: of a sensor's statistics, the columns that a reader looks for first
@@ -98,6 +99,7 @@ def _results(run: Run, figures: Figures) -> dict[str, object]:
         **stops.stop(run),
         **stops.bound_check(run),
         **stops.status(run),
+        **comfort(run),
         "exposure": _exposure(run),
         "sensors": [_sensor(run, name) for name in watching(run)],
         "live": run.live,
@@ -122,7 +124,7 @@ def _figures(figures: Figures, own: Iterable[str]) -> ReportTable:
     rows = [
         (named(key), _figure(key, figures))
         for key in ("outcome", *PER_DRIVE, *PLAYBACK, *own)
-        if key in figures and key not in STOP
+        if key in figures and key not in IN_SECTIONS
     ]
     if removed := figures.get("removed_at_entry"):
         rows.append((Cell("vehicles removed where the car entered"), str(len(removed))))
@@ -147,7 +149,7 @@ def _exposure(run: Run) -> ReportTable:
         (named(str(name)), share(value) if str(name).endswith("_share") else number(value, unit_of(str(name))))
         for name, value in exposure(over_time(run)).items()
     ]
-    return ReportTable("exposure and comfort", ("measure", Column("value", True)), rows)
+    return ReportTable("exposure and jerk", ("measure", Column("value", True)), rows)
 
 
 def _latency(run: Run) -> ReportTable | None:

@@ -135,6 +135,8 @@ TERMS: tuple[Term, ...] = (
     ),
     Term("map", "the plane of the network's coordinates; headings are radians, counter-clockwise from its +x"),
     _metric("MFDD", "mfdd_mps2"),
+    _metric("MSDV (motion sickness dose value)", "msdv_xy_mps1p5", "MSDV"),
+    _metric("MTVV (maximum transient vibration value)", "mtvv_xy_mps2", "MTVV"),
     Term("no-brake preview", "how a scenario would go if the ego never braked"),
     Term("observation", "all that a controller may know at one tick"),
     Term("onset", "the tick that first commanded the braking episode that ended at rest", ("onset",)),
@@ -181,6 +183,11 @@ TERMS: tuple[Term, ...] = (
     Term(
         "variance explained (eta squared)",
         "share of the variance of the runs' ranks by a figure that lies between the values of one parameter",
+    ),
+    Term(
+        "Wd, Wf",
+        "frequency weightings of ISO 2631-1: of horizontal shaking of a seated person, and of motion that makes sick",
+        ("Wd", "Wf"),
     ),
     Term(
         "Wilson interval",

@@ -21,7 +21,7 @@ from pydantic import (
 
 from vve_sumo.config_file import Finite, Name, NotNegative, Positive, Table
 from vve_sumo.metrics.metric import Metric
-from vve_sumo.metrics.per_drive import PER_DRIVE
+from vve_sumo.metrics.per_drive import OF_RIDE, PER_DRIVE
 from vve_sumo.sensors.radar_settings import RadarSettings
 
 #: the vehicle model of whoever names none
@@ -309,6 +309,12 @@ class PassCriteria(Table):
     outcome: Literal["stopped", "arrived", "completed", "fault"] | None = Field(
         default=None, description="how the drive must end; fault: stopped by the gateway"
     )
+
+    @model_serializer(mode="wrap")
+    def _without_comfort_that_is_not_judged(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out criteria on comfort that are not stated: records of drives without them stay what they were."""
+        written: dict[str, Any] = handler(self)
+        return {name: value for name, value in written.items() if value is not None or name not in OF_RIDE}
 
 
 def _criterion(metric: Metric) -> tuple[Any, Any]:
