@@ -41,6 +41,7 @@ class MessageKind(IntEnum):
     RECORD = 5
     OUTPUTS = 6
     VIEW = 7
+    PEOPLE = 8
 
 
 class MalformedMessage(NamedTuple):
