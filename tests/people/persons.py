@@ -20,6 +20,7 @@ SETUP = PersonSetup(
     width=0.5,
     latitude=LATITUDE,
     longitude=LONGITUDE,
+    heading=0.0,
     alignment=Alignment(math.radians(90.0), 1000.0, 2000.0),
     limits=LIMITS,
     pages=False,

@@ -8,10 +8,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
+from vve_sumo.people import person
 from vve_sumo.pose import trust
 from vve_sumo.vehicle import arming
 
-#: Codes that neither the gateway (`arming.REASONS`) nor the trust gate (`trust.REASONS`) defines.
+#: Codes that neither the gateway (`arming.REASONS`), the trust gate (`trust.REASONS`) nor a person (`person.REASONS`)
+#: defines.
 DRIVE_REASONS: Final[dict[str, str]] = {
     "above_desired_speed": "the car is faster than the scenario's speed and its margin",
     "actors_not_finite": "the virtual road holds an actor whose place or speed is not a number",
@@ -48,6 +50,7 @@ DRIVE_REASONS: Final[dict[str, str]] = {
     "pose_not_front_bumper": "the pose handed to SUMO is of another point than the front bumper",
     "pose_out_of_bounds": "the pose lies outside the virtual road, or is faster than any car",
     "pose_two_senders": "two programs or devices speak to the receiver's port from the receiver's address",
+    "people_gone": "the process of the people's page is gone: nothing is known of them any more",
     "profile_may_not_arm": "this source of poses is good for looking on, not for driving a car",
     "record_failed": "the record cannot be written any more",
     "record_full": "the recorder does not keep up",
@@ -67,7 +70,7 @@ DRIVE_REASONS: Final[dict[str, str]] = {
     "virtual_contact": "the car touches something on the virtual road",
 }
 
-ALL: Final[Mapping[str, str]] = {**trust.REASONS, **arming.REASONS, **DRIVE_REASONS}
+ALL: Final[Mapping[str, str]] = {**trust.REASONS, **arming.REASONS, **person.REASONS, **DRIVE_REASONS}
 
 
 def in_words(code: str) -> str:

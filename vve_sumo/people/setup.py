@@ -40,6 +40,7 @@ class PersonSetup:
     width: float  #: of the body [m]
     latitude: float  #: of the field's anchor, the origin of the field's map, WGS84 [rad]
     longitude: float  #: of the field's anchor, WGS84 [rad]
+    heading: float  #: of the field's anchor, in the field's map [rad], counter-clockwise from +x
     alignment: Alignment  #: lays the field's map (+x is east at the anchor) onto the virtual road's
     limits: PresenceLimits
     pages: bool  #: whether the person must acknowledge the start on a page, which must stay open

@@ -23,8 +23,8 @@ WANDERING: Final = {"pedestrian": 0.5, "bicycle": 1.0}
 #: stays, and its circle grows.
 EXTRAPOLATION: Final = 2.0
 
-#: Below this speed [m/s] the direction of the estimated velocity is the position's noise.
-MIN_DIRECTED_SPEED: Final = 0.5
+#: Below this speed [m/s] the estimated velocity is the positions' noise: the person is taken to stand.
+MIN_SPEED: Final = 0.5
 
 
 class Estimate(NamedTuple):
@@ -32,7 +32,7 @@ class Estimate(NamedTuple):
 
     x: float  #: [m]
     y: float  #: [m]
-    speed: float  #: [m/s]
+    speed: float  #: [m/s]; 0 below MIN_SPEED
     heading: float  #: direction of motion, or the direction faced where they stand [rad], counter-clockwise from +x
     radius: float  #: of the circle that holds the place with 95 % [m]
     age: float  #: of the newest position [s]
@@ -72,7 +72,7 @@ class Track:
         """Take where the person says they face [rad]; NaN for unknown."""
         if math.isfinite(facing):
             self._facing = facing
-        if math.hypot(self._vx, self._vy) >= MIN_DIRECTED_SPEED:
+        if math.hypot(self._vx, self._vy) >= MIN_SPEED:
             self._facing = math.atan2(self._vy, self._vx)
 
     def at(self, time: float) -> Estimate:
@@ -83,9 +83,9 @@ class Track:
         """
         age = max(time - self._newest.time, 0.0)
         x, y, variance, _, _ = self._predicted(age)
-        moves = age <= EXTRAPOLATION
+        speed = math.hypot(self._vx, self._vy) if age <= EXTRAPOLATION else 0.0
         radius = max(CIRCLE_95 * math.sqrt(variance), self._newest.accuracy)
-        return Estimate(x, y, math.hypot(self._vx, self._vy) if moves else 0.0, self._facing, radius, age)
+        return Estimate(x, y, speed if speed >= MIN_SPEED else 0.0, self._facing, radius, age)
 
     def _predicted(self, step: float) -> tuple[float, float, float, float, float]:
         """Return place, and the three variances, a time [s] after the newest position."""
