@@ -42,6 +42,7 @@ class MessageKind(IntEnum):
     OUTPUTS = 6
     VIEW = 7
     PEOPLE = 8
+    PEOPLE_LINK = 9
 
 
 class MalformedMessage(NamedTuple):

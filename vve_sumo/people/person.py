@@ -12,6 +12,7 @@ from typing import Final
 
 from vve_sumo.frozen import fast_frozen
 from vve_sumo.geometry import Box
+from vve_sumo.people.area import Circle, ShownArea
 from vve_sumo.people.presence import Presence, PresenceMachine
 from vve_sumo.people.report_gate import Place, ReportGate
 from vve_sumo.people.reports import FieldEntered, PageAlive, PersonStop, PositionReport, Report
@@ -42,11 +43,11 @@ class PersonState:
     id: str
     presence: Presence
     body: ActorState | None  #: on the virtual road, the uncertainty of its place added; None for one who is gone
-    x: float  #: estimated place on the virtual road's map [m]; NaN before the first position, as all that follow
+    x: float  #: place shown on the virtual road's map [m]; NaN before the first position, as all that follow
     y: float  #: [m]
     heading: float  #: [rad], counter-clockwise from the virtual road map's +x
     speed: float  #: [m/s]
-    radius: float  #: of the circle that holds the place with 95 % [m]
+    radius: float  #: of the circle around it that holds the true place with 95 % [m]
     age: float  #: of the newest believed position [s]
     distance: float  #: least possible one from the car's ground [m], negative inside; inf where there is none
     refused: str  #: why the newest position was not believed; empty for one that was
@@ -60,7 +61,7 @@ class Person:
         self.setup = setup
         self._frame, limits = setup.frame(), setup.limits
         self._gate = ReportGate(setup.max_speed, limits.lost, limits.lost_age)
-        self._machine = PresenceMachine(limits)
+        self._machine, self._area = PresenceMachine(limits), ShownArea(setup.max_speed)
         self._track: Track | None = None
         self._believed: Place | None = None  # the newest position
         self._elsewhere: Place | None = None  # where a position that jumped says they are
@@ -83,18 +84,22 @@ class Person:
     def step(self, now: float) -> PersonState:
         """Return the person at drive time `now` [s], which never falls."""
         estimate = self._track.at(now) if self._track is not None else None
-        age, radius = (estimate.age, estimate.radius) if estimate is not None else (math.inf, math.inf)
+        circle = self._area.step(now, estimate) if estimate is not None else None
+        age, radius = math.inf, math.inf
+        if estimate is not None and circle is not None:
+            age, radius = estimate.age, circle.radius
         presence = self._machine.step(now, age, radius)
         if estimate is not None and not age <= self.setup.limits.lost_age:
             # The next position is the first of a person whom nobody knew the place of.
             self._gate.forget()
+            self._area.forget()
             self._track = None
         self._seen |= presence is not Presence.GONE
         distance = self._distance(now)
         faults = self._faults(now, presence, distance)
-        if estimate is None:
+        if estimate is None or circle is None:
             return _unknown(self.setup.id, presence, distance, self._refused, faults)
-        return self._state(estimate, presence, distance, faults)
+        return self._state(estimate, circle, presence, distance, faults)
 
     def _take(self, received: float, report: PositionReport) -> None:
         x, y = self._placed(report)
@@ -140,15 +145,17 @@ class Person:
             faults += ("person_unreachable",)
         return (*faults, "person_stop") if self._stopped else faults
 
-    def _state(self, estimate: Estimate, presence: Presence, distance: float, faults: tuple[str, ...]) -> PersonState:
+    def _state(
+        self, estimate: Estimate, circle: Circle, presence: Presence, distance: float, faults: tuple[str, ...]
+    ) -> PersonState:
         setup, turned = self.setup, self.setup.alignment
         cosine, sine = math.cos(turned.rotation), math.sin(turned.rotation)
-        x = cosine * estimate.x - sine * estimate.y + turned.x
-        y = sine * estimate.x + cosine * estimate.y + turned.y
+        x = cosine * circle.x - sine * circle.y + turned.x
+        y = sine * circle.x + cosine * circle.y + turned.y
         heading = math.remainder(estimate.heading + turned.rotation, math.tau)
         box = Box(x, y, heading, setup.length, setup.width)
         if presence in (Presence.AREA, Presence.WARNING):
-            box = box.grown(estimate.radius)
+            box = box.grown(circle.radius)
         body = ActorState(setup.id, setup.kind, x, y, heading, estimate.speed, box.length, box.width)
         return PersonState(
             setup.id,
@@ -158,7 +165,7 @@ class Person:
             y,
             heading,
             estimate.speed,
-            estimate.radius,
+            circle.radius,
             estimate.age,
             distance,
             self._refused,
