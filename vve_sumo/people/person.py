@@ -61,7 +61,7 @@ class Person:
         self.setup = setup
         self._frame, limits = setup.frame(), setup.limits
         self._gate = ReportGate(setup.max_speed, limits.lost, limits.lost_age)
-        self._machine, self._area = PresenceMachine(limits), ShownArea(setup.max_speed)
+        self._machine, self._area = PresenceMachine(limits), ShownArea(setup.max_speed, limits.exact)
         self._track: Track | None = None
         self._believed: Place | None = None  # the newest position
         self._elsewhere: Place | None = None  # where a position that jumped says they are
@@ -152,7 +152,7 @@ class Person:
         cosine, sine = math.cos(turned.rotation), math.sin(turned.rotation)
         x = cosine * circle.x - sine * circle.y + turned.x
         y = sine * circle.x + cosine * circle.y + turned.y
-        heading = math.remainder(estimate.heading + turned.rotation, math.tau)
+        heading = math.remainder(circle.heading + turned.rotation, math.tau)
         box = Box(x, y, heading, setup.length, setup.width)
         if presence in (Presence.AREA, Presence.WARNING):
             box = box.grown(circle.radius)
