@@ -23,13 +23,15 @@ from vve_sumo.live.people_link import ArrivedReport, ShownToPeople, decode, enco
 from vve_sumo.live.priority import OOM_RECORDER, set_oom_score
 from vve_sumo.live.rover import Rover, open_rover
 from vve_sumo.live.spawn import receive_config
-from vve_sumo.live.view import MAX_FILES
+from vve_sumo.live.view import MAX_FILES, write_address
 from vve_sumo.people import reports
 from vve_sumo.people.reports import Report
 from vve_sumo.rig.schema import RigPerson
 from vve_sumo.view.person_pages import MAX_MESSAGE, PagePerson, PersonPages
 from vve_sumo.view.server import PageServer
 
+#: file in the record's folder with the page's address while the drive goes on; only its owner may read it
+ADDRESS_FILE: Final = "people.json"
 #: between two looks at those who stand in for people [s]
 SIMULATED_PERIOD: Final = 0.02
 
@@ -114,8 +116,15 @@ def main() -> int:
     except VveError as error:
         console.send(messages.refusal(error))
         return error.exit_code
-    console.send(messages.encode(messages.Ready(() if process.server is None else (process.server.address,))))
-    asyncio.run(process.run())
+    file = Path(config["folder"]) / ADDRESS_FILE
+    address: tuple[str, ...] = () if process.server is None else (process.server.address,)
+    if address:
+        write_address(file, *address)
+    console.send(messages.encode(messages.Ready(address)))
+    try:
+        asyncio.run(process.run())
+    finally:
+        file.unlink(missing_ok=True)
     return 0
 
 

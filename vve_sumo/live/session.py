@@ -242,6 +242,7 @@ def _end_page(plan: DrivePlan, processes: ProcessGroup) -> None:
     # A process that was killed left the address of its page.
     with contextlib.suppress(OSError):
         (plan.folder / "view.json").unlink(missing_ok=True)
+        (plan.folder / "people.json").unlink(missing_ok=True)
 
 
 _ERRORS: Final = {2: ConfigError, 3: RigError, 4: SimulationError}
@@ -537,6 +538,7 @@ def removed_when_empty(folder: Path) -> Iterator[None]:
                     "bus.log",
                     "outputs.log",
                     "people.log",
+                    "people.json",
                     "view.log",
                     "view.json",
                     "roads.parquet",

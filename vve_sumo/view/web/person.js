@@ -5,6 +5,7 @@ const ALIVE = 500; // between two signs of life [ms]
 const RETRY = 500; // between two attempts to connect, and to ask for a stop [ms]
 const SILENT = 1000; // without a message for so long the connection counts as lost [ms]
 const RANGE = 60; // of the drawing: half its width [m]
+const ASK = 1000; // between two positions that are asked for: some browsers tell only of those that differ [ms]
 const DECIDED = { enableHighAccuracy: true, maximumAge: 0, timeout: 10000 }; // of the positions asked for
 
 const FAULTS = {
@@ -33,6 +34,7 @@ class Person {
     this.entered = false; // the person has agreed
     this.stopping = false;
     this.compass = null;
+    this.newest = -Infinity; // time of the newest position that was reported [ms]
     this.trouble = ""; // with the positions
     this.view = null;
     find("enter").addEventListener("click", () => this.enter());
@@ -85,13 +87,12 @@ class Person {
     this.acknowledge();
     const own = this.hello.people.find((person) => person.id === find("who").value);
     if (own.phone) {
-      navigator.geolocation.watchPosition(
-        (position) => this.report(position),
-        (error) => {
-          this.trouble = error.message || "no position";
-        },
-        DECIDED,
-      );
+      const take = (position) => this.report(position);
+      const fail = (error) => {
+        this.trouble = `no position: ${error.message}`;
+      };
+      navigator.geolocation.watchPosition(take, fail, DECIDED);
+      setInterval(() => navigator.geolocation.getCurrentPosition(take, fail, DECIDED), ASK);
     }
     navigator.wakeLock?.request("screen").catch(() => {});
   }
@@ -118,6 +119,8 @@ class Person {
   }
 
   report(position) {
+    if (position.timestamp <= this.newest) return;
+    this.newest = position.timestamp;
     this.trouble = "";
     const { latitude, longitude, accuracy, heading } = position.coords;
     const moves = Number.isFinite(heading) ? heading : null;
