@@ -263,6 +263,14 @@ class RigView(Table):
 class RigPeoplePage(RigView):
     """The page that the people of a scenario open on their phones."""
 
+    address: Address = Field(
+        default="127.0.0.1", description="of this computer, to listen on: with one on a network phones open the page"
+    )
+    certificate_file: Name | None = Field(
+        default=None,
+        description="file with a certificate in PEM form: over a network browsers say where they are to HTTPS alone",
+    )
+
     @model_validator(mode="after")
     def _secure(self) -> Self:
         """Refuse a page over a network without HTTPS: no browser says where it is to such a page."""
@@ -425,13 +433,17 @@ class RigFault(Table):
     from_start: bool = Field(default=False, description="`at_s` counts from the start of the drive")
 
 
-class RigPerson(StartPose):
-    """A real person of the scenario: where their field is, and where their positions come from.
-
-    Latitude, longitude and heading are of the field's anchor, which the scenario lays onto the virtual road.
-    """
+class RigPerson(Table):
+    """A real person of the scenario: where their field is, and where their positions come from."""
 
     id: Name = Field(description="the person's in the scenario")
+    latitude_deg: Annotated[float, Field(ge=-75.0, le=75.0)] = Field(
+        description="of the field's anchor, which the scenario lays onto the virtual road, WGS84"
+    )
+    longitude_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = Field(description="of the anchor, WGS84")
+    heading_deg: Annotated[float, Field(ge=0.0, lt=360.0)] = Field(
+        description="of the anchor, clockwise from true north"
+    )
     source: Literal["phone", "nmea_udp", "simulated"] = Field(
         description="`phone`: the page on their phone; `nmea_udp`: a receiver that they carry, beside that page; "
         "`simulated`: nobody, the scenario's `simulated` walks"
