@@ -21,6 +21,7 @@ SETUP = PersonSetup(
     latitude=LATITUDE,
     longitude=LONGITUDE,
     heading=0.0,
+    road_heading=0.3,
     alignment=Alignment(math.radians(90.0), 1000.0, 2000.0),
     limits=LIMITS,
     pages=False,

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import pytest
+import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -71,13 +72,31 @@ def test_the_area_reaches_as_far_as_the_person_may(accuracy: float) -> None:
     state = states(SETUP, walk(6.0, accuracy=accuracy), 6.5)[-1][1]
     assert state.body is not None
     box = Box(state.body.x, state.body.y, state.body.heading, state.body.length, state.body.width)
-    sides = Box(0.0, 0.0, 0.0, box.length, box.width)
+    area = shapely.Polygon(box.corners()).buffer(1e-9)
     for k in range(16):
         turn = k * math.pi / 8.0
-        away = Box(state.radius * math.cos(turn), state.radius * math.sin(turn), 0.0, SETUP.length, SETUP.width)
-        assert all(abs(x) <= 0.5 * sides.length + 1e-9 for x, _ in away.corners())
-        assert all(abs(y) <= 0.5 * sides.width + 1e-9 for _, y in away.corners())
+        x, y = state.x + state.radius * math.cos(turn), state.y + state.radius * math.sin(turn)
+        assert all(
+            area.contains(shapely.Polygon(Box(x, y, facing, SETUP.length, SETUP.width).corners()))
+            for facing in (0.0, 0.5, 1.1, turn)
+        )
     assert (box.x, box.y) == (state.x, state.y)
+
+
+@given(st.floats(0.0, math.tau))
+def test_the_area_lies_across_the_road_and_moves_as_the_person_does(direction: float) -> None:
+    """They walk at 1.4 m/s in any direction; the velocity of the box is theirs, and its sides are the road's."""
+    towards = (1.4 * math.cos(direction), 1.4 * math.sin(direction))
+    walked = [(k + 0.2, report(float(k), towards[0] * k, towards[1] * k, 3.0)) for k in range(40)]
+    state = states(SETUP, walked, 39.3)[-1][1]
+    assert state.body is not None
+    body = state.body
+    assert math.sin(2.0 * (body.heading - SETUP.road_heading)) == pytest.approx(0.0, abs=1e-9)
+    assert body.speed >= 0.0
+    ahead, left = (math.cos(body.heading), math.sin(body.heading)), (-math.sin(body.heading), math.cos(body.heading))
+    velocity = [body.speed * a + body.lateral_speed * b for a, b in zip(ahead, left, strict=True)]
+    # The alignment turns the field by 90 degrees.
+    assert velocity == pytest.approx([-towards[1], towards[0]], abs=0.02)
 
 
 def test_the_field_lies_on_the_road_as_it_is_declared() -> None:
@@ -201,7 +220,7 @@ def test_whatever_comes_nothing_that_is_no_number_goes_out(
             body = state.body
             assert all(map(math.isfinite, (body.x, body.y, body.heading, body.speed, body.length, body.width)))
             assert body.speed <= FENCED.max_speed + 1e-9
-            assert body.length <= FENCED.length + 2.0 * LIMITS.lost + 1e-9
+            assert body.length <= math.hypot(FENCED.length, FENCED.width) + 2.0 * LIMITS.lost + 1e-9
         else:
             assert "person_lost" in state.faults or "person_absent" in state.faults
         if state.faults == ():

@@ -62,7 +62,7 @@ def _run(world: World, track: Track, seconds: float) -> Seen:
         actors, boxes = world.actors(EGO), _boxes(world.actors(EGO))
         seen.ids |= set(actors.ids)
         mine = {state.id: state for state in states}
-        seen.inexact += [name for name, state in mine.items() if _row(actors, name) != tuple(state[2:])]
+        seen.inexact += [name for name, state in mine.items() if _row(actors, name) != tuple(state[2:8])]
         for i, name in enumerate(actors.ids):
             if name in mine:
                 continue

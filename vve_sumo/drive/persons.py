@@ -119,6 +119,7 @@ def _setup(person: Person, path: ReferencePath, field: StartPose | RigPerson, **
         latitude=math.radians(field.latitude_deg),
         longitude=math.radians(field.longitude_deg),
         heading=anchor_heading(field),
+        road_heading=at.heading,
         alignment=Alignment.from_matched_start(
             _spot(0.0, 0.0, anchor_heading(field)), _spot(x, y, at.heading + math.radians(person.turned_deg))
         ),

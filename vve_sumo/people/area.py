@@ -11,31 +11,23 @@ from typing import Final, NamedTuple
 
 from vve_sumo.people.track import Estimate
 
-#: How fast the body turns at most [rad/s]: a box around a circle that turns at once touches what stands beside it.
-TURN_RATE: Final = 1.0
-
 #: How fast the circle gets smaller [m/s]: much less within a phone's period than it grows in it.
 SHRINK_RATE: Final = 0.3
 
 
 class Circle(NamedTuple):
-    """A circle in the field's map, and the direction that the body in it faces."""
+    """A circle in the field's map."""
 
     x: float  #: of the middle [m]
     y: float  #: of the middle [m]
     radius: float  #: [m]
-    heading: float  #: [rad], counter-clockwise from +x
 
 
 class ShownArea:
     """The circle of one person, which follows the estimate no faster than the person can go."""
 
-    def __init__(self, max_speed: float, exact: float) -> None:
-        """A person goes no faster than `max_speed` [m/s]; a circle larger than `exact` [m] is shown as an area.
-
-        An area does not turn while its person stands: where a phone points matters to nobody then.
-        """
-        self._max_speed, self._exact = max_speed, exact
+    def __init__(self, max_speed: float) -> None:
+        self._max_speed = max_speed
         self._shown: Circle | None = None
         self._time = math.nan
 
@@ -44,18 +36,14 @@ class ShownArea:
         before, step = self._shown, now - self._time
         self._time = now
         if before is None:
-            self._shown = Circle(estimate.x, estimate.y, estimate.radius, estimate.heading)
+            self._shown = Circle(estimate.x, estimate.y, estimate.radius)
             return self._shown
         off_x, off_y = estimate.x - before.x, estimate.y - before.y
         way, reach = math.hypot(off_x, off_y), self._max_speed * step
         share = 1.0 if way <= reach else reach / way
         x, y = before.x + share * off_x, before.y + share * off_y
         needed = estimate.radius + math.hypot(estimate.x - x, estimate.y - y)
-        radius, heading = max(needed, before.radius - SHRINK_RATE * step), before.heading
-        if estimate.speed > 0.0 or radius <= self._exact:
-            turn, most = math.remainder(estimate.heading - heading, math.tau), TURN_RATE * step
-            heading = math.remainder(heading + min(max(turn, -most), most), math.tau)
-        self._shown = Circle(x, y, radius, heading)
+        self._shown = Circle(x, y, max(needed, before.radius - SHRINK_RATE * step))
         return self._shown
 
     def forget(self) -> None:

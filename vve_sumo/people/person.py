@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Final
 
 from vve_sumo.frozen import fast_frozen
-from vve_sumo.geometry import Box
 from vve_sumo.people.area import Circle, ShownArea
 from vve_sumo.people.presence import Presence, PresenceMachine
 from vve_sumo.people.report_gate import Place, ReportGate
@@ -61,7 +60,7 @@ class Person:
         self.setup = setup
         self._frame, limits = setup.frame(), setup.limits
         self._gate = ReportGate(setup.max_speed, limits.lost, limits.lost_age)
-        self._machine, self._area = PresenceMachine(limits), ShownArea(setup.max_speed, limits.exact)
+        self._machine, self._area = PresenceMachine(limits), ShownArea(setup.max_speed)
         self._track: Track | None = None
         self._believed: Place | None = None  # the newest position
         self._elsewhere: Place | None = None  # where a position that jumped says they are
@@ -152,18 +151,17 @@ class Person:
         cosine, sine = math.cos(turned.rotation), math.sin(turned.rotation)
         x = cosine * circle.x - sine * circle.y + turned.x
         y = sine * circle.x + cosine * circle.y + turned.y
-        heading = math.remainder(circle.heading + turned.rotation, math.tau)
-        box = Box(x, y, heading, setup.length, setup.width)
+        facing = math.remainder(estimate.heading + turned.rotation, math.tau)
+        body = ActorState(setup.id, setup.kind, x, y, facing, estimate.speed, setup.length, setup.width)
         if presence in (Presence.AREA, Presence.WARNING):
-            box = box.grown(circle.radius)
-        body = ActorState(setup.id, setup.kind, x, y, heading, estimate.speed, box.length, box.width)
+            body = _widened(body, circle.radius, setup.road_heading)
         return PersonState(
             setup.id,
             presence,
             None if presence is Presence.GONE else body,
             x,
             y,
-            heading,
+            facing,
             estimate.speed,
             circle.radius,
             estimate.age,
@@ -171,6 +169,24 @@ class Person:
             self._refused,
             faults,
         )
+
+
+def _widened(body: ActorState, radius: float, along: float) -> ActorState:
+    """Return the box that holds a body wherever in a circle it is and wherever it faces.
+
+    Two of its sides lie across the road, whose heading is `along` [rad]: what comes along the road meets a side, as it
+    meets a body, and not a corner that lies beside its way. The box moves as the body does.
+    """
+    size, turn = 2.0 * radius + math.hypot(body.length, body.width), body.heading - along
+    if math.cos(turn) < 0.0:
+        along, turn = along + math.pi, turn - math.pi
+    return body._replace(
+        heading=math.remainder(along, math.tau),
+        speed=body.speed * max(math.cos(turn), 0.0),
+        length=size,
+        width=size,
+        lateral_speed=body.speed * math.sin(turn),
+    )
 
 
 def _unknown(name: str, presence: Presence, distance: float, refused: str, faults: tuple[str, ...]) -> PersonState:

@@ -41,6 +41,7 @@ class PersonSetup:
     latitude: float  #: of the field's anchor, the origin of the field's map, WGS84 [rad]
     longitude: float  #: of the field's anchor, WGS84 [rad]
     heading: float  #: of the field's anchor, in the field's map [rad], counter-clockwise from +x
+    road_heading: float  #: of the ego's path where the anchor lies [rad], counter-clockwise from the road map's +x
     alignment: Alignment  #: lays the field's map (+x is east at the anchor) onto the virtual road's
     limits: PresenceLimits
     pages: bool  #: whether the person must acknowledge the start on a page, which must stay open
