@@ -322,3 +322,22 @@ def test_nobody_simulated_walks_beside_a_real_car() -> None:
 
     table = real() | {"people": [{"id": "anna", "source": "simulated"} | FIELD]}
     assert "nobody simulated walks beside a real car" in message(lambda: parse_rig(table, EXAMPLE))
+
+
+EXAMPLE_SCENARIO = REPOSITORY / "examples" / "people" / "person_crossing.toml"
+
+
+def _example(folder: str) -> dict[str, Any]:
+    from vve_sumo.drive import run as drives
+
+    resolved = drives.resolve_by_name(str(EXAMPLE_SCENARIO), REPOSITORY)
+    return drives.run(resolved, Path(folder), REPOSITORY).summary
+
+
+def test_the_example_lets_the_person_cross_and_drives_on(tmp_path: Path) -> None:
+    summary = isolated(_example, str(tmp_path / "record"))
+    assert summary["failed"] == []
+    speeds = read_table(tmp_path / "record", "ticks")["speed_mps"].to_pylist()
+    moved = next(number for number, speed in enumerate(speeds) if speed > 5.0)
+    waited = next(number for number, speed in enumerate(speeds) if number > moved and speed < 3.0)
+    assert max(speeds[waited:]) > 5.0, "it has slowed down for the person, and gone on"

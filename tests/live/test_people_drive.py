@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -63,6 +65,8 @@ def browser() -> Iterator[Any]:
 class Walker:
     """A browser page whose person stands where `place` says, once a second, until something happens to them."""
 
+    processes: dict[str, Any]  #: of the drive
+
     def __init__(self, browser: Any, address: str) -> None:
         self._context = browser.new_context(geolocation=ANCHOR | {"accuracy": 4.0}, permissions=["geolocation"])
         self.page = self._context.new_page()
@@ -85,6 +89,10 @@ class Walker:
             vvePerson.say = (message) => message.type === "position"
               ? setTimeout(() => say({{ ...message, echo: vvePerson.echo }}), {1000 * seconds}) : say(message); }}"""
         )
+
+    def kill_the_process(self) -> None:
+        """End the process that serves the page."""
+        os.kill(self.processes["people"], signal.SIGKILL)
 
     def close(self) -> None:
         self._context.close()
@@ -118,7 +126,8 @@ def driven(browser: Any, folder: Path, happens: Callable[[Walker, float], bool])
         address = record / "people.json"
         until(lambda: address.exists() or process.poll() is not None, 60.0)
         walker = Walker(browser, json_of(address)["address"])
-        t0 = json_of(record / "processes.json")["t0_monotonic_s"]
+        walker.processes = json_of(record / "processes.json")
+        t0 = walker.processes["t0_monotonic_s"]
         steps = 0
         while process.poll() is None and not walker.page.evaluate("vvePerson.view?.car?.speed > 1"):
             steps += 1
@@ -180,6 +189,13 @@ def presses_stop(walker: Walker, since: float) -> bool:
     return True
 
 
+def process_killed(walker: Walker, since: float) -> bool:
+    if not stands(walker, since):
+        walker.kill_the_process()
+        return False
+    return True
+
+
 CASES = [
     (page_killed, "person_unreachable", 7.4, 9.5),
     (gps_lost, "person_lost", 8.0, 11.0),
@@ -187,6 +203,7 @@ CASES = [
     (thirty_metres_off, "person_lost", 8.0, 11.5),
     (walks_to_the_lot, "person_near_lot", 5.0, 60.0),
     (presses_stop, "person_stop", 4.9, 7.0),
+    (process_killed, "people_gone", 4.9, 6.0),
 ]
 
 
