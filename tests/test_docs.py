@@ -32,11 +32,12 @@ from vve_sumo.metrics.exposure import EXPOSURE
 from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.metrics.per_tick import PER_TICK
 from vve_sumo.metrics.table import PLAYBACK, markdown
+from vve_sumo.people import person, report_gate
 from vve_sumo.plant import injected_faults
 from vve_sumo.pose import trust
 from vve_sumo.pose.receivers.port import PORT, ReceiverTable
 from vve_sumo.pose.receivers.port import load as load_receiver
-from vve_sumo.record.layout import COMMANDED, OPTIONAL_SCHEMAS, ROADS, ROADS_SCHEMA
+from vve_sumo.record.layout import COMMANDED, OPTIONAL_SCHEMAS, PEOPLE, PEOPLE_REPORTS, ROADS, ROADS_SCHEMA
 from vve_sumo.record.rows import TickRow
 from vve_sumo.report import glossary
 from vve_sumo.rig.load import MODEL_TABLES
@@ -195,6 +196,8 @@ GENERATED = {
     ("record.md", "detection columns"): lambda: _schema("sensor_radar"),
     ("record.md", "actor columns"): lambda: _schema("actors"),
     ("record.md", "commanded path columns"): lambda: _schema(COMMANDED),
+    ("record.md", "people report columns"): lambda: _schema(PEOPLE_REPORTS),
+    ("record.md", "people columns"): lambda: _schema(PEOPLE),
     ("record.md", "road columns"): lambda: _schema("roads"),
     ("record.md", "gateway columns"): lambda: _schema("gateway"),
     ("record.md", "latency columns"): lambda: _schema("latency"),
@@ -216,6 +219,8 @@ GENERATED = {
     ("vehicle.md", "keys"): lambda: keys(VehicleFile),
     ("vehicle.md", "gateway reasons"): lambda: _codes(arming.REASONS),
     ("vehicle.md", "trust reasons"): lambda: _codes(trust.REASONS),
+    ("people.md", "person reasons"): lambda: _codes(person.REASONS),
+    ("people.md", "report reasons"): lambda: _codes(report_gate.REASONS),
 }
 
 

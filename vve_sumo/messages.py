@@ -41,6 +41,8 @@ class MessageKind(IntEnum):
     RECORD = 5
     OUTPUTS = 6
     VIEW = 7
+    PEOPLE = 8
+    PEOPLE_LINK = 9
 
 
 class MalformedMessage(NamedTuple):

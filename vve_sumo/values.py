@@ -136,6 +136,7 @@ class ActorState(NamedTuple):
     speed: float  #: along the heading [m/s], never negative
     length: float  #: of the box, along the heading [m]
     width: float  #: of the box [m]
+    lateral_speed: float = 0.0  #: across the heading, left positive [m/s]
 
 
 class SignalChange(NamedTuple):

@@ -16,6 +16,7 @@ KINDS: dict[str, tuple[str, tuple[str, ...]]] = {
     "demand": ("routes", (".rou.xml", ".rou.xml.gz")),
     "path": ("routes", (".csv",)),
     "speeds": ("routes", (".csv",)),
+    "walk": ("routes", (".csv",)),
     "scenario": ("scenarios", (".toml",)),
     "rig": ("rigs", (".toml",)),
     "sweep": ("sweeps", (".toml",)),

@@ -62,7 +62,7 @@ def _run(world: World, track: Track, seconds: float) -> Seen:
         actors, boxes = world.actors(EGO), _boxes(world.actors(EGO))
         seen.ids |= set(actors.ids)
         mine = {state.id: state for state in states}
-        seen.inexact += [name for name, state in mine.items() if _row(actors, name) != tuple(state[2:])]
+        seen.inexact += [name for name, state in mine.items() if _row(actors, name) != tuple(state[2:8])]
         for i, name in enumerate(actors.ids):
             if name in mine:
                 continue
@@ -162,6 +162,27 @@ def test_a_pedestrian_who_stands_on_a_lane_is_not_driven_over(tmp_path, until, w
     assert seen.touched == set()
     assert {name for name, speed in seen.speed.items() if speed < 0.1} == waiting
     assert all(seen.nearest[name] < 6.0 for name in waiting)
+
+
+def _grown(folder: str, until: float) -> Seen:
+    """Someone stands 6 m south of the road; their box grows with the uncertainty of their place, by 2 m a second."""
+    root = Path(folder)
+
+    def track(time: float) -> tuple[ActorState, ...]:
+        size = 0.5 + 2.0 * min(max(2.0 * (time - 1.0), 0.0), until)
+        return (ActorState("someone", "pedestrian", 300.0, -12.4, 0.0, 0.0, size, size),)
+
+    cars = _car("right", 120.0, 15.0, 0) + _car("left", 120.0, 15.0, 1)
+    with _open(root, street(root), cars) as world:
+        return _run(world, track, 20.0)
+
+
+@pytest.mark.parametrize(("until", "waiting"), [(5.0, set()), (7.0, {"right"}), (10.0, {"right", "left"})])
+def test_traffic_waits_on_every_lane_that_a_body_has_grown_onto(tmp_path, until, waiting):
+    seen = isolated(_grown, str(tmp_path), until)
+    assert seen.touched == set()
+    assert seen.inexact == []
+    assert {name for name, speed in seen.speed.items() if speed < 0.1} == waiting
 
 
 def _entered(folder: str, x: float, speed: float) -> Seen:

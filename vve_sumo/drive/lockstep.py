@@ -17,9 +17,11 @@ from typing import Final
 
 from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline, seed_of
 from vve_sumo.drive.brain import ExternalController
+from vve_sumo.drive.people_on_road import PeopleOnRoad
 from vve_sumo.drive.pipeline import Pipeline, TickResult
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
 from vve_sumo.drive.rolling_start import RollingController, RollingStart, require_start_from_rest, roll
+from vve_sumo.drive.simulated_people import everybody_simulated
 from vve_sumo.drive.standstill_cause import StandstillClassifier
 from vve_sumo.drive.termination import DriveEnd, Outcome, TerminationMonitor, end_reason
 from vve_sumo.drive.tick import CarInput, CompletedTick, DueTick, EgoTick, Tick
@@ -28,6 +30,8 @@ from vve_sumo.frames import Alignment, MapFrame, Placement, local_frame
 from vve_sumo.frozen import fast_frozen
 from vve_sumo.lot.fallback import deferred_fallback_path
 from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
+from vve_sumo.people.person import People
+from vve_sumo.people.reports import encode
 from vve_sumo.plant.car import Car, CarOutput, CarParameters
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
 from vve_sumo.plant.receiver import unaltered
@@ -270,10 +274,12 @@ class Lockstep:
         `alter` injects receiver faults: it returns the fix to send in place of the true one, None for a lost packet.
         An external controller `brain` drives in place of the scenario's own. A road that is `loaded` is driven on.
         """
+        self._phones = everybody_simulated(resolved)
         self.egos = [LockstepEgo(ego.id, resolved, working, alter, brain) for ego in egos_of(resolved)]
         self.lot = self.egos[0].lot
         self.road = VirtualRoad(open_world(resolved, loaded=loaded), scenario_engine(resolved))
         self._last = round(resolved.scenario.duration_s / PERIOD) - 1
+        self._people = resolved.people
 
     def close(self) -> None:
         """End the simulation."""
@@ -285,12 +291,17 @@ class Lockstep:
         Closing the iterator records the actors of SUMO's last step.
         """
         tick = Tick([ego.begin(record) for ego in self.egos], self.road)
+        people = PeopleOnRoad(People(self._people), record)
+        if self._people:
+            self.road.admit(people)
         try:
             for ego in self.egos:
                 ego.roll()
             for number in count():
                 due = DueTick(number, number * PERIOD, (number + 1) * PERIOD)
                 cars, ticked = {}, {}
+                for received, report in self._phones.until(due.time):
+                    people.receive(received, encode(report))
                 for ego in self.egos:
                     cars[ego.id] = ego.input()
                 done = tick.step(due, cars)

@@ -8,10 +8,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
+from vve_sumo.people import person
 from vve_sumo.pose import trust
 from vve_sumo.vehicle import arming
 
-#: Codes that neither the gateway (`arming.REASONS`) nor the trust gate (`trust.REASONS`) defines.
+#: Codes that neither the gateway (`arming.REASONS`), the trust gate (`trust.REASONS`) nor a person (`person.REASONS`)
+#: defines.
 DRIVE_REASONS: Final[dict[str, str]] = {
     "above_desired_speed": "the car is faster than the scenario's speed and its margin",
     "actors_not_finite": "the virtual road holds an actor whose place or speed is not a number",
@@ -43,6 +45,7 @@ DRIVE_REASONS: Final[dict[str, str]] = {
     "outputs_gone": "the process of the outgoing wires is gone: the external controller sees nothing",
     "overrun": "the drive's loop was too late too often: its ticks were skipped",
     "path_leaves_lot": "the path leads to where the car could not stop inside the lot",
+    "people_gone": "the process of the people's page is gone: nothing is known of them any more",
     "pose_foreign_sender": "another sender than the rig's pose.source speaks to the receiver's port",
     "pose_not_finite": "the pose handed to SUMO is not a number",
     "pose_not_front_bumper": "the pose handed to SUMO is of another point than the front bumper",
@@ -67,7 +70,7 @@ DRIVE_REASONS: Final[dict[str, str]] = {
     "virtual_contact": "the car touches something on the virtual road",
 }
 
-ALL: Final[Mapping[str, str]] = {**trust.REASONS, **arming.REASONS, **DRIVE_REASONS}
+ALL: Final[Mapping[str, str]] = {**trust.REASONS, **arming.REASONS, **person.REASONS, **DRIVE_REASONS}
 
 
 def in_words(code: str) -> str:

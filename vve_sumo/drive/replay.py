@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,6 +21,8 @@ from vve_sumo import bus
 from vve_sumo.commanded_path import by_tick
 from vve_sumo.drive import plugged_in, provenance
 from vve_sumo.drive.lockstep import ScriptedOperator, assemble
+from vve_sumo.drive.people_on_road import PeopleOnRoad
+from vve_sumo.drive.persons import recorded_people
 from vve_sumo.drive.pipeline import Pipeline, TickResult
 from vve_sumo.drive.resolved_scenario import (
     ResolvedScenario,
@@ -32,10 +34,20 @@ from vve_sumo.drive.resolved_scenario import (
 from vve_sumo.drive.snapshots import NO_ACTORS, snapshots
 from vve_sumo.drive.tick_rows import result_columns, status_columns
 from vve_sumo.errors import ConfigError
+from vve_sumo.people.person import People
 from vve_sumo.record.car_bus import with_direction
 from vve_sumo.record.declared import read_resolved
-from vve_sumo.record.layout import LIVE_SCHEMAS, OPTIONAL_SCHEMAS, SCHEMAS, recorded_brain, sensor_table
-from vve_sumo.record.reader import read_commanded, read_pose_chunks, read_table, sensor_tables
+from vve_sumo.record.layout import (
+    LIVE_SCHEMAS,
+    OPTIONAL_SCHEMAS,
+    PEOPLE,
+    PEOPLE_REPORTS,
+    SCHEMAS,
+    recorded_brain,
+    sensor_table,
+)
+from vve_sumo.record.reader import holds_table, read_commanded, read_pose_chunks, read_table, sensor_tables
+from vve_sumo.record.rows import PersonReportRow, PersonRow
 from vve_sumo.scenario.load import parse
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Actors, CommandedPath, Frame
@@ -99,7 +111,12 @@ def recorded_scenario(folder: Path, working: Path) -> ResolvedScenario:
     if "pose" in hashes:
         raise ConfigError(f"{folder}: a playback, expected a drive with the simulated vehicle")
     resolved = resolve_scenario(name, parse(settings, file), file, working)
-    return replace(resolved, model=recorded_model(scenario_content), faults=recorded_faults(scenario_content))
+    return replace(
+        resolved,
+        model=recorded_model(scenario_content),
+        faults=recorded_faults(scenario_content),
+        people=recorded_people(scenario_content),
+    )
 
 
 def changed_since(folder: Path, resolved: ResolvedScenario) -> list[str]:
@@ -219,6 +236,43 @@ def replayed_ticks(pipeline: Pipeline, inputs: PipelineInputs) -> Iterator[tuple
         pipeline.see(now, inputs.actors.get(tick, NO_ACTORS))
         yield row, pipeline.decide(tick, now, steering, reason_codes(row["shell_faults"]))
         pipeline.prepare(now + PERIOD, steering)
+
+
+class _Placed:
+    """Takes what a replay of people would record."""
+
+    def __init__(self) -> None:
+        self.rows: list[dict[str, Any]] = []
+
+    def person_reported(self, row: PersonReportRow) -> None:
+        """Take a report, which the record holds already."""
+
+    def person_placed(self, row: PersonRow) -> None:
+        """Take a person's row."""
+        self.rows.append(asdict(row))
+
+
+def replay_people(folder: Path) -> Difference | None:
+    """Run the recorded reports of real people through what judges and places them; return the first difference.
+
+    Nothing where the drive had no people. Raises ConfigError where a table is unreadable or of another version.
+    """
+    setups = recorded_people(read_resolved(folder))
+    if not setups or not holds_table(folder, PEOPLE):
+        return None
+    placed, steps = _Placed(), read_rows(folder, PEOPLE).to_pylist()
+    people = PeopleOnRoad(People(setups), placed)
+    reports = read_rows(folder, PEOPLE_REPORTS).to_pylist() if holds_table(folder, PEOPLE_REPORTS) else []
+    taken = 0
+    for row in steps[:: len(setups)]:
+        while taken < len(reports) and reports[taken]["step"] <= row["step"]:
+            people.receive(reports[taken]["received_s"], reports[taken]["datagram"])
+            taken += 1
+        people.step(row["time_s"])
+    for row, mine in zip(steps, placed.rows, strict=False):
+        if (difference := compare(row["step"], row, mine)) is not None:
+            return replace(difference, item=f"person {row['person']}: {difference.item}")
+    return None
 
 
 def reason_codes(joined: str) -> tuple[str, ...]:

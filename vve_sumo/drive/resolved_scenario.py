@@ -22,6 +22,7 @@ from vve_sumo.controller import Controller, load
 from vve_sumo.csv_numbers import CsvNumbers
 from vve_sumo.drive import plugged_in
 from vve_sumo.drive.actor_paths import Speeds, find_actor_paths
+from vve_sumo.drive.persons import find_walks, setups_of, setups_with_rig
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import MapFrame
 from vve_sumo.lot.corridor import CorridorStretch, DeclaredCorridor
@@ -29,6 +30,8 @@ from vve_sumo.metrics.own import OwnMetrics, load_own
 from vve_sumo.network_tools.buildings import buildings_file, buildings_near
 from vve_sumo.path import ReferencePath
 from vve_sumo.path_feasibility import find_reversal, refuse_tight_bend
+from vve_sumo.people.setup import PersonSetup
+from vve_sumo.people.walk import WalkPoint
 from vve_sumo.record import drawings
 from vve_sumo.record.layout import LAYOUT
 from vve_sumo.rig.car_parameters import imperfections_of
@@ -107,6 +110,8 @@ class ResolvedScenario:
     recordings: dict[str, Speeds]  #: speeds that actors replay, by the names that they use
     file: Path  #: the scenario's own
     faults: tuple[InjectedFault, ...] = ()  #: that are injected into the simulated vehicle
+    people: tuple[PersonSetup, ...] = ()  #: real people on the virtual road
+    walks: dict[str, tuple[WalkPoint, ...]] = field(default_factory=dict)  #: of who stands in for them, by their ids
     note: str = ""  #: what brakes the car less than declared, in one line; empty where nothing does
     #: the scenario's metrics once they are loaded, so that those that are recorded are those that measure
     _own: dict[tuple[str, ...], OwnMetrics] = field(default_factory=dict, repr=False, compare=False)
@@ -151,6 +156,7 @@ class ResolvedScenario:
             "files_sha256": plugged_in.digests(files),
             "versions": versions(),
             **({"faults": [fault.to_dict() for fault in self.faults]} if self.faults else {}),
+            **({"people": [person.to_dict() for person in self.people]} if self.people else {}),
         } | noted
 
     def controller(self, working: Path) -> Controller:
@@ -239,11 +245,12 @@ class ResolvedScenario:
         other = control.model_copy(update={"name": name, "tuning": {}})
         return replace(self, scenario=self.scenario.model_copy(update={"controller": other}))
 
-    def with_rig(self, rig: Rig, working: Path) -> ResolvedScenario:
-        """Return the same scenario with a rig's car and the faults that are injected into it.
+    def with_rig(self, rig: Rig, working: Path, *, live: bool = False) -> ResolvedScenario:
+        """Return the same scenario with a rig's car, the faults that are injected into it, and its people's fields.
 
-        Raises ConfigError where the rig's vehicle model is not found, where the car cannot follow the path, and where
-        an outgoing wire is of a sensor that the scenario does not have or that does not serve it.
+        Raises ConfigError where the rig's vehicle model is not found, where the car cannot follow the path, where an
+        outgoing wire is of a sensor that the scenario does not have or that does not serve it, and as `setups_with_rig`
+        does.
         """
         # Imported here: it loads the lot's geometry, which only rigs need.
         from vve_sumo.rig.resolve import faults_of, model_of
@@ -255,7 +262,10 @@ class ResolvedScenario:
         scenario = self.scenario.model_copy(update={"ego": ego})
         model, note = with_effective_deceleration(model)
         files = self.files | {"vehicle": file}
-        return replace(self, scenario=scenario, model=model, note=note, files=files, faults=faults_of(rig))
+        people = setups_with_rig(scenario, self.path, rig, live=live)
+        return replace(
+            self, scenario=scenario, model=model, note=note, files=files, faults=faults_of(rig), people=people
+        )
 
 
 def load_vehicle_model(file: Path) -> tuple[VehicleModel, str]:
@@ -355,7 +365,8 @@ def resolve_scenario(
     except ConfigError as error:
         raise ConfigError(f"{file}: ego.car.{error}") from None
     followed = find_actor_paths(scenario.actors, file, path, find, read)
-    files = {"network": network.path, "path": path_file, "vehicle": vehicle_file, **followed.files}
+    walks = find_walks(scenario.people, find)
+    files = {"network": network.path, "path": path_file, "vehicle": vehicle_file, **followed.files, **walks.files}
     files |= {f"demand_{number}": found for number, found in enumerate(demand)}
     if (buildings := _seen_buildings(scenario, network)) is not None:
         files |= {BUILDINGS: buildings}
@@ -374,6 +385,8 @@ def resolve_scenario(
         actor_paths=followed.lines,
         recordings=followed.recordings,
         file=file,
+        people=setups_of(scenario, path, file),
+        walks=walks.points,
     )
 
 

@@ -135,6 +135,8 @@ def run(
         raise ConfigError(
             f"faults: {kinds}: a recorded drive has no simulated vehicle to inject them into; take them out of the rig"
         )
+    if pose is not None and resolved.people:
+        raise ConfigError("people: nobody walked when a recording was made; take them out of the scenario")
     if pose is not None:
         require_start_from_rest(resolved, "a recorded drive begins as it was recorded")
     if keep_record:

@@ -33,7 +33,7 @@ class StandstillClassifier:
     def __init__(self, scenario: Scenario, path: ReferencePath, vehicle: Vehicle) -> None:
         self._path, self._vehicle = path, vehicle
         self._obstacles = frozenset(one.id for one in scenario.obstacles)
-        self._actors = frozenset(one.id for one in scenario.actors)
+        self._actors = frozenset([one.id for one in scenario.actors] + [one.id for one in scenario.people])
         self._nothing = StandstillCause.CLEAR_WITH_TRAFFIC if scenario.road.demand else StandstillCause.CLEAR
 
     def classify(self, pose: Pose | None, station: float, actors: Actors) -> StandstillCause:

@@ -10,12 +10,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from vve_sumo.drive.people_on_road import PeopleOnRoad
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.path import ReferencePath
 from vve_sumo.scenario import schema
 from vve_sumo.scenario.engine import ScenarioEngine
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import EGO, Actors, Point, Pose, SignalChange
+from vve_sumo.values import EGO, Actors, ActorState, Point, Pose, SignalChange
 from vve_sumo.world.ego_sync import Ego, EgoSyncReport
 from vve_sumo.world.loaded_road import LoadedRoad, RoadSource
 from vve_sumo.world.obstacles import MapSpot, Obstacle
@@ -103,6 +104,7 @@ class VirtualRoad:
         self._world, self._engine, self._waits = world, engine, waits
         self._began: float | None = None
         self._entered: set[str] = set()  # ids of the egos that have had a pose
+        self._people: PeopleOnRoad | None = None
         self.around = {ego: EgoSurroundings() for ego in world.egos}  #: by the ego's id
 
     @property
@@ -146,9 +148,17 @@ class VirtualRoad:
         """End the simulation."""
         self._world.close()
 
+    def admit(self, people: PeopleOnRoad) -> None:
+        """Have real people on the road; call it before the first step."""
+        self._people = people
+
     def start_actors(self) -> None:
         """Let the scenario's actors begin: the operator said go."""
         self._waits = False
+
+    @property
+    def _people_faults(self) -> tuple[str, ...]:
+        return () if self._people is None else self._people.faults
 
     def advance(self, poses: Mapping[str, Pose]) -> Mapping[str, EgoSyncReport]:
         """Place the egos, by id, and the actors, and let SUMO step once; return the report of each ego's placement.
@@ -159,9 +169,15 @@ class VirtualRoad:
             return {}
         if self._began is None and (not self._waits or any(pose.speed > MOVING_SPEED for pose in poses.values())):
             self._began = next(iter(poses.values())).time
+        actors: tuple[ActorState, ...] | None = None
         # The engine of the scenario's actors knows one ego.
         if self._began is not None and (ego := poses.get(EGO)) is not None:
-            self._world.set_actors(self._engine.step(ego.time - self._began, ego))
+            actors = tuple(self._engine.step(ego.time - self._began, ego))
+        if self._people is not None:
+            # People are there from the first step on: whether they are is a condition for the drive to begin.
+            actors = (actors or ()) + self._people.step(next(iter(poses.values())).time)
+        if actors is not None:
+            self._world.set_actors(actors)
         stepped, reports = self._world.step(poses), {}
         self._entered |= poses.keys()
         for name, report in stepped.items():
@@ -171,6 +187,6 @@ class VirtualRoad:
                 reports[name] = report
             around, contacts = self.around[name], self._world.contacts(name)
             around.actors, around.contacts = self._world.actors(name), contacts
-            around.faults = report.faults + (("virtual_contact",) if contacts else ())
+            around.faults = report.faults + (("virtual_contact",) if contacts else ()) + self._people_faults
             around.detail = report.detail or around.detail
         return reports

@@ -65,7 +65,7 @@ def scenario_with_rig(resolved: ResolvedScenario, rig: Rig, working: Path) -> Re
             f"ego.speed_mps: {wanted:g} m/s is more than the rig's limits.speed_mps, {allowed:g} m/s; "
             "lower the scenario's speed or take a larger lot"
         )
-    return resolved.with_rig(rig, working)
+    return resolved.with_rig(rig, working, live=True)
 
 
 def gateway_config(rig: Rig, *, shadow: bool) -> dict[str, Any]:

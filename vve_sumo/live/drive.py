@@ -20,28 +20,34 @@ from typing import Any, Final
 
 from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.drive.brain import ExternalController, external_controller
+from vve_sumo.drive.people_on_road import PeopleOnRoad
 from vve_sumo.drive.pipeline import TickResult
 from vve_sumo.drive.standstill_cause import StandstillClassifier
 from vve_sumo.drive.termination import Outcome, TerminationMonitor
 from vve_sumo.drive.tick import CarInput, CompletedTick, DueTick, EgoTick, Tick
 from vve_sumo.drive.virtual_road import open_world, scenario_engine
 from vve_sumo.errors import VveError
+from vve_sumo.frames import move_point
+from vve_sumo.geometry import behind_bumper
 from vve_sumo.live import messages, signals, spawn, start_pose
 from vve_sumo.live.assembly import from_dict, pipeline_of, source_of
 from vve_sumo.live.brain_link import ChannelLink, key_of, open_setpoints, wired_sensors
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.jitter_wait import JitterWait, gateway_lateness
 from vve_sumo.live.latency_monitor import LatencyMonitor
+from vve_sumo.live.people_link import PeopleFeed
 from vve_sumo.live.priority import DRIVE_NICE, DRIVE_PRIORITY, OOM_DRIVE, RealTimeSection, raise_priority, set_oom_score
 from vve_sumo.live.recorder_client import RecorderClient
 from vve_sumo.live.road import LiveRoad
 from vve_sumo.live.tick_scheduler import ScheduledTick, TickScheduler
 from vve_sumo.live.view_feed import SampleContext, ViewFeed
+from vve_sumo.people.person import People
+from vve_sumo.people.person_view import RoadCar, view_of
 from vve_sumo.record.rows import LatencyRow
 from vve_sumo.rig.resolve import mounting_of
 from vve_sumo.rig.schema import Rig
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import EGO, ArmingState, GatewayStatus, Setpoint, newest_scan
+from vve_sumo.values import EGO, ArmingState, GatewayStatus, Point, Setpoint, newest_scan
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING, DRIVER_REASONS, ENDING, WAITING
 from vve_sumo.wire.outputs import KINDS
@@ -50,6 +56,8 @@ from vve_sumo.wire.outputs import KINDS
 STATUS_PERIOD: Final = 0.1
 #: ticks between work that takes half a millisecond and can wait: a small garbage collection, the clock's report
 HOUSEKEEPING_TICKS: Final = 100
+#: ticks between two messages to the people's pages
+PEOPLE_TICKS: Final = 5
 #: longest wait on the sockets [s]
 MAX_WAIT: Final = 0.1
 #: longest time to send the last messages to the recorder [s]
@@ -103,6 +111,12 @@ class LiveDrive:
         self._status_sent_at = -math.inf
         self._clock_report: dict[str, Any] = {}
         self._inputs: list[Any] = [self._source, self._gateway, self._console]
+        self._people: PeopleOnRoad | None = None
+        if "people" in channels:
+            self._people_feed = PeopleFeed(channels["people"])
+            self._people = PeopleOnRoad(People(self._resolved.people), self._recorder)
+            self._road.admit(self._people)
+            self._inputs.append(self._people_feed)
 
     def _foreign(
         self, rig: Rig, lot: LotAlignment, outputs: Channel | None, working: Path
@@ -160,7 +174,12 @@ class LiveDrive:
             self._scheduler.fix_arrived(received, self._pipeline.newest_epoch)
         self._read_gateway()
         self._console.receive()
-        for end, gone in ((self._source, self._source.lost), (self._console, self._console.closed)):
+        ends: list[tuple[Any, bool]] = [(self._source, self._source.lost), (self._console, self._console.closed)]
+        if self._people is not None:
+            for arrived in self._people_feed.receive():
+                self._people.receive(arrived.received, arrived.datagram)
+            ends.append((self._people_feed, self._people_feed.closed))
+        for end, gone in ends:
             if gone and end in self._inputs:
                 # select always finds a closed connection ready, which would make the wait a busy loop.
                 self._inputs.remove(end)
@@ -202,6 +221,8 @@ class LiveDrive:
         self._send_status(begun, done.result)
         if self._view is not None:
             self._view.send(done, partial(self._beside, begun, done.result))
+        if begun.tick % PEOPLE_TICKS == 0:
+            self._show_people(done)
         if begun.tick % HOUSEKEEPING_TICKS == 0:
             self._clock_report = self._pipeline.clock_report()
             gc.collect(0)
@@ -219,6 +240,8 @@ class LiveDrive:
         if self._brain is not None and self._gateway_is_silent():
             # Nothing else tells an external controller that nobody can stop the drive any more.
             foreign += ("gateway_silent",)
+        if self._people is not None and self._people_feed.closed:
+            foreign += ("people_gone",)
         return (
             ready + self._scheduled_faults + self._latency_faults + recording + self._source.sender_faults() + foreign
         )
@@ -280,6 +303,20 @@ class LiveDrive:
         self._latency_faults = self._latency.step(row)
         for completed in self._latency.completed():
             self._recorder.timed(completed)
+
+    def _show_people(self, done: CompletedTick) -> None:
+        """Have the people's pages show how their persons are, and what is around them."""
+        if self._people is None:
+            return
+        pose, vehicle = done.result.pose, self._resolved.vehicle
+        car = None
+        if pose is not None:
+            bumper = move_point(pose, vehicle.rear_axle_to_bumper, 0.0, Point.FRONT_BUMPER)
+            box = behind_bumper(bumper.x, bumper.y, bumper.heading, vehicle.length, vehicle.width)
+            car = RoadCar(box, pose.speed)
+        actors = self._road.around[EGO].actors
+        pairs = zip(self._resolved.people, self._people.states, strict=False)
+        self._people_feed.show(self._state.value, [view_of(setup, state, car, actors) for setup, state in pairs])
 
     def _details(self, result: TickResult) -> dict[str, str]:
         """Return the numbers behind this tick's reason codes, as text by code."""
@@ -416,6 +453,8 @@ class LiveDrive:
             self._link.close()
         if self._view is not None:
             self._view.close()
+        if self._people is not None:
+            self._people_feed.close()
         self._road.close()
 
 

@@ -14,7 +14,7 @@ from msgspec import Struct, field
 
 from vve_sumo.live.channel import Channel
 from vve_sumo.messages import MessageCodec, MessageKind
-from vve_sumo.record.rows import GatewayRow, LatencyRow, TickRow
+from vve_sumo.record.rows import GatewayRow, LatencyRow, PersonReportRow, PersonRow, TickRow
 from vve_sumo.sensors.port import Column
 from vve_sumo.values import Actors, CommandedPath, Frame
 
@@ -35,6 +35,8 @@ class RecordBatch(Struct, array_like=True, forbid_unknown_fields=True):
     more_sensed: list[tuple[int, str, tuple[Any, ...]]] = field(default_factory=list)
     snapshot: list[tuple[int, Actors]] = field(default_factory=list)
     commanded: list[tuple[int, CommandedPath]] = field(default_factory=list)
+    person_reported: list[tuple[PersonReportRow]] = field(default_factory=list)
+    person_placed: list[tuple[PersonRow]] = field(default_factory=list)
     ticked: list[tuple[TickRow]] = field(default_factory=list)
     stepped: list[tuple[GatewayRow]] = field(default_factory=list)
     timed: list[tuple[LatencyRow]] = field(default_factory=list)
@@ -91,6 +93,16 @@ class RecorderClient:
     def commanded(self, tick: int, path: CommandedPath) -> None:
         """Keep the path that the command of a tick carries."""
         self._batch.commanded.append((tick, path))
+        self._empty = False
+
+    def person_reported(self, row: PersonReportRow) -> None:
+        """Keep what came from a person."""
+        self._batch.person_reported.append((row,))
+        self._empty = False
+
+    def person_placed(self, row: PersonRow) -> None:
+        """Keep a person at one step of the virtual road."""
+        self._batch.person_placed.append((row,))
         self._empty = False
 
     def ticked(self, row: TickRow) -> None:

@@ -100,7 +100,8 @@ def _lockstep(folder: Path, resolved: ResolvedScenario, working: Path) -> Replay
     inputs = read_pipeline_inputs(folder)
     frames = lockstep.read_car_frames(folder, DEFAULT_EPOCH, resolved.model.interface)
     difference = lockstep.replay(resolved, inputs, frames, working)
-    return ReplayResult(f"{len(inputs.ticks)} ticks", _torn(inputs), _described("tick", inputs.ticks, difference))
+    differences = _described("tick", inputs.ticks, difference) + _of_people(folder)
+    return ReplayResult(f"{len(inputs.ticks)} ticks", _torn(inputs), differences)
 
 
 def _live(folder: Path, working: Path) -> ReplayResult:
@@ -110,8 +111,20 @@ def _live(folder: Path, working: Path) -> ReplayResult:
     if inputs.torn:
         notes.append(f"the last {inputs.torn} steps of the gateway come after a gap in gateway or can.log")
     differences = _described("tick", ticks, live.replay_drive(inputs, working))
-    differences += _described("step", steps, live.replay_gateway(inputs))
+    differences += _described("step", steps, live.replay_gateway(inputs)) + _of_people(folder)
     return ReplayResult(f"{len(ticks)} ticks and {len(steps)} steps of the gateway", notes, differences)
+
+
+def _of_people(folder: Path) -> list[str]:
+    """Return the lines on the first difference of what a drive's real people were taken for; none without one."""
+    difference = lockstep.replay_people(folder)
+    if difference is None:
+        return []
+    return [
+        f"step {difference.number} of the virtual road differs in {difference.item}:",
+        f"  recorded {difference.recorded}",
+        f"  replayed {difference.replayed}",
+    ]
 
 
 def _torn(inputs: PipelineInputs) -> list[str]:

@@ -38,6 +38,7 @@ from vve_sumo.live.summary import summarise
 from vve_sumo.live.view_token import certificate_of, token_of
 from vve_sumo.live.virtual_can import hardware_obstacle
 from vve_sumo.messages import MalformedMessage
+from vve_sumo.people import consent
 from vve_sumo.pose.sources import Source
 from vve_sumo.record.hashes import hash_file
 from vve_sumo.record.reader import read_table
@@ -57,6 +58,8 @@ EXIT_TIMEOUT: Final = 60.0
 #: longest time for the process of the outgoing wires to open them, and for that of the page to be ready [s]
 OUTPUTS_TIMEOUT: Final = 20.0
 VIEW_TIMEOUT: Final = 20.0
+#: the same for the process of the people's pages [s]; it reads the scenario again
+PEOPLE_TIMEOUT: Final = 40.0
 #: characters of a person's name, at most
 MAX_NAME_LENGTH: Final = 100
 
@@ -121,6 +124,8 @@ def plan(
     if view:
         token_of(loaded.view, working)
         certificate_of(loaded.view, working)
+    if loaded.people:
+        token_of(loaded.people_page, working, "people_page")
     resolved = resolve_by_name(scenario, working, seed=seed, controller=controller, values=values)
     try:
         resolved = assembly.scenario_with_rig(resolved, loaded, working)
@@ -205,6 +210,8 @@ def _driven(
         scenario_content = plan.resolved.to_dict(plan.working) | ground.to_dict()
         scenario_content |= assembly.to_dict(plan.resolved, plan.scenario_file, plan.rig_file.stem, plan.rig)
         scenario_content["gateway"]["shadow"] = plan.shadow
+        if any(person.pages for person in plan.resolved.people):
+            scenario_content["people_consent"] = consent.TEXT
         scenario_content["files_sha256"] |= plugged_in.digests(plugged_in.receiver(plan.rig.pose.kind).files())
         _write_roads(plan, notify)
         processes = _processes(plan, scenario_content, _provenance(plan, doctor, permitted), ground, car, notify, locks)
@@ -235,6 +242,7 @@ def _end_page(plan: DrivePlan, processes: ProcessGroup) -> None:
     # A process that was killed left the address of its page.
     with contextlib.suppress(OSError):
         (plan.folder / "view.json").unlink(missing_ok=True)
+        (plan.folder / "people.json").unlink(missing_ok=True)
 
 
 _ERRORS: Final = {2: ConfigError, 3: RigError, 4: SimulationError}
@@ -293,9 +301,14 @@ def _processes(
     try:
         wires, drive_outputs = _outputs(plan, common, scenario_content["vehicle"])
     except VveError:
-        if view is not None and to_view is not None:
-            to_view.close()
-            view.wait(VIEW_TIMEOUT)
+        _close_page(view, to_view)
+        raise
+    try:
+        people, drive_people = _people(plan, common, scenario_content, notify)
+    except VveError:
+        _close_page(view, to_view)
+        for end in drive_outputs.values():
+            end.close()  # with which the process of the wires ends
         raise
     recorder = spawn.start(
         "recorder",
@@ -321,11 +334,23 @@ def _processes(
             "not_ready": _not_ready(plan, ground, notify),
             "log": str(folder / "drive.log"),
         },
-        {"gateway": drive_gateway, "console": drive_console, "recorder": drive_recorder} | drive_outputs | drive_view,
+        {"gateway": drive_gateway, "console": drive_console, "recorder": drive_recorder}
+        | drive_outputs
+        | drive_view
+        | drive_people,
         own_session=True,
     )
     process, to_car = (car.process, car.channel) if car is not None else (None, None)
-    return ProcessGroup(gateway, drive, recorder, process, wires, view, console_gateway, console_drive, to_car, to_view)
+    return ProcessGroup(
+        gateway, drive, recorder, process, wires, view, people, console_gateway, console_drive, to_car, to_view
+    )
+
+
+def _close_page(view: subprocess.Popen[bytes] | None, to_view: Channel | None) -> None:
+    """End the page's process of a drive that does not begin."""
+    if view is not None and to_view is not None:
+        to_view.close()
+        view.wait(VIEW_TIMEOUT)
 
 
 def _outputs(
@@ -357,6 +382,41 @@ def _outputs(
         process.wait()
         raise _error_of(first, "outputs: the process did not start")
     return process, {"outputs": drive_outputs}
+
+
+def _people(
+    plan: DrivePlan, common: dict[str, Any], scenario_content: dict[str, Any], notify: Notify
+) -> tuple[subprocess.Popen[bytes] | None, dict[str, Channel]]:
+    """Start the process of the people's pages and receivers; return it and the drive's end of its channel.
+
+    Neither where the scenario has no people. Raises VveError where a socket cannot be had.
+    """
+    if not plan.resolved.people:
+        return None, {}
+    drive_people, people_drive = pair()
+    ours, theirs = pair()
+    wanted = plan.rig.people_page
+    config = common | {
+        "resolved": scenario_content,
+        "working": str(plan.working),
+        "address": wanted.address,
+        "port": wanted.port,
+        "token": token_of(wanted, plan.working, "people_page"),
+        "certificate": certificate_of(wanted, plan.working),
+        "log": str(plan.folder / "people.log"),
+    }
+    process = spawn.start("people", config, {"drive": people_drive, "console": theirs}, own_session=True)
+    select.select([ours], [], [], PEOPLE_TIMEOUT)
+    first = messages.decode((ours.receive() or [b""])[0])
+    ours.close()
+    if not isinstance(first, messages.Ready):
+        drive_people.close()
+        process.kill()
+        process.wait()
+        raise _error_of(first, "people: the process did not start")
+    for address in first.address:
+        notify(f"people: {address}")
+    return process, {"people": drive_people}
 
 
 def _error_of(message: messages.ConsoleMessage | MalformedMessage, otherwise: str = "") -> VveError:
@@ -420,6 +480,7 @@ def _note_processes(plan: DrivePlan, processes: ProcessGroup) -> None:
     numbers |= {"car": processes.car.pid} if processes.car is not None else {}
     numbers |= {"outputs": processes.outputs.pid} if processes.outputs is not None else {}
     numbers |= {"view": processes.view.pid} if processes.view is not None else {}
+    numbers |= {"people": processes.people.pid} if processes.people is not None else {}
     numbers["t0_monotonic_s"] = plan.t0
     (plan.folder / "processes.json").write_text(json.dumps(numbers) + "\n", encoding="utf-8")
 
@@ -476,6 +537,8 @@ def removed_when_empty(folder: Path) -> Iterator[None]:
                     "car.log",
                     "bus.log",
                     "outputs.log",
+                    "people.log",
+                    "people.json",
                     "view.log",
                     "view.json",
                     "roads.parquet",

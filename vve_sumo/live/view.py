@@ -123,6 +123,14 @@ class ViewProcess:
         return PlainTextResponse("the console does not take the request: the driver brakes\n", 503)
 
 
+def write_address(file: Path, address: str) -> None:
+    """Write a page's address to a file that only its owner may read; a file that cannot be written is left out."""
+    with contextlib.suppress(OSError):
+        descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+        with os.fdopen(descriptor, "w") as written:
+            written.write(json.dumps({"address": address, "pid": os.getpid()}) + "\n")
+
+
 def main() -> int:
     """Run the process and return its exit code."""
     signals.ignore()
@@ -136,10 +144,7 @@ def main() -> int:
         channels["console"].send(messages.refusal(error))
         return error.exit_code
     file = Path(config["folder"]) / ADDRESS_FILE
-    with contextlib.suppress(OSError):
-        descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-        with os.fdopen(descriptor, "w") as written:
-            written.write(json.dumps({"address": process.server.address, "pid": os.getpid()}) + "\n")
+    write_address(file, process.server.address)
     channels["console"].send(messages.encode(messages.Ready((process.server.address,))))
     try:
         asyncio.run(process.run())

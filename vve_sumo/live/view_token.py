@@ -1,4 +1,4 @@
-"""Reads the token that a rig gives to the page of its drives, and where its certificate lies."""
+"""Reads the token that a rig gives to a page of its drives, and where its certificate lies."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from vve_sumo.rig.schema import RigView
 _TOKEN: Final = re.compile(r"[A-Za-z0-9_-]{16,128}")
 
 
-def token_of(view: RigView, working: Path) -> str:
+def token_of(view: RigView, working: Path, table: str = "view") -> str:
     """Return the token in the rig's file; empty where the rig names none, for one that is made anew.
 
-    Raises ConfigError naming the key.
+    Raises ConfigError naming the key of the rig's `table`.
     """
     if view.token_file is None:
         return ""
@@ -23,9 +23,9 @@ def token_of(view: RigView, working: Path) -> str:
     try:
         token = file.read_text(encoding="ascii").strip()
     except (OSError, ValueError) as error:
-        raise ConfigError(f"view.token_file: {file}: cannot be read: {error}") from None
+        raise ConfigError(f"{table}.token_file: {file}: cannot be read: {error}") from None
     if not _TOKEN.fullmatch(token):
-        raise ConfigError(f"view.token_file: {file}: expected 16 to 128 letters, digits, - and _")
+        raise ConfigError(f"{table}.token_file: {file}: expected 16 to 128 letters, digits, - and _")
     return token
 
 

@@ -185,12 +185,17 @@ class Decoder:
     which the trust gate refuses; gravity's share of the acceleration is added where the pitch is known. The accuracies
     of velocity and heading are those that the rig declares (1 sigma, [m/s] and [rad]); PASHR's heading accuracy counts
     where it is larger or none is declared. An unknown accuracy is NaN and refused. Altitude is above mean sea level.
+    Where `needs_attitude` is false, a fix is complete without a heading, which is then NaN, as are the rates. That is
+    enough for a person and too little for a car.
     """
 
-    def __init__(self, *, velocity_sigma: float = math.nan, heading_sigma: float = math.nan) -> None:
+    def __init__(
+        self, *, velocity_sigma: float = math.nan, heading_sigma: float = math.nan, needs_attitude: bool = True
+    ) -> None:
         self.counts: dict[Outcome, int] = dict.fromkeys(Outcome, 0)
         self.discarded = 0  #: bytes that belonged to no sentence, line ends aside
         self._velocity_sigma, self._heading_sigma = velocity_sigma, heading_sigma
+        self._needs_attitude = needs_attitude
         self._buffer = b""
         self._epoch: _Epoch | None = None
         self._arrivals = Arrivals(MIN_EARLINESS, MAX_JUMP)
@@ -349,10 +354,15 @@ class Decoder:
     def _completed(self, received: float) -> Fix | None:
         """The fix of the open epoch if it is complete; closes the epoch."""
         epoch = self._epoch
-        if epoch is None or not epoch.open or epoch.position is None or epoch.attitude is None or epoch.motion is None:
+        if epoch is None or not epoch.open or epoch.position is None or epoch.motion is None:
+            return None
+        attitude = epoch.attitude
+        if attitude is None and not self._needs_attitude:
+            attitude = _Attitude(math.nan)
+        if attitude is None:
             return None
         epoch.open = False
-        outcome, fix = self._close(epoch, epoch.position, epoch.attitude, epoch.motion, received)
+        outcome, fix = self._close(epoch, epoch.position, attitude, epoch.motion, received)
         self.counts[outcome] += 1
         return fix
 

@@ -19,7 +19,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.metric import Metric
 from vve_sumo.metrics.own import DeclaredMetrics
 from vve_sumo.record.columns import described_schema
-from vve_sumo.record.rows import GatewayRow, LatencyRow, TickRow
+from vve_sumo.record.rows import GatewayRow, LatencyRow, PersonReportRow, PersonRow, TickRow
 from vve_sumo.sensors.port import SensorColumn
 from vve_sumo.values import EGO
 
@@ -39,7 +39,7 @@ _ARROW: dict[str, pa.DataType] = {
 }  # fmt: skip
 
 
-def _row_schema(row: type[TickRow | GatewayRow | LatencyRow]) -> pa.Schema:
+def _row_schema(row: type[TickRow | GatewayRow | LatencyRow | PersonReportRow | PersonRow]) -> pa.Schema:
     return described_schema((f.name, _ARROW[str(f.type)], f.metadata["meaning"]) for f in dataclasses.fields(row))
 
 
@@ -83,7 +83,11 @@ ACTOR_COLUMNS: Final = tuple(SCHEMAS["actors"].names[2:])
 
 #: name of the table of the paths that commands carry
 COMMANDED: Final = "commanded_paths"
+#: names of the tables of real people: what came from them, and what it was taken for
+PEOPLE_REPORTS, PEOPLE = "people_reports", "people"
 #: Tables of records of which not every drive writes any row; such a drive's record has no file of theirs and no hash.
+#: They are flushed in this order and before all others: a kill between two flushes never leaves a tick whose commanded
+#: path is missing, nor a person without the reports behind them.
 OPTIONAL_SCHEMAS: Final[dict[str, pa.Schema]] = {
     COMMANDED: described_schema(
         [
@@ -92,7 +96,9 @@ OPTIONAL_SCHEMAS: Final[dict[str, pa.Schema]] = {
             ("y_m", pa.float64(), "as x_m"),
             ("speed_mps", pa.float64(), "that the controller means to have there"),
         ]
-    )
+    ),
+    PEOPLE_REPORTS: _row_schema(PersonReportRow),
+    PEOPLE: _row_schema(PersonRow),
 }
 
 #: name of the table of the lanes around the path

@@ -95,6 +95,34 @@ class GatewayRow:
 
 
 @dataclass(frozen=True, slots=True)
+class PersonReportRow:
+    """A datagram that came from a person's page or receiver, as it came."""
+
+    step: int = _column("number of the step of the virtual road that first knew of it, counted from the first")
+    received_s: float = _column("drive time at which it arrived")
+    datagram: bytes = _column("the report: MessagePack in a head and a checksum")
+
+
+@dataclass(frozen=True, slots=True)
+class PersonRow:
+    """A person at one step of the virtual road."""
+
+    step: int = _column("number of the step of the virtual road, counted from the first")
+    time_s: float = _column("drive time that the step leads to: of the tick that looks at it")
+    person: str = _column("id in the scenario")
+    presence: str = _column("`exact` (body), `area` (body and uncertainty), `warning` (as area) or `gone`")
+    x_m: float = _column("estimated centre, map; NaN where nobody knows, as all that follow to age_s")
+    y_m: float = _column("as x_m")
+    heading_rad: float = _column("counter-clockwise from the map's +x")
+    speed_mps: float = _column("estimated; 0 where it is no more than the positions' noise")
+    radius_m: float = _column("of the circle that holds the true place with 95 %")
+    age_s: float = _column("of the newest position that was believed")
+    distance_m: float = _column("least possible real distance from the car's lot; negative inside, inf without a lot")
+    refused: str = _column("why the newest position was not believed; empty for one that was")
+    faults: str = _column("reason codes for which the car must not drive, joined by +")
+
+
+@dataclass(frozen=True, slots=True)
 class LatencyRow:
     """The times within one tick of a live drive; all are drive times [s], NaN where the event did not happen."""
 

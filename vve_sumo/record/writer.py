@@ -33,13 +33,15 @@ from vve_sumo.record.layout import (
     NUMPY_KINDS,
     OPEN_ENDING,
     OPTIONAL_SCHEMAS,
+    PEOPLE,
+    PEOPLE_REPORTS,
     RAW_PARTS,
     SCHEMAS,
     UNHASHED,
     sensor_schemas,
     sensor_table,
 )
-from vve_sumo.record.rows import GatewayRow, LatencyRow, TickRow
+from vve_sumo.record.rows import GatewayRow, LatencyRow, PersonReportRow, PersonRow, TickRow
 from vve_sumo.record.summary import write_summary
 from vve_sumo.sensors.port import Column
 from vve_sumo.values import Actors, CommandedPath, Frame
@@ -317,19 +319,30 @@ class MemoryRecorder:
 
     def commanded(self, tick: int, path: CommandedPath) -> None:
         """Record the path that the command of tick `tick` carries."""
-        if COMMANDED not in self._tables:
-            self._begin_commanded()
         columns = (np.array(path.x), np.array(path.y), np.array(path.speed))
-        self._tables[COMMANDED].extend(tick, len(path.x), columns)
+        if (table := self._optional(COMMANDED)) is not None:
+            table.extend(tick, len(path.x), columns)
 
-    def _begin_commanded(self) -> None:
-        """Open the table of commanded paths, which a drive without any does not have.
+    def person_reported(self, row: PersonReportRow) -> None:
+        """Record what came from a person."""
+        if (table := self._optional(PEOPLE_REPORTS)) is not None:
+            table.append(_report_tuple(row))
 
-        It is flushed before all others: a kill between two flushes never leaves a tick whose path is missing.
+    def person_placed(self, row: PersonRow) -> None:
+        """Record a person at one step of the virtual road."""
+        if (table := self._optional(PEOPLE)) is not None:
+            table.append(_person_tuple(row))
+
+    def _optional(self, name: str) -> _Table | None:
+        """Return one of the tables that not every drive has, which is opened with its first row.
+
+        None where it cannot be opened.
         """
-        table = self._table(COMMANDED, OPTIONAL_SCHEMAS[COMMANDED])
-        self._tables[COMMANDED] = table
-        self._parts = {COMMANDED: table, **self._parts}
+        if name not in self._tables:
+            self._tables[name] = self._table(name, OPTIONAL_SCHEMAS[name])
+            first = {one: self._tables[one] for one in OPTIONAL_SCHEMAS if one in self._tables}
+            self._parts = {**first, **{one: part for one, part in self._parts.items() if one not in first}}
+        return self._tables[name]
 
     def ticked(self, row: TickRow) -> None:
         """Record the row of a tick; every `ticks_per_batch`-th tick flushes."""
@@ -434,14 +447,15 @@ class LiveRecord(RecordWriter):
         """Record the row of a tick without flushing; the owner of the record decides when to flush."""
         self._tables["ticks"].append(_as_tuple(row))
 
-    def commanded(self, tick: int, path: CommandedPath) -> None:
-        """Record the path that the command of a tick carries; where its table cannot be opened, note it in `broken`."""
-        if COMMANDED in self.broken and COMMANDED not in self._tables:
-            return
+    def _optional(self, name: str) -> _Table | None:
+        """Return one of the tables that not every drive has; where it cannot be opened, note it in `broken`."""
+        if name in self.broken and name not in self._tables:
+            return None
         try:
-            super().commanded(tick, path)
+            return super()._optional(name)
         except OSError:
-            self.broken.add(COMMANDED)
+            self.broken.add(name)
+            return None
 
     def attach(self, name: str, text: str) -> None:
         """Write a text to a file of that name; where that fails, note the name in `broken`."""
@@ -491,4 +505,6 @@ def claim(folder: Path) -> None:
 #: Returns the fields of a row, in their order, as a tuple.
 _as_tuple: Callable[[TickRow], tuple[Any, ...]] = operator.attrgetter(*TickRow.__slots__)
 _gateway_tuple: Callable[[GatewayRow], tuple[Any, ...]] = operator.attrgetter(*GatewayRow.__slots__)
+_report_tuple: Callable[[PersonReportRow], tuple[Any, ...]] = operator.attrgetter(*PersonReportRow.__slots__)
+_person_tuple: Callable[[PersonRow], tuple[Any, ...]] = operator.attrgetter(*PersonRow.__slots__)
 _latency_tuple: Callable[[LatencyRow], tuple[Any, ...]] = operator.attrgetter(*LatencyRow.__slots__)

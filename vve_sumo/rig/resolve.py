@@ -136,6 +136,13 @@ def lot_of(rig: Rig) -> Lot:
         raise ConfigError(f"lot.{error}") from None
 
 
+def outline_in(rig: Rig, frame: MapFrame) -> tuple[tuple[float, float], ...]:
+    """Return the corners of the lot's outline in another map [m]."""
+    return tuple(
+        frame.to_map(math.radians(latitude), math.radians(longitude)) for latitude, longitude in rig.lot.outline
+    )
+
+
 def alignment_of(rig: Rig, network: str) -> Alignment | None:
     """Return the alignment of the lot's map with the virtual road's; None where it is matched at the start.
 

@@ -260,6 +260,25 @@ class RigView(Table):
         return self
 
 
+class RigPeoplePage(RigView):
+    """The page that the people of a scenario open on their phones."""
+
+    address: Address = Field(
+        default="127.0.0.1", description="of this computer, to listen on: with one on a network phones open the page"
+    )
+    certificate_file: Name | None = Field(
+        default=None,
+        description="file with a certificate in PEM form: over a network browsers say where they are to HTTPS alone",
+    )
+
+    @model_validator(mode="after")
+    def _secure(self) -> Self:
+        """Refuse a page over a network without HTTPS: no browser says where it is to such a page."""
+        if self.certificate_file is None and not ipaddress.ip_address(self.address).is_loopback:
+            raise ValueError("certificate_file is missing: over a network a browser gives its position to HTTPS alone")
+        return self
+
+
 class Other(Table):
     """Another device on a bus that the rig uses, so that identifiers cannot collide."""
 
@@ -426,6 +445,43 @@ class RigFault(Table):
     from_start: bool = Field(default=False, description="`at_s` counts from the start of the drive")
 
 
+class RigPerson(Table):
+    """A real person of the scenario: where their field is, and where their positions come from."""
+
+    id: Name = Field(description="the person's in the scenario")
+    latitude_deg: Annotated[float, Field(ge=-75.0, le=75.0)] = Field(
+        description="of the field's anchor, which the scenario lays onto the virtual road, WGS84"
+    )
+    longitude_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = Field(description="of the anchor, WGS84")
+    heading_deg: Annotated[float, Field(ge=0.0, lt=360.0)] = Field(
+        description="of the anchor, clockwise from true north"
+    )
+    source: Literal["phone", "nmea_udp", "simulated"] = Field(
+        description="`phone`: the page on their phone; `nmea_udp`: a receiver that they carry, beside that page; "
+        "`simulated`: nobody, the scenario's `simulated` walks"
+    )
+    least_distance_m: Annotated[float, Field(ge=10.0, le=1000.0)] = Field(
+        description="least distance of the person, the uncertainty of their place taken off, from the lot's outline"
+    )
+    address: Address = Field(default="127.0.0.1", description="`nmea_udp`: to listen on")
+    port: NetworkPort | None = Field(default=None, description="`nmea_udp`: to listen on")
+    sender: Sender | None = Field(
+        default=None, description="`nmea_udp`: address of the receiver, where it is not on here"
+    )
+
+    @model_validator(mode="after")
+    def _of_its_source(self) -> Self:
+        """Refuse keys of another source, and a port that anyone on the network could speak to."""
+        for key in ("address", "port", "sender"):
+            if key in self.model_fields_set and self.source != "nmea_udp":
+                raise ValueError(f"{key} says nothing for source {self.source!r}, it is for nmea_udp")
+        if self.source == "nmea_udp" and self.port is None:
+            raise ValueError("port is missing, source 'nmea_udp' needs it")
+        if self.sender is None and not ipaddress.ip_address(self.address).is_loopback:
+            raise ValueError(f"sender is missing: anyone who reaches {self.address} could be the person's receiver")
+        return self
+
+
 class Rig(Table):
     """One car with its receiver, its bus and its lot."""
 
@@ -450,6 +506,8 @@ class Rig(Table):
     latency: Latency = Latency()
     operator: Operator = Operator()
     view: RigView = RigView()
+    people: tuple[RigPerson, ...] = Field(default=(), strict=False)
+    people_page: RigPeoplePage = RigPeoplePage()
     others: tuple[Other, ...] = Field(default=(), strict=False)
     brain: Brain = Brain()
     outputs: tuple[RigOutput, ...] = Field(default=(), strict=False)

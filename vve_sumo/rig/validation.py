@@ -13,7 +13,9 @@ from itertools import combinations
 from typing import Final, NamedTuple
 
 from vve_sumo.errors import ConfigError
+from vve_sumo.frames import local_frame
 from vve_sumo.lot.swept_area import Body, as_pairs, fan
+from vve_sumo.people.separation import distance_to_fence
 from vve_sumo.physical_constants import EARTH_RADIUS
 from vve_sumo.pose import oxts_can
 from vve_sumo.pose.receivers.udp import UdpReceiver
@@ -28,6 +30,7 @@ from vve_sumo.rig.resolve import (
     interface_of,
     limits_of,
     lot_of,
+    outline_in,
     receiver_of,
     vehicle_of,
 )
@@ -92,6 +95,23 @@ def _complaints(rig: Rig) -> Iterator[str]:
     if rig.car_start is not None:
         yield from _outside(rig)
     yield from _of_the_watchdog(rig)
+    yield from _of_people(rig)
+
+
+def _of_people(rig: Rig) -> Iterator[str]:
+    ids = [person.id for person in rig.people]
+    for number, person in enumerate(rig.people):
+        if ids.count(person.id) > 1:
+            yield f"people: id {person.id!r} stands twice, expected each once"
+        if rig.car == "real" and person.source == "simulated":
+            yield f"people.{number}.source: nobody simulated walks beside a real car, expected 'phone' or 'nmea_udp'"
+        anchor = local_frame(math.radians(person.latitude_deg), math.radians(person.longitude_deg))
+        distance = distance_to_fence(0.0, 0.0, outline_in(rig, anchor))
+        if not distance >= person.least_distance_m:
+            yield (
+                f"people.{number}: the field's anchor is {distance:.1f} m from the lot's outline, expected at least "
+                f"least_distance_m, {person.least_distance_m:g} m"
+            )
 
 
 def _of_a_real_car(rig: Rig) -> Iterator[str]:

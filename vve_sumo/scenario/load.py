@@ -38,14 +38,15 @@ def parse(table: dict[str, Any], file: Path) -> Scenario:
         scenario = Scenario.model_validate(_with_sensors_numbers(numbers_of(table, file, Scenario), file))
     except ValidationError as error:
         raise ConfigError(complaint(file, error, Scenario)) from None
-    names = [one.id for one in scenario.obstacles] + [one.id for one in scenario.actors]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        where = "obstacles" if twice in (one.id for one in scenario.obstacles) else "actors"
-        raise ConfigError(f"{file}: {where}: id {twice!r} stands twice, expected each once")
-    if EGO in names:
-        where = "obstacles" if EGO in (one.id for one in scenario.obstacles) else "actors"
-        raise ConfigError(f"{file}: {where}: id {EGO!r} is the car's that is tested, expected another")
+    named = [(one.id, "obstacles") for one in scenario.obstacles]
+    named += [(one.id, "actors") for one in scenario.actors]
+    named += [(one.id, "people") for one in scenario.people]
+    names = [name for name, _where in named]
+    for name, where in named:
+        if names.count(name) > 1:
+            raise ConfigError(f"{file}: {where}: id {name!r} stands twice, expected each once")
+        if name == EGO:
+            raise ConfigError(f"{file}: {where}: id {EGO!r} is the car's that is tested, expected another")
     called = [sensors.STANDARD, *(sensor.name for sensor in scenario.sensors)]
     if len({*called}) < len(called):
         twice = next(name for name in called if called.count(name) > 1)

@@ -271,6 +271,61 @@ class Actor(Table):
         return self
 
 
+class PersonLimits(Table):
+    """Up to which age and uncertainty of their place a person is on the virtual road, and how."""
+
+    exact_m: NotNegative = Field(
+        default=1.0, description="radius (95 %) up to which the body alone is there; beyond, it is larger by the radius"
+    )
+    warning_m: Positive = Field(default=12.0, description="radius beyond which the person is warned")
+    lost_m: Positive = Field(default=20.0, description="radius beyond which the person counts as lost")
+    warning_age_s: Positive = Field(default=3.0, description="age of the newest position beyond which they are warned")
+    lost_age_s: Positive = Field(default=5.0, description="age beyond which the person counts as lost")
+
+    @model_validator(mode="after")
+    def _rising(self) -> Self:
+        if not self.exact_m < self.warning_m < self.lost_m:
+            raise ValueError("expected exact_m below warning_m below lost_m")
+        if not self.warning_age_s < self.lost_age_s:
+            raise ValueError("expected warning_age_s below lost_age_s")
+        return self
+
+
+class SimulatedPerson(Table):
+    """Who stands in for a person where nobody is there: a walk, and the errors of a phone."""
+
+    walk: Name = Field(
+        description="CSV of time_s,forward_m,left_m: drive time, and the place from the field's anchor along its "
+        "heading and to the left of it; a name under routes/ or a file"
+    )
+    accuracy_m: Annotated[float, Field(gt=0.0, le=100.0)] = Field(
+        default=5.0, description="of the simulated phone: the radius that holds the true place with 95 %"
+    )
+    period_s: Annotated[float, Field(ge=0.2, le=10.0)] = Field(default=1.0, description="between two of its positions")
+
+
+class Person(Table):
+    """A real person, who walks or rides in a field of their own and stands on the virtual road."""
+
+    id: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
+    kind: Literal["pedestrian", "bicycle"] = Field(
+        default="pedestrian", description="decides size, greatest speed, how sensors see it and what SUMO takes it for"
+    )
+    length_m: Annotated[float, Field(gt=0.1, le=25.0)] | None = Field(default=None, description="instead of its kind's")
+    width_m: Annotated[float, Field(gt=0.1, le=4.0)] | None = Field(default=None, description="instead of its kind's")
+    at_m: NotNegative = Field(description="where the field's anchor lies on the virtual road, along the ego's path")
+    offset_m: Annotated[float, Field(ge=-200.0, le=200.0)] = Field(
+        default=0.0, description="of the anchor, left of the path positive"
+    )
+    turned_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = Field(
+        default=0.0, description="where the anchor's heading points there, against the path's, counter-clockwise"
+    )
+    limits: PersonLimits = PersonLimits()
+    simulated: SimulatedPerson | None = Field(
+        default=None, description="who stands in for the person in lockstep, and in a live drive of a rig that says so"
+    )
+
+
 def _ordered(least: float | None, greatest: float | None) -> None:
     if least is not None and greatest is not None and least > greatest:
         raise ValueError(f"least {least:g} is above greatest {greatest:g}")
@@ -406,6 +461,7 @@ class Scenario(Table):
     weather: Weather = Weather()
     obstacles: tuple[ParkedObstacle, ...] = Field(default=(), strict=False)
     actors: tuple[Actor, ...] = Field(default=(), strict=False)
+    people: tuple[Person, ...] = Field(default=(), strict=False)
     metrics: tuple[Name, ...] = Field(
         default=(),
         strict=False,
@@ -417,3 +473,11 @@ class Scenario(Table):
     parameters: dict[Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")], Parameter] = Field(
         default={}, description="what a sweep may vary by name, besides every key by its place"
     )
+
+    @model_serializer(mode="wrap")
+    def _without_people_that_are_not_there(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out people where there are none: such records stay what they were."""
+        written: dict[str, Any] = handler(self)
+        if not self.people:
+            written.pop("people", None)
+        return written

@@ -43,8 +43,10 @@ MODULES: Final = (
 )
 #: the street in three dimensions, which the page loads when somebody asks for it; built from `web/` of the repository
 WORLD: Final = ("world.min.js", "three.LICENSE.txt")
-#: files of the page that lie here
-OWN: Final = frozenset((*MODULES, *WORLD, "index.html", "page.css"))
+#: the page of a real person in a live drive, which shares nothing with the others
+PERSON: Final = ("person.html", "person.css", "person.js")
+#: files of the pages that lie here
+OWN: Final = frozenset((*MODULES, *WORLD, *PERSON, "index.html", "page.css"))
 #: what a page that a server sends may load: what this server sends, and nothing else
 POLICY: Final = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "

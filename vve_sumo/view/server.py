@@ -68,8 +68,11 @@ class PageServer:
         port: int = 0,
         token: str = "",
         certificate: Sequence[str] = (),
+        max_message: int = MAX_MESSAGE,
     ) -> None:
         """Listen on an address of this machine and a port, 0 for any free one; without a `token` one is made.
+
+        A WebSocket's message from a page is not longer than `max_message` bytes.
 
         With a `certificate`, the paths of its file and of its key's, the page is served over HTTPS. Raises ConfigError
         where the address cannot be bound or the certificate cannot be used.
@@ -89,7 +92,7 @@ class PageServer:
         # As browsers write it: there is one shortest form of an address of version 6.
         self.host = f"[{ipaddress.ip_address(address).compressed}]" if ":" in address else address
         app = Gate(Starlette(routes=list(routes)), self.token, hosts_of(self._scheme, self.host, self.port))
-        config = _config(app, certificate)
+        config = _config(app, certificate, max_message)
         config.listener = self._socket
         self._uvicorn = _Quiet(config)
 
@@ -131,7 +134,7 @@ def _check(certificate: Sequence[str]) -> None:
         raise ConfigError(f"view: {' and '.join(certificate)}: expected a certificate and its key: {error}") from None
 
 
-def _config(app: Gate, certificate: Sequence[str]) -> GuardedConfig:
+def _config(app: Gate, certificate: Sequence[str], max_message: int) -> GuardedConfig:
     file, key = certificate or (None, None)
     return GuardedConfig(
         app,
@@ -140,7 +143,7 @@ def _config(app: Gate, certificate: Sequence[str]) -> GuardedConfig:
         http=GuardedConnection,
         ws=GuardedSocket,
         backlog=BACKLOG,
-        ws_max_size=MAX_MESSAGE,
+        ws_max_size=max_message,
         ws_max_queue=MAX_WAITING,
         ws_per_message_deflate=False,
         lifespan="off",
@@ -154,11 +157,11 @@ def _config(app: Gate, certificate: Sequence[str]) -> GuardedConfig:
     )
 
 
-def page_routes(policy: str) -> list[BaseRoute]:
-    """Return the routes of the page's own files; `policy` says who may hold the page in a frame."""
+def page_routes(policy: str, page: str = "index.html") -> list[BaseRoute]:
+    """Return the routes of a page's own files; `policy` says who may hold the page in a frame."""
 
     async def send(request: Request) -> Response:
-        found = file(request.path_params.get("name") or "index.html")
+        found = file(request.path_params.get("name") or page)
         if found is None:
             return PlainTextResponse("no such file\n", 404, _HEADERS)
         headers = _HEADERS | {"Content-Security-Policy": f"{POLICY}; {policy}"}

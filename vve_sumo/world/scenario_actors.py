@@ -76,7 +76,8 @@ class ActorProxies:
     """The proxies of one actor."""
 
     def __init__(self, actor: ActorState, lanes: Lanes) -> None:
-        self._nearby = lanes.nearby(box_of(actor).radius)
+        self._lanes, self._reach = lanes, box_of(actor).radius
+        self._nearby = lanes.nearby(self._reach)
         self._ghosts = ProxyVehicles(lanes, f"{EGO_PROXY_TYPE}.{actor.id}")
 
     @property
@@ -86,7 +87,12 @@ class ActorProxies:
 
     def show(self, actor: ActorState) -> None:
         """Place a proxy on each lane that the actor will cut; raises SUMO's errors."""
-        self._ghosts.cover(box_of(actor), min(actor.speed, MAX_SPEED), self._cut)
+        box = box_of(actor)
+        if box.radius > self._reach:
+            # The body of a person grows with the uncertainty of their place.
+            self._reach = 2.0 * box.radius
+            self._nearby = self._lanes.nearby(self._reach)
+        self._ghosts.cover(box, min(actor.speed, MAX_SPEED), self._cut)
 
     def leave(self) -> None:
         """Remove the actor's proxies; raises SUMO's errors."""

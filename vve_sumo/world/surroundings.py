@@ -143,7 +143,9 @@ class Surroundings:
         found = self._vehicles(time, hidden)
         found += _persons()
         found += self._obstacles
-        found += [row_of(one.id, (one.x, one.y, one.heading), one.speed, body, 0.0) for one, body in actors]
+        found += [
+            row_of(one.id, (one.x, one.y, one.heading), one.speed, body, one.lateral_speed) for one, body in actors
+        ]
         self._rows = found
 
     def around(self, x: float, y: float, egos: Sequence[Row]) -> list[Row]:
