@@ -48,6 +48,7 @@ from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Scenario, When
 from vve_sumo.sensors.camera_settings import CameraSettings
 from vve_sumo.sensors.lidar_settings import LidarSettings
+from vve_sumo.sensors.v2x_settings import V2xSettings
 from vve_sumo.sweep.controllers import VariedController
 from vve_sumo.sweep.spec import Boundary, Spec, WorstCase, parse_spec
 from vve_sumo.vehicle import arming
@@ -210,6 +211,7 @@ GENERATED = {
     ("rigs.md", "keys"): _rig_keys,
     ("rigs.md", "receivers"): _receivers,
     ("camera.md", "camera keys"): lambda: keys(CameraSettings),
+    ("v2x.md", "v2x keys"): lambda: keys(V2xSettings),
     ("lidar.md", "lidar keys"): lambda: keys(LidarSettings),
     ("sweeps.md", "keys"): lambda: keys(Spec),
     ("sweeps.md", "controllers keys"): lambda: keys(VariedController, "controllers[]."),

@@ -1,4 +1,4 @@
-"""Who will cross the path by their V2X messages: against both moving on in small steps; and how much sooner it brakes."""
+"""Who will cross the path by their V2X messages, against both moving on in small steps; and who is not waited for."""
 
 from __future__ import annotations
 

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
+from vve_sumo.body_kinds import TYPICAL
 from vve_sumo.csv_numbers import CsvNumbers
 from vve_sumo.drive.actor_paths import Find
 from vve_sumo.errors import ConfigError
@@ -17,7 +18,6 @@ from vve_sumo.frames import Alignment, local_frame
 from vve_sumo.path import ReferencePath
 from vve_sumo.people.setup import MAX_SPEED, PersonSetup, PresenceLimits
 from vve_sumo.people.walk import WalkPoint
-from vve_sumo.scenario.engine import SIZES
 from vve_sumo.scenario.schema import Person, Scenario, StartPose
 from vve_sumo.values import Point, Pose
 
@@ -109,7 +109,7 @@ def setups_with_rig(scenario: Scenario, path: ReferencePath, rig: Rig, *, live: 
 
 
 def _setup(person: Person, path: ReferencePath, field: StartPose | RigPerson, **of_the_rig: Any) -> PersonSetup:
-    at, size, limits = path.at(person.at_m), SIZES[person.kind], person.limits
+    at, size, limits = path.at(person.at_m), TYPICAL[person.kind], person.limits
     x, y = at.x - person.offset_m * math.sin(at.heading), at.y + person.offset_m * math.cos(at.heading)
     return PersonSetup(
         id=person.id,
