@@ -1,7 +1,7 @@
-"""What lidar and camera cost among fifty bodies, beside the radar: on the way to the command, and in the tick's slack.
+"""What lidar, camera and V2X receiver cost among fifty bodies, beside the radar: on the way to the command, and in the tick's slack.
 
 python benchmarks/senses.py [--seconds N] [--smoke]
-The three take turns at every tick, so that a noisy machine disturbs all of them alike. Times are of this process' CPU.
+The four take turns at every tick, so that a noisy machine disturbs all of them alike. Times are of this process' CPU.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ from vve_sumo.timing import PERIOD
 
 BODIES = 50
 SPEED = 10.0  #: of the ego [m/s]
-RATES = {"radar": 20.0, "lidar": 10.0, "camera": 15.0}  #: readings a second
+#: readings a second; that of the V2X receiver has the messages of a tick, fifty a second in all
+RATES = {"radar": 20.0, "lidar": 10.0, "camera": 15.0, "v2x": 50.0}
 
 
 def main() -> None:
