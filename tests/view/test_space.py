@@ -20,6 +20,23 @@ from vve_sumo.view.pictures import Pictures
 
 CENTIMETRE, TENTH_OF_A_DEGREE = 0.01, math.radians(0.1)
 CAR = {"kind": "car", "length": 4.6, "width": 1.8, "height": 1.5}
+#: the driver's eye of the ego in a headset's session: x, y on the map, height [m]
+HEADSET_EYE = (
+    20.0 + EYE[0] * math.cos(0.5) - EYE[1] * math.sin(0.5),
+    1.0 + EYE[0] * math.sin(0.5) + EYE[1] * math.cos(0.5),
+    EYE[2],
+)
+#: of what the board says: dots of light ink, and the share of its paper that is red
+INK = """(() => {
+  const { context } = world.board, { canvas } = context;
+  const { data } = context.getImageData(0, 0, canvas.width, canvas.height);
+  let light = 0, red = 0;
+  for (let at = 0; at < data.length; at += 4) {
+    if (Math.min(data[at], data[at + 1], data[at + 2]) > 200) light += 1;
+    if (data[at] > 100 && data[at + 1] < 80) red += 1;
+  }
+  return { light, red: red / (canvas.width * canvas.height) };
+})()"""
 HALF_FIELD_OF_VIEW, LOOKS_DOWN = math.radians(46.0) / 2.0, 0.045
 
 
@@ -192,8 +209,89 @@ def test_kerbs_and_marks_lie_where_the_lanes_end_and_meet(space: Space) -> None:
     ]
 
 
-def test_a_headset_moves_within_the_car(space: Space) -> None:
+def test_a_headset_moves_within_the_car(headset: Space) -> None:
     """WebXR with an emulated device: the headset's pose is added to the eye's, and the car takes it along."""
+    still = after_pictures(headset)
+    # Half a metre to the left and 0.2 m up, and turned to the left by 0.6 rad about the upright axis.
+    move(headset, (-0.5, 1.8, 0.0), 0.6)
+    moved = after_pictures(headset)
+    assert moved["heading"] - still["heading"] == pytest.approx(0.6, abs=1e-3)
+    across = -0.5 * math.sin(0.5), 0.5 * math.cos(0.5)
+    change = [moved[key] - still[key] for key in ("x", "y", "height")]
+    assert change == pytest.approx([*across, 0.2], abs=1e-3)
+    assert moved["car"] == pytest.approx({"x": 20.0, "y": 1.0, "heading": 0.5}, abs=1e-6)
+    assert (still["x"], still["y"]) == pytest.approx(HEADSET_EYE[:2], abs=1e-2)
+    headset.browser.evaluate("session.end()")
+    assert headset.browser.evaluate("world.renderer.xr.isPresenting") is False
+
+
+def test_a_trigger_puts_the_head_back_to_the_drivers_eye(headset: Space) -> None:
+    """Wherever it is and whichever way it is turned; bent down by 0.4 rad it looks down by as much afterwards, too."""
+    move(headset, (0.7, 1.1, -0.4), -0.9, down=0.4)
+    off = after_pictures(headset)
+    assert math.dist((off["x"], off["y"], off["height"]), HEADSET_EYE) > 0.5
+    press_trigger(headset)
+    back = after_pictures(headset)
+    assert (back["x"], back["y"], back["height"]) == pytest.approx(HEADSET_EYE, abs=1e-3)
+    assert back["heading"] == pytest.approx(0.5, abs=1e-3)
+    assert back["pitch"] == pytest.approx(-0.4, abs=1e-3)
+    # From then on the head moves about there: 0.3 m the way that it looked is ahead.
+    ahead = math.sin(0.9), -math.cos(0.9)
+    move(headset, (0.7 + 0.3 * ahead[0], 1.1, -0.4 + 0.3 * ahead[1]), -0.9)
+    on = after_pictures(headset)
+    assert (on["x"], on["y"]) == pytest.approx(
+        (HEADSET_EYE[0] + 0.3 * math.cos(0.5), HEADSET_EYE[1] + 0.3 * math.sin(0.5)), abs=1e-3
+    )
+    # Again, and the headset's own way, which moves its origin to the head.
+    press_trigger(headset)
+    again = after_pictures(headset)
+    assert (again["x"], again["y"], again["height"]) == pytest.approx(HEADSET_EYE, abs=1e-3)
+    headset.browser.evaluate("device.recenter(); 0")
+    own = after_pictures(headset)
+    assert own["heading"] == pytest.approx(0.5, abs=1e-3)
+    assert (own["x"], own["y"]) == pytest.approx(HEADSET_EYE[:2], abs=1e-3)
+
+
+def test_the_board_is_seen_in_a_headset_and_not_in_a_picture(headset: Space) -> None:
+    """What it says and where: ahead of the driver's eye, below the horizon, and only while the session lasts."""
+    after_pictures(headset)
+    assert headset.browser.evaluate("world.board.mesh.visible") is True
+    headset.browser.evaluate("world.tell(['36 km/h', 'engaged']); 0")
+    written = headset.browser.evaluate(INK)
+    headset.browser.evaluate("world.tell(['NO LIVE DATA', ''], true); 0")
+    warned = headset.browser.evaluate(INK)
+    assert written["light"] > 500
+    assert warned["light"] > 500
+    assert warned["red"] > 0.8 > 0.2 > written["red"]
+    ahead, up = headset.browser.evaluate("(({ z, y }) => [-z, y])(world.board.mesh.position)")
+    assert 0.7 <= ahead <= 1.5
+    assert math.radians(5.0) < math.atan2(-up, ahead) < math.radians(20.0)
+    headset.browser.evaluate("session.end()")
+    assert headset.browser.evaluate("world.board.mesh.visible") is False
+    headset.make(straight())
+    assert headset.browser.evaluate("world.board.mesh.visible") is False
+
+
+def test_a_hidden_street_leaves_the_car_alone(space: Space) -> None:
+    """Kerbs, bodies, trees and sky are gone; the cockpit stays where it was, dark around it."""
+    space.make(straight(actors={"lead": CAR}))
+    shown = frame(0.0, actors=standing(("lead", 12.0, 0.0, 0.0)))
+    whole = space.picture(shown)
+    space.browser.evaluate("world.hide(true); 0")
+    hidden = space.picture(shown)
+    assert space.browser.evaluate("world.hidden") is True
+    upper = hidden[: SIZE[1] // 4, SIZE[0] // 3 : SIZE[0] // 2]
+    assert upper.max() == 0
+    assert whole[: SIZE[1] // 4, SIZE[0] // 3 : SIZE[0] // 2].min() > 100
+    low = np.s_[int(0.95 * SIZE[1]) :]
+    assert np.array_equal(hidden[low], whole[low])
+    space.browser.evaluate("world.hide(false); 0")
+    assert np.array_equal(space.picture(shown), whole)
+
+
+@pytest.fixture
+def headset(space: Space) -> Iterator[Space]:
+    """A world in a session of an emulated headset, of one eye, before the ego at (20, 1) with a heading of 0.5 rad."""
     device = (Path(__file__).parent / "vendor" / "iwer.min.js").read_text(encoding="utf-8")
     space.browser.evaluate(f"{device};0")
     # A browser without a headset has WebXR all the same: the emulated one takes its place.
@@ -210,21 +308,23 @@ def test_a_headset_moves_within_the_car(space: Space) -> None:
     space.browser.evaluate(
         f"device.position.set(0, 1.6, 0); {begin}.then((session) => {{ globalThis.session = session; }})"
     )
-    still = after_pictures(space)
-    # Half a metre to the left and 0.2 m up, and turned to the left by 0.6 rad about the upright axis.
-    space.browser.evaluate(
-        "device.position.set(-0.5, 1.8, 0); device.quaternion.set(0, Math.sin(0.3), 0, Math.cos(0.3)); 0"
-    )
-    moved = after_pictures(space)
-    assert moved["heading"] - still["heading"] == pytest.approx(0.6, abs=1e-3)
-    across = -0.5 * math.sin(0.5), 0.5 * math.cos(0.5)
-    change = [moved[key] - still[key] for key in ("x", "y", "height")]
-    assert change == pytest.approx([*across, 0.2], abs=1e-3)
-    assert moved["car"] == pytest.approx({"x": 20.0, "y": 1.0, "heading": 0.5}, abs=1e-6)
-    eye = 20.0 + EYE[0] * math.cos(0.5) - EYE[1] * math.sin(0.5), 1.0 + EYE[0] * math.sin(0.5) + EYE[1] * math.cos(0.5)
-    assert (still["x"], still["y"]) == pytest.approx(eye, abs=1e-2)
-    space.browser.evaluate("session.end()")
-    assert space.browser.evaluate("world.renderer.xr.isPresenting") is False
+    yield space
+    space.browser.evaluate("session.end().catch(() => {})")
+
+
+def move(space: Space, place: tuple[float, float, float], yaw: float, *, down: float = 0.0) -> None:
+    """Have the head be at a place [m: right, up, back], turned to the left by `yaw` and then bent down [rad]."""
+    (s, c), (t, d) = (math.sin(yaw / 2), math.cos(yaw / 2)), (math.sin(-down / 2), math.cos(-down / 2))
+    # The product of the turn about the upright axis and that about the head's own axis to the right.
+    turned = c * t, s * d, -s * t, c * d
+    space.browser.evaluate(f"device.position.set(...{[*place]}); device.quaternion.set(...{[*turned]}); 0")
+
+
+def press_trigger(space: Space) -> None:
+    """Press and let go of the right hand's trigger, each for some pictures."""
+    for value in (1, 0):
+        space.browser.evaluate(f"device.controllers.right.updateButtonValue('trigger', {value}); 0")
+        after_pictures(space)
 
 
 def after_pictures(space: Space) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from tests.view.made import Made
 
 FEED = "document.getElementById('feed').dataset.kind"
 SEATS = "vveSumo.shown.view.seats"
+BOARD = f"() => {SEATS}.world.board.lines"
 #: a browser that draws nothing but the headset's pictures while there is a session, as those of headsets do
 NO_OTHER_PICTURES = """() => { const ask = requestAnimationFrame.bind(window);
   globalThis.requestAnimationFrame = (next) => (String(next).includes("this.draw()") ? 0 : ask(next)); }"""
@@ -112,8 +113,27 @@ def test_a_headset_shows_the_present_or_nothing(browser: Any, fed: Live) -> None
     shown = opened.evaluate(f"{SEATS}.frame.t")
     until(lambda: opened.evaluate(f"{SEATS}.frame.t") > shown + 1.0)
     assert says(opened, f"{SEATS}.world.renderer.xr.isPresenting")
+    # 10 m/s and what the made-up drive's gateway says, in the unit of the page.
+    speed_and_gap, state = opened.evaluate(BOARD)
+    assert speed_and_gap.startswith("36 km/h   ")
+    assert state == "engaged"
     fed.silent.set()
-    until(lambda: not says(opened, f"{SEATS}.world.renderer.xr.isPresenting"))
+    until(lambda: says(opened, f"{SEATS}.world.hidden"))
+    assert says(opened, f"{FEED} === 'lost'")
+    assert opened.evaluate(BOARD)[0] == "NO LIVE DATA"
+    assert says(opened, f"{SEATS}.world.board.alarm")
+    # The session outlives the feed, and shows the street again with it.
+    fed.silent.clear()
+    until(lambda: not says(opened, f"{SEATS}.world.hidden"))
+    assert says(opened, f"{SEATS}.world.renderer.xr.isPresenting")
+    until(lambda: opened.evaluate(BOARD)[0].startswith("36 km/h"))
+    assert not says(opened, f"{SEATS}.world.board.alarm")
+    fed.silent.set()
+    until(lambda: says(opened, f"{SEATS}.world.hidden"))
+    opened.evaluate(f"() => {SEATS}.session.end()")
+    until(lambda: says(opened, f"!{SEATS}.session && !{SEATS}.world.renderer.xr.isPresenting"))
+    # The page itself hides nothing: it says that what it shows is old.
+    assert not says(opened, f"{SEATS}.world.hidden || {SEATS}.world.board.mesh.visible")
     assert says(opened, f"{FEED} === 'lost'")
     context.close()
 

@@ -2,6 +2,7 @@
 // display time, both passed in: no clock is read here, and the same two always give the same picture.
 
 import { Frustum, Group, LinearSRGBColorSpace, Matrix4, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
+import { Board } from "./board.js";
 import { Ego } from "./ego.js";
 import { Fleet } from "./fleet.js";
 import { predicted, referenceOf } from "./frame_of_reference.js";
@@ -22,9 +23,11 @@ const VIEWS = {
 class World {
   #scene = new Scene();
   #rig = new Group();
+  #seat = new Group();
   #view = "driver";
   #head = { yaw: 0, pitch: 0 };
   #last = null;
+  #outside = [];
 
   constructor(canvas, scene, { pixelRatio = 1, antialias = !drawnBySoftware(), preserve = false } = {}) {
     this.reference = referenceOf(scene);
@@ -41,11 +44,14 @@ class World {
     this.ego = new Ego(scene.ego);
     this.fleet = new Fleet(scene, this.reference);
     this.signals = new Signals(scene, this.reference);
+    this.board = new Board();
     // The rig is the car's: the head turns the camera within it, and a headset does likewise.
-    this.#rig.add(this.camera);
-    this.#scene.add(sky(), group, built, this.trees.group, this.signals.group, this.fleet.group, this.ego.shadow.mesh, this.ego.group, this.#rig);
+    this.#seat.add(this.camera);
+    this.#rig.add(this.#seat, this.board.mesh);
+    this.#outside = [sky(), group, built, this.trees.group, this.signals.group, this.fleet.group, this.ego.shadow.mesh];
+    this.#scene.add(...this.#outside, this.ego.group, this.#rig);
     for (const tile of this.tiles) tile.geometry.computeBoundingSphere();
-    this.headset = new Headset(this.renderer);
+    this.headset = new Headset(this.renderer, this.#seat);
     this.view("driver");
     this.resize(canvas.clientWidth || canvas.width, canvas.clientHeight || canvas.height);
   }
@@ -130,16 +136,36 @@ class World {
     return { ...at, heading, pitch: Math.asin(ahead.y), car: { x, y, heading: Math.atan2(-front.z, front.x) } };
   }
 
-
   /**
    * Show the street in a headset until its session ends; call it from a click. `next` is called for every picture with
    * the time until it is displayed unknown: it shows the newest frame. Returns the WebXR session.
    */
   async session(next) {
-    return this.headset.begin(() => {
+    const session = await this.headset.begin(() => {
       next();
       this.draw();
     });
+    this.board.mesh.visible = true;
+    session.addEventListener("end", () => {
+      this.board.mesh.visible = false;
+      this.hide(false);
+    });
+    return session;
+  }
+
+  /** Leave the car alone in the dark, or show the street again. */
+  hide(hidden) {
+    for (const one of this.#outside) one.visible = !hidden;
+  }
+
+  /** Whether the street is hidden. */
+  get hidden() {
+    return !this.#outside[0].visible;
+  }
+
+  /** Write two lines before the eyes of whoever wears the headset; `alarm` says that they are a warning. */
+  tell(lines, alarm = false) {
+    this.board.say(lines, alarm);
   }
 
   /** What the last picture took: triangles, draws, bodies of actors. */
@@ -152,6 +178,7 @@ class World {
   dispose() {
     this.fleet.dispose();
     this.signals.dispose();
+    this.board.dispose();
     this.#scene.traverse((one) => {
       one.geometry?.dispose();
       one.material?.dispose();

@@ -82,10 +82,15 @@ function set(part, value, decimals, unit) {
   part.value.replaceChildren(text, element("small", {}, ` ${unit}`));
 }
 
-/** Show metres; where there are none, why: they are computed yet, or there is nothing to measure. */
+/** Why a frame has no metres to show: they are computed yet, or there is nothing to measure. */
+export function whyNone(frame, nothing) {
+  return { coming: "computing …", failed: "could not be computed" }[frame.detailed] ?? (frame.ego ? nothing : "no pose");
+}
+
+/** Show metres; where there are none, why. */
 function setDetail(part, frame, value, nothing) {
   if (value !== null || !frame) return set(part, value, 1, "m");
-  const why = { coming: "computing …", failed: "could not be computed" }[frame.detailed] ?? (frame.ego ? nothing : "no pose");
+  const why = whyNone(frame, nothing);
   if (part.text === why) return;
   part.text = why;
   part.value.replaceChildren(element("small", {}, why));

@@ -110,7 +110,7 @@ export class Live {
     // In a headset's session the browser may draw nothing else.
     this.view.seats.onPicture = () => {
       this.draw();
-      return !this.lost;
+      return this.lost && !this.resting ? "NO LIVE DATA" : "";
     };
     this.page.titled(scene.title);
   }
@@ -141,10 +141,14 @@ export class Live {
     return !(this.silent < LOST) || this.behind > BEHIND;
   }
 
+  /** Whether the drive has ended and its car stands: what is shown of it is no older than it looks. */
+  get resting() {
+    return this.over || (this.ended && AT_REST.has(this.view?.frame?.state));
+  }
+
   /** Say whether what is shown is live. */
   look() {
-    // What is shown of a car that stands after its drive is no older than it looks.
-    const resting = this.over || (this.ended && AT_REST.has(this.view?.frame?.state));
+    const { resting } = this;
     const lost = this.lost && !resting;
     this.view?.stale(lost);
     if (this.over) return this.tell("over", "drive over: waiting for the next one");

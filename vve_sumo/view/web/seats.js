@@ -1,12 +1,14 @@
 // Where the street is seen from: drawn from above, or in three dimensions from the driver's seat, from behind the car, from
 // above, and in a headset. The third dimension is loaded when it is first asked for.
 
-import { element } from "./elements.js";
+import { element, number } from "./elements.js";
+import { whyNone } from "./gauges.js";
+import { speedUnit } from "./units.js";
 
 const SEATS = [["map", "map"], ["driver", "driver"], ["chase", "behind"], ["above", "above"]];
 const TURN = 0.005; // of the head by the finger or mouse [rad a pixel]
 const NECK = [1.9, 0.8]; // the head turns no farther to the side and up [rad]
-const OLD_PICTURES = 30; // pictures in a row of an old street after which the headset's session ends
+const OLD_PICTURES = 30; // pictures in a row of an old street after which a headset shows it no longer
 
 export class Seats {
   /** Add the buttons and the canvas of the third dimension to the box of the street's canvas. */
@@ -17,7 +19,8 @@ export class Seats {
     this.seat = "map";
     this.world = null;
     this.head = { yaw: 0, pitch: 0 };
-    this.onPicture = null; // called for every picture in a headset; says whether the street is that of the present
+    // Called for every picture in a headset; returns why the street is not that of the present, nothing where it is.
+    this.onPicture = null;
     // A page that is one file has no other to load.
     if (document.getElementById("vve-data")) return;
     this.buttons = SEATS.map(([seat, text]) => element("button", {
@@ -94,21 +97,23 @@ export class Seats {
       if (this.seat === "map") await this.sit("driver");
       this.old = 0;
       this.session = await this.world.session(() => this.picture());
+      this.session.addEventListener("end", () => { this.session = null; });
     });
     this.box.querySelector(".seats").append(button);
   }
 
-  /** Have the headset's next picture; a street that stands still because nothing new comes is not shown for long. */
+  /**
+   * Have the headset's next picture. A street that stands still while the car moves would make its passenger sick: it is
+   * hidden while nothing new comes, and the session goes on.
+   */
   picture() {
-    this.old = this.onPicture?.() === false ? this.old + 1 : 0;
-    if (this.old > OLD_PICTURES) this.leave();
-    else if (this.frame) this.world.show(this.frame, this.clock());
-  }
-
-  /** End the headset's session. */
-  leave() {
-    this.session?.end().catch(() => {});
-    this.session = null;
+    const why = this.onPicture?.() ?? "";
+    this.old = why ? this.old + 1 : 0;
+    this.world.hide(this.old > OLD_PICTURES);
+    if (!this.frame) return;
+    if (this.world.hidden) this.world.tell([why, "the street is hidden"], true);
+    else this.world.tell(wordsOf(this.frame));
+    this.world.show(this.frame, this.clock());
   }
 
   /** Have a frame from now on; `clock` gives the drive time that is displayed [s]. */
@@ -123,4 +128,12 @@ export class Seats {
     this.world.show(this.frame, this.clock());
     this.world.draw();
   }
+}
+
+/** What a frame's board in the headset says: speed and gap, and what the car does. */
+function wordsOf(frame) {
+  const { name, factor } = speedUnit();
+  const speed = `${number(frame.ego ? factor * frame.ego.speed : null, 0)} ${name}`;
+  const gap = frame.gap === null ? whyNone(frame, "nothing ahead") : `gap ${number(frame.gap)} m`;
+  return [`${speed}   ${gap}`, frame.contact ? `contact with ${frame.contact.replaceAll("+", ", ")}` : frame.said.split(": ")[0]];
 }
