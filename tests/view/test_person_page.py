@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import http.client
 import json
 import math
 import time
@@ -192,6 +193,14 @@ def test_without_the_token_nobody_speaks(pages: Served) -> None:
         connect(f"ws://127.0.0.1:{pages.server.port}/wrong/socket", open_timeout=10)
     with pytest.raises(Exception, match=r"403"):
         open_socket(pages, origin="http://elsewhere.example")
+
+
+def test_the_request_to_stop_without_a_token_is_the_other_pages_alone(pages: Served) -> None:
+    connection = http.client.HTTPConnection("127.0.0.1", pages.server.port, timeout=10.0)
+    connection.request("POST", "/stop", headers={"Host": f"127.0.0.1:{pages.server.port}"})
+    assert connection.getresponse().status in (404, 405)
+    connection.close()
+    assert pages.reports == []
 
 
 def test_a_long_message_ends_the_connection(pages: Served) -> None:

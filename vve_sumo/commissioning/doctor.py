@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from vve_sumo import workspace
-from vve_sumo.commissioning import brain_checks, doctor_result, machine_checks, rig_checks
+from vve_sumo.commissioning import brain_checks, doctor_result, machine_checks, people_checks, rig_checks
 from vve_sumo.commissioning.findings import Check, CheckReport
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.run import resolve_by_name
@@ -86,6 +86,7 @@ def _examine_scenario(report: CheckReport, resolved: ResolvedScenario, rig: Rig 
         if fitted is not None:
             resolved = fitted
             report.add([Check("speed", f"{fitted.scenario.ego.speed_mps:g} of {rig.limits.speed_mps:g} m/s allowed")])
+            report.add(people_checks.people(fitted, rig))
     report.add([machine_checks.braking(resolved)])
     advice = "correct the scenario's street, traffic or obstacles"
     report.attempt("street", advice, lambda: report.add(machine_checks.virtual_road(resolved)))

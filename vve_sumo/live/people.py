@@ -53,7 +53,7 @@ class PeopleProcess:
         self.server: PageServer | None = None  #: None where nobody has a page
         if with_page:
             where = {name: config[name] for name in ("address", "port", "token", "certificate")}
-            self.server = PageServer(self._pages.routes(), **where, max_message=MAX_MESSAGE)
+            self.server = PageServer(self._pages.routes(), **where, max_message=MAX_MESSAGE, table="people_page")
         self._over = asyncio.Event()
 
     async def run(self) -> None:

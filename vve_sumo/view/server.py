@@ -69,15 +69,16 @@ class PageServer:
         token: str = "",
         certificate: Sequence[str] = (),
         max_message: int = MAX_MESSAGE,
+        table: str = "view",
     ) -> None:
         """Listen on an address of this machine and a port, 0 for any free one; without a `token` one is made.
 
-        A WebSocket's message from a page is not longer than `max_message` bytes.
+        A WebSocket's message from a page is not longer than `max_message` bytes. `table` names the rig's in errors.
 
         With a `certificate`, the paths of its file and of its key's, the page is served over HTTPS. Raises ConfigError
         where the address cannot be bound or the certificate cannot be used.
         """
-        _check(certificate)
+        _check(certificate, table)
         self._scheme = "https" if certificate else "http"
         self.token = token or secrets.token_urlsafe(18)
         self._socket = Listener(socket.AF_INET6 if ":" in address else socket.AF_INET)
@@ -87,7 +88,7 @@ class PageServer:
             self._socket.listen()
         except OSError as error:
             self._socket.close()
-            raise ConfigError(f"view: cannot listen on {address} port {port}: {error.strerror}") from None
+            raise ConfigError(f"{table}: cannot listen on {address} port {port}: {error.strerror}") from None
         self.port = int(self._socket.getsockname()[1])
         # As browsers write it: there is one shortest form of an address of version 6.
         self.host = f"[{ipaddress.ip_address(address).compressed}]" if ":" in address else address
@@ -121,7 +122,7 @@ def hosts_of(scheme: str, host: str, port: int) -> frozenset[str]:
     return frozenset(f"{name}:{port}" for name in names) | (names if port == _USUAL_PORTS[scheme] else frozenset())
 
 
-def _check(certificate: Sequence[str]) -> None:
+def _check(certificate: Sequence[str], table: str) -> None:
     """Raise ConfigError unless a certificate's file and its key's belong together and can be read.
 
     A key with a password is refused: nobody is there to type it.
@@ -131,7 +132,9 @@ def _check(certificate: Sequence[str]) -> None:
     try:
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate[0], certificate[1], password=lambda: b"")
     except (OSError, ssl.SSLError) as error:
-        raise ConfigError(f"view: {' and '.join(certificate)}: expected a certificate and its key: {error}") from None
+        raise ConfigError(
+            f"{table}: {' and '.join(certificate)}: expected a certificate and its key: {error}"
+        ) from None
 
 
 def _config(app: Gate, certificate: Sequence[str], max_message: int) -> GuardedConfig:
