@@ -1,4 +1,4 @@
-"""What lidar, camera and V2X receiver cost among fifty bodies, beside the radar: on the way to the command, and in the tick's slack.
+"""What lidar, camera and V2X receiver cost among fifty bodies, beside the radar: before the command, and in the slack.
 
 python benchmarks/senses.py [--seconds N] [--smoke]
 The four take turns at every tick, so that a noisy machine disturbs all of them alike. Times are of this process' CPU.

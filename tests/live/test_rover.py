@@ -90,3 +90,16 @@ def test_two_programs_cannot_be_the_persons_receiver(rover: Rover, port: int) ->
 def test_a_port_that_is_taken_is_named(rover: Rover, port: int) -> None:
     with pytest.raises(RigError, match=r"people\.anna\.port"):
         open_rover(person(port), 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("quality", "believable"), [(4, True), (1, True), (6, False), (7, False), (8, False)])
+def test_a_place_that_is_estimated_typed_in_or_simulated_has_no_accuracy(
+    rover: Rover, port: int, quality: int, believable: bool
+) -> None:
+    epochs = [
+        zda(at) + gst(at, "0.5", "0.5") + gga(at, quality=quality) + vtg(90.0, 1.4)
+        for at in (NOON + 0.1 * k for k in range(6))
+    ]
+    came = heard(rover, port, *epochs)
+    assert came or not believable
+    assert all(math.isfinite(report.accuracy) is believable for _, report in came)

@@ -54,6 +54,14 @@ def test_a_network_that_holds_a_position_back_cannot_make_it_young() -> None:
     assert 15.7 - made.measured == pytest.approx(5.3)
 
 
+def test_a_sign_of_life_that_the_network_held_back_is_none() -> None:
+    """The page had message 7 of 10.7 s when it gave it."""
+    sign = read(json.dumps({"type": "alive", "person": "anna", "echo": 7}))
+    assert sign is not None
+    assert report_of(sign, 11.6, sent_at) == PageAlive("anna")
+    assert report_of(sign, 11.8, sent_at) is None
+
+
 def test_a_position_that_the_phone_kept_is_as_old_as_it_says() -> None:
     made = report_of(said(sent=POSITION["timestamp"] + 5000), 10.8, sent_at)
     assert isinstance(made, PositionReport)

@@ -166,7 +166,33 @@ def test_page_killed() -> None:
     entered = (1.0, FieldEntered("anna", CONSENT))
     found = states(setup, [*walk(10.0), *alive, entered], 20.0)
     assert {state.faults for time, state in found if 3.0 < time < 10.0} == {()}
-    assert first(found, "person_unreachable") == pytest.approx(10.2 + PAGE_TIMEOUT, abs=0.03)
+    assert first(found, "person_unreachable") == pytest.approx(10.0 + PAGE_TIMEOUT, abs=0.03)
+
+
+def test_a_receiver_that_goes_on_does_not_stand_in_for_a_page_that_is_closed() -> None:
+    """Positions ten times a second to the end; the page was last heard of when its person entered."""
+    setup = replace(FENCED, pages=True)
+    positions = [(0.1 * k + 0.02, report(0.1 * k, accuracy=0.05)) for k in range(200)]
+    found = states(setup, [*positions, (1.0, FieldEntered("anna", CONSENT))], 19.0)
+    assert first(found, "person_unreachable", 1.1) == pytest.approx(1.0 + PAGE_TIMEOUT, abs=0.03)
+    assert all("person_unreachable" in state.faults for time, state in found if time > 4.1)
+
+
+def test_of_several_places_that_nobody_can_have_reached_the_one_nearest_to_the_ground_counts() -> None:
+    """The next position, as far off the other way, does not take back that they may be near the ground."""
+    near, far = (10.2, report(10.0, 45.0, 0.0, 4.0)), (10.4, report(10.2, -45.0, 0.0, 4.0))
+    for jumps in ([near, far], [far, near]):
+        found = states(FENCED, [*walk(9.0), *jumps], 12.0)
+        assert min(state.distance for time, state in found if time > 10.5) < 15.0
+        assert all("person_near_lot" in state.faults for time, state in found if time > 10.5)
+
+
+def test_a_vague_place_that_nobody_can_have_reached_counts_too() -> None:
+    """With the radius that it has: worse than the scenario takes, and 50 m off."""
+    found = states(FENCED, [*walk(9.0), (10.2, report(10.0, 50.0, 0.0, 25.0))], 11.0)
+    told = [state for time, state in found if time > 10.3]
+    assert {state.refused for state in told} == {"report_jumped"}
+    assert all(state.distance < 60.0 - 50.0 - 25.0 for state in told)
 
 
 def test_who_has_not_said_that_they_are_in_their_field() -> None:

@@ -20,7 +20,7 @@ from vve_sumo.live import messages, signals
 from vve_sumo.live.assembly import from_dict
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.people_link import ArrivedReport, ShownToPeople, decode, encode
-from vve_sumo.live.priority import OOM_RECORDER, set_oom_score
+from vve_sumo.live.priority import OOM_RECORDER, lower_priority, set_oom_score
 from vve_sumo.live.rover import Rover, open_rover
 from vve_sumo.live.spawn import receive_config
 from vve_sumo.live.view import MAX_FILES, write_address
@@ -108,6 +108,7 @@ def main() -> int:
     """Run the process and return its exit code."""
     signals.ignore()
     set_oom_score(OOM_RECORDER)
+    lower_priority()
     resource.setrlimit(resource.RLIMIT_NOFILE, (MAX_FILES, MAX_FILES))
     config, channels = receive_config()
     console = channels["console"]

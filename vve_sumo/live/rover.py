@@ -47,12 +47,15 @@ class Rover:
 
 
 def report_of(fix: Fix, person: str, epoch: float) -> PositionReport:
-    """Return the report that a fix is; its accuracy is NaN, and the report not believed, where the fix has none."""
+    """Return the report that a fix is.
+
+    Its accuracy is NaN, and the report not believed, where the fix has none or is not the receiver's own: estimated,
+    set by hand or simulated.
+    """
     speed = math.hypot(fix.velocity_east, fix.velocity_north)
     heading = math.atan2(fix.velocity_north, fix.velocity_east) if speed >= MIN_COURSE_SPEED else math.nan
-    return PositionReport(
-        person, fix.time - epoch, fix.latitude, fix.longitude, CIRCLE_95 * fix.position_sigma, heading
-    )
+    accuracy = CIRCLE_95 * fix.position_sigma if fix.locked else math.nan
+    return PositionReport(person, fix.time - epoch, fix.latitude, fix.longitude, accuracy, heading)
 
 
 def open_rover(person: RigPerson, t0: float, epoch: float) -> Rover:

@@ -126,6 +126,7 @@ def plan(
         certificate_of(loaded.view, working)
     if loaded.people:
         token_of(loaded.people_page, working, "people_page")
+        certificate_of(loaded.people_page, working)
     resolved = resolve_by_name(scenario, working, seed=seed, controller=controller, values=values)
     try:
         resolved = assembly.scenario_with_rig(resolved, loaded, working)

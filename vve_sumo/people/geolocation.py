@@ -15,6 +15,9 @@ from msgspec import Meta, Struct
 
 from vve_sumo.people.reports import FieldEntered, PageAlive, PersonStop, PositionReport, Report
 
+#: A sign of life that may be older than this is none [s]: the network held it back, or the page hears nothing.
+OLDEST_SIGN: Final = 1.0
+
 #: A position that the phone itself dates later than the moment at which it sent it is tolerated up to here [s].
 CLOCK_TOLERANCE: Final = 0.1
 
@@ -80,7 +83,8 @@ def report_of(message: PageMessage, received: float, sent_at: Callable[[int], fl
     `sent_at` gives the drive time at which a message of the server's was sent [s], by its number; NaN for a number
     that none has. The page sent its own message after that one, and the position was `sent - timestamp` old by then, by
     one clock: so the position is no older than it is dated here, whatever the phone's clock shows and however long the
-    network took. None for a message that cannot be dated: its echo is no message's, or the phone's clock was set.
+    network took. None for a message that cannot be dated, because its echo is no message's or the
+    phone's clock was set, and for a sign of life that may be older than `OLDEST_SIGN`.
     """
     if isinstance(message, PageEntered):
         return FieldEntered(message.person, message.consent)
@@ -90,7 +94,7 @@ def report_of(message: PageMessage, received: float, sent_at: Callable[[int], fl
     if not math.isfinite(earliest):
         return None
     if isinstance(message, PageSign):
-        return PageAlive(message.person)
+        return PageAlive(message.person) if received - earliest <= OLDEST_SIGN else None
     age = (message.sent - message.timestamp) / 1000.0
     if age < -CLOCK_TOLERANCE:
         return None

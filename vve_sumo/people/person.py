@@ -63,17 +63,20 @@ class Person:
         self._machine, self._area = PresenceMachine(limits), ShownArea(setup.max_speed)
         self._track: Track | None = None
         self._believed: Place | None = None  # the newest position
-        self._elsewhere: Place | None = None  # where a position that jumped says they are
+        # Where positions that jumped since then say that they are: of these the one nearest to the car's ground.
+        self._elsewhere: Place | None = None
         self._refused = ""
         self._seen = self._entered = self._stopped = False
         self._page_heard = -math.inf
 
     def receive(self, received: float, report: Report) -> None:
         """Take a report that arrived at drive time `received` [s]."""
-        self._page_heard = max(self._page_heard, received) if math.isfinite(received) else self._page_heard
         if isinstance(report, PositionReport):
+            # A receiver that the person carries goes on while the page is closed: positions are no sign of the page.
             self._take(received, report)
-        elif isinstance(report, FieldEntered):
+            return
+        self._page_heard = max(self._page_heard, received) if math.isfinite(received) else self._page_heard
+        if isinstance(report, FieldEntered):
             self._entered = True
         elif isinstance(report, PersonStop):
             self._stopped = True
@@ -105,8 +108,11 @@ class Person:
         place = Place(report.measured, x, y, report.accuracy)
         self._refused = self._gate.step(received, report, place)
         if self._refused:
-            # Who may have been wrong before is taken to be at both places.
-            self._elsewhere = place if self._refused == "report_jumped" else self._elsewhere
+            if self._refused == "report_jumped":
+                # Who may have been wrong before is taken to be at both places.
+                known = self._elsewhere
+                nearer = known is None or self._reach(place, received) < self._reach(known, received)
+                self._elsewhere = place if nearer else known
             return
         self._believed, self._elsewhere = place, None
         facing = report.heading + self._frame.convergence(report.latitude, report.longitude)
@@ -125,12 +131,15 @@ class Person:
 
         Since the newest position the person may have gone anywhere at their greatest speed.
         """
-        fence, speed = self.setup.fence, self.setup.max_speed
-        if not fence:
+        if not self.setup.fence:
             return math.inf
         places = [place for place in (self._believed, self._elsewhere) if place is not None]
-        reached = [(one, one.accuracy + speed * max(now - one.time, 0.0)) for one in places]
-        return min((separation(one.x, one.y, radius, fence) for one, radius in reached), default=math.nan)
+        return min((self._reach(one, now) for one in places), default=math.nan)
+
+    def _reach(self, place: Place, now: float) -> float:
+        """Return the least possible distance from the car's ground of somebody who was at a place [m]."""
+        radius = place.accuracy + self.setup.max_speed * max(now - place.time, 0.0)
+        return separation(place.x, place.y, radius, self.setup.fence)
 
     def _faults(self, now: float, presence: Presence, distance: float) -> tuple[str, ...]:
         faults: tuple[str, ...] = ()

@@ -77,9 +77,10 @@ class ReportGate:
             return "report_out_of_order"
         if received - place.time > self._max_age:
             return "report_old"
-        if place.accuracy > self._max_accuracy:
-            return "report_inaccurate"
-        return "" if self._last is None or self._reaches(self._last, place) else "report_jumped"
+        # Before the accuracy: a place that nobody can have reached may be where they are, however vague it is.
+        if self._last is not None and not self._reaches(self._last, place):
+            return "report_jumped"
+        return "report_inaccurate" if place.accuracy > self._max_accuracy else ""
 
     def _reaches(self, last: Place, place: Place) -> bool:
         way = math.hypot(place.x - last.x, place.y - last.y)

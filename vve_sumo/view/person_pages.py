@@ -58,7 +58,6 @@ class PersonPages:
         self._sent: deque[tuple[int, float]] = deque(maxlen=MAX_KNOWN)
         self._number = 0
         self._held: dict[str, WebSocket] = {}  # by the person's id
-        self.dropped = 0  #: pages that were dropped for what they said
 
     def routes(self) -> list[BaseRoute]:
         """Return the routes of the page, its files among them."""
@@ -108,7 +107,6 @@ class PersonPages:
             count += 1
             message = read(text)
             if count > MAX_RATE or message is None or not await self._take(socket, message, now):
-                self.dropped += 1
                 return
 
     async def _take(self, socket: WebSocket, message: PageMessage, now: float) -> bool:

@@ -32,6 +32,7 @@ class Person {
     this.echo = 0;
     this.heard = -Infinity;
     this.entered = false; // the person has agreed
+    this.taken = false; // the server has another page for this person, maybe this one's own before it was connected again
     this.stopping = false;
     this.compass = null;
     this.newest = -Infinity; // time of the newest position that was reported [ms]
@@ -39,7 +40,8 @@ class Person {
     this.view = null;
     find("enter").addEventListener("click", () => this.enter());
     find("stop").addEventListener("click", () => this.stop());
-    setInterval(() => this.say({ type: "alive" }), ALIVE);
+    setInterval(() => document.hidden || this.say({ type: "alive" }), ALIVE);
+    document.addEventListener("visibilitychange", () => this.keepAwake());
     setInterval(() => this.look(), 100);
     this.connect();
   }
@@ -57,11 +59,16 @@ class Person {
     if (message.type === "hello") {
       this.greet(message);
     } else if (message.type === "taken") {
-      this.entered = false;
-      find("trouble").textContent = "Another phone says that it is this person.";
+      this.taken = true;
+      this.trouble = "another phone says that it is this person";
+      setTimeout(() => this.acknowledge(), RETRY);
     } else if (message.type === "status") {
       this.echo = message.n;
       this.view = message.view;
+      if (this.taken && this.view !== null) {
+        this.taken = false;
+        this.trouble = "";
+      }
     }
   }
 
@@ -94,7 +101,12 @@ class Person {
       navigator.geolocation.watchPosition(take, fail, DECIDED);
       setInterval(() => navigator.geolocation.getCurrentPosition(take, fail, DECIDED), ASK);
     }
-    navigator.wakeLock?.request("screen").catch(() => {});
+    this.keepAwake();
+  }
+
+  // A browser lets go of the screen when the page is hidden.
+  keepAwake() {
+    if (this.entered && !document.hidden) navigator.wakeLock?.request("screen").catch(() => {});
   }
 
   // Some browsers ask the person, others never say where the phone points.
@@ -139,6 +151,7 @@ class Person {
   }
 
   say(message) {
+    if (this.taken && message.type !== "entered") return;
     if (this.entered && this.socket.readyState === WebSocket.OPEN) {
       this.socket.send(JSON.stringify({ ...message, person: find("who").value, echo: this.echo }));
     }
