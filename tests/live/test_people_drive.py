@@ -15,7 +15,7 @@ import pytest
 from tests.browser import chromium
 from tests.conftest import REPOSITORY
 from tests.exhaustive import with_slow
-from tests.live.command_line import begun, own_rig
+from tests.live.command_line import begun, own_rig, vve_sumo
 from tests.live.patience import until
 from vve_sumo.live import review
 from vve_sumo.people.consent import TEXT, digest
@@ -235,3 +235,21 @@ def test_what_happens_to_the_person_stops_the_car(
     scenario = json.loads((done.folder / "scenario.json").read_text(encoding="utf-8"))
     assert scenario["people_consent"] == TEXT
     assert review.replay(review.inspect(done.folder, REPOSITORY), REPOSITORY).differences == []
+
+
+@pytest.mark.slow
+def test_the_car_stops_before_somebody_simulated(tmp_path: Path) -> None:
+    """Nobody has a page then; the walk stands in the middle of the path, 150 m along it."""
+    (tmp_path / "walk.csv").write_text("time_s,forward_m,left_m\n0,12,0\n", encoding="utf-8")
+    standing = SCENARIO.replace("offset_m = -40.0", "offset_m = -12.0\nturned_deg = 90.0")
+    file = tmp_path / "standing.toml"
+    file.write_text(f'{standing}[people.simulated]\nwalk = "walk.csv"\naccuracy_m = 4.0\n', encoding="utf-8")
+    rig = own_rig(tmp_path, ("\n[operator]", FIELD.replace('"phone"', '"simulated"')))
+    record = tmp_path / "record"
+    done = vve_sumo("drive", str(file), "--rig", str(rig), "--out", str(record), cwd=tmp_path)
+    summary = json.loads((record / "summary.json").read_text(encoding="utf-8"))
+    assert summary["outcome"] == "stopped", done.stdout + done.stderr
+    assert not summary["collision"]
+    assert summary["braked_for"] == "anna"
+    assert not (record / "people.json").exists()
+    assert review.replay(review.inspect(record, REPOSITORY), REPOSITORY).differences == []
