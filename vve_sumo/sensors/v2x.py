@@ -195,7 +195,7 @@ class V2xReceiver:
     def __init__(
         self, config: V2xConfig, vehicle: Vehicle, generator: np.random.Generator, walls: Walls, frame: MapFrame
     ) -> None:
-        """`frame` is that of the map, by which stations' places are told."""
+        """`frame` is that of the map, in which stations say where they are."""
         self._config, self._bumper, self._walls, self._frame = config, vehicle.rear_axle_to_bumper, walls, frame
         self._seed = generator.bytes(32)
         self._look: _Look | None = None
@@ -324,7 +324,7 @@ class V2xReceiver:
         turn = self._frame.convergence(latitude, longitude)
         vulnerable, size = kind in VULNERABLE, (float(actors.length[row]), float(actors.width[row]))
         sigma = self._config.position_sigma_vulnerable if vulnerable else self._config.position_sigma
-        told = _Told(
+        own_state = _OwnState(
             station.number,
             STATION_TYPES[kind],
             round(look.time * 1000.0),
@@ -334,7 +334,7 @@ class V2xReceiver:
             own.heading - turn,
             own.speed,
         )
-        read = _read_vam(told, change) if vulnerable else _read_cam(told, change, *size)
+        read = _read_vam(own_state, change) if vulnerable else _read_cam(own_state, change, *size)
         x, y = self._frame.to_map(math.radians(read.latitude_deg), math.radians(read.longitude_deg))
         heading, half = wrap_angle(read.heading + turn), 0.0 if vulnerable else 0.5 * read.length
         middle = (x - half * math.cos(heading), y - half * math.sin(heading))
@@ -359,7 +359,7 @@ class V2xReceiver:
         )
 
 
-class _Told(NamedTuple):
+class _OwnState(NamedTuple):
     """What a station says of itself in either message, in the order of their fields."""
 
     station: int
@@ -403,36 +403,27 @@ def _change(station: _Station, actors: Actors, row: int, now: int) -> _Change:
     return _Change((speed - last[2]) / elapsed, wrap_angle(heading - last[1]) / elapsed)
 
 
-def _read_cam(told: _Told, change: _Change, length: float, width: float) -> _Read:
-    said = Cam(
-        *told, reversing=False, acceleration=change.acceleration, yaw_rate=change.yaw_rate, length=length, width=width
-    )
-    read = cam.rounded(said)
-    return _Read(
-        read.latitude_deg,
-        read.longitude_deg,
-        read.heading or 0.0,
-        read.speed or 0.0,
-        read.yaw_rate or 0.0,
-        read.acceleration or 0.0,
-        read.length or length,
-        read.width or width,
-        _radius(read.confidence),
-    )
+def _read_cam(own: _OwnState, change: _Change, length: float, width: float) -> _Read:
+    read = cam.rounded(Cam(*own, False, change.acceleration, change.yaw_rate, None, length, width))
+    return _read(read, read.length or length, read.width or width)
 
 
-def _read_vam(told: _Told, change: _Change) -> _Read:
-    read, usual = vam.rounded(Vam(*told, change.acceleration, change.yaw_rate)), TYPICAL[KINDS[told.station_type]]
+def _read_vam(own: _OwnState, change: _Change) -> _Read:
+    usual = TYPICAL[KINDS[own.station_type]]
+    return _read(vam.rounded(Vam(*own, change.acceleration, change.yaw_rate)), usual.length, usual.width)
+
+
+def _read(message: Cam | Vam, length: float, width: float) -> _Read:
     return _Read(
-        read.latitude_deg,
-        read.longitude_deg,
-        read.heading or 0.0,
-        read.speed or 0.0,
-        read.yaw_rate or 0.0,
-        read.acceleration or 0.0,
-        usual.length,
-        usual.width,
-        _radius(read.confidence),
+        message.latitude_deg,
+        message.longitude_deg,
+        message.heading or 0.0,
+        message.speed or 0.0,
+        message.yaw_rate or 0.0,
+        message.acceleration or 0.0,
+        length,
+        width,
+        _radius(message.confidence),
     )
 
 
