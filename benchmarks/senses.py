@@ -2,6 +2,7 @@
 
 python benchmarks/senses.py [--seconds N] [--smoke]
 The four take turns at every tick, so that a noisy machine disturbs all of them alike. Times are of this process' CPU.
+The slack holds the sensor's work, its rows for the record, and their way to a live drive's recorder.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from tests.sensors.scenes import FUSION, actors, car, rear_axle
+from vve_sumo.live.channel import pair
+from vve_sumo.live.recorder_client import RecorderClient
 from vve_sumo.sensors.guarded import GuardedSensor
 from vve_sumo.sensors.port import configured
 from vve_sumo.timing import PERIOD
@@ -48,24 +51,40 @@ def main() -> None:
     sensors = {kind: GuardedSensor(kind, configured(kind, {}), FUSION, np.random.default_rng(2)) for kind in RATES}
     before: dict[str, list[float]] = {kind: [] for kind in RATES}
     after: dict[str, list[float]] = {kind: [] for kind in RATES}
+    sent: dict[str, list[float]] = {kind: [] for kind in RATES}
+    ours, theirs = pair()
+    recorder = RecorderClient(ours)
     scene = actors(street)
     for tick in range(ticks):
         now = tick * PERIOD
         pose = rear_axle(SPEED * (now % 4.0), 0.0, 0.0, SPEED)
         for kind, sensor in sensors.items():
             begun = time.process_time()
-            sensor.step(now, pose, scene)
+            columns = sensor.step(now, pose, scene)
             stepped = time.process_time()
+            if columns is not None:
+                recorder.sensed(tick, kind, sensor.output.time, columns)
+                recorder.flush()
+            flushed = time.process_time()
             sensor.prepare()
             before[kind].append(stepped - begun)
+            sent[kind].append(flushed - stepped)
             after[kind].append(time.process_time() - stepped)
+            while theirs.receive():
+                recorder.flush()
+    if recorder.failure:
+        raise SystemExit(f"the recorder's channel: {recorder.failure}")
     seconds = ticks * PERIOD
     print(f"{BODIES} bodies, {seconds:.0f} s")
     for kind, rate in RATES.items():
         step = 1000.0 * statistics.mean(before[kind])
         reading = 1000.0 * (sum(before[kind]) + sum(after[kind])) / (rate * seconds)
+        record = 1000.0 * sum(sent[kind]) / (rate * seconds)
         slack = 1000.0 * max(after[kind])
-        print(f"  {kind:6} a step {step:.3f} ms, a reading {reading:.2f} ms in all, most in one slack {slack:.1f} ms")
+        print(
+            f"  {kind:6} a step {step:.3f} ms, a reading {reading:.2f} ms in all, of it {record:.2f} ms "
+            f"to the recorder, most in one slack {slack:.1f} ms"
+        )
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """The one encoding of what the processes of a drive send each other.
 
 A message is a value of any class that states the types of its fields. Its body is MessagePack (msgpack.org), an array
-of NumPy's is an extension of it, and around it stand a head and a checksum. Decoding any bytes gives a message or
-the reason why they are none. The module knows no socket, no process and no class of message.
+of NumPy's and a column of coded texts are extensions of it, and around it stand a head and a checksum. Decoding any
+bytes gives a message or the reason why they are none. The module knows no socket, no process and no class of message.
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-VERSION: Final = 3
+from vve_sumo.coded_texts import CodedTexts
+
+VERSION: Final = 4
 
 # Little endian: magic, version, kind; then the body; then the CRC-32 (zlib's) of all bytes before it.
 _MAGIC: Final = b"VV"
@@ -27,6 +29,10 @@ _CRC: Final = struct.Struct("<I")
 _ARRAY: Final = 1
 _NUMBERS: Final = "?bBhHiIlLqQefd"
 _LETTERS: Final = {np.dtype(letter): letter.encode() for letter in _NUMBERS}
+#: MessagePack's extension for a column of coded texts: in MessagePack again the texts, and the bytes of the codes
+_TEXTS: Final = 2
+_TEXTS_ENCODER: Final = msgspec.msgpack.Encoder()
+_TEXTS_DECODER: Final = msgspec.msgpack.Decoder(tuple[tuple[str, ...], memoryview])
 
 T = TypeVar("T")
 
@@ -57,6 +63,7 @@ class MessageCodec(Generic[T]):
     def __init__(self, kind: MessageKind, content: Any) -> None:
         """`content` is a class, or a union of tagged ones, whose fields msgspec can tell from each other."""
         self._head = _HEAD.pack(_MAGIC, VERSION, kind)
+        self._head_crc = zlib.crc32(self._head)
         self._encoder = msgspec.msgpack.Encoder(enc_hook=_sent)
         self._decoder: msgspec.msgpack.Decoder[T] = msgspec.msgpack.Decoder(content, ext_hook=_came, dec_hook=_array)
 
@@ -69,8 +76,7 @@ class MessageCodec(Generic[T]):
             body = self._encoder.encode(message)
         except UnicodeEncodeError:
             body = self._encoder.encode(_encodable(message))
-        data = self._head + body
-        return data + _CRC.pack(zlib.crc32(data))
+        return b"".join((self._head, body, _CRC.pack(zlib.crc32(body, self._head_crc))))
 
     def decode(self, data: bytes) -> T | MalformedMessage:
         """Return the message in `data`, every number of it bit for bit as it was sent."""
@@ -107,6 +113,8 @@ def _encodable(value: Any) -> Any:
         return dataclasses.replace(value, **changed)
     if isinstance(value, np.ndarray) and value.dtype.kind in "OU":
         return _encodable(value.tolist())
+    if isinstance(value, CodedTexts):
+        return CodedTexts(value.codes, _encodable(value.texts))
     if isinstance(value, (list, tuple, set, frozenset)):
         made = map(_encodable, value)
         return type(value)(*made) if hasattr(value, "_fields") else type(value)(made)
@@ -114,16 +122,24 @@ def _encodable(value: Any) -> Any:
 
 
 def _sent(value: Any) -> Any:
-    """Return what is sent for a value that MessagePack does not know: NumPy's arrays and numbers."""
+    """Return what is sent for a value that MessagePack does not know: NumPy's arrays and numbers, coded texts."""
     if isinstance(value, np.ndarray):
         letter = _LETTERS.get(value.dtype) if value.ndim == 1 else None
-        return value.tolist() if letter is None else msgspec.msgpack.Ext(_ARRAY, letter + value.tobytes())
+        if letter is None:
+            return value.tolist()
+        numbers: Any = value if value.flags.c_contiguous else value.tobytes()
+        return msgspec.msgpack.Ext(_ARRAY, b"".join((letter, numbers)))
     if isinstance(value, np.generic):
         return value.item()
+    if isinstance(value, CodedTexts):
+        return msgspec.msgpack.Ext(_TEXTS, _TEXTS_ENCODER.encode((value.texts, value.codes.tobytes())))
     raise TypeError(f"a {type(value).__name__} is no part of a message")
 
 
-def _came(code: int, data: memoryview) -> NDArray[Any]:
+def _came(code: int, data: memoryview) -> NDArray[Any] | CodedTexts:
+    if code == _TEXTS:
+        texts, codes = _TEXTS_DECODER.decode(data)
+        return CodedTexts(np.frombuffer(codes, np.int32), texts)
     if code != _ARRAY or not data or chr(data[0]) not in _NUMBERS:
         raise ValueError("an array is expected")
     return np.frombuffer(data[1:], chr(data[0]))

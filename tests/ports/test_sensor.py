@@ -21,6 +21,7 @@ from tests.drive.street import altered
 from tests.ports.sensor import PERIOD, SensorConformance
 from tests.ports.toy_sensors import AHEAD, FINDER, LISTER
 from tests.sensors.scenes import BUMPER, FUSION, actors, car, rear_axle
+from vve_sumo.coded_texts import CodedTexts
 from vve_sumo.drive.assembly import seed_of
 from vve_sumo.drive.brain import Publisher, virtual_placement
 from vve_sumo.drive.pipeline import SensorFrame
@@ -280,6 +281,8 @@ FAILURES: list[tuple[Any, str]] = [
     (([1.5], [300], ["x"]), "sensor_wrong_type"),
     (([1.5], [1.25], ["x"]), "sensor_wrong_type"),
     (([1.5], [1], [7]), "sensor_wrong_type"),
+    (([1.5], [1], CodedTexts(np.zeros(1, np.int32), [7])), "sensor_wrong_type"),  # type: ignore[list-item]
+    (([1.5], [1], CodedTexts(np.zeros(2, np.int32), ["x"])), "sensor_wrong_type"),
     ((["far"], [1], ["x"]), "sensor_wrong_type"),
     (([[1.5]], [1], ["x"]), "sensor_wrong_type"),
     ((7, [1], ["x"]), "sensor_wrong_type"),

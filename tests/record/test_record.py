@@ -20,6 +20,7 @@ from tests.drive.street import drive_once
 from tests.isolated import isolated
 from tests.killed import killed_at
 from tests.record.declared import RESOLVED
+from vve_sumo.coded_texts import CodedTexts
 from vve_sumo.commanded_path import by_tick
 from vve_sumo.errors import ConfigError
 from vve_sumo.record.hashes import hash_parts, whole
@@ -131,6 +132,29 @@ def test_what_nobody_keeps_has_the_same_hash_and_tables(tmp_path: Path) -> None:
         table.validate(full=True)
         assert repr(table.to_pylist()) == repr(read_table(tmp_path / "r", name).to_pylist())  # NaN is like NaN
         assert table.schema.equals(kept.tables[name].schema, check_metadata=True)
+
+
+NAMES = ("", "car0", "a much longer name", "süß")
+
+
+@pytest.mark.parametrize("coded", [[True] * 3, [True, False, True]], ids=["all coded", "some coded"])
+def test_coded_texts_are_recorded_as_the_texts_that_they_stand_for(coded: list[bool], tmp_path: Path) -> None:
+    """The same hash and the same bytes, in one batch and over several."""
+    files, parts = [], []
+    for name in ("plain", "coded"):
+        record = RecordWriter(tmp_path / name, RESOLVED, 0.0)
+        for tick in range(2 * TICKS_PER_BATCH + 3):
+            codes = np.arange(tick, 3 * tick) % len(NAMES)
+            texts = NAMES[tick % 2 :] + NAMES[: tick % 2]  # the same code does not always stand for the same text
+            numbers = [np.linspace(0.0, 1.0, len(codes))] * 3, np.zeros(len(codes), np.int8)
+            own = CodedTexts(codes.astype(np.int32), texts)
+            column = own if name == "coded" and coded[tick % 3] else [texts[code] for code in codes.tolist()]
+            record.sensed(tick, "radar", 0.02 * tick, (*numbers[0], numbers[1], column))
+            record.ticked(row(tick))
+        parts.append(record.close())
+        files.append((tmp_path / name / "sensor_radar.parquet").read_bytes())
+    assert parts[0] == parts[1] == hash_parts(tmp_path / "coded")
+    assert files[0] == files[1]
 
 
 def test_other_tools_read_the_can_log(tmp_path: Path) -> None:

@@ -69,6 +69,21 @@ def who_by_pixel(view: Pinhole, at: CameraPlace, blocks: Blocks, walls: Walls) -
     return found
 
 
+def picture_of(view: Pinhole, at: CameraPlace, blocks: Blocks, walls: Walls, reach: float) -> Mask:
+    """A mask of the whole picture, with the rows above and below the mask that show nobody."""
+    mask = mask_of(view, at, blocks, walls, reach)
+    above = mask.first_row
+    around = ((above, view.rows - above - len(mask.block)), (0, 0))
+    drawn = {
+        row: one._replace(rows=slice(one.rows.start + above, one.rows.stop + above)) for row, one in mask.drawn.items()
+    }
+    block, depth = (
+        np.pad(values, around, constant_values=nobody)
+        for values, nobody in ((mask.block, NOBODY), (mask.depth, math.inf))
+    )
+    return Mask(0, block, depth, drawn)
+
+
 def shares(mask: Mask, blocks: Blocks) -> dict[int, float]:
     return {row: float(mask.seen(row).sum()) / mask.drawn[row].pixels for row in mask.drawn}
 
@@ -77,7 +92,7 @@ def compare(seed: int, view: Pinhole) -> None:
     chance = np.random.default_rng(seed)
     at = CameraPlace(0.0, 0.0, chance.uniform(0.8, 2.5), chance.uniform(-math.pi, math.pi))
     blocks, walls = all_blocks(crowd(14, seed)), street(seed)
-    mask, who = mask_of(view, at, blocks, walls, REACH), who_by_pixel(view, at, blocks, walls)
+    mask, who = picture_of(view, at, blocks, walls, REACH), who_by_pixel(view, at, blocks, walls)
     # A roof is drawn at the depth of its near edge, and so may cover what stands in it: the crowd stands in itself.
     assert (mask.block != who).mean() < 0.002, seed
     for row, drawn in mask.drawn.items():
@@ -102,7 +117,7 @@ def test_every_pixel_of_five_hundred_scenes_shows_what_its_ray_meets() -> None:
 def test_what_is_drawn_is_what_another_library_meets(seed: int) -> None:
     at = CameraPlace(0.0, 0.0, 1.3, 0.4 * seed)
     blocks, walls = all_blocks(crowd(14, seed)), street(seed)
-    mask, depth = mask_of(SMALL, at, blocks, walls, REACH), nearest_by_mesh(SMALL, at, blocks, walls)
+    mask, depth = picture_of(SMALL, at, blocks, walls, REACH), nearest_by_mesh(SMALL, at, blocks, walls)
     assert ((mask.block == NOBODY) == (depth > REACH)).mean() > 0.998
     both = np.isfinite(mask.depth) & np.isfinite(depth)
     # The mask holds the depth of the near side for a roof, too.
@@ -114,7 +129,7 @@ def test_a_camera_knows_the_size_of_a_car_at_a_distance() -> None:
     """1.8 m by 1.5 m at 30 m, with 1312 pixels of focal length: 79 by 66 pixels, the bottom row on the ground."""
     view = Pinhole(1280, 480, 1312.0)
     at = CameraPlace(0.0, 0.0, 1.3, 0.0)
-    mask = mask_of(view, at, all_blocks(actors([car(32.25, 0.0)])), NO_WALLS, REACH)
+    mask = picture_of(view, at, all_blocks(actors([car(32.25, 0.0)])), NO_WALLS, REACH)
     drawn = mask.drawn[0]
     assert drawn.columns.stop - drawn.columns.start == pytest.approx(1.8 * 1312.0 / 30.0, abs=1.5)
     assert drawn.rows.stop - drawn.rows.start == pytest.approx(1.5 * 1312.0 / 30.0, abs=1.5)
@@ -124,13 +139,13 @@ def test_a_camera_knows_the_size_of_a_car_at_a_distance() -> None:
 
 def test_what_is_behind_or_beside_the_camera_is_not_drawn() -> None:
     away = [car(-20.0, 0.0), car(3.0, 30.0), car(200.0, 0.0)]
-    assert mask_of(SMALL, CameraPlace(0.0, 0.0, 1.3, 0.0), all_blocks(actors(away)), NO_WALLS, REACH).drawn == {}
+    assert picture_of(SMALL, CameraPlace(0.0, 0.0, 1.3, 0.0), all_blocks(actors(away)), NO_WALLS, REACH).drawn == {}
 
 
 def test_a_car_hides_the_half_of_another_that_it_stands_before() -> None:
     """Seen from far away, the near one's right edge lies on the far one's middle."""
     at = CameraPlace(-400.0, 0.0, 1.3, 0.0)
     blocks = all_blocks(actors([car(0.0, 0.9), car(20.0, 0.0)]))
-    seen = shares(mask_of(Pinhole(640, 64, 20_000.0), at, blocks, NO_WALLS, 1000.0), blocks)
+    seen = shares(picture_of(Pinhole(640, 64, 20_000.0), at, blocks, NO_WALLS, 1000.0), blocks)
     assert seen[0] == 1.0
     assert seen[1] == pytest.approx(0.5, abs=0.06)

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from tests.sensors.scenes import actors, car, rear_axle
+from vve_sumo.sensors import lidar as lidar_module
 from vve_sumo.sensors.lidar import Lidar, LidarConfig, LidarScan
+from vve_sumo.sensors.ray_casting import WALL
 from vve_sumo.sensors.street import Building, walls_of
 from vve_sumo.values import Actors, Pose
 
@@ -87,6 +89,30 @@ def test_after_a_gap_a_part_of_the_turn_is_dark_and_the_next_one_is_whole() -> N
     assert all(np.array_equal(scan.cloud.range, whole.cloud.range) for scan in later)
 
 
+@pytest.mark.parametrize("share", [0.001, 0.3, 1.0])
+def test_how_many_rays_are_cast_at_once_changes_nothing(share: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Noise and lost rays included, and with a gap that cuts a turn short while its rays wait."""
+
+    def scans() -> list[LidarScan]:
+        lidar, found = Lidar(LidarConfig(), np.random.default_rng(1), HOUSE), []
+        times = [*(PERIOD * tick for tick in range(8)), *(PERIOD * tick for tick in range(24, 40))]
+        for number, time in enumerate(times):
+            scene = actors([car(20.0 + 5.0 * time, 3.0), car(15.0, -6.0)], ["a", "b"] if number % 3 else ["b", "c"])
+            lidar.step(time, pose_at(time, 6.0, 0.2), scene)
+            found.append(lidar.prepare())
+        return [scan for scan in found if scan is not None]
+
+    usual = scans()
+    monkeypatch.setattr(lidar_module, "AT_ONCE", share)
+    for one, other in zip(usual, scans(), strict=True):
+        assert np.array_equal(one.cloud.range, other.cloud.range)
+        assert all(np.array_equal(*columns) for columns in zip(one.columns()[:-1], other.columns()[:-1], strict=True))
+        assert list(one.columns()[-1]) == list(other.columns()[-1])
+    assert [round(scan.cloud.time, 3) for scan in usual] == [0.1, 0.4, 0.5, 0.6, 0.7], (
+        "the turn from 0.1 s on is cut short"
+    )
+
+
 # --- each ray at its time ---------------------------------------------------------------------------------------------
 
 
@@ -94,7 +120,8 @@ def test_after_a_gap_a_part_of_the_turn_is_dark_and_the_next_one_is_whole() -> N
 def test_with_the_ego_s_motion_taken_out_a_wall_is_flat(speed: float, yaw_rate: float) -> None:
     (_, scan) = driven(IDEAL, 0.5, speed=speed, yaw_rate=yaw_rate, walls=HOUSE, scene=actors([]))[-1]
     cloud = scan.cloud
-    firing, channel = np.nonzero(scan.what == -2)
+    wall = scan.returns.whose == WALL
+    firing, channel = scan.returns.firing[wall], scan.returns.channel[wall]
     assert len(firing) > 200
     far, azimuth = cloud.range[firing, channel], cloud.azimuth[firing] + cloud.azimuth_offset[channel]
     level = far * np.cos(cloud.elevation[channel])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -13,24 +14,47 @@ from hypothesis import strategies as st
 
 from tests.sensors.scenes import Row, actors
 from vve_sumo.body_kinds import BODY_KINDS, TYPICAL
-from vve_sumo.sensors.body_shapes import Blocks, blocks_of
-from vve_sumo.sensors.ray_casting import GROUND, NOTHING, WALL, Firings, cast
+from vve_sumo.sensors.body_shapes import PARTS, Blocks, Part, blocks_of, finite_rows
+from vve_sumo.sensors.ray_casting import GROUND, NOTHING, WALL, Channels, Hits, Stretch, cast
 from vve_sumo.sensors.street import Building, Walls, walls_of
 from vve_sumo.values import Actors, Floats
 
 REACH = 100.0
 ELEVATIONS = np.radians(np.arange(-15.0, 16.0, 2.0))
+#: neither rising nor falling, as a VLP-16's are, and steeper
+STEEP = np.radians([-70.0, 5.0, -30.0, 40.0, -1.0, 0.0, -50.0, 20.0])
 NO_WALLS = walls_of(())
 
 
+class Firings(NamedTuple):
+    """Firings without what they may meet."""
+
+    channels: Channels
+    x: Floats
+    y: Floats
+    age: Floats
+    azimuth: Floats
+    step: float
+
+
+def hits_of(fired: Firings, blocks: Blocks, walls: Walls) -> Hits:
+    return cast(fired.channels, [Stretch(*fired[1:], blocks, walls)])
+
+
 def firings(
-    count: int, *, turn: float = -math.tau, height: float = 1.9, moves: float = 0.0, begin: float = 0.0
+    count: int,
+    *,
+    turn: float = -math.tau,
+    height: float = 1.9,
+    moves: float = 0.0,
+    begin: float = 0.0,
+    elevations: Floats = ELEVATIONS,
 ) -> Firings:
     """A turn, or a part of one, of a lidar that moves so far along +x [m] in the 0.1 s that it takes."""
     share = np.arange(count) / count
     azimuth = begin + turn * share
-    spread = np.arange(len(ELEVATIONS)) / 24.0
-    return Firings(moves * share, np.zeros(count), height, 0.1 * (1.0 - share), azimuth, spread, ELEVATIONS)
+    channels = Channels.of(elevations, np.arange(len(elevations)) / (1.5 * len(elevations)), height, REACH)
+    return Firings(channels, moves * share, np.zeros(count), 0.1 * (1.0 - share), azimuth, turn / count)
 
 
 def crowd(count: int, seed: int, *, speed: float = 0.0) -> Actors:
@@ -82,13 +106,12 @@ def mesh_of(blocks: Blocks, walls: Walls) -> trimesh.Trimesh:
 
 
 def by_mesh(fired: Firings, mesh: trimesh.Trimesh) -> Floats:
-    azimuth = fired.azimuth[:, None] + fired.spread * fired.step
-    level = np.cos(fired.elevation)
-    ways = np.stack(
-        (np.cos(azimuth) * level, np.sin(azimuth) * level, np.broadcast_to(np.sin(fired.elevation), azimuth.shape)), -1
-    )
+    channels = fired.channels
+    azimuth = fired.azimuth[:, None] + channels.spread * fired.step
+    level, steep = np.cos(channels.elevation), np.sin(channels.elevation)
+    ways = np.stack((np.cos(azimuth) * level, np.sin(azimuth) * level, np.broadcast_to(steep, azimuth.shape)), -1)
     begins = np.empty_like(ways)
-    begins[..., 0], begins[..., 1], begins[..., 2] = fired.x[:, None], fired.y[:, None], fired.height
+    begins[..., 0], begins[..., 1], begins[..., 2] = fired.x[:, None], fired.y[:, None], channels.height
     flat = begins.reshape(-1, 3)
     at, ray, _triangle = mesh.ray.intersects_location(flat, ways.reshape(-1, 3), multiple_hits=False)
     far = np.full(len(flat), math.inf)
@@ -99,7 +122,7 @@ def by_mesh(fired: Firings, mesh: trimesh.Trimesh) -> Floats:
 
 def compare_with_mesh(count: int, seed: int) -> None:
     blocks, walls, fired = all_blocks(crowd(30, seed)), street(seed), firings(count)
-    hits, far = cast(fired, blocks, walls, REACH), by_mesh(fired, mesh_of(blocks, walls))
+    hits, far = hits_of(fired, blocks, walls), by_mesh(fired, mesh_of(blocks, walls))
     # A ray along an edge may pass it on either side.
     assert 1.0 - np.isclose(hits.range, far, rtol=0.0, atol=1e-6).mean() < 1e-4
     assert {GROUND, WALL, NOTHING} < set(hits.what.ravel().tolist())
@@ -121,10 +144,11 @@ def test_many_turns_meet_what_another_library_says() -> None:
 
 def alone(fired: Firings, firing: int, blocks: Blocks, walls: Walls) -> tuple[Floats, list[int]]:
     """What a firing's rays meet, each block and wall looked at where it is at that moment, none left out."""
-    far, what = np.full(len(ELEVATIONS), math.inf), [NOTHING] * len(ELEVATIONS)
-    at, age = np.array([fired.x[firing], fired.y[firing], fired.height]), fired.age[firing]
-    for channel, elevation in enumerate(fired.elevation.tolist()):
-        azimuth = fired.azimuth[firing] + fired.spread[channel] * fired.step
+    channels = len(fired.channels.elevation)
+    far, what = np.full(channels, math.inf), [NOTHING] * channels
+    at, age = np.array([fired.x[firing], fired.y[firing], fired.channels.height]), fired.age[firing]
+    for channel, elevation in enumerate(fired.channels.elevation.tolist()):
+        azimuth = fired.azimuth[firing] + fired.channels.spread[channel] * fired.step
         way = np.array(
             [math.cos(azimuth) * math.cos(elevation), math.sin(azimuth) * math.cos(elevation), math.sin(elevation)]
         )
@@ -169,30 +193,106 @@ def test_while_everything_moves_each_ray_meets_what_is_there_at_its_moment(
 ) -> None:
     blocks, walls = all_blocks(crowd(8, seed, speed=speed)), street(seed)
     fired = firings(90, turn=turn, moves=moves, begin=begin)
-    hits = cast(fired, blocks, walls, REACH)
+    hits = hits_of(fired, blocks, walls)
     for firing in np.random.default_rng(seed).integers(0, 90, 12).tolist():
         far, what = alone(fired, firing, blocks, walls)
         assert hits.range[firing] == pytest.approx(far, abs=1e-6, rel=0.0)
         assert what == hits.what[firing].tolist()
 
 
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10**6), st.floats(0.3, 4.0), st.floats(-8.0, 8.0), st.floats(-10.0, 10.0))
+def test_among_bodies_that_stand_around_and_over_it_each_ray_meets_what_is_there(
+    seed: int, height: float, moves: float, begin: float
+) -> None:
+    """Rays that are steep, and a lidar above roofs, between bodies, under them and on its way into them."""
+    chance = np.random.default_rng(seed)
+    rows = [
+        (*chance.uniform(-6.0, 6.0, 2), *chance.uniform(-4.0, 4.0, 2), *chance.uniform(0.5, 8.0, 2), 10.0)
+        for _ in range(6)
+    ]
+    seen = replace(actors(rows), height=chance.uniform(0.3, 4.0, len(rows)), kind=np.arange(2, 8).astype(np.int8))
+    blocks, fired = all_blocks(seen), firings(60, moves=moves, begin=begin, height=height, elevations=STEEP)
+    hits = hits_of(fired, blocks, NO_WALLS)
+    for firing in chance.integers(0, 60, 12).tolist():
+        far, what = alone(fired, firing, blocks, NO_WALLS)
+        assert hits.range[firing] == pytest.approx(far, abs=1e-6, rel=0.0)
+        assert what == hits.what[firing].tolist()
+
+
+@pytest.mark.parametrize(
+    ("body", "moves", "what"),
+    [
+        ((0.0, 0.0, 0.4, 0.0, 6.0, 6.0, 10.0), 0.0, "a wide roof under the lidar"),
+        ((4.0, 1.2, 0.0, 0.0, 0.6, 0.6, 10.0), 8.0, "a post that is passed closely, and far away before and after"),
+    ],
+)
+def test_steep_rays_meet_what_is_nearer_than_its_corners(body: Row, moves: float, what: str) -> None:
+    fired = firings(60, moves=moves, begin=1.5 * math.pi, elevations=STEEP)
+    blocks = all_blocks(actors([body]))
+    hits = hits_of(fired, blocks, NO_WALLS)
+    for firing in range(60):
+        far, row = alone(fired, firing, blocks, NO_WALLS)
+        assert hits.range[firing] == pytest.approx(far, abs=1e-6, rel=0.0), what
+        assert row == hits.what[firing].tolist(), what
+    assert (hits.what[:, STEEP < -0.8] == 0).any(), what
+
+
+@pytest.mark.parametrize("begin", [0.0, 1.7, 2.9, 3.1, 3.3])
+def test_where_two_roofs_of_the_same_height_are_one_it_is_the_later_body_s(begin: float) -> None:
+    """Wherever in the turn they are met; bodies touch where a drive ends in a contact."""
+    rows = [(8.0, 0.0, 0.0, 0.0, 9.0, 2.0, 10.0), (9.0, 0.4, 0.0, 0.0, 9.0, 2.0, 10.0)]
+    fired = firings(1800, begin=begin)
+    hits = hits_of(fired, all_blocks(actors(rows)), NO_WALLS)
+    down = np.abs(hits.cosine - np.abs(np.sin(ELEVATIONS))) < 1e-12
+    roofs = down & (hits.what >= 0)
+    firing, channel = np.nonzero(roofs)
+    azimuth = fired.azimuth[firing] + fired.channels.spread[channel] * fired.step
+    level = hits.range[roofs] * np.cos(ELEVATIONS[channel])
+    x, y = level * np.cos(azimuth), level * np.sin(azimuth)
+    later = (np.abs(x - 9.0) < 4.5 - 1e-9) & (np.abs(y - 0.4) < 1.0 - 1e-9)
+    assert (hits.what[roofs][later] == 1).all()
+    assert (later & (np.abs(x - 8.0) < 4.5) & (np.abs(y) < 1.0)).sum() > 20, "met in both"
+    assert (hits.what[roofs] == 0).any()
+
+
+def test_stretches_that_are_cast_together_meet_what_each_meets_alone() -> None:
+    """Bodies, walls, lengths, ways and steps of their own, one of a single firing and one with nothing around it."""
+    given_ = [
+        (firings(90, turn=-1.5, moves=3.0), crowd(30, 1, speed=6.0), street(1)),
+        (firings(1, turn=-0.01, begin=1.0), crowd(20, 2), street(2)),
+        (firings(70, turn=-1.2, begin=0.5), actors([]), NO_WALLS),
+        (firings(120, turn=-math.tau, begin=2.0, moves=-2.0), crowd(40, 3, speed=-9.0), street(3)),
+    ]
+    stretches = [Stretch(*fired[1:], all_blocks(seen), walls) for fired, seen, walls in given_]
+    together = cast(given_[0][0].channels, stretches)
+    first, row = 0, 0
+    for (fired, _, _), stretch in zip(given_, stretches, strict=True):
+        own, rows = hits_of(fired, stretch.blocks, stretch.walls), slice(first, first + len(fired.x))
+        assert np.array_equal(together.range[rows], own.range)
+        assert np.array_equal(together.cosine[rows], own.cosine)
+        assert np.array_equal(together.what[rows], np.where(own.what >= 0, own.what + row, own.what))
+        first, row = rows.stop, row + len(stretch.blocks.x)
+    assert first == len(together.range)
+
+
 @pytest.mark.parametrize("heading", [0.0, 0.7, 1.5707963])
 def test_a_body_beside_the_lidar_is_met_all_along_its_side(heading: float) -> None:
     fired = firings(720)
     blocks = all_blocks(actors([(0.0, 1.4, heading, 0.0, 4.5, 1.0, 10.0)]))
-    hits = cast(fired, blocks, NO_WALLS, REACH)
+    hits = hits_of(fired, blocks, NO_WALLS)
     for firing in range(0, 720, 7):
         assert hits.what[firing].tolist() == alone(fired, firing, blocks, NO_WALLS)[1]
 
 
 def test_a_lidar_inside_a_body_does_not_see_it() -> None:
     inside = all_blocks(actors([(0.0, 0.0, 0.3, 0.0, 4.5, 1.8, 10.0)]))
-    assert set(cast(firings(720, height=1.0), inside, NO_WALLS, REACH).what.ravel().tolist()) == {GROUND, NOTHING}
-    assert cast(firings(720), inside, NO_WALLS, REACH).what[0, 0] == 0, "from above it sees the roof"
+    assert set(hits_of(firings(720, height=1.0), inside, NO_WALLS).what.ravel().tolist()) == {GROUND, NOTHING}
+    assert hits_of(firings(720), inside, NO_WALLS).what[0, 0] == 0, "from above it sees the roof"
 
 
 def test_nothing_but_the_ground() -> None:
-    hits = cast(firings(10), all_blocks(actors([])), NO_WALLS, REACH)
+    hits = hits_of(firings(10), all_blocks(actors([])), NO_WALLS)
     down = ELEVATIONS < 0.0
     expected = 1.9 / np.sin(-ELEVATIONS[down])
     expected[expected > REACH] = math.inf
@@ -201,14 +301,28 @@ def test_nothing_but_the_ground() -> None:
     assert hits.cosine[:, 0] == pytest.approx(math.sin(math.radians(15.0)))
 
 
+def test_what_is_farther_along_the_ray_than_the_reach_is_not_met() -> None:
+    """A tower ahead and a block behind, 99.5 m away: rays of 15 degrees would need 103 m to them."""
+    tower = walls_of([Building(((99.5, -10.0), (99.5, 10.0), (150.0, 0.0)), 50.0)])
+    block = replace(actors([(-101.75, 0.0, 0.0, 0.0, 4.5, 20.0, 10.0)]), height=np.array([50.0]))
+    hits = hits_of(firings(1800), all_blocks(block), tower)
+    for firing, what in ((0, WALL), (900, 0)):
+        far = np.where(ELEVATIONS > 0.0, 99.5 / np.cos(ELEVATIONS), math.inf)
+        far[far > REACH] = math.inf
+        up = ELEVATIONS > 0.0
+        assert hits.range[firing, up] == pytest.approx(far[up], abs=0.01)
+        assert hits.what[firing, up].tolist() == np.where(np.isfinite(far[up]), what, NOTHING).tolist()
+    assert np.isfinite(hits.range[0]).sum() < len(ELEVATIONS)
+
+
 def test_the_cosine_is_that_of_the_surface() -> None:
     """A car ahead, met squarely at the rear; the roof of a low one, met at the elevation's own angle."""
-    ahead = cast(firings(1800), all_blocks(actors([(22.25, 0.0, 0.0, 0.0, 4.5, 1.8, 10.0)])), NO_WALLS, REACH)
+    ahead = hits_of(firings(1800), all_blocks(actors([(22.25, 0.0, 0.0, 0.0, 4.5, 1.8, 10.0)])), NO_WALLS)
     assert ahead.what[0, 8] == NOTHING, "a degree up"
     assert ahead.cosine[0, 7] == pytest.approx(math.sin(math.radians(1.0))), "passes the rear, and meets the roof"
     assert (ahead.what[0, 6], ahead.range[0, 6]) == (0, pytest.approx(20.0 / math.cos(math.radians(3.0)), rel=1e-3))
     assert ahead.cosine[0, 6] == pytest.approx(math.cos(math.radians(3.0)), abs=1e-3)
-    roof = cast(firings(1800), all_blocks(actors([(12.0, 0.0, 0.0, 0.0, 10.0, 3.0, 10.0)])), NO_WALLS, REACH)
+    roof = hits_of(firings(1800), all_blocks(actors([(12.0, 0.0, 0.0, 0.0, 10.0, 3.0, 10.0)])), NO_WALLS)
     down = 4  # seven degrees: from 1.9 m it meets a roof of 1.5 m after 3.3 m, before the car begins at 7 m
     assert roof.what[0, down] == 0
     shallow = 6  # three degrees: it meets the roof after 7.6 m
@@ -217,6 +331,37 @@ def test_the_cosine_is_that_of_the_surface() -> None:
 
 
 # --- shapes -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_body_s_blocks_are_the_parts_of_its_kind() -> None:
+    """Body by body, from the proportions of its kind."""
+    seen = crowd(40, 3, speed=3.0)
+    seen = replace(seen, lateral_speed=np.linspace(-1.0, 1.0, 40))
+    rows = np.array([7, 3, *range(12, 40)])
+    expected = []
+    for row in rows.tolist():
+        cos, sin = math.cos(seen.heading[row]), math.sin(seen.heading[row])
+        length, width, height = seen.length[row], seen.width[row], seen.height[row]
+        for part in PARTS.get(BODY_KINDS[seen.kind[row]], (Part(0.0, 0.0, 1.0, 1.0, 0.0, 1.0),)):
+            ahead, left = part.ahead * length, part.left * width
+            expected.append((
+                row, seen.x[row] + ahead * cos - left * sin, seen.y[row] + ahead * sin + left * cos, cos, sin,
+                0.5 * part.length * length, 0.5 * part.width * width, part.bottom * height, part.top * height,
+                seen.speed[row] * cos - seen.lateral_speed[row] * sin,
+                seen.speed[row] * sin + seen.lateral_speed[row] * cos,
+            ))  # fmt: skip
+    assert len(expected) > len(rows)
+    assert np.stack(blocks_of(seen, rows), -1) == pytest.approx(np.array(expected), rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.parametrize("column", ["x", "y", "heading", "speed", "lateral_speed", "length", "width", "height"])
+def test_rows_with_a_number_that_is_none_are_left_out(column: str) -> None:
+    seen = crowd(6, 1)
+    values = getattr(seen, column).copy()
+    values[[1, 4]] = math.nan, -math.inf
+    assert finite_rows(seen).tolist() == [0, 1, 2, 3, 4, 5]
+    assert finite_rows(replace(seen, **{column: values})).tolist() == [0, 2, 3, 5]
+    assert finite_rows(actors([])).tolist() == []
 
 
 @given(st.integers(0, 10**6))

@@ -11,11 +11,11 @@ import velodyne_decoder as velodyne
 
 from tests.sensors.scenes import actors, car
 from tests.sensors.test_lidar import HOUSE, driven
-from tests.sensors.test_ray_casting import by_mesh, mesh_of
+from tests.sensors.test_ray_casting import Firings, by_mesh, mesh_of
 from vve_sumo.pose.nmea_encoder import encode
 from vve_sumo.sensors.body_shapes import blocks_of
 from vve_sumo.sensors.lidar import LidarConfig, LidarScan
-from vve_sumo.sensors.ray_casting import Firings
+from vve_sumo.sensors.ray_casting import Channels
 from vve_sumo.values import FixQuality, Floats
 from vve_sumo.wire.sample import no_fix
 from vve_sumo.wire.vlp16 import ELEVATIONS_DEG, Vlp16Encoder, past_the_hour, position_packet, turn_of
@@ -76,10 +76,8 @@ def test_a_hundred_thousand_points_lie_where_another_library_casts_the_rays() ->
         scene = actors(rows)
         (_, scan) = driven(EXACT, 0.1, scene=scene, walls=HOUSE)[0]
         found, cloud = decoded(packets_of([scan])), scan.cloud
-        fired = Firings(
-            np.full(1800, EXACT.x), np.zeros(1800), EXACT.z, np.zeros(1800), cloud.azimuth,
-            np.arange(16) / 24.0, cloud.elevation,
-        )  # fmt: skip
+        channels = Channels.of(cloud.elevation, np.arange(16) / 24.0, EXACT.z, EXACT.range_max)
+        fired = Firings(channels, np.full(1800, EXACT.x), np.zeros(1800), np.zeros(1800), cloud.azimuth, EXACT.step)
         far = by_mesh(fired, mesh_of(blocks_of(scene, np.arange(len(rows))), HOUSE))
         there = np.isfinite(far) & (far >= EXACT.range_min)
         truth = far[there] * np.cos(cloud.elevation)[np.nonzero(there)[1]]

@@ -6,7 +6,7 @@ Knows the layout; neither how a record is written nor who compares hashes.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from vve_sumo.errors import ConfigError
+from vve_sumo.record.arrow_arrays import coded_array
 from vve_sumo.record.layout import (
     CLOSED_ENDING,
     LIVE_SCHEMAS,
@@ -39,7 +40,12 @@ class ColumnHashes:
 
     def add_bytes(self, column: int, pieces: Iterable[bytes]) -> None:
         """Add byte strings to a column; each is hashed with its length, so that different columns never look alike."""
-        self._hashes[column].update(b"".join([b"%d:%b" % (len(piece), piece) for piece in pieces]))
+        self._hashes[column].update(b"".join(_with_lengths(pieces)))
+
+    def add_coded(self, column: int, codes: NDArray[np.int32], pieces: Sequence[bytes]) -> None:
+        """Add a byte string for each code, which is a place in `pieces`; the hash is that of `add_bytes`."""
+        _validity, _ends, added = coded_array(codes, _with_lengths(pieces), pa.binary()).buffers()
+        self._hashes[column].update(added)
 
     def add_numbers(self, column: int, numbers: NDArray[Any]) -> None:
         """Add numbers to a column, of the column's own kind."""
@@ -48,6 +54,10 @@ class ColumnHashes:
     def hexdigest(self) -> str:
         """Return the hash of the table so far (hexadecimal)."""
         return hashlib.sha256(b"".join(part.digest() for part in self._hashes)).hexdigest()
+
+
+def _with_lengths(pieces: Iterable[bytes]) -> list[bytes]:
+    return [b"%d:%b" % (len(piece), piece) for piece in pieces]
 
 
 def hash_table(table: pa.Table) -> str:

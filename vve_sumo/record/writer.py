@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -23,7 +23,9 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from vve_sumo.bus import candump_lines
+from vve_sumo.coded_texts import CodedTexts, joined
 from vve_sumo.errors import ConfigError
+from vve_sumo.record.arrow_arrays import coded_array, number_array, string_array
 from vve_sumo.record.hashes import ColumnHashes, hash_parts
 from vve_sumo.record.layout import (
     CHUNK_HEAD,
@@ -58,8 +60,27 @@ UNKEPT_TICKS_PER_BATCH: Final = 250
 #: tables of a record that is not kept whose rows are kept in memory: the summary's metrics are computed from them
 SUMMARISED = frozenset({"ticks", "actors", COMMANDED})
 
+
+class _CodedBytes(NamedTuple):
+    """Bytes of texts of which few differ."""
+
+    codes: NDArray[np.int32]  #: of each row
+    pieces: list[bytes]  #: what the codes stand for
+
+
 #: hashed values of a column in a batch: bytes of texts, or numbers
-_Hashed = Sequence[bytes] | NDArray[Any]
+_Hashed = Sequence[bytes] | NDArray[Any] | _CodedBytes
+
+
+def _array(column: _Hashed, kind: pa.DataType) -> pa.Array:
+    if isinstance(column, _CodedBytes):
+        return coded_array(column.codes, column.pieces, kind)
+    return number_array(column, kind) if isinstance(column, np.ndarray) else string_array(column, kind)
+
+
+def _joined_texts(parts: Sequence[Column]) -> Column:
+    coded = [part for part in parts if isinstance(part, CodedTexts)]
+    return joined(coded) if len(coded) == len(parts) else list(chain.from_iterable(parts))
 
 
 class _Bytes:
@@ -165,11 +186,15 @@ class _Table:
         ticks, rows, portions = zip(*self._portions, strict=True)
         columns: list[Column] = [np.repeat(ticks, rows)]
         for parts, (_kind, numeric) in zip(zip(*portions, strict=True), self._kinds[1:], strict=True):
-            columns.append(list(chain.from_iterable(parts)) if numeric is None else np.concatenate(parts))
+            columns.append(_joined_texts(parts) if numeric is None else np.concatenate(parts))
         return columns
 
-    def _strings(self, number: int, column: Column, kind: pa.DataType) -> Any:
-        pieces: Any = column if kind == pa.binary() else list(map(_encoded, column))
+    def _strings(self, number: int, column: Column, kind: pa.DataType) -> _Hashed:
+        if isinstance(column, CodedTexts):
+            coded = _CodedBytes(column.codes, list(map(_encoded, column.texts)))
+            self.hashes.add_coded(number, *coded)
+            return coded
+        pieces: list[bytes] = list(column) if kind == pa.binary() else list(map(_encoded, column))
         self.hashes.add_bytes(number, pieces)
         return pieces
 
@@ -183,10 +208,7 @@ class _Table:
         self._batches.append(self._batch(hashed))
 
     def _batch(self, hashed: Sequence[_Hashed]) -> pa.RecordBatch:
-        arrays = [
-            _string_array(column, kind) if numeric is None else _number_array(column, kind)
-            for column, (kind, numeric) in zip(hashed, self._kinds, strict=True)
-        ]
+        arrays = [_array(column, kind) for column, (kind, _numeric) in zip(hashed, self._kinds, strict=True)]
         return pa.RecordBatch.from_arrays(arrays, schema=self.schema)
 
 
@@ -231,20 +253,6 @@ class _TableFile(_Table):
     def _keep(self, hashed: Sequence[_Hashed]) -> None:
         self._stream.write_batch(self._batch(hashed))
         self._sink.flush()
-
-
-# `pyarrow.array` takes five times as long for a short column, and imports pandas where it is installed.
-
-
-def _string_array(pieces: Any, kind: pa.DataType) -> pa.Array:
-    ends = np.zeros(len(pieces) + 1, np.int32)
-    np.cumsum([len(piece) for piece in pieces], out=ends[1:])
-    return pa.Array.from_buffers(kind, len(pieces), [None, pa.py_buffer(ends), pa.py_buffer(b"".join(pieces))])
-
-
-def _number_array(numbers: Any, kind: pa.DataType) -> pa.Array:
-    kept = np.packbits(numbers, bitorder="little") if kind == pa.bool_() else numbers
-    return pa.Array.from_buffers(kind, len(numbers), [None, pa.py_buffer(kept)])
 
 
 class MemoryRecorder:

@@ -48,6 +48,11 @@ PARTS: Final = {
     "child": _PERSON,
 }
 _BY_NUMBER: Final[Sequence[tuple[Part, ...]]] = [PARTS.get(kind, _WHOLE) for kind in BODY_KINDS]
+#: by number of kind: how many parts it has, and which of all parts is its first one
+_COUNTS: Final = np.array([len(parts) for parts in _BY_NUMBER])
+_FIRSTS: Final = np.cumsum(_COUNTS) - _COUNTS
+#: the parts of all kinds, fields by parts, with halves of length and width
+_SHARES: Final = (np.array([part for parts in _BY_NUMBER for part in parts]) * (1.0, 1.0, 0.5, 0.5, 1.0, 1.0)).T.copy()
 
 
 class Blocks(NamedTuple):
@@ -68,29 +73,36 @@ class Blocks(NamedTuple):
 
 def finite_rows(actors: Actors) -> Indices:
     """Return the rows of the actors whose every number is finite."""
-    total = actors.x + actors.y + actors.heading + actors.speed + actors.lateral_speed
-    return np.flatnonzero(np.isfinite(total + actors.length + actors.width + actors.height))
+    place = actors.x, actors.y, actors.heading, actors.speed, actors.lateral_speed
+    finite = np.isfinite(np.concatenate((*place, actors.length, actors.width, actors.height)))
+    if np.logical_and.reduce(finite):
+        return np.arange(len(actors.x))
+    return np.flatnonzero(np.logical_and.reduce(finite.reshape(-1, len(actors.x))))
 
 
 def blocks_of(actors: Actors, rows: Indices) -> Blocks:
     """Return the blocks of some rows of the actors, every number of which must be finite."""
-    parts = [_BY_NUMBER[kind] for kind in actors.kind[rows].tolist()]
-    actor = np.repeat(rows, [len(own) for own in parts])
-    shares = np.array([part for own in parts for part in own], np.float64).reshape(-1, len(Part._fields))
-    ahead, left, length, width, bottom, top = shares.T
-    cos, sin = np.cos(actors.heading[actor]), np.sin(actors.heading[actor])
-    ahead, left = ahead * actors.length[actor], left * actors.width[actor]
-    speed, lateral, height = actors.speed[actor], actors.lateral_speed[actor], actors.height[actor]
+    kind = actors.kind[rows]
+    count = _COUNTS[kind]
+    actor = np.repeat(rows, count)
+    part = np.arange(len(actor)) + np.repeat(_FIRSTS[kind] - np.cumsum(count) + count, count)
+    length, width, height = actors.length, actors.width, actors.height
+    scales = length, width, length, width, height, height
+    columns = actors.x, actors.y, actors.heading, actors.speed, actors.lateral_speed, *scales
+    of_blocks = np.concatenate(columns).reshape(len(columns), -1).take(actor, axis=1)
+    x, y, heading, speed, lateral = of_blocks[: -len(scales)]
+    ahead, left, half_length, half_width, bottom, top = of_blocks[-len(scales) :] * _SHARES.take(part, axis=1)
+    cos, sin = np.cos(heading), np.sin(heading)
     return Blocks(
         actor,
-        actors.x[actor] + ahead * cos - left * sin,
-        actors.y[actor] + ahead * sin + left * cos,
+        x + ahead * cos - left * sin,
+        y + ahead * sin + left * cos,
         cos,
         sin,
-        0.5 * length * actors.length[actor],
-        0.5 * width * actors.width[actor],
-        bottom * height,
-        top * height,
+        half_length,
+        half_width,
+        bottom,
+        top,
         speed * cos - lateral * sin,
         speed * sin + lateral * cos,
     )

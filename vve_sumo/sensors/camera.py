@@ -304,11 +304,11 @@ def _in_sight(blocks: Blocks, mask: Mask) -> dict[int, tuple[int, float]]:
         rows, pixels, whole = np.zeros(mask.block.shape[0], bool), 0, 0
         for block in own:
             seen = mask.seen(block)
-            rows[mask.drawn[block].rows] |= seen.any(axis=1)
-            pixels += int(seen.sum())
+            rows[mask.drawn[block].rows] |= np.logical_or.reduce(seen, axis=1)
+            pixels += int(np.count_nonzero(seen))
             whole += mask.drawn[block].pixels
         if pixels:
-            found[actor] = int(rows.sum()), pixels / whole
+            found[actor] = int(np.count_nonzero(rows)), pixels / whole
     return found
 
 

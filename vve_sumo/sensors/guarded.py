@@ -14,6 +14,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vve_sumo.coded_texts import CodedTexts
 from vve_sumo.ports import error_text
 from vve_sumo.sensors.port import Column, Reading, Sensor, SensorColumn, SensorSettings
 from vve_sumo.sensors.street import Street
@@ -189,9 +190,10 @@ def _column(column: Column, declared: SensorColumn) -> Column:
     """Return a column as read-only values of the declared kind."""
     wanted = _NUMBERS.get(declared.kind)
     if wanted is None:
-        if not all(issubclass(kind, str) for kind in set(map(type, column))):
+        texts: tuple[Any, ...] = column.texts if isinstance(column, CodedTexts) else tuple(column)
+        if not all(issubclass(kind, str) for kind in set(map(type, texts))):
             raise WrongTypeError(f"{declared.name} holds what is no text")
-        return tuple(column)
+        return column if isinstance(column, CodedTexts) else texts
     values = np.asarray(column)
     if values.ndim != 1 or (len(values) and not np.can_cast(values.dtype, wanted, "same_kind")):
         raise WrongTypeError(f"{declared.name} is a {values.dtype} of {values.ndim} dimensions, not {declared.kind}")
@@ -206,4 +208,4 @@ def _column(column: Column, declared: SensorColumn) -> Column:
 
 def _finite(values: NDArray[Any]) -> bool:
     # A sum takes half as long as a check of each value, and is finite only where all are.
-    return math.isfinite(values.sum()) or bool(np.isfinite(values).all())
+    return math.isfinite(np.add.reduce(values, axis=None)) or bool(np.isfinite(values).all())

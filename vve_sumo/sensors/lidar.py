@@ -2,8 +2,8 @@
 
 A lidar turns clockwise, seen from above, and fires all of its channels one after the other many times a turn. Each ray
 leaves at a time of its own: the ego moves on during a turn, and so do the bodies. A turn begins and ends behind the
-car, so that no cut runs through what lies ahead. The rays between two ticks are cast after the second one, in the slack
-of the tick, and a turn comes out at the tick after its last ray. `ray_casting` says what a ray meets. The lidar draws
+car, so that no cut runs through what lies ahead. Rays are cast in the slack of the ticks after them, and a turn comes
+out at the tick after its last ray. `ray_casting` says what a ray meets. The lidar draws
 from its own generator alone.
 
 Whether a ray comes back follows from the received power, which falls with the square of the range and grows with the
@@ -22,9 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vve_sumo.body_kinds import BODY_KINDS
+from vve_sumo.coded_texts import CodedTexts
+from vve_sumo.path import Indices
 from vve_sumo.sensors.body_shapes import Blocks, blocks_of, finite_rows
 from vve_sumo.sensors.port import Column
-from vve_sumo.sensors.ray_casting import GROUND, NOTHING, WALL, Firings, Hits, cast
+from vve_sumo.sensors.ray_casting import GROUND, NOTHING, WALL, Channels, Hits, Stretch, at_every_firing, cast
 from vve_sumo.sensors.street import Walls
 from vve_sumo.values import Actors, Floats, Point, PointCloud, Pose
 
@@ -41,6 +43,8 @@ POWER_SIGMA: Final = 1.5
 WALL_MARGIN: Final = 20.0
 #: the longest time between two ticks whose rays are cast [s]: a longer gap leaves a part of the turn dark
 LONGEST_GAP: Final = 0.1
+#: Rays are cast as soon as so great a share of a turn waits: many at once cost less a ray, all of them much of a slack.
+AT_ONCE: Final = 0.5
 #: two times that are closer are the same [s]
 SAME_TIME: Final = 1e-9
 
@@ -58,7 +62,7 @@ class LidarConfig:
     y: float = 0.0  #: left [m]
     z: float = 1.9  #: above the ground [m]
     yaw: float = 0.0  #: of the lidar's x axis [rad], counter-clockwise from the car's forward axis
-    range_min: float = 0.5  #: nearer surfaces do not come back [m]
+    range_min: float = 0.5  #: nearer surfaces do not come back [m]; more than 0
     range_max: float = 100.0  #: farther ones do not, either [m]
     range_dark: float = 60.0  #: at which half of the rays come back from a surface of a tenth, met squarely [m]
     range_sigma: float = 0.015  #: 1 sigma of the range [m]; the manual says +-3 cm "typical"
@@ -80,25 +84,34 @@ class LidarConfig:
         return -math.tau / self.steps
 
 
+class Returns(NamedTuple):
+    """Rays that came back; arrays have an entry a ray."""
+
+    firing: Indices  #: of the turn
+    channel: Indices
+    range: Floats  #: [m]
+    reflectivity: NDArray[np.int8]  #: apparent, percent
+    whose: NDArray[np.int32]  #: number of an actor; GROUND or WALL
+
+
 class LidarScan(NamedTuple):
     """A whole turn: what a controller is handed, and the truth beside it."""
 
     cloud: PointCloud
-    what: NDArray[np.int32]  #: firings by channels: row of `names`, GROUND, WALL or NOTHING
-    names: Sequence[str]
+    returns: Returns  #: of the turn, in the order of the firings
+    names: Sequence[str]  #: of the actors, by their numbers
 
     def columns(self) -> tuple[Column, ...]:
         """Return the rows of the record's table: a row for each ray that came back, in the order of the firings."""
-        cloud = self.cloud
-        firing, channel = np.nonzero(cloud.range > 0.0)
-        named = np.array([*self.names, "", "", ""], object)
+        cloud, (firing, channel, far, reflectivity, whose) = self.cloud, self.returns
+        named = np.where(whose >= 0, whose, np.int32(len(self.names)))
         return (
             channel.astype(np.int8),
-            cloud.azimuth[firing] + cloud.azimuth_offset[channel],
-            cloud.elevation[channel],
-            cloud.range[firing, channel],
-            cloud.reflectivity[firing, channel],
-            tuple(named[self.what[firing, channel]].tolist()),
+            cloud.azimuth.take(firing) + cloud.azimuth_offset.take(channel),
+            cloud.elevation.take(channel),
+            far,
+            reflectivity,
+            CodedTexts(named, (*self.names, "")),
         )
 
 
@@ -110,6 +123,7 @@ class _Place(NamedTuple):
     y: float
     heading: float  #: of the lidar's x axis, unwrapped against the place before
     actors: Actors
+    finite: Indices  #: rows of the actors whose every number is finite
 
 
 class Lidar:
@@ -121,9 +135,12 @@ class Lidar:
         self._before: _Place | None = None
         self._now: _Place | None = None
         self._next = 0  # number of the firing that is next, counted from drive time 0
-        self._turn: _Turn | None = None
-        self._elevation = np.array(config.elevations)
-        self._spread: Floats = np.arange(len(config.elevations), dtype=np.float64) * config.channel_spread
+        self._turn = _Turn(0)
+        spread: Floats = np.arange(len(config.elevations), dtype=np.float64) * config.channel_spread
+        self._channels = Channels.of(np.array(config.elevations), spread, config.z, config.range_max)
+        # What the ground sends back on each channel never changes.
+        ground = self._channels.ground
+        self._from_ground = _strength(config, ground.range, GROUND_REFLECTIVITY * ground.cosine)
         self.output = empty_cloud(config)  #: newest turn, for the controller
         self.refused = 0  #: actors left out at the last tick because of a value that is not finite
 
@@ -142,14 +159,15 @@ class Lidar:
             pose.y + config.x * sin + config.y * cos,
             heading,
             actors,
+            finite_rows(actors),
         )
         if not math.isfinite(place.x + place.y + heading):
             raise ValueError("lidar: the pose is not finite")
         self._before, self._now = before, place
-        self.refused = len(actors.ids) - len(finite_rows(actors))
+        self.refused = len(actors.ids) - len(place.finite)
 
     def prepare(self) -> LidarScan | None:
-        """Cast the rays since the tick before; return the turn that they complete, if they complete one."""
+        """Fire the rays since the tick before; return the turn that they complete, if they complete one."""
         before, now = self._before, self._now
         if before is None or now is None:
             return None
@@ -157,34 +175,45 @@ class Lidar:
         begin = max(before.time, now.time - LONGEST_GAP)
         first = max(self._next, math.ceil((begin - SAME_TIME) / config.firing_period))
         after = math.ceil((now.time - SAME_TIME) / config.firing_period)
-        rows = finite_rows(now.actors)
-        blocks = blocks_of(now.actors, rows)
+        blocks = blocks_of(now.actors, now.finite)
         while first < after:
-            turn, end = first // config.steps, min(after, (first // config.steps + 1) * config.steps)
-            if self._turn is None or self._turn.number != turn:
-                self._turn = _Turn(turn, config)
-            self._fire(self._turn, first, end, before, now, blocks)
-            if end == (turn + 1) * config.steps:
-                scan, self._turn = self._turn.scan(), None
+            number, end = first // config.steps, min(after, (first // config.steps + 1) * config.steps)
+            if self._turn.number != number:
+                self._cast(self._turn)  # of a turn that a gap cut short, for what is drawn does not depend on that
+                self._turn = _Turn(number)
+            self._turn.waiting.append(self._fire(first, end, before, now, blocks))
+            if end == (number + 1) * config.steps:
+                self._cast(self._turn)
+                scan, self._turn = self._turn.scan(config), _Turn(number + 1)
             first = end
+        if sum(len(fired.number) for fired in self._turn.waiting) >= AT_ONCE * config.steps:
+            self._cast(self._turn)
         self._next = max(after, self._next)
         if scan is not None:
             self.output = scan.cloud
         return scan
 
-    def _fire(self, turn: _Turn, first: int, after: int, before: _Place, now: _Place, blocks: Blocks) -> None:
-        """Cast the rays of some firings of one turn."""
+    def _fire(self, first: int, after: int, before: _Place, now: _Place, blocks: Blocks) -> _Fired:
+        """Return some firings of one turn, numbered from drive time 0 on."""
         config = self._config
+        # Of one firing alone there is no step to the next.
         time: Floats = np.arange(first, max(after, first + 2), dtype=np.float64) * config.firing_period
         share: Floats = (time - before.time) / (now.time - before.time)
         x, y = before.x + share * (now.x - before.x), before.y + share * (now.y - before.y)
         heading = before.heading + share * (now.heading - before.heading)
-        in_turn = np.arange(len(time)) + (first - turn.number * config.steps)
+        in_turn = np.arange(len(time)) + first % config.steps
         azimuth: Floats = heading + math.pi + config.step * in_turn
-        firings = Firings(x, y, config.z, now.time - time, azimuth, self._spread, self._elevation)
-        hits = cast(firings, blocks, self._walls_near(now), config.range_max).first(after - first)
-        rows = slice(int(in_turn[0]), int(in_turn[0]) + after - first)
-        turn.take(rows, self._returned(hits, blocks, now.actors), now.actors)
+        step = float(azimuth[-1] - azimuth[0]) / (len(azimuth) - 1)
+        own = slice(after - first)
+        stretch = Stretch(x[own], y[own], (now.time - time)[own], azimuth[own], step, blocks, self._walls_near(now))
+        return _Fired(in_turn[own], stretch, now.actors)
+
+    def _cast(self, turn: _Turn) -> None:
+        """Cast the rays of a turn that wait for it."""
+        if turn.waiting:
+            hits = cast(self._channels, [fired.stretch for fired in turn.waiting])
+            turn.returns.append(self._returned(hits, turn))
+            turn.waiting.clear()
 
     def _walls_near(self, now: _Place) -> Walls:
         at = self._walls_at
@@ -193,67 +222,111 @@ class Lidar:
             self._walls_at = now.x, now.y
         return self._near_walls
 
-    def _returned(self, hits: Hits, blocks: Blocks, actors: Actors) -> _Returned:
-        """Return which rays come back, with which range, and from whom."""
-        config, generator = self._config, self._generator
-        met = np.nonzero(hits.what != NOTHING)
-        far, what, cosine = hits.range[met], hits.what[met], hits.cosine[met]
-        kinds = actors.kind[blocks.actor]
-        brightness = np.concatenate((_REFLECTIVITIES[kinds], _OTHER_REFLECTIVITIES))[what]
-        back = far >= config.range_min
+    def _returned(self, hits: Hits, turn: _Turn) -> Returns:
+        """Return which of a turn's waiting rays come back, with which range, and from whom."""
+        config, channels, what = self._config, len(self._channels.elevation), hits.what.reshape(-1)
+        whose, brightness = turn.bodies()
+        power, reflectivity = self._echoes(hits, brightness)
+        met = np.flatnonzero(what != NOTHING)
+        of_power, of_range = self._noise(turn, met)
+        far: Floats = hits.range.reshape(-1)[met]
+        comes = far >= config.range_min
         if config.drop_out:
-            power = 10.0 * np.log10(np.maximum(brightness * cosine / DARK, 1e-9))
-            power -= 20.0 * np.log10(far / config.range_dark)
-            back &= power + POWER_SIGMA * generator.standard_normal(len(far)) > 0.0
-        noisy = far + config.range_sigma * generator.standard_normal(len(far)) if config.range_sigma else far
-        noisy = np.round(noisy / config.range_quantum) * config.range_quantum if config.range_quantum else noisy
-        range_ = np.zeros(hits.range.shape)
-        reflectivity = np.zeros(hits.range.shape, np.int8)
-        whose = np.full(hits.range.shape, NOTHING, np.int32)
-        owner = np.concatenate((blocks.actor, _OTHERS))[what]
-        place = met[0][back], met[1][back]
-        range_[place] = np.maximum(noisy[back], config.range_min)
-        reflectivity[place] = np.maximum(np.round(100.0 * (brightness * cosine)[back]), 1.0).astype(np.int8)
-        whose[place] = owner[back]
-        return _Returned(range_, reflectivity, whose)
+            comes &= power[met] + of_power > 0.0
+        if config.range_sigma:
+            far += of_range
+        back = np.flatnonzero(comes)
+        ray, far = met[back], far[back]
+        if config.range_quantum:
+            far = np.rint(far / config.range_quantum) * config.range_quantum
+        firing = ray // channels
+        far = np.maximum(far, config.range_min)
+        return Returns(turn.firings()[firing], ray - firing * channels, far, reflectivity[ray], whose[what[ray]])
+
+    def _echoes(self, hits: Hits, brightness: Floats) -> tuple[Floats, NDArray[np.int8]]:
+        """Return power [dB] and reflectivity of every ray as `_strength` does, by the reflectivities of what is met."""
+        power, reflectivity = (at_every_firing(column, len(hits.what)).reshape(-1) for column in self._from_ground)
+        what = hits.what.reshape(-1)
+        upright = np.flatnonzero((what >= 0) | (what == WALL))
+        apparent = brightness[what[upright]] * hits.cosine.reshape(-1)[upright]
+        power[upright], reflectivity[upright] = _strength(self._config, hits.range.reshape(-1)[upright], apparent)
+        return power, reflectivity
+
+    def _noise(self, turn: _Turn, met: Indices) -> tuple[Floats, Floats]:
+        """Draw the noise of power [dB] and range [m] of a turn's waiting rays, those that met something.
+
+        It is drawn stretch by stretch, so that it does not depend on how many stretches are cast at once.
+        """
+        config, draw = self._config, self._generator.standard_normal
+        after = len(self._channels.elevation) * np.cumsum([len(fired.number) for fired in turn.waiting])
+        power, range_ = [], []
+        for count in np.diff(met.searchsorted(after), prepend=0).tolist():
+            power.append(draw(count if config.drop_out else 0))
+            range_.append(draw(count if config.range_sigma else 0))
+        return POWER_SIGMA * np.concatenate(power), config.range_sigma * np.concatenate(range_)
 
 
 #: what a ray meets that is no body, and its reflectivity: counted from the end, as its number does
-_OTHERS: Final = (NOTHING, WALL, GROUND)
+_OTHERS: Final = np.array((NOTHING, WALL, GROUND), np.int32)
 _OTHER_REFLECTIVITIES: Final = (0.0, WALL_REFLECTIVITY, GROUND_REFLECTIVITY)
 _REFLECTIVITIES: Final = np.array([REFLECTIVITY_OF_KIND[kind] for kind in BODY_KINDS])
 
 
-class _Returned(NamedTuple):
-    """What came back of some firings; arrays are firings by channels."""
+def _strength(config: LidarConfig, far: Floats, apparent: Floats) -> tuple[Floats, NDArray[np.int8]]:
+    """Return power [dB] and reflectivity [percent] of what comes from a range [m] with an apparent reflectivity.
 
-    range: Floats  #: [m]; 0 where nothing came back
-    reflectivity: NDArray[np.int8]  #: apparent, percent
-    whose: NDArray[np.int32]  #: row of the actors; GROUND, WALL or NOTHING
+    Half of the rays with 0 dB come back.
+    """
+    power = 10.0 * np.log10(np.maximum(apparent / DARK, 1e-9)) - 20.0 * np.log10(far / config.range_dark)
+    return power, np.maximum(np.round(100.0 * apparent), 1.0).astype(np.int8)
+
+
+class _Fired(NamedTuple):
+    """Firings of a turn between two ticks."""
+
+    number: Indices  #: of each firing in the turn
+    stretch: Stretch
+    actors: Actors  #: that the stretch's blocks are of
 
 
 class _Turn:
     """A turn that grows."""
 
-    def __init__(self, number: int, config: LidarConfig) -> None:
-        shape = config.steps, len(config.elevations)
-        self.number, self._config = number, config
-        self._range, self._reflectivity = np.zeros(shape), np.zeros(shape, np.int8)
-        self._what = np.full(shape, NOTHING, np.int32)
+    def __init__(self, number: int) -> None:
+        self.number = number  #: counted from drive time 0
+        self.waiting: list[_Fired] = []  #: firings whose rays are not cast yet
+        self.returns: list[Returns] = []  #: of the others
         self._names: dict[str, int] = {}
+        self._ids: tuple[str, ...] = ()  # of the actors that `_numbered` numbers
+        self._numbered = np.zeros(0, np.int32)
 
-    def take(self, rows: slice, returned: _Returned, actors: Actors) -> None:
-        """Take what came back of some firings."""
-        self._range[rows], self._reflectivity[rows] = returned.range, returned.reflectivity
-        numbers = np.array([self._names.setdefault(name, len(self._names)) for name in actors.ids] or [0], np.int32)
-        whose = returned.whose
-        self._what[rows] = np.where(whose >= 0, numbers[np.maximum(whose, 0)], whose)
+    def firings(self) -> Indices:
+        """Return the numbers of the firings that wait."""
+        return np.concatenate([fired.number for fired in self.waiting])
 
-    def scan(self) -> LidarScan:
-        """Return the turn."""
-        config = self._config
+    def bodies(self) -> tuple[NDArray[np.int32], Floats]:
+        """Return number and reflectivity of what the waiting rays may meet: of the actor of each block, then others."""
+        whose, brightness = [], []
+        for _, stretch, actors in self.waiting:
+            whose.append(self._numbers(actors.ids)[stretch.blocks.actor])
+            brightness.append(_REFLECTIVITIES[actors.kind[stretch.blocks.actor]])
+        return np.concatenate((*whose, _OTHERS)), np.concatenate((*brightness, _OTHER_REFLECTIVITIES))
+
+    def _numbers(self, ids: tuple[str, ...]) -> NDArray[np.int32]:
+        if ids != self._ids:
+            numbers = [self._names.setdefault(name, len(self._names)) for name in ids]
+            self._ids, self._numbered = ids, np.array(numbers, np.int32)
+        return self._numbered
+
+    def scan(self, config: LidarConfig) -> LidarScan:
+        """Return the turn, whose every ray is cast."""
+        returns = Returns(*map(np.concatenate, zip(*self.returns, strict=True)))
+        shape = config.steps, len(config.elevations)
+        range_, reflectivity = np.zeros(shape), np.zeros(shape, np.int8)
+        ray = returns.firing * len(config.elevations) + returns.channel
+        range_.reshape(-1)[ray], reflectivity.reshape(-1)[ray] = returns.range, returns.reflectivity
         time = ((self.number + 1) * config.steps - 1) * config.firing_period
-        return LidarScan(_cloud(config, time, self._range, self._reflectivity), self._what, tuple(self._names))
+        return LidarScan(_cloud(config, time, range_, reflectivity), returns, tuple(self._names))
 
 
 def empty_cloud(config: LidarConfig) -> PointCloud:
