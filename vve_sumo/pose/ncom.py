@@ -419,7 +419,7 @@ WRITERS: Final[tuple[tuple[int, Callable[[Fix], bytes]], ...]] = (
 
 
 #: bytes of a packet: its status channel, the minute of channel 0, the last checksum
-_CHANNEL, _MINUTE, _CHECKSUM = 62, slice(63, 67), 71
+_CHANNEL, _MINUTE, _MINUTE_END, _CHECKSUM = 62, 63, 67, 71
 
 
 class Encoder:
@@ -438,6 +438,6 @@ class Encoder:
         """Return a packet whose minute is so far off, with its checksum; None for one of another status channel."""
         if data[_CHANNEL : _CHANNEL + 1] != b"\0":
             return None
-        minute = (int.from_bytes(data[_MINUTE], "little") + minutes).to_bytes(4, "little")
-        wrong = data[: _MINUTE.start] + minute + data[_MINUTE.stop : _CHECKSUM]
+        minute = (int.from_bytes(data[_MINUTE:_MINUTE_END], "little") + minutes).to_bytes(4, "little")
+        wrong = data[:_MINUTE] + minute + data[_MINUTE_END:_CHECKSUM]
         return wrong + bytes((sum(wrong[1:]) & 0xFF,)) + data[_CHECKSUM + 1 :]
