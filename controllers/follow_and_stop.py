@@ -1,4 +1,4 @@
-"""The shipped controller: follows the path, keeps the speed, stops for what the radar sees, brakes hard if it must.
+"""The shipped controller: follows the path, keeps the speed, stops for what its sensor sees, brakes hard if it must.
 
 It composes the other files of this folder; the tuning keys are below, with their defaults.
 """
@@ -21,6 +21,7 @@ from .lqr import LateralRegulator
 from .preview import PreviewSteering, PreviewTuning
 from .pure_pursuit import PurePursuit
 from .radar_stop import RadarStop
+from .sightings import Sense
 from .speed import SPEEDING_UP, SpeedKeeper, SpeedProfile
 from .stanley import Stanley
 from .tracks import Target, Tracker
@@ -97,10 +98,11 @@ class FollowAndStop:
         tuning: dict[str, float],
         following: CarFollowing | None = None,
         warned: Warner | None = None,
+        sense: Sense | None = None,
     ) -> None:
         """`following` decides what is done behind a target; without it, the target is approached as a goal.
 
-        `warned` adds a target that no scan shows yet.
+        `warned` adds a target that no scan shows yet. Without a `sense` it sees by the radar.
         """
         self._following, self._warned = following, warned
         self._law, self._steering_limit = law, vehicle.steering_limit
@@ -112,7 +114,7 @@ class FollowAndStop:
             vehicle, tuning["trim_share"], tuning["look_ahead_time_s"], tuning["look_ahead_least_m"]
         )
         self._keeper = SpeedKeeper(vehicle, PERIOD)
-        self._tracker = Tracker(vehicle)
+        self._tracker = Tracker(vehicle, sense)
         self._stop = RadarStop(tuning["gap_m"], tuning["time_headway_s"])
         self._approach = Approach(vehicle, tuning["stop_deceleration_m_s2"], PERIOD)
         self._standstill = Standstill(PERIOD)

@@ -1,4 +1,4 @@
-"""Turns radar scans into things on the path: where along it, how fast, how far beside it.
+"""Turns a sensor's detections into things on the path: where along it, how fast, how far beside it.
 
 Every thing is kept by its station on the path, so what stands still keeps its place while the car moves, and
 averages its noise away. It must not know what is done about the things.
@@ -7,10 +7,7 @@ averages its noise away. It must not know what is done about the things.
 from __future__ import annotations
 
 import math
-from collections import deque
 from typing import Final, NamedTuple
-
-import numpy as np
 
 from vve_sumo.path import Corridor, PathProjection, ReferencePath
 from vve_sumo.values import Observation, Pose, Vehicle
@@ -31,9 +28,9 @@ from .crossing import (
 )
 from .lane_keeping import KeptPlace
 from .parting import goes_past
+from .sightings import RATE_SIGMA, Memory, Radar, Sense, Sighting, sightings
 from .trend import Trend
 
-RANGE_SIGMA, RATE_SIGMA, AZIMUTH_SIGMA = 0.25, 0.15, math.radians(0.6)  #: of the radar, quantisation included
 #: of an offset's variance is the radar's own noise, the rest is caution: the bank takes no caution in
 NOISE_SHARE: Final = 0.8
 AGILITY: Final = 1.0  #: spectral density of a target's acceleration [m2/s3]
@@ -53,10 +50,7 @@ HARDER: Final = 2.0  #: standard deviations by which one who brakes may do so ha
 ONCOMING: Final = -2.0
 FLANK, ASIDE = 3.0, math.tan(math.radians(40.0))  #: of a car seen so far to the side the point slides by so much [m]
 GATE: Final = 3.5  #: standard deviations within which a detection belongs to a track
-LANE: Final = 8.0  #: detections farther beside the path are left alone [m]
-HORIZON: Final = 150.0  #: detections farther along the path are left alone [m]
 CONFIRMED: Final = 3  #: hits before a track counts
-REMEMBERED: Final = 1.0  #: where the car was is remembered for so long [s]: as long as the slowest radar takes
 COAST, COAST_TENTATIVE, COAST_AT_REST = 0.6, 0.2, 5.0  #: a track lives on unseen for so long [s]
 MARGIN: Final = 0.3  #: kept on both sides of the swept body [m]
 HYSTERESIS: Final = 0.3  #: a target that is in the way must clear the band by this much to be out of it [m]
@@ -69,8 +63,6 @@ CUTS_IN: Final = 1.3  #: a car that cuts in counts from so long before it is in 
 #: Who crosses faster than this is judged by the one filter on place and speed, not by the bank [m/s]
 BANK_COVERS: Final = 4.5
 PASSES: Final = 0.2  #: for so long from the car's arrival on its front would meet one who crosses [s]
-FACE: Final = 1.8  #: width of a body's rear, along which its nearest point slides while the car turns behind it [m]
-BEHIND: Final = 1.0  #: the car is behind a body whose line, along the path there, the bumper is so near to [m]
 INSIDE: Final = 0.3  #: one who crosses must come this far into the band to count [m]: into the way of the body itself
 
 
@@ -84,57 +76,6 @@ class Target(NamedTuple):
     foreseen: bool = False  #: whether it is not in the way yet
 
 
-class Sighting(NamedTuple):
-    """One detection, on the path."""
-
-    s: float  #: [m]
-    offset: float  #: [m], left positive
-    offset_variance: float  #: [m2]
-    speed: float  #: along the path [m/s] of one that does not cross; NaN where the line of sight crosses the path
-    skew: float = 0.0  #: by how much a speed across the path adds to `speed`
-    slide: float = 0.0  #: drift of the seen point along the rear of a body, where the path bends [m2/s]
-
-
-class AxleMotion(NamedTuple):
-    """Where the rear axle was at a time, and how it moved."""
-
-    time: float  #: [s]
-    x: float  #: [m]
-    y: float  #: [m]
-    heading: float  #: [rad]
-    speed: float  #: [m/s]
-    lateral_speed: float  #: [m/s]
-    yaw_rate: float  #: [rad/s]
-
-    def moved(self, dt: float) -> AxleMotion:
-        """Return where it was or will be after a time [s] of steady motion."""
-        heading = self.heading + self.yaw_rate * dt
-        cos, sin = math.cos(heading), math.sin(heading)
-        x = self.x + (self.speed * cos - self.lateral_speed * sin) * dt
-        y = self.y + (self.speed * sin + self.lateral_speed * cos) * dt
-        return self._replace(time=self.time + dt, x=x, y=y, heading=heading)
-
-
-class Memory:
-    """Where the car was of late: a scan is looked at from where it was made, and it is old when it comes."""
-
-    def __init__(self) -> None:
-        self._past: deque[AxleMotion] = deque()
-
-    def add(self, pose: Pose) -> None:
-        """Remember a pose newer than all before."""
-        self._past.append(
-            AxleMotion(pose.time, pose.x, pose.y, pose.heading, pose.speed, pose.lateral_speed, pose.yaw_rate)
-        )
-        while self._past[0].time < pose.time - REMEMBERED:
-            self._past.popleft()
-
-    def at(self, time: float) -> AxleMotion:
-        """Return the motion at a time [s], from the last pose remembered up to it, else from the first one."""
-        past = next((past for past in reversed(self._past) if past.time <= time), self._past[0])
-        return past.moved(time - past.time)
-
-
 class Track:
     """Kalman filters: on station and speed, on the lateral offset of what keeps its place, and of what crosses.
 
@@ -145,7 +86,7 @@ class Track:
 
     __slots__ = (
         "across", "bank", "foreseen", "hits", "in_way", "lane", "offset", "offset_variance", "p_s", "p_sv", "p_v",
-        "pace", "part_until", "probability", "s", "seen", "slide", "speed", "time",
+        "pace", "paced", "part_until", "probability", "s", "seen", "slide", "speed", "time",
     )  # fmt: skip
 
     def __init__(self, time: float, sighting: Sighting) -> None:
@@ -157,9 +98,10 @@ class Track:
         self.lane = KeptPlace(time, sighting.offset, sighting.offset_variance)
         self.slide = sighting.slide
         self.foreseen, self.probability = False, 1.0  # as `Target` has them
-        self.p_s, self.p_sv = RANGE_SIGMA**2, 0.0
-        self.p_v = 4.0 if math.isnan(sighting.speed) else self._rate_variance(sighting)
+        self.p_s, self.p_sv = sighting.range_variance, 0.0
+        self.p_v = sighting.rate_variance if math.isnan(sighting.speed) else self._rate_variance(sighting)
         self.pace = Trend(self.speed, self.p_v, CHANGE**2, JERK)
+        self.paced = not math.isnan(sighting.speed)  # whether its speed was ever measured
         self.hits, self.in_way, self.part_until = 1, False, -math.inf
 
     def predict(self, time: float) -> None:
@@ -222,6 +164,7 @@ class Track:
             gain_s, gain_v = self.p_sv / (self.p_v + variance), self.p_v / (self.p_v + variance)
             self._correct(speed - self.speed, gain_s, gain_v, self.p_sv, self.p_v)
             self.pace.update(speed, variance)
+            self.paced = True
 
     def braking(self, age: float) -> float:
         """Deceleration [m/s2] that one who surely braked may have so long after it was measured [s], else 0."""
@@ -246,11 +189,11 @@ class Track:
 
         The field of view ends there, and the point that is nearest of what is left goes along with the own car.
         """
-        return RANGE_SIGMA**2 + (FLANK**2 if self.drives and abs(sighting.skew) > ASIDE else 0.0)
+        return sighting.range_variance + (FLANK**2 if self.drives and abs(sighting.skew) > ASIDE else 0.0)
 
     def _rate_variance(self, sighting: Sighting) -> float:
         """Of the speed along the path that a sighting stands for [m2/s2]: how fast it crosses is known only so well."""
-        return RATE_SIGMA**2 + sighting.skew**2 * self.across.rate_variance
+        return sighting.rate_variance + sighting.skew**2 * self.across.rate_variance
 
     def _correct(self, error: float, gain_s: float, gain_v: float, seen_s: float, seen_v: float) -> None:
         """Kalman correction by a scalar whose covariances with station and speed are `seen_s` and `seen_v`."""
@@ -266,8 +209,10 @@ class Track:
 class Tracker:
     """Keeps the tracks and says which is the nearest in the way."""
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: Vehicle, sense: Sense | None = None) -> None:
+        """Without a `sense` it sees by the radar."""
         self._vehicle = vehicle
+        self._sense = sense if sense is not None else Radar()
         self._corridor: Corridor | None = None
         self._tracks: list[Track] = []
         self._dangers: list[Track] = []
@@ -279,11 +224,12 @@ class Tracker:
         if self._corridor is None:
             self._corridor = self._corridor_of(observation.path)
         self._memory.add(observation.pose)
-        scan, now = observation.radar.time, observation.time
+        detections, now = self._sense.scan(observation), observation.time
+        scan = detections.time
         if scan > self._scanned:
             self._scanned = scan
-            then = self._memory.at(scan)
-            self._take_in(scan, _sightings(observation, then, projection, self._vehicle.rear_axle_to_bumper))
+            then, front = self._memory.at(scan), self._vehicle.rear_axle_to_bumper
+            self._take_in(scan, sightings(detections, self._sense.noise, then, observation.path, projection, front))
             self._forget(scan, observation.pose)
             self._judge(self._corridor, now - scan)
             bumper = projection.s + self._vehicle.rear_axle_to_bumper
@@ -355,7 +301,7 @@ class Tracker:
 
 def _danger(track: Track, time: float, bumper: float) -> Target:
     """Return what a track has become at a time [s]: since it was measured, one who surely brakes has become slower."""
-    since, speed = time - track.time, track.pace.value
+    since, speed = time - track.time, track.pace.value if track.paced else track.speed
     braking = track.braking(since)
     slower = min(braking * since, max(speed, 0.0))
     gap = track.s + (track.speed - 0.5 * slower) * since - bumper
@@ -435,36 +381,3 @@ def _walks_in(track: Track, left: float, right: float, arrival: float, was_fores
 def _is_inside(track: Track, corridor: Corridor, offset: float, variance: float) -> bool:
     """Tell whether it is in the band by two standard deviations."""
     return corridor.contains(track.s, math.copysign(abs(offset) + 2.0 * math.sqrt(variance), offset))
-
-
-def _sightings(observation: Observation, then: AxleMotion, projection: PathProjection, front: float) -> list[Sighting]:
-    """Bring a scan's detections onto the path, from where the car was when the scan was made."""
-    scan, heading = observation.radar, then.heading
-    if not scan.range.size:
-        return []
-    bumper_x, bumper_y = then.x + front * math.cos(heading), then.y + front * math.sin(heading)
-    ranges, azimuths = scan.range.tolist(), scan.azimuth.tolist()
-    sights = [(math.cos(heading + azimuth), math.sin(heading + azimuth)) for azimuth in azimuths]
-    lines = np.array(sights)
-    s, offset = observation.path.locate(
-        bumper_x + scan.range * lines[:, 0], bumper_y + scan.range * lines[:, 1], projection.s, projection.s + HORIZON
-    )
-    across = then.lateral_speed + then.yaw_rate * front
-    here, found = observation.path.at(projection.s).heading, []
-    columns = zip(ranges, azimuths, sights, scan.range_rate.tolist(), s.tolist(), offset.tolist(), strict=True)
-    for reach, azimuth, (sight_x, sight_y), rate, at_s, at_offset in columns:
-        if not abs(at_offset) < LANE:
-            continue
-        direction = observation.path.at(at_s).heading
-        cos_path, sin_path = math.cos(direction), math.sin(direction)
-        along_sight = cos_path * sight_x + sin_path * sight_y
-        radial = rate + then.speed * math.cos(azimuth) + across * math.sin(azimuth)
-        speed, skew, slide = math.nan, 0.0, 0.0
-        if along_sight > 0.5:
-            speed, skew = radial / along_sight, (cos_path * sight_y - sin_path * sight_x) / along_sight
-            if abs(skew) * reach < BEHIND:
-                # As the car comes round the bend, the nearest point of what stands there goes across as the car does.
-                slide = FACE * then.speed * abs(math.sin(direction - here))
-        variance = (AZIMUTH_SIGMA * reach) ** 2 + (RANGE_SIGMA * math.sin(azimuth)) ** 2 + 0.1**2
-        found.append(Sighting(at_s, at_offset, variance, speed, skew, slide))
-    return found

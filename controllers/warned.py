@@ -14,7 +14,8 @@ import numpy as np
 from vve_sumo.path import Corridor, PathProjection, ReferencePath
 from vve_sumo.values import Observation, Stations, Vehicle
 
-from .tracks import HORIZON, MARGIN, AxleMotion, Memory, Target
+from .sightings import HORIZON, AxleMotion, Memory
+from .tracks import MARGIN, Target
 
 ACROSS: Final = 0.3  #: who goes slower across the path does not cross it [m/s]
 EARLY: Final = 1.0  #: car and crosser must miss each other by so much [s]

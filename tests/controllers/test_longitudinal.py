@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from controllers.approach import Approach, Goal, Standstill
 from controllers.radar_stop import RadarStop
+from controllers.sightings import RANGE_SIGMA, RATE_SIGMA, Sighting
 from controllers.speed import SpeedProfile
-from controllers.tracks import RANGE_SIGMA, RATE_SIGMA, Sighting, Target, Track, Tracker
+from controllers.tracks import Target, Track, Tracker
 from tests.controllers.street import FUSION
 from vve_sumo.path import ReferencePath
 from vve_sumo.values import Detections, Observation, Point, Pose

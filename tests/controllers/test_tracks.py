@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from controllers.tracks import Memory, Target, Tracker
+from controllers.sightings import Memory
+from controllers.tracks import Target, Tracker
 from tests import vehicles
 from vve_sumo.path import ReferencePath
 from vve_sumo.sensors.radar import BEFORE_FIRST_SCAN, Radar, RadarConfig

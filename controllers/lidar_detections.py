@@ -1,0 +1,118 @@
+"""Turns a lidar's points into detections: one for each thing that stands on the ground, at its nearest point.
+
+A lidar measures no speed; the tracker tells it from where a thing is from turn to turn. It must not know the path.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from scipy import ndimage
+
+from vve_sumo.values import Detections, Observation, PointCloud, Vehicle
+
+from .sightings import Memory, Noise
+
+GROUND: Final = 0.25  #: points lower than this over the road are the road's [m]
+OVERHEAD: Final = 2.5  #: the car passes below what is higher than this [m]
+AHEAD, ASIDE = 80.0, 20.0  #: how far from the front bumper things are looked for [m]
+CELL: Final = 0.3  #: points in cells of this size that touch each other are one thing [m]
+POINTS: Final = 2  #: of a thing, at least
+IN_LINE: Final = 0.15  #: pieces of a flank are so much in line [m]
+APART: Final = 1.5  #: and so many times as far apart as rays on it are
+#: What is left of a point's error is that the nearest point is another one from turn to turn. Anything up to a car's
+#: speed is thinkable of what is seen for the first time.
+NOISE: Final = Noise(range_sigma=0.12, rate_sigma=8.0, azimuth_sigma=math.radians(0.2), unknown_sigma=8.0)
+#: all corners of a cell touch
+_TOUCHING: Final = np.ones((3, 3), np.int8)
+
+
+class LidarDetections:
+    """Keeps the detections of the newest turn."""
+
+    noise: Final = NOISE
+
+    def __init__(self, vehicle: Vehicle, sensor: str, forward: float, height: float) -> None:
+        """`sensor` is the lidar's name; it is mounted `forward` of the rear axle [m] and so high over the road [m]."""
+        self._sensor, self._height = sensor, height
+        self._to_bumper = forward - vehicle.rear_axle_to_bumper
+        self._forward = forward
+        self._memory = Memory()
+        self._newest = Detections(-math.inf, *_no_columns())
+
+    def scan(self, observation: Observation) -> Detections:
+        """Return the detections of the newest turn; raises TypeError where the scenario has no such lidar."""
+        turn = observation.sensors.get(self._sensor)
+        if not isinstance(turn, PointCloud):
+            raise TypeError(
+                f"the scenario has no sensor {self._sensor!r} of kind lidar: name it by the tuning key sensor"
+            )
+        self._memory.add(observation.pose)
+        if turn.time > self._newest.time:
+            x, y = self._places(turn)
+            self._newest = Detections(turn.time, *_things(x, y, 2.0 * math.pi / len(turn.azimuth)))
+        return self._newest
+
+    def _places(self, turn: PointCloud) -> tuple[np.ndarray, np.ndarray]:
+        """Return where the points are that stand on the road, ahead and left of the bumper at the turn's end [m].
+
+        A point is given from where the lidar was at its ray's time: the car has gone on and turned since.
+        """
+        axle = self._memory.at(turn.time)
+        firing, channel = np.nonzero(turn.range > 0.0)
+        far, elevation = turn.range[firing, channel], turn.elevation[channel]
+        height = far * np.sin(elevation) + self._height
+        kept = (height > GROUND) & (height < OVERHEAD)
+        firing, channel, far, elevation = firing[kept], channel[kept], far[kept], elevation[kept]
+        azimuth, since = turn.azimuth[firing] + turn.azimuth_offset[channel], turn.time_offset[firing]
+        level = far * np.cos(elevation)
+        turned = axle.yaw_rate * since
+        x, y = level * np.cos(azimuth + turned), level * np.sin(azimuth + turned)
+        aside = axle.lateral_speed + axle.yaw_rate * self._forward
+        x, y = x + axle.speed * since + self._to_bumper, y + aside * since
+        near = (x > 0.0) & (x < AHEAD) & (np.abs(y) < ASIDE)
+        return x[near], y[near]
+
+
+def _no_columns() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    return np.empty(0), np.empty(0), np.empty(0), np.empty(0, np.int8)
+
+
+def _things(x: np.ndarray, y: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return range, azimuth, range rate and mode of each thing's nearest point, nearest things first.
+
+    `step` is the angle from one ray to the next [rad].
+    """
+    rows, columns = (x / CELL).astype(np.intp), ((y + ASIDE) / CELL).astype(np.intp)
+    grid = np.zeros((math.ceil(AHEAD / CELL) + 1, math.ceil(2.0 * ASIDE / CELL) + 1), np.bool_)
+    grid[rows, columns] = True
+    labels, _count = ndimage.label(grid, _TOUCHING)
+    reach = np.hypot(x, y)
+    order = np.argsort(reach, kind="stable")
+    _, first, thing, sizes = np.unique(
+        labels[rows, columns][order], return_index=True, return_inverse=True, return_counts=True
+    )
+    far = np.zeros(len(first))
+    np.maximum.at(far, thing, x[order])
+    known = np.flatnonzero(sizes >= POINTS)
+    known = known[np.argsort(first[known])]
+    nearest = order[first[known]]
+    alone = nearest[_begins(x[nearest], y[nearest], far[known], step)]
+    unknown = np.full(len(alone), np.nan)
+    return reach[alone], np.arctan2(y[alone], x[alone]), unknown, np.zeros(len(alone), np.int8)
+
+
+def _begins(near: np.ndarray, side: np.ndarray, far: np.ndarray, step: float) -> np.ndarray:
+    """Tell of pieces from `near` to `far` [m] whether each begins a thing; others go on with a flank that came before.
+
+    Along a flank that is seen at a grazing angle the points lie far apart, so that it falls into pieces on one line.
+    """
+    begins = np.ones(len(near), np.bool_)
+    for piece in range(1, len(near)):
+        apart = APART * step * (near[piece] ** 2 + side[piece] ** 2) / max(abs(side[piece]), CELL)
+        before = (np.abs(side[:piece] - side[piece]) < IN_LINE) & (near[piece] - far[:piece] < apart)
+        begins[piece] = not before.any()
+        far[piece] = max(far[piece], *far[:piece][before], 0.0)
+    return begins
