@@ -20,8 +20,8 @@ OVERHEAD: Final = 2.5  #: the car passes below what is higher than this [m]
 AHEAD, ASIDE = 80.0, 20.0  #: how far from the front bumper things are looked for [m]
 CELL: Final = 0.3  #: points in cells of this size that touch each other are one thing [m]
 POINTS: Final = 2  #: of a thing, at least
-IN_LINE: Final = 0.15  #: pieces of a flank are so much in line [m]
-APART: Final = 1.5  #: and so many times as far apart as rays on it are
+GAP: Final = 3.0  #: between pieces of one thing, one behind the other, at most [m]
+APART: Final = 1.5  #: steps from ray to ray between them, at most, where they are not in one direction
 #: What is left of a point's error is that the nearest point is another one from turn to turn. Anything up to a car's
 #: speed is thinkable of what is seen for the first time.
 NOISE: Final = Noise(range_sigma=0.12, rate_sigma=8.0, azimuth_sigma=math.radians(0.2), unknown_sigma=8.0)
@@ -52,7 +52,7 @@ class LidarDetections:
         self._memory.add(observation.pose)
         if turn.time > self._newest.time:
             x, y = self._places(turn)
-            self._newest = Detections(turn.time, *_things(x, y, 2.0 * math.pi / len(turn.azimuth)))
+            self._newest = Detections(turn.time, *_things(x, y, self._to_bumper, 2.0 * math.pi / len(turn.azimuth)))
         return self._newest
 
     def _places(self, turn: PointCloud) -> tuple[np.ndarray, np.ndarray]:
@@ -80,39 +80,42 @@ def _no_columns() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     return np.empty(0), np.empty(0), np.empty(0), np.empty(0, np.int8)
 
 
-def _things(x: np.ndarray, y: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _things(
+    x: np.ndarray, y: np.ndarray, lidar: float, step: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return range, azimuth, range rate and mode of each thing's nearest point, nearest things first.
 
-    `step` is the angle from one ray to the next [rad].
+    `lidar` is how far the lidar is ahead of the bumper [m], `step` the angle from one ray to the next [rad].
     """
     rows, columns = (x / CELL).astype(np.intp), ((y + ASIDE) / CELL).astype(np.intp)
     grid = np.zeros((math.ceil(AHEAD / CELL) + 1, math.ceil(2.0 * ASIDE / CELL) + 1), np.bool_)
     grid[rows, columns] = True
     labels, _count = ndimage.label(grid, _TOUCHING)
-    reach = np.hypot(x, y)
-    order = np.argsort(reach, kind="stable")
-    _, first, thing, sizes = np.unique(
+    order = np.argsort(np.hypot(x, y), kind="stable")
+    x, y = x[order], y[order]
+    _, first, piece, sizes = np.unique(
         labels[rows, columns][order], return_index=True, return_inverse=True, return_counts=True
     )
-    far = np.zeros(len(first))
-    np.maximum.at(far, thing, x[order])
     known = np.flatnonzero(sizes >= POINTS)
     known = known[np.argsort(first[known])]
-    nearest = order[first[known]]
-    alone = nearest[_begins(x[nearest], y[nearest], far[known], step)]
-    unknown = np.full(len(alone), np.nan)
-    return reach[alone], np.arctan2(y[alone], x[alone]), unknown, np.zeros(len(alone), np.int8)
+    begins = _begins(np.hypot(x - lidar, y), np.arctan2(y, x - lidar), piece, first, step)[known]
+    near_x, near_y = x[first[known][begins]], y[first[known][begins]]
+    unknown = np.full(len(near_x), np.nan)
+    return np.hypot(near_x, near_y), np.arctan2(near_y, near_x), unknown, np.zeros(len(near_x), np.int8)
 
 
-def _begins(near: np.ndarray, side: np.ndarray, far: np.ndarray, step: float) -> np.ndarray:
-    """Tell of pieces from `near` to `far` [m] whether each begins a thing; others go on with a flank that came before.
+def _begins(far: np.ndarray, azimuth: np.ndarray, piece: np.ndarray, first: np.ndarray, step: float) -> np.ndarray:
+    """Tell of pieces whether each begins a thing; another goes on with one that is next before it, in its direction.
 
-    Along a flank that is seen at a grazing angle the points lie far apart, so that it falls into pieces on one line.
+    Points of a flank that is seen at a grazing angle lie far apart, and so do those of a roof from the rear's: such
+    things fall into pieces. `far` and `azimuth` are of every point, seen from the lidar [m], [rad]; `piece` is its
+    number, and `first` each piece's nearest point.
     """
-    begins = np.ones(len(near), np.bool_)
-    for piece in range(1, len(near)):
-        apart = APART * step * (near[piece] ** 2 + side[piece] ** 2) / max(abs(side[piece]), CELL)
-        before = (np.abs(side[:piece] - side[piece]) < IN_LINE) & (near[piece] - far[:piece] < apart)
-        begins[piece] = not before.any()
-        far[piece] = max(far[piece], *far[:piece][before], 0.0)
-    return begins
+    rightmost, leftmost, farthest = np.full(len(first), np.inf), np.full(len(first), -np.inf), np.zeros(len(first))
+    np.minimum.at(rightmost, piece, azimuth)
+    np.maximum.at(leftmost, piece, azimuth)
+    np.maximum.at(farthest, piece, far)
+    aside, reach = azimuth[first][:, None], far[first][:, None]
+    margin = APART * step
+    behind = (reach > far[first]) & (reach - farthest < GAP)
+    return ~(behind & (aside > rightmost - margin) & (aside < leftmost + margin)).any(axis=1)
