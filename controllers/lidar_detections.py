@@ -118,4 +118,5 @@ def _begins(far: np.ndarray, azimuth: np.ndarray, piece: np.ndarray, first: np.n
     aside, reach = azimuth[first][:, None], far[first][:, None]
     margin = APART * step
     behind = (reach > far[first]) & (reach - farthest < GAP)
-    return ~(behind & (aside > rightmost - margin) & (aside < leftmost + margin)).any(axis=1)
+    goes_on: np.ndarray = (behind & (aside > rightmost - margin) & (aside < leftmost + margin)).any(axis=1)
+    return ~goes_on

@@ -238,6 +238,19 @@ def test_no_class_outside_inherits_from_a_compiled_one() -> None:
     assert not heirs
 
 
+def test_no_function_of_a_compiled_module_catches_two_kinds_of_errors_by_one_name() -> None:
+    """Such a name has the first kind for mypyc, and an error of another kind ends in a TypeError."""
+    found = []
+    for file in listed():
+        for function in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(function, ast.FunctionDef):
+                handlers = [node for node in ast.walk(function) if isinstance(node, ast.ExceptHandler) and node.name]
+                kinds = {(one.name, ast.unparse(one.type)) for one in handlers if one.type is not None}
+                if len(kinds) > len({name for name, _kind in kinds}):
+                    found.append(f"{file.relative_to(REPOSITORY)}: {function.name}")
+    assert not found
+
+
 def test_a_live_drive_refuses_a_compiled_installation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(provenance, "is_compiled", lambda: True)
     with pytest.raises(RigError, match="installed compiled"):

@@ -43,6 +43,7 @@ def test_steering_keeps_to_rate_and_angle() -> None:
     assert angle == pytest.approx(2.0, abs=1e-6)
 
 
+@pytest.mark.plain
 def test_a_released_wheel_returns_only_while_rolling() -> None:
     steering = Steering(0.0, 0.0, rate_limit=1000.0, angle_limit=8.0, duration=STEP)
     steering.step(1.0, rolling=True)

@@ -88,6 +88,7 @@ def test_late_packets_come_the_delay_later_and_in_order(plain):
             assert -1e-9 <= late - usual <= 0.03 + 1e-9
 
 
+@pytest.mark.plain
 def test_duplicates_double_the_packets_and_change_no_fix(plain):
     ride = Ride(fault("pose_duplicates"))
     assert len(ride.packets) - len(plain.packets) == pytest.approx(50, abs=1)

@@ -213,6 +213,7 @@ def test_playback_still_refuses_what_is_wrong():
 READ = [f.name for f in fields(Fix) if f.name not in ("time_received", "altitude", "roll", "velocity_down")]
 
 
+@pytest.mark.plain
 @given(st.sampled_from(READ), st.sampled_from([math.nan, math.inf, -math.inf]), st.integers(0, 30))
 def test_what_is_not_a_number_never_passes_as_good(name, value, index):
     fixes = drive(31)
@@ -313,6 +314,7 @@ ALONE = ["altitude", "velocity_down", "pitch", "roll", "yaw_rate", "acceleration
 LYING = ["latitude", "longitude", "heading", "velocity_north", "velocity_east", "locked", *ALONE]
 
 
+@pytest.mark.plain
 @settings(max_examples=400, deadline=None)
 @given(
     st.sampled_from([0.01, 0.05]),

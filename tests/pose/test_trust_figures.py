@@ -78,6 +78,7 @@ def test_a_profile_has_the_figures_of_the_second_list(profile):
     assert TrustGate(profile, 0.0).profile is profile
 
 
+@pytest.mark.plain
 def test_the_reasons_are_those_that_the_source_gives():
     """Every string in the module that is alone in a list, a tuple or a call of append, and no other."""
     tree = ast.parse(inspect.getsource(trust))

@@ -343,3 +343,46 @@ def test_wheels_that_turn_again_are_believed_again():
     weighed.step(0.0, None)
     weighed.step(4.9, None)
     assert weighed.until("certain", 0.0, None) == pytest.approx((4.9 - BELIEVED) / 2.0, abs=2.0 * STEP)
+
+
+# --- speed that was commanded and that nothing has shown ------------------------------------------------------------
+
+
+def commanded(*requests: tuple[float | None, float]) -> Weighed:
+    """A car that stands by all reports, and to which decelerations [m/s2] were commanded, each for a time [s]."""
+    weighed = Weighed()
+    for _ in range(200):
+        weighed.step(0.0, 0.0, 0.0)
+    for braking, seconds in requests:
+        for _ in range(round(seconds / STEP)):
+            weighed.step(0.0, 0.0, braking)
+    return weighed
+
+
+def test_half_a_metre_per_second_that_nothing_has_shown_is_no_standstill():
+    assert commanded((-1.0, 0.5 - STEP)).subject.certain
+    assert not commanded((-1.0, 0.5)).subject.certain
+
+
+def test_a_receiver_alone_does_not_say_rest_while_that_speed_may_be_there():
+    weighed = commanded((-1.0, 1.0))
+    for _ in range(round(10.0 / STEP)):
+        assert not weighed.step(None, 0.0, -1.0)[1]
+    assert weighed.until("at_rest", None, 0.0, None) > 0.0
+
+
+@pytest.mark.parametrize(
+    ("braking", "loses"),
+    [(0.2, 0.3), (0.5, 0.3), (1.0, 0.5), (4.0, 2.0), (0.0, 0.1), (None, 12.0)],
+    ids=["hardly", "gently", "more", "hard", "not", "maybe by a driver"],
+)
+def test_it_is_braked_off_as_slowly_as_a_weak_car_would(braking: float | None, loses: float):
+    """A share of a half of what is commanded, 0.3 m/s2 at least; by itself a car loses 0.1 m/s2, by a driver 12."""
+    # 0.5 m/s more than what is believed, less a step.
+    weighed = commanded((-1.0, 1.0))
+    assert weighed.until("certain", 0.0, 0.0, braking) == pytest.approx(0.5 / loses, abs=1.01 * STEP)
+
+
+@pytest.mark.parametrize("braking", [None, 4.0, 0.0])
+def test_long_braking_before_does_not_count_against_a_later_command(braking: float | None):
+    assert not commanded((braking, 30.0), (-1.0, 0.5)).subject.certain

@@ -103,10 +103,10 @@ class GuardedSensor:
                 columns = self._dated(self._fit(reading.columns(), output), output, time)
         except KeyboardInterrupt:
             raise
-        except NotFiniteError as error:
-            self._fail("sensor_not_finite", str(error))
-        except WrongTypeError as error:
-            self._fail("sensor_wrong_type", str(error))
+        except NotFiniteError as not_finite:
+            self._fail("sensor_not_finite", str(not_finite))
+        except WrongTypeError as wrong_type:
+            self._fail("sensor_wrong_type", str(wrong_type))
         except BaseException as error:
             self._fail("sensor_raised", error_text(error, __file__))
         if not self._first <= time:

@@ -156,8 +156,8 @@ class World:
         try:
             self._ready()
             self._simulation.step()
-        except (SimulationError, *SUMO_ERRORS) as problem:
-            error = str(problem)
+        except (SimulationError, *SUMO_ERRORS) as stepping:
+            error = str(stepping)
         self._steps += 1
         now = self._start + (self._steps - 1) * self._period
         try:
