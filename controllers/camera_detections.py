@@ -12,7 +12,7 @@ import numpy as np
 
 from vve_sumo.values import CameraObjects, Detections, Observation
 
-from .sightings import Noise
+from .sightings import Noise, output_of
 
 PIXEL: Final = 1.0  #: standard deviation of a place in the picture
 #: Errors of one object are alike from picture to picture, by so much of them: a filter that takes them for independent
@@ -42,11 +42,7 @@ class CameraDetections:
 
     def scan(self, observation: Observation) -> Detections:
         """Return the detections of the newest picture; raises TypeError where the scenario has no such camera."""
-        seen = observation.sensors.get(self._sensor)
-        if not isinstance(seen, CameraObjects):
-            raise TypeError(
-                f"the scenario has no sensor {self._sensor!r} of kind camera: name it by the tuning key sensor"
-            )
+        seen = output_of(observation, self._sensor, CameraObjects, "camera")
         if seen.time > self._newest.time:
             inner = np.copysign(np.maximum(np.abs(seen.y) - 0.5 * seen.width, 0.0), seen.y)
             azimuth = np.arctan2(inner, seen.x)

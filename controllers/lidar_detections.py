@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from vve_sumo.values import Detections, Observation, PointCloud, Vehicle
 
-from .sightings import Memory, Noise
+from .sightings import Memory, Noise, output_of
 
 GROUND: Final = 0.25  #: points lower than this over the road are the road's [m]
 OVERHEAD: Final = 2.5  #: the car passes below what is higher than this [m]
@@ -44,11 +44,7 @@ class LidarDetections:
 
     def scan(self, observation: Observation) -> Detections:
         """Return the detections of the newest turn; raises TypeError where the scenario has no such lidar."""
-        turn = observation.sensors.get(self._sensor)
-        if not isinstance(turn, PointCloud):
-            raise TypeError(
-                f"the scenario has no sensor {self._sensor!r} of kind lidar: name it by the tuning key sensor"
-            )
+        turn = output_of(observation, self._sensor, PointCloud, "lidar")
         self._memory.add(observation.pose)
         if turn.time > self._newest.time:
             x, y = self._places(turn)

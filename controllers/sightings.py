@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
 from vve_sumo.path import PathProjection, ReferencePath
-from vve_sumo.values import Detections, Observation, Pose
+from vve_sumo.values import Detections, Observation, Pose, SensorOutput
 
 RANGE_SIGMA, RATE_SIGMA, AZIMUTH_SIGMA = 0.25, 0.15, math.radians(0.6)  #: of the radar, quantisation included
 LANE: Final = 8.0  #: detections farther beside the path are left alone [m]
@@ -20,6 +20,17 @@ HORIZON: Final = 150.0  #: detections farther along the path are left alone [m]
 REMEMBERED: Final = 1.0  #: where the car was is remembered for so long [s]: as long as the slowest radar takes
 FACE: Final = 1.8  #: width of a body's rear, along which its nearest point slides while the car turns behind it [m]
 BEHIND: Final = 1.0  #: the car is behind a body whose line, along the path there, the bumper is so near to [m]
+
+
+_Output = TypeVar("_Output", bound=SensorOutput)
+
+
+def output_of(observation: Observation, sensor: str, what: type[_Output], kind: str) -> _Output:
+    """Return the newest output of a sensor by its name; raises TypeError where the scenario has none of that kind."""
+    output = observation.sensors.get(sensor)
+    if not isinstance(output, what):
+        raise TypeError(f"the scenario has no sensor {sensor!r} of kind {kind}: name it by the tuning key sensor")
+    return output
 
 
 class Noise(NamedTuple):

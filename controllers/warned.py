@@ -14,7 +14,7 @@ import numpy as np
 from vve_sumo.path import Corridor, PathProjection, ReferencePath
 from vve_sumo.values import Observation, Stations, Vehicle
 
-from .sightings import HORIZON, AxleMotion, Memory
+from .sightings import HORIZON, AxleMotion, Memory, output_of
 from .tracks import MARGIN, Target
 
 ACROSS: Final = 0.3  #: who goes slower across the path does not cross it [m/s]
@@ -53,11 +53,7 @@ class Warned:
             front, rear = vehicle.rear_axle_to_bumper, vehicle.rear_overhang
             self._corridor = Corridor(path, front, rear, vehicle.width, MARGIN)
         self._memory.add(observation.pose)
-        heard = observation.sensors.get(self._sensor)
-        if not isinstance(heard, Stations):
-            raise TypeError(
-                f"the scenario has no sensor {self._sensor!r} of kind v2x: name it by the tuning key sensor"
-            )
+        heard = output_of(observation, self._sensor, Stations, "v2x")
         if not heard.number.size:
             return None
         bumper, speed = projection.s + vehicle.rear_axle_to_bumper, observation.pose.speed
