@@ -92,19 +92,19 @@ def test_the_layout_on_the_wire():
         return b"\xcb" + struct.pack(">d", number)
 
     numbers = b"".join(map(double, (1.5, 1.6, 3.0, 4.0, 0.7, 8.0, 0.2, 0.01)))
-    message = b"VV\x03\x01\x9f" + double(0.1) + double(-2.0) + b"\xc3\xa3why\x07" + numbers
+    message = b"VV\x04\x01\x9f" + double(0.1) + double(-2.0) + b"\xc3\xa3why\x07" + numbers
     message += b"\x92\xa1a\xa2bb" + b"\x92" + double(0.5) + b"\x92" + double(0.03) + double(0.04)
     setpoint = Setpoint(
         0.1, -2.0, True, "why", 7, 1.5, 1.6, 3.0, 4.0, 0.7, 8.0, 0.2, 0.01, ("a", "bb"), FallbackPath(0.5, (0.03, 0.04))
     )  # fmt: skip
     assert link.encode_setpoint(setpoint) == sealed(message)
     assert link.decode_setpoint(sealed(message)) == setpoint
-    assert link.encode_operator_command(OperatorCommand.GO) == sealed(b"VV\x03\x02\xa2go")
+    assert link.encode_operator_command(OperatorCommand.GO) == sealed(b"VV\x04\x02\xa2go")
 
 
 @given(st.binary(max_size=300))
 @example(b"")
-@example(sealed(b"VV\x03"))
+@example(sealed(b"VV\x04"))
 def test_no_bytes_break_it(data):
     for decode in DECODERS:
         assert isinstance(decode(data), MalformedMessage)
@@ -113,7 +113,7 @@ def test_no_bytes_break_it(data):
 @given(st.sampled_from([1, 2, 3]), st.binary(max_size=400))
 def test_no_body_breaks_it_even_under_a_right_sum(kind, body):
     for decode, own in zip(DECODERS, (1, 2, 3), strict=True):
-        message = decode(sealed(b"VV\x03" + bytes((kind,)) + body))
+        message = decode(sealed(b"VV\x04" + bytes((kind,)) + body))
         if kind != own:
             assert message == MalformedMessage("wrong_kind")
         else:
@@ -141,11 +141,11 @@ def test_what_is_wrong_is_said():
     right = link.encode_operator_command(OperatorCommand.STOP)
     assert link.decode_operator_command(right[:7]) == MalformedMessage("too_short")
     assert link.decode_operator_command(right[:-1]) == MalformedMessage("wrong_crc")
-    assert link.decode_operator_command(sealed(b"VX\x03\x02\xa4stop")) == MalformedMessage("wrong_magic")
-    assert link.decode_operator_command(sealed(b"VV\x02\x02\xa4stop")) == MalformedMessage("wrong_version")
-    assert link.decode_operator_command(sealed(b"VV\x03\x01\xa4stop")) == MalformedMessage("wrong_kind")
-    assert link.decode_operator_command(sealed(b"VV\x03\x02\xa4fly!")) == MalformedMessage("wrong_content")
-    assert link.decode_operator_command(sealed(b"VV\x03\x02\xa4stop!")) == MalformedMessage("wrong_content")
+    assert link.decode_operator_command(sealed(b"VX\x04\x02\xa4stop")) == MalformedMessage("wrong_magic")
+    assert link.decode_operator_command(sealed(b"VV\x03\x02\xa4stop")) == MalformedMessage("wrong_version")
+    assert link.decode_operator_command(sealed(b"VV\x04\x01\xa4stop")) == MalformedMessage("wrong_kind")
+    assert link.decode_operator_command(sealed(b"VV\x04\x02\xa4fly!")) == MalformedMessage("wrong_content")
+    assert link.decode_operator_command(sealed(b"VV\x04\x02\xa4stop!")) == MalformedMessage("wrong_content")
 
 
 def test_a_sequence_that_no_table_could_hold_is_none():
