@@ -28,7 +28,7 @@ class CameraDetections:
     def __init__(self, sensor: str, focal_length: float, height: float) -> None:
         """`sensor` is the camera's name; its focal length [pixels], and its height over the road [m].
 
-        An object's distance is told from where it meets the road in the picture: it is known worse with the square of
+        An object's distance follows from where it meets the road in the picture: it is known worse with the square of
         the distance.
         """
         self._sensor = sensor
