@@ -66,6 +66,7 @@ class Live:
         self.frames = LiveFrames(resolved, lambda status: str(status["state"]))
         self.hub = Hub(self.frames, scene_of(resolved, read_roads(record), source="live"))
         self.asked = 0  #: requests to stop
+        self.busy = threading.Event()  #: while it is set, no request to stop is answered
         self.silent = threading.Event()  #: while it is set, no sample comes
         self.late: list[float] = []  #: how much later than due each sample was taken [s]
         self._count, self._over, self.closed = count, threading.Event(), threading.Event()
@@ -83,6 +84,8 @@ class Live:
 
     async def _stop(self, request: Request) -> Response:
         self.asked += 1
+        while self.busy.is_set():
+            await asyncio.sleep(PERIOD)
         return PlainTextResponse("asked\n")
 
     async def _run(self) -> None:

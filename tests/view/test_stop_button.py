@@ -55,11 +55,33 @@ def test_an_older_browser_asks_too(page: Any, fed: Live) -> None:
 
 
 def test_every_key_stops_whatever_is_open(page: Any, fed: Live) -> None:
+    # Without a feed one answered request ends the asking: each key is seen to ask by itself.
+    fed.silent.set()
+    until(lambda: says(page, f"{FEED} === 'lost'"))
     for number, key in enumerate((" ", "Escape", "s", "S")):
         page.keyboard.press("?")
         assert fed.asked == number
         page.keyboard.press(key)
         until(lambda before=number: fed.asked > before)
+        until(lambda: says(page, "!vveSumo.shown.asking"))
+
+
+def test_a_press_while_a_request_is_on_its_way_is_another_request(page: Any, fed: Live) -> None:
+    """The request on its way may have been made before the gateway came to a state that can stop."""
+    fed.silent.set()
+    until(lambda: says(page, f"{FEED} === 'lost'"))
+    fed.busy.set()
+    page.click("#stop")
+    until(lambda: fed.asked == 1)
+    page.keyboard.press("s")
+    fed.busy.clear()
+    until(lambda: fed.asked > 1)
+    until(lambda: says(page, "!vveSumo.shown.asking"))
+
+
+def test_it_asks_again_while_the_car_is_seen_to_drive_on(page: Any, fed: Live) -> None:
+    page.click("#stop")
+    until(lambda: fed.asked > 2)
 
 
 def test_what_cannot_be_drawn_is_not_live(page: Any) -> None:

@@ -24,6 +24,8 @@ export class Live {
     this.lead = Infinity;
     this.over = false; // the drive's process of the page has said that the drive is over
     this.ended = false; // the drive has said how it ended; the verdict is still to come
+    this.asking = false; // a request to stop is on its way, or will be sent again
+    this.presses = 0; // of the stop button and its keys
     this.ages = [];
     this.feed = document.getElementById("feed");
     this.feed.hidden = false;
@@ -164,18 +166,21 @@ export class Live {
     say(this.feed, text);
   }
 
-  /** Ask the gateway to stop, until somebody has taken the request. */
+  /** Ask the gateway to stop, until somebody has taken a request that went out after the last press. */
   async stop() {
+    this.presses += 1;
     if (this.asking) return;
     this.asking = true;
     this.label("asking to stop …");
     for (;;) {
+      const presses = this.presses;
       try {
         // An older browser's request has no time limit, and goes out all the same.
         const answer = await fetch(new URL("/stop", location.href), { method: "POST", signal: AbortSignal.timeout?.(1000) });
         this.label(answer.ok ? ASKED : `not taken: ${(await answer.text()).slice(0, 80)}`);
         // A page without a feed cannot see whether the car stops: to have been heard is enough.
-        if (answer.ok && !(this.feed.dataset.kind === "live" && STOPPABLE.has(this.view.frame?.state))) break;
+        const seen = this.feed.dataset.kind === "live" && STOPPABLE.has(this.view.frame?.state);
+        if (answer.ok && !seen && presses === this.presses) break;
       } catch {
         this.label("nobody hears this button: the driver brakes");
       }
