@@ -28,7 +28,7 @@ from vve_sumo.drive.verify import alterations
 from vve_sumo.errors import ConfigError
 from vve_sumo.live import replay as live
 from vve_sumo.live.assembly import from_dict
-from vve_sumo.record.alterations import Alteration
+from vve_sumo.record.alterations import Alteration, parts_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,10 +64,12 @@ class RedriveResult:
 def altered_since(folder: Path) -> list[Alteration] | None:
     """Return the parts of a record that are not as its drive left them; None for a record without hashes.
 
-    Raises ConfigError for a folder that holds no record.
+    Raises ConfigError for a folder that holds no record, or one of another layout.
     """
-    live.is_live(folder)
-    return alterations(folder)
+    altered = alterations(folder)
+    if "scenario.json" not in (parts_of(altered) or ()):  # else the alteration is why it cannot be read
+        live.is_live(folder)
+    return altered
 
 
 def inspect(folder: Path, working: Path) -> Inspection:
