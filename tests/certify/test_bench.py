@@ -211,7 +211,7 @@ def test_only_the_same_certificate_is_continued(changes: dict[str, Any], said: s
         Dataset(query.out, plan, resume=query.out.exists()).close()
 
     opened()
-    opened(seeds=(1, 2), cases=select_cases(["radar_ghost"]), limits=CertificateLimits(max_deviation_m=0.3))
+    opened(seeds=(1, 2), cases=select_cases(["target_ghost"]), limits=CertificateLimits(max_deviation_m=0.3))
     with pytest.raises(ConfigError, match=said):
         opened(**{"seeds": (1, 2), **changes})
     (tmp_path / "brain").write_text("#!/bin/sh\nanother\n", encoding="utf-8")

@@ -35,7 +35,7 @@ SCENARIO = str(STREET / "certificate.toml")
 BUGS = [
     ("acts_on_invalid", "", ("radar_invalid",), "acts on radar marked invalid"),
     ("acts_on_invalid", "radar_drop_out", ("radar_invalid",), "acts on radar marked invalid"),
-    ("mirrors_azimuth", "", ("radar_bend_in_way", "radar_bend_mirrored"), "azimuth is mirrored"),
+    ("mirrors_azimuth", "", ("target_bend_in_way", "target_bend_mirrored"), "azimuth is mirrored"),
 ]
 
 
@@ -176,7 +176,7 @@ def minimal(folder: Path, *more: str, rig: str | None = None) -> subprocess.Pope
 
 @pytest.mark.slow
 def test_a_brain_by_radar_alone_is_certified_also_after_an_interrupt(tmp_path: Path) -> None:
-    cases = ["--cases", "radar_invalid,gnss_drop_out,radar_delay,radar_bend_mirrored"]
+    cases = ["--cases", "radar_invalid,gnss_drop_out,radar_delay,target_bend_mirrored"]
     first = minimal(tmp_path, *cases)
     nominal = tmp_path / "out" / "records" / "nominal_seed_1" / "summary.json"
     journal = tmp_path / "out" / "journal.jsonl"
@@ -201,7 +201,7 @@ def test_a_brain_by_radar_alone_is_certified_also_after_an_interrupt(tmp_path: P
         "radar_invalid": "passed",
         "radar_delay": "not applicable",
         "gnss_drop_out": "not applicable",
-        "radar_bend_mirrored": "VOID",
+        "target_bend_mirrored": "VOID",
     }
     assert (certificate["passed"], certificate["verdict"]) == (False, "INCOMPLETE")
     assert nominal.stat().st_mtime_ns == driven

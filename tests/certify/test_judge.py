@@ -54,12 +54,12 @@ def test_a_contact_fails_whatever_was_required() -> None:
 
 @pytest.mark.parametrize(("gap", "passes"), [(1.01, True), (0.99, False)])
 def test_a_distance_must_be_left(gap: float, passes: bool) -> None:
-    found = judge(CASE["radar_missing"], Window(9.0, 9.5), course(gap=gap), course())
+    found = judge(CASE["target_missing"], Window(9.0, 9.5), course(gap=gap), course())
     assert (found.verdict is CaseVerdict.PASSED) is passes
 
 
 def test_braking_for_a_ghost_is_what_the_nominal_drive_did_not_do() -> None:
-    ghost, window = CASE["radar_ghost"], Window(3.0, 4.0)
+    ghost, window = CASE["target_ghost"], Window(3.0, 4.0)
     assert judge(ghost, window, course(), course()).reaction == math.inf
     assert judge(ghost, window, course(onset=3.3), course()).reaction == pytest.approx(0.3)
     assert judge(ghost, window, course(onset=3.3), course()).verdict is CaseVerdict.PASSED
@@ -114,7 +114,7 @@ def test_limits_are_refused_where_nothing_could_keep_them() -> None:
             limits_of(values)
 
 
-@pytest.mark.parametrize(("name", "demand"), [("radar_ghost_receding", 1.0), ("radar_ghost_slower", 2.2)])
+@pytest.mark.parametrize(("name", "demand"), [("target_ghost_receding", 1.0), ("target_ghost_slower", 2.2)])
 def test_what_is_none_of_its_business_is_not_braked_for(name: str, demand: float) -> None:
     case, window, nominal = CASE[name], Window(3.0, 4.0), course()
 
@@ -137,11 +137,11 @@ def test_what_is_none_of_its_business_is_not_braked_for(name: str, demand: float
 def test_a_single_setpoint_is_no_braking_for_a_ghost() -> None:
     nominal = course()
     blip = [a._replace(acceleration=-3.0) if 3.2 <= a.time < 3.3 else a for a in nominal.answers]
-    found = judge(CASE["radar_ghost"], Window(3.0, 4.0), replace(nominal, answers=blip), nominal)
+    found = judge(CASE["target_ghost"], Window(3.0, 4.0), replace(nominal, answers=blip), nominal)
     assert (found.verdict, found.reaction) == (CaseVerdict.FAILED, math.inf)
 
 
-@pytest.mark.parametrize("name", ["radar_invalid", "gnss_freeze", "both_freeze", "radar_missing", "radar_delay_short"])
+@pytest.mark.parametrize("name", ["radar_invalid", "gnss_freeze", "both_freeze", "target_missing", "radar_delay_short"])
 def test_a_drive_that_was_over_before_the_fault_began_passes_nothing(name: str) -> None:
     """A brain that dies by itself at 3 s is stopped by the gateway; what is injected at 9 s hits nobody any more."""
     case, window = CASE[name], Window(9.0, 9.0 + CASE[name].lasts)
@@ -165,7 +165,7 @@ def test_who_says_the_same_twice_a_tick_brakes_no_longer_for_that() -> None:
         return replace(nominal, answers=answers)
 
     window = Window(3.0, 4.0)
-    for name, lasts in (("radar_ghost", 0.2), ("radar_ghost", 0.4), ("radar_ghost_receding", 0.08)):
+    for name, lasts in (("target_ghost", 0.2), ("target_ghost", 0.4), ("target_ghost_receding", 0.08)):
         once, doubled = (judge(CASE[name], window, each, course()) for each in (braking(lasts), twice(braking(lasts))))
         assert (once.verdict, once.reaction) == (doubled.verdict, doubled.reaction), name
 
@@ -207,13 +207,13 @@ def test_who_drives_on_without_radar_is_not_told_the_consequences() -> None:
 
 
 def test_without_a_nominal_drive_only_ghosts_say_something() -> None:
-    nominal, sign = result("nominal", True), result("radar_ghost_receding", True, 3.0)
-    assert diagnose([nominal, result("radar_ghost", True), sign])[0].name == SIGN
-    assert diagnose([nominal, result("radar_ghost", False, 3.0), sign])[0].name == NOT_DRIVING
+    nominal, sign = result("nominal", True), result("target_ghost_receding", True, 3.0)
+    assert diagnose([nominal, result("target_ghost", True), sign])[0].name == SIGN
+    assert diagnose([nominal, result("target_ghost", False, 3.0), sign])[0].name == NOT_DRIVING
     assert diagnose([result("nominal", True, answers=False)])[0].name == NOT_ANSWERING
-    slower = result("radar_ghost_slower", True, 3.0)
-    blind = result("radar_ghost", True)
-    assert diagnose([nominal, blind, result("radar_ghost_receding", False), slower])[0].name == RATE_UNIT
+    slower = result("target_ghost_slower", True, 3.0)
+    blind = result("target_ghost", True)
+    assert diagnose([nominal, blind, result("target_ghost_receding", False), slower])[0].name == RATE_UNIT
     refused = replace(course(), answers=(), refused={"setpoint_lifetime": 40}, taken=0)
     assert diagnose([replace(nominal, drive=refused)])[0].name == REFUSED["setpoint_lifetime"]
     assert diagnose([result(name, False) for name in NAMES]) == ()
@@ -232,9 +232,9 @@ def test_cases_are_chosen_by_name_and_by_wire() -> None:
     assert [case.name for case in names] == ["nominal", "radar_gap"]
     with pytest.raises(ConfigError, match=r"--cases: 'radar_gab' is no case.*did you mean 'radar_gap'"):
         select_cases(["radar_gab"])
-    assert [case.name for case in select_cases(["radar_gap", "radar_ghost"], ["radar_gap"])] == [
+    assert [case.name for case in select_cases(["radar_gap", "target_ghost"], ["radar_gap"])] == [
         "nominal",
-        "radar_ghost",
+        "target_ghost",
     ]
     assert {case.name for case in CASES} - {case.name for case in select_cases([], ["nominal", "radar_gap"])} == {
         "radar_gap"

@@ -77,7 +77,7 @@ def test_a_brain_that_ignores_a_fault_never_passes(case, begins: int, lasts: int
     assert judge(case, timing.window, nominal, nominal, Rules(CertificateLimits(), SPEED)).verdict is CaseVerdict.FAILED
 
 
-@pytest.mark.parametrize("name", ["radar_gap", "radar_missing"])
+@pytest.mark.parametrize("name", ["radar_gap", "target_missing"])
 def test_a_short_fault_hits_a_car_that_moves_however_hard_the_brain_brakes(name: str) -> None:
     """At 9 m/s2 a car of 8 m/s stands in less than the second that the moment lies behind the onset."""
     whole = course(braking=9.0)
@@ -104,7 +104,7 @@ def test_without_a_moment_a_case_is_void() -> None:
 @pytest.mark.parametrize("curvature", [1.0 / 60.0, -1.0 / 60.0])
 def test_in_a_bend_the_other_side_of_the_axis_is_not_in_the_way(curvature: float) -> None:
     nominal = course(curvature=curvature)
-    timing = timing_of(CASE["radar_bend_in_way"], nominal, BUMPER)
+    timing = timing_of(CASE["target_bend_in_way"], nominal, BUMPER)
     assert timing.window is not None
     track = track_of(nominal)
     ahead = ghost_distance(SPEED) + BUMPER
@@ -117,7 +117,7 @@ def test_in_a_bend_the_other_side_of_the_axis_is_not_in_the_way(curvature: float
     assert 2.0 * abs(aside) >= 4.0
 
 
-@pytest.mark.parametrize("name", ["radar_bend_in_way", "radar_bend_mirrored"])
+@pytest.mark.parametrize("name", ["target_bend_in_way", "target_bend_mirrored"])
 def test_a_straight_way_and_one_that_hardly_bends_are_void(name: str) -> None:
     assert "no bend" in timing_of(CASE[name], course(), BUMPER).void
     assert "no bend" in timing_of(CASE[name], course(curvature=1e-3), BUMPER).void

@@ -9,8 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vve_sumo.certify.cases import CASES, STREET, Scene
-from vve_sumo.certify.phantoms import FIELD_OF_VIEW, DrivenTrack, MissedDetections, Phantom, Phantoms
+from vve_sumo.certify.cases import CASES, RADAR, Scene
+from vve_sumo.certify.phantoms import FIELD_OF_VIEW, Installation, MissedDetections, Phantom, Phantoms
+from vve_sumo.certify.track import DrivenTrack
+from vve_sumo.frames import local_frame
 from vve_sumo.values import Actors, Detections, Fix, FixQuality, Frame, Point, Pose
 from vve_sumo.wire import ars408, esr
 from vve_sumo.wire.datagrams import decode_radar
@@ -18,6 +20,8 @@ from vve_sumo.wire.outputs import KINDS, Context
 from vve_sumo.wire.sample import Sample, SampleContent, no_fix
 
 TICK, SPEED, BUMPER, AGE = 0.02, 9.0, 3.8, 0.04
+RADARS = (*RADAR, "osi_view")
+INSTALLATION = Installation(BUMPER, local_frame(math.radians(40.0), math.radians(-83.0)), {})
 CASE = {case.name: case for case in CASES}
 
 
@@ -72,7 +76,7 @@ def test_a_phantom_is_where_plane_geometry_says(
     curvature: float, ahead: float, aside: float, pace: float, after: float
 ) -> None:
     begins, speed = 2.0, pace * SPEED
-    fault = Phantoms(track(curvature), begins, BUMPER, [Phantom(ahead, aside, speed)])
+    fault = Phantoms(track(curvature), begins, INSTALLATION, [Phantom(ahead, aside, speed)])
     now = begins + after + AGE
     found = seen(fault.step(sample(now, curvature), True))
     along = SPEED * begins + BUMPER + ahead + speed * after
@@ -90,7 +94,7 @@ def test_a_phantom_is_where_plane_geometry_says(
 @pytest.mark.parametrize("curvature", [0.0, 0.015, -0.015])
 @pytest.mark.parametrize("pace", [0.0, 0.5, 2.0])
 def test_its_range_rate_is_the_rate_of_its_range(curvature: float, pace: float) -> None:
-    fault = Phantoms(track(curvature), 2.0, BUMPER, [Phantom(15.0, 1.0, pace * SPEED)])
+    fault = Phantoms(track(curvature), 2.0, INSTALLATION, [Phantom(15.0, 1.0, pace * SPEED)])
     before, now, later = (seen(fault.step(sample(2.3 + step, curvature), True))[0] for step in (-0.02, 0.0, 0.02))
     assert now[2] == pytest.approx((later[0] - before[0]) / 0.04, abs=0.03)
 
@@ -98,7 +102,7 @@ def test_its_range_rate_is_the_rate_of_its_range(curvature: float, pace: float) 
 @pytest.mark.parametrize("curvature", [0.015, -0.015])
 def test_the_mirror_image_has_the_other_azimuth_and_the_same_range(curvature: float) -> None:
     right, wrong = (
-        seen(Phantoms(track(curvature), 2.0, BUMPER, [Phantom(20.0, mirrored=mirrored)]).step(
+        seen(Phantoms(track(curvature), 2.0, INSTALLATION, [Phantom(20.0, mirrored=mirrored)]).step(
             sample(2.0 + AGE, curvature), True
         ))[0]
         for mirrored in (False, True)
@@ -153,21 +157,21 @@ def _left_in_osi(kind: str, portions: list[object]) -> list[float]:
     return [one.base.position.y for one in others]
 
 
-@pytest.mark.parametrize("kind", STREET)
+@pytest.mark.parametrize("kind", RADARS)
 @pytest.mark.parametrize("side", [2.6, -2.6])
 def test_a_target_lies_on_the_same_side_on_every_wire(kind: str, side: float) -> None:
     if kind.startswith("osi"):
         pytest.importorskip("osi3", reason="needs osi-python")
     from tests.certify.toy_street import PROJECTION, vehicle
 
-    fault = Phantoms(track(0.0), 0.0, BUMPER, [Phantom(15.0, side)])
+    fault = Phantoms(track(0.0), 0.0, INSTALLATION, [Phantom(15.0, side)])
     output = KINDS[kind].make(Context(vehicle(), PROJECTION))
     left = _left_by_layout(kind, list(output.step(fault.step(sample(AGE, 0.0), True))))
     assert left == [pytest.approx(side, abs=0.2)]
 
 
 def test_outside_of_its_window_and_without_a_scan_nothing_is_altered() -> None:
-    for fault in (Phantoms(track(0.0), 2.0, BUMPER, [Phantom(15.0)]), MissedDetections()):
+    for fault in (Phantoms(track(0.0), 2.0, INSTALLATION, [Phantom(15.0)]), MissedDetections(INSTALLATION)):
         healthy = sample(2.0, 0.0, ((20.0, 0.1, -9.0),))
         assert fault.step(healthy, False) is healthy
         invalid = Sample(1, 1000.0, 2.0, None)
@@ -176,18 +180,18 @@ def test_outside_of_its_window_and_without_a_scan_nothing_is_altered() -> None:
 
 def test_what_is_there_stays_beside_the_phantoms_and_goes_missing_alone() -> None:
     there = (20.0, 0.1, -9.0)
-    beside = Phantoms(track(0.0), 2.0, BUMPER, [Phantom(15.0)]).step(sample(2.0, 0.0, (there,)), True)
+    beside = Phantoms(track(0.0), 2.0, INSTALLATION, [Phantom(15.0)]).step(sample(2.0, 0.0, (there,)), True)
     assert seen(beside)[0] == there
     assert len(seen(beside)) == 2
-    missing = MissedDetections().step(sample(2.0, 0.0, (there,)), True)
+    missing = MissedDetections(INSTALLATION).step(sample(2.0, 0.0, (there,)), True)
     assert seen(missing) == []
     assert missing.radar_valid
 
 
 def test_rows_stand_on_both_sides_and_none_in_the_way() -> None:
-    case = CASE["radar_rows_beside"]
+    case = CASE["target_rows_beside"]
     assert case.make_scan_fault is not None
-    shown = case.make_scan_fault(Scene(track(0.0), 2.0, BUMPER, SPEED)).step(sample(2.0 + AGE, 0.0), True)
+    shown = case.make_scan_fault(Scene(track(0.0), 2.0, INSTALLATION, SPEED)).step(sample(2.0 + AGE, 0.0), True)
     aside = [far * math.sin(azimuth) for far, azimuth, _rate in seen(shown)]
     assert sorted({round(each, 1) for each in aside}) == [-2.6, 2.6]
     assert sum(each > 0.0 for each in aside) == sum(each < 0.0 for each in aside) >= 4

@@ -14,6 +14,7 @@ import pytest
 
 from tests.certify.courses import CASE
 from tests.certify.toy_street import RIGHT, certified
+from tests.exhaustive import with_slow
 from vve_sumo.certify import diagnosis
 from vve_sumo.certify.cases import CASES
 from vve_sumo.certify.diagnosis import diagnose
@@ -29,15 +30,15 @@ BUGS = {
     "ignores_sequence": (("radar_counter",), "does not check the sequence of the radar"),
     "ignores_delay": (("radar_delay",), "acts on radar that arrives late"),
     "drives_on_dead_gnss": (("gnss_drop_out", "gnss_freeze"), "drives on without GNSS"),
-    "swaps_range_rate": (("nominal", "radar_ghost", "radar_ghost_receding"), diagnosis.SIGN),
-    "range_rate_in_kmh": (("nominal", "radar_ghost", "radar_ghost_slower"), diagnosis.RATE_UNIT),
-    "mirrors_azimuth": (("radar_bend_in_way", "radar_bend_mirrored"), diagnosis.MIRRORED),
-    "azimuth_in_degrees": (("radar_rows_beside",), "unit of azimuth"),
+    "swaps_range_rate": (("nominal", "target_ghost", "target_ghost_receding"), diagnosis.SIGN),
+    "range_rate_in_kmh": (("nominal", "target_ghost", "target_ghost_slower"), diagnosis.RATE_UNIT),
+    "mirrors_azimuth": (("target_bend_in_way", "target_bend_mirrored"), diagnosis.MIRRORED),
+    "azimuth_in_degrees": (("target_rows_beside",), "unit of azimuth"),
     "steers_backwards": (("nominal",), diagnosis.STEERING_SIGN),
     "steers_in_degrees": (("nominal",), diagnosis.STEERING_SCALE),
     "accelerates_in_g": (("nominal",), diagnosis.ACCELERATION_SMALL),
     "accelerates_backwards": (("nominal",), diagnosis.ACCELERATION_SIGN),
-    "reacts_late": (("radar_ghost",), "reacts late to a target"),
+    "reacts_late": (("target_ghost",), "reacts late to a target"),
     "lives_too_long": (("nominal",), "lifetime of its setpoints"),
 }
 #: bugs of a brain that sees by the frames of a radar
@@ -76,9 +77,9 @@ def test_who_ignores_the_sequence_is_saved_from_a_frozen_radar_by_the_age_alone(
 @pytest.mark.parametrize("sense", ["esr", "ars408"])
 def test_who_reads_a_radars_angle_by_the_wrong_sign_is_named(sense: str) -> None:
     """An ESR's angle is right positive, an ARS408's lateral distance left positive: the slip of a reader."""
-    cases = [CASE["radar_bend_in_way"], CASE["radar_bend_mirrored"]]
+    cases = [CASE["target_bend_in_way"], CASE["target_bend_mirrored"]]
     results = certified("mirrors_azimuth", 1, sense, cases)
-    assert failed(results) == {"radar_bend_in_way", "radar_bend_mirrored"}
+    assert failed(results) == {"target_bend_in_way", "target_bend_mirrored"}
     assert "mirrored" in names(results)[0]
     assert "sign of azimuth" in names(results)[0]
 
@@ -86,14 +87,35 @@ def test_who_reads_a_radars_angle_by_the_wrong_sign_is_named(sense: str) -> None
 @pytest.mark.parametrize("sense", ["esr", "ars408"])
 def test_a_right_brain_on_a_radars_bus_passes_what_is_for_buses(sense: str) -> None:
     cases = [one for one in CASES if one.name.startswith("sensor_") or one.name.endswith("_error")]
-    cases += [CASE["radar_bend_in_way"], CASE["radar_bend_mirrored"]]
+    cases += [CASE["target_bend_in_way"], CASE["target_bend_mirrored"]]
     results = certified("stop_for_parked", 1, sense, cases)
+    assert [(one.case.name, one.why) for one in results if one.verdict in (CaseVerdict.FAILED, CaseVerdict.VOID)] == []
+
+
+#: sense: a case that is its own, and how a frozen, a late or a missing one ends
+OTHER_SENSES = {"mobileye": "camera_error", "vlp16": "lidar_delay", "v2x": "v2x_freeze"}
+
+
+@pytest.mark.parametrize("sense", with_slow(list(OTHER_SENSES), lambda sense: sense == "v2x"))
+def test_a_right_brain_by_another_sense_passes_and_one_that_mirrors_it_is_named(sense: str) -> None:
+    pytest.importorskip("asn1tools", reason="needs asn1tools")
+    right = certified("stop_for_parked", 1, sense, [CASE["target_bend_in_way"], CASE[OTHER_SENSES[sense]]])
+    assert [one.verdict for one in right] == [CaseVerdict.PASSED] * 3
+    mirroring = certified("mirrors_azimuth", 1, sense, [CASE["target_bend_in_way"], CASE["target_bend_mirrored"]])
+    assert failed(mirroring) == {"target_bend_in_way", "target_bend_mirrored"}
+    assert diagnosis.MIRRORED in names(mirroring)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sense", OTHER_SENSES)
+def test_a_right_brain_by_another_sense_passes_every_case(sense: str) -> None:
+    results = whole("stop_for_parked", 1, sense)
     assert [(one.case.name, one.why) for one in results if one.verdict in (CaseVerdict.FAILED, CaseVerdict.VOID)] == []
 
 
 @pytest.mark.parametrize("name", ["stanley_idm", "pursuit_headway"])
 def test_a_right_brain_by_a_public_law_passes_what_its_law_is_asked_by(name: str) -> None:
-    asked = ("radar_ghost", "radar_ghost_slower", "radar_bend_in_way", "radar_rows_beside", "gnss_drop_out")
+    asked = ("target_ghost", "target_ghost_slower", "target_bend_in_way", "target_rows_beside", "gnss_drop_out")
     results = certified(name, 1, cases=[CASE[case] for case in asked])
     assert [(one.case.name, one.why) for one in results if one.verdict is not CaseVerdict.PASSED] == []
 

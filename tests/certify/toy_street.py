@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from random import Random
 from types import SimpleNamespace
@@ -24,23 +24,32 @@ from vve_sumo.certify.judge import Rules, judge
 from vve_sumo.certify.limits import CertificateLimits
 from vve_sumo.certify.link import FaultLink, FaultyWire, Window
 from vve_sumo.certify.moments import speeds_at, timing_of, track_of
+from vve_sumo.certify.phantom_contents import LidarMount
+from vve_sumo.certify.phantoms import Installation
 from vve_sumo.certify.results import CaseDrive, CaseResult, CaseVerdict
 from vve_sumo.drive.brain import virtual_placement
 from vve_sumo.drive.resolved_scenario import load_vehicle_model
 from vve_sumo.frames import MapFrame, Mounting
-from vve_sumo.values import Actors, Detections, Fix, FixQuality, Point, Pose
+from vve_sumo.sensors.lidar_settings import LidarSettings
+from vve_sumo.sensors.port import configured
+from vve_sumo.sensors.street import Street
+from vve_sumo.values import Actors, CameraObjects, Detections, Fix, FixQuality, Point, PointCloud, Pose, Stations
 from vve_sumo.wire import ars408
-from vve_sumo.wire.outputs import KINDS, Context
+from vve_sumo.wire.outputs import KINDS, Context, OfOtherSensor
 from vve_sumo.wire.sample import Sample, SampleContent, virtual_fix
 from vve_sumo.wire.setpoints import SetpointInbox
+from vve_sumo.wire.vlp16 import turn_of
 
 sys.path.insert(0, str(REPOSITORY / "examples" / "brains"))
 
 import driving
 import planted_bug
+from camera import Camera
 from esr_radar import EsrRadar
+from lidar import Lidar
 from pursuit_headway import PursuitHeadway
 from stanley_idm import StanleyIdm
+from v2x_stations import V2xStations
 
 TICK, EPOCH, SPEED = 0.02, 1_451_260_818.0, 9.0
 BEFORE, RADIUS, TURN, BEHIND = 30.0, 70.0, math.radians(80.0), 110.0
@@ -78,13 +87,24 @@ def vehicle() -> Any:
 
 
 BUMPER = driving.BUMPER
+#: kind of wire: kind and name of the sensor that it is of, as shipped
+OTHER_SENSORS = {"mobileye": "camera", "vlp16": "lidar", "v2x": "v2x"}
+
+
+def _lidar() -> LidarMount:
+    own = LidarSettings().config()
+    return LidarMount(own.x, own.y, own.z, own.yaw, own.elevations)
+
+
+INSTALLATION = Installation(BUMPER, MapFrame(PROJECTION), {"lidar": _lidar()})
 
 
 class InProcess:
     """A brain as the link's other end: what the outlets send lies here until `receive` lets the brain answer."""
 
-    def __init__(self, answers: driving.Answers, radar: Any = None) -> None:
-        self._answers, self._fixes, self._radar = answers, driving.Fixes(), radar
+    def __init__(self, answers: driving.Answers, take: Callable[[str, Any], None] = lambda kind, portion: None) -> None:
+        """`take` is handed what comes on every other wire than those of the receiver and of the radar datagrams."""
+        self._answers, self._fixes, self._other = answers, driving.Fixes(), take
         self._heard: dict[str, list[Any]] = {}
         self.lost = False
 
@@ -96,8 +116,9 @@ class InProcess:
         """Return what the brain answers to what it heard."""
         for packet in self._take("ncom"):
             self._fixes.feed(packet)
-        if self._radar is not None:
-            self._radar.bus.extend([frame for kind in ("esr", "ars408") for frame in self._take(kind)])
+        for kind in self._heard.keys() - {"ncom", "radar"}:
+            for portion in self._take(kind):
+                self._other(kind, portion)
         answers = [self._answers.to(data, self._fixes.fix) for data in self._take("radar")]
         return [(0.0, data) for data in answers if data is not None]
 
@@ -160,22 +181,41 @@ RIGHT: Mapping[str, Callable[[list[tuple[float, float]], float], driving.Brain]]
 
 
 def in_process(name: str, sense: str = "radar") -> InProcess:
-    """Return a right brain, or one with a planted bug, that sees by the radar datagram, an ESR or an ARS408."""
+    """Return a right brain, or one with a planted bug, that sees by the radar datagram or by another kind of wire."""
     kind = RIGHT.get(name) or planted_bug.BUGS[name]
     brain = kind(list(waypoints()), SPEED)
     if sense == "radar":
         return InProcess(planted_bug.answers_of(name, brain))
+    look, take = _eyes(sense)
+    return InProcess(driving.Answers(brain, look), take)
+
+
+def _eyes(sense: str) -> tuple[Callable[[Fix, Any], driving.Scan | None], Callable[[str, Any], None]]:
+    """Return what a brain sees by, and what is handed the sense's frames or packets."""
+    if sense == "vlp16":
+        lidar = Lidar()
+        return lambda fix, _beat: lidar.scan(fix, _speed(fix)), lambda _kind, packet: lidar.take(packet)
+    if sense == "v2x":
+        stations, came = V2xStations(), list[bytes]()
+
+        def known(fix: Fix, _beat: object) -> driving.Scan:
+            for packet in came:
+                stations.take(packet, fix.time)
+            came.clear()
+            return stations.scan(fix, _speed(fix))
+
+        return known, lambda _kind, packet: came.append(packet)
     bus = Frames()
-    if sense == "ars408":
-        ars = ArsRadar(bus)
-        return InProcess(driving.Answers(brain, lambda fix, _beat: ars.scan(fix.time, _speed(fix))), ars)
-    radar = EsrRadar(bus)  # type: ignore[arg-type]
+    if sense == "esr":
+        radar = EsrRadar(bus)  # type: ignore[arg-type]
 
-    def look(fix: Fix, _beat: object) -> driving.Scan | None:
-        radar.listen(fix.time)
-        return radar.scan(fix.time, fix.time, _speed(fix))
+        def look(fix: Fix, _beat: object) -> driving.Scan | None:
+            radar.listen(fix.time)
+            return radar.scan(fix.time, fix.time, _speed(fix))
 
-    return InProcess(driving.Answers(brain, look), radar)
+        return look, lambda _kind, frame: bus.append(frame)
+    eye = ArsRadar(bus) if sense == "ars408" else Camera(bus)
+    return lambda fix, _beat: eye.scan(fix.time, _speed(fix)), lambda _kind, frame: bus.append(frame)
 
 
 def _speed(fix: Fix) -> float:
@@ -278,11 +318,13 @@ def drive(
     scene = None
     if case.make_scan_fault is not None and window is not None and nominal is not None:
         (speed,) = speeds_at(nominal, [window.begins]).tolist()
-        scene = Scene(track_of(nominal), window.begins, BUMPER, speed)
+        scene = Scene(track_of(nominal), window.begins, INSTALLATION, speed)
     context = Context(vehicle(), PROJECTION)
     wires = [
         FaultyWire(
-            KINDS[kind].make(context),
+            OfOtherSensor(KINDS[kind].make(context), OTHER_SENSORS[kind])
+            if kind in OTHER_SENSORS
+            else KINDS[kind].make(context),
             brain.outlet(kind),
             case.make_wire_fault(chance) if case.make_wire_fault and kind in case.wires else None,
             case.make_scan_fault(scene) if case.make_scan_fault and scene and kind in case.wires else None,
@@ -290,15 +332,21 @@ def drive(
         for kind in kinds
     ]
     link = FaultLink(wires, brain, window, lambda: True, timeout=0.0)  # type: ignore[arg-type]
-    return _Drive(link, seed).run()
+    return _Drive(link, seed, [kind for kind in kinds if kind in OTHER_SENSORS]).run()
 
 
 class _Drive:
-    def __init__(self, link: FaultLink, seed: int) -> None:
+    def __init__(self, link: FaultLink, seed: int, others: Sequence[str]) -> None:
         luck = Random(seed)
         self._link, self._inbox = link, SetpointInbox(EPOCH)
         self._car = Car(y=luck.gauss(0.0, 0.02), bias=luck.gauss(0.0, 0.002), speed=luck.uniform(3.0, 4.0))
         self._radar = Radar(luck)
+        street = Street(map_frame=MapFrame(PROJECTION))
+        self._others = {
+            kind: configured(OTHER_SENSORS[kind], {}).sensor_along(street, vehicle(), np.random.default_rng(seed))
+            for kind in others
+        }
+        self._turned = -math.inf
         self._placement = virtual_placement(MapFrame(PROJECTION), MOUNTING, EPOCH)
         self._rows: list[tuple[float, ...]] = []
 
@@ -331,11 +379,28 @@ class _Drive:
         )  # fmt: skip
         scan = self._radar.step(now, car)
         fix = virtual_fix(pose, self._placement, _newest(now))
-        sample = Sample(tick + 1, EPOCH + now, now, SampleContent(fix, pose, scan, now - scan.time, _actors(now)))
+        content = self._with_others(now, pose, SampleContent(fix, pose, scan, now - scan.time, _actors(now)))
+        sample = Sample(tick + 1, EPOCH + now, now, content)
         self._inbox.sample_sent(sample.sequence)
         self._link.send(sample)
         for received, data in self._link.receive(now, True):
             self._inbox.take(received, data)
+
+    def _with_others(self, now: float, pose: Pose, content: SampleContent) -> SampleContent:
+        """Return the content with what the shipped camera, lidar and V2X receiver say."""
+        for kind, sensor in self._others.items():
+            sensor.step(now, pose, content.actors)
+            if hasattr(sensor, "prepare"):
+                sensor.prepare()
+            output = sensor.output
+            if isinstance(output, CameraObjects):
+                content = replace(content, lists={OTHER_SENSORS[kind]: output})
+            elif isinstance(output, Stations):
+                content = replace(content, heard={OTHER_SENSORS[kind]: output})
+            elif isinstance(output, PointCloud) and output.time > self._turned:
+                self._turned = output.time
+                content = replace(content, turns={OTHER_SENSORS[kind]: turn_of(output)})
+        return content
 
     def _course(self, outcome: str, reasons: tuple[str, ...], contact: float, rested: bool) -> CaseDrive:
         time, speed, gap, x, y, heading, deviation = np.array(self._rows).T

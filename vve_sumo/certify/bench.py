@@ -17,6 +17,8 @@ from vve_sumo.certify.brain_process import BrainProcess
 from vve_sumo.certify.cases import CASE_BY_NAME, Case, Scene
 from vve_sumo.certify.link import FaultLink, FaultyWire, Window
 from vve_sumo.certify.moments import speeds_at, track_of
+from vve_sumo.certify.phantom_contents import LidarMount
+from vve_sumo.certify.phantoms import Installation
 from vve_sumo.certify.places import Place
 from vve_sumo.drive.brain import ExternalController
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
@@ -26,6 +28,7 @@ from vve_sumo.live.external_lockstep import external_controller_over, open_wires
 from vve_sumo.record.hashes import hash_file
 from vve_sumo.rig.load import load as load_rig
 from vve_sumo.rig.schema import Rig
+from vve_sumo.sensors.lidar_settings import LidarSettings
 from vve_sumo.sweep.job import Job, MetricValue
 
 #: a brain whose process is unknown counts as idle after this time [s]
@@ -139,7 +142,16 @@ def _link(
 def _scene(nominal: Path, window: Window, resolved: ResolvedScenario) -> Scene:
     drive = case_record.drive_of(nominal)
     (speed,) = speeds_at(drive, [window.begins]).tolist()
-    return Scene(track_of(drive), window.begins, bumper_of(resolved), speed)
+    return Scene(track_of(drive), window.begins, installation_of(resolved), speed)
+
+
+def installation_of(resolved: ResolvedScenario) -> Installation:
+    """Return where a scenario's sensors are."""
+    configs = {
+        name: settings.config() for name, settings in resolved.sensors().items() if isinstance(settings, LidarSettings)
+    }
+    mounts = {name: LidarMount(one.x, one.y, one.z, one.yaw, one.elevations) for name, one in configs.items()}
+    return Installation(bumper_of(resolved), resolved.map_frame, mounts)
 
 
 def bumper_of(resolved: ResolvedScenario) -> float:

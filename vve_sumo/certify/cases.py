@@ -12,18 +12,19 @@ from dataclasses import dataclass
 from random import Random
 from typing import Final, NamedTuple
 
-from vve_sumo.certify.phantoms import DrivenTrack, MissedDetections, Phantom, Phantoms, ScanFault
+from vve_sumo.certify.phantoms import Installation, MissedDetections, Phantom, Phantoms, ScanFault
+from vve_sumo.certify.track import DrivenTrack
 from vve_sumo.errors import ConfigError, did_you_mean
-from vve_sumo.wire import ars408, esr, faults
+from vve_sumo.wire import ars408, esr, faults, mobileye
 from vve_sumo.wire.faults import WireFault
 
 #: kinds of wires by the sensor that they carry
 GNSS: Final = ("ncom", "nmea")
 RADAR: Final = ("radar", "esr", "ars408", "osi_data")
-#: kinds with data on road users, except the radar datagram, which every setpoint answers
-SENSORS: Final = ("esr", "ars408", "osi_data", "osi_view")
-#: kinds with data on road users
-STREET: Final = (*RADAR, "osi_view")
+#: kinds with data on road users that never fall silent, except the radar datagram, which every setpoint answers
+SENSORS: Final = ("esr", "ars408", "osi_data", "osi_view", "mobileye", "vlp16")
+#: kinds with data on road users; a V2X receiver that hears nobody is silent
+STREET: Final = ("radar", *SENSORS, "v2x")
 
 
 class FaultMoment(enum.StrEnum):
@@ -75,7 +76,7 @@ class Scene(NamedTuple):
 
     track: DrivenTrack  #: of the nominal drive
     begins: float  #: begin of the fault [s of drive time]
-    bumper: float  #: from the rear axle to the front bumper [m]
+    installation: Installation
     speed: float  #: of the nominal drive then [m/s]
 
 
@@ -113,7 +114,7 @@ def _edited(edit: faults.RadarEdit) -> Callable[[Random], WireFault]:
 
 
 def _showing(*phantoms: Callable[[Scene], Phantom]) -> Callable[[Scene], ScanFault]:
-    return lambda scene: Phantoms(scene.track, scene.begins, scene.bumper, [one(scene) for one in phantoms])
+    return lambda scene: Phantoms(scene.track, scene.begins, scene.installation, [one(scene) for one in phantoms])
 
 
 def _ghost(pace: float = 0.0, mirrored: bool = False) -> Callable[[Scene], ScanFault]:
@@ -132,7 +133,7 @@ def _parked_rows(scene: Scene) -> ScanFault:
     phantoms = [
         Phantom(float(ahead), side) for ahead in range(6, 36, 6) for side in (-NEXT_LANE_OFFSET, NEXT_LANE_OFFSET)
     ]
-    return Phantoms(scene.track, scene.begins, scene.bumper, phantoms)
+    return Phantoms(scene.track, scene.begins, scene.installation, phantoms)
 
 
 _TO_END: Final = (FaultMoment.APPROACH, math.inf)
@@ -209,61 +210,62 @@ CASES: Final[tuple[Case, ...]] = (
         "Four of five messages are good, and no gap is longer than the lifetime.",
     ),
     _shown(
-        "radar_ghost", "a target stands on the path for 1 s; stopping 5 m before it takes 2.5 m/s²", _ghost(),
+        "target_ghost", "a target stands on the path for 1 s; stopping 5 m before it takes 2.5 m/s²", _ghost(),
         (FaultMoment.CRUISE, 1.0), (Reaction.BRAKE, 0.4),
         "The brain cannot tell a ghost target from a car. At 11.2 m/s it is 30 m away; 0.4 s later it takes 3.1 m/s².",
     ),
     _shown(
-        "radar_ghost_receding", "a target at the same distance drives away twice as fast as the car, for 1 s",
+        "target_ghost_receding", "a target at the same distance drives away twice as fast as the car, for 1 s",
         _ghost(2.0), (FaultMoment.CRUISE, 1.0), (Reaction.IGNORE, _NO_TIME),
         "Its range rate is positive: the distance grows, so braking is not needed.",
     ),
     _shown(
-        "radar_ghost_slower", "a target at the same distance drives ahead at 0.72 of the car's speed, for 1 s",
+        "target_ghost_slower", "a target at the same distance drives ahead at 0.72 of the car's speed, for 1 s",
         _ghost(SLOWER), (FaultMoment.CRUISE, 1.0), (Reaction.EASE, _NO_TIME),
         "At 11.2 m/s it approaches at 3.1 m/s: keeping 5 m takes 0.2 m/s². Hard braking risks a rear-end collision.",
     ),
     _shown(
-        "radar_bend_in_way", "in a bend, a target stands on the path for 1 s; to stop 5 m before it takes 2.5 m/s²",
+        "target_bend_in_way", "in a bend, a target stands on the path for 1 s; to stop 5 m before it takes 2.5 m/s²",
         _ghost(), (FaultMoment.BEND, 1.0), (Reaction.BRAKE, 0.4),
         "As the ghost on the straight. It lies on the side of the car's axis to which the path bends: with the wrong "
         "sign of the azimuth it seems to be beside the path.",
     ),
     _shown(
-        "radar_bend_mirrored", "in a bend, a target stands at the mirror image of that place, for 1 s",
+        "target_bend_mirrored", "in a bend, a target stands at the mirror image of that place, for 1 s",
         _ghost(mirrored=True), (FaultMoment.BEND, 1.0), (Reaction.IGNORE, _NO_TIME),
         "It stands 4 m or more beside the path: it seems to be on the path only with the wrong sign of the azimuth.",
     ),
     _shown(
-        "radar_rows_beside", "parked cars stand on both sides of the path, 2.6 m from it, for 2 s", _parked_rows,
+        "target_rows_beside", "parked cars stand on both sides of the path, 2.6 m from it, for 2 s", _parked_rows,
         (FaultMoment.CRUISE, 2.0), (Reaction.IGNORE, _NO_TIME),
         "A street is lined with parked cars. A brain that takes degrees for radians, or the "
         "nearest target at any azimuth, brakes for them.",
     ),
     _shown(
-        "radar_passing_left", "a car passes on the left at 1.5 times the car's speed, 2.6 m from the path, for 2 s",
+        "target_passing_left", "a car passes on the left at 1.5 times the car's speed, 2.6 m from the path, for 2 s",
         _passing(NEXT_LANE_OFFSET, 1.0, 1.5), (FaultMoment.CRUISE, 2.0), (Reaction.IGNORE, _NO_TIME),
         "It is in the next lane and drives away.",
     ),
     _shown(
-        "radar_passing_right", "a car at half the car's speed is passed on the right, 2.6 m from the path, for 2 s",
+        "target_passing_right", "a car at half the car's speed is passed on the right, 2.6 m from the path, for 2 s",
         _passing(-NEXT_LANE_OFFSET, 12.0, 0.5), (FaultMoment.CRUISE, 2.0), (Reaction.IGNORE, _NO_TIME),
         "It stays in the next lane: that the distance shrinks requires no braking.",
     ),
     _shown(
-        "radar_missing", "every target is missing from valid scans for 0.5 s", lambda _scene: MissedDetections(),
+        "target_missing", "every target is missing from what the sensors say for 0.5 s",
+        lambda scene: MissedDetections(scene.installation),
         (FaultMoment.BRAKING, 0.5), (Reaction.HOLD, _NO_TIME),
-        "Radars lose targets for some scans. Half a second with 2 m/s² less of braking costs less than 1 m in the end.",
+        "Sensors lose targets for some scans. 2 m/s² less of braking for half a second costs less than 1 m in the end.",
     ),
     _case(
         "sensor_drop_out", "nothing arrives from the sensor any more; the radar datagrams arrive", SENSORS,
         lambda _: faults.DropOut(), _TO_END, (Reaction.STOP, 0.5),
-        "A dead bus is silent. An ARS408 sends every 75 ms: after six cycles without one it is dead.",
+        "A dead bus is silent. The slowest, a lidar or a camera of 10 Hz, is dead after five cycles without one.",
     ),
     _case(
         "sensor_freeze", "the sensor's last cycle arrives again and again; the radar datagrams arrive", SENSORS,
         lambda _: faults.Freeze(), _TO_END, (Reaction.STOP, 0.5),
-        "Scan index, measurement counter or time of measurement freeze: as a drop-out.",
+        "Scan index, measurement counter, time stamp or time of measurement freeze: as a drop-out.",
     ),
     _case(
         "esr_error", "the ESR reports an internal error, while its tracks look good", ("esr",),
@@ -274,6 +276,31 @@ CASES: Final[tuple[Case, ...]] = (
         "ars408_error", "the ARS408 reports a persistent error, while its objects look good", ("ars408",),
         lambda _: faults.Rewritten(ars408.with_persistent_error), _TO_END, (Reaction.STOP, 0.5),
         "A radar that reports an error gives no valid object.",
+    ),
+    _case(
+        "camera_error", "the camera reports that it has failed, while its obstacles look good", ("mobileye",),
+        lambda _: faults.Rewritten(mobileye.with_failure), _TO_END, (Reaction.STOP, 0.5),
+        "A camera that reports a failure lists no valid obstacle.",
+    ),
+    _case(
+        "camera_delay", "the camera's list arrives 0.1 s late", ("mobileye",), lambda _: faults.Delay(0.1),
+        _TO_END, (Reaction.HOLD, _NO_TIME),
+        "A list does not say when its picture was taken: a brain has to leave room for it. 0.1 s is 1.1 m at 11.2 m/s.",
+    ),
+    _case(
+        "lidar_delay", "the lidar's packets arrive 0.5 s late", ("vlp16",), lambda _: faults.Delay(0.5),
+        _TO_END, (Reaction.STOP, 0.7),
+        "A packet carries its time. For 0.5 s nothing arrives, then returns that are 5.6 m too far at 11.2 m/s.",
+    ),
+    _case(
+        "v2x_delay", "the messages of other stations arrive 1 s late", ("v2x",), lambda _: faults.Delay(1.0),
+        _TO_END, (Reaction.HOLD, _NO_TIME),
+        "A message carries its time and its sender's place on the map: who stands is where the message says.",
+    ),
+    _case(
+        "v2x_freeze", "the last messages of other stations arrive again and again", ("v2x",), lambda _: faults.Freeze(),
+        _TO_END, (Reaction.HOLD, _NO_TIME),
+        "No message says that a station has left: the brain may drive by its last place or stop, but not forget it.",
     ),
     _case(
         "radar_counter", "the sequence does not count while the rest of the datagram is new", ("radar",),

@@ -81,24 +81,29 @@ RULES: Final = (
     Rule("radar_gap", "does not tolerate a gap of two ticks in the radar"),
     Rule("radar_bit_flips_some", "does not tolerate single lost radar messages", ("radar_gap",)),
     Rule("radar_delay_short", "does not compensate the radar's age", ("radar_ageing",)),
-    Rule("radar_ghost", "does not brake for a standing target on its path", (), "reacts late to a target"),
-    Rule("radar_ghost_receding", "brakes for a target that drives away"),
-    Rule("radar_ghost_slower", "brakes hard for a target that approaches slowly: unit of range rate?"),
+    Rule("target_ghost", "does not brake for a standing target on its path", (), "reacts late to a target"),
+    Rule("target_ghost_receding", "brakes for a target that drives away"),
+    Rule("target_ghost_slower", "brakes hard for a target that approaches slowly: unit of range rate?"),
     Rule(
-        "radar_bend_in_way",
+        "target_bend_in_way",
         "does not brake for a target in a bend: azimuth mirrored, or path assumed straight",
-        ("radar_ghost", "radar_bend_mirrored", "radar_rows_beside"),
+        ("target_ghost", "target_bend_mirrored", "target_rows_beside"),
         "reacts late to a target in a bend",
     ),
-    Rule("radar_bend_mirrored", MIRRORED),
-    Rule("radar_rows_beside", "brakes for targets beside its path: unit of azimuth?", ("radar_bend_mirrored",)),
-    Rule("radar_passing_left", "brakes for a car that passes on the left"),
-    Rule("radar_passing_right", "brakes for a car that it passes on the right", ("radar_rows_beside",)),
-    Rule("radar_missing", "does not bridge targets that the radar misses for half a second"),
+    Rule("target_bend_mirrored", MIRRORED),
+    Rule("target_rows_beside", "brakes for targets beside its path: unit of azimuth?", ("target_bend_mirrored",)),
+    Rule("target_passing_left", "brakes for a car that passes on the left"),
+    Rule("target_passing_right", "brakes for a car that it passes on the right", ("target_rows_beside",)),
+    Rule("target_missing", "does not bridge targets that its sensors miss for half a second"),
     Rule("sensor_drop_out", "drives on without its sensor"),
     Rule("sensor_freeze", "does not check whether its sensor's scans are new", ("sensor_drop_out",)),
     Rule("esr_error", "acts on an ESR that reports an error", ("sensor_drop_out",)),
     Rule("ars408_error", "acts on an ARS408 that reports an error", ("sensor_drop_out",)),
+    Rule("camera_error", "acts on a camera that reports a failure", ("sensor_drop_out",)),
+    Rule("camera_delay", "leaves no room for the camera's latency"),
+    Rule("lidar_delay", "does not check the time of the lidar's packets", ("sensor_drop_out", "sensor_freeze")),
+    Rule("v2x_delay", "does not know stations whose messages come late"),
+    Rule("v2x_freeze", "forgets stations that say nothing new", ("v2x_delay",)),
     Rule("gnss_drop_out", "drives on without GNSS"),
     Rule("gnss_freeze", "does not check the time of the GNSS", ("gnss_drop_out",)),
     Rule("gnss_delay", "acts on GNSS that arrives late", ("gnss_drop_out", "gnss_freeze")),
@@ -146,11 +151,11 @@ def _of_failed_nominal(driven: Sequence[CaseResult]) -> tuple[Defect, ...]:
     for applies, text in NOMINAL_RULES:
         if all(map(applies, nominal)):
             return (Defect(text, ("nominal",)),)
-    standing, receding = (_braked(driven, name) for name in ("radar_ghost", "radar_ghost_receding"))
+    standing, receding = (_braked(driven, name) for name in ("target_ghost", "target_ghost_receding"))
     if receding and not standing:
-        return (Defect(SIGN, ("nominal", "radar_ghost", "radar_ghost_receding")),)
-    if _braked(driven, "radar_ghost_slower", -HARD_BRAKING) and not standing:
-        return (Defect(RATE_UNIT, ("nominal", "radar_ghost", "radar_ghost_slower")),)
+        return (Defect(SIGN, ("nominal", "target_ghost", "target_ghost_receding")),)
+    if _braked(driven, "target_ghost_slower", -HARD_BRAKING) and not standing:
+        return (Defect(RATE_UNIT, ("nominal", "target_ghost", "target_ghost_slower")),)
     return (Defect(NOT_DRIVING, ("nominal",)),)
 
 

@@ -16,8 +16,9 @@ import numpy as np
 
 from vve_sumo.certify.cases import LEADS, SAFE_DEMAND, UNBRAKED, Case, FaultMoment, ghost_distance
 from vve_sumo.certify.link import Window
-from vve_sumo.certify.phantoms import FIELD_OF_VIEW, DrivenTrack
+from vve_sumo.certify.phantoms import FIELD_OF_VIEW
 from vve_sumo.certify.results import CaseDrive
+from vve_sumo.certify.track import DrivenTrack
 from vve_sumo.timing import PERIOD
 
 #: below this speed the car counts as standing [m/s]

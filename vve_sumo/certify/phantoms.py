@@ -1,29 +1,41 @@
 """False targets and missed detections of the sensors: a sample in, an altered sample out, before any wire encodes it.
 
-Every kind of wire encodes the same altered sample, so a phantom lies on the same side on all of them. Phantoms lie
-along the track of the nominal drive, so that they are on the path where the brain itself drives. This module must not
-know wires, nor the reaction that a phantom requires.
+Every kind of wire encodes the same altered sample, so a phantom lies on the same side on all of them, and all senses
+see it at one place. Phantoms lie along the track of the nominal drive, so that they are on the path where the brain
+itself drives. This module must not know wires, nor the reaction that a phantom requires.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 
-from vve_sumo.body_kinds import TYPICAL, number_of
-from vve_sumo.values import Actors, Detections, Floats, Pose
-from vve_sumo.wire.sample import Sample, SampleContent
+from vve_sumo.body_kinds import number_of
+from vve_sumo.certify import phantom_contents as contents
+from vve_sumo.certify.phantom_contents import HEIGHT, LENGTH, WIDTH, LidarMount, PhantomBody
+from vve_sumo.certify.track import DrivenTrack, TrackPlace, earlier_pose
+from vve_sumo.frames import MapFrame
+from vve_sumo.values import Actors, CameraObjects, Detections, Pose, Stations
+from vve_sumo.wire.sample import MAX_SCAN_AGE, Sample, SampleContent
 
 #: half of the azimuth range of phantoms [rad]: an ESR's medium range has 45 degrees
 FIELD_OF_VIEW: Final = math.radians(45.0)
 #: least and largest range of phantoms [m]: within an ESR's medium range
 MIN_RANGE, MAX_RANGE = 0.5, 60.0
-#: box of a phantom for sensors that report boxes: a car [m], and its radar cross section [m2]
-_LENGTH, _WIDTH, _CROSS_SECTION = 4.6, 1.8, 10.0
+#: of a phantom [m2]
+_CROSS_SECTION: Final = 10.0
+
+
+class Installation(NamedTuple):
+    """Where a car's sensors are, and the map that they are on."""
+
+    bumper: float  #: from the rear axle to the front bumper [m]
+    frame: MapFrame  #: of the virtual road's map
+    lidars: Mapping[str, LidarMount]  #: by the sensor's name
 
 
 class ScanFault(Protocol):
@@ -32,50 +44,6 @@ class ScanFault(Protocol):
     def step(self, sample: Sample, active: bool) -> Sample:
         """Return the faulty sample in place of `sample`; `sample` itself where not `active`."""
         ...
-
-
-class TrackPlace(NamedTuple):
-    """A pose on a track."""
-
-    x: float  #: map [m]
-    y: float  #: map [m]
-    heading: float  #: of the track [rad]
-
-
-class DrivenTrack:
-    """The track of a drive's rear axle by the distance driven; straight beyond its end."""
-
-    def __init__(self, time: Floats, x: Floats, y: Floats, heading: Floats) -> None:
-        """Columns of the true pose, a row a tick: drive time [s], map [m], [rad]; rows that are NaN are left out."""
-        known = np.isfinite(x) & np.isfinite(y) & np.isfinite(heading)
-        self._time, self._x, self._y = time[known], x[known], y[known]
-        self._heading = np.unwrap(heading[known])
-        steps = np.hypot(np.diff(self._x), np.diff(self._y))
-        self._driven = np.concatenate([[0.0], np.cumsum(steps)])[: len(self._x)]
-
-    def driven(self, time: float) -> float:
-        """Return the distance driven by a drive time [m]."""
-        return float(np.interp(time, self._time, self._driven))
-
-    def place(self, driven: float, offset: float = 0.0) -> TrackPlace:
-        """Return the pose at a distance driven [m], with a lateral `offset` from the track [m], left positive."""
-        end = float(self._driven[-1])
-        within = min(max(driven, 0.0), end)
-        x, y, heading = (float(np.interp(within, self._driven, row)) for row in (self._x, self._y, self._heading))
-        beyond = driven - within
-        cos, sin = math.cos(heading), math.sin(heading)
-        return TrackPlace(x + beyond * cos - offset * sin, y + beyond * sin + offset * cos, heading)
-
-    def position_ahead(self, driven: float, ahead: float) -> tuple[float, float]:
-        """Return the point `ahead` [m] along the track in the car's axes: forward, left [m]."""
-        here, target = self.place(driven), self.place(driven + ahead)
-        dx, dy = target.x - here.x, target.y - here.y
-        cos, sin = math.cos(here.heading), math.sin(here.heading)
-        return cos * dx + sin * dy, cos * dy - sin * dx
-
-    def curvature(self, driven: float) -> float:
-        """Return the curvature of the track at a distance driven, over a metre on either side [1/m], left positive."""
-        return 0.5 * (self.place(driven + 1.0).heading - self.place(driven - 1.0).heading)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,35 +67,67 @@ class PhantomDetection(NamedTuple):
 class Phantoms:
     """A fault that adds phantoms to the true targets."""
 
-    def __init__(self, track: DrivenTrack, begins: float, bumper: float, phantoms: Sequence[Phantom]) -> None:
-        """`begins`: time of the phantoms' positions [s]; `bumper`: from the rear axle to the front bumper [m]."""
-        self._track, self._begins, self._bumper = track, begins, bumper
-        self._driven = track.driven(begins)
+    def __init__(
+        self, track: DrivenTrack, begins: float, installation: Installation, phantoms: Sequence[Phantom]
+    ) -> None:
+        """`begins`: time of the phantoms' positions [s]."""
+        self._track, self._begins, self._installed = track, begins, installation
+        self._bumper, self._driven = installation.bumper, track.driven(begins)
         self._phantoms = tuple(phantoms)
 
     def step(self, sample: Sample, active: bool) -> Sample:
-        """Return the sample with the phantoms among its detections and actors."""
-        measured = sample.measured
-        if not active or measured is None or not sample.radar_valid:
+        """Return the sample with the phantoms among what every sensor says, and among its actors."""
+        measured, now = sample.measured, sample.drive_time
+        if not active or measured is None:
             return sample
-        return replace(sample, measured=self._with_phantoms(measured))
 
-    def _with_phantoms(self, measured: SampleContent) -> SampleContent:
-        scan = measured.scan
-        pose = _earlier(measured.pose, measured.scan_age)
+        def pose_at(time: float) -> Pose:
+            return earlier_pose(measured.pose, now - time)
+
+        return replace(sample, measured=self._with_phantoms(measured, now, pose_at))
+
+    def _with_phantoms(self, measured: SampleContent, now: float, pose_at: Callable[[float], Pose]) -> SampleContent:
+        def scanned(scan: Detections) -> Detections:
+            return self._scanned(scan, pose_at(scan.time)) if now - scan.time <= MAX_SCAN_AGE else scan
+
+        def listed(objects: CameraObjects) -> CameraObjects:
+            bodies = self._bodies(objects.time)
+            return contents.with_listed(objects, bodies, pose_at(objects.time), self._bumper)
+
+        def heard(stations: Stations) -> Stations:
+            car, frame = (measured.pose, self._bumper), self._installed.frame
+            return contents.with_stations(stations, self._bodies, self._begins, now, *car, frame)
+
+        turns = {
+            name: contents.with_returns(turn, self._bodies(turn.time), measured.pose, now, self._installed.lidars[name])
+            for name, turn in measured.turns.items()
+        }
+        return replace(
+            measured,
+            scan=scanned(measured.scan),
+            others={name: scanned(scan) for name, scan in measured.others.items()},
+            actors=self._actors(measured.actors),
+            turns=turns,
+            lists={name: listed(one) if math.isfinite(one.time) else one for name, one in measured.lists.items()},
+            heard={name: heard(one) for name, one in measured.heard.items()},
+        )
+
+    def _bodies(self, time: float) -> list[PhantomBody]:
+        return [PhantomBody(self._place(phantom, time), phantom.speed) for phantom in self._phantoms]
+
+    def _scanned(self, scan: Detections, pose: Pose) -> Detections:
         visible = [
             detection
             for detection in (self._detection(phantom, pose, scan.time) for phantom in self._phantoms)
             if _visible(detection)
         ]
-        shown = Detections(
+        return Detections(
             time=scan.time,
             range=np.concatenate([scan.range, [detection.range for detection in visible]]),
             azimuth=np.concatenate([scan.azimuth, [detection.azimuth for detection in visible]]),
             range_rate=np.concatenate([scan.range_rate, [detection.range_rate for detection in visible]]),
             mode=np.concatenate([scan.mode, np.zeros(len(visible), np.int8)]),
         )
-        return replace(measured, scan=shown, actors=self._actors(measured.actors))
 
     def _detection(self, phantom: Phantom, pose: Pose, time: float) -> PhantomDetection:
         place = self._place(phantom, time)
@@ -153,17 +153,17 @@ class Phantoms:
     def _actors(self, actors: Actors) -> Actors:
         """Return the actors with the phantoms' boxes, whose nearest side is the radar's target."""
         places = [self._place(phantom, actors.time) for phantom in self._phantoms]
-        half = 0.5 * _LENGTH
+        half = 0.5 * LENGTH
         rows = {
             "x": [place.x + half * math.cos(place.heading) for place in places],
             "y": [place.y + half * math.sin(place.heading) for place in places],
             "heading": [place.heading for place in places],
             "speed": [phantom.speed for phantom in self._phantoms],
-            "length": [_LENGTH for _ in places],
-            "width": [_WIDTH for _ in places],
+            "length": [LENGTH for _ in places],
+            "width": [WIDTH for _ in places],
             "radar_cross_section": [_CROSS_SECTION for _ in places],
             "lateral_speed": [0.0 for _ in places],
-            "height": [TYPICAL["car"].height for _ in places],
+            "height": [HEIGHT for _ in places],
         }
         columns = {name: np.concatenate([getattr(actors, name), row]) for name, row in rows.items()}
         kind = np.concatenate([actors.kind, np.full(len(places), number_of("car"), np.int8)])
@@ -172,27 +172,37 @@ class Phantoms:
 
 
 class MissedDetections:
-    """A fault that removes all detections from valid scans."""
+    """A fault that takes everything but the road out of what every sensor says, which stays valid."""
+
+    def __init__(self, installation: Installation) -> None:
+        """Take where the lidars are: height tells a body from the road."""
+        self._lidars = installation.lidars
 
     def step(self, sample: Sample, active: bool) -> Sample:
-        """Return the sample without its detections."""
+        """Return the sample without its detections, objects, stations and returns from bodies."""
         measured = sample.measured
         if not active or measured is None:
             return sample
-        scan = Detections(measured.scan.time, np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, np.int8))
-        return replace(sample, measured=replace(measured, scan=scan))
+        turns = {name: contents.without_bodies(turn, self._lidars[name]) for name, turn in measured.turns.items()}
+        return replace(
+            sample,
+            measured=replace(
+                measured,
+                scan=_emptied(measured.scan),
+                others={name: _emptied(scan) for name, scan in measured.others.items()},
+                turns=turns,
+                lists={name: contents.without_rows(one) for name, one in measured.lists.items()},
+                heard={name: contents.without_rows(one) for name, one in measured.heard.items()},
+            ),
+        )
+
+
+def _emptied(scan: Detections) -> Detections:
+    return Detections(scan.time, np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, np.int8))
 
 
 def _visible(detection: PhantomDetection) -> bool:
     return abs(detection.azimuth) <= FIELD_OF_VIEW and MIN_RANGE <= detection.range <= MAX_RANGE
-
-
-def _earlier(pose: Pose, age: float) -> Pose:
-    """Return the pose `age` [s] earlier, at constant speed and yaw rate."""
-    heading = pose.heading - pose.yaw_rate * age
-    middle = pose.heading - 0.5 * pose.yaw_rate * age
-    x, y = pose.x - pose.speed * age * math.cos(middle), pose.y - pose.speed * age * math.sin(middle)
-    return replace(pose, x=x, y=y, heading=heading)
 
 
 def _reflected(place: TrackPlace, axis: TrackPlace) -> TrackPlace:

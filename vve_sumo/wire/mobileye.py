@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 from enum import IntEnum
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -121,6 +121,50 @@ class MobileyeEncoder:
         )
         c = _C.encode(ANGLE=math.degrees(math.atan2(y, max(x, 1e-3))))
         return Frame(OBSTACLE_A + shift, a), Frame(OBSTACLE_B + shift, b), Frame(OBSTACLE_C + shift, c)
+
+
+class CameraStatus(NamedTuple):
+    """What the status frame says, with which a list begins."""
+
+    obstacles: int  #: in the list
+    stamp: int  #: of the list, milliseconds modulo 256
+    failed: bool
+
+
+class Obstacle(NamedTuple):
+    """What an obstacle's first frame says."""
+
+    number: int  #: kept while it is followed
+    x: float  #: ahead of the front bumper [m]
+    y: float  #: left of the car's axis [m]
+    relative_speed: float  #: along the car's axis [m/s], opening positive
+    kind: int  #: `ObstacleType`
+    status: int  #: `ObstacleStatus`
+
+
+def decode_status(frame: Frame) -> CameraStatus:
+    """Return what a frame with the identifier STATUS says; raises ValueError for another one."""
+    if frame.id != STATUS:
+        raise ValueError(f"expected a frame with identifier {STATUS:#x}, got {frame.id:#x}")
+    read = _STATUS.decode(frame.data)
+    return CameraStatus(int(read["NUMBER_OF_OBSTACLES"]), int(read["TIMESTAMP"]), read["FAILSAFE"] != 0.0)
+
+
+def decode_obstacle(frame: Frame) -> Obstacle | None:
+    """Return what the first of an obstacle's frames says; None for another frame, and for one that is not valid."""
+    place, rest = divmod(frame.id - OBSTACLE_A, STEP)
+    if rest or not 0 <= place < MAX_OBSTACLES or len(frame.data) != 8:
+        return None
+    read = _A.decode(frame.data)
+    if not read["VALID"]:
+        return None
+    where = read["POSITION_X"], read["POSITION_Y"], read["RELATIVE_SPEED"]
+    return Obstacle(int(read["ID"]), *where, int(read["TYPE"]), int(read["STATUS"]))
+
+
+def with_failure(frame: Frame) -> Frame:
+    """Return a frame of which the status says that the camera has failed; every other one is left as it is."""
+    return frame._replace(data=_STATUS.altered(frame.data, FAILSAFE=FAILED)) if frame.id == STATUS else frame
 
 
 def _lane(listed: CameraObjects, row: int) -> Lane:
