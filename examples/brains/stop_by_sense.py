@@ -4,8 +4,8 @@
         [--gnss PORT] [--radar PORT] [--setpoints PORT] [--key FILE]
 
 It drives as stop_for_parked.py beside it. Of the radar datagram it reads the sequence alone, for a setpoint names the
-datagram that it answers. The wires are a rig's `mobileye`, `vlp16` and `v2x`; the rig names this wire's output before
-that of the radar datagram, so that what came with a datagram was sent before it. V2X needs asn1tools.
+datagram that it answers. The wires are a rig's `mobileye`, `vlp16` and `v2x`; what is sent after a datagram of the same
+tick counts at the next one. V2X needs asn1tools.
 """
 
 from __future__ import annotations

@@ -29,6 +29,8 @@ class Reference(NamedTuple):
     program: str
     option: str = ""  #: of the program, for the wire
     output: str = ""  #: of the rig, for the wire
+    sensor: str = ""  #: kind of a further sensor of the scenario, for the wire
+    settings: str = ""  #: of that sensor
 
 
 BRAINS = (
@@ -36,12 +38,21 @@ BRAINS = (
     Reference("stop_by_esr.py", "--esr slcan:{folder}/esr.pty",
               'kind = "esr"\ninterface = "slcan"\nchannel = "pty:{folder}/esr.pty"\nhost = "bus"'),
     Reference("stop_by_osi.py", "--osi {port}", 'kind = "osi_data"\nudp = "127.0.0.1:{port}"'),
+    Reference("stop_by_sense.py", "--camera slcan:{folder}/camera.pty",
+              'kind = "mobileye"\nsensor = "other"\ninterface = "slcan"\nchannel = "pty:{folder}/camera.pty"',
+              "camera"),
+    Reference("stop_by_sense.py", "--lidar {port}",
+              'kind = "vlp16"\nsensor = "other"\nudp = "127.0.0.1:{port}"', "lidar"),
+    Reference("stop_by_sense.py", "--v2x {port}", 'kind = "v2x"\nsensor = "other"\nudp = "127.0.0.1:{port}"', "v2x",
+              "settings = { position_sigma_m = 0.0 }\n"),
 )  # fmt: skip
 
 
 @pytest.mark.parametrize("seed", with_slow([1, 2, 3], lambda seed: seed == 1))
 @pytest.mark.parametrize(
-    "brain", with_slow(BRAINS, lambda brain: brain.program == "stop_by_esr.py"), ids=lambda brain: brain.program
+    "brain",
+    with_slow(BRAINS, lambda brain: brain.program == "stop_by_esr.py"),
+    ids=lambda brain: f"{brain.program} {brain.sensor}".strip(),
 )
 def test_it_stops_before_the_parked_car(brain: Reference, seed: int, tmp_path: Path) -> None:
     if "osi" in brain.program and importlib.util.find_spec("osi3") is None:
@@ -50,6 +61,8 @@ def test_it_stops_before_the_parked_car(brain: Reference, seed: int, tmp_path: P
     for old, new in SHORTER.items():
         assert old in scenario
         scenario = scenario.replace(old, new)
+    if brain.sensor:
+        scenario += f'\n[[sensors]]\nname = "other"\nkind = "{brain.sensor}"\n{brain.settings}'
     (tmp_path / "short.toml").write_text(scenario, encoding="utf-8")
     places = {"folder": tmp_path, "port": free_port()}
     wire = f"\n[[outputs]]\n{brain.output.format(**places)}\n" if brain.output else ""
