@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from tests.conftest import REPOSITORY
+from tests.exhaustive import with_slow
 from tests.isolated import isolated
 from tests.once import once
 from vve_sumo.timing import PERIOD
@@ -36,7 +37,7 @@ def summary(record: Path) -> dict[str, Any]:
     return loaded
 
 
-@pytest.mark.parametrize("controller", SENSES)
+@pytest.mark.parametrize("controller", with_slow(SENSES, lambda controller: controller == "camera_stop"))
 def test_it_stops_for_the_parked_car_as_the_radar_s_does(
     tmp_path_factory: pytest.TempPathFactory, controller: str
 ) -> None:
@@ -47,7 +48,10 @@ def test_it_stops_for_the_parked_car_as_the_radar_s_does(
     assert said["max_deceleration_mps2"] < 2.5
 
 
-@pytest.fixture(scope="module", params=["follow_and_stop", "lidar_stop", "camera_stop", "v2x_stop"])
+CONTROLLERS = ("follow_and_stop", "lidar_stop", "camera_stop", "v2x_stop")
+
+
+@pytest.fixture(scope="module", params=with_slow(CONTROLLERS, lambda one: one in ("lidar_stop", "v2x_stop")))
 def child(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return driven(tmp_path_factory, "every_sense", request.param)
 

@@ -5,6 +5,7 @@ Finds out of which kind the record is and puts the findings into words; the comp
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -66,10 +67,18 @@ def altered_since(folder: Path) -> list[Alteration] | None:
 
     Raises ConfigError for a folder that holds no record, or one of another layout.
     """
-    altered = alterations(folder)
-    if "scenario.json" not in (parts_of(altered) or ()):  # else the alteration is why it cannot be read
+    altered, unreadable = alterations(folder), not _holds_json(folder / "scenario.json")
+    if not (unreadable and "scenario.json" in (parts_of(altered) or ())):
         live.is_live(folder)
     return altered
+
+
+def _holds_json(file: Path) -> bool:
+    try:
+        json.loads(file.read_bytes())
+    except (OSError, ValueError):
+        return False
+    return True
 
 
 def inspect(folder: Path, working: Path) -> Inspection:

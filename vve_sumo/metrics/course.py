@@ -26,6 +26,8 @@ MAX_DEVIATION = 0.5
 MAX_HEADING_ERROR = math.radians(10.0)
 #: a curvature is a yaw rate over a speed, and a speed below this counts as this [m/s]: at rest the arc is straight
 MIN_SPEED = 0.5
+#: an arc that bends less is a straight line: below, a product of two small numbers is rounded to nothing [1/m]
+STRAIGHT = 1e-9
 #: an arc is followed no farther than it turns by this [rad]
 MAX_ARC = math.pi
 
@@ -123,7 +125,7 @@ def _on_arc(start: Starts, x: Floats, y: Floats) -> tuple[Floats, Floats]:
     """Return how far along and beside (left positive) the arcs of starts points are [m]; within half a turn."""
     cos, sin, bend = np.cos(start.heading), np.sin(start.heading), start.curvature
     u, v = (x - start.x) * cos + (y - start.y) * sin, (y - start.y) * cos - (x - start.x) * sin
-    straight = bend == 0.0
+    straight = np.abs(bend) < STRAIGHT
     along = np.arctan2(bend * u, 1.0 - bend * v) / np.where(straight, 1.0, bend)
     beside = (2.0 * v - bend * (u * u + v * v)) / (1.0 + np.hypot(bend * u, 1.0 - bend * v))
     return np.where(straight, u, along), beside
