@@ -138,13 +138,14 @@ class World {
 
   /**
    * Show the street in a headset until its session ends; call it from a click. `next` is called for every picture with
-   * the time until it is displayed unknown: it shows the newest frame. Returns the WebXR session.
+   * the time until it is displayed unknown: it shows the newest frame. `stop` is called when who wears the headset asks
+   * for a stop. Returns the WebXR session.
    */
-  async session(next) {
+  async session(next, stop) {
     const session = await this.headset.begin(() => {
       next();
       this.draw();
-    });
+    }, stop);
     this.board.mesh.visible = true;
     session.addEventListener("end", () => {
       this.board.mesh.visible = false;

@@ -9,6 +9,7 @@ const BEHIND = 0.5; // frames that are later than the promptest by more are old,
 const LOOK = 80; // between two looks at the feed [ms]
 const NEXT = 2000; // between two attempts to find the next drive at this address [ms]
 const RETRY = 500; // between two attempts to connect, and to ask for a stop [ms]
+const HEARD = 2000; // after the last press, for which a page without a feed goes on asking [ms]: longer than a request lasts
 const AT_REST = new Set(["stopped", "disarmed"]); // states of the gateway in which no car moves any more
 const STOPPABLE = new Set(["ready", "engaged"]); // states of the gateway in which a stop is still to come
 const ASKED = "the gateway was asked to stop";
@@ -25,7 +26,7 @@ export class Live {
     this.over = false; // the drive's process of the page has said that the drive is over
     this.ended = false; // the drive has said how it ended; the verdict is still to come
     this.asking = false; // a request to stop is on its way, or will be sent again
-    this.presses = 0; // of the stop button and its keys
+    this.pressed = -Infinity; // when the stop button or one of its keys was pressed last [ms]
     this.ages = [];
     this.feed = document.getElementById("feed");
     this.feed.hidden = false;
@@ -114,6 +115,7 @@ export class Live {
       this.draw();
       return this.lost && !this.resting ? "NO LIVE DATA" : "";
     };
+    this.view.seats.onStop = () => this.stop();
     this.page.titled(scene.title);
   }
 
@@ -166,21 +168,23 @@ export class Live {
     say(this.feed, text);
   }
 
-  /** Ask the gateway to stop, until somebody has taken a request that went out after the last press. */
+  /**
+   * Ask the gateway to stop, again and again until it is seen to stop. A page without a feed cannot see that: there it is
+   * enough to be heard for a while after the last press.
+   */
   async stop() {
-    this.presses += 1;
+    this.pressed = performance.now();
     if (this.asking) return;
     this.asking = true;
     this.label("asking to stop …");
     for (;;) {
-      const presses = this.presses;
       try {
         // An older browser's request has no time limit, and goes out all the same.
         const answer = await fetch(new URL("/stop", location.href), { method: "POST", signal: AbortSignal.timeout?.(1000) });
         this.label(answer.ok ? ASKED : `not taken: ${(await answer.text()).slice(0, 80)}`);
-        // A page without a feed cannot see whether the car stops: to have been heard is enough.
-        const seen = this.feed.dataset.kind === "live" && STOPPABLE.has(this.view.frame?.state);
-        if (answer.ok && !seen && presses === this.presses) break;
+        const live = this.feed.dataset.kind === "live";
+        const enough = live ? !STOPPABLE.has(this.view.frame?.state) : performance.now() - this.pressed > HEARD;
+        if (answer.ok && enough) break;
       } catch {
         this.label("nobody hears this button: the driver brakes");
       }
@@ -188,9 +192,12 @@ export class Live {
       await new Promise((done) => setTimeout(done, RETRY));
     }
     this.asking = false;
+    // In the headset the gateway's own state says the rest.
+    if (this.view) this.view.seats.asked = "";
   }
 
   label(text) {
+    if (this.view) this.view.seats.asked = text;
     this.button.replaceChildren("STOP", element("small", {}, text));
   }
 

@@ -21,6 +21,9 @@ export class Seats {
     this.head = { yaw: 0, pitch: 0 };
     // Called for every picture in a headset; returns why the street is not that of the present, nothing where it is.
     this.onPicture = null;
+    // Asks for a stop; a replay has nothing to stop. `asked` says what becomes of it while that is not known.
+    this.onStop = null;
+    this.asked = "";
     // A page that is one file has no other to load.
     if (document.getElementById("vve-data")) return;
     this.buttons = SEATS.map(([seat, text]) => element("button", {
@@ -96,7 +99,7 @@ export class Seats {
     button.addEventListener("click", async () => {
       if (this.seat === "map") await this.sit("driver");
       this.old = 0;
-      this.session = await this.world.session(() => this.picture());
+      this.session = await this.world.session(() => this.picture(), () => this.onStop?.());
       this.session.addEventListener("end", () => { this.session = null; });
     });
     this.box.querySelector(".seats").append(button);
@@ -111,8 +114,8 @@ export class Seats {
     this.old = why ? this.old + 1 : 0;
     this.world.hide(this.old > OLD_PICTURES);
     if (!this.frame) return;
-    if (this.world.hidden) this.world.tell([why, "the street is hidden"], true);
-    else this.world.tell(wordsOf(this.frame));
+    if (this.world.hidden) this.world.tell([why, this.asked || "the street is hidden"], true);
+    else this.world.tell(this.asked ? [wordsOf(this.frame)[0], this.asked] : wordsOf(this.frame), this.asked !== "");
     this.world.show(this.frame, this.clock());
   }
 
