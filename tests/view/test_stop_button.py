@@ -166,9 +166,8 @@ def test_who_wears_the_headset_can_ask_for_a_stop(browser: Any, fed: Live, how: 
     """A short pull of the trigger is another thing: it puts the head to the driver's eye."""
     device = (Path(__file__).parent / "vendor" / "iwer.min.js").read_text(encoding="utf-8")
     context = browser.new_context(viewport={"width": 600, "height": 500})
-    context.add_init_script(
-        f"{device}; var worn = new IWER.XRDevice(IWER.metaQuest3); worn.installRuntime({{ forceInstall: true }});"
-    )
+    worn = "globalThis.worn = new IWER.XRDevice(IWER.metaQuest3); worn.installRuntime({ forceInstall: true });"
+    context.add_init_script(f"{device}; {worn}")
     opened = context.new_page()
     opened.goto(fed.address)
     until(lambda: says(opened, f"{FEED} === 'live'"))
