@@ -21,11 +21,11 @@ BOB = PagePerson("bob", "bicycle", phone=False)
 class Served:
     """Pages that are served, and the reports that came, each with its time of arrival [s]."""
 
-    def __init__(self, people: Sequence[PagePerson]) -> None:
+    def __init__(self, people: Sequence[PagePerson], certificate: Sequence[str]) -> None:
         self._t0 = time.monotonic()
         self.reports: list[tuple[float, Report]] = []
         self.pages = PersonPages(people, self.clock, lambda received, report: self.reports.append((received, report)))
-        self.server = PageServer(self.pages.routes(), max_message=MAX_MESSAGE)
+        self.server = PageServer(self.pages.routes(), max_message=MAX_MESSAGE, certificate=certificate)
 
     def clock(self) -> float:
         return time.monotonic() - self._t0
@@ -36,9 +36,9 @@ class Served:
 
 
 @contextmanager
-def served(*people: PagePerson) -> Iterator[Served]:
-    """Serve pages until the end of the block."""
-    one = Served(people or (ANNA,))
+def served(*people: PagePerson, certificate: Sequence[str] = ()) -> Iterator[Served]:
+    """Serve pages until the end of the block; over HTTPS with the files of a certificate and its key."""
+    one = Served(people or (ANNA,), certificate)
     thread = threading.Thread(target=lambda: asyncio.run(one.server.serve()), daemon=True)
     thread.start()
     try:

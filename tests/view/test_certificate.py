@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import http.client
 import re
-import shutil
 import ssl
-import subprocess
 import urllib.request
 from pathlib import Path
 from typing import NamedTuple
@@ -14,6 +12,7 @@ from typing import NamedTuple
 import pytest
 from pydantic import ValidationError
 
+from tests.view.certificates import certificate_in
 from tests.view.conftest import serving
 from vve_sumo.errors import ConfigError
 from vve_sumo.live.view_token import certificate_of
@@ -28,16 +27,8 @@ class Made(NamedTuple):
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
-    if shutil.which("openssl") is None:
-        pytest.skip("openssl is not installed")
-    folder = tmp_path_factory.mktemp("certificate")
-    command = re.search(
-        r"^openssl req (?:.*\\\n)*.*", (Path(__file__).parents[2] / "docs" / "world.md").read_text(), re.M
-    )
-    assert command is not None
-    here = command[0].replace("192.168.1.5", "127.0.0.1")
-    subprocess.run(["bash", "-c", here], cwd=folder, check=True, capture_output=True)
-    return Made(folder / "view-cert.pem", folder / "view-key.pem")
+    certificate, key = certificate_in(tmp_path_factory.mktemp("certificate"))
+    return Made(Path(certificate), Path(key))
 
 
 def test_the_page_is_served_over_https_alone(made: Made) -> None:

@@ -8,6 +8,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,6 +16,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from tests.live.patience import until
+from tests.view.certificates import certificate_in
 from tests.view.persons import ANNA, BOB, Served, served
 from vve_sumo.people.consent import TEXT, digest
 from vve_sumo.people.person_view import PersonView, ShownBody, ShownCar
@@ -127,6 +129,49 @@ def test_a_page_that_is_killed_says_nothing_more(phone: Any, pages: Served) -> N
     assert len(pages.reports) == count
 
 
+def test_a_hidden_page_gives_no_sign_of_life(phone: Any, pages: Served) -> None:
+    """A browser says so of a page behind another one, or of a phone whose screen is off."""
+    phone.evaluate("() => Object.defineProperty(document, 'hidden', { get: () => true, configurable: true })")
+    time.sleep(0.5)
+    count = len(pages.of(PageAlive))
+    time.sleep(2.0)
+    assert len(pages.of(PageAlive)) == count
+    phone.evaluate("() => delete document.hidden")
+    until(lambda: len(pages.of(PageAlive)) > count)
+
+
+def test_a_second_phone_of_one_person_is_told_so_but_may_stop_and_takes_over(
+    browser: Any, phone: Any, pages: Served
+) -> None:
+    context = browser.new_context(geolocation=HERE | {"accuracy": 7.0}, permissions=["geolocation"])
+    second = context.new_page()
+    second.goto(pages.server.address)
+    second.click("#enter")
+    until(lambda: "another phone says" in second.inner_text("#why"))
+    assert not any(one.accuracy == 7.0 for one in pages.of(PositionReport))
+    second.click("#stop")
+    until(lambda: len(pages.of(PersonStop)) > 0)
+    phone.close()
+    pages.pages.show("engaged", [seen()])
+    until(lambda: "another phone says" not in second.inner_text("#why"))
+    context.set_geolocation(HERE | {"accuracy": 8.0})
+    until(lambda: any(one.accuracy == 8.0 for one in pages.of(PositionReport)))
+    context.close()
+
+
+def test_a_phone_in_the_field_speaks_over_https(browser: Any, tmp_path: Path) -> None:
+    """A browser gives a position to a page of another machine over HTTPS only."""
+    with served(ANNA, certificate=certificate_in(tmp_path)) as pages:
+        assert pages.server.address.startswith("https://")
+        context = browser.new_context(geolocation=HERE, permissions=["geolocation"], ignore_https_errors=True)
+        page = context.new_page()
+        page.goto(pages.server.address)
+        page.click("#enter")
+        until(lambda: len(pages.of(PositionReport)) > 0)
+        assert page.evaluate("() => isSecureContext && location.protocol === 'https:'")
+        context.close()
+
+
 # By hand.
 
 
@@ -166,14 +211,14 @@ ENTERED = {"type": "entered", "consent": digest(TEXT)}
         ["nonsense"],
         [POSITION],
         [{"type": "alive"}],
-        [{"type": "stop"}],
+        [{"type": "stop", "person": "nobody"}],
         [ENTERED | {"consent": "0" * 64}],
         [ENTERED | {"person": "nobody"}],
         [ENTERED, POSITION | {"latitude": 91.0}],
         [ENTERED, {"type": "setpoint", "acceleration": 2.0}],
         [ENTERED, *[{"type": "alive"}] * 40],
     ],
-    ids=["text", "not_agreed", "alive", "stop", "other_text", "nobody", "no_place", "setpoint", "flood"],
+    ids=["text", "not_agreed", "alive", "nobodys_stop", "other_text", "nobody", "no_place", "setpoint", "flood"],
 )
 def test_what_no_page_says_ends_the_connection(pages: Served, messages: list[Any]) -> None:
     def speak(socket: ClientConnection) -> None:

@@ -17,7 +17,7 @@ from starlette.routing import BaseRoute, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from vve_sumo.people.consent import TEXT, digest
-from vve_sumo.people.geolocation import PageEntered, PageMessage, read, report_of
+from vve_sumo.people.geolocation import PageEntered, PageMessage, PageStop, read, report_of
 from vve_sumo.people.person_view import PersonView
 from vve_sumo.people.reports import PositionReport, Report
 from vve_sumo.view.server import NO_FRAMES, page_routes
@@ -124,8 +124,9 @@ class PersonPages:
             ):
                 return False
             self._held[person.id] = socket
-        elif holder is not socket:
-            # Nothing of somebody who has not agreed is taken.
+        elif holder is not socket and not isinstance(message, PageStop):
+            # Nothing of somebody who has not agreed is taken, but a stop is: a page that was connected anew may ask for
+            # it before the server has noticed that the old connection is gone.
             return False
         report = report_of(message, now, self._sent_at)
         if report is not None and (person.phone or not isinstance(report, PositionReport)):

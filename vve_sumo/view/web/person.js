@@ -151,7 +151,7 @@ class Person {
   }
 
   say(message) {
-    if (this.taken && message.type !== "entered") return;
+    if (this.taken && !["entered", "stop"].includes(message.type)) return;
     if (this.entered && this.socket.readyState === WebSocket.OPEN) {
       this.socket.send(JSON.stringify({ ...message, person: find("who").value, echo: this.echo }));
     }
