@@ -23,6 +23,7 @@ from vve_sumo.certify.places import Place
 from vve_sumo.drive.brain import ExternalController
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.run import Drive
+from vve_sumo.errors import ConfigError
 from vve_sumo.live.brain_link import key_of
 from vve_sumo.live.external_lockstep import external_controller_over, open_wires
 from vve_sumo.record.hashes import hash_file
@@ -146,11 +147,14 @@ def _scene(nominal: Path, window: Window, resolved: ResolvedScenario) -> Scene:
 
 
 def installation_of(resolved: ResolvedScenario) -> Installation:
-    """Return where a scenario's sensors are."""
-    configs = {
-        name: settings.config() for name, settings in resolved.sensors().items() if isinstance(settings, LidarSettings)
-    }
-    mounts = {name: LidarMount(one.x, one.y, one.z, one.yaw, one.elevations) for name, one in configs.items()}
+    """Return where a scenario's sensors are; raises ConfigError for a lidar of a kind of one's own."""
+    mounts = {}
+    for name, settings in resolved.sensors().items():
+        if isinstance(settings, LidarSettings):
+            own = settings.config()
+            mounts[name] = LidarMount(own.x, own.y, own.z, own.yaw, own.elevations)
+        elif "points" in settings.serves:
+            raise ConfigError(f"sensor {name}: expected the shipped lidar: where the rays of another go is not known")
     return Installation(bumper_of(resolved), resolved.map_frame, mounts)
 
 
