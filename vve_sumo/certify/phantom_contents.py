@@ -14,11 +14,11 @@ from typing import Any, Final, NamedTuple, TypeVar
 import numpy as np
 
 from vve_sumo.body_kinds import TYPICAL, number_of
-from vve_sumo.certify.track import TrackPlace, earlier_pose
+from vve_sumo.certify.track import TrackPlace
 from vve_sumo.frames import MapFrame, wrap_angle
 from vve_sumo.v2x.pdu_header import MessageId
 from vve_sumo.values import CameraObjects, Floats, Pose, Stations
-from vve_sumo.wire.sample import LidarTurn
+from vve_sumo.wire.sample import LidarTurn, earlier_pose
 from vve_sumo.wire.vlp16 import AZIMUTHS, RANGE_QUANTUM
 
 #: size of a phantom [m]: a car

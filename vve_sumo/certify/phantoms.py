@@ -17,10 +17,10 @@ import numpy as np
 from vve_sumo.body_kinds import number_of
 from vve_sumo.certify import phantom_contents as contents
 from vve_sumo.certify.phantom_contents import HEIGHT, LENGTH, WIDTH, LidarMount, PhantomBody
-from vve_sumo.certify.track import DrivenTrack, TrackPlace, earlier_pose
+from vve_sumo.certify.track import DrivenTrack, TrackPlace
 from vve_sumo.frames import MapFrame
 from vve_sumo.values import Actors, CameraObjects, Detections, Pose, Stations
-from vve_sumo.wire.sample import MAX_SCAN_AGE, Sample, SampleContent
+from vve_sumo.wire.sample import MAX_SCAN_AGE, Sample, SampleContent, earlier_pose
 
 #: half of the azimuth range of phantoms [rad]: an ESR's medium range has 45 degrees
 FIELD_OF_VIEW: Final = math.radians(45.0)

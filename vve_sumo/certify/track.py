@@ -1,14 +1,13 @@
-"""The track of a drive by the distance driven, and where a car was a moment ago."""
+"""The track of a drive by the distance driven."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from vve_sumo.values import Floats, Pose
+from vve_sumo.values import Floats
 
 
 class TrackPlace(NamedTuple):
@@ -53,11 +52,3 @@ class DrivenTrack:
     def curvature(self, driven: float) -> float:
         """Return the curvature of the track at a distance driven, over a metre on either side [1/m], left positive."""
         return 0.5 * (self.place(driven + 1.0).heading - self.place(driven - 1.0).heading)
-
-
-def earlier_pose(pose: Pose, age: float) -> Pose:
-    """Return the pose `age` [s] earlier, at constant speed and yaw rate."""
-    heading = pose.heading - pose.yaw_rate * age
-    middle = pose.heading - 0.5 * pose.yaw_rate * age
-    x, y = pose.x - pose.speed * age * math.cos(middle), pose.y - pose.speed * age * math.sin(middle)
-    return replace(pose, x=x, y=y, heading=heading)

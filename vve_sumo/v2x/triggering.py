@@ -1,15 +1,17 @@
-"""Says when a station sends its next awareness message: a vehicle its CAM, a person or a cyclist the VAM.
+"""Says when a station sends its next awareness message, and what it has seen of others that is worth one.
 
-The rules are those of ETSI EN 302 637-2 V1.4.1 (6.1.3) and TS 103 300-3 V2.1.1 (6.4): a message is due when the
-station has turned, moved or changed its speed by so much since the last one, and no later than after a longest
-interval. Of the rules for a VAM those about paths that meet, distances that are no longer safe and clusters are left
-out. Times are whole microseconds. Knows no message and no radio.
+A vehicle sends CAMs, a person or a cyclist VAMs. The rules are those of ETSI EN 302 637-2 V1.4.1 (6.1.3) and TS 103
+300-3 V2.1.1 (6.4): a message is due when the station has turned, moved or changed its speed by so much since the last
+one, and no later than after a longest interval. Of the rules for a VAM those about paths that meet, distances that are
+no longer safe and clusters are left out. What a station's sensors see goes into its CPMs by the same thresholds (TS 103
+324 V2.1.1, 6.1), each object by itself. Times are whole microseconds. Knows no message and no radio.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping, Set
+from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 #: between two checks of a station, and shortest interval between two messages [us]
@@ -18,6 +20,8 @@ CHECK_PERIOD: Final = 100_000
 LONGEST_CAM: Final = 1_000_000
 #: longest interval between two messages of a person or a cyclist [us]
 LONGEST_VAM: Final = 5_000_000
+#: longest interval between two CPMs with an object that is still seen [us]
+LONGEST_CPM: Final = 1_000_000
 #: so many CAMs follow each other by a shortened interval alone, before it is the longest again
 SHORTENED: Final = 3
 #: what a station must have turned since its last message [rad]
@@ -84,6 +88,37 @@ class VamTrigger:
                 return False
         self._last, self._sent = motion, now
         return True
+
+
+@dataclass(slots=True)
+class PerceptionTrigger:
+    """The rule for the objects of CPMs. Pass it every check in order."""
+
+    _last: dict[int, Motion] = field(default_factory=dict)  # of each object, as its last message has it
+    _sent: dict[int, int] = field(default_factory=dict)  # time of the last message with each object [us]
+
+    def due(self, now: int, objects: Mapping[int, Motion], vulnerable: Set[int]) -> frozenset[int]:
+        """Return the numbers of the objects that a message at a time [us] has to tell of.
+
+        `vulnerable` are those that are people or animals: when one is due, or has not been told of for half of the
+        longest interval, all are.
+        """
+        told = {number for number, motion in objects.items() if self._is_due(now, number, motion, number in vulnerable)}
+        if told & vulnerable:
+            told |= vulnerable & objects.keys()
+        self._last = {number: objects[number] if number in told else self._last[number] for number in objects}
+        self._sent = {number: now if number in told else self._sent[number] for number in objects}
+        return frozenset(told)
+
+    def _is_due(self, now: int, number: int, motion: Motion, vulnerable: bool) -> bool:
+        last = self._last.get(number)
+        if last is None:
+            return True
+        elapsed = now - self._sent[number]
+        if vulnerable:
+            return elapsed >= LONGEST_CPM // 2
+        moves = min(last.speed, motion.speed) > DIRECTED
+        return elapsed >= LONGEST_CPM or (moves and _turned(last, motion)) or _moved_or_changed(last, motion)
 
 
 def _turned(last: Motion, motion: Motion) -> bool:

@@ -365,6 +365,24 @@ class CamOutput:
         return self._encoder.encode(sample.measured, sample.time)
 
 
+class CpmOutput:
+    """What a camera of the ego sees as CPMs, whenever one is due; nothing while invalid or while its list is old."""
+
+    def __init__(self, context: Context) -> None:
+        from vve_sumo.wire.v2x import PerceptionEncoder
+
+        frame = MapFrame(context.projection, context.map_offset) if context.projection else None
+        self._encoder = PerceptionEncoder(context.vehicle, frame) if frame is not None else None
+
+    def step(self, sample: Sample) -> Sequence[bytes]:
+        """Return the packet of a sample where one is due."""
+        measured = sample.measured
+        if measured is None or measured.objects is None or self._encoder is None:
+            return ()
+        age = sample.drive_time - measured.objects.time
+        return self._encoder.encode(measured.objects, measured, sample.time, age) if age <= MAX_LIST_AGE else ()
+
+
 class StopOutput:
     """A stop frame: one byte, 1, at every step at which the outputs are invalid after they were valid; else nothing."""
 
@@ -430,6 +448,9 @@ KINDS: Final[Mapping[str, Kind]] = {
     "vlp16_position": Kind(Vlp16PositionOutput, "the position packets of a Velodyne VLP-16, 10 Hz"),
     "v2x": Kind(V2xOutput, "the messages that a V2X receiver heard as GeoNetworking packets", content="stations"),
     "cam": Kind(CamOutput, "the ego's own CAM as a GeoNetworking packet, 1 to 10 Hz"),
+    "cpm": Kind(
+        CpmOutput, "what a camera sees as the ego's CPMs in GeoNetworking packets, up to 10 Hz", content="objects"
+    ),
     "stop": Kind(StopOutput, "a frame that asks for a stop, at each tick of a drive that is invalid"),
     "osi_view": Kind(
         lambda c: OsiOutput(c, view=True),

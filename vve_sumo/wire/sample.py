@@ -96,6 +96,14 @@ def sequence_of(drive_time: float) -> int:
     return max(1 + math.floor(drive_time / PERIOD + _ROUNDING), 1)
 
 
+def earlier_pose(pose: Pose, age: float) -> Pose:
+    """Return the pose `age` [s] earlier, at constant speed and yaw rate."""
+    heading = pose.heading - pose.yaw_rate * age
+    middle = pose.heading - 0.5 * pose.yaw_rate * age
+    x, y = pose.x - pose.speed * age * math.cos(middle), pose.y - pose.speed * age * math.sin(middle)
+    return replace(pose, x=x, y=y, heading=heading)
+
+
 def virtual_fix(pose: Pose, placement: Placement, newest: Fix) -> Fix:
     """Return the fix of a receiver that stood at a pose on the virtual road.
 

@@ -13,16 +13,18 @@ from typing import Final
 from vve_sumo.body_kinds import BODY_KINDS
 from vve_sumo.frames import MapFrame
 from vve_sumo.sensors.v2x import SEMI_AXIS_95, STATION_TYPES
-from vve_sumo.v2x import cam, geonetworking, its_time, uper, vam
+from vve_sumo.v2x import cam, cpm, geonetworking, its_time, uper, vam
 from vve_sumo.v2x.cam import Cam
+from vve_sumo.v2x.cpm import Cpm, Sensor, SensorType
 from vve_sumo.v2x.data_elements import ExteriorLights, StationType
 from vve_sumo.v2x.geonetworking import PORTS, Packet, PositionVector
 from vve_sumo.v2x.pdu_header import MessageId
+from vve_sumo.v2x.perceived_object import PerceivedObject
 from vve_sumo.v2x.reference_position import ConfidenceEllipse
-from vve_sumo.v2x.triggering import CHECK_PERIOD, CamTrigger, Motion
+from vve_sumo.v2x.triggering import CHECK_PERIOD, CamTrigger, Motion, PerceptionTrigger
 from vve_sumo.v2x.vam import Vam
-from vve_sumo.values import Stations, Vehicle
-from vve_sumo.wire.sample import SampleContent
+from vve_sumo.values import CameraObjects, Pose, Stations, Vehicle
+from vve_sumo.wire.sample import SampleContent, earlier_pose
 
 #: of the ego: any number that no other station has will do
 EGO_STATION: Final = 1
@@ -35,6 +37,10 @@ TRAFFIC_CLASS: Final = 2
 #: between two CAMs of a station with a low-frequency container [ms] (EN 302 637-2, 6.1.3)
 LOW_FREQUENCY: Final = 500
 MICROSECONDS: Final = 1_000_000
+#: of the camera in a CPM
+CAMERA_ID: Final = 1
+#: kinds of bodies that a CPM tells of together
+PEOPLE: Final = frozenset({"pedestrian", "child"})
 
 
 class _LowFrequency:
@@ -112,8 +118,7 @@ class EgoEncoder:
         if now < self._next:
             return ()
         self._next = (now // CHECK_PERIOD + 1) * CHECK_PERIOD
-        x = pose.x + vehicle.rear_axle_to_bumper * math.cos(pose.heading)
-        y = pose.y + vehicle.rear_axle_to_bumper * math.sin(pose.heading)
+        x, y = _front(pose, vehicle)
         if not self._trigger.due(now, Motion(x, y, pose.heading, pose.speed)):
             return ()
         latitude, longitude = self._frame.to_geodetic(x, y)
@@ -138,16 +143,115 @@ class EgoEncoder:
         return (_packet(MessageId.CAM, said, cam.encode(said)),)
 
 
+class PerceptionEncoder:
+    """Encodes what a camera of the ego sees as CPMs, whenever something that it sees is worth one."""
+
+    def __init__(self, vehicle: Vehicle, frame: MapFrame) -> None:
+        """`frame` is that of the virtual road's map. Raises ConfigError where the package for it is missing."""
+        uper.specification(cpm.MESSAGE)
+        self._vehicle, self._frame, self._trigger = vehicle, frame, PerceptionTrigger()
+        self._next = -(2**62)  # check [us]
+
+    def encode(self, objects: CameraObjects, measured: SampleContent, time: float, age: float) -> Sequence[bytes]:
+        """Return the packet at a GNSS time [s] for the newest list, which is `age` [s] old; none where none is due.
+
+        An object's speed over the ground is taken to be along the car's axis, and so is its length: a list says no
+        more.
+        """
+        now = round(time * MICROSECONDS)
+        if now < self._next or not math.isfinite(age):
+            return ()
+        self._next = (now // CHECK_PERIOD + 1) * CHECK_PERIOD
+        seen = {number: row for row, number in enumerate(objects.number.tolist())}
+        then = earlier_pose(measured.pose, age)
+        motions = {number: _motion_of(objects, row, then, self._vehicle) for number, row in seen.items()}
+        people = {number for number, row in seen.items() if BODY_KINDS[objects.kind[row]] in PEOPLE}
+        told = self._trigger.due(now, motions, people)
+        if not told:
+            return ()
+        return (self._packet(objects, measured, time, age, [(seen[one], motions[one]) for one in sorted(told)]),)
+
+    def _packet(
+        self,
+        objects: CameraObjects,
+        measured: SampleContent,
+        time: float,
+        age: float,
+        told: Sequence[tuple[int, Motion]],
+    ) -> bytes:
+        pose, time_ms, sigma = measured.pose, its_time.from_gnss(time), measured.fix.position_sigma
+        x, y = _front(pose, self._vehicle)
+        latitude, longitude = self._frame.to_geodetic(x, y)
+        north = self._frame.convergence(latitude, longitude)
+        cos, sin = math.cos(north), math.sin(north)
+        perceived = []
+        for row, motion in told:
+            east, along, heading = motion.x - x, motion.y - y, motion.heading - north
+            perceived.append(
+                PerceivedObject(
+                    int(objects.number[row]),
+                    -age,
+                    cos * east + sin * along,
+                    cos * along - sin * east,
+                    velocity_x=motion.speed * math.cos(heading),
+                    velocity_y=motion.speed * math.sin(heading),
+                    length=float(objects.length[row]),
+                    width=float(objects.width[row]),
+                    sensors=(CAMERA_ID,),
+                    kind=STATION_TYPES[BODY_KINDS[objects.kind[row]]],
+                )
+            )
+        said = Cpm(
+            EGO_STATION,
+            time_ms,
+            math.degrees(latitude),
+            math.degrees(longitude),
+            ConfidenceEllipse(SEMI_AXIS_95 * sigma, SEMI_AXIS_95 * sigma, 0.0) if sigma > 0.0 else None,
+            orientation=pose.heading - north,
+            sensors=(Sensor(CAMERA_ID, SensorType.MONOVIDEO),),
+            objects=tuple(perceived),
+            total=len(objects.number),
+        )
+        place = said.latitude_deg, said.longitude_deg
+        vector = _vector(EGO_STATION, StationType.PASSENGER_CAR, time_ms, *place, abs(pose.speed), pose.heading - north)
+        return _single_hop(MessageId.CPM, vector, cpm.encode(said))
+
+
+def _motion_of(objects: CameraObjects, row: int, then: Pose, vehicle: Vehicle) -> Motion:
+    """Return where an object's middle was in the map when the picture was taken, and how it moved."""
+    cos, sin = math.cos(then.heading), math.sin(then.heading)
+    front_x, front_y = _front(then, vehicle)
+    ahead, left = float(objects.x[row] + 0.5 * objects.length[row]), float(objects.y[row])
+    speed = float(objects.relative_speed[row]) + then.speed
+    heading = then.heading if speed >= 0.0 else then.heading + math.pi
+    return Motion(front_x + ahead * cos - left * sin, front_y + ahead * sin + left * cos, heading, abs(speed))
+
+
+def _front(pose: Pose, vehicle: Vehicle) -> tuple[float, float]:
+    ahead = vehicle.rear_axle_to_bumper
+    return pose.x + ahead * math.cos(pose.heading), pose.y + ahead * math.sin(pose.heading)
+
+
 def _packet(message: MessageId, said: Cam | Vam, payload: bytes) -> bytes:
     """Return a message in a packet that direct neighbours hear."""
-    source = PositionVector(
-        _ADDRESS + said.station.to_bytes(4, "big"),
-        said.station_type,
-        said.time_ms % geonetworking.TIME_MODULUS,
-        said.latitude_deg,
-        said.longitude_deg,
-        said.speed or 0.0,
-        said.heading or 0.0,
-    )
+    place = said.latitude_deg, said.longitude_deg
+    motion = said.speed or 0.0, said.heading or 0.0
+    return _single_hop(message, _vector(said.station, said.station_type, said.time_ms, *place, *motion), payload)
+
+
+def _vector(
+    station: int,
+    kind: StationType,
+    time_ms: int,
+    latitude_deg: float,
+    longitude_deg: float,
+    speed: float,
+    heading: float,
+) -> PositionVector:
+    address, time = _ADDRESS + station.to_bytes(4, "big"), time_ms % geonetworking.TIME_MODULUS
+    return PositionVector(address, kind, time, latitude_deg, longitude_deg, speed, heading)
+
+
+def _single_hop(message: MessageId, source: PositionVector, payload: bytes) -> bytes:
     packet = Packet(source, PORTS[message], payload, lifetime=LIFETIME, traffic_class=TRAFFIC_CLASS)
     return geonetworking.encode(packet)
