@@ -295,20 +295,22 @@ def _frame_of(time: float, objects: Sequence[_Object], borders: LaneBorders | No
 
 
 def _in_sight(blocks: Blocks, mask: Mask) -> dict[int, tuple[int, float]]:
-    """Return of each actor that is in the picture how many rows of it are seen, and which share of its own pixels."""
+    """Return of each actor that is in the picture how many rows of it are seen, and which share of its own pixels.
+
+    These are the pixels that show it where it is alone.
+    """
     parts: dict[int, list[int]] = {}
     for block in mask.drawn:
         parts.setdefault(int(blocks.actor[block]), []).append(block)
     found = {}
     for actor, own in parts.items():
-        rows, pixels, whole = np.zeros(mask.block.shape[0], bool), 0, 0
+        rows, pixels = np.zeros(mask.block.shape[0], bool), 0
         for block in own:
             seen = mask.seen(block)
             rows[mask.drawn[block].rows] |= np.logical_or.reduce(seen, axis=1)
             pixels += int(np.count_nonzero(seen))
-            whole += mask.drawn[block].pixels
         if pixels:
-            found[actor] = int(np.count_nonzero(rows)), pixels / whole
+            found[actor] = int(np.count_nonzero(rows)), pixels / mask.alone[actor]
     return found
 
 

@@ -63,6 +63,7 @@ class Mask(NamedTuple):
     block: NDArray[np.int32]  #: row of the block, NOBODY or WALL (rows by columns)
     depth: NDArray[np.float32]  #: along the axis [m], infinite for nobody (rows by columns)
     drawn: dict[int, Drawn]  #: by the block's row, of each that is in the picture
+    alone: dict[int, int]  #: pixels that all blocks of an actor would fill together if it were alone, by its row
 
     def seen(self, block: int) -> NDArray[np.bool_]:
         """Return which pixels of a block's own window show it."""
@@ -119,12 +120,28 @@ def mask_of(view: Pinhole, at: CameraPlace, blocks: Blocks, walls: Walls, reach:
             _draw(mask, owner, rows, columns, shapes.depth[own], shapes.first[own], shapes.after[own])
             if owner != WALL:
                 mask.drawn[owner] = Drawn(rows, columns, count)
+    mask.alone.update(_alone(shapes, view, blocks.actor))
     return mask
 
 
 def _empty(first_row: int, after_row: int, view: Pinhole) -> Mask:
     shape = max(after_row - first_row, 0), view.columns
-    return Mask(first_row, np.full(shape, NOBODY, np.int32), np.full(shape, math.inf, np.float32), {})
+    return Mask(first_row, np.full(shape, NOBODY, np.int32), np.full(shape, math.inf, np.float32), {}, {})
+
+
+def _alone(shapes: _Shapes, view: Pinhole, actor: Indices) -> dict[int, int]:
+    """Return how many pixels the blocks of each actor fill together: those that lie over each other count once."""
+    count = np.diff(shapes.begin, append=len(shapes.depth))
+    owner, column = np.repeat(shapes.owner, count), np.repeat(shapes.column - shapes.begin, count)
+    body = np.flatnonzero(owner != WALL)
+    whose = actor[owner[body]]
+    place = whose * view.columns + column[body] + body
+    order = np.lexsort((shapes.first[body], place))
+    # One line of rows: every column of every actor has a stretch of its own, and runs of rows go by where they begin.
+    begins, ends = ((place * (view.rows + 1) + rows[body])[order] for rows in (shapes.first, shapes.after))
+    covered = np.concatenate(([-1], np.maximum.accumulate(ends)[:-1])) if len(ends) else ends
+    filled = np.bincount(whose[order], np.maximum(ends - np.maximum(begins, covered), 0))
+    return {int(row): int(filled[row]) for row in np.flatnonzero(filled)}
 
 
 def _draw(
