@@ -64,6 +64,24 @@ def test_a_turned_car_s_near_side_lies_nearer_on_its_own_axis() -> None:
     assert objects.y.tolist() == pytest.approx([-2.25 * math.sin(0.3)])
 
 
+def test_who_stands_alone_shows_all_of_itself_also_from_above() -> None:
+    """The cabin stands on the rest of a car: from above the roof of the lower part lies over the cabin's foot."""
+    high = replace(IDEAL, z=2.4)
+    for far in (8.0, 15.0, 40.0):
+        frame = last(high, actors([car(far + BUMPER, 1.0, 0.3)]))
+        assert list(frame.visible) == [1.0], far
+
+
+def test_a_car_beside_the_camera_is_not_listed_though_its_front_is_in_the_picture() -> None:
+    """Its near side is beside the camera: no picture shows where that meets the road."""
+    beside = actors([(3.6, -2.0, 0.0, 0.0, 6.0, 1.8, 10.0)])
+    assert len(last(replace(IDEAL, min_visible=0.0, min_rows=1.0), beside).objects.x) == 0
+    ahead = actors([(8.6, -2.0, 0.0, 0.0, 6.0, 1.8, 10.0)])
+    assert last(replace(IDEAL, min_visible=0.0, min_rows=1.0), ahead).objects.x.tolist() == pytest.approx(
+        [5.6 - BUMPER]
+    )
+
+
 def test_a_speed_is_relative_and_opening() -> None:
     scene = actors([car(30.0, 0.0, 0.0, 8.0), car(50.0, -4.0, math.pi, 5.0)])
     assert last(IDEAL, scene, speed=10.0).objects.relative_speed.tolist() == pytest.approx([-2.0, -15.0])

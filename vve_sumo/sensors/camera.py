@@ -205,6 +205,9 @@ class Camera:
             enough = config.min_rows_small if kind in SMALL else config.min_rows
             if rows < enough or share < config.min_visible:
                 continue
+            # Where a side meets the road tells its distance: one beside the camera meets it in no picture.
+            if _near_side(look.pose, actors, actor)[0] <= config.x:
+                continue
             name = actors.ids[actor]
             followed = self._follow(name)
             if followed is None:
