@@ -47,8 +47,7 @@ class Camera:
         return Scan(now, self._came - LATENCY, speed, self._found)
 
     def _take(self, frame: Frame, now: float) -> None:
-        if frame.id == mobileye.STATUS:
-            status = mobileye.decode_status(frame)
+        if (status := mobileye.decode_status(frame)) is not None:
             self._failed = status.failed
             # A list that repeats its stamp shows no new picture: a camera that hangs repeats it for good.
             self._missing = status.obstacles if status.stamp != self._stamp else -1

@@ -38,12 +38,12 @@ class V2xStations:
         now, found = its_time.from_gnss(fix.time), []
         for station, said in list(self._said.items()):
             age = 0.001 * (now - said.time_ms)
-            if said.heading is None or said.speed is None:
-                continue
-            if age > (MOVING_LIFETIME if said.speed > SLOW else STANDING_LIFETIME):
+            # Who does not say how it moves may stand; a car at rest often knows no heading.
+            own_speed, heading = said.speed or 0.0, fix.heading if said.heading is None else said.heading
+            if age > (MOVING_LIFETIME if own_speed > SLOW else STANDING_LIFETIME):
                 del self._said[station]
             else:
-                found.append(_target(said, age, said.heading, said.speed, fix, speed))
+                found.append(_target(said, age, heading, own_speed, fix, speed))
         return Scan(fix.time, fix.time, speed, found)
 
 

@@ -120,17 +120,24 @@ def test_the_next_drive_at_the_same_address_is_shown_anew(browser: Any, made: Ma
     context.close()
 
 
-@pytest.mark.slow
-def test_a_headset_shows_the_present_or_nothing(browser: Any, fed: Live) -> None:
+def in_a_headset(browser: Any, fed: Live) -> Any:
+    """The live page in the session of an emulated headset, which the page has as `worn`."""
     device = (Path(__file__).parent / "vendor" / "iwer.min.js").read_text(encoding="utf-8")
     context = browser.new_context(viewport={"width": 600, "height": 500})
-    context.add_init_script(f"{device}; new IWER.XRDevice(IWER.metaQuest3).installRuntime({{ forceInstall: true }});")
+    worn = "globalThis.worn = new IWER.XRDevice(IWER.metaQuest3); worn.installRuntime({ forceInstall: true });"
+    context.add_init_script(f"{device}; {worn}")
     opened = context.new_page()
     opened.goto(fed.address)
     until(lambda: says(opened, f"{FEED} === 'live'"))
     opened.click(".seats button:has-text('driver')")
     opened.click(".seats button:has-text('headset')")
     until(lambda: says(opened, f"{SEATS}.session"))
+    return opened
+
+
+@pytest.mark.slow
+def test_a_headset_shows_the_present_or_nothing(browser: Any, fed: Live) -> None:
+    opened = in_a_headset(browser, fed)
     opened.evaluate(NO_OTHER_PICTURES)
     shown = opened.evaluate(f"{SEATS}.frame.t")
     until(lambda: opened.evaluate(f"{SEATS}.frame.t") > shown + 1.0)
@@ -157,23 +164,14 @@ def test_a_headset_shows_the_present_or_nothing(browser: Any, fed: Live) -> None
     # The page itself hides nothing: it says that what it shows is old.
     assert not says(opened, f"{SEATS}.world.hidden || {SEATS}.world.board.mesh.visible")
     assert says(opened, f"{FEED} === 'lost'")
-    context.close()
+    opened.context.close()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("how", ["grip", "trigger held", "trigger"])
 def test_who_wears_the_headset_can_ask_for_a_stop(browser: Any, fed: Live, how: str) -> None:
     """A short pull of the trigger is another thing: it puts the head to the driver's eye."""
-    device = (Path(__file__).parent / "vendor" / "iwer.min.js").read_text(encoding="utf-8")
-    context = browser.new_context(viewport={"width": 600, "height": 500})
-    worn = "globalThis.worn = new IWER.XRDevice(IWER.metaQuest3); worn.installRuntime({ forceInstall: true });"
-    context.add_init_script(f"{device}; {worn}")
-    opened = context.new_page()
-    opened.goto(fed.address)
-    until(lambda: says(opened, f"{FEED} === 'live'"))
-    opened.click(".seats button:has-text('driver')")
-    opened.click(".seats button:has-text('headset')")
-    until(lambda: says(opened, f"{SEATS}.session"))
+    opened = in_a_headset(browser, fed)
     shown = opened.evaluate(f"{SEATS}.frame.t")
     until(lambda: opened.evaluate(f"{SEATS}.frame.t") > shown)
     button = "squeeze" if how == "grip" else "trigger"
@@ -187,7 +185,7 @@ def test_who_wears_the_headset_can_ask_for_a_stop(browser: Any, fed: Live, how: 
         until(lambda: fed.asked > 0)
         until(lambda: "asked to stop" in opened.evaluate(BOARD)[1])
         assert says(opened, f"{SEATS}.world.board.alarm")
-    context.close()
+    opened.context.close()
 
 
 VERDICT = {"outcome": "stopped", "passed": True, "failed": []}

@@ -134,3 +134,20 @@ def test_what_a_signal_cannot_carry_saturates(x: float, y: float, speed: float, 
 def test_what_is_no_number_is_refused() -> None:
     with pytest.raises(ValueError, match="finite"):
         MobileyeEncoder().encode(objects((1, "car", 3, math.nan, 0.0, 0.0, 1.8, 4.5)), 0.0)
+
+
+def test_a_list_is_read_back_and_what_is_no_whole_frame_of_it_says_nothing() -> None:
+    frames = MobileyeEncoder().encode(objects((1, "car", 1, 20.0, -3.0, 0.0, 1.8, 4.5)), 12.345)
+    status = mobileye.decode_status(frames[0])
+    assert status == mobileye.CameraStatus(1, 12345 % 256, failed=False)
+    (found,) = [one for frame in frames if (one := mobileye.decode_obstacle(frame)) is not None]
+    assert (found.x, found.y) == pytest.approx((20.0, -3.0), abs=0.04)
+    failed = mobileye.decode_status(mobileye.with_failure(frames[0]))
+    assert failed is not None
+    assert failed.failed
+    assert [mobileye.with_failure(frame) for frame in frames[1:]] == list(frames[1:])
+    for length in range(8):
+        assert mobileye.decode_status(frames[0]._replace(data=frames[0].data[:length])) is None
+        assert mobileye.decode_obstacle(frames[1]._replace(data=frames[1].data[:length])) is None
+    assert mobileye.decode_status(frames[1]) is None
+    assert mobileye.decode_obstacle(frames[0]) is None

@@ -98,17 +98,19 @@ class PerceptionTrigger:
     _sent: dict[int, int] = field(default_factory=dict)  # time of the last message with each object [us]
 
     def due(self, now: int, objects: Mapping[int, Motion], vulnerable: Set[int]) -> frozenset[int]:
-        """Return the numbers of the objects that a message at a time [us] has to tell of.
+        """Return the numbers of the objects that a message at a time [us] has to include.
 
-        `vulnerable` are those that are people or animals: when one is due, or has not been told of for half of the
-        longest interval, all are.
+        `vulnerable` are those that are people or animals: all are included when one is new, or was not included for
+        half of the longest interval.
         """
-        told = {number for number, motion in objects.items() if self._is_due(now, number, motion, number in vulnerable)}
-        if told & vulnerable:
-            told |= vulnerable & objects.keys()
-        self._last = {number: objects[number] if number in told else self._last[number] for number in objects}
-        self._sent = {number: now if number in told else self._sent[number] for number in objects}
-        return frozenset(told)
+        included = {
+            number for number, motion in objects.items() if self._is_due(now, number, motion, number in vulnerable)
+        }
+        if included & vulnerable:
+            included |= vulnerable & objects.keys()
+        self._last = {number: objects[number] if number in included else self._last[number] for number in objects}
+        self._sent = {number: now if number in included else self._sent[number] for number in objects}
+        return frozenset(included)
 
     def _is_due(self, now: int, number: int, motion: Motion, vulnerable: bool) -> bool:
         last = self._last.get(number)

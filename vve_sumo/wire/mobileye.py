@@ -142,10 +142,10 @@ class Obstacle(NamedTuple):
     status: int  #: `ObstacleStatus`
 
 
-def decode_status(frame: Frame) -> CameraStatus:
-    """Return what a frame with the identifier STATUS says; raises ValueError for another one."""
-    if frame.id != STATUS:
-        raise ValueError(f"expected a frame with identifier {STATUS:#x}, got {frame.id:#x}")
+def decode_status(frame: Frame) -> CameraStatus | None:
+    """Return what the status frame says; None for another frame, and for one of another length."""
+    if frame.id != STATUS or len(frame.data) != 8:
+        return None
     read = _STATUS.decode(frame.data)
     return CameraStatus(int(read["NUMBER_OF_OBSTACLES"]), int(read["TIMESTAMP"]), read["FAILSAFE"] != 0.0)
 

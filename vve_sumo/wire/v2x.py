@@ -37,9 +37,11 @@ TRAFFIC_CLASS: Final = 2
 #: between two CAMs of a station with a low-frequency container [ms] (EN 302 637-2, 6.1.3)
 LOW_FREQUENCY: Final = 500
 MICROSECONDS: Final = 1_000_000
+#: numbers of objects in a CPM begin again after so many
+OBJECT_NUMBERS: Final = 1 << 16
 #: of the camera in a CPM
 CAMERA_ID: Final = 1
-#: kinds of bodies that a CPM tells of together
+#: kinds of bodies that a CPM includes together
 PEOPLE: Final = frozenset({"pedestrian", "child"})
 
 
@@ -166,10 +168,10 @@ class PerceptionEncoder:
         then = earlier_pose(measured.pose, age)
         motions = {number: _motion_of(objects, row, then, self._vehicle) for number, row in seen.items()}
         people = {number for number, row in seen.items() if BODY_KINDS[objects.kind[row]] in PEOPLE}
-        told = self._trigger.due(now, motions, people)
-        if not told:
+        included = self._trigger.due(now, motions, people)
+        if not included:
             return ()
-        return (self._packet(objects, measured, time, age, [(seen[one], motions[one]) for one in sorted(told)]),)
+        return (self._packet(objects, measured, time, age, [(seen[one], motions[one]) for one in sorted(included)]),)
 
     def _packet(
         self,
@@ -177,7 +179,7 @@ class PerceptionEncoder:
         measured: SampleContent,
         time: float,
         age: float,
-        told: Sequence[tuple[int, Motion]],
+        included: Sequence[tuple[int, Motion]],
     ) -> bytes:
         pose, time_ms, sigma = measured.pose, its_time.from_gnss(time), measured.fix.position_sigma
         x, y = _front(pose, self._vehicle)
@@ -185,11 +187,11 @@ class PerceptionEncoder:
         north = self._frame.convergence(latitude, longitude)
         cos, sin = math.cos(north), math.sin(north)
         perceived = []
-        for row, motion in told:
+        for row, motion in included:
             east, along, heading = motion.x - x, motion.y - y, motion.heading - north
             perceived.append(
                 PerceivedObject(
-                    int(objects.number[row]),
+                    int(objects.number[row]) % OBJECT_NUMBERS,
                     -age,
                     cos * east + sin * along,
                     cos * along - sin * east,

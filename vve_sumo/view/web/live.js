@@ -9,7 +9,7 @@ const BEHIND = 0.5; // frames that are later than the promptest by more are old,
 const LOOK = 80; // between two looks at the feed [ms]
 const NEXT = 2000; // between two attempts to find the next drive at this address [ms]
 const RETRY = 500; // between two attempts to connect, and to ask for a stop [ms]
-const HEARD = 2000; // after the last press, for which a page without a feed goes on asking [ms]: longer than a request lasts
+const HEARD = 2000; // after the last press, for which a page without a feed goes on asking [ms]
 const AT_REST = new Set(["stopped", "disarmed"]); // states of the gateway in which no car moves any more
 const STOPPABLE = new Set(["ready", "engaged"]); // states of the gateway in which a stop is still to come
 const ASKED = "the gateway was asked to stop";
@@ -178,12 +178,13 @@ export class Live {
     this.asking = true;
     this.label("asking to stop …");
     for (;;) {
+      const begun = performance.now();
       try {
         // An older browser's request has no time limit, and goes out all the same.
         const answer = await fetch(new URL("/stop", location.href), { method: "POST", signal: AbortSignal.timeout?.(1000) });
         this.label(answer.ok ? ASKED : `not taken: ${(await answer.text()).slice(0, 80)}`);
         const live = this.feed.dataset.kind === "live";
-        const enough = live ? !STOPPABLE.has(this.view.frame?.state) : performance.now() - this.pressed > HEARD;
+        const enough = live ? !STOPPABLE.has(this.view.frame?.state) : begun - this.pressed > HEARD;
         if (answer.ok && enough) break;
       } catch {
         this.label("nobody hears this button: the driver brakes");
