@@ -19,6 +19,8 @@ from tests.exhaustive import with_slow
 from tests.isolated import isolated
 from tests.live.patience import until
 from tests.live.stage import free_ports
+from tests.vehicles import FUSION
+from vve_sumo import controller, workspace
 from vve_sumo.analysis import load
 from vve_sumo.certify import run
 from vve_sumo.certify.cases import select_cases
@@ -130,6 +132,8 @@ def _another_record_is_refused(folder: Path, brain: str, case: str) -> None:
             run.certify(query, REPOSITORY, lambda _case: None, lambda _tally: None)
         assert (out / "sweep.json").read_bytes() == kept[out / "sweep.json"]
 
+    # A program may have loaded the scenario's controller before, which the command that began this had not.
+    controller.load("follow_and_stop", FUSION.vehicle, {}, workspace.controller_folders(REPOSITORY))
     nominal.rename(folder / "nominal")
     isolated(drive_once, {"duration_s": 1.0}, str(nominal))
     refused(f"{nominal}: not as the certificate's drive left it: it is the record of another drive")

@@ -28,7 +28,7 @@ from vve_sumo.certify.limits import CertificateLimits
 from vve_sumo.certify.link import Window
 from vve_sumo.certify.moments import timing_of
 from vve_sumo.certify.results import BrainUnderTest, CaseDrive, CaseResult, CaseVerdict, Certificate
-from vve_sumo.drive import provenance
+from vve_sumo.drive import plugged_in, provenance
 from vve_sumo.drive.run import resolve_by_name, table_by_name
 from vve_sumo.errors import ConfigError, RigError, SimulationError
 from vve_sumo.metrics.metric import Metric
@@ -116,7 +116,9 @@ class CertificateDesign(Design):
     def _planned(self) -> SweepPlan:
         query, driven = self.query, self._resolved.to_dict(self._working)
         car = json.dumps([driven["vehicle"], driven["vehicle_model"]], sort_keys=True)
-        files = {"rig": hash_file(self.rig_file), "scenario": hash_file(self._file), **driven["files_sha256"]}
+        # The scenario's controller drives nothing here; whether this process has loaded it says nothing.
+        read = {role: one for role, one in driven["files_sha256"].items() if not role.startswith(plugged_in.CONTROLLER)}
+        files = {"rig": hash_file(self.rig_file), "scenario": hash_file(self._file), **read}
         files |= {"vehicle model": hashlib.sha256(car.encode()).hexdigest()}
         files |= {f"brain, {name}": digest for name, digest in self.brain.files.items()}
         declared = self._table.get("parameters", {}) | {CASE: {"sets": ["title"], "meaning": "case of the certificate"}}
