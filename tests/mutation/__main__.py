@@ -45,11 +45,13 @@ def main(arguments: list[str] | None = None) -> int:
 def _tried(name: str, chosen: list[Mutant], existing: set[tuple[str, str, str]]) -> int:
     """Try a module's mutants; how many things are wrong."""
     begun, subject, reasons = time.monotonic(), SUBJECTS[name], argued(name)
-    outcomes = list(judge(subject, chosen, explore(subject)))
-    lived = sorted((o for o in outcomes if not o.killer), key=lambda outcome: outcome.mutant.line)
-    others = [o for o in lived if o.mutant.key not in reasons]
-    for outcome in others:
-        print(_told(name, outcome.mutant), _why(outcome), sep="\n")
+    outcomes = []
+    for outcome in judge(subject, chosen, explore(subject)):
+        outcomes.append(outcome)
+        if not outcome.killer and outcome.mutant.key not in reasons:
+            print(_told(name, outcome.mutant), _why(outcome), sep="\n", flush=True)
+    lived = [outcome for outcome in outcomes if not outcome.killer]
+    others = [outcome for outcome in lived if outcome.mutant.key not in reasons]
     noticed = [o for o in outcomes if o.killer and o.mutant.key in reasons]
     for outcome in noticed:
         print(f"{_told(name, outcome.mutant)}\n    is argued to be equivalent, but {outcome.killer} notices it")
