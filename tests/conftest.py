@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -25,6 +26,18 @@ def pytest_configure() -> None:
     """Hear Ctrl-C: a shell starts what runs in its background deaf to it, and every test's processes would be too."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Take the mark `thorough` off a test's first cases, as many as it names `witnesses`."""
+    seen: Counter[str] = Counter()
+    for item in items:
+        for mark in item.iter_markers("thorough"):
+            name = item.nodeid.partition("[")[0]
+            seen[name] += 1
+            if seen[name] <= mark.kwargs.get("witnesses", 0):
+                item.own_markers.remove(mark)
 
 
 @pytest.fixture(scope="session")

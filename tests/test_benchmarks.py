@@ -72,6 +72,7 @@ def test_every_benchmark_has_a_table_here() -> None:
     assert sorted(TABLES) == NAMES
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", [pytest.param(name, marks=marks(name)) for name in NAMES])
 def test_it_runs_and_prints_its_table(name: str) -> None:
     command = [sys.executable, "-m", f"benchmarks.{name}", "--smoke"]

@@ -156,6 +156,7 @@ def made(module: ModuleType) -> list[Any]:
     ]  # fmt: skip
 
 
+@pytest.mark.thorough
 def test_objects_look_and_compare_the_same(both: tuple[ModuleType, ModuleType]) -> None:
     plain, native = both
     for one, other, twin in zip(made(plain), made(native), made(native), strict=True):
@@ -220,6 +221,7 @@ def listed() -> list[Path]:
     return files
 
 
+@pytest.mark.thorough
 def test_no_class_outside_inherits_from_a_compiled_one() -> None:
     """A class of plain Python cannot."""
     compiled = listed()

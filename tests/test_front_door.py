@@ -116,6 +116,7 @@ def test_the_blocks_of_the_page_run(working: Path) -> None:
     assert {"run", "sweep", "scenario"} <= names.keys()
 
 
+@pytest.mark.thorough
 def test_a_drive_is_that_of_the_command_line(working: Path) -> None:
     near = ("--set", "obstacles.parked_car.at_m=200.0")
     done = command("drive", "parked_car", "--seed", "2", *near, "--quiet", "--out", "by_command", cwd=working)
@@ -133,6 +134,7 @@ def test_a_drive_is_that_of_the_command_line(working: Path) -> None:
     assert run.folder.name.endswith("_parked_car")
 
 
+@pytest.mark.thorough
 def test_a_drive_shows_its_verdict_its_figures_with_units_and_its_picture(near: vve.Run) -> None:
     shown = near._repr_html_()
     assert "passed: The car came to rest" in shown
@@ -146,6 +148,7 @@ def test_a_drive_shows_its_verdict_its_figures_with_units_and_its_picture(near: 
     assert again.plot().axes
 
 
+@pytest.mark.thorough
 def test_a_recording_is_played(near: vve.Run, working: Path) -> None:
     played = vve.drive("delay_probe", pose=near.folder / "pose.bin", out="played")
     assert played.summary["outcome"] == "played"
@@ -153,6 +156,7 @@ def test_a_recording_is_played(near: vve.Run, working: Path) -> None:
     assert "prediction over 100 ms, maximum error" in played._repr_html_()
 
 
+@pytest.mark.thorough
 def test_a_rig_brings_its_car_and_its_faults(working: Path) -> None:
     faults = '[[faults]]\nkind = "wheel_speeds_zero"\nat_s = 2.0\n'
     (working / "ours.toml").write_text((REPOSITORY / "rigs/simulated.toml").read_text() + faults)
@@ -163,6 +167,7 @@ def test_a_rig_brings_its_car_and_its_faults(working: Path) -> None:
     assert list(rows["outcome"]) == ["fault", "fault"]
 
 
+@pytest.mark.thorough
 def test_a_crash_is_an_error_that_names_the_drive_and_the_next_drive_goes_on(working: Path) -> None:
     (working / "crashing.py").write_text(CRASHING, encoding="utf-8")
     with pytest.raises(vve.SimulationError, match=r"delay_probe: the drive came to no end: crashed: SIGSEGV") as crash:
@@ -173,6 +178,7 @@ def test_a_crash_is_an_error_that_names_the_drive_and_the_next_drive_goes_on(wor
     assert vve.drive(vve.Scenario("delay_probe").replace(NEAR)).summary["outcome"] == "stopped"
 
 
+@pytest.mark.thorough
 def test_an_interrupt_ends_the_drive_and_leaves_no_process_and_no_part(working: Path) -> None:
     (working / "hanging.py").write_text(HANGING, encoding="utf-8")
     threading.Thread(target=_interrupt_when, args=(working / "hung.part" / "scenario.json",)).start()

@@ -29,6 +29,7 @@ Quick = fast_frozen(declared("Quick"))
 values = st.tuples(st.floats(allow_nan=False), st.text(), st.tuples(st.integers()))
 
 
+@pytest.mark.thorough
 @given(values, values)
 def test_it_is_what_the_plain_dataclass_is(one: Any, other: Any) -> None:
     plain, quick = Plain(*one), Quick(*one)

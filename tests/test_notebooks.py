@@ -111,6 +111,7 @@ def test_a_notebook_is_stripped_and_explains_itself(name: str) -> None:
     assert all(len(cell.source.splitlines()) <= 16 for cell in book.cells if cell.cell_type == "code")
 
 
+@pytest.mark.thorough
 def test_the_papers_drive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     book = run("1_paper_drive", tmp_path, monkeypatch)
     assert figures(book) == 3
@@ -151,6 +152,7 @@ def test_the_latency_cliff(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert abs(declared) <= 0.05
 
 
+@pytest.mark.thorough
 def test_a_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("VVE_RECORDING", raising=False)
     book = run("4_real_recording", tmp_path, monkeypatch)

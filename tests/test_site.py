@@ -63,6 +63,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Page]:
     return {str(file.relative_to(folder)): Page(text) for file, text in texts.items()}
 
 
+@pytest.mark.thorough
 def test_every_page_of_the_repository_is_on_it(site: dict[str, Page]) -> None:
     wanted = {f"{file.stem}.html" for file in (REPOSITORY / "docs").glob("*.md")}
     wanted |= {f"notebooks/{file.stem}.html" for file in (REPOSITORY / "notebooks").glob("*.ipynb")}
@@ -117,6 +118,7 @@ def test_notebooks_are_shown_whole(site: dict[str, Page]) -> None:
                 assert unescape(cell.source) in page.said
 
 
+@pytest.mark.thorough
 def test_a_notebook_that_is_run_shows_what_its_cells_put_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("mkdocs", reason="building the site needs the extra `docs`")
     import mkdocs_hooks

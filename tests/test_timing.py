@@ -69,6 +69,7 @@ def test_what_listens_waits_longer_than_what_speaks() -> None:
     assert DRIVE.stale_limit > timing.SETPOINT_LIFETIME, "a pose is predicted for as long as a setpoint lives, and more"
 
 
+@pytest.mark.thorough
 def test_no_other_module_says_one_of_these_times() -> None:
     elsewhere = []
     for file in sorted((REPOSITORY / "vve_sumo").rglob("*.py")):

@@ -94,6 +94,7 @@ def test_vehicle_files_and_rigs_take_units():
     assert parse_rig(said, file).limits.speed_mps == 8.9408
 
 
+@pytest.mark.thorough
 @given(st.recursive(st.integers() | st.text(max_size=3), lambda inner: st.dictionaries(st.text(max_size=3), inner)))
 def test_what_holds_no_quantity_stays_as_it_is(tree):
     tree = tree if isinstance(tree, dict) else {"title": tree}
@@ -112,6 +113,7 @@ def test_python_takes_units_where_it_takes_a_number():
         vve.Scenario("seen_late").replace({"speed": "500 km/h"})
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "said",
     [

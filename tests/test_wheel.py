@@ -114,6 +114,7 @@ def test_the_pages_links_lead_to_files(installed: Path) -> None:
             assert (page.parent / link).exists(), f"{page.name}: {link}"
 
 
+@pytest.mark.thorough
 def test_a_workspace_has_examples_and_suites_that_run(installed: Path, tmp_path: Path) -> None:
     run(installed, tmp_path, "-m", "vve_sumo.cli", "init", "mine")
     brains = tmp_path / "mine" / "examples" / "brains"

@@ -126,6 +126,7 @@ def test_tables_of_a_run(run: Run, name: str) -> None:
         assert_described(which, table)
 
 
+@pytest.mark.thorough(witnesses=2)
 @pytest.mark.parametrize("name", OF_A_SWEEP)
 def test_tables_of_a_sweep(sweep: Sweep, name: str) -> None:
     for which, table in OF_A_SWEEP[name](sweep).items():

@@ -107,6 +107,7 @@ def lies(part: TimeInterval, true: float, within: float) -> None:
     assert part.low - 0.001 <= true <= part.high + 0.001
 
 
+@pytest.mark.thorough(witnesses=2)
 @pytest.mark.parametrize(("delay", "lag"), [(0.025, 0.015), (0.125, 0.015), (0.225, 0.015), (0.025, 0.2), (0.1, 0.1)])
 @pytest.mark.parametrize("other", [{}, {"push": 0.3, "strength": 0.78}, {"push": -0.3, "strength": 1.29}])
 def test_dead_time_and_lag_come_back_whatever_grade_mass_and_gain_are(
@@ -118,6 +119,7 @@ def test_dead_time_and_lag_come_back_whatever_grade_mass_and_gain_are(
     lies(found.build_up, lag, 0.004)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("late", with_slow([0.0, 0.1, 0.2], lambda late: late == 0.0))
 def test_the_intervals_hold_the_truth_as_often_as_two_standard_deviations_should(tmp_path: Path, late: float) -> None:
     """Twenty stops with 5 mm/s of white noise; the residuals' own size is an estimate too, so four in five must do."""

@@ -134,6 +134,7 @@ def test_what_cannot_be_compared_is_named(tmp_path: Path) -> None:
         compare(run, still)
 
 
+@pytest.mark.thorough
 def test_the_command_prints_both_tables_and_refuses_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -101,6 +101,7 @@ def test_lockstep_has_the_poses_age_alone(tmp_path: Path) -> None:
     assert len(legs_over_time(run)) == TICKS
 
 
+@pytest.mark.thorough
 def test_the_report_says_beneath_each_leg_what_it_is(live: tuple[Path, dict]) -> None:
     page = report(Run(live[0])).page()
     for leg, meaning in MEANINGS.items():

@@ -39,6 +39,7 @@ def run_of(folder: Path) -> Run:
     return run
 
 
+@pytest.mark.thorough
 def test_a_killed_drive_is_read_to_its_last_tick(killed: Path) -> None:
     run = run_of(killed)
     assert not run.complete

@@ -81,6 +81,7 @@ def test_the_car_as_declared_keeps_its_bound_and_any_other_breaks_it(driven: tup
         assert reported.loc["hard, snow", "excess_m"] > 5.0
 
 
+@pytest.mark.thorough
 def test_the_summary_says_of_the_stop_what_the_analysis_does(driven: tuple[Path, pd.DataFrame]) -> None:
     folder, rows = driven
     for name in rows.index:

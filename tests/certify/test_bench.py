@@ -74,6 +74,7 @@ def test_a_launchers_brain_ends_with_the_case(tmp_path: Path) -> None:
     assert not _is_listened_on(port)
 
 
+@pytest.mark.thorough
 def test_an_interrupt_of_a_certificate_ends_its_brain(tmp_path: Path) -> None:
     radar = _foreign_rig(tmp_path)
     (tmp_path / "brain.py").write_text(STUBBORN, encoding="utf-8")
@@ -135,6 +136,7 @@ def test_a_drive_that_broke_ends_the_certificate(
     assert query.out.exists() is (kind is not ConfigError)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("brain", [None, "./brain"])
 def test_a_brain_that_no_drive_can_start_is_exit_code_2_and_leaves_nothing(brain: str | None, tmp_path: Path) -> None:
     """It is no program although it is executable, or nobody is there to start it."""
@@ -165,6 +167,7 @@ def test_a_certificate_that_never_began_is_not_continued(tmp_path: Path) -> None
     assert not query.out.exists()
 
 
+@pytest.mark.thorough
 def test_drives_of_another_car_or_another_road_are_in_no_one_certificate(tmp_path: Path) -> None:
     """The rig's and the scenario's own files stay as they are; what they name changes."""
     for folder, name in (("rigs", "foreign.toml"), ("scenarios", "parked_car.toml"), ("vehicles", "ford_fusion.toml")):
@@ -192,6 +195,7 @@ def test_drives_of_another_car_or_another_road_are_in_no_one_certificate(tmp_pat
     assert plan().files_sha256["path"] != heavier.files_sha256["path"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
@@ -289,6 +293,7 @@ def test_what_was_not_tested_is_not_passed() -> None:
     assert with_verdicts(CaseVerdict.FAILED, CaseVerdict.VOID).verdict == "FAILED"
 
 
+@pytest.mark.thorough
 def test_a_brain_that_sees_by_radar_alone_need_not_listen_elsewhere(tmp_path: Path) -> None:
     """Ports that it has not opened when it waits are those of wires that it does not use; the radar's it must open."""
     radar, gnss = free_ports(2)

@@ -75,6 +75,7 @@ def certify(brain: str, folder: Path, cases: str, *more: str) -> subprocess.Comp
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("brain", "passes", "fails", "defect"), with_slow(BUGS, lambda bug: bug is BUGS[0]))
 def test_a_planted_bug_is_caught_and_named(
     brain: str, passes: str, fails: tuple[str, ...], defect: str, tmp_path: Path

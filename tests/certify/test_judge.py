@@ -185,6 +185,7 @@ def result(name: str, failed: bool, extra: float = 0.0, answers: bool = True) ->
     return CaseResult(CASE[name], 1, verdict, extra_braking=extra, drive=seen)
 
 
+@pytest.mark.thorough(witnesses=7)
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.case)
 def test_a_case_that_fails_alone_names_its_defect(rule: Rule) -> None:
     results = [result(name, name == rule.case) for name in NAMES]

@@ -61,6 +61,7 @@ def test_after_a_contact_the_onset_is_reckoned_back_from_the_contact(goes_on: fl
     assert onset_of(hit) == pytest.approx(hit.contact - SPEED / (2.0 * 1.8))
 
 
+@pytest.mark.thorough(witnesses=4)
 @pytest.mark.parametrize("case", STOPS, ids=lambda case: case.name)
 @settings(deadline=None)
 @given(begins=st.integers(5, 85), lasts=st.integers(1, 30))

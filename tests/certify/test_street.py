@@ -57,6 +57,7 @@ def names(results: list[CaseResult]) -> list[str]:
     return [defect.name for defect in diagnose(results)]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("bug", QUICK)
 def test_a_bug_fails_the_case_that_is_for_it_and_is_named(bug: str) -> None:
     cases, name = BUGS[bug]
@@ -74,6 +75,7 @@ def test_who_ignores_the_sequence_is_saved_from_a_frozen_radar_by_the_age_alone(
     assert by_sequence.reaction == 0.0
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("sense", ["esr", "ars408"])
 def test_who_reads_a_radars_angle_by_the_wrong_sign_is_named(sense: str) -> None:
     """An ESR's angle is right positive, an ARS408's lateral distance left positive: the slip of a reader."""
@@ -84,6 +86,7 @@ def test_who_reads_a_radars_angle_by_the_wrong_sign_is_named(sense: str) -> None
     assert "sign of azimuth" in names(results)[0]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("sense", ["esr", "ars408"])
 def test_a_right_brain_on_a_radars_bus_passes_what_is_for_buses(sense: str) -> None:
     cases = [one for one in CASES if one.name.startswith("sensor_") or one.name.endswith("_error")]
@@ -113,6 +116,7 @@ def test_a_right_brain_by_another_sense_passes_every_case(sense: str) -> None:
     assert [(one.case.name, one.why) for one in results if one.verdict in (CaseVerdict.FAILED, CaseVerdict.VOID)] == []
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["stanley_idm", "pursuit_headway"])
 def test_a_right_brain_by_a_public_law_passes_what_its_law_is_asked_by(name: str) -> None:
     asked = ("target_ghost", "target_ghost_slower", "target_bend_in_way", "target_rows_beside", "gnss_drop_out")

@@ -56,6 +56,7 @@ def test_two_values_of_one_sweep_are_compared(tmp_path: Path, capsys: pytest.Cap
     assert cells(text, "stop_gap_m")[:3] == ["2", "1", "0"]
 
 
+@pytest.mark.thorough
 def test_three_values_of_one_sweep_are_compared_each_with_each(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -148,6 +148,7 @@ def test_what_only_shows_at_the_start_leaves_nothing_either(tmp_path: Path) -> N
 NAN_TUNING = '[controller]\nname = "follow_and_stop"\ntuning = { gap_m = nan }\n\n[criteria]'
 
 
+@pytest.mark.thorough
 def test_places_that_cannot_be_written_are_one_line(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("", encoding="utf-8")
     refused(tmp_path, ["drive", "--out", "file/record"], ["file/record"])
@@ -172,6 +173,7 @@ def test_recordings_that_are_none_are_one_line(tmp_path: Path) -> None:
     refused(tmp_path, ["drive", "--pose", "gap.csv", "--out", "record"], ["gap.csv", "without a fix"])
 
 
+@pytest.mark.thorough
 def test_a_title_with_brackets_is_only_a_title(tmp_path: Path) -> None:
     scenario(
         tmp_path, 'title = "The paper\'s drive: a car parked in the middle of the road"', 'title = "[red]x[/nope]"'
@@ -190,6 +192,7 @@ def test_a_recording_is_never_written_over(shared_data: Path, tmp_path: Path) ->
     assert (tmp_path / "packet.ncom").read_bytes() == packet
 
 
+@pytest.mark.thorough
 def test_a_refusal_takes_away_only_what_it_made(tmp_path: Path) -> None:
     (tmp_path / "own").mkdir()
     scenario(tmp_path, "at_m = 639.0", "at_m = 2.0")
@@ -271,6 +274,7 @@ def test_init_lays_out_a_workspace_that_drives_and_never_replaces(tmp_path: Path
     assert "there already" in again.stderr
 
 
+@pytest.mark.thorough
 def test_a_users_own_controller_drives_and_its_failure_is_a_stop(tmp_path: Path) -> None:
     """A controller that raises under way ends as a stop with a reason, in the record and on the screen."""
     (tmp_path / "mine.py").write_text(
@@ -358,6 +362,7 @@ def test_bash_takes_the_completion(tmp_path: Path) -> None:
     assert run.stdout.split() == ["steering-margin"], run.stderr
 
 
+@pytest.mark.thorough
 def test_a_program_reads_what_a_command_prints(tmp_path: Path) -> None:
     listed = json.loads(isolated.command("scenarios", "--json", cwd=tmp_path).stdout)
     assert {"name", "title", "network", "others", "passes_if"} == set(listed[0])

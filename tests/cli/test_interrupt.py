@@ -16,6 +16,7 @@ from tests.conftest import REPOSITORY
 SHORT = ("sweep", "parked_car_speeds", "--out", "rows", "--workers", "1", "--quiet")
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize(
     ("arguments", "after"),
     [

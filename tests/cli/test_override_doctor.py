@@ -82,6 +82,7 @@ def test_a_reason_arms_all_the_same_and_is_kept(tmp_path: Path) -> None:
     assert "override" not in examined(drive, "x"), "nothing was overridden"
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("reason", ["", "  ", "a\nb", "\x1b[2J", "a" * 101])
 def test_what_is_no_reason_is_refused(tmp_path: Path, reason: str) -> None:
     with pytest.raises(ConfigError, match="--override-doctor: expected 1 to 100 printable characters"):
@@ -134,6 +135,7 @@ drive(made, {"verdict": "NO-GO", "caveats": [], "override": "receiver in service
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.live
 def test_the_screen_shows_it_for_the_whole_drive_and_the_record_keeps_it(tmp_path: Path) -> None:
     rig = own_rig(tmp_path)

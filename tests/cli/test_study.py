@@ -53,6 +53,7 @@ def studied(folder: Path) -> subprocess.CompletedProcess[str]:
     return done
 
 
+@pytest.mark.thorough
 def test_a_study_end_to_end(folder: Path, studied: subprocess.CompletedProcess[str]) -> None:
     for word in (
         "Latency margin of short",
@@ -82,6 +83,7 @@ def test_a_study_end_to_end(folder: Path, studied: subprocess.CompletedProcess[s
     assert (folder / "cliff" / "rows" / "part-00000.parquet").read_bytes() == rows
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -105,12 +107,14 @@ def test_what_is_wrong_is_one_line(folder: Path, arguments: tuple[str, ...], say
     assert [file.name for file in (folder / "scenarios").iterdir()] == ["short.toml"]
 
 
+@pytest.mark.thorough
 def test_what_is_usual_goes_with_the_scenario(folder: Path) -> None:
     shipped, quiet = latency_study("seen_late", REPOSITORY), latency_study("short", folder)
     assert shipped.plan.cells == len(DELAYS_MS) * len(FACTORS) * 3
     assert quiet.plan.cells == len(DELAYS_MS)
 
 
+@pytest.mark.thorough
 def test_a_study_of_a_rigs_car(folder: Path) -> None:
     assert latency_study("short", folder, rig="simulated").plan.rig == str(REPOSITORY / "rigs" / "simulated.toml")
     assert latency_study("short", folder).plan.rig == ""
@@ -133,6 +137,7 @@ def test_another_sweep_is_no_study(tmp_path: Path) -> None:
         latency_margin_of(Sweep(tmp_path))
 
 
+@pytest.mark.thorough
 def test_a_sensor_beside_the_ideal_radar_is_left_to_chance(tmp_path: Path) -> None:
     """Nobody knows what another sensor draws, so a study drives more than one seed of it."""
     (tmp_path / "scenarios").mkdir()

@@ -35,6 +35,7 @@ def content(address: str) -> bytes:
         return bytes(answer.read())
 
 
+@pytest.mark.thorough
 def test_the_command_serves_until_it_is_interrupted(record: Path) -> None:
     with subprocess.Popen(
         [sys.executable, "-m", "vve_sumo.cli", "view", "record"],

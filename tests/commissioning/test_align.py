@@ -151,6 +151,7 @@ def test_the_street_may_be_told_in_degrees(tmp_path: Path) -> None:
     assert abs(complex(result.alignment.x, result.alignment.y) - SHIFT) < 0.02
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -173,6 +174,7 @@ def test_bad_surveys_are_refused_in_one_line(change, words: str, tmp_path: Path)
     assert rig.read_text(encoding="utf-8") == before
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -189,6 +191,7 @@ def test_files_of_pairs_that_are_none_are_refused(text: str, words: str, tmp_pat
         found_by(tmp_path, file)
 
 
+@pytest.mark.thorough
 def test_a_search_in_the_twins_lot_fits_the_path(tmp_path: Path) -> None:
     rig = own_rig(tmp_path)
     run = isolated.command(
@@ -266,6 +269,7 @@ def stored_in_the_middle(folder: Path, scenario: Path, width: float) -> Path:
     return rig
 
 
+@pytest.mark.thorough
 def test_a_corridor_that_does_not_fit_is_told_by_place_and_distance(tmp_path: Path) -> None:
     """The strip is 14 m wide: beyond its margin and half of the car there are 5.07 m to either side, less the drift."""
     scenario = with_corridor(tmp_path, 3.0)
@@ -298,6 +302,7 @@ def test_a_corridor_that_does_not_fit_is_told_by_place_and_distance(tmp_path: Pa
         assert "declare a narrower corridor" in check.advice
 
 
+@pytest.mark.thorough
 def test_a_search_gives_the_corridor_its_room(tmp_path: Path) -> None:
     scenario, rig = with_corridor(tmp_path, 7.0), own_rig(tmp_path, runway(260.0, 20.0))
     run = isolated.command(

@@ -96,6 +96,7 @@ def truth(parameters: CarParameters) -> dict[str, float]:
     }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("geometry", "seed"), [({}, 1), (OTHER, 2)], ids=["declared", "other"])
 def test_finds_the_parameters_that_the_car_was_given(geometry: dict[str, float], seed: int, tmp_path: Path) -> None:
     parameters = car(**geometry)
@@ -116,6 +117,7 @@ def test_finds_the_parameters_that_the_car_was_given(geometry: dict[str, float],
         assert estimate.value == pytest.approx(wanted[name], abs=WITHIN[name]), name
 
 
+@pytest.mark.thorough
 def test_the_phases_are_the_setpoints_notes(record: Path, notes: list[str]) -> None:
     phases = [note for note, _ in itertools.groupby(notes) if note]
     assert phases[:4] == ["creep", "accelerate_1", "coast_1", "brake_1"]
@@ -123,6 +125,7 @@ def test_the_phases_are_the_setpoints_notes(record: Path, notes: list[str]) -> N
     assert {"brake_4", "steer_steps", "steer_sines"} <= set(phases)
 
 
+@pytest.mark.thorough
 def test_a_lot_that_is_too_short_cuts_the_plan_short_and_not_the_stop(tmp_path: Path) -> None:
     drive = CalibrationDrive(car(), 3, length=120.0)
     drive.run()
@@ -146,6 +149,7 @@ def shipped(folder: str) -> dict[str, Any]:
     return drives.run(drives.resolve_by_name("calibration", REPOSITORY), Path(folder), REPOSITORY).summary
 
 
+@pytest.mark.thorough
 def test_the_shipped_scenario_passes_and_calibrates(tmp_path: Path) -> None:
     """The whole of lockstep, street and all; what the scenario says is wrong with the car is what comes out."""
     summary = isolated(shipped, str(tmp_path / "record"))
@@ -192,6 +196,7 @@ def rig(tmp_path: Path) -> Path:
     return Path(shutil.copyfile(REPOSITORY / "rigs" / "simulated.toml", tmp_path / "ours.toml"))
 
 
+@pytest.mark.thorough
 def test_the_command_draws_tells_and_writes_into_the_rig(copy: Path, rig: Path, capsys: Any) -> None:
     before = rig.read_text()
     assert conclude(copy, rig, DATE) == 0
@@ -212,6 +217,7 @@ def test_the_command_draws_tells_and_writes_into_the_rig(copy: Path, rig: Path, 
     assert [file.name for file in rig.parent.glob("*ours*")] == [rig.name]
 
 
+@pytest.mark.thorough
 def test_a_second_calibration_replaces_the_first(calibrated: calibrate.Calibrated, rig: Path) -> None:
     calibrate.put_into(rig, calibrated, "2025-01-01")
     once = rig.read_text()
@@ -237,6 +243,7 @@ def cut(record: Path, seconds: float) -> None:
     (record / "pose.bin").write_bytes(whole[: round(seconds * 100) * 84 + 5])
 
 
+@pytest.mark.thorough
 def test_a_drive_that_was_cut_off_is_poor_and_stays_out_of_the_rig(copy: Path, rig: Path) -> None:
     """After 25 s there was no bend yet: the ratio is not known; the rest may be written where that is left."""
     cut(copy, 25.0)
@@ -297,6 +304,7 @@ def test_a_date_is_a_date(calibrated: calibrate.Calibrated, rig: Path, date: str
     assert rig.read_bytes() == before
 
 
+@pytest.mark.thorough
 def test_the_rig_of_a_live_record_is_what_was_declared(copy: Path, rig: Path) -> None:
     """Another lever arm and a mass that the record's own rig states are the ones that count."""
     rig.write_text(rig.read_text().replace("[limits]", "[vehicle]\nmass_kg = 1859.0\n[limits]"))
@@ -318,6 +326,7 @@ def spoil(folder: Path, name: str, text: str | None) -> None:
         (folder / name).write_text(text)
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize(
     ("name", "text", "complaint"),
     [

@@ -42,6 +42,7 @@ def reported(run: subprocess.CompletedProcess[str], name: str) -> tuple[str, str
     return lines[at][:7].strip(), text
 
 
+@pytest.mark.thorough
 @pytest.mark.live
 def test_the_twin_is_go_where_it_was_aligned_and_nowhere_else(tmp_path: Path) -> None:
     rig = own_rig(tmp_path)
@@ -81,6 +82,7 @@ def numbers(text: str) -> list[float]:
     return [float(number) for number in re.findall(r"\d+(?:\.\d+)?", text)]
 
 
+@pytest.mark.thorough
 @pytest.mark.live
 def test_a_lot_too_small_is_no_go(tmp_path: Path) -> None:
     corners = ((40.0036, -83.0195), (40.0036, -83.0160), (40.0052, -83.0160), (40.0052, -83.0195))
@@ -93,6 +95,7 @@ def test_a_lot_too_small_is_no_go(tmp_path: Path) -> None:
     assert "vve-sumo align --fit" in text
 
 
+@pytest.mark.thorough
 def test_a_port_that_another_program_has_is_no_go_and_no_car_is_started(tmp_path: Path) -> None:
     rig = own_rig(tmp_path)
     port = tomllib.loads(rig.read_text(encoding="utf-8"))["pose"]["port"]
@@ -128,6 +131,7 @@ def real_rig(folder: Path, channel: str, *changes: tuple[str, str]) -> Path:
     return file
 
 
+@pytest.mark.thorough
 def test_a_speed_that_is_not_allowed_and_a_bus_and_a_receiver_that_are_not_there_are_no_go(tmp_path: Path) -> None:
     rig = real_rig(tmp_path, "/dev/nobody", *LASTING, ("speed_mps = 12.0", "speed_mps = 5.0"))
     run = isolated.command("doctor", "seen_late", "--rig", str(rig), cwd=tmp_path)
@@ -168,6 +172,7 @@ def test_on_a_real_cars_bus_it_listens_and_says_nothing(tmp_path: Path) -> None:
     assert run.stdout.splitlines()[-1] == "NO-GO: watchdog record, fixes, path in the lot"
 
 
+@pytest.mark.thorough
 @pytest.mark.live
 def test_another_writer_on_our_identifiers_is_no_go(tmp_path: Path) -> None:
     command = codec.encode(codec.GearCommand(Gear.DRIVE), codec.Variant.DBW1_2024)
@@ -229,6 +234,7 @@ def of(checks: list[Check], name: str) -> Check:
     return next(check for check in checks if check.name == name)
 
 
+@pytest.mark.thorough
 def test_what_speaks_against_a_fix_is_told_in_words(tmp_path: Path) -> None:
     rig = own_rig(tmp_path)
     good = heard_from(rig)
@@ -252,6 +258,7 @@ def test_what_speaks_against_a_fix_is_told_in_words(tmp_path: Path) -> None:
     assert moving.finding is CheckResult.NO_GO
 
 
+@pytest.mark.thorough
 def test_a_rate_below_what_the_rig_promises_is_no_go(tmp_path: Path) -> None:
     rig = own_rig(tmp_path, ("rate_hz = 100.0", "rate_hz = 200.0"))
     assert of(heard_from(rig), "fixes").finding is CheckResult.NO_GO
@@ -327,6 +334,7 @@ def test_what_is_named_wrongly_is_no_go_and_the_rest_is_told(tmp_path: Path) -> 
     assert list(tmp_path.iterdir()) == [], "a verdict is kept on a rig and on nothing else"
 
 
+@pytest.mark.thorough
 def test_the_scenario_alone_is_examined_without_a_rig(tmp_path: Path) -> None:
     run = isolated.command("doctor", "seen_late", cwd=tmp_path)
     assert (run.returncode, run.stdout.splitlines()[-1]) == (0, "GO")

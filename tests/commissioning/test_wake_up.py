@@ -56,6 +56,7 @@ def test_the_verdict_names_the_next_step_where_it_is_not_go(worst: float, findin
     assert ("close other programs" in check.advice) is (finding is not CheckResult.GO)
 
 
+@pytest.mark.thorough
 def test_the_measurement_leaves_no_priority_behind() -> None:
     before = os.sched_getscheduler(0), os.getpriority(os.PRIO_PROCESS, 0)
     assert wake_up().name == "wake-up"

@@ -122,6 +122,7 @@ def test_a_real_car_s_armed_watchdog_needs_a_record(tmp_path: Path) -> None:
     assert "nowhere" in check.observed
 
 
+@pytest.mark.thorough
 @pytest.mark.live
 def test_the_doctor_reads_the_figures_of_a_live_test(tmp_path: Path) -> None:
     row = next(row for row in MATRIX if row.name == "gateway_paused")

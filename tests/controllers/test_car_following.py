@@ -90,6 +90,7 @@ def test_the_stated_condition_of_string_stability_is_that_of_the_transfer_functi
         assert (amplification(law) <= 1.0 + 1e-9) == (margin > 1.0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("lead_speed", [4.0, 8.0])
 def test_the_controllers_settle_on_the_gap_of_their_law(lead_speed: float) -> None:
     gap, speed = steady_gap("acc", {"time_headway_s": 1.8, "gap_m": 3.0}, lead_speed)
@@ -100,6 +101,7 @@ def test_the_controllers_settle_on_the_gap_of_their_law(lead_speed: float) -> No
     assert gap == pytest.approx((2.0 + 1.6 * speed) / math.sqrt(1.0 - (speed / DESIRED) ** 4), abs=0.4)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["acc", "idm"])
 def test_they_stop_behind_a_standing_car_and_drive_on_alone(name: str) -> None:
     made = controller.load(name, FUSION, {}, [CONTROLLERS])

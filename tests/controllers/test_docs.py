@@ -38,6 +38,7 @@ def example(page, tmp_path):
     return file
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "changes",
     with_slow([{"seed": 1}, {"seed": 2, "obstacles.0.at_m": 400.0}], lambda changes: changes["seed"] == 2),

@@ -39,6 +39,7 @@ def jerk(done: Drive) -> float:
     return float(np.abs(np.diff(done.acceleration[done.speed > 0.1])).max() / 0.02)
 
 
+@pytest.mark.thorough(witnesses=2)
 @pytest.mark.parametrize("mph", [5, 10, 15, 20, 25, 30, 35, 40, 45])
 def test_it_keeps_the_path_and_stops_five_metres_short(make, mph):
     speed = mph * MPH
@@ -56,6 +57,7 @@ def test_it_keeps_the_path_and_stops_five_metres_short(make, mph):
     assert steps.max() <= 2.5 + 1e-9
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("flaws", "worst_offset", "gap_error"),
     [
@@ -79,6 +81,7 @@ def test_it_bears_flaws_it_was_not_told_of(make, mph, flaws, worst_offset, gap_e
     assert not done.emergency.any()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("law", "worst"), [("pure_pursuit", 0.25), ("stanley", 0.15), ("lqr", 0.15)])
 @pytest.mark.parametrize("mph", [5, 25, 45])
 def test_the_other_steering_laws_keep_the_path(make, law, worst, mph):
@@ -113,6 +116,7 @@ def test_it_stands_at_the_end_of_the_path(make):
     assert {setpoint.acceleration for setpoint in done.setpoints[-50:]} == {-1.0}
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("seed", range(6))
 def test_blinded_until_18_m_it_brakes_fully_and_touches_nothing(make, seed):
     done = drive(make(), straight(400.0), 11.2, [Obstacle(200.0)], 60.0, sight=18.0, start_speed=11.2, seed=seed)
@@ -141,6 +145,7 @@ def test_it_passes_between_two_parked_cars(make, seed):
     assert done.acceleration[: int(np.argmax(passed))].min() > -0.3
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("speed", "seed"), with_slow([(8.0, 1), (8.0, 2), (11.2, 0), (11.2, 1), (14.0, 0)], lambda one: one[1] == 0)
 )
@@ -162,6 +167,7 @@ def test_a_car_standing_in_a_bend_is_stopped_for(make):
     assert done.gap[-1] == pytest.approx(5.0, abs=0.6)
 
 
+@pytest.mark.thorough
 def test_it_follows_at_its_headway_and_steadily(make):
     lead = Obstacle(30.0, speed=lambda _time: 8.0)
     done = drive(make(), straight(900.0), 13.0, [lead], 70.0)
@@ -170,6 +176,7 @@ def test_it_follows_at_its_headway_and_steadily(make):
     assert done.acceleration.min() > -2.6
 
 
+@pytest.mark.thorough
 def test_following_a_slightly_slower_lead_winds_nothing_up(make):
     lead = Obstacle(21.0, speed=lambda time: 7.8 if time < 80.0 else 12.0)
     done = drive(make(), straight(1500.0), 8.0, [lead], 110.0, start_speed=7.8)
@@ -192,6 +199,7 @@ def test_it_stands_behind_a_stopped_lead_and_goes_when_that_has_gone(make):
     assert done.speed[-1] > 4.0
 
 
+@pytest.mark.thorough
 def test_a_shuffling_lead_does_not_make_it_creep(make):
     def speed(time: float) -> float:
         return 1.0 if 30.0 < time < 31.2 else 0.0  # 1.2 m forward
@@ -209,12 +217,14 @@ def test_a_braking_lead_is_not_touched(make):
     assert done.gap.min() > 1.0
 
 
+@pytest.mark.thorough
 def test_the_same_drive_gives_the_same_setpoints(make):
     path = bends(9.0)
     once, again = (drive(make(), path, 9.0, [Obstacle(path.length - 15.0)], 30.0, seed=5).setpoints for _ in range(2))
     assert [(s.steering, s.acceleration, s.note) for s in once] == [(s.steering, s.acceleration, s.note) for s in again]
 
 
+@pytest.mark.thorough
 def test_the_delay_margin_of_the_design_is_where_the_loop_breaks(make, part):
     """The margin stands on python-control's linear loop, the drive on this file's non-linear car."""
     row = part("design").margins(FUSION, speeds=(20.1,))[0]

@@ -133,6 +133,7 @@ def test_it_avoids_what_physics_lets_it(speed, share):
     assert done.impact == pytest.approx(foretold, abs=0.6)
 
 
+@pytest.mark.thorough(witnesses=3)
 @pytest.mark.parametrize(
     ("speed", "lead", "mass", "allowed"),
     [(10, 0, 1.15, 0), (40, 0, 1.15, 0), (42, 0, 1.0, 0), (60, 0, 1.15, 35), (30, 20, 1.15, 0), (60, 20, 1.15, 0),
@@ -147,6 +148,7 @@ def test_cars_ahead(speed, lead, mass, allowed, seed):
     assert done.least_gap < MARGIN + 1.0  # and no earlier than it must
 
 
+@pytest.mark.thorough(witnesses=3)
 @pytest.mark.parametrize("speed", [50, 80])
 @pytest.mark.parametrize(("headway", "g"), [(12, 0.5), (12, 0.3), (40, 0.5), (40, 0.3)])
 @pytest.mark.parametrize("build_up", [0.0, 1.5])
@@ -168,6 +170,7 @@ def test_a_child_that_crosses(speed, allowed, seed):
     assert -0.1 < early < EARLIER + 0.1
 
 
+@pytest.mark.thorough(witnesses=5)
 @pytest.mark.parametrize(
     ("speed", "aside", "at", "pace", "within"),
     [(40, -4.0, -0.25, 5.0, 1.0), (50, -4.0, -0.25, 5.0, 1.0), (60, -4.0, -0.25, 5.0, 1.0), (50, -4.0, 0.0, 5.0, 1.0),
@@ -189,6 +192,7 @@ def test_one_who_runs_off_keeps_his_track(speed):
     assert ride(alone(), speed * KMH, [body], 7.0, seed=7).impact == 0.0
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("speed", [30, 50, 60])
 @pytest.mark.parametrize("clear", [1.0, 1.5, 2.0])
 @pytest.mark.parametrize("seed", range(2))
@@ -201,6 +205,7 @@ def test_for_who_stops_at_the_kerb_the_brakes_are_let_go(speed, clear, seed):
     assert done.hardest > -4.5 or clear < 1.5
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("speed", [30, 60])
 @pytest.mark.parametrize("clear", [0.5, 1.5])
 @pytest.mark.parametrize("pace", [-1.4, 0.0, 1.4])
@@ -247,6 +252,7 @@ def meets_a_cut_in(slower, seed):
     return ride(make(CAR, {}), v + u, [other], 6.5, seed=seed, stays=True)
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("slower", [10, 20, 30, 40, 50, 60])
 @pytest.mark.parametrize("seed", range(2))
 def test_a_car_that_cuts_in(slower, seed):
@@ -258,6 +264,7 @@ def test_a_car_that_comes_out_of_view_beside_the_bumper_is_still_known():
     assert meets_a_cut_in(10, 6).impact == 0.0
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize(
     ("slower", "seed"), [(40, 3), (40, 4), (50, 2), (50, 3), (50, 4), (60, 1), (60, 2), (60, 3), (60, 4), (60, 11)]
 )
@@ -266,6 +273,7 @@ def test_a_car_that_has_left_its_lane_is_braked_for_before_the_bank_is_sure(slow
     assert meets_a_cut_in(slower, seed).impact == 0.0
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("slower", [20, 40, 60])
 @pytest.mark.parametrize("aside", [3.5, 4.0])
 @pytest.mark.parametrize("seed", range(3))
@@ -338,6 +346,7 @@ BYSTANDERS = {
 }
 
 
+@pytest.mark.thorough(witnesses=2)
 @pytest.mark.parametrize("name", BYSTANDERS)
 @pytest.mark.parametrize("seed", range(2))
 def test_bystanders_do_not_brake_it(name, seed):
@@ -345,6 +354,7 @@ def test_bystanders_do_not_brake_it(name, seed):
     assert ride(alone(), speed * KMH, bodies, 6.0, seed=seed).hardest == 0.0
 
 
+@pytest.mark.thorough
 @settings(max_examples=25, deadline=None)
 @given(
     st.floats(15.0, 80.0), st.floats(20.0, 80.0), st.floats(-12.0, 12.0), st.floats(0.0, 15.0),

@@ -111,6 +111,7 @@ def meets_one_who_turns_off(ego: float, speed: float, radius: float, gap: float,
     return ride(alone(), ego, [turns_off(NOSE + 2.0 * ego + gap, speed, radius, 2.0, **size)], 8.0, seed=0)
 
 
+@pytest.mark.thorough(witnesses=6)
 @pytest.mark.parametrize("ego", [8.9, 13.4])
 @pytest.mark.parametrize("speed", [5.0, 7.0, 9.5])
 @pytest.mark.parametrize("radius", [7.0, 10.0])

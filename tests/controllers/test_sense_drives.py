@@ -37,6 +37,7 @@ def summary(record: Path) -> dict[str, Any]:
     return loaded
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("controller", with_slow(SENSES, lambda controller: controller == "camera_stop"))
 def test_it_stops_for_the_parked_car_as_the_radar_s_does(
     tmp_path_factory: pytest.TempPathFactory, controller: str
@@ -56,6 +57,7 @@ def child(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     return driven(tmp_path_factory, "every_sense", request.param)
 
 
+@pytest.mark.thorough
 def test_no_sense_lets_the_car_touch_the_child(child: Path) -> None:
     said = summary(child)
     assert said["passed"]

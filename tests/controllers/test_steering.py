@@ -56,6 +56,7 @@ def laws(part, vehicle):
     }
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("law", ["preview", "pure_pursuit", "stanley", "lqr"])
 @pytest.mark.parametrize("radius", [20.0, 50.0])
 def test_on_a_circle_without_slip_every_law_asks_for_its_angle(part, law, radius):
@@ -64,6 +65,7 @@ def test_on_a_circle_without_slip_every_law_asks_for_its_angle(part, law, radius
     assert steered(part, laws(part, NO_SLIP)[law], NO_SLIP, now) == pytest.approx(exact, rel=0.01)
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("law", ["preview", "pure_pursuit", "stanley", "lqr"])
 def test_with_slip_they_ask_for_what_holds_the_yaw_rate(part, law):
     """Steady circle: yaw rate = V delta / (L + K V^2), the rear axle drifting by what its tyres need."""
@@ -74,6 +76,7 @@ def test_with_slip_they_ask_for_what_holds_the_yaw_rate(part, law):
     assert speed * angle / factor == pytest.approx(speed / 120.0, rel=0.02)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("law", ["preview", "pure_pursuit", "stanley", "lqr"])
 def test_they_steer_back_and_mirror(part, law):
     path = ReferencePath.from_points([0.0, 200.0], [0.0, 0.0])
@@ -98,6 +101,7 @@ def rolled(part, law, speed: float, offset: float, seconds: float) -> list[Obser
     return states
 
 
+@pytest.mark.thorough
 def test_stanley_brings_the_front_axle_in_at_its_rate(part, monkeypatch):
     speed, rate = 10.0, 0.8
     stanley = part("stanley")
@@ -109,6 +113,7 @@ def test_stanley_brings_the_front_axle_in_at_its_rate(part, monkeypatch):
         assert front[i] == pytest.approx(front[0] * math.exp(-rate * i * STEP), rel=0.02)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("speed", [3.0, 12.0])
 def test_preview_dies_out_over_the_way_like_a_second_order_system(part, speed):
     """Without the derivative: damping 1/sqrt(2) at the wave number sqrt(2)/ls, so h(s) is known in closed form."""

@@ -79,6 +79,7 @@ def _first(record: Path, sensor: str) -> float:
     return PERIOD * float(told.tick.min())
 
 
+@pytest.mark.thorough
 def test_the_time_gained_is_that_of_the_geometry(record: Path) -> None:
     heard, seen = _first(record, "obu"), _first(record, "radar")
     # A check each 0.1 s, the latency, and the tick in whose slack it is worked out.
@@ -98,5 +99,6 @@ def test_with_v2x_the_car_waits_in_comfort_and_without_it_brakes_in_an_emergency
     assert (ticks.note == "warned").any() == warned
 
 
+@pytest.mark.thorough
 def test_the_drive_replays_to_the_byte(record: Path) -> None:
     assert isolated(cli.main, ["replay", str(record)]) == 0

@@ -56,6 +56,7 @@ def track(folder: Path, name: str) -> dict[str, np.ndarray[Any, Any]]:
     return {column: table[column].to_numpy()[mine] for column in table.column_names if column != "actor"}
 
 
+@pytest.mark.thorough
 def test_the_car_stops_behind_a_lead_that_brakes_to_a_stand(braked: tuple[Path, dict[str, Any]]) -> None:
     _folder, summary = braked
     assert summary["outcome"] == "stopped"
@@ -96,6 +97,7 @@ def test_whoever_enters_when_the_ego_comes_enters_then(braked: tuple[Path, dict[
     assert set(walker["radar_cross_section_m2"]) == {0.5}
 
 
+@pytest.mark.thorough
 def test_a_drive_with_actors_replays(braked: tuple[Path, dict[str, Any]]) -> None:
     folder, _summary = braked
     resolved = recorded_scenario(folder, REPOSITORY)
@@ -103,6 +105,7 @@ def test_a_drive_with_actors_replays(braked: tuple[Path, dict[str, Any]]) -> Non
     assert replay(resolved, read_pipeline_inputs(folder), read_car_frames(folder, DEFAULT_EPOCH), REPOSITORY) is None
 
 
+@pytest.mark.thorough
 def test_the_same_drive_gives_the_same_record(braked: tuple[Path, dict[str, Any]]) -> None:
     again = isolated(drive_once, changes(actors=[LEAD, WALKER]))
     assert again["record_sha256"] == braked[1]["record_sha256"]
@@ -192,5 +195,6 @@ def _waited() -> list[tuple[str, ...]]:
     return seen
 
 
+@pytest.mark.thorough
 def test_actors_wait_for_the_operators_go_and_their_time_counts_from_it() -> None:
     assert isolated(_waited) == [(), (), ("lead",), ("lead",), ("lead", "walker")]

@@ -70,6 +70,7 @@ def replayed(folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, str
     return code, said.out + said.err
 
 
+@pytest.mark.thorough
 def test_a_record_as_it_was_left_is_the_same(driven: Path, record: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Else all the other tests would find nothing."""
     code, said = replayed(record, capsys)
@@ -96,6 +97,7 @@ def other(value: Any) -> Any:
     return {} if isinstance(value, dict) and value else [] if isinstance(value, list) and value else 7
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("file", ["summary.json", "scenario.json"])
 @pytest.mark.parametrize("how", with_slow(["changed", "gone"], lambda how: how == "changed"))
 def test_every_key_counts(driven: Path, record: Path, file: str, how: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -137,6 +139,7 @@ FILES = (
 )
 
 
+@pytest.mark.thorough(witnesses=3)
 @pytest.mark.parametrize("file", FILES)
 def test_every_byte_counts(driven: Path, record: Path, file: str, capsys: pytest.CaptureFixture[str]) -> None:
     whole = (record / file).read_bytes()
@@ -183,6 +186,7 @@ def test_a_controller_that_has_changed_is_not_run(
     assert not ran(driven)
 
 
+@pytest.mark.thorough
 def test_a_redrive_does_not_run_the_recorded_controller(
     driven: Path, record: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

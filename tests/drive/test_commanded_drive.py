@@ -48,6 +48,7 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return recorded(tmp_path_factory, changes(), tmp_path_factory.mktemp("around") / "r")
 
 
+@pytest.mark.thorough
 def test_the_record_holds_the_paths_and_replays_bit_for_bit(record: Path) -> None:
     inputs = read_pipeline_inputs(record)
     asked = [row["tick"] for row in inputs.ticks if np.isfinite(row["steering_setpoint_rad"])]
@@ -63,6 +64,7 @@ def test_the_record_holds_the_paths_and_replays_bit_for_bit(record: Path) -> Non
     assert (difference.number, difference.item) == (tick, "commanded path")
 
 
+@pytest.mark.thorough
 def test_the_paths_are_in_the_records_hash(record: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     parts = json.loads((record / "summary.json").read_text())["record_parts_sha256"]
     assert hash_parts(record) == parts
@@ -80,6 +82,7 @@ def test_the_paths_are_in_the_records_hash(record: Path, tmp_path: Path, capsys:
     assert cli.main(["replay", str(record)]) == 0
 
 
+@pytest.mark.thorough
 def test_who_goes_around_what_stands_had_no_conflict_with_it(record: Path, tmp_path_factory: Any) -> None:
     """The same drive whose commands do not say where they lead counts one, until the car has left its path."""
     said = Run(record)
@@ -94,6 +97,7 @@ def test_who_goes_around_what_stands_had_no_conflict_with_it(record: Path, tmp_p
     assert "parked_car" in silent.data.conflict.actor
 
 
+@pytest.mark.thorough
 def test_the_picture_draws_the_path_at_the_moment_shown(record: Path) -> None:
     run = Run(record)
     page = page_of(run)
@@ -154,6 +158,7 @@ def stopped(says: bool) -> tuple[Any, Any, Any]:
     return ticked.truth, path, states
 
 
+@pytest.mark.thorough
 def test_without_setpoints_the_car_comes_to_rest_on_the_commanded_path() -> None:
     truth, path, states = isolated(stopped, True)
     assert states[-1] in ("stopping", "stopped")
@@ -164,6 +169,7 @@ def test_without_setpoints_the_car_comes_to_rest_on_the_commanded_path() -> None
     assert shapely.distance(line, shapely.Point(elsewhere.x, elsewhere.y)) > 0.8
 
 
+@pytest.mark.thorough
 def test_a_drive_cut_off_between_two_writes_replays_up_to_there(record: Path) -> None:
     """The paths are on the disk before the ticks: rows beyond the last tick are left alone."""
     inputs = read_pipeline_inputs(record)

@@ -41,6 +41,7 @@ def stopped_from(place: float, controller: Swerver, *, raising: bool = False) ->
     raise AssertionError("ticks never end by themselves")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("place", [46.0, 52.0, 58.0])
 @pytest.mark.parametrize("raising", [False, True])
 def test_in_mid_swerve_the_car_comes_to_rest_on_the_commanded_path(place: float, raising: bool) -> None:
@@ -69,6 +70,7 @@ def fenced(controller: Swerver, until: float) -> list[Ticked]:
     raise AssertionError("ticks never end by themselves")
 
 
+@pytest.mark.thorough
 def test_the_geofence_refuses_a_commanded_path_that_leaves_the_lot() -> None:
     """The car keeps to the scenario's path, which stays inside; only what the controller says that it means leads out.
 
@@ -89,6 +91,7 @@ def test_the_geofence_refuses_a_commanded_path_that_leaves_the_lot() -> None:
     assert abs(ticks[-1].truth.y) < TOLERANCE
 
 
+@pytest.mark.thorough
 def test_a_commanded_path_inside_the_lot_is_not_refused() -> None:
     ticks = fenced(Swerver(CAR, over_and_back((40.0, 70.0, 90.0, 120.0), 1.5), SPEED), 130.0)
     assert ticks[-1].truth.x > 130.0

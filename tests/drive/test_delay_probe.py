@@ -60,6 +60,7 @@ def stop(hidden: float, declared: float) -> Stop:
     return found
 
 
+@pytest.mark.thorough
 def test_a_hidden_delay_moves_the_stop_by_speed_times_delay() -> None:
     base, late = stop(0.0, 0.0), stop(0.1, 0.0)
     assert base.speed == pytest.approx(SPEED, abs=0.02)
@@ -68,6 +69,7 @@ def test_a_hidden_delay_moves_the_stop_by_speed_times_delay() -> None:
     assert late.station - base.station == pytest.approx(SPEED * 0.1, abs=0.05)
 
 
+@pytest.mark.thorough
 def test_the_same_delay_declared_is_predicted_away() -> None:
     base, late = stop(0.0, 0.0), stop(0.0, 0.099)
     assert late.pose_age - base.pose_age == pytest.approx(0.1, abs=0.0011)

@@ -49,6 +49,7 @@ def test_two_processes_give_the_same_hash_and_another_seed_another(first: str) -
     assert first != record_hash(6)
 
 
+@pytest.mark.thorough
 def test_numpy_without_its_optional_instructions_gives_the_same_hash(first: str) -> None:
     features = dispatched()
     if not features:

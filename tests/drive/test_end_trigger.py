@@ -56,6 +56,7 @@ def ended(folder: str) -> dict[str, dict[str, Any]]:
     return {name: drive_once(BLIND | {"end_trigger": trigger}, f"{folder}/{name}") for name, trigger in wanted.items()}
 
 
+@pytest.mark.thorough
 def test_a_drive_ends_at_the_first_tick_at_which_it_shall(tmp_path: Path) -> None:
     """The tables say when that was, whatever the drive thought: contact, time to collision, and place."""
     summaries = isolated(ended, str(tmp_path))

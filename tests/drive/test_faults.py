@@ -113,6 +113,7 @@ def drive_with(kind: str) -> tuple[dict[str, Any], list[float], list[str]]:
         return summary, ticks["true_speed_mps"].to_pylist(), ticks["state"].to_pylist()
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("kind", with_slow(REASONS, lambda kind: kind in ("lost", "flipped", "drifting_speed")))
 def test_a_receiver_that_goes_wrong_stops_the_car(kind: str) -> None:
     summary, speeds, states = isolated(drive_with, kind)
@@ -139,6 +140,7 @@ CONTROLLERS = {
 }
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("reason", CONTROLLERS)
 def test_a_controller_that_fails_stops_the_car(reason: str, tmp_path: Path) -> None:
     (tmp_path / "bad.py").write_text(

@@ -28,6 +28,7 @@ def drive(folder: str, vehicle: str) -> tuple[dict[str, Any], str]:
     return run.run(resolved, Path(folder), REPOSITORY).summary, resolved.note
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("wire", "reached"),
     with_slow([(OWN_WIRE, 5.5), (DATASPEED, 3412.0 / 868.0)], lambda one: one[0] == OWN_WIRE),
@@ -45,6 +46,7 @@ def test_it_stops_with_room_to_spare_on_either_wire(wire: str, reached: float, t
     assert bool(note) == (wire == DATASPEED)
 
 
+@pytest.mark.thorough
 def test_the_command_says_so_before_it_drives(tmp_path: Path) -> None:
     van_file(tmp_path, DATASPEED)
     done = command("drive", "parked_car", "--vehicle", "van.toml", "--set", "duration_s=1.0", "--quiet", cwd=tmp_path)

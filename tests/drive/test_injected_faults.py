@@ -83,6 +83,7 @@ def codes_under_way(folder: Path) -> set[str]:
     return {code for time, joined in rows if time > 2.5 for code in joined.split("+")}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", [name for name, (_fault, code) in FAULTS.items() if code])
 def test_the_gateway_names_the_fault(driven: dict[str, Path], name: str) -> None:
     assert FAULTS[name][1] in codes_under_way(driven[name])
@@ -102,6 +103,7 @@ def test_a_fault_counts_from_the_first_motion_or_from_the_start(driven: dict[str
     assert begun["early"] == pytest.approx(3.0, abs=0.05)
 
 
+@pytest.mark.thorough
 def test_the_same_seed_gives_the_same_bytes(driven: dict[str, Path], tmp_path: Path) -> None:
     isolated(drive, str(rig_of(tmp_path, FAULTS["garbage"][0])), str(tmp_path / "record"))
     for file in ("pose.bin", "can.log", "scenario.json"):
@@ -128,6 +130,7 @@ def test_the_record_holds_the_faults_and_a_drive_without_them_no_key_of_them(dri
     assert "faults" not in json.loads((driven["none"] / "scenario.json").read_text(encoding="utf-8"))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_record_with_faults_is_whole_and_replays(driven: dict[str, Path], name: str) -> None:
     assert alterations(driven[name]) == []

@@ -80,6 +80,7 @@ def _drawn(name: str, file: str) -> None:
     draw(resolve_by_name(name, REPOSITORY), Path(file))
 
 
+@pytest.mark.thorough
 def test_the_picture_shows_ego_actor_obstacle_and_contact(tmp_path: Path) -> None:
     import matplotlib.image as image
 

@@ -71,6 +71,7 @@ def test_stops_at_the_gap_for_every_seed(seed: int) -> None:
     assert not summary["emergency_used"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("speed", "seed"), with_slow([(5.0, 12), (5.0, 19), (13.4, 5)], lambda drive: drive[1] == 5))
 def test_its_traffic_calls_for_no_emergency(speed: float, seed: int) -> None:
     """As shipped. With traffic that had the right of way over the path the first two met a car in a junction."""
@@ -96,6 +97,7 @@ ERRORS = [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("mph", with_slow([5, 45], lambda mph: mph == 45))
 @pytest.mark.parametrize("errors", ERRORS)
 def test_stops_and_holds_with_a_car_that_is_not_as_declared(errors: dict[str, float], mph: int) -> None:
@@ -104,6 +106,7 @@ def test_stops_and_holds_with_a_car_that_is_not_as_declared(errors: dict[str, fl
     check(isolated(drive_once, changes | {f"ego.car.{key}": value for key, value in errors.items()}), 0.7)
 
 
+@pytest.mark.thorough
 def test_the_emergency_layer_stops_without_contact_when_the_radar_sees_late() -> None:
     """Blind until 18 m at 25 mph: comfort braking would need 11.2^2 / 2 / 3.5 = 17.9 m and a standing start of it."""
     summary = isolated(drive_once, briefly(25, 3) | {"radar.range_limit_m": 18.0})
@@ -114,6 +117,7 @@ def test_the_emergency_layer_stops_without_contact_when_the_radar_sees_late() ->
     assert summary["stop_gap_m"] > 0.3
 
 
+@pytest.mark.thorough
 def test_without_the_emergency_layer_the_same_drive_ends_in_contact() -> None:
     """The counter-proof that the layer is what stops the car."""
     summary = isolated(
@@ -123,6 +127,7 @@ def test_without_the_emergency_layer_the_same_drive_ends_in_contact() -> None:
     assert summary["collision"] is True
 
 
+@pytest.mark.thorough
 def test_the_end_of_the_path_is_a_stop_line() -> None:
     """With nothing in the way the car comes to rest at the end of the path, not beyond it."""
     summary = isolated(drive_once, {"road.demand": [], "obstacles": [], "ego.speed_mps": 15.0})

@@ -61,6 +61,7 @@ def stood(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any
     return above / "record", isolated(drive_once, changes(anna(walk)), str(above / "record"))
 
 
+@pytest.mark.thorough
 def test_the_car_stops_before_the_area_of_a_person(stood: tuple[Path, dict[str, Any]]) -> None:
     folder, summary = stood
     assert summary["outcome"] == "stopped"
@@ -99,6 +100,7 @@ def test_the_area_holds_the_true_place(stood: tuple[Path, dict[str, Any]]) -> No
     assert np.mean(off <= np.array([row["radius_m"] for row in people])) > 0.9
 
 
+@pytest.mark.thorough
 def test_before_somebody_is_seen_nothing_drives(tmp_path: Path) -> None:
     """A phone that comes every ten seconds, and its first position late: until then the car does not get ready."""
     walk = walk_file(tmp_path, (0.0, 0.0, 0.0))
@@ -118,6 +120,7 @@ def test_before_somebody_is_seen_nothing_drives(tmp_path: Path) -> None:
     assert set(waits) == {"person_absent"}
 
 
+@pytest.mark.thorough
 def test_somebody_who_is_lost_stops_the_car(tmp_path: Path) -> None:
     """A phone that is so bad that its circle is beyond the limit after a while: positions every five seconds."""
     walk = walk_file(tmp_path, (0.0, -100.0, 0.0))
@@ -131,6 +134,7 @@ def test_somebody_who_is_lost_stops_the_car(tmp_path: Path) -> None:
     assert lost["age_s"] == pytest.approx(5.0, abs=0.03)
 
 
+@pytest.mark.thorough
 def test_the_same_drive_twice_is_the_same_to_the_byte_and_another_seed_is_not(
     stood: tuple[Path, dict[str, Any]], tmp_path: Path
 ) -> None:
@@ -143,6 +147,7 @@ def test_the_same_drive_twice_is_the_same_to_the_byte_and_another_seed_is_not(
     assert parts[0] == parts[1] != parts[2]
 
 
+@pytest.mark.thorough
 def test_a_record_comes_out_again(stood: tuple[Path, dict[str, Any]]) -> None:
     folder, _summary = stood
     inspected = review.inspect(folder, REPOSITORY)
@@ -221,6 +226,7 @@ def test_only_a_live_drive_asks_for_a_page(tmp_path: Path) -> None:
     assert not resolved.with_rig(rig(), REPOSITORY, live=True).people[0].pages
 
 
+@pytest.mark.thorough
 def test_walking_to_the_lot_of_a_rig_stops_the_car_in_lockstep_too(tmp_path: Path) -> None:
     """The anchor's heading is east, so they walk south, where the lot is; 50 m are to be kept."""
     walk = walk_file(tmp_path, (8.0, 0.0, 0.0), (60.0, 0.0, -104.0))
@@ -334,6 +340,7 @@ def _example(folder: str) -> dict[str, Any]:
     return drives.run(resolved, Path(folder), REPOSITORY).summary
 
 
+@pytest.mark.thorough
 def test_the_example_lets_the_person_cross_and_drives_on(tmp_path: Path) -> None:
     summary = isolated(_example, str(tmp_path / "record"))
     assert summary["failed"] == []

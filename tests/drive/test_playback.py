@@ -62,6 +62,7 @@ def check(file: Path, folder: Path, summary: dict[str, Any], ticks: Any) -> None
     assert np.isfinite(ticks["steering_setpoint_rad"].to_numpy()[5:]).all()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "mean", "greatest", "metres"),
     [("comma2k19", 0.02, 0.1, None), pytest.param("boreas", 0.03, 0.3, 8000.0, marks=pytest.mark.slow)],
@@ -91,6 +92,7 @@ def write_circle(file: Path, seconds: float) -> None:
     file.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
+@pytest.mark.thorough
 def test_a_drive_is_laid_where_the_path_starts(tmp_path: Path) -> None:
     """Matched start: the first pose is the path's start; the way travelled keeps its length and its turning sense."""
     write_circle(tmp_path / "circle.csv", 12.0)

@@ -32,6 +32,7 @@ def run(drive: tuple[dict[str, Any], Path]) -> Run:
     return load(drive[1])
 
 
+@pytest.mark.thorough
 def test_it_brakes_for_the_parked_car_alone(drive: tuple[dict[str, Any], Path]) -> None:
     summary, _folder = drive
     assert summary["passed"] is True
@@ -64,6 +65,7 @@ def test_ranges_are_those_of_the_time_at_which_they_were_measured(run: Run) -> N
     assert parked["ghosts"] == 0
 
 
+@pytest.mark.thorough
 def test_it_is_replayed_bit_for_bit(drive: tuple[dict[str, Any], Path]) -> None:
     _summary, folder = drive
     resolved = recorded_scenario(folder, REPOSITORY)

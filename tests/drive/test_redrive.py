@@ -66,6 +66,7 @@ def redriven(record: Path, controller: str) -> pa.Table:
     return side_by_side(replayed_ticks(assemble(resolved, REPOSITORY).pipeline, read_pipeline_inputs(record)))
 
 
+@pytest.mark.thorough
 def test_the_same_controller_answers_the_same(record: Path) -> None:
     """With the tuning that it had."""
     table = redriven(record, "follow_and_stop")
@@ -112,6 +113,7 @@ def test_what_never_comes_is_never(record: Path) -> None:
     assert result.greatest == result.rms == {"steering_rad": 0.0, "acceleration_mps2": 0.0}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("ending", [".parquet", ".csv"])
 def test_the_command_says_draws_and_writes(
     record: Path, other: str, tmp_path: Path, ending: str, capsys: pytest.CaptureFixture[str]

@@ -51,6 +51,7 @@ def replayed(folder: Path) -> Difference | None:
     return replay(resolved, read_pipeline_inputs(folder), read_car_frames(folder, DEFAULT_EPOCH), REPOSITORY)
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("name", DRIVES)
 def test_the_same_inputs_give_the_same_answers(records: dict[str, Path], name: str) -> None:
     assert replayed(records[name]) is None
@@ -121,6 +122,7 @@ def test_a_byte_of_a_table_that_says_nothing_is_found_too(records: dict[str, Pat
     assert altered_parts(folder) == ["actors"]
 
 
+@pytest.mark.thorough
 def test_what_was_never_finished_replays_as_far_as_its_inputs_reach(
     records: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -72,6 +72,7 @@ def test_a_ramp_is_the_integral_of_its_own_jerk_and_acceleration(
     assert later == pytest.approx((ramp.length + 2.0 * speed, speed, 0.0))
 
 
+@pytest.mark.thorough
 def test_the_car_has_the_steady_state_of_a_standing_start_at_that_place(
     record: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
@@ -97,6 +98,7 @@ def test_the_car_has_the_steady_state_of_a_standing_start_at_that_place(
     assert rolled.pose_trusted.all()
 
 
+@pytest.mark.thorough
 def test_on_a_bend_the_wheels_are_turned_as_they_would_be(tmp_path_factory: pytest.TempPathFactory) -> None:
     folder = tmp_path_factory.mktemp("bend") / "r"
     rolled = pd.read_parquet(recorded(tmp_path_factory, rolling_changes(ON_BEND, BEND), folder) / "ticks.parquet")
@@ -131,6 +133,7 @@ def test_the_gateway_was_engaged_at_rest_by_the_ordinary_steps() -> None:
     assert parts.pipeline.pose.time < 0.0
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("fidelity", ["ideal", "measured"])
 @pytest.mark.parametrize("speed", [1.0, 3.0, 11.176, 15.0])
 def test_every_speed_is_reached_at_its_place(speed: float, fidelity: str) -> None:
@@ -144,6 +147,7 @@ def test_every_speed_is_reached_at_its_place(speed: float, fidelity: str) -> Non
     assert rolling.begin == -rolling.ticks * PERIOD
 
 
+@pytest.mark.thorough
 def test_record_and_scenario_say_it_and_the_replay_is_bit_for_bit(record: Path) -> None:
     scenario = json.loads((record / "scenario.json").read_text(encoding="utf-8"))["settings"]["ego"]
     assert (scenario["initial_speed_mps"], scenario["initial_s_m"]) == (8.0, STRAIGHT)
@@ -158,6 +162,7 @@ def test_record_and_scenario_say_it_and_the_replay_is_bit_for_bit(record: Path) 
     assert difference is not None, "what came before drive time 0 counts"
 
 
+@pytest.mark.thorough
 def test_outcome_and_figures_are_those_of_standing_starts() -> None:
     """Two seeds each: the means differ by less than a standing start's seeds do, or a few centimetres."""
     changes = {"road.demand": [], "ego.speed_mps": 7.0, "obstacles": [{"id": "parked_car", "at_m": 116.0}]}

@@ -96,6 +96,7 @@ def test_a_car_whose_place_is_unknown_stands_before_nothing() -> None:
     assert observer.classify(pose, math.nan, empty) is StandstillCause.CLEAR
 
 
+@pytest.mark.thorough
 def test_a_drive_goes_on_after_a_rest_for_a_car_that_crossed() -> None:
     """In ordinary light traffic a car crosses Louis Avenue at 18 m/s before the ego, which rests for 3 s."""
     summary = isolated(

@@ -110,6 +110,7 @@ def test_few_points_along_a_straight_street_are_enough(write: Write, spacing: in
     assert lay(write(straight[:2])).path.length == pytest.approx(spacing, rel=0.01)
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("vehicle", VEHICLES, ids=lambda file: file.stem)
 @pytest.mark.parametrize("route", sorted((REPOSITORY / "routes").glob("*.csv")), ids=lambda file: file.stem)
 def test_every_shipped_route_suits_every_shipped_car(route: Path, vehicle: Path) -> None:
@@ -119,6 +120,7 @@ def test_every_shipped_route_suits_every_shipped_car(route: Path, vehicle: Path)
     refuse_tight_bend(laid.path, load_vehicle(vehicle).vehicle.tightest_curvature, route.name)
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("vehicle", VEHICLES, ids=lambda file: file.stem)
 @pytest.mark.parametrize(
     ("recording", "columns"),

@@ -65,6 +65,7 @@ def test_the_mkz_drives_the_papers_drive(tmp_path: Path) -> None:
     assert recorded["files_sha256"]["vehicle"] == hash_file(REPOSITORY / "vehicles" / "lincoln_mkz.toml")
 
 
+@pytest.mark.thorough
 def test_the_simulated_vehicle_of_a_rig_is_the_car_that_the_rig_calibrates(tmp_path: Path) -> None:
     """Bias and lever arm are known to rig and car alike, so the drive is as good as with a car that has neither."""
     rig = tmp_path / "ours.toml"

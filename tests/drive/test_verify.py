@@ -44,6 +44,7 @@ def records(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return records
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", DRIVES)
 def test_what_a_drive_left_is_whole(records: dict[str, Path], name: str, tmp_path: Path) -> None:
     assert alterations(records[name]) == []
@@ -52,6 +53,7 @@ def test_what_a_drive_left_is_whole(records: dict[str, Path], name: str, tmp_pat
     assert alterations(folder) == [], "to write the same hashes again is no alteration"
 
 
+@pytest.mark.thorough(witnesses=8)
 @pytest.mark.parametrize("name", DRIVES)
 @pytest.mark.parametrize("outcome", [*DRIVES, "arrived", "fault", "interrupted", "broken", "played", "nonsense"])
 def test_an_outcome_that_the_rows_do_not_show(
@@ -82,6 +84,7 @@ CHANGES: dict[str, Any] = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("key", CHANGES)
 def test_a_figure_that_the_rows_do_not_come_to(
     records: dict[str, Path], key: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -191,6 +194,7 @@ def test_a_redrive_says_what_was_altered(
     assert "summary.json is not as the drive left it" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_a_comparison_notes_what_was_altered(
     records: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

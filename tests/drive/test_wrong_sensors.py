@@ -72,6 +72,7 @@ def farthest_way(came: Came, stops: Layer, push: float = 0.0) -> float:
     return bound(Row("", "", Right.REST, stops=stops, notice=came.noticed + PERIOD, push=push), came.speed, 0.0)
 
 
+@pytest.mark.thorough(witnesses=3)
 @pytest.mark.parametrize("speed", with_slow(SPEEDS, lambda speed: speed == SPEEDS[0]))
 @pytest.mark.parametrize("promised", PROMISED, ids=lambda promised: promised.kind)
 def test_a_fault_that_no_report_confesses_is_noticed_and_stops_the_car(promised: Noticed, speed: float) -> None:
@@ -83,6 +84,7 @@ def test_a_fault_that_no_report_confesses_is_noticed_and_stops_the_car(promised:
     assert came.let_go == 0.0, "a car that moves is neither held to stand nor let go"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("speed", with_slow(SPEEDS, lambda speed: speed == SPEEDS[0]))
 @pytest.mark.parametrize("kind", ["pose_minute_wrong", "pose_ahead_once", "pose_forged"])
 def test_packets_that_cannot_be_from_when_they_say_are_ridden_through(kind: str, speed: float) -> None:

@@ -92,6 +92,7 @@ def test_asammdf_knows_the_frames_as_those_of_buses(folder: Path, tmp_path: Path
     assert {int(bus): set(names) for bus, names in events.items()} == {1: {0x60, 0x7FF}, 2: {0x61, 0x64}}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("form", READERS)
 def test_the_same_record_has_the_same_bytes_at_another_moment(folder: Path, form: str, tmp_path: Path) -> None:
     first = export(Run(folder), form, tmp_path / f"a.{form}")[0].read_bytes()

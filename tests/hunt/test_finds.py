@@ -35,6 +35,7 @@ def test_a_foot_that_only_the_motion_shows(monkeypatch: pytest.MonkeyPatch) -> N
     assert "foot_closes_throttle" in broken(*actions)
 
 
+@pytest.mark.thorough
 def test_a_brain_that_asks_for_ever_more(monkeypatch: pytest.MonkeyPatch) -> None:
     action = Action("brain_full_throttle", 0.0, 12.0)
     assert broken(action) == ()

@@ -26,6 +26,7 @@ EPISODES = (
 )
 
 
+@pytest.mark.thorough
 def test_forked_and_driven_alone_are_the_same() -> None:
     forked = {str(one.episode): one for one in run_many(course(), EPISODES, Tolerances(), workers=3)}
     assert len(forked) == len(EPISODES)
@@ -49,6 +50,7 @@ def test_an_exception_in_the_program_is_a_finding(monkeypatch: pytest.MonkeyPatc
     assert "RuntimeError: a bug" in result.failure
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("phase", [EpisodePhase.ARMING, EpisodePhase.ENGAGING, EpisodePhase.HELD, EpisodePhase.DRIVING])
 def test_a_nominal_drive_breaks_nothing(phase: EpisodePhase) -> None:
     result = run_alone(course(), Episode(phase, 0.5, ()), Tolerances())

@@ -60,6 +60,7 @@ def test_a_guided_search_breaks_nothing() -> None:
     assert found == []
 
 
+@pytest.mark.thorough(witnesses=2)
 @pytest.mark.parametrize("file", FOUND, ids=lambda file: file.stem)
 def test_what_was_found_once_is_not_found_again(file: Path) -> None:
     invariant, episode = read_row(file)
@@ -68,6 +69,7 @@ def test_what_was_found_once_is_not_found_again(file: Path) -> None:
     assert not result.failure
 
 
+@pytest.mark.thorough(witnesses=2)
 @pytest.mark.parametrize(
     "actions",
     [

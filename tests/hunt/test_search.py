@@ -57,6 +57,7 @@ def test_the_pairs_are_all_pairs_once_in_every_phase() -> None:
                 assert (phase, frozenset({fault, other})) in driven
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize(
     ("kind", "other", "numbers"),
     [
@@ -161,6 +162,7 @@ def hunted(folder: Path, episodes: int, *, resume: bool = False) -> dict[str, Ep
     return hunt.journal.results
 
 
+@pytest.mark.thorough
 def test_a_hunt_that_was_cut_off_goes_on_to_the_same_end(tmp_path: Path) -> None:
     whole = hunted(tmp_path / "whole", 4)
     hunted(tmp_path / "cut", 2)

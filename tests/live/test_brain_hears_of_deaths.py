@@ -182,6 +182,7 @@ class Driven(Stage):
         return time.monotonic()
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.live
 @pytest.mark.parametrize("death", with_slow(list(ALL), lambda one: one.name in USUAL), ids=lambda one: one.name)
 def test_the_brain_hears_of_it_in_time_and_the_car_comes_to_rest(death: Death, tmp_path: Path) -> None:

@@ -87,6 +87,7 @@ def test_a_gateway_that_is_frozen_under_way_and_then_gone_is_cried_out(tmp_path:
     assert "gateway_gone" in json.loads((tmp_path / "record" / "summary.json").read_text())["reasons"]
 
 
+@pytest.mark.thorough
 @pytest.mark.live
 def test_a_car_that_faces_the_wrong_way_beside_the_start_is_not_ready_and_told_its_numbers(tmp_path: Path) -> None:
     """The rig's own numbers: 0.00002 degrees of latitude are 2.2 m, to the left of a path that runs west."""
@@ -106,6 +107,7 @@ def test_a_car_that_faces_the_wrong_way_beside_the_start_is_not_ready_and_told_i
     assert {row["state"] for row in read_table(tmp_path / "record", "gateway").to_pylist()} == {"disarmed"}
 
 
+@pytest.mark.thorough
 @pytest.mark.live
 def test_a_simulated_vehicle_waits_for_a_calm_second_and_the_engineer_is_told(tmp_path: Path) -> None:
     def stall() -> None:

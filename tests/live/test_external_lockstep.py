@@ -46,6 +46,7 @@ def _driven(folder: Path, name: str) -> tuple[tuple[bytes, ...], float]:
     return tuple((folder / name / part).read_bytes() for part in RECORD), float(summary["max_speed_mps"])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "program",
     [
@@ -95,6 +96,7 @@ def test_minimal_brains_of_both_languages_drive_the_same(tmp_path: Path) -> None
     assert records[0] == records[1]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "program",
     [
@@ -148,6 +150,7 @@ def test_a_stray_datagram_before_the_brain_does_not_lock_it_out(tmp_path: Path) 
         thread.join()
 
 
+@pytest.mark.thorough
 def test_brain_that_is_not_there_is_one_line_and_no_record(tmp_path: Path) -> None:
     write_rig(tmp_path, deadline=0.2)
     done = command("drive", "parked_car", *SHORT, "--out", "none", cwd=tmp_path)
@@ -182,6 +185,7 @@ def test_a_controller_beside_a_brain_is_refused(tmp_path: Path) -> None:
         assert not (tmp_path / "none").exists()
 
 
+@pytest.mark.thorough
 def test_brain_that_falls_silent_stops_the_car_with_a_reason(tmp_path: Path) -> None:
     gnss, radar, setpoints = write_rig(tmp_path, deadline=0.5)
     del gnss

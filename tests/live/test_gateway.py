@@ -273,6 +273,7 @@ def test_a_gateway_that_slept_latches_it_and_makes_up_for_nothing(bench: Open) -
     assert set(counters(b.heard)) == set(range(1, len(b.heard)))
 
 
+@pytest.mark.thorough
 @pytest.mark.live
 def test_signals_hammered_at_a_moving_gateway_change_nothing(bench: Open) -> None:
     b = bench(3.0)
@@ -287,6 +288,7 @@ def test_signals_hammered_at_a_moving_gateway_change_nothing(bench: Open) -> Non
     b.rest()
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.live
 @pytest.mark.parametrize(
     ("damage", "reason"),
@@ -328,6 +330,7 @@ def test_a_gateway_that_nobody_can_engage_any_more_ends(bench: Open) -> None:
     assert not any(heard.brake.enable for heard in b.heard)
 
 
+@pytest.mark.thorough
 @pytest.mark.live
 def test_a_killed_recorder_stops_the_car(bench: Open) -> None:
     b = bench(3.0)
@@ -338,6 +341,7 @@ def test_a_killed_recorder_stops_the_car(bench: Open) -> None:
     assert "record_lost" in reasons_of(b, recorded=False)
 
 
+@pytest.mark.thorough
 @pytest.mark.live
 def test_a_recorder_that_hangs_stops_the_car_in_bounded_time_and_delays_no_step(bench: Open) -> None:
     b = bench(3.0)
@@ -350,6 +354,7 @@ def test_a_recorder_that_hangs_stops_the_car_in_bounded_time_and_delays_no_step(
     assert len(commanded) == pytest.approx((commanded[-1].time - commanded[0].time) / PERIOD, rel=0.1)
 
 
+@pytest.mark.thorough
 @pytest.mark.live
 def test_a_bus_that_takes_nothing_is_found_and_tried_again(bench: Open) -> None:
     b = bench(2.0)

@@ -98,6 +98,7 @@ def test_one_datagram_of_another_program_stops_the_car_and_counts_for_nothing(tm
     assert {"pose_jump", "gap", "settling"}.isdisjoint("+".join(ended.ticks["pose_reasons"]).split("+"))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "datagram", [None, pytest.param(b"\xe7" * 4096, marks=pytest.mark.slow)], ids=["packets", "long ones"]
 )

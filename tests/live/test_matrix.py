@@ -23,6 +23,7 @@ from tests.live.matrix import (
     EACH,
     GATEWAY,
     MATRIX,
+    QUICK,
     SLOW,
     SPEED,
     STEP,
@@ -73,7 +74,9 @@ def tried(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 
 @pytest.mark.live
-@pytest.mark.parametrize("row", with_slow(MATRIX, lambda row: row.name not in SLOW), ids=lambda row: row.name)
+@pytest.mark.parametrize(
+    "row", with_slow(MATRIX, lambda row: row.name not in SLOW, lambda row: row.name in QUICK), ids=lambda row: row.name
+)
 def test_a_fault_has_its_right_outcome(row: Row, tried: dict[str, Future[str]]) -> None:
     print(tried[row.name].result())
 

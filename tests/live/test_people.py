@@ -54,6 +54,7 @@ def asked(rig: Path, typed: str, *names: str) -> tuple[str, int, str]:
     return err, process.returncode, out.strip()
 
 
+@pytest.mark.thorough
 def test_a_real_car_asks_for_both_on_a_terminal(tmp_path: Path) -> None:
     rig = real_rig(tmp_path, "/dev/nobody")
     said, code, names = asked(rig, "Ada Lovelace\nGrace Hopper\n", "-", "-")
@@ -66,12 +67,14 @@ def test_a_real_car_asks_for_both_on_a_terminal(tmp_path: Path) -> None:
     assert (said, code, names) == ("", 0, "['Ada', 'Grace']")
 
 
+@pytest.mark.thorough
 def test_no_answer_is_no_name(tmp_path: Path) -> None:
     said, code, _names = asked(real_rig(tmp_path, "/dev/nobody"), "\n", "-", "Grace")
     assert code != 0
     assert "--operator: expected a name of 1 to 100 printable characters, got ''" in said
 
 
+@pytest.mark.thorough
 def test_a_simulated_vehicle_asks_nobody(tmp_path: Path) -> None:
     assert asked(own_rig(tmp_path), "", "-", "-") == ("", 0, "[None, None]")
 
@@ -81,6 +84,7 @@ def made(folder: Path) -> DrivePlan:
     return plan("seen_late", str(own_rig(folder)), folder, out=None, seed=None, controller=None, shadow=False)
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("name", ["", "  ", "a\nb", "\x1b[2J", "a" * 101])
 def test_what_is_no_name_is_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(ConfigError, match="--driver: expected a name"):
@@ -95,6 +99,7 @@ def test_without_a_rig_there_is_nobody_to_name(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.live
 def test_the_record_names_them_and_the_doctors_word(tmp_path: Path) -> None:
     rig = own_rig(tmp_path)

@@ -208,7 +208,8 @@ CASES = [
 
 
 @pytest.mark.parametrize(
-    ("happens", "reason", "least", "most"), with_slow(CASES, lambda case: case[0] in (page_killed, walks_to_the_lot))
+    ("happens", "reason", "least", "most"),
+    with_slow(CASES, lambda case: case[0] in (page_killed, walks_to_the_lot), lambda case: case[0] is page_killed),
 )
 def test_what_happens_to_the_person_stops_the_car(
     browser: Any, tmp_path: Path, happens: Callable[[Walker, float], bool], reason: str, least: float, most: float

@@ -59,7 +59,9 @@ heading_deg = 85.0
 
 
 @pytest.mark.live
-@pytest.mark.parametrize("kind", with_slow(["nmea_udp", "nmea_tcp", "nmea_serial", "oxts_can"], USUAL.__contains__))
+@pytest.mark.parametrize(
+    "kind", with_slow(["nmea_udp", "nmea_tcp", "nmea_serial", "oxts_can"], USUAL.__contains__, "nmea_serial".__eq__)
+)
 def test_a_drive_by_its_bytes_over_its_wire(kind: str, tmp_path: Path) -> None:
     rig, record = rig_of(kind, tmp_path, free_port()), tmp_path / "record"
     done = vve_sumo("drive", str(short(tmp_path)), "--rig", str(rig), "--out", str(record), cwd=tmp_path)
@@ -76,6 +78,7 @@ def test_a_drive_by_its_bytes_over_its_wire(kind: str, tmp_path: Path) -> None:
     assert not list(tmp_path.glob("*.pty")), "the link is gone with the car"
 
 
+@pytest.mark.thorough
 @pytest.mark.live
 @pytest.mark.parametrize("kind", with_slow(["nmea_tcp", "oxts_can"], USUAL.__contains__))
 def test_the_doctor_finds_it_fit(kind: str, tmp_path: Path) -> None:
@@ -88,6 +91,7 @@ def test_the_doctor_finds_it_fit(kind: str, tmp_path: Path) -> None:
     assert float(reported(run, "reports")[1].split("brake ")[1].split(",")[0]) == pytest.approx(50.0, rel=0.1)
 
 
+@pytest.mark.thorough
 @pytest.mark.live
 def test_a_port_that_another_program_serves_is_refused_and_nothing_is_read_from_it(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:

@@ -48,6 +48,7 @@ BRAINS = (
 )  # fmt: skip
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", with_slow([1, 2, 3], lambda seed: seed == 1))
 @pytest.mark.parametrize(
     "brain",

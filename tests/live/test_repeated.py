@@ -58,6 +58,7 @@ def test_it(shared):
 """
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize(
     ("stands_still", "passes_at", "runs", "passes"),
     with_slow(

@@ -143,7 +143,7 @@ def replayed(folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, str
     return code, said.out, said.err
 
 
-@pytest.mark.parametrize("name", with_slow(FAULTS, lambda name: name in USUAL))
+@pytest.mark.parametrize("name", with_slow(FAULTS, lambda name: name in USUAL, "nominal".__eq__))
 def test_a_live_record_replays_bit_for_bit(records: Records, name: str, capsys: pytest.CaptureFixture[str]) -> None:
     for folder in records[name]:
         code, said, notes = replayed(folder, capsys)
@@ -178,6 +178,7 @@ def file_of(folder: Path, part: str) -> Path:
     return folder / part if "." in part else folder / f"{part}.parquet"
 
 
+@pytest.mark.thorough(witnesses=4)
 @pytest.mark.parametrize("part", PARTS)
 def test_a_flipped_byte_is_found_and_its_part_named(copy: Path, part: str, capsys: pytest.CaptureFixture[str]) -> None:
     file = file_of(copy, part)
@@ -434,6 +435,7 @@ def killed(folder: Path, names: tuple[str, ...]) -> tuple[Path, float, float]:
     raise AssertionError(f"no drive began: {(folder / '0' / 'said.txt').read_text(encoding='utf-8')}")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("who", with_slow(KILLED, lambda who: who != "all"))
 def test_a_kill_loses_next_to_nothing(who: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, at, stood = killed(tmp_path, KILLED[who])
@@ -450,7 +452,7 @@ def test_a_kill_loses_next_to_nothing(who: str, tmp_path: Path, capsys: pytest.C
         assert "never finished" in notes
 
 
-@pytest.mark.parametrize("name", ["nominal", "pose_lost"])
+@pytest.mark.parametrize("name", with_slow(sorted(USUAL), USUAL.__contains__, "nominal".__eq__))
 def test_the_same_controller_redriven_answers_the_same(
     records: Records, name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

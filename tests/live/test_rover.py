@@ -92,6 +92,7 @@ def test_a_port_that_is_taken_is_named(rover: Rover, port: int) -> None:
         open_rover(person(port), 0.0, 0.0)
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize(("quality", "believable"), [(4, True), (1, True), (6, False), (7, False), (8, False)])
 def test_a_place_that_is_estimated_typed_in_or_simulated_has_no_accuracy(
     rover: Rover, port: int, quality: int, believable: bool

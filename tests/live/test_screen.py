@@ -310,6 +310,7 @@ def test_a_terminal_shows_one_picture_below_the_transitions_and_rings():
     os.close(reader)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("status", [DRIVING | {"gateway": "silent"}, stopping("brake_not_following")])
 def test_an_alarm_rings_at_every_picture_until_it_is_over(status):
     with _on_a_terminal() as (screen, _stream, reader):

@@ -14,6 +14,7 @@ from vve_sumo.drive.summary import without_verdict
 from vve_sumo.live import session
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("shadow", [True, False])
 def test_a_drive_that_commands_nothing_is_not_judged(tmp_path: Path, shadow: bool) -> None:
     changes = {"duration_s": 2.0}  # too short for its criteria

@@ -7,6 +7,8 @@ import resource
 import signal
 from pathlib import Path
 
+import pytest
+
 from tests.live.patience import until
 from tests.record.declared import RESOLVED
 from vve_sumo.live import signals
@@ -14,6 +16,7 @@ from vve_sumo.live.channel import pair
 from vve_sumo.live.spawn import start
 
 
+@pytest.mark.thorough
 def test_what_ends_or_freezes_a_process_by_default_is_known() -> None:
     """Against the kernel: a child with default handlers, one signal each."""
     for number in sorted(signal.valid_signals()):

@@ -19,6 +19,7 @@ from vve_sumo.wire.signature import TAG, signed, without_tag
 KEY = bytes(range(32))
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("key", [b"", KEY], ids=["unsigned", "signed"])
 def test_radar_datagrams_are_signed_and_ncom_packets_are_not(key: bytes) -> None:
     ends = {kind: socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for kind in ("radar", "ncom")}

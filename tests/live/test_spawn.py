@@ -24,6 +24,7 @@ def config(folder: Path, **changes: object) -> dict[str, object]:
     return {"folder": str(folder), "resolved": SCENARIO, "epoch": 0.0, "provenance": "{}", "log": None, **changes}
 
 
+@pytest.mark.thorough
 def test_a_process_gets_its_configuration_and_channels_and_ends_with_them(tmp_path):
     ours, theirs = pair()
     process = start("recorder", config(tmp_path / "r"), {"drive": theirs})
@@ -44,6 +45,7 @@ def test_a_process_that_dies_is_seen_on_its_channel(tmp_path):
     assert ours.closed
 
 
+@pytest.mark.thorough
 def test_what_a_process_says_goes_to_its_log(tmp_path):
     ours, theirs = pair()
     log = tmp_path / "recorder.txt"
@@ -54,6 +56,7 @@ def test_what_a_process_says_goes_to_its_log(tmp_path):
     assert ours.closed
 
 
+@pytest.mark.thorough
 def test_a_descriptor_that_is_to_be_inherited_stays_open_until_the_process_ends(tmp_path):
     ours, theirs = pair()
     reading, writing = os.pipe()
@@ -68,6 +71,7 @@ def test_a_descriptor_that_is_to_be_inherited_stays_open_until_the_process_ends(
     os.close(reading)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("own", [False, True])
 def test_a_session_of_its_own_where_asked(tmp_path, own):
     ours, theirs = pair()
@@ -77,6 +81,7 @@ def test_a_session_of_its_own_where_asked(tmp_path, own):
     assert process.wait(30.0) == 0
 
 
+@pytest.mark.thorough
 def test_a_file_in_the_working_folder_does_not_pass_for_a_module(tmp_path):
     (tmp_path / "pickle.py").write_text("raise SystemExit('a stranger')\n")
     code = (

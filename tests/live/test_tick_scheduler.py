@@ -120,6 +120,7 @@ streams = st.builds(
 stalls = st.lists(st.tuples(st.floats(0.0, 6.0), st.floats(0.0, 2.0)), max_size=3)
 
 
+@pytest.mark.thorough
 @settings(max_examples=150, deadline=None)
 @given(streams, stalls, st.floats(0.0, 0.015), st.floats(0.0, 0.002))
 def test_ticks_count_up_and_keep_their_distance_whatever_comes(stream, stalls, work, late):
@@ -150,6 +151,7 @@ def test_a_punctual_stream_is_the_pace(rate, drift, phase, latency, seed):
     assert spacing == pytest.approx(PERIOD * (1.0 + drift), abs=1e-5)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("drift", [-1e-4, 1e-4])
 @pytest.mark.parametrize("rate", [10.0, 100.0])
 def test_ten_minutes_of_a_drifting_clock(rate, drift):

@@ -104,6 +104,7 @@ RADII = st.floats(7.0, 40.0)
 WIDTHS = st.integers(10, 500).map(lambda number: 0.01 * number)
 
 
+@pytest.mark.thorough
 @settings(deadline=None, max_examples=8)
 @given(
     first=ANGLES,
@@ -165,6 +166,7 @@ def test_the_ground_holds_a_stop_along_the_parallel_line(
         assert ground.covers(body), gone
 
 
+@pytest.mark.thorough
 def test_beyond_the_centre_of_a_bend_the_car_is_on_its_tightest_circle() -> None:
     path = bend(9.0, 20, 20)
     corridor = (CorridorStretch(20.0, 34.0, 12.0, 0.0),)
@@ -177,6 +179,7 @@ def test_beyond_the_centre_of_a_bend_the_car_is_on_its_tightest_circle() -> None
         assert ground.covers(body_at(path, float(s), 12.0))
 
 
+@pytest.mark.thorough
 def test_a_straight_path_lies_beside_the_middle_of_a_runway() -> None:
     """The corridor, not the path, lies in the middle."""
     lot = Lot(turned([(0, 0), (140, 0), (140, 20), (0, 20)], 0.5), margin=1.0)
@@ -194,6 +197,7 @@ def test_a_straight_path_lies_beside_the_middle_of_a_runway() -> None:
     assert corridor_excess(STRAIGHT, geofence(lot), 8.0, found.alignment, corridor) is None
 
 
+@pytest.mark.thorough
 def test_a_search_is_as_good_as_brute_force() -> None:
     path, corners = bend(12.0, 12, 8), [(0, 0), (52, -4), (60, 30), (38, 48), (4, 40)]
     lot, corridor, speed = Lot(corners, margin=0.5), (CorridorStretch(4.0, 16.0, 2.0, 3.0),), 4.0
@@ -216,6 +220,7 @@ def test_a_search_is_as_good_as_brute_force() -> None:
 STRIP = Lot([(-30.0, -6.0), (120.0, -6.0), (120.0, 6.0), (-30.0, 6.0)])
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize(("left", "right", "over"), [(4.5, 0.0, 0.426), (1.0, 5.0, 0.926), (0.0, 4.07, 0.0)])
 def test_what_sticks_out_is_told_by_place_side_and_distance(left: float, right: float, over: float) -> None:
     corridor = (CorridorStretch(25.0, 30.0, 1.0, 1.0), CorridorStretch(40.0, 50.0, left, right))
@@ -258,6 +263,7 @@ def test_where_the_path_itself_leaves_the_lot_the_corridor_is_not_blamed() -> No
     assert shortened(long, geofence(STRIP), SPEED, 115.0, wide).length == pytest.approx(69.0, abs=1.5)
 
 
+@pytest.mark.thorough
 def test_a_lot_that_takes_the_corridor_takes_the_drive_that_leaves_the_path() -> None:
     """Closed loop: the car goes around something 2.5 m to the left.
 

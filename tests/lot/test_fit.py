@@ -54,6 +54,7 @@ def proven(found: Fit, lot: Lot, path: ReferencePath, speed: float) -> None:
     assert (placed_x, placed_y) == pytest.approx((path.at(0.0).x, path.at(0.0).y), abs=1e-6)
 
 
+@pytest.mark.thorough
 def test_a_straight_path_lies_in_the_middle_of_a_runway() -> None:
     lot = Lot(turned([(0, 0), (140, 0), (140, 20), (0, 20)], 0.5), margin=1.0)
     found = fit(STRAIGHT, geofence(lot), 8.0)
@@ -64,6 +65,7 @@ def test_a_straight_path_lies_in_the_middle_of_a_runway() -> None:
     assert math.remainder(found.start[2] - 0.5, math.pi) == pytest.approx(0.0, abs=0.02)
 
 
+@pytest.mark.thorough
 def test_a_pole_in_the_middle_is_kept_clear_of() -> None:
     corners, pole = [(0, 0), (140, 0), (140, 20), (0, 20)], [(70, 9.5), (71, 9.5), (71, 10.5), (70, 10.5)]
     lot = Lot(turned(corners, 1.0), [turned(pole, 1.0)], margin=0.5)
@@ -74,6 +76,7 @@ def test_a_pole_in_the_middle_is_kept_clear_of() -> None:
     assert found.clearance > 0.5 * (9.5 - 1.0 - VEHICLE.width) - 0.1
 
 
+@pytest.mark.thorough
 def test_a_lot_in_the_shape_of_the_path_leaves_one_place() -> None:
     path = bend(15.0, 40, 30)
     corners = [(0, 0), (80, 0), (80, 75), (64, 75), (64, 16), (0, 16)]
@@ -98,6 +101,7 @@ def best_clearance(swept: shapely.Geometry, allowed: shapely.Polygon) -> float:
     return best
 
 
+@pytest.mark.thorough
 def test_it_is_as_good_as_brute_force() -> None:
     path, corners = bend(12.0, 12, 8), [(0, 0), (52, -4), (60, 30), (38, 48), (4, 40)]
     pole = [(20, 14), (21, 14), (21, 15), (20, 15)]
@@ -114,6 +118,7 @@ def test_it_is_as_good_as_brute_force() -> None:
     assert found.clearance >= best - 0.05
 
 
+@pytest.mark.thorough
 def test_a_path_too_long_is_cut_where_the_lot_ends() -> None:
     # A lane 8 m wide leaves no way but along it.
     lot = Lot(turned([(0, 0), (70, 0), (70, 8), (0, 8)], 0.3), margin=1.0)
@@ -126,6 +131,7 @@ def test_a_path_too_long_is_cut_where_the_lot_ends() -> None:
     assert found.station <= known + 0.3
 
 
+@pytest.mark.thorough
 def test_a_lot_without_room_for_a_start_says_so() -> None:
     lot = Lot([(0, 0), (200, 0), (200, 3.0), (0, 3.0)], margin=1.0)
     with pytest.raises(ConfigError, match="no place for the start"):

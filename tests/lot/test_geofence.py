@@ -197,6 +197,7 @@ def swept(start: Pose, curvature: np.ndarray, distance: float) -> np.ndarray:
     return np.array(bodies)
 
 
+@pytest.mark.thorough
 @settings(max_examples=120, deadline=None)
 @given(
     x=st.floats(5.0, 75.0),

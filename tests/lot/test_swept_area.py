@@ -46,6 +46,7 @@ def driven(curvature: np.ndarray, step: float) -> np.ndarray:
     return (places[some, None] + np.exp(1j * heading[some, None]) * EDGE).ravel()
 
 
+@pytest.mark.thorough
 @settings(max_examples=60, deadline=None)
 @given(
     speed=st.floats(0.5, 17.0),

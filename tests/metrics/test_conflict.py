@@ -91,6 +91,7 @@ def bend(radius: float = 15.0) -> ReferencePath:
 PLACES = st.tuples(st.floats(-15.0, 60.0), st.floats(-40.0, 40.0), st.floats(-math.pi, math.pi))
 
 
+@pytest.mark.thorough
 @settings(max_examples=40, deadline=None)
 @given(place=PLACES, speed=st.floats(1.0, 18.0), other=st.floats(0.3, 15.0), bent=st.booleans())
 def test_the_time_to_collision_is_that_of_two_bodies_in_small_steps(
@@ -157,6 +158,7 @@ def test_a_lorry_that_stands_at_a_bend_is_met_with_its_ends(
     assert found.deceleration[0] > 0.0
 
 
+@pytest.mark.thorough
 @settings(max_examples=30, deadline=None)
 @given(
     radius=st.floats(8.0, 25.0), station=st.floats(25.0, 60.0), aside=st.floats(-8.0, 8.0), turned=st.floats(-0.8, 0.8),
@@ -189,6 +191,7 @@ def test_a_lorry_that_comes_in_with_its_front_is_met_though_its_middle_is_behind
     assert found.time[0] == pytest.approx(met, abs=STEP + 0.02)
 
 
+@pytest.mark.thorough
 @settings(max_examples=40, deadline=None)
 @given(
     angle=st.floats(0.9, 2.2), left=st.booleans(), speed=st.floats(3.0, 18.0), other=st.floats(0.5, 14.0),
@@ -225,6 +228,7 @@ def test_before_one_that_crosses_at_a_right_angle_no_less_deceleration_will_do(
     assert steps(straight(), speed, side + WIDTH / 2.0, y, math.pi / 2, other, braking=0.97 * found)[0] < math.inf
 
 
+@pytest.mark.thorough
 @settings(deadline=None)
 @given(speed=st.floats(1.0, 25.0), other=st.floats(0.0, 20.0), gap=st.floats(0.5, 100.0))
 def test_behind_a_leader_it_is_gap_over_closing_speed(speed: float, other: float, gap: float) -> None:

@@ -47,6 +47,7 @@ def test_an_arc_is_where_steps_of_constant_curvature_lead(
     assert body.heading[0] == pytest.approx(turned[-1], abs=1e-9)
 
 
+@pytest.mark.thorough
 @settings(deadline=None, max_examples=25)
 @given(ahead=st.floats(0.0, 14.0), beside=st.floats(-3.0, 3.0), **ARCS)
 def test_a_point_beside_an_arc_is_found_where_it_was_put(

@@ -76,6 +76,7 @@ def test_around_a_bend_the_gap_counts_along_the_path() -> None:
     assert gap == pytest.approx(quarter - CAR.rear_axle_to_bumper, abs=0.01)
 
 
+@pytest.mark.thorough
 def test_on_a_straight_street_the_gap_is_shapelys_distance() -> None:
     random = np.random.default_rng(4)
     for _ in range(200):

@@ -29,6 +29,7 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> DriveData:
     return Run(recorded(tmp_path_factory, {}, tmp_path_factory.mktemp("drive") / "record")).data
 
 
+@pytest.mark.thorough
 def test_a_long_vehicle_is_predicted_where_sumo_then_puts_it(drive: DriveData) -> None:
     """The bus of the paper's street turns right by 105 degrees: its front's way is given, its body is SUMO's."""
     actors, (ways, places) = drive.actor_rows, drive.predicted
@@ -116,6 +117,7 @@ def scene(station: float, speed: float, front: float, other: float, aside: float
     return DriveData(ticks_of(ego), actors_of(actors), straight(), CAR, PERIOD, bend())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", with_slow(range(2), lambda seed: seed == 0))
 def test_contact_with_a_bus_in_a_bend_is_when_brute_force_has_it(seed: int) -> None:
     """The ego on y = 0 and the bus on a lane 2 m beside it that turns away: its rear may swing into the ego's way."""

@@ -199,6 +199,7 @@ def test_gap_in_the_strip_is_that_of_clipped_polygons() -> None:
     check_gap(1)
 
 
+@pytest.mark.thorough
 def test_contact_and_deceleration_are_those_of_polygons_in_motion() -> None:
     check_contacts(1)
 

@@ -98,6 +98,7 @@ def test_the_jerk_is_that_of_the_vector() -> None:
     assert math.isnan(ride_comfort(ride(time[:10], time[:10])).max_jerk)
 
 
+@pytest.mark.thorough
 @given(
     st.lists(st.tuples(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0)), min_size=160, max_size=200),
     st.floats(-math.pi, math.pi),

@@ -43,6 +43,7 @@ def peak(system: control.TransferFunction) -> float:
     return float(control.frequency_response(system, np.geomspace(1e-3, 1e2, 3000)).magnitude.max())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("system", [UNSTABLE, STABLE])
 @pytest.mark.parametrize("frequency", with_slow([0.1, 0.5, 1.5], lambda frequency: frequency == 0.5))
 def test_a_sine_is_amplified_as_the_frequency_response_says(system: control.TransferFunction, frequency: float) -> None:
@@ -57,6 +58,7 @@ def test_a_sine_is_amplified_as_the_frequency_response_says(system: control.Tran
     assert speeds.l2 == pytest.approx(gain, rel=1e-2)
 
 
+@pytest.mark.thorough
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 1000))
 def test_no_disturbance_grows_beyond_the_h_infinity_norm(seed: int) -> None:
@@ -71,6 +73,7 @@ def test_no_disturbance_grows_beyond_the_h_infinity_norm(seed: int) -> None:
     assert peak(UNSTABLE) > 1.3
 
 
+@pytest.mark.thorough
 def test_head_to_tail_is_the_product_along_a_chain() -> None:
     time = np.arange(0.0, 1200.0, 0.02)
     speeds = [np.sin(0.5 * time)]

@@ -71,6 +71,7 @@ assert line in GENERATED["measures.md", "drive metrics"]().splitlines()
 """
 
 
+@pytest.mark.thorough
 def test_a_metric_is_added_in_one_file_and_found_everywhere(tmp_path: Path) -> None:
     file = tmp_path / "per_drive.py"
     file.write_text(Path(per_drive.__file__).read_text(encoding="utf-8") + ADDED, encoding="utf-8")

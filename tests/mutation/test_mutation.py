@@ -72,6 +72,7 @@ def test_what_no_car_depends_on_is_left_alone(source):
     assert changes(source) == set()
 
 
+@pytest.mark.thorough
 def test_mutants_have_names_of_their_own_and_all_compile():
     for name, subject in SUBJECTS.items():
         every = all_mutants(subject)
@@ -90,6 +91,7 @@ for outcome in trial.judge(toy, trial.all_mutants(toy), trial.explore(toy)):
 """
 
 
+@pytest.mark.thorough
 def test_a_mutant_lives_where_no_test_can_tell_it_and_is_noticed_elsewhere():
     """min(value, bound) is value there: what is larger has been returned before."""
     run = subprocess.run([sys.executable, "-c", TRY], cwd=REPOSITORY, capture_output=True, text=True, check=True)
@@ -101,6 +103,7 @@ def test_a_mutant_lives_where_no_test_can_tell_it_and_is_noticed_elsewhere():
     assert outcomes["2.0 -> 4.0"].startswith("test_the_limit_is_two"), "whose name is another for this mutant"
 
 
+@pytest.mark.thorough
 def test_twenty_mutants_of_the_arming_table_are_noticed():
     run = subprocess.run(
         [sys.executable, "-m", "tests.mutation", "arming", "--sample", "20", "--seed", "3"],

@@ -49,6 +49,7 @@ def town(tmp_path: Path) -> Path:
     return file
 
 
+@pytest.mark.thorough
 def test_the_shipped_network_is_what_the_extract_gives(shared_data, linden, speeds, tmp_path):
     pytest.importorskip("sumo", reason="eclipse-sumo (netconvert) is not installed")
     extract = shared_data / "linden" / "linden_core.osm.xml.gz"
@@ -75,6 +76,7 @@ def test_north_and_scale_are_true_everywhere(linden):
             assert abs(found.parallel_scale - 1.0) < 1e-6
 
 
+@pytest.mark.thorough
 def test_rules_and_speeds_are_american(net):
     kinds = {node.getType() for node in net.getNodes()}
     assert kinds == {"priority", "traffic_light", "dead_end"}

@@ -69,6 +69,7 @@ def _run(network: str, routes: str, step: float, until: float, log: str) -> tupl
     return counts, contacts, teleports, warnings
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", LEVEL)
 def test_the_streets_are_as_busy_as_asked_from_the_start(repository, linden, tmp_path, name):
     routes, level = repository / "routes" / f"{name}.rou.xml", LEVEL[name]
@@ -78,6 +79,7 @@ def test_the_streets_are_as_busy_as_asked_from_the_start(repository, linden, tmp
     assert (contacts, teleports, warnings) == (0, 0, [])
 
 
+@pytest.mark.thorough
 def test_heavy_traffic_touches_nobody_at_the_ticks_step(repository, linden, tmp_path):
     routes = repository / "routes" / "linden_heavy.rou.xml"
     counts, contacts, teleports, warnings = isolated(_run, str(linden), str(routes), 0.02, 120.0, str(tmp_path / "log"))
@@ -85,6 +87,7 @@ def test_heavy_traffic_touches_nobody_at_the_ticks_step(repository, linden, tmp_
     assert (contacts, teleports, warnings) == (0, 0, [])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "name", with_slow(["linden_light", "linden_heavy", "linden_17th_light"], lambda name: name == "linden_17th_light")
 )
@@ -117,6 +120,7 @@ def test_nobody_has_the_right_of_way_over_the_demonstration(repository, linden):
     assert any(beyond in way and there not in way for way in ways)
 
 
+@pytest.mark.thorough
 def test_who_would_have_the_right_of_way_goes_around(linden, repository, tmp_path):
     """A route over a signal: there everybody who crosses it has the right of way at times."""
     route = _route(repository, "linden_cleveland")
@@ -133,6 +137,7 @@ def test_who_would_have_the_right_of_way_goes_around(linden, repository, tmp_pat
     assert not any(pair[1] in route for pair in crossing)
 
 
+@pytest.mark.thorough
 def test_ways_are_connected_and_times_run_on_to_the_end(repository, linden):
     net = sumolib.net.readNet(str(linden))
     root = ET.parse(repository / "routes" / "linden_heavy.rou.xml").getroot()

@@ -59,6 +59,7 @@ def _curvature(points: np.ndarray) -> np.ndarray:
     return (dx * ddy - dy * ddx) / np.hypot(dx, dy) ** 3
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "tolerance", "length"), [("linden_17th", 0.3, (600.0, 900.0)), ("linden_loop", 0.75, (3000.0, 5000.0))]
 )
@@ -106,6 +107,7 @@ def _record_block(network: Path, out: Path) -> tuple[Survey, str]:
     )
 
 
+@pytest.mark.thorough
 def test_the_shipped_path_is_what_the_recorder_gives(repository, linden, tmp_path):
     survey, _text = isolated(_record_main, linden, tmp_path / "path.csv")
     again, shipped = _points(linden, tmp_path / "path.csv"), _points(linden, repository / "routes" / "linden_17th.csv")
@@ -131,6 +133,7 @@ def test_a_drive_back_to_its_start_is_closed_and_smooth_across_the_seam(linden, 
     assert first == second
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("start", "end", "options", "message"),
     [
@@ -148,6 +151,7 @@ def test_a_way_that_cannot_be_recorded_is_refused(linden, tmp_path, start, end, 
     assert not (tmp_path / "path.csv").exists()
 
 
+@pytest.mark.thorough
 def test_a_path_that_the_car_cannot_follow_is_not_written(repository: Path, tmp_path: Path) -> None:
     out = tmp_path / "way.csv"
     network = repository / "networks" / "linden.net.xml"

@@ -71,6 +71,7 @@ def _creep(seed: int) -> Told:
     return drive(seed, 50.0, "heavy", "linden_loop", 245.0 / 3551.0, means, 60.0 + 10.0 * seed)
 
 
+@pytest.mark.thorough
 def test_a_minute_of_odd_driving() -> None:
     """In it SUMO turns a body that changes lanes behind a junction by 0.3 rad in one step."""
     reported = isolated(odd, 22, 60.0, "heavy")

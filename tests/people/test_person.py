@@ -83,6 +83,7 @@ def test_the_area_reaches_as_far_as_the_person_may(accuracy: float) -> None:
     assert (box.x, box.y) == (state.x, state.y)
 
 
+@pytest.mark.thorough
 @given(st.floats(0.0, math.tau))
 def test_the_area_lies_across_the_road_and_moves_as_the_person_does(direction: float) -> None:
     """They walk at 1.4 m/s in any direction; the velocity of the box is theirs, and its sides are the road's."""

@@ -81,6 +81,7 @@ def test_the_same_seed_says_the_same_however_often_it_is_asked() -> None:
     assert phone(6, STRAIGHT).until(30.0) != whole
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("accuracy", [3.0, 5.0, 9.0])
 def test_the_circle_of_the_estimate_holds_the_true_place(accuracy: float) -> None:
     """Gate, filter and circle together, on walks with turns: 95 % asked for, of 200 walks' ticks."""

@@ -63,6 +63,7 @@ def test_a_touch_is_the_drivers_activity_and_no_override():
     assert not any(report.driver for time, report in ride.said(BrakeReport) if time < ride.began + AT)
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("variant", list(codec.Variant))
 @pytest.mark.parametrize(
     ("kind", "report", "field"),
@@ -134,6 +135,7 @@ FROZEN = {
 }
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("kind", FROZEN)
 def test_a_frozen_report_goes_on_coming_and_says_one_thing(kind):
     ride, plain = Ride(fault(kind), course=lively), Ride(course=lively)
@@ -157,6 +159,7 @@ def test_driver_bits_that_are_stuck_hide_the_foot_and_nothing_else(variant):
     assert ride.car.truth() == plain.car.truth(), "the module itself knows its driver"
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("variant", list(codec.Variant))
 @pytest.mark.parametrize(
     ("module", "report"), [(1, BrakeReport), (2, ThrottleReport), (3, SteeringReport), (4, GearReport)]

@@ -164,6 +164,7 @@ def commonroad_vehicle(number: int):
     return getattr(module, f"parameters_vehicle{number}")()
 
 
+@pytest.mark.thorough(witnesses=4)
 @pytest.mark.parametrize("number", [1, 2], ids=["ford_escort", "bmw_320i"])
 @pytest.mark.parametrize("speed", [5.0, 10.0, 15.0, 25.0])
 @pytest.mark.parametrize("acceleration", [0.0, -2.0, 1.5], ids=["constant", "braking", "driving"])

@@ -48,6 +48,7 @@ NEEDED = {
 }
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("kind", sorted(KINDS))
 def test_before_its_time_a_fault_does_nothing_and_a_ride_is_repeatable(kind, livelier):
     needed = NEEDED.get(kind, ())
@@ -59,6 +60,7 @@ def test_before_its_time_a_fault_does_nothing_and_a_ride_is_repeatable(kind, liv
     assert changed, "every kind does something"
 
 
+@pytest.mark.thorough(witnesses=14)
 @pytest.mark.parametrize("kind", sorted(KINDS))
 def test_a_car_that_never_moves_has_no_faults(kind):
     faults = [InjectedFault(kind, 0.0, 1e9)]

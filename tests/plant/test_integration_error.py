@@ -55,6 +55,7 @@ def rates(_: float, state: Sequence[float], steering: float, drive: float, brake
     ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("size", "braking"), [(0.3, 0.5), (1.0, 0.8)])
 def test_a_step_of_5_ms_misses_little_of_what_scipy_integrates(size: float, braking: float) -> None:
     """From 5 m/s, through 23 m/s and up to 8 m/s2 across, down to 4 m/s: at these speeds the tyres alone act."""

@@ -167,6 +167,7 @@ def test_white_noise_is_what_numpy_draws_whatever_the_blocks() -> None:
     assert ours == sorted(theirs.tolist())
 
 
+@pytest.mark.thorough
 def test_a_float_position_lies_off_by_what_was_drawn_and_the_packets_say_that_it_is_one() -> None:
     often = replace(IDEAL, receiver_float_every=5.0, receiver_float_time=5.0, receiver_float_sigma=0.3)
     parameters = ReceiverParameters(MOUNTING)

@@ -111,6 +111,7 @@ def drive_and_draw(folder: str) -> None:
     draw_drive(drives.run(resolved, Path(folder), REPOSITORY))
 
 
+@pytest.mark.thorough
 def test_a_real_drive_fills_every_panel(tmp_path: Path) -> None:
     isolated(drive_and_draw, str(tmp_path / "record"))
     dots = image.imread(tmp_path / "record" / "drive.png")[..., :3]
@@ -127,6 +128,7 @@ NO_POSE = dict.fromkeys((*ESTIMATED, *(f"true_{name}" for name in ESTIMATED), "s
 NO_TRUTH = {name: math.nan for name in NO_POSE if name.startswith("true_")} | {"lateral_deviation_m": math.nan}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "rows",
     [
@@ -162,6 +164,7 @@ def test_the_gap_shows_only_where_something_is_ahead(tmp_path: Path) -> None:
     assert columns[2 * third + 10 : -10].all()
 
 
+@pytest.mark.thorough
 def test_the_gap_at_the_end_is_drawn_between_ego_and_obstacle(tmp_path: Path) -> None:
     """Bumper at 200 m and the overhang; a 4 m box 12 m ahead. Dots between the cars, and beside them, measure it."""
     x = 200.0 + CAR.rear_axle_to_bumper + 12.0 + 2.0
@@ -176,6 +179,7 @@ def test_the_gap_at_the_end_is_drawn_between_ego_and_obstacle(tmp_path: Path) ->
     assert np.ptp(np.flatnonzero(inked(beside).any(axis=0))) / metre == pytest.approx(12.0, abs=0.4)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("heading", [0.0, 0.8, math.pi / 2.0, 2.5, -2.0])
 def test_a_straight_street_lies_along_the_page_whatever_its_direction(heading: float, tmp_path: Path) -> None:
     content = page_of(driving(100, heading), [], heading)
@@ -218,6 +222,7 @@ def test_the_emergency_layer_shades_its_time_in_every_panel(tmp_path: Path) -> N
         assert tinted[-1] == pytest.approx(74 / 99, abs=0.01)
 
 
+@pytest.mark.thorough
 def test_the_first_contact_is_marked_in_every_panel(tmp_path: Path) -> None:
     plain = painted(page_of(driving(100), []), tmp_path)
     rows = [row | {"contacts": "parked" if n >= 60 else ""} for n, row in enumerate(driving(100))]

@@ -23,6 +23,7 @@ from vve_sumo.record.latencies import LEGS as LEG_NAMES
 from vve_sumo.report import write_report
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("rig", [{}, {"latency": {}}, {"latency": {"breaches": 5}}])
 def test_a_rig_without_a_budget_has_the_default_one(tmp_path: Path, rig: dict[str, Any]) -> None:
     """So its drive kept to it; the record holds what the rig file says and no more."""
@@ -33,6 +34,7 @@ def test_a_rig_without_a_budget_has_the_default_one(tmp_path: Path, rig: dict[st
     assert "Latency" in write_report(folder).read_text(encoding="utf-8")
 
 
+@pytest.mark.thorough
 def test_safety_is_the_closed_form_over_time(figures: dict[str, Figure]) -> None:
     moving_then = TIME < SPEED / BRAKING - 0.1
     v = SPEED - BRAKING * TIME[moving_then]

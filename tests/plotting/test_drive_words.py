@@ -169,6 +169,7 @@ def test_a_small_body_has_a_pointer_that_leaves_it_and_its_neighbour_free() -> N
     assert not any(str(line.get_marker()) == "o" and line.get_markersize() == 13.0 for line in axes.lines)
 
 
+@pytest.mark.thorough
 def test_a_trace_goes_on_to_where_the_body_is_drawn() -> None:
     """The other one meets the ego in the middle and is 150 m away in the end."""
     oncoming = {"actor": "other", "x_m": lambda tick: 200.0 - 0.7 * tick, "y_m": 3.5, "speed_mps": 35.0}

@@ -39,6 +39,7 @@ ROWS: dict[str, Callable[[], pd.DataFrame]] = {
 }
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("poor", ROWS)
 def test_poor_rows_make_a_plot_that_says_so(poor: str) -> None:
@@ -68,6 +69,7 @@ RECORDS: dict[str, list[dict[str, Any]]] = {
 }
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("poor", RECORDS)
 def test_a_poor_record_makes_plots_that_say_so(poor: str, tmp_path: Path) -> None:

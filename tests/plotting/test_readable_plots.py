@@ -43,6 +43,7 @@ PLOTS = ("overview", "safety", "approach", "gaps", "stops", "map", "shares", "di
 PLOTS += ("latency", "comparison", "cliff", "response", "panels", "laws", "pairs")
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("name", PLOTS)
 def test_words_lie_within_the_page_and_not_upon_each_other_and_numbers_have_units(
     figures: dict[str, Figure], name: str
@@ -84,6 +85,7 @@ def test_plots_need_no_pyplot() -> None:
     assert not isolated(has_pyplot)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("form", ["pdf", "ps"])
 def test_a_plot_for_a_paper_has_no_type_3_fonts(form: str, tmp_path: Path) -> None:
     """Publishers refuse them; fonts of a PDF are named in its text, those of PostScript by their type."""

@@ -68,6 +68,7 @@ def parked(run: Run) -> Polygon:
     return affinity.translate(body, row["x_m"], row["y_m"])
 
 
+@pytest.mark.thorough
 def test_the_record_alone_says_how_they_are_drawn(run: Run, tmp_path: Path) -> None:
     assert [*run.sensed] == NAMES
     kept = json.loads((run.folder / "scenario.json").read_text(encoding="utf-8"))
@@ -153,6 +154,7 @@ def test_a_live_page_s_frame_holds_what_the_record_s_does(run: Run) -> None:
     assert any(event["text"].startswith(f"ahead first detects {PARKED}") for event in events)
 
 
+@pytest.mark.thorough
 def test_pictures_of_the_record_draw_them(run: Run) -> None:
     try:
         find_browser()
@@ -222,6 +224,7 @@ def _in_map(frames: dict[str, Any], name: str, x: float, y: float) -> tuple[floa
     return place.real, place.imag
 
 
+@pytest.mark.thorough
 def test_the_report_has_a_section_of_each_that_says_whom_it_saw(run: Run) -> None:
     sections = report(run).content["sensors"]
     assert isinstance(sections, list)

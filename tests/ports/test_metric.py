@@ -266,6 +266,7 @@ FAILING = [
 ]
 
 
+@pytest.mark.thorough(witnesses=2)
 @pytest.mark.parametrize(("function", "kind", "said"), FAILING)
 def test_a_metric_that_fails_is_one_line_and_meets_no_criterion(
     function: str, kind: str, said: str, tmp_path: Path

@@ -33,6 +33,7 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.thorough
 def test_a_drive_is_measured_and_judged(record: Path) -> None:
     """By the recorded ticks themselves, in plain Python."""
     run = load_record(record)
@@ -51,6 +52,7 @@ def test_a_drive_is_measured_and_judged(record: Path) -> None:
     assert table.attrs["meanings"][COURSE] == "speed times yaw rate, left positive"
 
 
+@pytest.mark.thorough
 def test_the_report_shows_it_with_its_words_without_its_code(record: Path, tmp_path: Path) -> None:
     copy = Path(shutil.copytree(record, tmp_path / "copy"))
     resolved = json.loads((copy / "scenario.json").read_text(encoding="utf-8"))
@@ -127,6 +129,7 @@ def sweep(lab: Path, text: str, *options: str) -> int:
     return cli.main(["sweep", "mine.toml", "--out", "rows", "--workers", "1", "--quiet", *options])
 
 
+@pytest.mark.thorough
 def test_a_sweep_has_a_column_of_it_and_resumes_with_the_same_code_alone(
     lab: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -147,6 +150,7 @@ def test_a_sweep_has_a_column_of_it_and_resumes_with_the_same_code_alone(
     assert "the file of metric_0:fast has changed since that sweep began" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_a_criterion_on_it_is_varied_and_one_that_fails_says_why_in_its_row(lab: Path) -> None:
     assert sweep(lab, "[parameters]\ncriteria.fastest_mps.max = [0.001, 9.0]\n") == 0
     rows = load_rows(lab / "rows")
@@ -162,6 +166,7 @@ def test_a_criterion_on_it_is_varied_and_one_that_fails_says_why_in_its_row(lab:
     assert rows["text"].tolist() == [f"{said} (fast.py, line 6)"] * 2
 
 
+@pytest.mark.thorough
 def test_a_search_looks_for_its_worst(lab: Path) -> None:
     pytest.importorskip("optuna", reason="a search for the worst case needs the extra `search`")
     assert sweep(lab, f'[search]\nhighest = "fastest_mps"\npoints = 2\nbatch = 2\n{RANGE}') == 0
@@ -187,6 +192,7 @@ def test_what_is_wrong_with_a_sweep_of_it_is_one_line(
     assert not (lab / "rows").exists()
 
 
+@pytest.mark.thorough
 def test_a_missing_file_is_found_before_anything_is_driven(lab: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (lab / "fast.py").unlink()
     assert sweep(lab, "seeds = 2\n") == 2

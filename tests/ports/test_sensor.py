@@ -76,6 +76,7 @@ class TestObjectListByRays(SensorConformance):
     settings: ClassVar[dict[str, Any]] = {"rays": True}
 
 
+@pytest.mark.thorough
 def test_the_toy_measures_what_another_geometry_says() -> None:
     """Against shapely: the nearest point of a box in the beam, at any place and turn of it."""
     chance = np.random.default_rng(7)

@@ -39,6 +39,7 @@ def stopped(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.thorough
 def test_a_controller_stops_the_car_for_somebody_s_own_sensor(stopped: Path) -> None:
     """The gap at rest by shapely, from the recorded boxes, is the one asked for: to its noise and the crawl's end."""
     last = pq.read_table(stopped / "ticks.parquet").to_pylist()[-1]
@@ -78,6 +79,7 @@ def test_the_hash_of_its_code_is_in_the_record(stopped: Path) -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.thorough
 def test_it_replays_bit_for_bit_and_a_changed_range_is_found(
     stopped: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -98,6 +100,7 @@ def test_it_replays_bit_for_bit_and_a_changed_range_is_found(
     assert "differs in sensor ahead: row 0" in said
 
 
+@pytest.mark.thorough
 def test_one_whose_code_has_changed_is_not_run(
     stopped: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -113,6 +116,7 @@ def test_one_whose_code_has_changed_is_not_run(
 SHORT = {"duration_s": 12.0, "obstacles.0.at_m": 60.0, "criteria": {}}
 
 
+@pytest.mark.thorough
 def test_another_sensor_changes_neither_the_radar_nor_the_car(tmp_path: Path) -> None:
     other = AHEAD | {"name": "second", "kind": "radar", "settings": {"false_alarms": 3.0}}
     hashes = []
@@ -174,6 +178,7 @@ WAYS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("code", WAYS)
 def test_a_sensor_that_fails_stops_the_car(code: str, tmp_path: Path) -> None:
     file = tmp_path / "broken.py"

@@ -70,6 +70,7 @@ def drive_with_the_toy() -> tuple[dict[str, Any], set[int], object, list[list[st
         return summary, identifiers, difference, [*changes, changed_code(folder, REPOSITORY)]
 
 
+@pytest.mark.thorough
 def test_the_papers_drive_over_another_wire():
     summary, identifiers, difference, changes = isolated(drive_with_the_toy)
     assert (summary["outcome"], summary["collision"]) == ("stopped", False)
@@ -94,6 +95,7 @@ def rig_with_the_toy(kind: str) -> dict[str, Any]:
     return with_the_toy(SIMULATED.read_text(encoding="utf-8")) | {"faults": [{"kind": kind, "at_s": 1.0}]}
 
 
+@pytest.mark.thorough(witnesses=9)
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_rig_is_refused_whose_fault_the_interface_cannot_inject(kind):
     refused = INTERFACE_KINDS.keys() - {"report_malformed"}
@@ -151,6 +153,7 @@ def test_a_car_is_not_made_with_a_fault_that_its_interface_cannot_inject():
         FaultInjectedCar(parameters, (0.0, 0.0, 0.0), LOT, 1_447_000_000.0, seeds(1), [fault], seeds(2))
 
 
+@pytest.mark.thorough(witnesses=9)
 @pytest.mark.parametrize("row", [row for row in MATRIX if row.faults], ids=lambda row: row.name)
 def test_a_row_of_the_fault_matrix_is_never_green_for_a_fault_that_is_not_injected(row):
     """A rig of a row with another wire loads only where every fault of the row can be injected over it."""

@@ -181,6 +181,7 @@ def test_one_fix_from_the_future_is_set_aside_and_moves_nothing(ahead):
         assert clock.step(received, time) == pytest.approx(time - EPOCH, abs=1e-6)
 
 
+@pytest.mark.thorough
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 2**32), share=st.floats(0.0, 0.3), jitter=st.sampled_from([0.0, 0.002, 0.005]))
 def test_lies_among_the_truth_move_the_clock_by_less_than_a_millisecond(seed, share, jitter):

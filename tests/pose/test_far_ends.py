@@ -36,6 +36,7 @@ def heard(source: Source, size: int) -> bytes:
     return data
 
 
+@pytest.mark.thorough
 def test_every_client_hears_the_stream_from_when_it_came(served: tuple[TcpFarEnd, int]) -> None:
     far, port = served
     far.send(b"before anybody listens")

@@ -112,6 +112,7 @@ def spoilt(packet: bytes, fate: float, received: float, chance: random.Random) -
     return packet
 
 
+@pytest.mark.thorough
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_whatever_is_put_in_left_out_or_lied_about_the_truth_is_back_within_a_second(seed):
@@ -155,6 +156,7 @@ def torn(chance: random.Random, data: bytes, packets: int) -> bytes:
     return data[:place] + wrong + data[place + 72 :]
 
 
+@pytest.mark.thorough
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([1, 7, 72, 300]))
 def test_after_every_tear_of_a_serial_line_true_fixes_go_on_within_a_second(seed, portion):
@@ -182,6 +184,7 @@ def worst_time_to_recover(seed: int, portion: int, seconds: int) -> float:
     return max(next(received for received, time in found if time > end) - end for end in ends)
 
 
+@pytest.mark.thorough
 @settings(max_examples=60, deadline=None)
 @given(
     st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.0002, 0.005, 0.02]), st.sampled_from([0.0, 0.048, 0.5]),

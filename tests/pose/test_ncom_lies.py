@@ -31,6 +31,7 @@ def ten_minutes() -> list[tuple[float, bytes]]:
     return drive(600.0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("low", "high", "days"), [(0xFF, 0xFF, 17.9), (0x00, 0x00, -27.6)])
 def test_two_wrong_bytes_of_one_minute_cost_one_fix_of_sixty_thousand(ten_minutes, low, high, days):
     rows = list(ten_minutes)

@@ -53,6 +53,7 @@ HEADS = st.sampled_from(
 )
 
 
+@pytest.mark.thorough
 @settings(max_examples=500)
 @given(st.lists(st.tuples(HEADS, FIELDS), min_size=1, max_size=6))
 def test_any_fields_under_a_right_checksum_are_survived(sentences):
@@ -90,6 +91,7 @@ def without(rows: list[tuple[float, bytes]], *lies: tuple[float, bytes]) -> tupl
     return [fix.time for fix in fed(sorted([*rows, *lies], key=lambda row: row[0]))], [fix.time for fix in fed(rows)]
 
 
+@pytest.mark.thorough(witnesses=6)
 @pytest.mark.parametrize("ahead", [-40_000.0, -1.0, 0.1, 0.25, 12.0, 3600.0, 40_000.0])
 @pytest.mark.parametrize("sentence", [gga, gst, rmc, zda, pashr])
 def test_one_wrong_time_of_day_costs_no_epoch(sentence, ahead):

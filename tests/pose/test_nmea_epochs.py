@@ -80,6 +80,7 @@ def test_a_receiver_that_sends_the_heading_first_gives_no_fix_rather_than_an_old
     assert to.counts[Outcome.INCOMPLETE] == 19
 
 
+@pytest.mark.thorough
 @settings(max_examples=150, deadline=None)
 @given(st.sets(st.integers(0, 79)), st.integers(0, 3))
 def test_lost_sentences_never_mix_epochs(lost, order):

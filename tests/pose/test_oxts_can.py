@@ -248,6 +248,7 @@ def test_any_frames_are_survived(pairs):
     assert sum(decoder.counts.values()) + decoder.discarded == len(pairs) + 14
 
 
+@pytest.mark.thorough
 @settings(max_examples=200)
 @given(st.integers(0, 2**32))
 def test_lost_and_doubled_frames_never_mix_cycles(seed):

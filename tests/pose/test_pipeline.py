@@ -25,6 +25,7 @@ QUALITY = {"locked": True, "quality": FixQuality.RTK_FIXED, "position_sigma": 0.
 QUALITY |= {"heading_sigma": 0.001, "differential_age": 1.0, "altitude": 250.0}
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize(("projection", "offset"), [(LOT, (0.0, 0.0)), (UTM17, (-283_200.0, -4_465_400.0))])
 @pytest.mark.parametrize("left", [True, False])
 def test_a_circle_comes_back_as_it_was_driven(projection, offset, left):
@@ -98,6 +99,7 @@ def predicted(lies: dict[int, float]) -> tuple[list[tuple[float, float]], list[t
     return places, refused
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("ahead", [0.01, 0.5, 12.0])
 def test_fixes_dated_ahead_displace_and_move_nothing(ahead):
     """One every 10 ms for nine seconds: each would have made a true one too old."""

@@ -336,6 +336,7 @@ def carried_forward(path, lag: float) -> tuple[np.ndarray, np.ndarray, np.ndarra
     return np.array(distance), np.array(across), np.array(held)
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize(
     ("convert", "lag", "mean", "worst"),
     [
@@ -357,6 +358,7 @@ def test_real_drives_are_predicted_through_stale_fixes(convert, lag, mean, worst
     assert distance.mean() < 0.05 * held.mean()
 
 
+@pytest.mark.thorough
 def test_a_real_drive_shows_a_convergence_that_is_left_out(shared_data, tmp_path, monkeypatch):
     path = recordings.boreas(shared_data, tmp_path / "drive.csv")
     _, right, _ = carried_forward(path, 0.1)

@@ -123,6 +123,7 @@ BORNE = [
 ]  # fmt: skip
 
 
+@pytest.mark.thorough(witnesses=2)
 @pytest.mark.parametrize("kind", BORNE)
 @pytest.mark.parametrize("dated", [True, False])
 def test_what_is_ridden_through_stays_so(kind: str, dated: bool) -> None:

@@ -314,6 +314,7 @@ ALONE = ["altitude", "velocity_down", "pitch", "roll", "yaw_rate", "acceleration
 LYING = ["latitude", "longitude", "heading", "velocity_north", "velocity_east", "locked", *ALONE]
 
 
+@pytest.mark.thorough
 @pytest.mark.plain
 @settings(max_examples=400, deadline=None)
 @given(

@@ -241,6 +241,7 @@ def test_not_a_number_becomes_null_in_the_summary(tmp_path: Path) -> None:
     }
 
 
+@pytest.mark.thorough
 def test_a_killed_drive_leaves_all_but_its_last_moment(tmp_path: Path) -> None:
     """SIGKILL under way: every table opens, and ends within 0.2 s of drive time of the others."""
     folder = tmp_path / "record"

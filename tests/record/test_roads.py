@@ -35,6 +35,7 @@ def _distance(line: np.ndarray, path: np.ndarray) -> float:
     return float(min(np.hypot(a[:, 0] - x, a[:, 1] - y).min() for x, y in b[::4]))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("route", ["linden_cleveland", "linden_17th"])
 def test_the_lanes_are_those_of_the_network_near_the_path(repository: Path, drive: Path, route: str) -> None:
     network = read_network(repository / "networks" / "linden.net.xml")

@@ -48,6 +48,7 @@ OTHERWISE: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", with_slow(OTHERWISE, lambda name: name in ("settings", "controller")))
 def test_the_printed_command_makes_the_same_record(name: str, tmp_path: Path) -> None:
     options = OTHERWISE[name]

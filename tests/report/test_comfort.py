@@ -49,6 +49,7 @@ def words(run: Run) -> str:
     return " ".join(comfort(run)["comfort_words"]).replace("\u00a0", " ")  # type: ignore[arg-type]
 
 
+@pytest.mark.thorough
 def test_the_section_holds_every_figure_and_the_standards_word(folders: Folders) -> None:
     """The drive's own summary against what the page shows; the killed drive is measured up to its end."""
     for folder in (folders.drive, folders.killed):

@@ -50,6 +50,7 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.thorough
 def test_its_row_is_flagged_and_the_stop_is_the_whole_of_it(driven: Path) -> None:
     late, in_time = (Run(driven / name).summary or {} for name in ("late", "in time"))
     assert (late["hunting"], in_time["hunting"]) == (True, False)

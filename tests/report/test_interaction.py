@@ -56,6 +56,7 @@ def number(text: str, words: str) -> float:
     return float(found[1])
 
 
+@pytest.mark.thorough
 def test_the_curves_show_the_records_values_where_the_reader_points(folders: Folders, opened: Any) -> None:
     page = opened(folders.drive)
     box = unfolded(page, "curves")
@@ -70,6 +71,7 @@ def test_the_curves_show_the_records_values_where_the_reader_points(folders: Fol
     assert text.endswith("ahead: parked_car")
 
 
+@pytest.mark.thorough
 def test_the_curves_are_reached_and_read_with_the_keyboard_alone(folders: Folders, opened: Any) -> None:
     page = opened(folders.drive)
     focused = "document.activeElement.closest('#curves > summary') !== null"
@@ -86,6 +88,7 @@ def test_the_curves_are_reached_and_read_with_the_keyboard_alone(folders: Folder
     assert number(page.inner_text(OUT), "^") == pytest.approx(first + 10 * (step - first))
 
 
+@pytest.mark.thorough
 def test_dragging_zooms_every_panel_and_escape_shows_all_again(folders: Folders, opened: Any) -> None:
     page = opened(folders.drive)
     box = unfolded(page, "curves")
@@ -113,6 +116,7 @@ def test_dragging_zooms_every_panel_and_escape_shows_all_again(folders: Folders,
     assert earliest() < 0.01 * end
 
 
+@pytest.mark.thorough
 def test_a_run_is_named_where_the_reader_points_and_with_keys(folders: Folders, opened: Any) -> None:
     page = opened(folders.sweep, viewport=PHONE, has_touch=True)
     box = unfolded(page, "runs")
@@ -141,6 +145,7 @@ def test_a_run_is_named_where_the_reader_points_and_with_keys(folders: Folders, 
     agrees(page.inner_text(OUT))
 
 
+@pytest.mark.thorough
 def test_a_run_that_has_no_gap_because_it_collided_is_on_the_plot_too(folders: Folders, opened: Any) -> None:
     page = opened(folders.sweep)
     unfolded(page, "runs")
@@ -174,6 +179,7 @@ def test_on_a_desktop_verdict_figures_and_picture_are_on_one_screen(folders: Fol
         assert box["y"] + box["height"] <= 900, part
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("scripts", [True, False])
 def test_on_paper_all_is_unfolded_and_dark_on_white(folders: Folders, opened: Any, scripts: bool) -> None:
     page = opened(folders.sweep, color_scheme="dark", java_script_enabled=scripts)

@@ -67,6 +67,7 @@ def test_contrast_is_that_of_the_standard() -> None:
     assert contrast("rgb(118, 118, 118)", "rgb(255, 255, 255)") == pytest.approx(4.54, abs=0.005)
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("kind", Folders._fields)
 def test_the_page_stands_in_a_browser(folders: Folders, browser: Any, kind: str) -> None:
     """On a phone, in a light and a dark room, without a word from the console and without asking for anything."""
@@ -145,6 +146,7 @@ def test_the_worst_run_comes_first_with_the_line_that_drives_it_again(folders: F
     assert re.findall(r"<code>(\w{16})</code>", failed)[0] == f"{11:016x}"
 
 
+@pytest.mark.thorough
 def test_a_record_and_a_dataset_do_not_mind_their_report(folders: Folders) -> None:
     before = content(folders.sweep)
     swept(folders.sweep)  # goes on with it
@@ -155,6 +157,7 @@ def test_a_record_and_a_dataset_do_not_mind_their_report(folders: Folders) -> No
     assert replayed.stdout.endswith("every setpoint and every frame is the same\n")
 
 
+@pytest.mark.thorough
 def test_the_same_record_has_the_same_report(folders: Folders) -> None:
     before = content(folders.killed)
     said = command("report", "killed", cwd=folders.killed.parent)

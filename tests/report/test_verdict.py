@@ -69,6 +69,7 @@ SAYS = {
 }
 
 
+@pytest.mark.thorough(witnesses=11)
 @pytest.mark.parametrize("outcome", list(Outcome))
 @pytest.mark.parametrize("passed", [True, False, None])
 def test_the_word_is_the_summarys_and_the_sentence_that_of_the_outcome(

@@ -86,6 +86,7 @@ def on_bus(folder: Path, name: str, *changes: tuple[str, str]) -> Path:
     return own_rig(folder, *ON_VCAN, *changes, name=name)
 
 
+@pytest.mark.thorough
 def test_a_rig_is_held_by_one_process_and_free_when_that_is_killed(tmp_path: Path) -> None:
     rig = own_rig(tmp_path)
     with holder(rig) as (said, process):
@@ -136,6 +137,7 @@ def test_the_simulated_vehicle_s_end_of_a_bus_is_locked_too(tmp_path: Path) -> N
         assert "bus socketcan:can_lock1 is in use" in refusal(two)
 
 
+@pytest.mark.thorough
 def test_rigs_on_pseudo_terminals_and_on_other_buses_run_side_by_side(tmp_path: Path) -> None:
     one, two = own_rig(tmp_path, name="one"), own_rig(tmp_path, name="two")
     other = on_bus(tmp_path, "other", ("vcan_lock0", "vcan_lock9"))

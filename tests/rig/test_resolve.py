@@ -167,6 +167,7 @@ def test_surveyed_pairs_give_the_alignment_and_mirrored_ones_are_refused() -> No
         rig(alignment=pairs(-1.0))
 
 
+@pytest.mark.thorough
 def test_the_shipped_lot_holds_the_whole_of_the_papers_drive() -> None:
     file = REPOSITORY / "scenarios" / "parked_car.toml"
     resolved = resolve_scenario("parked_car", load_scenario(file), file, REPOSITORY)

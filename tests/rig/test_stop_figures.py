@@ -171,6 +171,7 @@ def test_the_fence_reckons_with_the_lesser_of_test_and_interface(tmp_path: Path)
     assert resolve.watchdog_deceleration_of(weaker, facts, friction=0.05) == pytest.approx(0.05 * 9.80665)
 
 
+@pytest.mark.thorough
 def test_doctor_says_no_go(tmp_path: Path) -> None:
     from vve_sumo.commissioning.doctor import examine
     from vve_sumo.commissioning.findings import CheckResult

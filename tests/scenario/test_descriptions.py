@@ -52,6 +52,7 @@ def words(key: str, value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", library.names())
 def test_everything_in_a_shipped_scenario_is_told(name: str) -> None:
     file = REPOSITORY / "scenarios" / f"{name}.toml"
@@ -61,6 +62,7 @@ def test_everything_in_a_shipped_scenario_is_told(name: str) -> None:
     assert [one for one in missing if one[1] not in (0.0, "pedestrian", "bicycle", "child")] == []
 
 
+@pytest.mark.thorough
 def test_the_fault_the_manoeuvre_the_traffic_and_the_signals_are_told() -> None:
     def text(name: str) -> str:
         return "\n".join(lines(resolve_by_name(name, REPOSITORY), REPOSITORY))

@@ -79,6 +79,7 @@ def _foreseen() -> dict[str, str | None]:
     return {name: None if contact is None else contact.id for name, contact in found.items()}
 
 
+@pytest.mark.thorough
 def test_an_ego_that_never_brakes_touches_who_the_scenario_is_about() -> None:
     met = isolated(_foreseen)
     assert None not in met.values()
@@ -101,6 +102,7 @@ def _driven(names: list[str]) -> dict[str, dict[str, Any]]:
         }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "part", with_slow([STAND_FOR_ALL, *(OTHERS[part::3] for part in range(3))], lambda part: part is STAND_FOR_ALL)
 )

@@ -237,6 +237,7 @@ def refusal_of(table: Any) -> str:
     return ""
 
 
+@pytest.mark.thorough
 @settings(max_examples=300, deadline=None)
 @given(st.lists(st.tuples(st.sampled_from(PLACES), VALUES), min_size=1, max_size=3))
 def test_a_wrong_table_is_one_line_and_never_another_exception(changes: list[tuple[tuple[Any, ...], object]]) -> None:

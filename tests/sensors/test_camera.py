@@ -103,6 +103,7 @@ def test_the_error_of_the_range_grows_with_its_square() -> None:
         assert speed.std() == pytest.approx(sigma, rel=0.1)
 
 
+@pytest.mark.thorough
 def test_errors_hold_on_from_picture_to_picture() -> None:
     frames = [
         frame.objects.x[0] for _, frame in watched(replace(CONFIG, miss_rate=0.0), actors([car(50.0, 0.0)]), 120.0)
@@ -150,6 +151,7 @@ def test_a_wall_hides() -> None:
     assert last(IDEAL, actors([car(30.0, 0.0)]), walls=wall).names == ()
 
 
+@pytest.mark.thorough
 def test_misses_come_as_often_as_declared() -> None:
     config = replace(CONFIG, miss_rate=0.2)
     frames = [frame for _, frame in watched(config, actors([car(30.0, 0.0)]), 120.0)]

@@ -113,6 +113,7 @@ def compare(seed: int, view: Pinhole) -> None:
     assert set(np.unique(bodies(blocks, who)).tolist()) - {NOBODY, WALL} <= mask.alone.keys()
 
 
+@pytest.mark.thorough(witnesses=9)
 @pytest.mark.parametrize("seed", range(25))
 def test_every_pixel_shows_what_its_ray_meets(seed: int) -> None:
     compare(seed, SMALL)

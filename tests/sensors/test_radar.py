@@ -45,6 +45,7 @@ def scans(config: RadarConfig, rows: Sequence[Row], count: int, seed: int = 1) -
     return [result for result in results if result is not None]
 
 
+@pytest.mark.thorough
 def test_scans_come_40_and_60_ms_apart_and_are_dated_at_their_tick() -> None:
     sensor, street = radar(PROMPT), actors([car(30.0, 0.0)])
     results = [sensor.step(tick * TICK, rear_axle(), street) for tick in range(50_000)]

@@ -41,6 +41,7 @@ def columns(results: list[RadarScan]) -> np.ndarray:
     return np.array([(r.detections.range[0], r.detections.azimuth[0], r.detections.range_rate[0]) for r in results])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("declared", [0.0, 0.45, 0.9])
 def test_errors_are_as_wide_as_declared_and_correlated_as_declared(declared: float) -> None:
     """20,000 scans; a correlation of rho decorrelates in (1+rho)/(1-rho) scans, which widens what is tolerated."""

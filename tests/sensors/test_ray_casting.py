@@ -129,6 +129,7 @@ def compare_with_mesh(count: int, seed: int) -> None:
     assert len(set(hits.what[hits.what >= 0].tolist())) > 20
 
 
+@pytest.mark.thorough
 def test_a_turn_meets_what_another_library_says() -> None:
     compare_with_mesh(300, 1)
 
@@ -180,6 +181,7 @@ def alone(fired: Firings, firing: int, blocks: Blocks, walls: Walls) -> tuple[Fl
     return far, what
 
 
+@pytest.mark.thorough
 @settings(max_examples=15, deadline=None)
 @given(
     st.integers(0, 10**6),

@@ -173,6 +173,7 @@ def outcomes(scans: Iterable[tuple[float, Iterable[tuple[str | int, float, float
     return Told(np.array(times), tracks)
 
 
+@pytest.mark.thorough
 def test_the_geometry_is_the_recorded_one(real: Told, poses: list[Pose], street: list[Actors]) -> None:
     """An ideal radar sees the targets where the real one reported them, but for the real one's noise."""
     kept = [track for track in real.tracks if len(track.time) >= LEAST]
@@ -218,6 +219,7 @@ def test_ours_reports_as_often_as_the_real_one(real: Told, ours: Told) -> None:
     assert max(np.unique(np.concatenate([track.time for track in ours.tracks]), return_counts=True)[1]) <= 14
 
 
+@pytest.mark.thorough
 def test_the_wire_of_an_esr_adds_its_own_quanta_and_nothing_else(
     shared_data: Path, poses: list[Pose], scans: list[tuple[int, RadarScan]], ours: Told
 ) -> None:

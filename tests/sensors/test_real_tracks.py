@@ -93,6 +93,7 @@ def declared_from(measured: float, count: int = 11) -> float:
     return float(brentq(lambda correlation: left(correlation) - measured, 0.0, 0.75))
 
 
+@pytest.mark.thorough
 def test_errors_of_real_range_rates_are_correlated_by_0_4_to_0_5(tracks: list[Track]) -> None:
     """And what finds it there finds it in our own noise, where it is declared."""
     assert declared_from(residual_correlation([track.rate for track in tracks])) == pytest.approx(0.45, abs=0.08)

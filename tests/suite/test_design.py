@@ -69,6 +69,7 @@ def every(design: SuiteDesign, seeds: int) -> list[RowOutcome]:
     return [RowOutcome(row, seed, RowVerdict.PASSED) for seed in range(1, seeds + 1) for row in DRIVEN]
 
 
+@pytest.mark.thorough
 @given(outcomes=st.lists(OUTCOMES, max_size=4, unique_by=lambda one: (one.row.id, one.seed)), torn=st.integers(1, 60))
 def test_what_was_written_is_read_again_but_for_a_torn_line(tmp_path_factory, design, outcomes, torn):
     folder = tmp_path_factory.mktemp("suite")
@@ -129,6 +130,7 @@ def test_more_seeds_are_driven_beside_those_that_there_are(design: SuiteDesign, 
         Dataset(tmp_path / "grown", two.plan, resume=True)
 
 
+@pytest.mark.thorough
 def test_drives_of_two_versions_of_a_controller_are_in_no_one_dataset(tmp_path: Path) -> None:
     first = tmp_path / "controllers" / "mine.py"
     first.parent.mkdir()
@@ -145,6 +147,7 @@ def test_drives_of_two_versions_of_a_controller_are_in_no_one_dataset(tmp_path: 
     assert content(tmp_path / "out") == before
 
 
+@pytest.mark.thorough
 def test_another_car_under_the_same_name_is_another_test(tmp_path: Path) -> None:
     (tmp_path / "vehicles").mkdir()
     car = tmp_path / "vehicles" / "ford_fusion.toml"
@@ -167,6 +170,7 @@ def test_other_code_of_this_program_is_in_no_one_dataset(design: SuiteDesign, tm
         Dataset(tmp_path, other.plan, resume=True)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("changed", "said"),
     [

@@ -179,6 +179,7 @@ def test_the_two_cars_leave_a_gap_of_four_and_a_half_metres():
         assert row.scenario.criteria.max_deceleration_mps2.max == pytest.approx(0.25 * 9.80665)
 
 
+@pytest.mark.thorough(witnesses=2)
 @pytest.mark.parametrize("faster", [-0.06, 0.0, 0.06])
 @pytest.mark.parametrize("late", [0.0, 0.3, 0.7])
 def test_a_cut_in_comes_over_the_edge_of_the_lane_just_before_the_rule_ends(faster: float, late: float) -> None:
@@ -241,6 +242,7 @@ def test_an_impact_that_is_allowed_needs_less_way():
     assert laws.impact_speed(speed, needed, ego.deceleration, ego.delay) == pytest.approx(allowed, abs=0.01)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("deceleration", [2.0, 4.9, 6.0])
 @pytest.mark.parametrize("last", [0.0, 2.0 * KMH])
 def test_a_course_agrees_with_small_steps(deceleration, last):

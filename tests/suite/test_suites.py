@@ -84,6 +84,7 @@ SAMPLE = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", with_slow(sorted(SAMPLE), lambda name: name == "r152_02"))
 def test_the_shipped_controller_passes_some_rows_of_every_suite(name, tmp_path):
     rows = [row for row in suite_rows(name) if row.id in SAMPLE[name]]
@@ -141,6 +142,7 @@ def test_seeds_are_drives_of_their_own_and_the_same_each_time(tmp_path):
     assert one.drives[0].min_gap_m == first.drives[0].min_gap_m
 
 
+@pytest.mark.thorough
 def test_braking_that_is_too_gentle_is_a_failure_without_a_contact(tmp_path):
     """The comfort layer alone stops for a car ahead well before it, and never asks for 5 m/s2."""
     row = next(row for row in suite_rows("r152") if row.id == "stationary_20_unladen")
@@ -154,6 +156,7 @@ def test_braking_that_is_too_gentle_is_a_failure_without_a_contact(tmp_path):
     assert outcome.why == f"braking demand {outcome.demand_mps2:.2f} m/s2, expected 5 or more"
 
 
+@pytest.mark.thorough
 def test_what_goes_wrong_is_told_apart(tmp_path):
     """One stationary car at 40 km/h: nobody brakes; it appears too late; the speed is not the one wanted."""
     good = next(row for row in suite_rows("r152") if row.id == "stationary_40_unladen")
@@ -311,6 +314,7 @@ def test_the_tables_hold_every_row_and_the_worst_of_its_drives(tmp_path):
     ]
 
 
+@pytest.mark.thorough
 def test_the_command_lists_the_suites_and_refuses_in_one_line(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["suite"]) == 0
@@ -332,6 +336,7 @@ def test_the_command_lists_the_suites_and_refuses_in_one_line(capsys, tmp_path, 
             drive(name, asked)
 
 
+@pytest.mark.thorough
 def test_the_command_drives_prints_keeps_and_goes_on(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     few = catalogue.Suite("two rows", lambda car: iter(catalogue.rows("pass_through", car)[1:]))
@@ -361,6 +366,7 @@ def test_the_command_drives_prints_keeps_and_goes_on(capsys, tmp_path, monkeypat
     assert again.drive().summary["record_sha256"] == load(out / "records" / key).summary["record_sha256"]
 
 
+@pytest.mark.thorough
 def test_a_suite_is_driven_by_a_rigs_car(tmp_path):
     """Its brakes decide what physics allows: those of a brake gain that was measured, not the model's."""
     text = (REPOSITORY / "rigs" / "simulated.toml").read_text(encoding="utf-8")

@@ -166,6 +166,7 @@ def test_what_ends_a_sweep_is_one_line_and_leaves_nothing_running(machines: Mach
         Cluster(machines.address)
 
 
+@pytest.mark.thorough
 def test_other_versions_and_other_files_are_refused(machines: Machines, tmp_path: Path) -> None:
     from distributed import Client
 

@@ -137,6 +137,7 @@ def test_a_controller_gets_its_own_tuning_and_that_of_the_scenario_goes_to_its_o
     parse(tomllib.loads(tuned.read_text(encoding="utf-8")), tuned)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("text", "why"),
     [

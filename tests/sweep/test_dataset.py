@@ -145,6 +145,7 @@ def _killed_at_each(scratch: Path) -> int:
     raise AssertionError("it never came to an end")
 
 
+@pytest.mark.thorough
 def test_a_kill_at_any_instant_loses_nothing_and_the_bytes_are_the_same() -> None:
     """Brute force: before every call that touches the disk a process is really killed."""
     assert isolated(_every_instant) > 80
@@ -193,6 +194,7 @@ def _every_instant_of_a_change() -> int:
         return _killed_at_each_change(Path(scratch))
 
 
+@pytest.mark.thorough
 def test_a_kill_while_runs_are_added_or_judged_anew_loses_nothing() -> None:
     assert isolated(_every_instant_of_a_change) > 40
 

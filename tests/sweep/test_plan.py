@@ -25,6 +25,7 @@ def sweep(folder: Path, parameters: str) -> str:
     return str(file)
 
 
+@pytest.mark.thorough
 def test_the_vehicle_is_a_parameter_like_any_other(tmp_path: Path) -> None:
     query = query_of(sweep(tmp_path, "ego.vehicle = ['ford_fusion', 'lincoln_mkz']"), REPOSITORY, yes=False)
     assert query.plan.cells == 2
@@ -33,6 +34,7 @@ def test_the_vehicle_is_a_parameter_like_any_other(tmp_path: Path) -> None:
         query_of(sweep(tmp_path, "ego.vehicle = ['tank']"), REPOSITORY, yes=False)
 
 
+@pytest.mark.thorough
 def test_the_command_line_replaces_the_scenarios_vehicle(tmp_path: Path) -> None:
     file = sweep(tmp_path, "ego.speed_mps = [5.0]")
     assert query_of(file, REPOSITORY, yes=False).plan.files_sha256["vehicle"] == [FUSION]
@@ -70,6 +72,7 @@ def drive_by_rig(folder: str, file: str) -> str:
     return str(run.run(resolved, Path(folder), REPOSITORY).summary["record_sha256"])
 
 
+@pytest.mark.thorough
 def test_a_rigs_car_drives_a_sweep_as_it_drives_alone(tmp_path: Path) -> None:
     file = rig(tmp_path)
     query = query_of(sweep(tmp_path, SHORT), REPOSITORY, yes=False, rig=str(file))
@@ -89,6 +92,7 @@ def test_a_rigs_car_drives_a_sweep_as_it_drives_alone(tmp_path: Path) -> None:
     assert run_one(fusion).figures["record_sha256"] != driven
 
 
+@pytest.mark.thorough
 def test_a_rigs_faults_are_injected_in_a_sweep_as_in_a_drive(tmp_path: Path) -> None:
     file = rig(tmp_path)
     text = file.read_text(encoding="utf-8")
@@ -99,6 +103,7 @@ def test_a_rigs_faults_are_injected_in_a_sweep_as_in_a_drive(tmp_path: Path) -> 
     assert figures["record_sha256"] == isolated(drive_by_rig, str(tmp_path / "record"), str(file))
 
 
+@pytest.mark.thorough
 def test_a_sweep_of_a_rig_survives_its_folder(tmp_path: Path) -> None:
     query = query_of(sweep(tmp_path, "ego.speed_mps = [5.0]"), REPOSITORY, yes=False, rig=str(rig(tmp_path)))
     (tmp_path / "sweep.json").write_text(query.plan.text(), encoding="utf-8")

@@ -64,6 +64,7 @@ def test_a_zombie_is_a_descendant_without_memory_and_one_that_is_gone_is_nothing
     process_tree.kill([zombie.pid])
 
 
+@pytest.mark.thorough
 def test_processes_that_end_while_they_are_looked_at_do_no_harm() -> None:
     with subprocess.Popen(["sh", "-c", CHURN], start_new_session=True) as churn:
         seen = set[int]()

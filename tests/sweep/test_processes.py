@@ -111,6 +111,7 @@ def scratch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     assert list(place.iterdir()) == []
 
 
+@pytest.mark.thorough
 def test_results_are_those_of_a_drive_in_a_process_of_its_own(tmp_path: Path) -> None:
     jobs = [seeded("five", 5), seeded("six", 6, keep=tmp_path / "kept"), seeded("five again", 5)]
     results = driven(*jobs, workers=2)
@@ -133,6 +134,7 @@ def test_results_are_those_of_a_drive_in_a_process_of_its_own(tmp_path: Path) ->
     assert results["five"].cpu_s > 0.0
 
 
+@pytest.mark.thorough
 def test_each_end_has_its_reason_and_neighbours_are_right() -> None:
     results = driven(
         seeded("before", 5),
@@ -182,6 +184,7 @@ def test_each_end_has_its_reason_and_neighbours_are_right() -> None:
     assert all(not result.figures for result in results.values() if result.error)
 
 
+@pytest.mark.thorough
 def test_a_kept_record_replaces_a_record_and_nothing_else(tmp_path: Path) -> None:
     kept, other = tmp_path / "kept", tmp_path / "other"
     other.mkdir()
@@ -205,6 +208,7 @@ def spoil(worker: Worker, note: Path) -> int:
     return server
 
 
+@pytest.mark.thorough
 def test_a_server_killed_from_outside_is_replaced(tmp_path: Path) -> None:
     note, worker = tmp_path / "note", Worker()
     try:
@@ -240,6 +244,7 @@ except KeyboardInterrupt:
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_nothing_outlives_the_engine(number: signal.Signals, tmp_path: Path, scratch: Path) -> None:
     note = tmp_path / "note"
@@ -256,6 +261,7 @@ def test_nothing_outlives_the_engine(number: signal.Signals, tmp_path: Path, scr
     eventually(lambda: not any(map(alive, everyone)) and list(scratch.iterdir()) == [])
 
 
+@pytest.mark.thorough
 def test_jobs_are_taken_as_they_are_needed() -> None:
     taken = []
 
@@ -273,6 +279,7 @@ def test_jobs_are_taken_as_they_are_needed() -> None:
         Local(1).run(endless(), done)
 
 
+@pytest.mark.thorough
 def test_a_full_disk_ends_the_sweep(tmp_path: Path) -> None:
     kept = tmp_path / "records" / "kept"
     with pytest.raises(

@@ -110,6 +110,7 @@ def expected(design: str, count: int, seed: int) -> np.ndarray:
     return qmc.LatinHypercube(3, rng=chance).random(count) if design == "latin_hypercube" else chance.random((count, 3))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("design", ["latin_hypercube", "sobol", "random"])
 def test_drawn_designs_are_scipys(design: str) -> None:
     drawn = cells({"design": design, "samples": 5000, "design_seed": 5, "parameters": BOX})

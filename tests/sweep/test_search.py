@@ -201,6 +201,7 @@ def test_what_is_not_monotone_is_said_and_a_fault_meets_nothing(tmp_path: Path) 
     assert table.row_count == 6
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("text", [BOUNDARY, WORST.replace("60", "30")], ids=["boundary", "worst"])
 def test_kills_and_the_order_of_results_change_nothing_and_nothing_is_driven_twice(tmp_path: Path, text: str) -> None:
     whole, numbers = driven(tmp_path / "whole", text)
@@ -231,6 +232,7 @@ def late(values: Mapping[str, Any], seed: int) -> dict[str, Any]:
     return collides(values, seed) | ({"impact_speed_mps": 0.0} if seed == 1 else {})
 
 
+@pytest.mark.thorough
 def test_the_worst_case_is_found(tmp_path: Path) -> None:
     """The worst is known: fastest, shortest sight, a car, the later seed."""
     hunt, _numbers = driven(tmp_path / "a", WORST, late)
@@ -276,6 +278,7 @@ def test_corners_come_first_where_a_batch_holds_them() -> None:
     assert not {0.0, 1.0} & {share for point in next(worst.search(2, 10, 3, 1)) for share in point}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("figure", "goal"), [("min_gap_m", "lowest"), ("max_drac_mps2", "highest")])
 def test_a_contact_is_worse_than_every_value_whatever_was_measured_of_it(
     tmp_path: Path, figure: str, goal: str

@@ -50,6 +50,7 @@ def proxies(worker: Worker) -> list[int]:
     return process_tree.descendants(worker.pid)
 
 
+@pytest.mark.thorough
 def test_runs_on_a_shared_road_are_those_of_processes_of_their_own(tmp_path: Path, worker: Worker) -> None:
     # Of each seed two, one after the other and with others between; the last ones with other traffic.
     runs = [in_town(f"{number}", seed) for number, seed in enumerate((1, 1, 2, 2, 1))]
@@ -68,6 +69,7 @@ def test_runs_on_a_shared_road_are_those_of_processes_of_their_own(tmp_path: Pat
     assert (tmp_path / "kept" / "ticks.parquet").is_file()
 
 
+@pytest.mark.thorough
 def test_a_road_that_changed_is_loaded_anew(tmp_path: Path, worker: Worker) -> None:
     demand = tmp_path / "cars.rou.xml"
     shutil.copy(REPOSITORY / "routes" / "linden_light.rou.xml", demand)
@@ -81,6 +83,7 @@ def test_a_road_that_changed_is_loaded_anew(tmp_path: Path, worker: Worker) -> N
     assert result_of(worker, runs[0]).error.startswith("config: ")
 
 
+@pytest.mark.thorough
 def test_where_sumo_writes_every_run_starts_its_own(tmp_path: Path, worker: Worker) -> None:
     loops, out = tmp_path / "loops.add.xml", tmp_path / "out.xml"
     loops.write_text(f'<additional><edgeData id="all" file="{out}" excludeEmpty="true"/></additional>')
@@ -92,6 +95,7 @@ def test_where_sumo_writes_every_run_starts_its_own(tmp_path: Path, worker: Work
     assert proxies(worker) == []
 
 
+@pytest.mark.thorough
 def test_a_crash_on_a_shared_road_costs_its_own_run() -> None:
     ills = ("segfault", "leaves", "killed", "interrupts")
     well = [seeded(str(number), 5) for number in range(2 * len(ills) + 1)]
@@ -113,6 +117,7 @@ def test_what_a_run_on_a_shared_road_leaves_behind_ends(tmp_path: Path, worker: 
     assert len(list(Path(f"/proc/{stand_in}/task").iterdir())) == 1
 
 
+@pytest.mark.thorough
 def test_a_killed_stand_in_takes_the_server_with_it_and_the_run_is_driven_again(tmp_path: Path, worker: Worker) -> None:
     note = tmp_path / "note"
     for key in ("first", "second"):

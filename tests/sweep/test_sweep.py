@@ -145,6 +145,7 @@ def test_a_run_is_the_same_when_it_is_driven_alone(
         rerun(Path("whole"), "abc", None)
 
 
+@pytest.mark.thorough
 def test_a_rerun_that_differs_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -203,6 +204,7 @@ def _lines(journal: Path) -> int:
     return journal.read_bytes().count(b"\n") if journal.exists() else 0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kills", with_slow([1, 3], lambda kills: kills == 1))
 def test_killed_and_then_interrupted_it_is_the_same_dataset(
     whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kills: int

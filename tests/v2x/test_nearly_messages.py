@@ -43,6 +43,7 @@ def read(codec: Any, spoilt: Iterable[bytes], more: tuple[int, ...]) -> tuple[in
     return accepted, refused
 
 
+@pytest.mark.thorough(witnesses=2)
 @pytest.mark.parametrize(("codec", "message", "more"), GENUINE)
 def test_one_wrong_bit_or_a_missing_end(codec: Any, message: Any, more: tuple[int, ...]) -> None:
     accepted, refused = read(codec, nearly(codec.encode(message)), more)

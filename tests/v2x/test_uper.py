@@ -29,6 +29,7 @@ def test_importing_the_codecs_compiles_nothing() -> None:
     subprocess.run([sys.executable, "-c", done], check=True, timeout=60)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("message", SAMPLES)
 def test_a_message_has_the_same_bytes_whichever_others_are_compiled(message: str) -> None:
     """Messages share the parsed dictionary: a process that compiles one alone stands against this one, with all."""

@@ -61,6 +61,7 @@ def test_wished_deceleration_is_there_after_a_second(mass, gain, grade, grade_kn
         assert slope(speeds, first, first + 0.5) == pytest.approx(-2.5, abs=0.15)
 
 
+@pytest.mark.thorough(witnesses=4)
 @pytest.mark.parametrize(("mass", "gain", "grade"), CARS)
 def test_the_car_stands_for_a_minute_and_drives_off_again(mass, gain, grade):
     loop = Loop(Car(mass=mass * 1690.0, brake_gain=gain, grade=grade, speed=5.0), grade_known=False)
@@ -93,6 +94,7 @@ def test_a_steeper_slope_than_built_for_takes_all_the_brakes_there_are_and_keeps
     assert set(speeds[-round(15.0 / PERIOD) :]) == {0.0}
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("wish", [-0.5, -0.35, -0.2, -0.1, 0.0, 0.1, 0.3])
 def test_constant_wishes_do_not_make_the_pedals_take_turns(wish):
     for mass, gain, grade in CARS:

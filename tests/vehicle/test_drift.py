@@ -18,6 +18,7 @@ from vve_sumo.vehicle.drift import unseen_drift
 AT = 16.0  #: of the fault, after the first motion: the car has driven more than 100 m at 8 m/s by then [s]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("kind", "value"), [("pose_drift_lateral", 0.07), ("pose_drift_lateral", -0.07), ("pose_drift_along", 0.1)]
 )

@@ -14,6 +14,7 @@ from scipy.optimize import linprog
 from vve_sumo.vehicle.drift import DriftCheck, DriftSample, FeasibleSet, unseen_drift
 
 
+@pytest.mark.thorough
 @settings(deadline=None, max_examples=200)
 @given(st.integers(0, 2**31), st.integers(1, 12))
 def test_what_is_left_to_explain_is_what_a_linear_programme_finds(seed: int, count: int) -> None:

@@ -57,6 +57,7 @@ FEET = [
 ]
 
 
+@pytest.mark.thorough(witnesses=6)
 @pytest.mark.parametrize(("reports", "pedal", "lasts"), FEET)
 def test_a_foot_closes_the_throttle_at_once_and_the_car_does_not_drive_off_when_it_lifts(reports, pedal, lasts):
     whole, course = comes(reports, pedal, lasts)
@@ -74,6 +75,7 @@ def test_a_foot_closes_the_throttle_at_once_and_the_car_does_not_drive_off_when_
         assert whole.step(2.0, command=OperatorCommand.GO).throttle == 0.0
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("reports", ["sound", "brake report frozen", "bits at zero", "bits and pedal at zero"])
 @pytest.mark.parametrize("lasts", [0.15, 0.5])
 def test_a_foot_that_takes_the_brakes_and_lifts_again_is_said_and_the_driver_is_called(reports, lasts):
@@ -136,6 +138,7 @@ class Claims:
         return Frame(frame.id, bytes(data))
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize(
     ("identifier", "byte", "bit", "frames"),
     [

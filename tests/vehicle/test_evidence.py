@@ -140,6 +140,7 @@ def test_dead_brakes_are_noticed_in_six_tenths_of_a_second(speed):
     brake, throttle, _steering, _gear = rig.commands()
     assert brake.value == pytest.approx(FUSION.brake_torque_limit, abs=1.0)
     assert throttle.value == 0.0
+    assert "driver_needed" in status.reasons
 
 
 @pytest.mark.parametrize("wish", [-1.0, -2.0, -3.5])
@@ -165,6 +166,7 @@ def test_brakes_at_half_are_noticed_within_one_stop_that_stays_inside_the_bound(
     assert driven < bound(begun, 2.4, 5.0, 0.03 + 0.09)
 
 
+@pytest.mark.thorough(witnesses=4)
 @pytest.mark.parametrize(("mass", "gain"), [(1.15, 0.9), (1.0, 1.0), (0.85, 1.1)])
 @pytest.mark.parametrize("grade", [-0.03, 0.0, 0.03])
 @pytest.mark.parametrize("wish", [-0.5, -2.0, -3.5, -9.0])
@@ -243,6 +245,7 @@ def test_steps_of_a_fifth_of_a_metre_are_found_before_six_tenths(speed):
     assert off < 0.6
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("speed", [5.0, 8.5])
 def test_a_circle_is_no_lie(speed):
     """A minute at constant wheel angle: the pose and dead reckoning go round together."""

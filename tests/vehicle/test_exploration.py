@@ -229,6 +229,7 @@ def reached(request) -> Reached:
     return Reached(request.param, found)
 
 
+@pytest.mark.thorough
 def test_every_state_and_every_stage_of_the_handover_is_reached(reached):
     assert {key[0] for key in reached.states} == set(S)
     stages = {key[1][:3] for key in reached.states if key[0] is S.ENGAGED}
@@ -236,6 +237,7 @@ def test_every_state_and_every_stage_of_the_handover_is_reached(reached):
     assert len(reached.states) > 20
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("fault", FAULTS)
 def test_from_every_state_every_fault_leads_to_rest(reached, fault):
     for place in reached.states.values():
@@ -276,6 +278,7 @@ def test_from_every_state_an_override_that_nothing_confirms_leads_to_rest(reache
             assert after.state is S.STOPPED
 
 
+@pytest.mark.thorough
 def test_no_run_without_the_act_of_engaging_ever_engages(reached):
     """All that is reached from where nothing is commanded, leaving that act out, commands nothing."""
     idle = [place for key, place in reached.states.items() if key[0] not in COMMANDING]

@@ -40,6 +40,7 @@ def test_the_plain_car_is_neutral():
 # What a way is.
 
 
+@pytest.mark.thorough(witnesses=3)
 @pytest.mark.parametrize(
     "fallback_path",
     [
@@ -251,6 +252,7 @@ def test_a_deferred_path_that_is_none_or_not_well_formed_is_no_path(path):
     assert {status.steering for status in rig.run(6.0, acceleration=None)} == {0.0}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("path", "followed"), [(None, True), (FallbackPath(1.0, (0.0,)), False)])
 def test_a_setpoint_with_faults_takes_back_the_path_before_only_if_its_deferred_path_is_one(path, followed):
     rig = Rig()
@@ -272,6 +274,7 @@ ASTRAY = [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("reason", "car", "step"), ASTRAY)
 def test_where_the_car_is_not_where_it_is_believed_to_be_the_measured_angle_is_held(reason, car, step):
     rig = Rig()
@@ -343,6 +346,7 @@ def blind_stop(name: str, with_path: bool) -> float:
     return float(abs((rest.y - y) * math.cos(heading[-1]) - (rest.x - x) * math.sin(heading[-1])))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", BENDS)
 def test_a_blind_stop_in_a_bend_ends_beside_the_way_by_centimetres_and_not_by_metres(name):
     assert blind_stop(name, True) < 0.35

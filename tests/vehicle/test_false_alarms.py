@@ -40,6 +40,7 @@ CARS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("car", with_slow(CARS, lambda car: car.startswith("heavy")))
 @pytest.mark.parametrize(("speed", "period", "deceleration"), [(8.0, 14.0, 3.4), (5.0, 9.0, 1.5)])
 def test_a_minute_of_stop_and_go_is_without_an_event(car, speed, period, deceleration):

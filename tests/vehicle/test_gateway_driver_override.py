@@ -16,6 +16,7 @@ from vve_sumo.vehicle.interface import Gear
 S = ArmingState
 
 
+@pytest.mark.thorough(witnesses=2)
 @pytest.mark.parametrize("before", ["driving", "stopping", "stopped"])
 @pytest.mark.parametrize(
     "report",

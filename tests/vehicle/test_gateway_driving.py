@@ -24,6 +24,7 @@ def slope(rig: Rig, duration: float, **arguments) -> float:
     return (rig.car.speed - before) / duration
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("mass", "gain", "grade"), [*itertools.product((0.85, 1.15), (0.9, 1.1), (-0.03, 0.03))])
 def test_ten_meters_per_second_then_the_brakes_then_a_minute_of_standing(mass, gain, grade):
     rig = Rig(Car(mass=mass * 1690.0, brake_gain=gain, grade=grade))

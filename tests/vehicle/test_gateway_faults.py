@@ -70,6 +70,7 @@ FAULTS = [
 ]  # fmt: skip
 
 
+@pytest.mark.thorough(witnesses=12)
 @pytest.mark.parametrize(("reason", "car", "step"), FAULTS)
 def test_whatever_goes_wrong_brings_the_car_to_rest_and_keeps_it_there(reason, car, step):
     rig = Rig()
@@ -108,6 +109,26 @@ def test_whatever_goes_wrong_brings_the_car_to_rest_and_keeps_it_there(reason, c
         assert status.state is S.STOPPED, "no way from stopped to engaged, and none to a car that creeps"
         assert rig.car.speed == 0.0
     assert not rig.gateway.done
+
+
+@pytest.mark.parametrize(
+    ("silent", "faults", "needed"),
+    [
+        ({layout.BRAKE_REPORT}, (), True),
+        ({layout.WHEEL_SPEEDS}, (), True),
+        (set(), ("bus_down",), True),
+        ({layout.GEAR_REPORT}, (), False),
+        ({layout.THROTTLE_REPORT}, (), False),
+    ],
+)
+def test_the_driver_is_called_where_nobody_hears_how_the_car_brakes(silent, faults, needed):
+    rig = Rig()
+    rig.cruise(10.0)
+    rig.car.silent = silent
+    statuses = rig.run(1.5, 0.0, process_faults=faults)
+    assert statuses[-1].state is S.STOPPING
+    assert rig.car.speed > 3.0
+    assert ("driver_needed" in statuses[-1].reasons) is needed
 
 
 def test_without_wheel_speeds_the_car_is_stopped_blindly_and_held():

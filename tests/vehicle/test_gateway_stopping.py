@@ -52,6 +52,7 @@ def test_stopping_never_releases_brakes_that_are_on():
     assert {status.acceleration for status in statuses} == {-5.5}
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("ticks", [1, 3, 10, 30])
 def test_a_fault_on_top_of_an_emergency_does_not_call_it_off(ticks):
     """However early the fault comes, the car stops no later than in the emergency alone, but for a tick's travel."""

@@ -130,6 +130,7 @@ def _rolled(true, braking, pulling, pitch):
     return np.array(speeds), np.array(accelerations)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", with_slow(range(3), lambda seed: seed == 0))
 def test_finds_all_that_the_car_was_given(seed):
     found = identification.identify(simulate(seed=seed), FUSION, DECLARED).estimates
@@ -141,12 +142,14 @@ def test_finds_all_that_the_car_was_given(seed):
         assert estimate.value == pytest.approx(TRUE[name], abs=5.0 * estimate.sigma + slack), name
 
 
+@pytest.mark.thorough
 def test_a_slope_that_the_receiver_reports_is_no_drag():
     found = identification.identify(simulate(pitch=0.02), FUSION, DECLARED).estimates
     assert found["rolling_resistance"].value == pytest.approx(TRUE["rolling_resistance"], abs=5e-4)
     assert found["brake_gain"].value == pytest.approx(TRUE["brake_gain"], rel=0.005)
 
 
+@pytest.mark.thorough
 def test_a_heavier_car_shows_as_weaker_pedals():
     """Mass is not told apart: 20 % more of it is 20 % more torque for the same deceleration."""
     heavy = TRUE | {"brake_gain": 1.2 * 640.0, "drive_force_limit": 5200.0 / 1.2, "creep_force": 450.0 / 1.2}
@@ -155,6 +158,7 @@ def test_a_heavier_car_shows_as_weaker_pedals():
     assert found["drive_force_limit"].value == pytest.approx(5200.0 / 1.2, rel=0.005)
 
 
+@pytest.mark.thorough
 def test_without_braking_there_is_no_brake_gain():
     found = identification.identify(simulate(brakes=0.0), FUSION, DECLARED).estimates
     for name in ("brake_gain", "brake_delay", "brake_lag"):
@@ -163,6 +167,7 @@ def test_without_braking_there_is_no_brake_gain():
     assert found["drive_force_limit"].good
 
 
+@pytest.mark.thorough
 def test_without_steering_there_is_no_ratio():
     found = identification.identify(simulate(wheel=0.0), FUSION, DECLARED).estimates
     for name in ("steering_delay", "steering_lag", "steering_ratio"):
@@ -170,12 +175,14 @@ def test_without_steering_there_is_no_ratio():
     assert found["brake_gain"].good
 
 
+@pytest.mark.thorough
 def test_a_steering_motor_that_cannot_keep_up_is_no_lag():
     """Half the rate that the commands have: no delay and lag describe that."""
     found = identification.identify(simulate(rate=0.4), FUSION, DECLARED).estimates
     assert "what is tolerated" in found["steering_lag"].problem
 
 
+@pytest.mark.thorough
 def test_air_drag_that_does_not_show_is_left_as_declared():
     """At parking speeds the fit of all else must not suffer from what it cannot tell."""
     noisy = simulate(noise=3.0)
@@ -208,6 +215,7 @@ def test_standard_deviations_are_those_of_repetitions():
     assert np.mean(sigmas) == pytest.approx(np.std(slopes), rel=0.3)
 
 
+@pytest.mark.thorough
 @settings(max_examples=30, deadline=None)
 @given(
     delay=st.floats(0.0, 0.2),

@@ -101,6 +101,7 @@ def beside(offset: float, slant: float = 0.0) -> Lot:
     return Lot([(-20.0, -60.0), (180.0, -60.0), (180.0, max(far, -50.0)), (-20.0, offset)], margin=1.0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("speed", with_slow([2.0, 5.0, 8.0], lambda speed: speed == 5.0))
 @pytest.mark.parametrize(
     "play",
@@ -114,6 +115,7 @@ def test_the_worst_legal_brain_beside_an_edge_stays_inside(play: Play, speed: fl
     assert_inside(play, speed, beside(2.8))
 
 
+@pytest.mark.thorough
 def test_full_throttle_towards_a_wall_stays_inside() -> None:
     assert_inside(lambda t: (2.0, 0.0), 5.0, Lot([(-20.0, -30.0), (110.0, -30.0), (110.0, 30.0), (-20.0, 30.0)]))
 
@@ -131,6 +133,7 @@ def test_a_throttle_that_a_rig_lets_jump_keeps_its_room_before_a_wall(onset: flo
     assert stopped < math.inf, "the geofence never stopped this brain"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", with_slow(range(3), lambda seed: seed == 0))
 def test_random_brains_towards_a_slanting_edge_stay_inside(seed: int) -> None:
     random = np.random.default_rng(seed)

@@ -38,6 +38,7 @@ def engaged(whole: WholeCar, grade: float) -> None:
     whole.step(command=OperatorCommand.GO, grade=grade)
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("limit", [3.0, 12.0])
 @pytest.mark.parametrize("grade", [-STEEP, 0.0, STEEP])
 @pytest.mark.parametrize("mass_factor", [0.85, 1.15])

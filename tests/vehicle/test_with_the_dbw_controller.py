@@ -65,6 +65,7 @@ TAKING_OVER = {
 }
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("limb", TAKING_OVER)
 @pytest.mark.parametrize("after", [0.0, 1.0])
 def test_a_driver_who_takes_over_has_the_car_and_the_watchdog_keeps_still(limb, after):
@@ -143,6 +144,7 @@ TROUBLES = st.one_of(
 PHASES = st.lists(st.tuples(st.integers(1, 60), st.none() | TROUBLES), min_size=1, max_size=8)
 
 
+@pytest.mark.thorough
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 250), PHASES)
 def test_whatever_happens_the_kits_watchdog_has_nothing_to_do(driven, phases):

@@ -47,6 +47,7 @@ def connected(place: tuple[str, int], count: int, said: bytes = b"") -> Iterator
         yield
 
 
+@pytest.mark.thorough
 def test_pages_that_read_nothing_do_not_pile_up(made: Made) -> None:
     with live(made.drive, count=300) as fed:
         fed.server._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, NARROW)
@@ -60,6 +61,7 @@ def test_pages_that_read_nothing_do_not_pile_up(made: Made) -> None:
             until(lambda: held(fed.place[1]) == 0, patience=20.0)
 
 
+@pytest.mark.thorough
 def test_who_never_begins_with_tls_does_not_keep_a_request_out(tmp_path: Path) -> None:
     if shutil.which("openssl") is None:
         pytest.skip("openssl is not installed")

@@ -59,10 +59,12 @@ def ended(record: Path) -> float:
     return float(pq.read_table(record / "ticks.parquet")["time_s"][-1].as_py())
 
 
+@pytest.mark.thorough
 def test_an_empty_street_is_among_them(record: Callable[[str], Path]) -> None:
     assert pq.read_metadata(record(EMPTY) / "actors.parquet").num_rows == 0
 
 
+@pytest.mark.thorough(witnesses=1)
 def test_the_page_opens_and_plays_to_the_end(driven: Path, tmp_path: Path, browser: Any) -> None:
     page = tmp_path / "page.html"
     assert main(["view", str(driven), "--html", str(page)]) == 0
@@ -72,6 +74,7 @@ def test_the_page_opens_and_plays_to_the_end(driven: Path, tmp_path: Path, brows
         assert shown.evaluate("vveSumo.shown.time") == pytest.approx(ended(driven))
 
 
+@pytest.mark.thorough
 def test_a_picture_is_drawn(driven: Path, tmp_path: Path) -> None:
     try:
         find_browser()
@@ -99,11 +102,13 @@ def test_a_picture_is_drawn(driven: Path, tmp_path: Path) -> None:
     assert picture.stat().st_size > 0
 
 
+@pytest.mark.thorough
 def test_the_report_is_written(driven: Path) -> None:
     assert main(["report", str(driven)]) == 0
     assert (driven / "report.html").stat().st_size > 0
 
 
+@pytest.mark.thorough
 def test_every_format_is_written(driven: Path, tmp_path: Path) -> None:
     for name in FORMATS:
         (tmp_path / name).mkdir()

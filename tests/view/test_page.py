@@ -89,6 +89,7 @@ def test_frames_in_the_page_are_the_records(browser: Any, made: Made, replay: Pa
                 assert y == pytest.approx(here[name]["y_m"], abs=5e-4)
 
 
+@pytest.mark.thorough
 def test_time_goes_by_keys_buttons_events_and_by_itself(browser: Any, made: Made, replay: PageServer) -> None:
     times = ticks(made.traffic)["time_s"]
 
@@ -134,6 +135,7 @@ def test_two_records_run_in_step(browser: Any, made: Made) -> None:
         assert page.locator("article.drive").count() == 2
 
 
+@pytest.mark.thorough
 def test_a_sweep_sorts_filters_plots(browser: Any, made: Made) -> None:
     rows = Library([made.sweep]).sweep
     assert rows is not None
@@ -162,6 +164,7 @@ def test_a_sweep_sorts_filters_plots(browser: Any, made: Made) -> None:
         assert page.get_by_role("button", name="open run").is_disabled()
 
 
+@pytest.mark.thorough
 def test_a_kept_run_opens(browser: Any, made: Made, tmp_path: Path, copied: Callable[[Path, Path], None]) -> None:
     folder = tmp_path / "sweep"
     copied(made.sweep, folder)
@@ -175,6 +178,7 @@ def test_a_kept_run_opens(browser: Any, made: Made, tmp_path: Path, copied: Call
         assert page.evaluate("vveSumo.shown.records[0].frames.count") == len(ticks(made.drive)["tick"])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["traffic", "sweep", "hostile"])
 def test_one_file_needs_no_server(browser: Any, made: Made, tmp_path: Path, kind: str) -> None:
     file = tmp_path / "page.html"
@@ -190,6 +194,7 @@ def test_one_file_needs_no_server(browser: Any, made: Made, tmp_path: Path, kind
             assert page.evaluate("window.hit") is None
 
 
+@pytest.mark.thorough
 def test_a_record_that_is_spoilt_says_so_on_the_page(
     browser: Any, made: Made, tmp_path: Path, copied: Callable[[Path, Path], None]
 ) -> None:
@@ -204,6 +209,7 @@ def test_a_record_that_is_spoilt_says_so_on_the_page(
         context.close()
 
 
+@pytest.mark.thorough
 def test_an_old_scan_is_not_shown(browser: Any, replay: PageServer) -> None:
     with opened(browser, replay.address) as page:
         page.evaluate("vveSumo.shown.seek(18.2)")
@@ -226,6 +232,7 @@ AXES = """() => vveSumo.shown.views.flatMap(view => view.strips.plots.map(plot =
   return [axis._size, widest + axis.gap, plot.scales.y.max - plot.scales.y.min]; }))"""
 
 
+@pytest.mark.thorough
 def test_strips_have_room_for_their_labels_and_a_least_span(browser: Any, replay: PageServer) -> None:
     with opened(browser, replay.address) as page:
         until(lambda: holds(page, "vveSumo.shown.records[0].frames.details !== null"))
@@ -246,6 +253,7 @@ def test_strips_have_room_for_their_labels_and_a_least_span(browser: Any, replay
         assert all(room >= needed for room, needed, _span in page.evaluate(AXES))
 
 
+@pytest.mark.thorough
 def test_what_is_still_computed_does_not_look_like_a_free_road(browser: Any, replay: PageServer) -> None:
     gauge = "[...document.querySelectorAll('.gauge')].find(one => one.innerText.startsWith('gap ahead')).innerText"
     with opened(browser, replay.address) as page:
@@ -256,6 +264,7 @@ def test_what_is_still_computed_does_not_look_like_a_free_road(browser: Any, rep
         assert [text.split("\n")[-1] for text in said] == ["computing …", "could not be computed", "nothing ahead"]
 
 
+@pytest.mark.thorough
 def test_two_records_have_their_names_their_gauges_and_their_ends(
     browser: Any, made: Made, tmp_path: Path, copied: Callable[[Path, Path], None]
 ) -> None:
@@ -277,6 +286,7 @@ def test_two_records_have_their_names_their_gauges_and_their_ends(
         assert [one for one in state.all_inner_texts() if one.startswith("OVER")] == []
 
 
+@pytest.mark.thorough
 def test_a_drive_that_failed_says_at_its_end_what_it_failed(browser: Any, made: Made, tmp_path: Path) -> None:
     verdict = Library([made.drive]).record("0").scene()["verdict"]  # type: ignore[union-attr]
     assert verdict == {"outcome": "stopped", "passed": True, "failed": []}
@@ -290,6 +300,7 @@ def test_a_drive_that_failed_says_at_its_end_what_it_failed(browser: Any, made: 
         assert page.get_attribute(".state", "data-state") == "failed"
 
 
+@pytest.mark.thorough
 def test_speeds_are_shown_in_miles_an_hour_on_request_and_from_then_on(browser: Any, replay: PageServer) -> None:
     with opened(browser, replay.address) as page:
         page.evaluate("vveSumo.shown.seek(18.2)")
@@ -307,6 +318,7 @@ def test_speeds_are_shown_in_miles_an_hour_on_request_and_from_then_on(browser: 
         assert first.inner_text().split()[1:] == [f"{speed / 0.44704:.1f}", "mph"]
 
 
+@pytest.mark.thorough
 def test_the_page_in_a_notebooks_cell_needs_no_server(browser: Any, made: Made, tmp_path: Path) -> None:
     cell = tmp_path / "cell.html"
     cell.write_text(f"<!doctype html><meta charset='utf-8'>{ShownPage(made.drive)._repr_html_()}", encoding="utf-8")

@@ -66,6 +66,7 @@ def test_the_phones_position_comes_with_its_accuracy_and_its_age(phone: Any, pag
     assert begun - 1.0 < moved.measured <= pages.clock()
 
 
+@pytest.mark.thorough
 def test_the_acknowledgement_names_the_text_and_signs_of_life_follow(phone: Any, pages: Served) -> None:
     assert pages.of(FieldEntered) == [FieldEntered("anna", digest(TEXT))]
     until(lambda: len(pages.of(PageAlive)) >= 4)
@@ -73,6 +74,7 @@ def test_the_acknowledgement_names_the_text_and_signs_of_life_follow(phone: Any,
     assert max(b - a for a, b in pairwise(times)) < 2.0
 
 
+@pytest.mark.thorough
 def test_the_stop_button_asks_until_it_is_heard(phone: Any, pages: Served) -> None:
     pages.pages.show("engaged", [seen()])
     phone.click("#stop")
@@ -85,6 +87,7 @@ def test_the_stop_button_asks_until_it_is_heard(phone: Any, pages: Served) -> No
     assert len(pages.of(PersonStop)) == heard
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("view", "kind", "words"),
     [
@@ -104,6 +107,7 @@ def test_what_the_person_is_told(phone: Any, pages: Served, view: PersonView, ki
     assert ("go away from it" in phone.inner_text("#why")) == ("person_near_lot" in view.faults)
 
 
+@pytest.mark.thorough
 def test_a_page_that_is_not_heard_any_more_says_so(phone: Any, pages: Served) -> None:
     pages.pages.show("engaged", [seen()])
     until(lambda: phone.get_attribute("#presence", "data-kind") == "good")
@@ -112,6 +116,7 @@ def test_a_page_that_is_not_heard_any_more_says_so(phone: Any, pages: Served) ->
     assert phone.get_attribute("#presence", "data-kind") == "bad"
 
 
+@pytest.mark.thorough
 def test_gps_that_is_lost_is_said_and_nothing_more_comes(phone: Any, pages: Served) -> None:
     phone.context.new_cdp_session(phone).send("Emulation.setGeolocationOverride")
     until(lambda: "no position" in phone.inner_text("#why"))
@@ -121,6 +126,7 @@ def test_gps_that_is_lost_is_said_and_nothing_more_comes(phone: Any, pages: Serv
     assert len(pages.of(PageAlive)) > 2
 
 
+@pytest.mark.thorough
 def test_a_page_that_is_killed_says_nothing_more(phone: Any, pages: Served) -> None:
     phone.close()
     time.sleep(0.5)

@@ -56,6 +56,7 @@ def drawn(made: Made) -> dict[str, Drawn]:
     return found
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("view", VIEWS)
 def test_a_view_shows_something_that_moves_and_is_the_same_every_time(drawn: dict[str, Drawn], view: str) -> None:
     middle, end, again = drawn[view]
@@ -67,12 +68,14 @@ def test_a_view_shows_something_that_moves_and_is_the_same_every_time(drawn: dic
     assert changed.mean() > 0.01
 
 
+@pytest.mark.thorough
 def test_another_browser_draws_the_same_bytes(made: Made, drawn: dict[str, Drawn]) -> None:
     run = Run(made.drive)
     with Pictures(run, "driver", 320, 180) as pictures:
         assert pictures.at(float(run.time[-1]) / 3.0) == drawn["driver"].middle
 
 
+@pytest.mark.thorough
 def test_pictures_know_the_gap_and_what_was_not_detected(made: Made) -> None:
     run = Run(made.drive)
     k = int(np.flatnonzero(np.isfinite(run.data.strip_lead.gap))[-20])
@@ -87,6 +90,7 @@ def test_views_differ_from_each_other(drawn: dict[str, Drawn]) -> None:
         assert (np.abs(one - other).sum(axis=2) > 30).mean() > 0.2
 
 
+@pytest.mark.thorough
 def test_a_picture_is_written_and_none_replaced(
     made: Made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -101,6 +105,7 @@ def test_a_picture_is_written_and_none_replaced(
     assert (tmp_path / "drive.png").read_bytes() == before
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("form", with_slow(["gif", "webp"], lambda form: form == "webp"))
 def test_a_moving_picture_has_a_frame_for_each_time(made: Made, tmp_path: Path, form: str) -> None:
     file = tmp_path / f"moving.{form}"

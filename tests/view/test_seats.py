@@ -39,6 +39,7 @@ def seated(page: Any, seat: str) -> None:
     assert page.evaluate(f"{SEATS}.seat") == seat
 
 
+@pytest.mark.thorough
 def test_the_third_dimension_is_loaded_when_somebody_asks_for_it(page: Any) -> None:
     loaded = "performance.getEntriesByType('resource').some(({ name }) => name.endsWith('world.min.js'))"
     assert page.evaluate(loaded) is False
@@ -60,6 +61,7 @@ def test_the_key_goes_round_the_seats(page: Any) -> None:
     assert page.evaluate(f"{SEATS}.inSpace") is False
 
 
+@pytest.mark.thorough
 def test_the_camera_goes_along_with_the_replay(page: Any) -> None:
     page.click(".seats button:has-text('driver')")
     seated(page, "driver")

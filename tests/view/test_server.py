@@ -237,6 +237,7 @@ def abuse(one: ClientConnection, how: int, generator: random.Random) -> None:
                 one.send(generator.randbytes(50))
 
 
+@pytest.mark.thorough
 def test_hostile_clients_are_bounded_and_stop_is_heard(fed: Live) -> None:
     """Silent ones, floods, malformed requests, huge messages, half requests that never end."""
     process, generator = psutil.Process(), random.Random(1)
@@ -264,6 +265,7 @@ def test_hostile_clients_are_bounded_and_stop_is_heard(fed: Live) -> None:
     assert fed.asked == 1
 
 
+@pytest.mark.thorough
 def test_fuzzed_sockets_never_end_the_server(fed: Live) -> None:
     generator = random.Random(2)
     head = (

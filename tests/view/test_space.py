@@ -50,6 +50,7 @@ def apart(first: float, second: float) -> float:
     return abs(math.remainder(first - second, 2.0 * math.pi))
 
 
+@pytest.mark.thorough
 def test_the_camera_is_at_the_drivers_eye_of_the_recorded_ego(made: Made) -> None:
     """At ticks and in the middle between two, where the record's next tick says where the car really was."""
     columns = ["time_s", "true_x_m", "true_y_m", "true_heading_rad"]
@@ -72,6 +73,7 @@ def test_the_camera_is_at_the_drivers_eye_of_the_recorded_ego(made: Made) -> Non
         assert apart(pose["heading"], turned) < TENTH_OF_A_DEGREE
 
 
+@pytest.mark.thorough
 def test_a_pose_is_predicted_along_its_circle_and_not_for_long(space: Space) -> None:
     space.make(straight())
     shown = frame(3.0, 1.0, 0.4)
@@ -101,6 +103,7 @@ def test_the_head_turns_the_camera_and_not_the_car(space: Space) -> None:
     assert turned["car"] == pytest.approx(ahead["car"])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("ahead", "aside"), [(12.0, 0.0), (25.0, 3.2), (40.0, -4.0)])
 def test_a_car_is_seen_where_a_pinhole_camera_has_it(space: Space, ahead: float, aside: float) -> None:
     """What differs between the pictures with and without the car lies about the car's box, projected by hand."""
@@ -132,6 +135,7 @@ def projected(ahead: float, aside: float, height: float) -> tuple[float, float]:
     return SIZE[0] / 2.0 - scale * left / deep, SIZE[1] / 2.0 - scale * up / deep
 
 
+@pytest.mark.thorough
 def test_every_kind_of_actor_is_drawn_and_looks_different(space: Space) -> None:
     kinds = ("car", "van", "truck", "bus", "motorcycle", "bicycle", "pedestrian", "child")
     space.make(straight(actors={kind: {"kind": kind, "length": None, "width": None, "height": None} for kind in kinds}))
@@ -174,6 +178,7 @@ def test_signals_show_their_state_and_none_where_nobody_knows_it(space: Space) -
     assert shown[None] == (0, 0)
 
 
+@pytest.mark.thorough
 def test_a_building_stands_where_the_map_has_it(space: Space) -> None:
     outline = [[20.0, 8.0], [32.0, 8.0], [32.0, 20.0], [20.0, 20.0]]
     for points in (outline, outline[::-1]):
@@ -209,6 +214,7 @@ def test_kerbs_and_marks_lie_where_the_lanes_end_and_meet(space: Space) -> None:
     ]
 
 
+@pytest.mark.thorough
 def test_a_headset_moves_within_the_car(headset: Space) -> None:
     """WebXR with an emulated device: the headset's pose is added to the eye's, and the car takes it along."""
     still = after_pictures(headset)
@@ -225,6 +231,7 @@ def test_a_headset_moves_within_the_car(headset: Space) -> None:
     assert headset.browser.evaluate("world.renderer.xr.isPresenting") is False
 
 
+@pytest.mark.thorough
 def test_a_trigger_puts_the_head_back_to_the_drivers_eye(headset: Space) -> None:
     """Wherever it is and whichever way it is turned; bent down by 0.4 rad it looks down by as much afterwards, too."""
     move(headset, (0.7, 1.1, -0.4), -0.9, down=0.4)
@@ -252,6 +259,7 @@ def test_a_trigger_puts_the_head_back_to_the_drivers_eye(headset: Space) -> None
     assert (own["x"], own["y"]) == pytest.approx(HEADSET_EYE[:2], abs=1e-3)
 
 
+@pytest.mark.thorough
 def test_the_board_is_seen_in_a_headset_and_not_in_a_picture(headset: Space) -> None:
     """What it says and where: ahead of the driver's eye, below the horizon, and only while the session lasts."""
     after_pictures(headset)

@@ -48,6 +48,7 @@ def test_nothing_lies_over_the_button(page: Any, fed: Live) -> None:
     until(lambda: fed.asked > 0)
 
 
+@pytest.mark.thorough
 def test_an_older_browser_asks_too(page: Any, fed: Live) -> None:
     page.evaluate("() => { delete AbortSignal.timeout; }")
     page.click("#stop")
@@ -79,11 +80,13 @@ def test_without_a_feed_it_asks_until_it_was_heard_after_the_last_press(page: An
     assert fed.asked == heard
 
 
+@pytest.mark.thorough
 def test_it_asks_again_while_the_car_is_seen_to_drive_on(page: Any, fed: Live) -> None:
     page.click("#stop")
     until(lambda: fed.asked > 2)
 
 
+@pytest.mark.thorough
 def test_what_cannot_be_drawn_is_not_live(page: Any) -> None:
     page.evaluate("() => { vveSumo.shown.view.draw = () => { throw new Error('no canvas'); }; }")
     until(lambda: says(page, f"{FEED} === 'lost'"))
@@ -92,6 +95,7 @@ def test_what_cannot_be_drawn_is_not_live(page: Any) -> None:
     assert says(page, f"{FEED} === 'lost'")
 
 
+@pytest.mark.thorough
 def test_events_while_the_feed_was_away_are_told(page: Any, fed: Live) -> None:
     page.evaluate("() => vveSumo.shown.socket.close()")
     fed.frames.events.append({"time": 1000.0, "kind": "note", "text": "controller: meanwhile"})
@@ -99,6 +103,7 @@ def test_events_while_the_feed_was_away_are_told(page: Any, fed: Live) -> None:
     assert page.inner_text(".events").count("meanwhile") == 1
 
 
+@pytest.mark.thorough
 def test_the_next_drive_at_the_same_address_is_shown_anew(browser: Any, made: Made) -> None:
     """A process that was killed says no farewell; the next drive has the rig's port and token again."""
     context = browser.new_context()
@@ -191,6 +196,7 @@ def test_who_wears_the_headset_can_ask_for_a_stop(browser: Any, fed: Live, how: 
 VERDICT = {"outcome": "stopped", "passed": True, "failed": []}
 
 
+@pytest.mark.thorough
 def test_a_drive_that_is_over_stays_in_colour_with_its_verdict_and_nothing_to_stop(page: Any, fed: Live) -> None:
     fed.end(VERDICT)
     until(lambda: says(page, f"{FEED} === 'over'"))
@@ -201,6 +207,7 @@ def test_a_drive_that_is_over_stays_in_colour_with_its_verdict_and_nothing_to_st
     assert page.get_attribute(".state", "data-state") == "passed"
 
 
+@pytest.mark.thorough
 def test_the_page_follows_the_next_drive_at_its_address(page: Any, fed: Live, made: Made) -> None:
     before = page.evaluate("vveSumo.shown.drive")
     fed.end(VERDICT)

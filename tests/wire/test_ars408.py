@@ -47,6 +47,7 @@ def _general(data: bytes) -> dict[str, float]:
     }
 
 
+@pytest.mark.thorough
 @given(found=LISTS, sensor=st.integers(0, 7))
 def test_frames_as_drivers_of_the_sensor_read_them(found: ars408.ObjectList, sensor: int) -> None:
     frames = ars408.encode(found, sensor)

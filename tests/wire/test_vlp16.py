@@ -53,6 +53,7 @@ def in_order(scan: LidarScan) -> tuple[Floats, Floats, Floats]:
     return level, azimuth, cloud.reflectivity[firing, channel].astype(float)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("speed", "yaw_rate"), [(0.0, 0.0), (9.0, 0.3)])
 def test_a_foreign_decoder_reads_every_point(speed: float, yaw_rate: float) -> None:
     scans = [scan for _, scan in driven(EXACT, 0.3, speed=speed, yaw_rate=yaw_rate, scene=SCENE, walls=HOUSE)]

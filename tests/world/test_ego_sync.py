@@ -177,6 +177,7 @@ def _who_goes_first(folder: str, offsets: list[float], native: bool, route: tupl
     return [_minor_road(folder, offset, native, route) for offset in offsets]
 
 
+@pytest.mark.thorough
 def test_a_car_on_the_minor_road_yields_as_to_a_native_car(tmp_path):
     offsets = [-40.0, -20.0, -10.0, 0.0, 5.0, 10.0, 20.0, 30.0, 60.0]
     native = isolated(_who_goes_first, str(tmp_path), offsets, True, ())
@@ -184,6 +185,7 @@ def test_a_car_on_the_minor_road_yields_as_to_a_native_car(tmp_path):
     assert isolated(_who_goes_first, str(tmp_path), offsets, False, ("wc", "ce")) == native
 
 
+@pytest.mark.thorough
 def test_a_car_yields_to_an_ego_of_unknown_route_too(tmp_path):
     assert isolated(_who_goes_first, str(tmp_path), [0.0, 5.0, 10.0], False, ()) == [False] * 3
 
@@ -204,6 +206,7 @@ def _follow(folder: str, position_noise: float, speed_noise: float) -> float:
     return min(follower_accelerations(Path(folder), poses)[500:])
 
 
+@pytest.mark.thorough
 def test_a_follower_keeps_calm_behind_a_smooth_ego_and_not_behind_a_noisy_one(tmp_path):
     smooth = isolated(_follow, str(tmp_path), 0.0, 0.0)
     noisy = isolated(_follow, str(tmp_path), 0.02, 0.03)

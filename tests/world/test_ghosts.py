@@ -110,6 +110,7 @@ STANDING = {
 }
 
 
+@pytest.mark.thorough(witnesses=2)
 @pytest.mark.parametrize("case", STANDING)
 def test_traffic_of_every_cut_lane_stops_and_nobody_touches(tmp_path, case):
     x, y, heading = STANDING[case]
@@ -123,6 +124,7 @@ def test_traffic_of_every_cut_lane_stops_and_nobody_touches(tmp_path, case):
     assert seen.passed == LANES.keys() - cut
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("y", "cut"), [(LINE + 0.1, "right"), (LINE - 0.1, "left")])
 def test_a_driving_ego_on_the_line_is_not_driven_through(tmp_path, y, cut):
     seen = isolated(_watch, str(tmp_path), 350.0, y, 0.0, 7.0, 30.0)
@@ -178,6 +180,7 @@ def _junction(folder: str) -> tuple[set[str], bool, int]:
     return touched, went_while_blocked, arrived
 
 
+@pytest.mark.thorough
 def test_an_ego_across_a_junction_holds_the_traffic_of_all_arms(tmp_path):
     touched, went, arrived = isolated(_junction, str(tmp_path))
     assert touched == set()
@@ -204,6 +207,7 @@ def _town(folder: str) -> tuple[int, int]:
     return haunted, arrived
 
 
+@pytest.mark.thorough
 def test_ghosts_in_turns_do_not_lock_the_town(tmp_path):
     haunted, arrived = isolated(_town, str(tmp_path))
     assert 0 < haunted < 3000 // 2

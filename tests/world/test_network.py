@@ -160,6 +160,7 @@ def _driven(reference, edges) -> float:
     return total
 
 
+@pytest.mark.thorough
 def test_routes_are_connected_and_no_longer_than_dijkstras(roads, reference):
     drawn = random.Random(5)
     cars = [edge for edge in reference.getEdges(withInternal=False) if "motorway" not in edge.getType()]

@@ -47,6 +47,7 @@ def _traffic(folder: str, lanes: int, obstacle: Obstacle, seconds: float) -> dic
     return tracks
 
 
+@pytest.mark.thorough
 def test_traffic_changes_lane_early_and_passes_at_speed(tmp_path):
     tracks = isolated(_traffic, str(tmp_path), 2, Obstacle("wreck", LaneSpot("east_0", 600.0)), 60.0)
     passed = [track for name, track in tracks.items() if name != "wreck" and track[-1][0] > 620.0]
@@ -58,6 +59,7 @@ def test_traffic_changes_lane_early_and_passes_at_speed(tmp_path):
         assert min(gap for *_, gap, _ in track) > 0.5
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("offset", [0.0, 0.9])
 def test_traffic_queues_at_its_usual_gap_where_there_is_no_way_round(tmp_path, offset):
     tracks = isolated(_traffic, str(tmp_path), 1, Obstacle("wreck", LaneSpot("east_0", 300.0, offset)), 60.0)
@@ -115,6 +117,7 @@ def _refused(folder: str, obstacles: list[Obstacle]) -> str:
     return ""
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize(
     ("obstacles", "words"),
     [

@@ -144,6 +144,7 @@ def _crossed(folder: str, kind: str, until: float) -> Seen:
         return _run(world, track, 20.0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", CROSSERS)
 def test_traffic_of_every_lane_waits_for_whoever_crosses_it_and_then_drives_on(tmp_path, kind):
     seen = isolated(_crossed, str(tmp_path), kind, 60.0)
@@ -155,6 +156,7 @@ def test_traffic_of_every_lane_waits_for_whoever_crosses_it_and_then_drives_on(t
     assert seen.x["oncoming"] < 290.0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("until", "waiting"), [(-4.8, {"right"}), (-3.2, {"right", "left"}), (-7.0, set())])
 def test_a_pedestrian_who_stands_on_a_lane_is_not_driven_over(tmp_path, until, waiting):
     """On a lane, on the line between two, and beside the road, where nobody minds."""
@@ -177,6 +179,7 @@ def _grown(folder: str, until: float) -> Seen:
         return _run(world, track, 20.0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("until", "waiting"), [(5.0, set()), (7.0, {"right"}), (10.0, {"right", "left"})])
 def test_traffic_waits_on_every_lane_that_a_body_has_grown_onto(tmp_path, until, waiting):
     seen = isolated(_grown, str(tmp_path), until)
@@ -196,6 +199,7 @@ def _entered(folder: str, x: float, speed: float) -> Seen:
         return _run(world, track, 8.0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("x", "speed", "removed_at_entry"),
     [(150.0, 15.0, ("driver",)), (165.0, 0.0, ("driver",)), (165.0, 15.0, ()), (220.0, 0.0, ())],

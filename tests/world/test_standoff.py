@@ -94,6 +94,7 @@ def _head_on(folder: str) -> tuple[list[tuple[float, tuple[str, ...]]], set[str]
     return grown, touched
 
 
+@pytest.mark.thorough
 def test_an_oncoming_driver_who_cannot_go_on_is_taken_off_the_street_after_a_minute_and_the_next_after_another(
     tmp_path,
 ):

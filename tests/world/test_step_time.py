@@ -161,6 +161,7 @@ def _crowded(folder: str, each: float, steps: int) -> dict[str, object]:
         }
 
 
+@pytest.mark.thorough
 def test_far_traffic_is_taken_off_until_the_steps_fit(tmp_path):
     found = isolated(_crowded, str(tmp_path), 0.0002, 900)
     summary, counts = found["summary"], found["counts"]

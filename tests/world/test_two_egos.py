@@ -126,6 +126,7 @@ def test_contact_between_them_is_overlap_and_both_are_told(driven: list[Tick]) -
     assert 50 < met < len(driven) - 50
 
 
+@pytest.mark.thorough
 def test_neither_the_order_of_egos_nor_another_run_changes_anything(driven: list[Tick], tmp_path: Path) -> None:
     # As texts, so that the order of rows counts too.
     assert repr(isolated(_driven, str(tmp_path), "ba")) == repr(driven)
@@ -209,6 +210,7 @@ def _faced(folder: str) -> tuple[tuple[str, ...], list[str]]:
         return world.removed_after_standoff, faults
 
 
+@pytest.mark.thorough
 def test_a_driver_who_waits_for_both_is_taken_off_the_road_once(tmp_path: Path) -> None:
     assert isolated(_faced, str(tmp_path)) == (("on",), [])
 
@@ -236,6 +238,7 @@ def _thinned(folder: str) -> tuple[int, list[float]]:
         return world.step_time_budget.summary["removed"], removed
 
 
+@pytest.mark.thorough
 def test_no_traffic_near_either_is_taken_off_where_a_tick_lacks_time(tmp_path: Path) -> None:
     removed, distances = isolated(_thinned, str(tmp_path))
     assert removed > 20

@@ -31,5 +31,6 @@ def _waits_on_the_loop() -> list[str]:
     return list(drive_once(changes)["sumo_warnings"])
 
 
+@pytest.mark.thorough
 def test_a_car_that_waits_on_a_loop_is_warned_of_by_nobody() -> None:
     assert isolated(_waits_on_the_loop) == []

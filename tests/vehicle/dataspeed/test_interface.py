@@ -198,6 +198,7 @@ def test_any_bytes_report_what_the_codec_decodes_of_them(variant, said):
             assert same_as_the_codec(interface, variant, Frame(number, sized))
 
 
+@pytest.mark.thorough(witnesses=2)
 @pytest.mark.parametrize("variant", Variant)
 @pytest.mark.parametrize("number", REPORTS)
 def test_any_value_of_a_byte_reports_what_the_codec_decodes_of_it(variant, number):
