@@ -227,6 +227,7 @@ def test_the_page_complains_of_nothing_and_asks_nobody_else(seen: Seen) -> None:
     assert seen.printed.strip() == seen.address
 
 
+@pytest.mark.thorough
 def test_a_drive_survives_its_page(tmp_path: Path) -> None:
     """The page's process is killed while the car drives: the gateway goes on obeying, until the operator stops it."""
     summaries = []

@@ -11,6 +11,7 @@ import pytest
 
 from tests.isolated import isolated
 from tests.world.streets import ALONE, PERIOD, pose
+from vve_sumo.intersections import SignalPhase
 from vve_sumo.record.signals import SIGNALS, read_signals, signals_text
 from vve_sumo.values import EGO, SignalChange
 from vve_sumo.world.world import World
@@ -18,25 +19,28 @@ from vve_sumo.world.world import World
 STEPS = 1000
 
 
-def _driven(network: str) -> tuple[list[SignalChange], list[dict[str, str]], list[dict[str, str]]]:
-    """Return the changes, what every signal showed after each step, and what the road said then."""
+def _driven(
+    network: str,
+) -> tuple[list[SignalChange], list[dict[str, str]], list[dict[str, str]], list[dict[str, SignalPhase]]]:
+    """Return the changes, what every signal showed after each step, and what the road said then, in two ways."""
     with World(Path(network), seed=1, period=PERIOD, egos=ALONE) as world:
-        shown, said = [], []
+        shown, said, timed, phases = [], [], [], world.timed_signals()
         for k in range(STEPS):
             world.step({EGO: pose(k * PERIOD, 1000.0, 1000.0, 0.0, 0.0)})
             lights = libsumo.trafficlight
             shown.append({name: lights.getRedYellowGreenState(name) for name in lights.getIDList()})
             said.append(dict(world.signals_now))
-        return list(world.signals), shown, said
+            timed.append(dict(phases()))
+        return list(world.signals), shown, said, timed
 
 
 @pytest.fixture(scope="module")
-def driven(repository: Path) -> tuple[list[SignalChange], list[dict[str, str]], list[dict[str, str]]]:
+def driven(repository: Path) -> Any:
     return isolated(_driven, str(repository / "networks" / "linden.net.xml"))
 
 
 def test_the_changes_say_what_sumo_showed_after_every_step(driven: Any) -> None:
-    changes, shown, said = driven
+    changes, shown, said, _timed = driven
     assert len(shown[0]) == 6
     assert len(changes) > 2 * 6
     assert said == shown
@@ -52,6 +56,25 @@ def test_the_changes_say_what_sumo_showed_after_every_step(driven: Any) -> None:
         if k == STEPS - 1:
             break
     assert change is None
+
+
+def test_a_signal_shows_what_it_shows_for_exactly_as_long_as_it_says(driven: Any) -> None:
+    """The programs of this network have fixed times, and each of their phases shows something else."""
+    changes, shown, _said, timed = driven
+    next_changes: dict[str, list[float]] = {}
+    for change in changes:
+        next_changes.setdefault(change.signal, []).append(change.time)
+    told = 0
+    for k, phases in enumerate(timed):
+        assert {name: phase.state for name, phase in phases.items()} == shown[k]
+        for name, phase in phases.items():
+            coming = [time for time in next_changes[name] if time > k * PERIOD + 1e-9]
+            if coming:
+                assert k * PERIOD + phase.remaining == pytest.approx(coming[0], abs=1e-6)
+                told += 1
+            else:
+                assert phase.remaining > (STEPS - 1 - k) * PERIOD - 1e-6
+    assert told > STEPS
 
 
 def test_the_file_gives_back_what_was_written(driven: Any, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from vve_sumo.controller import Controller
 from vve_sumo.drive.pipeline import SensorFrame
 from vve_sumo.errors import RigError
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
+from vve_sumo.intersections import SignalPhase
 from vve_sumo.values import (
     CameraObjects,
     ControlCommand,
@@ -85,17 +86,21 @@ class Publisher:
         *,
         awaiting_start: bool = False,
         wired: Collection[str] = (),
+        tells_signals: bool = False,
     ) -> None:
         """`placement` is `virtual_placement`'s; `epoch` is the GNSS second of drive time 0.
 
         `awaiting_start`: nothing is valid until the drive begins, for a brain that would drive off by what it sees.
-        `wired` are the lidars and cameras that the wires carry.
+        `wired` are the lidars and cameras that the wires carry; `tells_signals`: whether one carries the signals.
         """
         self._send, self._placement, self._epoch, self._wired = send, placement, epoch, tuple(wired)
         self._turned: dict[str, float] = {}  # drive time of the newest turn of each lidar that was sent
         self.sequence = 0  #: of the newest sample
         self.radar_valid = False  #: whether the newest sample holds a scan
         self.over = False  #: set when the drive ends: from then on every sample is invalid
+        self.tells_signals = tells_signals  #: whether the drive has to set `signals`
+        #: returns what the signals of the virtual road show
+        self.signals: Callable[[], Mapping[str, SignalPhase]] = dict
         self.awaiting_start = awaiting_start  #: whether every sample is invalid because the drive has not begun
 
     def publish(self, now: float, seen: SensorFrame | None, faults: tuple[str, ...]) -> None:
@@ -123,7 +128,9 @@ class Publisher:
             self._new_turns(wired),
             {n: output for n, output in wired.items() if isinstance(output, Stations)},
         )
-        return SampleContent(fix, seen.pose, scan, age, seen.actors, others, turns, lists=lists, heard=heard)
+        return SampleContent(
+            fix, seen.pose, scan, age, seen.actors, others, turns, lists=lists, heard=heard, signals=self.signals()
+        )
 
     def _new_turns(self, wired: Mapping[str, SensorOutput]) -> dict[str, LidarTurn]:
         """Return the turns of the lidars that a wire carries, each once."""
@@ -244,16 +251,19 @@ def external_controller(
     *,
     waits: bool = False,
     wired: Collection[str] = (),
+    tells_signals: bool = False,
 ) -> ExternalController:
     """Return what a drive has of the external controller that a link leads to; `kind` is `brain.kind` of a rig.
 
     `frame` is the virtual road's map, `mounting` the receiver's, `epoch` the GNSS second of drive time 0, `key` signs
     setpoints. `waits`: whether a tick waits for the setpoint that answers its sample. `wired` are the lidars and
-    cameras that the wires carry.
+    cameras that the wires carry, `tells_signals` says whether one carries the signals.
     """
     # A brain that commands the car by itself would drive off by what it sees: it sees nothing before the go.
     placement, waits_for_go = virtual_placement(frame, mounting, epoch), kind == "external"
-    publisher = Publisher(link.send, placement, epoch, awaiting_start=waits_for_go, wired=wired)
+    publisher = Publisher(
+        link.send, placement, epoch, awaiting_start=waits_for_go, wired=wired, tells_signals=tells_signals
+    )
     if kind == "setpoints":
         return ExternalController(
             publisher, SetpointController(publisher, link, SetpointInbox(epoch, key), waits=waits)

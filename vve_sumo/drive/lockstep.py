@@ -278,6 +278,8 @@ class Lockstep:
         self.egos = [LockstepEgo(ego.id, resolved, working, alter, brain) for ego in egos_of(resolved)]
         self.lot = self.egos[0].lot
         self.road = VirtualRoad(open_world(resolved, loaded=loaded), scenario_engine(resolved))
+        if brain is not None and brain.publisher.tells_signals:
+            brain.publisher.signals = self.road.timed_signals()
         self._last = round(resolved.scenario.duration_s / PERIOD) - 1
         self._people = resolved.people
 

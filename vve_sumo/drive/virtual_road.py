@@ -12,6 +12,7 @@ from typing import Any, Final
 
 from vve_sumo.drive.people_on_road import PeopleOnRoad
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
+from vve_sumo.intersections import SignalPhase
 from vve_sumo.path import ReferencePath
 from vve_sumo.scenario import schema
 from vve_sumo.scenario.engine import ScenarioEngine
@@ -126,6 +127,10 @@ class VirtualRoad:
     def signals_now(self) -> Mapping[str, str]:
         """What each traffic signal shows, SUMO's letter for each of its links."""
         return self._world.signals_now
+
+    def timed_signals(self) -> Callable[[], Mapping[str, SignalPhase]]:
+        """Return what tells from now on what each signal shows and how long at least; nothing before the first pose."""
+        return self._world.timed_signals()
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -131,6 +131,11 @@ class WiredLink:
             wire.outlet.close()
 
 
+def tells_signals(rig: Rig) -> bool:
+    """Return whether one of a rig's wires carries what the signals show."""
+    return any(KINDS[one.kind].tells_signals for one in rig.outputs)
+
+
 def wired_sensors(rig: Rig) -> frozenset[str]:
     """Return the names of the lidars, cameras and V2X receivers that a rig's wires carry."""
     carried = ("points", "objects", "stations")

@@ -31,7 +31,7 @@ from vve_sumo.frames import move_point
 from vve_sumo.geometry import behind_bumper
 from vve_sumo.live import messages, signals, spawn, start_pose
 from vve_sumo.live.assembly import from_dict, pipeline_of, source_of
-from vve_sumo.live.brain_link import ChannelLink, key_of, open_setpoints, wired_sensors
+from vve_sumo.live.brain_link import ChannelLink, key_of, open_setpoints, tells_signals, wired_sensors
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.jitter_wait import JitterWait, gateway_lateness
 from vve_sumo.live.latency_monitor import LatencyMonitor
@@ -86,6 +86,8 @@ class LiveDrive:
         self._not_ready: tuple[str, ...] = tuple(config["not_ready"])
         self._road = LiveRoad(open_world(self._resolved, time.perf_counter), scenario_engine(self._resolved))
         self._ego = EgoTick(EGO, self._pipeline, self._resolved.path, self, self._recorder)
+        if self._brain is not None and self._brain.publisher.tells_signals:
+            self._brain.publisher.signals = self._road.timed_signals()
         self._tick = Tick([self._ego], self._road, self._clock)
         self._source = source_of(rig)
         self._urgent = RealTimeSection(DRIVE_PRIORITY)
@@ -130,7 +132,9 @@ class LiveDrive:
         actors = any(KINDS[table.kind].tells_actors for table in rig.outputs)
         link_ = ChannelLink(outputs, setpoints, self._t0, actors=actors)
         frame, mounting, wired = self._resolved.map_frame, mounting_of(rig), wired_sensors(rig)
-        return link_, external_controller(brain.kind, link_, frame, mounting, lot.epoch, key, wired=wired)
+        return link_, external_controller(
+            brain.kind, link_, frame, mounting, lot.epoch, key, wired=wired, tells_signals=tells_signals(rig)
+        )
 
     def run(self) -> None:
         """Tick until the gateway is gone: a moving car needs fallback paths even if the console is gone."""

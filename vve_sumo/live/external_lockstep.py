@@ -13,11 +13,12 @@ from pathlib import Path
 from vve_sumo.drive.brain import ExternalController, Link, external_controller
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
 from vve_sumo.errors import ConfigError
-from vve_sumo.live.brain_link import WiredLink, key_of, open_setpoints, wired_sensors
+from vve_sumo.live.brain_link import WiredLink, key_of, open_setpoints, tells_signals, wired_sensors
 from vve_sumo.live.outputs import OutputWire, opened
 from vve_sumo.pose.sources import Source
 from vve_sumo.rig.schema import Rig
 from vve_sumo.wire.outputs import Context
+from vve_sumo.world.intersections import intersections
 
 
 def open_wires(rig: Rig, resolved: ResolvedScenario, key: bytes) -> tuple[list[OutputWire], Source | None]:
@@ -25,7 +26,9 @@ def open_wires(rig: Rig, resolved: ResolvedScenario, key: bytes) -> tuple[list[O
 
     `key` is that of `key_of`.
     """
-    context = Context(resolved.vehicle, resolved.map_frame.projection, resolved.map_frame.offset, key=key)
+    at_signals = intersections(resolved.network.path) if tells_signals(rig) else ()
+    frame = resolved.map_frame
+    context = Context(resolved.vehicle, frame.projection, frame.offset, intersections=at_signals, key=key)
     wires = opened([output.model_dump(mode="json") for output in rig.outputs], context)
     try:
         return wires, open_setpoints(rig.brain, key) if rig.brain.kind == "setpoints" else None
@@ -47,7 +50,15 @@ def external_controller_over(link: Link, rig: Rig, resolved: ResolvedScenario, w
     """
     key, mounting, wired = key_of(rig.brain, working), resolved.model.mounting, wired_sensors(rig)
     return external_controller(
-        rig.brain.kind, link, resolved.map_frame, mounting, DEFAULT_EPOCH, key, waits=True, wired=wired
+        rig.brain.kind,
+        link,
+        resolved.map_frame,
+        mounting,
+        DEFAULT_EPOCH,
+        key,
+        waits=True,
+        wired=wired,
+        tells_signals=tells_signals(rig),
     )
 
 

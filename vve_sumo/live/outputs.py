@@ -17,8 +17,11 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, Final, NamedTuple
 
+import msgspec
+
 from vve_sumo.bus import Bus
 from vve_sumo.errors import VveError
+from vve_sumo.intersections import Intersection
 from vve_sumo.live import messages, signals
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.priority import DRIVE_NICE, OOM_DRIVE, raise_priority, set_oom_score
@@ -178,7 +181,9 @@ def _say(line: str) -> None:
 
 def _context(config: Mapping[str, Any]) -> Context:
     x, y = config["map_offset"]
-    return Context(Vehicle(**config["vehicle"]), config["projection"], (x, y), key=bytes.fromhex(config["key"]))
+    at_signals = msgspec.convert(config["intersections"], tuple[Intersection, ...])
+    vehicle, key = Vehicle(**config["vehicle"]), bytes.fromhex(config["key"])
+    return Context(vehicle, config["projection"], (x, y), intersections=at_signals, key=key)
 
 
 def main() -> int:

@@ -16,6 +16,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, TextIO
 
+from msgspec import to_builtins
+
 from vve_sumo import workspace
 from vve_sumo.drive import plugged_in, provenance
 from vve_sumo.drive.assembly import LotAlignment, sensors_of
@@ -28,7 +30,7 @@ from vve_sumo.drive.virtual_road import pose_at_rest
 from vve_sumo.errors import ConfigError, RigError, SimulationError, VveError
 from vve_sumo.live import assembly, messages, spawn, start_simulated_vehicle
 from vve_sumo.live.alignment import lot_alignment
-from vve_sumo.live.brain_link import key_of, refuse_controller
+from vve_sumo.live.brain_link import key_of, refuse_controller, tells_signals
 from vve_sumo.live.channel import Channel, pair
 from vve_sumo.live.console import Console, ProcessGroup
 from vve_sumo.live.keys import OperatorInput
@@ -52,6 +54,7 @@ from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.validation import PTY, arming_obstacle
 from vve_sumo.scenario.schema import EndTrigger
 from vve_sumo.view.words import verdict_of
+from vve_sumo.world.intersections import intersections
 
 #: time for a process to end by itself after the drive [s]; the recorder writes its tables in this time
 EXIT_TIMEOUT: Final = 60.0
@@ -370,6 +373,7 @@ def _outputs(
         "vehicle": vehicle,
         "projection": plan.resolved.map_frame.projection,
         "map_offset": plan.resolved.map_frame.offset,
+        "intersections": to_builtins(intersections(plan.resolved.network.path) if tells_signals(plan.rig) else ()),
         "key": key_of(plan.rig.brain, plan.working).hex(),
         "log": str(plan.folder / "outputs.log"),
     }

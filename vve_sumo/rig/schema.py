@@ -331,6 +331,7 @@ class RigOutput(Table):
         "v2x",
         "cam",
         "cpm",
+        "signals",
         "stop",
     ] = Field(description="what is sent: see the table of wires")
     sensor: Name | None = Field(

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Protocol
 
 from vve_sumo.frames import MapFrame
+from vve_sumo.intersections import Intersection
 from vve_sumo.pose import ncom, nmea_encoder
 from vve_sumo.values import Actors, Frame, Vehicle
 from vve_sumo.wire import ars408, datagrams, esr, mobileye, vlp16
@@ -46,6 +47,7 @@ class Context:
     rate_nmea: float = 10.0  #: [Hz]
     hear: Hear | None = None  #: what others say on the wire's own bus; None where nobody is listened to
     stop_id: int | None = None  #: identifier of the stop frame
+    intersections: tuple[Intersection, ...] = ()  #: of the virtual road, those with a signal
     key: bytes = b""  #: that signs this project's own datagrams; empty: they are not signed
 
 
@@ -383,6 +385,30 @@ class CpmOutput:
         return self._encoder.encode(measured.objects, measured, sample.time, age) if age <= MAX_LIST_AGE else ()
 
 
+class SignalsOutput:
+    """What the signals near the ego show as SPATEMs, 10 Hz, and their lanes as MAPEMs, 1 Hz; nothing while invalid."""
+
+    def __init__(self, context: Context) -> None:
+        from vve_sumo.wire.roadside import RoadsideEncoder
+
+        frame = MapFrame(context.projection, context.map_offset) if context.projection else None
+        self._encoder = RoadsideEncoder(context.intersections, frame) if frame is not None else None
+        self._signals, self._maps = _Due(0.1), _Due(1.0)
+
+    def step(self, sample: Sample) -> Sequence[bytes]:
+        """Return the packets of a sample where some are due."""
+        measured = sample.measured
+        if measured is None or self._encoder is None:
+            return ()
+        place = measured.pose.x, measured.pose.y, sample.time
+        packets: list[bytes] = []
+        if self._maps.due(sample):
+            packets += self._encoder.encode_maps(*place)
+        if self._signals.due(sample):
+            packets += self._encoder.encode_signals(*place, measured.signals)
+        return packets
+
+
 class StopOutput:
     """A stop frame: one byte, 1, at every step at which the outputs are invalid after they were valid; else nothing."""
 
@@ -421,6 +447,7 @@ class Kind:
     make: Callable[[Context], Output]
     meaning: str
     tells_actors: bool = False  #: whether it needs the actors of a sample
+    tells_signals: bool = False  #: whether it needs what the signals show, and where their lanes are
     content: Content | None = None  #: what it carries of a sensor that serves it; None: of no sensor
     signed: bool = False  #: whether its datagrams are this project's own, which a key signs
     #: what of a sensor's settings the wire cannot carry, in one phrase; empty for nothing
@@ -450,6 +477,11 @@ KINDS: Final[Mapping[str, Kind]] = {
     "cam": Kind(CamOutput, "the ego's own CAM as a GeoNetworking packet, 1 to 10 Hz"),
     "cpm": Kind(
         CpmOutput, "what a camera sees as the ego's CPMs in GeoNetworking packets, up to 10 Hz", content="objects"
+    ),
+    "signals": Kind(
+        SignalsOutput,
+        "the signals near the ego as SPATEMs and MAPEMs in GeoNetworking packets, 10 Hz and 1 Hz",
+        tells_signals=True,
     ),
     "stop": Kind(StopOutput, "a frame that asks for a stop, at each tick of a drive that is invalid"),
     "osi_view": Kind(

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vve_sumo.frames import Placement
+from vve_sumo.intersections import SignalPhase
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Actors, CameraObjects, Detections, Fix, FixQuality, Pose, Stations
 
@@ -55,6 +56,8 @@ class SampleContent:
     #: what each V2X receiver knows of others, where a wire carries it
     heard: Mapping[str, Stations] = field(default_factory=dict)
     stations: Stations | None = None  #: of the receiver that a wire is of
+    #: what the signals of the virtual road show, by SUMO's ids, where a wire carries it
+    signals: Mapping[str, SignalPhase] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import libsumo
 
+from vve_sumo.intersections import SignalPhase
 from vve_sumo.values import SignalChange
 
 
@@ -14,6 +15,8 @@ class SignalStates:
         self._names: tuple[str, ...] = tuple(libsumo.trafficlight.getIDList())
         self.shown: dict[str, str] = {}  #: by name, a letter for each of its links
         self.changes: list[SignalChange] = []  #: in the order of their times; the first of each is its state at first
+        self.timed = False  #: whether it is looked how long they show it
+        self._looked, self._ends = 0.0, dict.fromkeys(self._names, 0.0)  # drive times [s]
 
     def look(self, time: float) -> None:
         """Note what the signals show at a drive time [s]; raises SUMO's errors."""
@@ -23,3 +26,14 @@ class SignalStates:
             if state != shown.get(name):
                 shown[name] = state
                 self.changes.append(SignalChange(time, name, state))
+        if self.timed:
+            # A step shows what was switched at its beginning.
+            begun = libsumo.simulation.getTime() - libsumo.simulation.getDeltaT() - time
+            switch_of = libsumo.trafficlight.getNextSwitch
+            self._looked, self._ends = time, {name: switch_of(name) - begun for name in self._names}
+
+    def phases(self) -> dict[str, SignalPhase]:
+        """Return what the signals show and how long at least; 0 s where it was not looked for."""
+        return {
+            name: SignalPhase(state, max(self._ends[name] - self._looked, 0.0)) for name, state in self.shown.items()
+        }

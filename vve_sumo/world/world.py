@@ -15,6 +15,7 @@ import libsumo
 
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.geometry import Box, behind_bumper, overlap
+from vve_sumo.intersections import SignalPhase
 from vve_sumo.values import Actors, ActorState, Pose, SignalChange
 from vve_sumo.world.ego_sync import DECELERATION, Ego, EgoSyncReport, heading_of, make_type
 from vve_sumo.world.loaded_road import LoadedRoad, RoadSource
@@ -100,6 +101,11 @@ class World:
     def signals_now(self) -> Mapping[str, str]:
         """What each signal shows, SUMO's letter for each of its links; nothing before the first pose."""
         return self._signals.shown
+
+    def timed_signals(self) -> Callable[[], Mapping[str, SignalPhase]]:
+        """Return what tells from now on what each signal shows and how long at least; nothing before the first pose."""
+        self._signals.timed = True
+        return self._signals.phases
 
     @property
     def warnings(self) -> tuple[str, ...]:
