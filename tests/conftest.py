@@ -30,14 +30,22 @@ def pytest_configure() -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Take the mark `thorough` off a test's first cases, as many as it names `witnesses`."""
+    """Complete the marks `thorough`.
+
+    A test's first cases lose it, as many as it names `witnesses`. The tests of a fixture that their module names
+    `THOROUGH_FIXTURE` get it.
+    """
     seen: Counter[str] = Counter()
     for item in items:
+        if not isinstance(item, pytest.Function):
+            continue
         for mark in item.iter_markers("thorough"):
             name = item.nodeid.partition("[")[0]
             seen[name] += 1
             if seen[name] <= mark.kwargs.get("witnesses", 0):
                 item.own_markers.remove(mark)
+        if getattr(item.module, "THOROUGH_FIXTURE", None) in item.fixturenames:
+            item.add_marker("thorough")
 
 
 @pytest.fixture(scope="session")

@@ -24,6 +24,9 @@ from vve_sumo.sensors.port import Sensor
 from vve_sumo.values import ControlCommand, Observation
 from vve_sumo.vehicle.interface import SimulatedInterface, VehicleInterface
 
+#: a fixture that takes long: `./check test` leaves its tests out
+THOROUGH_FIXTURE = "site"
+
 
 class Page(HTMLParser):
     """The anchors of a page, what its links lead to, what a browser fetches for it, and its words."""

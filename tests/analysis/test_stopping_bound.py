@@ -23,6 +23,9 @@ from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.stopping_bound import MEANINGS, stopping_bound_check, stopping_bound_checks
 from vve_sumo.errors import ConfigError
 
+#: a fixture that takes long: `./check test` leaves its tests out
+THOROUGH_FIXTURE = "driven"
+
 A, V = 5.0, 12.0
 DECLARED = made.CAR.brake_delay, 2.0 * made.CAR.brake_lag
 

@@ -15,6 +15,9 @@ from tests.isolated import isolated
 from tests.once import once
 from vve_sumo.timing import PERIOD
 
+#: a fixture that takes long: `./check test` leaves its tests out
+THOROUGH_FIXTURE = "child"
+
 SENSES = {"lidar_stop": "roof", "camera_stop": "front"}
 
 

@@ -20,6 +20,9 @@ from vve_sumo import cli
 from vve_sumo.geometry import Box
 from vve_sumo.timing import PERIOD
 
+#: a fixture that takes long: `./check test` leaves its tests out
+THOROUGH_FIXTURE = "record"
+
 LATENCY = 0.05
 OBU = {"name": "obu", "kind": "v2x", "settings": {"ideal": True, "latency_s": LATENCY}}
 #: from the speed at which a message is due to the message: a check; to its coming out: the latency, and a tick or two

@@ -17,6 +17,9 @@ from vve_sumo.drive.verify import alterations
 from vve_sumo.record.reader import read_table
 from vve_sumo.vehicle.dataspeed import layout
 
+#: a fixture that takes long: `./check test` leaves its tests out
+THOROUGH_FIXTURE = "driven"
+
 EMPTY_STREET: dict[str, Any] = {"road.demand": [], "duration_s": 12.0}
 
 #: by name: the faults of a rig, and a reason code that the gateway must give

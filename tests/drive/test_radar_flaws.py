@@ -16,6 +16,9 @@ from vve_sumo.drive.replay import read_car_frames, read_pipeline_inputs, recorde
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
 from vve_sumo.sensors.radar import NO_ACTOR
 
+#: a fixture that takes long: `./check test` leaves its tests out
+THOROUGH_FIXTURE = "drive"
+
 RATE, LATENCY = 0.1, 0.09
 
 

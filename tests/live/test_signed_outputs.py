@@ -34,6 +34,7 @@ def test_radar_datagrams_are_signed_and_ncom_packets_are_not(key: bytes) -> None
         "vehicle": asdict(FUSION.vehicle),
         "projection": "",
         "map_offset": (0.0, 0.0),
+        "intersections": (),
         "key": key.hex(),
         "t0": time.monotonic(),
         "epoch": 0.0,

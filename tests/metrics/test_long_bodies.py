@@ -18,6 +18,9 @@ from vve_sumo.metrics.drive_data import DriveData
 from vve_sumo.metrics.lanes import fronts
 from vve_sumo.values import Floats
 
+#: a fixture that takes long: `./check test` leaves its tests out
+THOROUGH_FIXTURE = "drive"
+
 LONG = 8.0  #: a body from this length on is long [m]
 RADIUS, LENGTH, WIDTH = 12.0, 12.2, 2.5  #: of the lane's bend and of the bus [m]
 CENTRE = (60.0, 14.0)  #: of the bend, which turns left; its lowest point is 2 m left of the ego's path

@@ -21,6 +21,9 @@ from tests.ports.toy_sensors import AHEAD, TOY
 from vve_sumo import cli
 from vve_sumo.analysis.load import load as load_record
 
+#: a fixture that takes long: `./check test` leaves its tests out
+THOROUGH_FIXTURE = "stopped"
+
 GAP = 6.0
 
 

@@ -18,6 +18,9 @@ from vve_sumo.plotting.stops import stopping_distance
 from vve_sumo.report import stops
 from vve_sumo.report.verdict import figures_of, of_drive
 
+#: a fixture that takes long: `./check test` leaves its tests out
+THOROUGH_FIXTURE = "driven"
+
 SPEED = 14.0  #: [m/s]
 #: an adaptive cruise control of gain 8 whose pose is 0.3 s older than it says
 HUNTING = {"ego.speed_mps": SPEED, "controller": {"name": "tests/controllers/hunting.py:make"}}

@@ -28,6 +28,9 @@ from vve_sumo.vehicle.gateway import Gateway, GatewayOutput
 from vve_sumo.vehicle.interface import Gear, InterfaceFacts
 from vve_sumo.vehicle.limits import Limits
 
+#: a fixture that takes long: `./check test` leaves its tests out
+THOROUGH_FIXTURE = "reached"
+
 S = ArmingState
 PERIOD = 0.1
 LONG = 46  # steps: longer than anything that the gateway waits for

@@ -23,6 +23,9 @@ from vve_sumo.view import browser, movie
 from vve_sumo.view.browser import BrowserError, find_browser
 from vve_sumo.view.pictures import VIEWS, Pictures
 
+#: a fixture that takes long: `./check test` leaves its tests out
+THOROUGH_FIXTURE = "drawn"
+
 SMALL = ["--size", "192x108"]
 
 
