@@ -78,6 +78,21 @@ def test_a_driver_may_brake_as_hard_as_the_car_can():
     assert rig.gateway.done
 
 
+def test_wheels_that_fall_to_zero_are_no_standstill_of_a_car_that_nobody_brakes():
+    """Nor do they become one in a quarter of a minute; once its driver brakes, they do."""
+    rig = Rig(Driven())
+    rig.cruise(6.0)
+    rig.car.override = True
+    rig.step()
+    rig.car.override, rig.car.foot, rig.car.forged = False, 0.0, wheels(0.0)
+    rig.run(15.0, None)
+    assert rig.car.speed > 5.0
+    assert not rig.gateway.monitor.standstill.certain
+    rig.car.driver_brake, rig.car.foot = True, -3.0
+    rig.run(3.0, None)
+    assert rig.gateway.monitor.standstill.certain
+
+
 def test_who_takes_over_a_car_that_was_held_for_long_is_not_left_at_once():
     """Ten seconds without a sign of motion count from when the driver has the car."""
     rig = Rig()
