@@ -9,7 +9,7 @@ import pytest
 
 from tests.vehicle.car import CALIBRATION, FUSION, PERIOD, Car, Rig
 from tests.vehicle.test_evidence import wheels
-from vve_sumo.values import ArmingState
+from vve_sumo.values import ArmingState, Frame
 from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.vehicle.gateway import Gateway
@@ -91,6 +91,48 @@ def test_wheels_that_fall_to_zero_are_no_standstill_of_a_car_that_nobody_brakes(
     rig.car.driver_brake, rig.car.foot = True, -3.0
     rig.run(3.0, None)
     assert rig.gateway.monitor.standstill.certain
+
+
+def taken_over() -> Rig:
+    """A car under way whose driver has taken it over and is on no pedal any more."""
+    rig = Rig(Driven())
+    rig.cruise(3.0)
+    rig.car.override = True
+    rig.step()
+    rig.car.override, rig.car.foot = False, 0.0
+    return rig
+
+
+def test_a_taken_over_car_that_rolls_with_no_foot_on_a_pedal_calls_for_its_driver():
+    rig = taken_over()
+    statuses = rig.run(3.0)
+    assert (statuses[-1].state, rig.car.speed > 2.0) == (S.FAULT, True)
+    assert "driver_needed" in statuses[-1].reasons
+
+
+def test_a_taken_over_car_that_stands_calls_for_nobody():
+    rig = taken_over()
+    rig.car.foot, rig.car.driver_brake = -3.0, True
+    rig.run(2.0)
+    rig.car.foot, rig.car.driver_brake = 0.0, False
+    statuses = rig.run(5.0)
+    assert (statuses[-1].state, rig.car.speed) == (S.FAULT, 0.0)
+    assert not any("driver_needed" in status.reasons for status in statuses)
+
+
+def test_who_drives_on_after_a_drive_that_the_gateway_ended_is_not_called():
+    """A second node that commands is a fault of its own; nobody has taken over a car that the gateway commanded."""
+    rig = Rig(Driven())
+    rig.cruise(3.0)
+    rig.step(command=OperatorCommand.STOP)
+    while rig.step(0.0).state is not S.READY:
+        assert rig.now < 40.0
+    rig.car.gear, rig.car._wanted, rig.car.foot = Gear.DRIVE, Gear.DRIVE, 2.0
+    rig.run(1.0)
+    rig.car.foot = 0.0
+    statuses = [rig.step(extra=(Frame(min(layout.COMMAND_IDS), bytes(8)),)) for _ in range(150)]
+    assert (statuses[-1].state, rig.car.speed > 1.0) == (S.FAULT, True)
+    assert not any("driver_needed" in status.reasons for status in statuses)
 
 
 def test_who_takes_over_a_car_that_was_held_for_long_is_not_left_at_once():
