@@ -8,9 +8,9 @@ import pytest
 
 from tests.vehicle.car import PERIOD, Car, Rig, enabled
 from tests.vehicle.forged_reports import ENABLED_BRAKE, ENABLED_STEERING, ENABLED_THROTTLE, forged
-from vve_sumo.values import ArmingState
+from vve_sumo.values import ArmingState, Frame
 from vve_sumo.vehicle.arming_machine import OperatorCommand
-from vve_sumo.vehicle.dataspeed import codec
+from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.vehicle.interface import Gear
 
 S = ArmingState
@@ -66,11 +66,63 @@ def test_an_override_that_nothing_else_shows_brings_the_car_to_rest_and_calls_fo
     assert (status.state, status.throttle) == (S.STOPPING, 0.0)
     assert {"override_unconfirmed", "driver_needed"} <= set(status.reasons)
     assert "driver_override" not in status.reasons
+    assert ("brakes_latched" in status.reasons) is (report is UNCONFIRMED[0])
     while (status := rig.step(1.0)).state is S.STOPPING:
         assert enabled(rig) == {True}
         assert "driver_needed" in status.reasons or rig.car.speed < 0.1
     assert status.state is S.STOPPED
     assert rig.car.speed == 0.0
+
+
+#: the brake module says that the driver has taken the brakes, and its pedal's sensor that nobody is on it
+BRAKE_CLAIM = codec.encode(ENABLED_BRAKE._replace(override=True, enabled=False))
+
+
+def test_an_override_is_confirmed_by_brakes_that_nobody_commands():
+    rig = Rig()
+    rig.cruise(10.0)
+    rig.car.foreign_torque = 1500.0
+    while "driver_inferred" not in rig.step(0.0).reasons:
+        assert rig.car.speed > 8.0
+    status = rig.step(0.0, extra=(BRAKE_CLAIM,))
+    assert (status.state, status.throttle) == (S.FAULT, 0.0)
+    assert "driver_override" in status.reasons
+
+
+def test_brakes_that_another_node_commands_confirm_no_override():
+    rig = Rig()
+    rig.cruise(10.0)
+    rig.car.foreign_torque = 3000.0
+    writer = Frame(min(layout.COMMAND_IDS), bytes(8))
+    for _ in range(25):
+        status = rig.step(0.0, extra=(writer, BRAKE_CLAIM))
+    assert "driver_override" not in status.reasons
+    assert {"another_writer", "override_unconfirmed"} <= set(status.reasons)
+    assert status.state is S.STOPPING
+
+
+def test_a_brake_torque_that_may_be_frozen_confirms_no_override():
+    """It is that of the last braking, to the bit."""
+    rig = Rig()
+    rig.cruise(10.0)
+    rig.run(1.0, -2.0)
+    rig.car.forged = {frame.id: frame for frame in rig.car.reports() if frame.id == layout.BRAKE_INFO}
+    while "driver_inferred" not in rig.step(0.0).reasons:
+        assert rig.car.speed > 5.0
+    status = rig.step(0.0, extra=(BRAKE_CLAIM,))
+    assert status.state is S.STOPPING
+    assert "override_unconfirmed" in status.reasons
+    assert "driver_override" not in status.reasons
+
+
+def test_one_override_that_is_confirmed_is_enough():
+    rig = Rig()
+    rig.cruise(10.0)
+    hands = ENABLED_STEERING._replace(override=True, enabled=False, torque=-5.0)
+    claimed = ENABLED_THROTTLE._replace(override=True, enabled=False)
+    status = rig.step(1.0, extra=(codec.encode(hands), codec.encode(claimed)))
+    assert status.state is S.FAULT
+    assert "driver_override" in status.reasons
 
 
 TOUCHES = [
