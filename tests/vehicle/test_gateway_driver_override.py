@@ -74,6 +74,30 @@ def test_an_override_that_nothing_else_shows_brings_the_car_to_rest_and_calls_fo
     assert rig.car.speed == 0.0
 
 
+@pytest.mark.parametrize(
+    ("stopped", "gear", "confirmed"),
+    [
+        (False, Gear.DRIVE, False),
+        (False, Gear.PARK, True),
+        (False, Gear.NEUTRAL, True),
+        (True, Gear.DRIVE, False),
+        (True, Gear.PARK, False),  # the gateway asks for it
+        (True, Gear.NEUTRAL, True),
+    ],
+)
+def test_a_shifter_in_another_gear_than_the_gateways_confirms_its_override(stopped, gear, confirmed):
+    rig = Rig()
+    rig.cruise(5.0)
+    if stopped:
+        rig.car.shift_time = math.inf
+        rig.step(command=OperatorCommand.STOP)
+        while rig.step(0.0).state is not S.STOPPED:
+            assert rig.now < 60.0
+    status = rig.step(0.0, extra=(codec.encode(codec.GearReport(gear, override=True)),))
+    assert ("driver_override" in status.reasons) is confirmed
+    assert ("override_unconfirmed" in status.reasons) is not confirmed
+
+
 #: the brake module says that the driver has taken the brakes, and its pedal's sensor that nobody is on it
 BRAKE_CLAIM = codec.encode(ENABLED_BRAKE._replace(override=True, enabled=False))
 
