@@ -296,9 +296,9 @@ class Gateway:
             arming.notes.append("brakes_latched")
         # A car that is said to stand, and is not known to, may roll.
         helpless = latched or arming.state is _STOPPED or not _HELPLESS.isdisjoint(arming.causes)
-        unheard = self._fastest != self._fastest or not _MOTION_UNHEARD.isdisjoint(faults)
-        helpless |= arming.state is not _ENGAGED and unheard
-        if helpless and not self._standstill.certain and "driver_needed" not in arming.notes:
+        # Of an engaged car neither is so: either would have begun a stop.
+        helpless |= self._fastest != self._fastest or not _MOTION_UNHEARD.isdisjoint(faults)
+        if helpless and not self._standstill.certain:
             arming.notes.append("driver_needed")
 
     def _largest_speed(self) -> float:
