@@ -71,13 +71,14 @@ def rolling(limit: float) -> Rig:
 
 
 @pytest.mark.parametrize("wheels", [True, False], ids=["by the wheels", "by the receiver"])
-def test_a_car_beyond_the_margin_is_stopped_by_either_speed(wheels):
+@pytest.mark.parametrize("speed", [7.1, -7.1])
+def test_a_car_beyond_the_margin_is_stopped_by_either_speed_forwards_and_backwards(wheels, speed):
     rig = rolling(6.0)
     if wheels:
-        rig.car.speed = 7.1
-        status = rig.step(1.0)
+        rig.car.speed = speed
+        status = rig.step(1.0, speed=5.5)
     else:
-        status = rig.step(1.0, speed=7.1)
+        status = rig.step(1.0, speed=speed)
     assert (status.state, status.throttle) == (S.STOPPING, 0.0)
     assert "speed_above_limit" in status.reasons
     rig.run(8.0)
