@@ -98,6 +98,21 @@ def test_a_shifter_in_another_gear_than_the_gateways_confirms_its_override(stopp
     assert ("override_unconfirmed" in status.reasons) is not confirmed
 
 
+def test_a_held_car_whose_brakes_a_foot_has_taken_is_not_let_go():
+    """The foot was strong enough to latch the brake module, whose reports do not say so."""
+    rig = Rig()
+    rig.stand_by()
+    rig.car.foreign_torque = 3000.0
+    rig.run(1.0)
+    rig.car.foreign_torque = 0.0
+    rig.run(1.0)
+    status = rig.step(1.0, command=OperatorCommand.GO)
+    assert {"brakes_latched", "go_too_early"} <= set(status.reasons)
+    statuses = rig.run(2.0, 1.0)
+    assert {status.throttle for status in statuses} == {0.0}
+    assert rig.car.speed == 0.0
+
+
 #: the brake module says that the driver has taken the brakes, and its pedal's sensor that nobody is on it
 BRAKE_CLAIM = codec.encode(ENABLED_BRAKE._replace(override=True, enabled=False))
 
