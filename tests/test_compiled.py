@@ -28,6 +28,9 @@ from vve_sumo.drive import provenance
 from vve_sumo.errors import RigError
 from vve_sumo.live import session
 
+#: a fixture that takes long: `./check test` leaves its tests out
+THOROUGH_FIXTURE = "both"
+
 REPOSITORY = Path(__file__).parent.parent
 HOOK = REPOSITORY / "hatch_build.py"
 

@@ -266,6 +266,7 @@ def test_a_scenario_is_drawn() -> None:
     assert vve.Scenario("cut_in").draw().axes
 
 
+@pytest.mark.thorough
 def test_the_listing_is_the_command_lines(working: Path) -> None:
     (working / "scenarios").mkdir()
     (working / "scenarios" / "wrong.toml").write_text("title = 3\n", encoding="utf-8")

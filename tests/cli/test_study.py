@@ -18,6 +18,9 @@ from vve_sumo.analysis.latency_margin import latency_margin_of
 from vve_sumo.errors import ConfigError
 from vve_sumo.sweep.study import DELAYS_MS, FACTORS, latency_study
 
+#: a fixture that takes long: `./check test` leaves its tests out
+THOROUGH_FIXTURE = "folder"
+
 SPEED = 5.0
 SHORT = f"""
 title = "A short approach to a wall"

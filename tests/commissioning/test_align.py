@@ -57,6 +57,7 @@ def stored(rig: Path) -> tuple[complex, complex]:
     return complex(np.exp(1j * math.radians(kept["rotation_deg"]))), complex(kept["x_m"], kept["y_m"])
 
 
+@pytest.mark.thorough
 @pytest.mark.live
 def test_where_the_car_stands_becomes_the_start_of_the_path(tmp_path: Path) -> None:
     rig = own_rig(tmp_path)

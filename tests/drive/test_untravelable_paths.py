@@ -66,6 +66,7 @@ def test_a_corner_tighter_than_the_car_turns_is_refused(write: Write, vehicle: s
         altered({"ego.path": str(file), "ego.vehicle": vehicle})
 
 
+@pytest.mark.thorough
 def test_a_rig_whose_car_turns_wider_refuses_a_path_that_another_car_can_travel() -> None:
     resolved = altered({"ego.path": "linden_leap"})
     rig = load_rig(REPOSITORY / "rigs" / "simulated.toml", REPOSITORY)

@@ -93,6 +93,7 @@ def test_lanes_and_positions_are_those_that_sumolib_measures(tmp_path: Path) -> 
             assert float(found["walker"].pos) == pytest.approx(10.0 + x, abs=CENTIMETRE)
 
 
+@pytest.mark.thorough
 def test_sumos_plot_of_trajectories_finds_every_vehicle(tmp_path: Path) -> None:
     """The tool wants a lane of every vehicle."""
     (file,) = export(Run(with_roads(tmp_path / "mine")), "fcd", tmp_path)

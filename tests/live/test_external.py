@@ -29,6 +29,9 @@ from vve_sumo.values import Frame
 from vve_sumo.vehicle.dataspeed import codec, layout
 from vve_sumo.wire.datagrams import RadarDatagram, decode_radar
 
+#: a fixture that takes long: `./check test` leaves its tests out
+THOROUGH_FIXTURE = "evidence"
+
 pytestmark = pytest.mark.live
 
 TRIES = 3

@@ -401,6 +401,7 @@ def test_the_stop_button_on_the_bus_stops_the_car(bench: Open) -> None:
     assert "stop_input" in reasons_of(b)
 
 
+@pytest.mark.thorough
 @pytest.mark.live
 def test_a_second_master_on_the_bus_stops_the_car(bench: Open) -> None:
     b = bench(2.0)

@@ -90,6 +90,7 @@ def intruded(folder: Path, datagram: bytes | None, seconds: float) -> Ended:
     return Ended(summary, read_table(record, "ticks").to_pydict(), begun, sent)
 
 
+@pytest.mark.thorough
 def test_one_datagram_of_another_program_stops_the_car_and_counts_for_nothing(tmp_path: Path) -> None:
     ended = intruded(tmp_path, None, 0.0)
     assert (ended.summary["outcome"], ended.summary["reasons"][0]) == ("fault", "pose_two_senders")

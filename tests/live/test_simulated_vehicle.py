@@ -229,6 +229,7 @@ def test_a_bus_that_is_down_is_a_silent_one():
         assert node.receive() == []
 
 
+@pytest.mark.thorough
 @pytest.mark.live
 def test_a_gateway_on_the_pty_drives_it_and_brakes_it_to_rest(launch):
     car = launch()

@@ -108,6 +108,7 @@ def test_nobody_appears_or_vanishes_on_the_egos_paths(repository, clear, name):
     assert any(clear & set(way) for way in ways)  # but they do drive there
 
 
+@pytest.mark.thorough
 def test_nobody_has_the_right_of_way_over_the_demonstration(repository, linden):
     """The ego gives way to nobody; yet somebody comes towards it, and somebody drives on its street."""
     route = _route(repository, "linden_17th")

@@ -339,6 +339,7 @@ def test_one_bad_fix_keeps_true_ones_out_for_no_longer_than_they_settle(period, 
     assert max(refused, default=0.0) <= DRIVE.settling + 2 * period + 1e-6
 
 
+@pytest.mark.thorough
 @settings(max_examples=200, deadline=None)
 @given(
     st.sampled_from([0.01, 0.05]),

@@ -113,6 +113,7 @@ def test_one_overlap_stands_for_all_since_the_radar_tells_none_from_another(tmp_
         assert outcome.max_deceleration_mps2 == pytest.approx(first.max_deceleration_mps2, abs=1e-4)
 
 
+@pytest.mark.thorough
 def test_a_hidden_child_is_seen_where_the_closed_form_says(tmp_path):
     """First echo of the child in the record, against the geometry of the row; a scan comes every 50 ms."""
     row = next(row for row in suite_rows("fmvss127_pedestrian") if row.id == "obstructed_crossing_right_50_30")

@@ -376,6 +376,7 @@ def _until_full(folder: Path) -> str:
     return "nothing"
 
 
+@pytest.mark.thorough
 def test_a_full_disk_is_one_line_and_the_sweep_goes_on_later(tmp_path: Path) -> None:
     said = isolated(_until_full, tmp_path / "a")
     assert "cannot be written" in said

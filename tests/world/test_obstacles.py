@@ -102,6 +102,7 @@ def _in_a_junction(folder: str) -> tuple[float, float]:
     return furthest, touched
 
 
+@pytest.mark.thorough
 def test_an_obstacle_inside_a_junction_is_stopped_for(tmp_path):
     furthest, room = isolated(_in_a_junction, str(tmp_path))
     assert furthest > -30.0
