@@ -110,6 +110,25 @@ def test_a_taken_over_car_that_rolls_with_no_foot_on_a_pedal_calls_for_its_drive
     assert "driver_needed" in statuses[-1].reasons
 
 
+def test_who_takes_over_a_second_time_is_called_as_late_as_the_first():
+    rig = taken_over()
+    assert "driver_needed" in rig.run(3.0)[-1].reasons
+    rig.step(command=OperatorCommand.DISARM)
+    rig.car.foot, rig.car.driver_brake = -3.0, True
+    rig.run(2.0)
+    rig.step(command=OperatorCommand.ENGAGE)
+    rig.car.foot, rig.car.driver_brake = None, False
+    rig.run(1.0)
+    rig.step(command=OperatorCommand.GO)
+    assert rig.run(2.5, 1.5)[-1].state is S.ENGAGED
+    rig.car.override = True
+    rig.step()
+    rig.car.override, rig.car.foot = False, 0.0
+    statuses = rig.run(3.0)
+    first = next(n for n, status in enumerate(statuses) if "driver_needed" in status.reasons)
+    assert first * PERIOD == pytest.approx(1.0, abs=0.1)
+
+
 def test_a_taken_over_car_that_stands_calls_for_nobody():
     rig = taken_over()
     rig.car.foot, rig.car.driver_brake = -3.0, True
