@@ -74,6 +74,7 @@ def swept(one: Boxes, other: Boxes) -> np.ndarray:
     return first
 
 
+@pytest.mark.thorough
 def test_a_thousand_pairs_touch_when_a_sweep_through_time_says_so() -> None:
     random = np.random.default_rng(7)
     one, other = some(random, PAIRS), some(random, PAIRS)

@@ -131,6 +131,7 @@ def test_the_intervals_hold_the_truth_as_often_as_two_standard_deviations_should
     assert sum(one.together.low > 0.04 + LATE for one in found) == (20 if late else 0)
 
 
+@pytest.mark.thorough
 def test_a_record_that_does_not_tell_says_nothing(tmp_path: Path) -> None:
     """No torque, a road that gives less than is asked for, a stop from a walk: never a wrong number."""
     for grip in (1.2, 1.5, 1.7):

@@ -33,6 +33,7 @@ def row_of_result(number: int) -> dict[str, Any]:
     return dict(result(number).figures) | {"number": number, "key": cell(number).key, "speed": 0.1 * number}
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("most", range(1, COUNT + 1))
 def test_the_rows_are_the_finished_runs_in_order(tmp_path: Path, most: int) -> None:
     fill(tmp_path, most=most)

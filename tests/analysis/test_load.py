@@ -51,6 +51,7 @@ def test_a_killed_drive_is_read_to_its_last_tick(killed: Path) -> None:
         run.table("nix")
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize(
     ("table", "share"), [("ticks", 0.6), ("actors", 0.5), ("sensor_radar", 0.7), ("readings", 0.8), ("actors", 0.93)]
 )
@@ -134,6 +135,7 @@ RECORDS: list[tuple[Callable[[Path], None], str]] = [
 ]
 
 
+@pytest.mark.thorough(witnesses=2)
 @pytest.mark.parametrize(("harm", "said"), RECORDS)
 def test_a_record_that_is_none_is_one_line(
     killed: Path, tmp_path: Path, harm: Callable[[Path], None], said: str
@@ -179,6 +181,7 @@ SWEEPS: list[tuple[Callable[[Path], None], str]] = [
 ]
 
 
+@pytest.mark.thorough(witnesses=5)
 @pytest.mark.parametrize(("harm", "said"), SWEEPS)
 def test_a_dataset_that_is_none_is_one_line(tmp_path: Path, harm: Callable[[Path], None], said: str) -> None:
     folder = swept(tmp_path / "sweep")

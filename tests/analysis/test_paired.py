@@ -83,6 +83,7 @@ def test_the_sign_test_and_mcnemars_are_scipys_exact_binomial_test(fewer: int, m
     assert sign_test(fewer, more) == pytest.approx(wanted)
 
 
+@pytest.mark.thorough(witnesses=2)
 @pytest.mark.parametrize("count", [2, 3, 10, 41, 200])
 def test_the_interval_of_a_median_is_the_percentile_bootstraps(count: int) -> None:
     values = np.random.default_rng(count).gamma(2.0, 3.0, count)
@@ -97,6 +98,7 @@ def test_the_interval_of_a_median_is_the_percentile_bootstraps(count: int) -> No
     assert all(math.isnan(end) for end in bootstrap_median(values[:1]))
 
 
+@pytest.mark.thorough
 def test_the_interval_of_a_median_covers_it_about_as_often_as_it_says() -> None:
     chance = np.random.default_rng(7)
     samples = (chance.normal(1.0, 2.0, 30) for _ in range(400))
@@ -104,6 +106,7 @@ def test_the_interval_of_a_median_covers_it_about_as_often_as_it_says() -> None:
     assert 0.91 < np.mean(covered) < 0.985
 
 
+@pytest.mark.thorough
 @settings(deadline=None)
 @given(st.lists(st.tuples(*[st.sampled_from([1.0, 2.0, math.nan])] * 2, *[st.sampled_from([True, False, None])] * 2)))
 def test_every_pair_is_counted_once(pairs: list[tuple[float, float, bool | None, bool | None]]) -> None:

@@ -39,6 +39,7 @@ def cells(text: str, name: str) -> list[str]:
     return line.split()[1:]
 
 
+@pytest.mark.thorough
 def test_two_sweeps_are_compared_pair_by_pair(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = reported(capsys, sweep(tmp_path / "old", 1.0), sweep(tmp_path / "new", 1.5), "--out", tmp_path / "pairs.png")
     assert "6 pairs by speed, kind, seed" in text

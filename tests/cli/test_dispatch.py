@@ -52,6 +52,7 @@ def test_help_imports_nothing_heavy(tmp_path: Path) -> None:
     assert run.stdout.splitlines()[-1] == "[]"
 
 
+@pytest.mark.thorough
 def test_the_drive_does_without_slow_imports() -> None:
     """python-control, pandas and matplotlib cost seconds, numexpr starts threads; the first tick needs none of them."""
     code = (
@@ -85,6 +86,7 @@ WRONG_SCENARIOS = {
 }
 
 
+@pytest.mark.thorough(witnesses=4)
 @pytest.mark.parametrize("case", WRONG_SCENARIOS, ids=str)
 def test_a_wrong_scenario_is_one_line_exit_2_and_nothing_left(case: str, tmp_path: Path) -> None:
     text, words = WRONG_SCENARIOS[case]
@@ -138,6 +140,7 @@ def test_a_car_is_named_once(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.thorough
 def test_what_only_shows_at_the_start_leaves_nothing_either(tmp_path: Path) -> None:
     scenario(tmp_path, "at_m = 639.0", "at_m = 2.0")
     refused(tmp_path, ["drive", "mine.toml", "--out", "record"], ["parked_car", "starts"])
@@ -156,6 +159,7 @@ def test_places_that_cannot_be_written_are_one_line(tmp_path: Path) -> None:
     refused(tmp_path, ["init", "file/mine"], ["file"])
 
 
+@pytest.mark.thorough
 def test_recordings_that_are_none_are_one_line(tmp_path: Path) -> None:
     (tmp_path / "binary.csv").write_bytes(bytes(range(256)) * 4)
     (tmp_path / "torn.csv").write_text(
@@ -213,6 +217,7 @@ def test_a_folder_that_holds_something_is_not_driven_into(tmp_path: Path) -> Non
     refused(tmp_path, ["drive", "--out", "full"], ["full", "not empty"])
 
 
+@pytest.mark.thorough
 def test_wrong_networks_and_paths_are_named(tmp_path: Path) -> None:
     (tmp_path / "broken.net.xml").write_text("<net><location", encoding="utf-8")
     (tmp_path / "flat.net.xml").write_text(

@@ -89,6 +89,7 @@ def test_what_is_no_reason_is_refused(tmp_path: Path, reason: str) -> None:
         examined(made(tmp_path, real(tmp_path)), reason)
 
 
+@pytest.mark.thorough
 def test_a_drive_that_commands_no_real_car_needs_no_doctor(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     simulated, shadow = made(tmp_path, own_rig(tmp_path)), made(tmp_path, real(tmp_path), shadow=True)
     for drive in (simulated, shadow):
@@ -102,6 +103,7 @@ def test_a_drive_that_commands_no_real_car_needs_no_doctor(tmp_path: Path, capsy
         assert capsys.readouterr().err == "", "what is old says nothing"
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("command", [("drive", "seen_late"), ("calibrate",)])
 def test_the_command_refuses_and_leaves_nothing(tmp_path: Path, command: tuple[str, ...]) -> None:
     rig = real(tmp_path)

@@ -50,6 +50,7 @@ def test_the_command_serves_until_it_is_interrupted(record: Path) -> None:
         assert process.wait(10.0) == 0
 
 
+@pytest.mark.thorough
 def test_one_file_is_written(record: Path, tmp_path: Path) -> None:
     done = command("view", str(record), "--html", "page.html", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
@@ -58,6 +59,7 @@ def test_one_file_is_written(record: Path, tmp_path: Path) -> None:
     assert 'src="' not in page.split('id="vve-data"')[0]
 
 
+@pytest.mark.thorough(witnesses=2)
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
@@ -94,6 +96,7 @@ def test_the_address_of_a_drive_that_is_gone_is_not_printed(tmp_path: Path) -> N
     assert command("view", "--live", cwd=tmp_path).stdout == "http://127.0.0.1:1/x/\n"
 
 
+@pytest.mark.thorough
 def test_a_notebook_shows_the_page_in_its_cell(record: Path) -> None:
     threads = threading.active_count()
     shown = vve.load(record).view()

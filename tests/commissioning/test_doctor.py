@@ -162,6 +162,7 @@ def listened(rig: Path, car: LiveCar, adapter: Adapter, extra: tuple[Frame, ...]
     return subprocess.CompletedProcess([], process.returncode, out, err)
 
 
+@pytest.mark.thorough
 @pytest.mark.live
 def test_on_a_real_cars_bus_it_listens_and_says_nothing(tmp_path: Path) -> None:
     with Adapter() as adapter:
@@ -323,6 +324,7 @@ def test_an_echo_is_heard_on_the_same_bus_only() -> None:
         assert rig_checks.NO_COMMAND not in layout.COMMAND_IDS
 
 
+@pytest.mark.thorough
 def test_what_is_named_wrongly_is_no_go_and_the_rest_is_told(tmp_path: Path) -> None:
     run = isolated.command("doctor", "no_such", "--rig", "nobody", cwd=tmp_path)
     assert run.returncode == 3

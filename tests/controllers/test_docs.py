@@ -54,6 +54,7 @@ def test_the_example_passes_the_shipped_scenario(page, example, changes):
     assert summary["failed"] == []
 
 
+@pytest.mark.thorough
 def test_the_example_made_of_shipped_parts_keeps_its_gap(page, tmp_path, monkeypatch):
     """In a folder of its own, where no `controllers/` lies; the gap in equilibrium is the law's closed form."""
     _first, text = re.findall(r"```python\n(.*?)```", page, re.DOTALL)

@@ -102,6 +102,7 @@ def test_it_slows_for_a_bend_that_is_too_tight(make):
     assert done.acceleration.min() > -2.6
 
 
+@pytest.mark.thorough
 def test_it_learns_what_the_throttle_map_forgets(make):
     done = drive(make(), straight(1200.0), 10.0, [], 70.0, flaws=Flaws(drag=0.2))
     late = (done.time > 60.0) & (done.time < 70.0)
@@ -134,6 +135,7 @@ def test_without_the_layer_the_same_case_ends_in_contact(make):
     assert done.gap.min() < 0.0
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("seed", range(3))
 def test_it_passes_between_two_parked_cars(make, seed):
     """FMVSS 127: 4.5 m apart, 80 km/h, less than 0.25 g; here hardly a touch of the brakes is granted."""
@@ -158,6 +160,7 @@ def test_cars_parked_along_bends_do_not_stop_it(make, speed, seed):
     assert done.time[-1] == pytest.approx(free.time[-1], abs=0.5)
 
 
+@pytest.mark.thorough
 def test_a_car_standing_in_a_bend_is_stopped_for(make):
     path = bends(8.0)
     middle = 20.0 + 24.0 + 64.0 / 3.0 + 9.6 + 14.0
@@ -208,6 +211,7 @@ def test_a_shuffling_lead_does_not_make_it_creep(make):
     assert (done.speed[done.time > 20.0] == 0.0).all()
 
 
+@pytest.mark.thorough
 def test_a_braking_lead_is_not_touched(make):
     def speed(time: float) -> float:
         return max(11.0 - 5.0 * max(time - 5.0, 0.0), 0.0)

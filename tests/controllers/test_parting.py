@@ -35,6 +35,7 @@ def surely(value: float, rate: float) -> Trend:
     return trend
 
 
+@pytest.mark.thorough
 @given(st.floats(-1.0, 1.0), st.floats(4.0, 20.0), st.floats(2.5, 60.0), st.floats(1.0, 20.0), st.booleans())
 def test_square_across_a_straight_road_it_is_geometry(place, rate, gap, pace, to_right):
     """Its end is out after (half + body - place) / rate, the bumper is near after (gap - clearance) / pace.

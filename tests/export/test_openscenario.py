@@ -35,6 +35,7 @@ def events(file: Path) -> dict[str, dict[str, xosc.Event]]:
     }
 
 
+@pytest.mark.thorough
 def test_it_is_valid_by_the_schema_of_asam(file: Path) -> None:
     assert file.name == "mine.xosc"
     spec = find_spec("schemas")  # of scenariogeneration

@@ -33,6 +33,7 @@ def files(folder: Path) -> set[str]:
     return {file.name for file in folder.iterdir()}
 
 
+@pytest.mark.thorough(witnesses=3)
 @pytest.mark.parametrize("name", PLAIN)
 def test_the_working_folder_is_where_an_export_goes(
     working: Path, name: str, capsys: pytest.CaptureFixture[str]

@@ -119,6 +119,7 @@ def test_an_urgent_part_without_the_right_is_like_the_rest() -> None:
     assert unprivileged(code) == f"{os.SCHED_OTHER} False"
 
 
+@pytest.mark.thorough(witnesses=1)
 @permitted
 @pytest.mark.parametrize(("pauses", "expected"), [(True, 0), (False, -9)])
 def test_urgent_parts_count_together_until_a_pause(pauses: bool, expected: int) -> None:

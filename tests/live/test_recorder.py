@@ -90,6 +90,7 @@ def desk(tmp_path: Path) -> Iterator[Desk]:
     desk.process.wait()
 
 
+@pytest.mark.thorough
 def test_what_two_processes_say_becomes_one_record(desk: Desk, tmp_path: Path) -> None:
     by_hand = LiveRecord(tmp_path / "by_hand", {"a": 1} | RESOLVED, 1000.0)
     for number in range(60):
@@ -116,6 +117,7 @@ def test_what_two_processes_say_becomes_one_record(desk: Desk, tmp_path: Path) -
     assert desk.drive.failure == desk.gateway.failure == ""
 
 
+@pytest.mark.thorough
 def test_a_reading_of_many_rows_goes_in_several_datagrams_and_is_one_in_the_record(desk: Desk, tmp_path: Path) -> None:
     """A turn of a lidar is longer than a datagram may be."""
     rows = 2 * MAX_ROWS + 1
@@ -153,6 +155,7 @@ def test_the_lockstep_parts_hash_as_in_lockstep(tmp_path: Path) -> None:
     assert {name: parts[name] for name in parts if name != "gateway"} == lockstep.close()
 
 
+@pytest.mark.thorough(witnesses=4)
 @pytest.mark.parametrize("field", [f.name for f in dataclasses.fields(GatewayRow)])
 def test_the_hash_covers_every_column_of_the_gateway(field: str, tmp_path: Path) -> None:
     other = {"int": 7, "float": 0.25, "bool": True, "str": "x", "bytes": b"\xff"}
@@ -165,6 +168,7 @@ def test_the_hash_covers_every_column_of_the_gateway(field: str, tmp_path: Path)
     assert hashes[0] != hashes[1]
 
 
+@pytest.mark.thorough
 def test_what_no_message_can_hold_is_a_reason_and_no_exception(desk: Desk) -> None:
     desk.drive.sensed(1, "radar", 0.5, ([1j],))
     desk.drive.flush()
@@ -172,6 +176,7 @@ def test_what_no_message_can_hold_is_a_reason_and_no_exception(desk: Desk) -> No
     desk.hang_up()
 
 
+@pytest.mark.thorough
 def test_bytes_that_are_no_batch_are_told_and_stand_in_the_summary(desk: Desk) -> None:
     assert desk.to_drive.send(b"no batch")
     until(lambda: (desk.gateway.flush(), desk.gateway.failure)[1] == "record_failed")
@@ -259,6 +264,7 @@ def test_a_stopped_recorder_is_found_full_and_keeps_nobody(desk: Desk) -> None:
     assert len(ticks) >= flushes - 1
 
 
+@pytest.mark.thorough
 def test_a_recorder_that_is_slow_for_a_moment_is_forgiven(desk: Desk) -> None:
     os.kill(desk.process.pid, signal.SIGSTOP)
     for tick in range(MAX_BACKLOG // 2):
@@ -270,6 +276,7 @@ def test_a_recorder_that_is_slow_for_a_moment_is_forgiven(desk: Desk) -> None:
     assert desk.hang_up()["ticks"] == MAX_BACKLOG // 2
 
 
+@pytest.mark.thorough
 def test_a_full_disk_is_told_to_both_and_what_can_be_written_still_is(desk: Desk) -> None:
     for tick in range(20):
         say_tick(desk.drive, tick)

@@ -288,6 +288,7 @@ class Terminal:
                 self.column += len(piece)
 
 
+@pytest.mark.thorough
 def test_a_terminal_shows_one_picture_below_the_transitions_and_rings():
     reader, writer = pty.openpty()
     with os.fdopen(writer, "w") as stream:
@@ -320,6 +321,7 @@ def test_an_alarm_rings_at_every_picture_until_it_is_over(status):
         assert over.count("\a") == 1
 
 
+@pytest.mark.thorough
 def test_a_terminal_that_nobody_reads_does_not_hold_the_drive_up():
     with _on_a_terminal() as (screen, stream, reader):
         assert os.get_blocking(stream.fileno())  # the shell's own description stays as it was

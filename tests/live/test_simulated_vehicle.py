@@ -318,6 +318,7 @@ def test_after_a_stall_it_has_lived_through_and_says_nothing_stale(launch):
     assert resumed.time_received - (resumed.time - EPOCH) < 0.4, "0.1 s, and what a busy machine adds"
 
 
+@pytest.mark.thorough
 def test_a_bus_that_cannot_be_opened_is_one_line_and_an_exit_code(launch):
     car = launch(bus=("socketcan", "vve_none0"))
     assert car.ready.text.startswith("CAN bus socketcan:vve_none0 cannot be opened: ")

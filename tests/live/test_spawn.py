@@ -35,6 +35,7 @@ def test_a_process_gets_its_configuration_and_channels_and_ends_with_them(tmp_pa
     assert process.wait(30.0) == 0
 
 
+@pytest.mark.thorough
 def test_a_process_that_dies_is_seen_on_its_channel(tmp_path):
     ours, theirs = pair()
     process = start("recorder", config(tmp_path / "r"), {"drive": theirs})

@@ -131,6 +131,7 @@ def test_ticks_count_up_and_keep_their_distance_whatever_comes(stream, stalls, w
     assert (last.tick - first.tick) * PERIOD == pytest.approx(last.due - first.due, abs=0.12)
 
 
+@pytest.mark.thorough
 @settings(max_examples=40, deadline=None)
 @given(
     st.sampled_from([50.0, 100.0, 200.0, 250.0]),

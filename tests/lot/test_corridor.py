@@ -79,6 +79,7 @@ def test_the_widest_stretch_counts_and_what_lies_between_two_samples_at_both() -
     assert line_offsets(corridor, 30.0) == []
 
 
+@pytest.mark.thorough
 def test_on_a_straight_line_the_ground_is_a_rectangle_more() -> None:
     """Closed form: half a body beyond both edges, from its rear overhang to the longest stop and its front."""
     ground = needed(STRAIGHT, (CorridorStretch(30.0, 40.0, 3.5, 1.2),))
@@ -139,6 +140,7 @@ def test_the_ground_holds_the_car_wherever_it_may_be(
         assert ground.covers(body_at(path, float(s), d)), (s, d)
 
 
+@pytest.mark.thorough
 @settings(deadline=None, max_examples=20)
 @example(first=-0.4, second=-2.0, radius=7.0, offset=0.38, side=1.0, begin=22.0)  # 5 cm beside the ground
 @example(first=-0.388, second=-1.186, radius=10.41, offset=3.026, side=-1.0, begin=20.422)  # 25 cm
@@ -243,6 +245,7 @@ def test_what_sticks_out_is_told_by_place_side_and_distance(left: float, right: 
     assert found.station == 39.0
 
 
+@pytest.mark.thorough
 def test_a_pole_inside_the_corridor_is_told_too() -> None:
     pole = [(45.0, 3.0), (45.4, 3.0), (45.4, 3.4), (45.0, 3.4)]
     lot = Lot([(-30.0, -20.0), (500.0, -20.0), (500.0, 20.0), (-30.0, 20.0)], [pole], margin=0.5)

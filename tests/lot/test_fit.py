@@ -138,6 +138,7 @@ def test_a_lot_without_room_for_a_start_says_so() -> None:
         fit(STRAIGHT, geofence(lot), 6.0)
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("rounding", [1.0 - 1e-6, 1.0 + 1e-6])
 def test_what_is_cut_still_fits_when_a_file_has_rounded_it(rounding: float) -> None:
     lot = Lot([(-10.0, -10.0), (100.0, -10.0), (100.0, 10.0), (-10.0, 10.0)], margin=1.0)

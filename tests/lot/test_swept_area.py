@@ -76,6 +76,7 @@ def test_any_steering_between_held_and_straight_stays_on_the_swept_ground(
         assert outside(ground, driven(history, distance / 400)) < 1e-9
 
 
+@pytest.mark.thorough
 @settings(max_examples=60, deadline=None)
 @given(
     knots=st.lists(st.floats(-0.2, 0.2), min_size=2, max_size=32),

@@ -72,6 +72,7 @@ CROSSER: dict[str, object] = {
 }
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize(
     ("others", "name"),
     [
@@ -114,6 +115,7 @@ FOLLOWER: dict[str, object] = {
 BEYOND: dict[str, object] = CROSSER | {"x_m": BEGIN + SPEED * 7.5, "y_m": lambda since: 15.0 * (4.5 - since)}
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize(("others", "name"), [((FOLLOWER,), ""), ((FOLLOWER, CROSSER), "crosser")])
 def test_nobody_brakes_for_what_comes_from_behind(others: tuple[dict[str, object], ...], name: str) -> None:
     assert last_stop_for(drive(*others)) == name

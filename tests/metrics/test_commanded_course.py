@@ -101,6 +101,7 @@ CROSSING = {
 SHORT = over_and_back((15.0, 30.0, 40.0, 55.0), 1.0)
 
 
+@pytest.mark.thorough(witnesses=2)
 @pytest.mark.parametrize(
     ("actor", "line", "reach"),
     [

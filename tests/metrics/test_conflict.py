@@ -211,6 +211,7 @@ def test_the_deceleration_needed_lets_one_that_crosses_pass(
     assert met == math.inf
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize(("speed", "other", "ahead"), [(10.0, 5.0, 20.0), (14.0, 1.4, 30.0), (8.0, 8.0, 12.0)])
 def test_before_one_that_crosses_at_a_right_angle_no_less_deceleration_will_do(
     speed: float, other: float, ahead: float

@@ -84,6 +84,7 @@ for number, side in ((1, -1.0), (2, 1.0)):
     FAN |= {f"away{number}_0": ([bend[0][-1], bend[0][-1] + side * 60.0], [bend[1][-1]] * 2, [])}
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize(("beside", "sway"), [(-0.6, 0.0), (0.6, 0.0), (0.6, 0.05)])
 def test_at_constant_motion_the_time_to_collision_falls_steadily_also_where_lanes_fan_out(
     beside: float, sway: float

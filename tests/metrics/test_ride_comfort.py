@@ -58,6 +58,7 @@ def test_a_long_sine_has_the_root_mean_squares_of_the_standards_factors() -> Non
     assert felt.running[-1] == pytest.approx(felt.total, rel=2e-3)
 
 
+@pytest.mark.thorough
 def test_the_sickness_dose_grows_with_the_root_of_time() -> None:
     """10^(-0.7) = 0.1995 Hz, where Wf is 0.9928."""
     for duration in (600.0, 2400.0):

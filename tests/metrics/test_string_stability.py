@@ -135,6 +135,7 @@ def driven(time: np.ndarray, gap: np.ndarray, leader: np.ndarray, speed: np.ndar
     return drive_of(ticks_of(rows), actors_of(actors), ReferencePath.from_points(way, np.zeros_like(way)))
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("approach", [0.0, 6.0])
 def test_the_approach_is_no_answer_to_a_disturbance(approach: float) -> None:
     """The frequency response says by how much a swaying leader is followed, whether the ego came from far or not."""

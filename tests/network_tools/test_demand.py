@@ -168,6 +168,7 @@ def test_another_seed_draws_other_traffic(linden, tmp_path):
     assert len(set(ways[0]) & set(ways[1])) < len(ways[0]) / 2
 
 
+@pytest.mark.thorough(witnesses=2)
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -30,6 +30,7 @@ def met(speed: float, ego_at: Callable[[float], Box], start: float) -> list[Mome
     raise AssertionError("they never met")
 
 
+@pytest.mark.thorough
 @settings(deadline=None, max_examples=40)
 @given(st.floats(4.0, 20.0), st.floats(1.0, 60.0))
 def test_who_drives_into_a_standing_ego_could_have_stopped_where_the_way_was_long_enough(speed, gap):

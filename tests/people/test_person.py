@@ -254,6 +254,7 @@ def test_whatever_comes_nothing_that_is_no_number_goes_out(
             assert state.distance >= FENCED.least_distance
 
 
+@pytest.mark.thorough
 @given(st.lists(st.tuples(st.floats(-90.0, 90.0), st.floats(0.5, 14.0)), min_size=1, max_size=12))
 def test_the_distance_is_a_lower_bound_of_the_true_one(walked: list[tuple[float, float]]) -> None:
     """A person goes anywhere at 3 m/s, and every position is wrong by its whole circle, away from the car's ground."""

@@ -51,6 +51,7 @@ def test_noise_has_its_size_and_its_memory() -> None:
     assert abs(np.corrcoef(longitudinal, lateral)[0, 1]) < 0.03
 
 
+@pytest.mark.thorough
 def test_offsets_are_drawn_once_for_a_drive() -> None:
     drives = np.array([simulated(6.0, seed).reshape(2, -1, 2).mean(axis=1) for seed in range(200)])
     assert abs(drives[:, 0] - drives[:, 1]).max() < 0.15, "the same in both halves of a drive"

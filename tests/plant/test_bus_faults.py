@@ -148,6 +148,7 @@ def test_a_frozen_report_goes_on_coming_and_says_one_thing(kind):
     assert ride.car.truth() == plain.car.truth()
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("variant", list(codec.Variant))
 def test_driver_bits_that_are_stuck_hide_the_foot_and_nothing_else(variant):
     foot = InjectedFault("brake_override", AT, DURATION)

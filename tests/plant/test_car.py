@@ -235,6 +235,7 @@ def test_refuses_times_between_its_steps() -> None:
 MEASURED = {"imperfections": vehicles.FUSION.measured}
 
 
+@pytest.mark.thorough
 def test_two_measured_rides_with_one_seed_are_the_same_to_the_bit() -> None:
     first, second, other = ([*ride(make(vehicles.parameters(**MEASURED), seed), 12.0, town)] for seed in (1, 1, 2))
     assert first == second

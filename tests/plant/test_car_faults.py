@@ -22,6 +22,7 @@ def braking(now: float) -> tuple[float, float, float]:
     return straight(now) if now < 2.4 else (600.0, 0.0, 0.0)
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 def test_weak_brakes_slow_the_car_by_their_share_and_believe_more(share):
     """Against the closed form: rolling drag and share times torque times gain."""
@@ -120,6 +121,7 @@ def test_a_weak_steering_follows_slower():
     assert max(angles[0.02][150:]) - min(angles[0.02][150:]) < 0.7 * (max(angles[1.0][150:]) - min(angles[1.0][150:]))
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize(
     ("lever", "engaged"), [(Gear.NEUTRAL, Gear.NEUTRAL), (Gear.REVERSE, Gear.DRIVE), (Gear.PARK, Gear.DRIVE)]
 )

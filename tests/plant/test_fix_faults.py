@@ -94,6 +94,7 @@ def test_the_position_steps_each_second_and_the_velocity_says_nothing_of_it():
         assert pose.lateral_speed == pytest.approx(truth.lateral_speed, abs=1e-3)
 
 
+@pytest.mark.thorough
 def test_a_heading_drifts_with_its_yaw_rate_and_positions_are_true():
     ride, plain = Ride(fault("pose_heading_drift"), course=lively), Ride(course=lively)
     for fix, usual in zip(ride.fixes, plain.fixes, strict=True):

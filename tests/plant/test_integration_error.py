@@ -73,6 +73,7 @@ def test_a_step_of_5_ms_misses_little_of_what_scipy_integrates(size: float, brak
     assert motion.distance > 200.0
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize(("size", "braking"), [(0.3, 0.5), (1.0, 0.8), (1.6, 0.3)])
 def test_a_whole_drive_in_steps_of_5_ms_ends_where_one_in_tenths_of_them_does(size: float, braking: float) -> None:
     """From rest to rest, so through the blend with the rolling car and the stop within a step as well."""

@@ -191,6 +191,7 @@ def test_a_straight_street_lies_along_the_page_whatever_its_direction(heading: f
     assert np.ptp(rows) < 30
 
 
+@pytest.mark.thorough
 def test_a_drive_that_nobody_obeyed_shows_what_was_asked(tmp_path: Path) -> None:
     """Asked -3 m/s2 to the end, granted nothing: only a drive that engaged draws the grant."""
     asked = {"acceleration_setpoint_mps2": -3.0, "granted_acceleration_mps2": 0.0}
@@ -202,6 +203,7 @@ def test_a_drive_that_nobody_obeyed_shows_what_was_asked(tmp_path: Path) -> None
     assert places == [False, True]
 
 
+@pytest.mark.thorough
 def test_the_hold_at_rest_is_not_drawn(tmp_path: Path) -> None:
     still = {"true_speed_mps": 0.0, "true_acceleration_mps2": 0.0, "granted_acceleration_mps2": -1.0}
     moving = {"granted_acceleration_mps2": -1.0}
@@ -211,6 +213,7 @@ def test_the_hold_at_rest_is_not_drawn(tmp_path: Path) -> None:
     assert columns[-1] == pytest.approx(width / 2.0, abs=8.0)
 
 
+@pytest.mark.thorough
 def test_the_emergency_layer_shades_its_time_in_every_panel(tmp_path: Path) -> None:
     rows = [row | {"emergency": 50 <= n < 75} for n, row in enumerate(driving(100))]
     dots = painted(page_of(rows, []), tmp_path)
@@ -250,6 +253,7 @@ def test_a_view_keeps_lengths_and_turns_its_heading_to_the_right(
     assert np.abs(up) == pytest.approx(height / 2.0, abs=1e-6)
 
 
+@pytest.mark.thorough
 def test_a_drive_with_a_moment_writes_every_word_on_the_page_and_none_over_another() -> None:
     """A car that drives up to another one: words of the two windows neither leave the page nor cross."""
     speed = {"true_speed_mps": 8.0, "speed_mps": 8.0}

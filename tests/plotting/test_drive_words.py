@@ -139,6 +139,7 @@ def test_an_axis_of_two_scales_says_so(x: float, scaled: bool) -> None:
     assert ("last 10 m enlarged" in said(figure)) == scaled
 
 
+@pytest.mark.thorough
 def test_no_word_lies_on_a_body() -> None:
     """An oncoming car, with cars that stand at its side all along the road, and beside the ego."""
     row = [{"actor": f"parked{n}", "x_m": 100.0 + 6.0 * n, "y_m": side} for n in range(20) for side in (-3.0, 6.5)]

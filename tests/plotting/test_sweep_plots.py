@@ -210,6 +210,7 @@ def test_runs_that_the_gateway_stopped_are_told_of_beside_a_gap(ended: int) -> N
         assert ("the gateway stopped 3 runs of these" in figure.get_suptitle()) == bool(ended)
 
 
+@pytest.mark.thorough
 def test_pairs_are_drawn_one_over_the_other_with_their_differences() -> None:
     one, two = (part.assign(seed=1) for _name, part in survivors().groupby("controller.name"))
     figure = plotting.paired(compare_rows(one, two, ["ego.speed_mps"], "first", "second"))

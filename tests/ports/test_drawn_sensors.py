@@ -183,6 +183,7 @@ def _colours(picture: bytes) -> Any:
     return np.asarray(Image.open(io.BytesIO(picture)).convert("RGB")).astype(int)
 
 
+@pytest.mark.thorough
 def test_mcap_holds_a_cloud_of_each_and_boxes_and_rays(run: Run, parked: Polygon, tmp_path: Path) -> None:
     (file,) = export(run, "mcap", tmp_path)
     read: dict[str, list[Any]] = {}

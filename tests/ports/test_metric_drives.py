@@ -84,6 +84,7 @@ def test_what_was_changed_of_it_is_found_and_nothing_of_it_is_run(record: Path, 
     assert [one.part for one in alterations(copy) or ()] == ["metrics"]
 
 
+@pytest.mark.thorough
 def test_a_replay_needs_no_metric(record: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The metrics' file is another now; the drive is replayed all the same."""
     assert cli.main(["replay", str(record)]) == 0
@@ -174,6 +175,7 @@ def test_a_search_looks_for_its_worst(lab: Path) -> None:
     assert found["worst"]["fastest_mps"] == load_rows(lab / "rows")["fastest_mps"].max()
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize(
     ("text", "said"),
     [

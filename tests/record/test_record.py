@@ -256,6 +256,7 @@ def test_a_killed_drive_leaves_all_but_its_last_moment(tmp_path: Path) -> None:
     assert read_table(folder, "actors")["tick"].to_pylist()[-1] >= ticks[-1] - TICKS_PER_BATCH
 
 
+@pytest.mark.thorough
 def test_the_summary_carries_what_it_promises(tmp_path: Path) -> None:
     summary = isolated(drive_once, {"duration_s": 3.0}, str(tmp_path / "record"))
     written = json.loads((tmp_path / "record" / "summary.json").read_text(encoding="utf-8"))

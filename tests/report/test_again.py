@@ -63,6 +63,7 @@ def test_the_printed_command_makes_the_same_record(name: str, tmp_path: Path) ->
     assert summary["record_sha256"] == digest
 
 
+@pytest.mark.thorough
 def test_there_is_no_command_where_none_drives_the_same(tmp_path: Path) -> None:
     isolated(driven, str(tmp_path / "record"), {"values": {"duration_s": 1.0}})
     assert again.command(Run(tmp_path / "record"), REPOSITORY) is not None

@@ -82,6 +82,7 @@ def test_its_report_says_so_and_judges_no_bound(driven: Path) -> None:
     assert stopping_bound_check(good).held
 
 
+@pytest.mark.thorough
 def test_its_plots_mark_it_and_the_law_is_fitted_without_it(driven: Path) -> None:
     run = Run(driven / "late")
     texts = [text.get_text() for axes in drive_overview(run).axes for text in axes.texts]

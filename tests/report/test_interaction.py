@@ -158,6 +158,7 @@ def test_a_run_that_has_no_gap_because_it_collided_is_on_the_plot_too(folders: F
     assert any(result.figures.get("collision") for spec, result in runs() if spec.key in seen)
 
 
+@pytest.mark.thorough
 def test_on_a_phone_what_is_wider_scrolls_and_says_so(folders: Folders, opened: Any) -> None:
     page = opened(folders.drive, viewport=PHONE)
     wide = page.evaluate("""() => [...document.querySelectorAll('.paper')].filter(one => one.checkVisibility()).map(
@@ -172,6 +173,7 @@ def test_on_a_phone_what_is_wider_scrolls_and_says_so(folders: Folders, opened: 
     assert all(wide == said for wide, said in cues)
 
 
+@pytest.mark.thorough
 def test_on_a_desktop_verdict_figures_and_picture_are_on_one_screen(folders: Folders, opened: Any) -> None:
     page = opened(folders.drive, viewport={"width": 1280, "height": 900})
     for part in (".verdict", ".figures > div:nth-child(5)", ".first svg.plot"):
@@ -193,6 +195,7 @@ def test_on_paper_all_is_unfolded_and_dark_on_white(folders: Folders, opened: An
     assert len(page.pdf()) > 10_000
 
 
+@pytest.mark.thorough
 def test_without_scripts_nothing_but_the_chart_is_missing(folders: Folders, opened: Any) -> None:
     page = opened(folders.sweep, java_script_enabled=False)
     page.click("#runs > summary")

@@ -105,6 +105,7 @@ def test_the_page_stands_in_a_browser(folders: Folders, browser: Any, kind: str)
     assert {one for one in asked if not one.startswith("data:")} == {address}
 
 
+@pytest.mark.thorough
 def test_names_that_are_code_are_text(folders: Folders, browser: Any) -> None:
     page = browser.new_page()
     page.goto((folders.hostile / "report.html").as_uri())

@@ -91,6 +91,7 @@ class Tags(HTMLParser):
         self.attributes |= {name for name, _value in attrs}
 
 
+@pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore:.*Glyph:UserWarning")
 @given(
     st.text(min_size=1, max_size=30) | st.sampled_from(["</svg><script>x</script>", "--!><img onerror=x>", "\ud800"])

@@ -138,6 +138,7 @@ def test_the_caption_says_what_the_picture_shows(tmp_path: Path, contact: bool, 
     assert window in pictures.caption_of(Run(run.folder))
 
 
+@pytest.mark.thorough
 def test_the_page_calls_metrics_by_their_labels_and_tells_the_jerk_of_the_stop_from_that_of_the_drive(
     tmp_path: Path,
 ) -> None:
@@ -258,6 +259,7 @@ def test_a_criterion_that_a_parameter_sets_is_not_said_to_be_the_files(tmp_path:
     assert "shaded part does not pass" not in page
 
 
+@pytest.mark.thorough
 def test_a_playback_is_not_said_to_be_driven_or_replayed_again(tmp_path: Path) -> None:
     """Replay takes none, for the recording is not a part of the record."""
     write(tmp_path / "r", [{}] * 3, MEASURED | {"outcome": "played", "passed": None}, files_sha256={"pose": "0"})

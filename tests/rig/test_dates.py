@@ -80,6 +80,7 @@ def test_a_real_car_s_test_and_survey_expire(
     assert obstacle is None if key is None else str(obstacle).startswith(key)
 
 
+@pytest.mark.thorough
 @given(st.dates(datetime.date(1900, 1, 1), datetime.date(2026, 5, 1)), st.integers(0, 40000))
 def test_nothing_of_a_simulated_vehicle_expires(day: datetime.date, age: int) -> None:
     rig = parse(with_days(simulated(), "watchdog_test.date", day), SIMULATED)

@@ -125,6 +125,7 @@ def test_two_rig_files_of_one_bus_exclude_each_other(tmp_path: Path) -> None:
     assert free_again(two)
 
 
+@pytest.mark.thorough
 def test_the_simulated_vehicle_s_end_of_a_bus_is_locked_too(tmp_path: Path) -> None:
     by_hand = ("automatic = true", "automatic = false")
     cards = (("vcan_lock0", "can_lock0"), ("[car_start] ", '[car_start]\nchannel = "can_lock1" '), by_hand)
@@ -146,6 +147,7 @@ def test_rigs_on_pseudo_terminals_and_on_other_buses_run_side_by_side(tmp_path: 
         assert refusal(two) == refusal(other) == ""
 
 
+@pytest.mark.thorough
 def test_one_serial_line_is_the_same_by_every_link_to_it(tmp_path: Path) -> None:
     (tmp_path / "by-id").symlink_to("/dev/nobody_lock")
     real = (('car = "simulated"', 'car = "real"'), ("automatic = true", ""))
@@ -159,6 +161,7 @@ def test_one_serial_line_is_the_same_by_every_link_to_it(tmp_path: Path) -> None
         assert "device /dev/nobody_lock is in use" in refusal(files[1])
 
 
+@pytest.mark.thorough
 def test_whoever_inherits_the_lock_holds_it_until_it_ends(tmp_path: Path) -> None:
     rig = on_bus(tmp_path, "mine")
     with holder(rig, "heir") as (heir, process):
@@ -194,6 +197,7 @@ def test_of_many_that_begin_at_once_one_has_the_rig(tmp_path: Path) -> None:
     assert sorted(reported) == ["held"] + ["refused"] * 7
 
 
+@pytest.mark.thorough
 def test_a_name_too_long_for_the_kernel_is_locked_as_well(tmp_path: Path) -> None:
     folder = tmp_path / ("long" * 40)
     folder.mkdir()
@@ -203,6 +207,7 @@ def test_a_name_too_long_for_the_kernel_is_locked_as_well(tmp_path: Path) -> Non
         assert "this rig is in use" in refusal(rig)
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can be somebody else as well")
 def test_another_user_is_locked_out_too(tmp_path: Path) -> None:
     with holder(on_bus(tmp_path, "one")) as (said, _process):

@@ -197,6 +197,7 @@ changes = st.tuples(st.floats(0.0, 40.0), st.floats(0.05, 12.0), st.floats(0.0, 
 acts_drawn = st.lists(changes, min_size=1, max_size=4)
 
 
+@pytest.mark.thorough
 @settings(deadline=None, max_examples=50)
 @given(st.floats(0.0, 40.0), acts_drawn, st.floats(-5.0, 5.0), st.lists(st.integers(1, 40), min_size=5, max_size=60))
 def test_speed_is_never_negative_the_way_is_its_integral_and_steps_do_not_matter(speed, drawn, offset, chunks):

@@ -87,6 +87,7 @@ def test_a_speed_is_relative_and_opening() -> None:
     assert last(IDEAL, scene, speed=10.0).objects.relative_speed.tolist() == pytest.approx([-2.0, -15.0])
 
 
+@pytest.mark.thorough
 def test_the_error_of_the_range_grows_with_its_square() -> None:
     """A pixel is x^2 / (f h): 0.53 m at 30 m from the camera, 2.1 m at 60 m."""
     config = replace(CONFIG, noise_correlation=0.0, miss_rate=0.0, latency=0.0)
@@ -158,6 +159,7 @@ def test_misses_come_as_often_as_declared() -> None:
     assert np.mean([len(frame.names) == 0 for frame in frames]) == pytest.approx(0.2, abs=0.04)
 
 
+@pytest.mark.thorough
 def test_false_objects_come_as_often_as_declared_and_nobody_is_behind_them() -> None:
     config = replace(CONFIG, false_objects=0.5)
     frames = [frame for _, frame in watched(config, actors([]), 120.0)]

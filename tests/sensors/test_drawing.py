@@ -108,6 +108,7 @@ def test_a_drawing_that_does_not_fit_is_one_line(drawing: Any, line: str) -> Non
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.thorough
 def test_a_drive_with_such_a_sensor_is_refused_before_anything_is_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

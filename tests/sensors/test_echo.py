@@ -106,6 +106,7 @@ def test_only_the_rear_axles_pose_is_accepted() -> None:
         antenna_at(pose, Mount(), FUSION)
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("seed", range(4))
 def test_choosing_by_field_of_view_loses_nothing(seed: int) -> None:
     """Boxes all around the car, most of them out of view, against brute force over all of them."""

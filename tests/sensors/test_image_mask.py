@@ -125,6 +125,7 @@ def test_every_pixel_of_five_hundred_scenes_shows_what_its_ray_meets() -> None:
         compare(seed, SMALL)
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("seed", [1, 2])
 def test_what_is_drawn_is_what_another_library_meets(seed: int) -> None:
     at = CameraPlace(0.0, 0.0, 1.3, 0.4 * seed)

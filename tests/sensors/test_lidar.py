@@ -68,6 +68,7 @@ def test_a_turn_looks_ahead_in_its_middle_and_turns_clockwise() -> None:
     assert (cloud.time_offset[-1], cloud.time_offset[0]) == pytest.approx((0.0, -1799 * 0.1 / 1800))
 
 
+@pytest.mark.thorough
 def test_ticks_of_another_length_see_the_same_street() -> None:
     """What stands and is driven past at an even speed does not depend on when the rays were cast."""
     fine, coarse = (driven(IDEAL, 0.6, speed=8.0, walls=HOUSE, period=period) for period in (0.02, 0.04))

@@ -213,6 +213,7 @@ def test_detection_probability_is_swerling_1(cross_section: float, range_: float
     assert probability == pytest.approx(1e-6 ** (1.0 / (1.0 + snr)), rel=1e-9)
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize(("cross_section", "x"), [(10.0, 170.0), (2.0, 150.0), (0.5, 150.0)])
 def test_hits_come_as_often_as_the_detection_probability_says(cross_section: float, x: float) -> None:
     rows = [(x, 0.0, 0.0, 0.0, 4.5, 1.8, cross_section)]

@@ -202,6 +202,7 @@ def test_while_everything_moves_each_ray_meets_what_is_there_at_its_moment(
         assert what == hits.what[firing].tolist()
 
 
+@pytest.mark.thorough
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10**6), st.floats(0.3, 4.0), st.floats(-8.0, 8.0), st.floats(-10.0, 10.0))
 def test_among_bodies_that_stand_around_and_over_it_each_ray_meets_what_is_there(

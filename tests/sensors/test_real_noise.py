@@ -194,6 +194,7 @@ def test_the_recording_is_as_noisy_as_is_said_of_it(real: Told) -> None:
     assert real.noise("aside") == pytest.approx(0.038, rel=0.05)
 
 
+@pytest.mark.thorough
 def test_ours_is_as_noisy_as_the_real_one(real: Told, ours: Told) -> None:
     """As a whole; the real one's noise grows with the distance, ours is one figure, and lies between near and far."""
     for column in ("ahead", "aside", "rate"):

@@ -66,6 +66,7 @@ def assert_as_brute_force(boxes: Sequence[Box], modes: Sequence[tuple[float, flo
         assert sight.sector == expected[row].mode
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("seed", with_slow(range(10), lambda seed: seed < 2))
 def test_equals_brute_force_on_a_thousand_scenes(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -118,6 +119,7 @@ def test_boxes_that_touch_let_nothing_through() -> None:
         assert len(wall) not in sights([*wall, Box(40.0, 0.1, 0.0, 4.0, 2.0)])
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("seed", range(3))
 def test_equals_brute_force_where_walls_run_through_each_other(seed: int) -> None:
     """Long thin boxes that cross several times between one corner and the next."""
@@ -174,6 +176,7 @@ sizes = st.floats(0.0, 15.0, allow_subnormal=False)
 any_box = st.builds(Box, coordinate, coordinate, st.floats(-4.0, 4.0), sizes, sizes)
 
 
+@pytest.mark.thorough
 @settings(max_examples=300, deadline=None)
 @given(st.lists(any_box, max_size=8))
 def test_a_seen_point_lies_on_its_box_and_in_view(boxes: list[Box]) -> None:

@@ -158,6 +158,7 @@ def test_another_car_under_the_same_name_is_another_test(tmp_path: Path) -> None
         Dataset(tmp_path / "out", design_of("few", "", ROWS, 1, tmp_path).plan, resume=True)
 
 
+@pytest.mark.thorough
 def test_other_code_of_this_program_is_in_no_one_dataset(design: SuiteDesign, tmp_path: Path) -> None:
     """A checkout keeps its version while its code changes: only the code's own hash tells."""
     Dataset(tmp_path, design.plan, resume=False).close()

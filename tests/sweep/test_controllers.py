@@ -123,6 +123,7 @@ def asked(toys: Path, text: str, scenario: str = "parked_car") -> dict[str, obje
     return {run.key: job_of(query.plan, query.spec, run, None).table["controller"] for run in query.cells}
 
 
+@pytest.mark.thorough
 def test_a_controller_gets_its_own_tuning_and_that_of_the_scenario_goes_to_its_own_controller(toys: Path) -> None:
     text = (REPOSITORY / "scenarios" / "parked_car.toml").read_text(encoding="utf-8")
     (toys / "scenarios").mkdir()

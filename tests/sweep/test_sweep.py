@@ -240,6 +240,7 @@ WRONG = {
 }
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("text", WRONG)
 def test_a_wrong_sweep_is_one_line_before_anything_runs(tmp_path: Path, text: str) -> None:
     workspace(tmp_path)

@@ -88,6 +88,7 @@ def test_returns_lie_on_what_they_are_of(made: Made, frames: Frames) -> None:
     assert np.quantile(far, 0.95) < 2.5  # half a degree of noise at 140 m
 
 
+@pytest.mark.thorough
 def test_a_seen_actor_is_not_among_the_unseen_and_why_is_found_by_rays(made: Made, frames: Frames) -> None:
     head, columns = taken_apart(frames.packed())
     why, found = taken_apart(details(Run(made.traffic)))

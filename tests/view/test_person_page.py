@@ -53,6 +53,7 @@ def phone(browser: Any, pages: Served) -> Iterator[Any]:
     context.close()
 
 
+@pytest.mark.thorough
 def test_the_phones_position_comes_with_its_accuracy_and_its_age(phone: Any, pages: Served) -> None:
     received, report = next(one for one in list(pages.reports) if isinstance(one[1], PositionReport))
     assert math.degrees(report.latitude) == pytest.approx(40.0065, abs=1e-9)
@@ -211,6 +212,7 @@ POSITION = {
 ENTERED = {"type": "entered", "consent": digest(TEXT)}
 
 
+@pytest.mark.thorough(witnesses=2)
 @pytest.mark.parametrize(
     "messages",
     [

@@ -198,6 +198,7 @@ def test_wrong_numbers_are_wrong_use(
     assert said in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_a_missing_browser_is_said_with_what_installs_one(
     made: Made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -171,6 +171,7 @@ def test_a_socket_needs_token_and_origin(fed: Live) -> None:
         assert json.loads(one.recv(timeout=10.0))["type"] == "scene"
 
 
+@pytest.mark.thorough
 def test_a_page_gets_the_newest_frame_and_never_more_than_it_answers(fed: Live) -> None:
     with watcher(fed) as one:
         assert json.loads(one.recv(timeout=10.0))["type"] == "scene"

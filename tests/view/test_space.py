@@ -91,6 +91,7 @@ def test_a_pose_is_predicted_along_its_circle_and_not_for_long(space: Space) -> 
         assert car["heading"] == pytest.approx(heading, abs=1e-6)
 
 
+@pytest.mark.thorough
 def test_the_head_turns_the_camera_and_not_the_car(space: Space) -> None:
     space.make(straight())
     space.picture(frame(10.0, 0.0, 0.3))
@@ -150,6 +151,7 @@ def test_every_kind_of_actor_is_drawn_and_looks_different(space: Space) -> None:
     assert len({*changed.values()}) == len(kinds)
 
 
+@pytest.mark.thorough
 def test_an_actor_without_a_pose_and_a_frame_without_ego_draw_nothing_new(space: Space) -> None:
     space.make(straight())
     empty = space.picture(frame(5.0))
@@ -167,6 +169,7 @@ def red_and_green(picture: NDArray[np.uint8]) -> tuple[int, int]:
     return int(lit_red[sky].sum()), int(lit_green[sky].sum())
 
 
+@pytest.mark.thorough
 def test_signals_show_their_state_and_none_where_nobody_knows_it(space: Space) -> None:
     head = {"id": "one", "link": 1, "x": 18.0, "y": 0.0, "heading": 0.0, "reach": 2.6}
     space.make(straight(network={"junctions": [], "stop_lines": [], "signals": [head]}))
@@ -280,6 +283,7 @@ def test_the_board_is_seen_in_a_headset_and_not_in_a_picture(headset: Space) -> 
     assert headset.browser.evaluate("world.board.mesh.visible") is False
 
 
+@pytest.mark.thorough
 def test_a_hidden_street_leaves_the_car_alone(space: Space) -> None:
     """Kerbs, bodies, trees and sky are gone; the cockpit stays where it was, dark around it."""
     space.make(straight(actors={"lead": CAR}))

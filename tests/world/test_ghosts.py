@@ -147,6 +147,7 @@ def _weave(folder: str) -> tuple[list[int], list[int]]:
     return weaving, away
 
 
+@pytest.mark.thorough
 def test_ghosts_come_with_the_line_and_go_with_it(tmp_path):
     weaving, away = isolated(_weave, str(tmp_path))
     assert weaving[1:100] == [0] * 99

@@ -87,6 +87,7 @@ def test_a_cut_off_archive_is_no_network(linden, tmp_path):
         lane_shapes(file, (0.0, 0.0, 1.0, 1.0))
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize(
     "box", [(1400.0, 1000.0, 1600.0, 1100.0), (0.0, 0.0, 300.0, 300.0), (-500.0, -500.0, -400.0, -400.0)]
 )
@@ -104,6 +105,7 @@ def test_lane_shapes_are_those_of_sumolib_that_meet_the_box(linden, reference, b
     assert all(width == LANE_WIDTH for _, _, width in found)
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("box", [(1400.0, 1000.0, 1600.0, 1100.0), (0.0, 0.0, 300.0, 300.0)])
 def test_lanes_lead_where_sumolib_says(linden, reference, box):
     found = lanes_near(linden, box)
@@ -200,6 +202,7 @@ def _converted(network: str, places: list[tuple[str, int, float]]) -> list[tuple
     return points
 
 
+@pytest.mark.thorough
 def test_places_on_lanes_are_where_sumo_has_them(linden, roads):
     drawn = random.Random(7)
     lanes = [lane for edge in drawn.sample(roads.edges, 150) for lane in edge.getLanes()]

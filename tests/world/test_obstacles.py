@@ -70,6 +70,7 @@ def test_traffic_queues_at_its_usual_gap_where_there_is_no_way_round(tmp_path, o
     assert tracks["f.1"][-1][2] < 0.1
 
 
+@pytest.mark.thorough
 def test_the_body_is_exactly_the_declared_one_at_every_tick(tmp_path):
     spot = MapSpot(400.0, -2.0, 0.3)
     tracks = isolated(_traffic, str(tmp_path), 1, Obstacle("wreck", spot), 20.0)
@@ -78,6 +79,7 @@ def test_the_body_is_exactly_the_declared_one_at_every_tick(tmp_path):
     assert len(tracks["wreck"]) > 150
 
 
+@pytest.mark.thorough
 def test_an_obstacle_beside_the_road_disturbs_nobody(tmp_path):
     tracks = isolated(_traffic, str(tmp_path), 1, Obstacle("parked", MapSpot(300.0, -5.0, 0.0)), 40.0)
     assert tracks["f.0"][-1][0] > 500.0

@@ -109,6 +109,7 @@ def _followed(folder: str, deceleration: float) -> Seen:
         return _run(world, track, 12.0)
 
 
+@pytest.mark.thorough
 def test_traffic_brakes_behind_a_scenario_actor_that_brakes(tmp_path):
     seen = isolated(_followed, str(tmp_path), 6.0)
     assert seen.touched == set()
@@ -224,6 +225,7 @@ def _yielded(folder: str, arrives: float) -> tuple[set[tuple[str, str]], float]:
     return seen.touched, seen.slowest["minor"]
 
 
+@pytest.mark.thorough
 def test_traffic_yields_to_a_scenario_actor_on_the_major_road(tmp_path):
     touched, slowest = isolated(_yielded, str(tmp_path), 10.0)
     assert touched == set()
@@ -297,5 +299,6 @@ def _wandered(folder: str) -> tuple[int, int]:
     return boxes, wrong
 
 
+@pytest.mark.thorough
 def test_the_lanes_close_to_a_body_are_those_of_the_whole_network(tmp_path):
     assert isolated(_wandered, str(tmp_path)) == (2100, 0)

@@ -221,6 +221,7 @@ def _action_phases(folder: str, clock: bool) -> list[int]:
         return sorted(round(libsumo.vehicle.getLastActionTime(name) / PERIOD) % 10 for name in names)
 
 
+@pytest.mark.thorough
 def test_drivers_act_by_turns(tmp_path):
     phases = isolated(_action_phases, str(tmp_path), True)
     assert len(phases) == len(set(phases)) == 6

@@ -192,6 +192,7 @@ def _follower(folder: str, second: bool) -> list[float]:
     return fronts
 
 
+@pytest.mark.thorough
 def test_traffic_stops_for_the_second_ego_too(tmp_path: Path) -> None:
     free, blocked = isolated(_follower, str(tmp_path), False), isolated(_follower, str(tmp_path), True)
     assert free[-1] > 230.0
