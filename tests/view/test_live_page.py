@@ -28,6 +28,9 @@ from vve_sumo.record.reader import read_table
 from vve_sumo.record.signals import Signals, read_signals
 from vve_sumo.timing import PERIOD
 
+#: a fixture that takes long: `./check test` leaves its tests out
+THOROUGH_FIXTURE = "seen"
+
 # A browser that draws without a graphics card takes both cores, and would fail the drives of other tests.
 pytestmark = [pytest.mark.live, pytest.mark.alone]
 
