@@ -62,9 +62,9 @@ def maps_of(encoder: RoadsideEncoder, reference: Any) -> dict[str, IntersectionG
     """Return each signal's map, found by standing at it."""
     found = {}
     for signal in reference.getTrafficLights():
-        told = [geonetworking.decode(packet) for packet in encoder.encode_maps(*place_of(signal), MOMENT)]
+        said = [geonetworking.decode(packet) for packet in encoder.encode_maps(*place_of(signal), MOMENT)]
         distances = {}
-        for packet in told:
+        for packet in said:
             assert packet.port == geonetworking.PORTS[MessageId.MAPEM]
             (one,) = mapem.decode(packet.payload).intersections
             longitude, latitude = reference.convertXY2LonLat(*place_of(signal))
@@ -77,10 +77,10 @@ def maps_of(encoder: RoadsideEncoder, reference: Any) -> dict[str, IntersectionG
 def test_a_map_has_the_lanes_where_they_are(encoder: RoadsideEncoder, reference: Any) -> None:
     """By sumolib's shapes and PROJ's geodesics; a node has steps of a centimetre, a reference point likewise."""
     by_id = {one.signal: one for one in intersections(LINDEN)}
-    for name, told in maps_of(encoder, reference).items():
+    for name, said in maps_of(encoder, reference).items():
         lanes = (*by_id[name].incoming, *by_id[name].outgoing)
-        assert len(told.lanes) == len(lanes)
-        for lane, known in zip(told.lanes, lanes, strict=True):
+        assert len(said.lanes) == len(lanes)
+        for lane, known in zip(said.lanes, lanes, strict=True):
             shape = [point[:2] for point in reference.getLane(known.id).getShape()]
             inwards = lane.direction is Direction.INGRESS
             assert inwards is (known in by_id[name].incoming)
@@ -88,7 +88,7 @@ def test_a_map_has_the_lanes_where_they_are(encoder: RoadsideEncoder, reference:
             length = 0.0
             for number, (x, y) in enumerate(lane.nodes):
                 azimuth, distance = math.degrees(math.atan2(x, y)), math.hypot(x, y)
-                longitude, latitude, _ = WGS84.fwd(told.longitude_deg, told.latitude_deg, azimuth, distance)
+                longitude, latitude, _ = WGS84.fwd(said.longitude_deg, said.latitude_deg, azimuth, distance)
                 if number + 1 < len(lane.nodes):
                     expected = reference.convertXY2LonLat(*shape[number])
                     assert WGS84.inv(*expected, longitude, latitude)[2] < 0.04
@@ -100,14 +100,14 @@ def test_a_map_has_the_lanes_where_they_are(encoder: RoadsideEncoder, reference:
 
 def test_every_way_across_has_its_signal_group(encoder: RoadsideEncoder, reference: Any) -> None:
     for signal in reference.getTrafficLights():
-        told = maps_of(encoder, reference)[signal.getID()]
+        said = maps_of(encoder, reference)[signal.getID()]
         numbers = {}
         known = next(one for one in intersections(LINDEN) if one.signal == signal.getID())
         for number, lane in enumerate((*known.incoming, *known.outgoing), 1):
             numbers[number] = lane.id
         links = {
             (numbers[lane.id], numbers[connection.lane], connection.signal_group)
-            for lane in told.lanes
+            for lane in said.lanes
             for connection in lane.connections
         }
         assert links == {(start.getID(), end.getID(), index + 1) for start, end, index in signal.getConnections()}
@@ -172,8 +172,8 @@ def test_tshark_reads_the_packets_of_two_seconds(network: Network, reference: An
     packets = []
     for tick in range(100):
         shown = {"229685447": SignalPhase(14 * ("G" if tick < 50 else "r"), 60.0)}
-        told = output.step(sample(0.02 * tick, place, shown))
-        packets += [(tick, packet) for packet in told]
+        said = output.step(sample(0.02 * tick, place, shown))
+        packets += [(tick, packet) for packet in said]
     read = tshark.read([geonetworking.ethernet_frame(packet, ADDRESS) for _tick, packet in packets], tmp_path)
     maps = [tick for (tick, _packet), fields in zip(packets, read, strict=True) if "dsrc.laneSet" in fields]
     assert len(maps) % 2 == 0
@@ -203,11 +203,11 @@ def test_the_source_is_a_roadside_unit_that_stands(encoder: RoadsideEncoder, ref
     x, y = place_of(reference.getTLS("229685447"))
     for data in encoder.encode_maps(x, y, MOMENT):
         packet = geonetworking.decode(data)
-        told = mapem.decode(packet.payload)
+        said = mapem.decode(packet.payload)
         assert (packet.mobile, packet.source.station_type) == (False, StationType.INFRASTRUCTURE)
         assert packet.source.time_ms == its_time.from_gnss(MOMENT) % 2**32
-        assert packet.source.address[2:] == told.station.to_bytes(4)
-        assert packet.source.latitude_deg == pytest.approx(told.intersections[0].latitude_deg, abs=1e-7)
+        assert packet.source.address[2:] == said.station.to_bytes(4)
+        assert packet.source.latitude_deg == pytest.approx(said.intersections[0].latitude_deg, abs=1e-7)
 
 
 def test_an_intersection_that_no_message_can_hold_is_one_line(network: Network) -> None:
@@ -225,7 +225,7 @@ def test_an_intersection_that_no_message_can_hold_is_one_line(network: Network) 
 def test_maps_of_all_sorts_are_read_back(network: Network) -> None:
     for one in intersections(LINDEN):
         (data,) = RoadsideEncoder([one], network.frame()).encode_maps(*one.incoming[0].points[-1], MOMENT)
-        (told,) = mapem.decode(geonetworking.decode(data).payload).intersections
-        assert {lane.ingress_approach for lane in told.lanes} - {None} == set(
+        (said,) = mapem.decode(geonetworking.decode(data).payload).intersections
+        assert {lane.ingress_approach for lane in said.lanes} - {None} == set(
             range(1, 1 + len({lane.edge for lane in one.incoming}))
         )

@@ -64,17 +64,17 @@ def test_a_signal_shows_what_it_shows_for_exactly_as_long_as_it_says(driven: Any
     next_changes: dict[str, list[float]] = {}
     for change in changes:
         next_changes.setdefault(change.signal, []).append(change.time)
-    told = 0
+    compared = 0
     for k, phases in enumerate(timed):
         assert {name: phase.state for name, phase in phases.items()} == shown[k]
         for name, phase in phases.items():
             coming = [time for time in next_changes[name] if time > k * PERIOD + 1e-9]
             if coming:
                 assert k * PERIOD + phase.remaining == pytest.approx(coming[0], abs=1e-6)
-                told += 1
+                compared += 1
             else:
                 assert phase.remaining > (STEPS - 1 - k) * PERIOD - 1e-6
-    assert told > STEPS
+    assert compared > STEPS
 
 
 def test_the_file_gives_back_what_was_written(driven: Any, tmp_path: Path) -> None:

@@ -23,9 +23,9 @@ from vve_sumo.v2x.mapem import Connection, Direction, IntersectionGeometry, Lane
 from vve_sumo.v2x.pdu_header import MessageId
 from vve_sumo.v2x.spatem import Event, IntersectionState, Movement, Phase, Spatem
 
-#: intersections farther from the ego than this are not told of [m]: so far the virtual road is simulated in full
+#: intersections farther from the ego than this are left out [m]: so far the virtual road is simulated in full
 RANGE: Final = 220.0
-#: of a lane, from its stop line on, that a MAPEM tells of [m]
+#: of a lane, from its stop line on, that a MAPEM has [m]
 LANE_LENGTH: Final = 100.0
 #: stations of the roadside units count up from here
 FIRST_STATION: Final = 1001
@@ -98,10 +98,10 @@ class RoadsideEncoder:
 
     def encode_signals(self, x: float, y: float, time: float, shown: Mapping[str, SignalPhase]) -> Sequence[bytes]:
         """Return the SPATEMs of the intersections near a place of the map [m], by what their signals show."""
-        told = (
+        near = (
             (unit, shown[unit.intersection.signal]) for unit in self._near(x, y) if unit.intersection.signal in shown
         )
-        return [_packet(MessageId.SPATEM, unit, time, spatem.encode(_state(unit, phase, time))) for unit, phase in told]
+        return [_packet(MessageId.SPATEM, unit, time, spatem.encode(_state(unit, phase, time))) for unit, phase in near]
 
     def _near(self, x: float, y: float) -> list[_Unit]:
         return [unit for unit in self._units if math.hypot(unit.x - x, unit.y - y) <= RANGE]
@@ -115,12 +115,12 @@ def _unit(number: int, intersection: Intersection, frame: MapFrame) -> _Unit:
     place = math.degrees(latitude), math.degrees(longitude)
     geometry = IntersectionGeometry(number, *place, lanes, lane_width=intersection.incoming[0].width)
     try:
-        told = mapem.encode(Mapem(FIRST_STATION + number, (geometry,)))
+        encoded = mapem.encode(Mapem(FIRST_STATION + number, (geometry,)))
     except ValueError as error:
         raise ConfigError(f"signal {intersection.signal}: its lanes do not fit a MAPEM: {error}") from None
-    if len(told) > MAX_MESSAGE:
-        raise ConfigError(f"signal {intersection.signal}: its lanes do not fit a MAPEM: {len(told)} bytes")
-    return _Unit(FIRST_STATION + number, intersection, x, y, *place, told)
+    if len(encoded) > MAX_MESSAGE:
+        raise ConfigError(f"signal {intersection.signal}: its lanes do not fit a MAPEM: {len(encoded)} bytes")
+    return _Unit(FIRST_STATION + number, intersection, x, y, *place, encoded)
 
 
 def _lanes(intersection: Intersection, frame: MapFrame, reference: tuple[float, float]) -> tuple[Lane, ...]:
