@@ -99,8 +99,8 @@ class Publisher:
         self.radar_valid = False  #: whether the newest sample holds a scan
         self.over = False  #: set when the drive ends: from then on every sample is invalid
         self.tells_signals = tells_signals  #: whether the drive has to set `signals`
-        #: returns what the signals of the virtual road show
-        self.signals: Callable[[], Mapping[str, SignalPhase]] = dict
+        #: returns what the signals of the virtual road show at a drive time [s]
+        self.signals: Callable[[float], Mapping[str, SignalPhase]] = lambda now: {}
         self.awaiting_start = awaiting_start  #: whether every sample is invalid because the drive has not begun
 
     def publish(self, now: float, seen: SensorFrame | None, faults: tuple[str, ...]) -> None:
@@ -129,7 +129,7 @@ class Publisher:
             {n: output for n, output in wired.items() if isinstance(output, Stations)},
         )
         return SampleContent(
-            fix, seen.pose, scan, age, seen.actors, others, turns, lists=lists, heard=heard, signals=self.signals()
+            fix, seen.pose, scan, age, seen.actors, others, turns, lists=lists, heard=heard, signals=self.signals(now)
         )
 
     def _new_turns(self, wired: Mapping[str, SensorOutput]) -> dict[str, LidarTurn]:

@@ -128,8 +128,8 @@ class VirtualRoad:
         """What each traffic signal shows, SUMO's letter for each of its links."""
         return self._world.signals_now
 
-    def timed_signals(self) -> Callable[[], Mapping[str, SignalPhase]]:
-        """Return what tells from now on what each signal shows and how long at least; nothing before the first pose."""
+    def timed_signals(self) -> Callable[[float], Mapping[str, SignalPhase]]:
+        """Return what tells, for a drive time [s], what each signal shows and how long at least from then on."""
         return self._world.timed_signals()
 
     @property

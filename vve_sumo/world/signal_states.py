@@ -16,7 +16,7 @@ class SignalStates:
         self.shown: dict[str, str] = {}  #: by name, a letter for each of its links
         self.changes: list[SignalChange] = []  #: in the order of their times; the first of each is its state at first
         self.timed = False  #: whether it is looked how long they show it
-        self._looked, self._ends = 0.0, dict.fromkeys(self._names, 0.0)  # drive times [s]
+        self._ends = dict.fromkeys(self._names, 0.0)  # drive times [s]
 
     def look(self, time: float) -> None:
         """Note what the signals show at a drive time [s]; raises SUMO's errors."""
@@ -30,10 +30,8 @@ class SignalStates:
             # A step shows what was switched at its beginning.
             begun = libsumo.simulation.getTime() - libsumo.simulation.getDeltaT() - time
             switch_of = libsumo.trafficlight.getNextSwitch
-            self._looked, self._ends = time, {name: switch_of(name) - begun for name in self._names}
+            self._ends = {name: switch_of(name) - begun for name in self._names}
 
-    def phases(self) -> dict[str, SignalPhase]:
-        """Return what the signals show and how long at least; 0 s where it was not looked for."""
-        return {
-            name: SignalPhase(state, max(self._ends[name] - self._looked, 0.0)) for name, state in self.shown.items()
-        }
+    def phases(self, now: float) -> dict[str, SignalPhase]:
+        """Return what the signals show, and how long at least from drive time `now` [s] on, 0 s where not `timed`."""
+        return {name: SignalPhase(state, max(self._ends[name] - now, 0.0)) for name, state in self.shown.items()}

@@ -102,8 +102,8 @@ class World:
         """What each signal shows, SUMO's letter for each of its links; nothing before the first pose."""
         return self._signals.shown
 
-    def timed_signals(self) -> Callable[[], Mapping[str, SignalPhase]]:
-        """Return what tells from now on what each signal shows and how long at least; nothing before the first pose."""
+    def timed_signals(self) -> Callable[[float], Mapping[str, SignalPhase]]:
+        """Return what tells, for a drive time [s], what each signal shows and how long at least from then on."""
         self._signals.timed = True
         return self._signals.phases
 
