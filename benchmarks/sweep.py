@@ -12,6 +12,8 @@ subscription. All three alternate, each in a process of its own; medians of proc
 the shipped one, whose drivers act every 0.1 s, and the same one acting at every tick. All wholes have one seed: their
 server has loaded the road, so that a whole does not load it, as a bare does.
 Runs an hour are those of a few seeds, as in most sweeps, and of a seed for each run, whose road is loaded each time.
+Runs that differ in the controller's gap alone are driven as one until they differ, and each alone; both have the same
+figures, the record's hash among them.
 With --runs, that many short runs instead, and whether the memory of the last 500 is that of the first.
 """
 
@@ -28,6 +30,7 @@ import tempfile
 import time
 import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -50,6 +53,7 @@ DEMAND = REPOSITORY / "routes" / "linden_moderate.rou.xml"
 SEEDS = 3  #: of a sweep of which runs an hour are counted, one after the other, as a sweep orders its runs
 NETWORK = REPOSITORY / "networks" / "linden.net.xml"
 AROUND = 220.0 + MAX_CENTRE_DISTANCE  #: range of the subscription of a moved ego, as the virtual road's [m]
+AHEAD = 400.0  #: place on the path of the parked car before which runs that are driven as one come to differ [m]
 ACTING = ' actionStepLength="0.1"'  #: of the shipped traffic's vehicle types
 FRESH = """
 import sys
@@ -233,6 +237,33 @@ def workers(count: int, ticks: int, rounds: int) -> None:
     print(f"  two workers over one: {medians['two workers'] / medians['one worker']:.2f}")
 
 
+def as_one(count: int, ticks: int) -> None:
+    """Print what runs take that differ in the gap to a parked car, driven as one until they differ, and alone."""
+    runs = []
+    for number in range(count):
+        one = job(f"{number}", DEMAND, ticks)
+        one.table["controller"] = {"name": "follow_and_stop", "tuning": {"gap_m": 4.0 + 0.1 * number}}
+        one.table["obstacles"][0]["at_m"] = AHEAD
+        runs.append(one)
+    # Jobs of which each has another limit are driven alone.
+    alone = [replace(one, time_limit_s=one.time_limit_s + number) for number, one in enumerate(runs)]
+    took: dict[str, tuple[float, float]] = {}
+    figures = []
+    for name, jobs in (("as one", runs), ("alone", alone)):
+        begun = time.monotonic()
+        results = driven(Local(1), jobs)
+        took[name] = time.monotonic() - begun, sum(result.cpu_s for result in results)
+        figures.append({result.key: result.figures for result in results})
+        shared = [result.shared_s for result in results]
+        print(f"\n{count} gaps, {name}: {took[name][0]:.1f} s wall, {took[name][1]:.1f} s of a processor")
+        if name == "as one":
+            print(f"  until {min(shared):.1f} to {max(shared):.1f} s of {ticks * PERIOD:g} s at most")
+    if figures[0] != figures[1]:
+        sys.exit("runs that were driven as one are not those driven alone")
+    wall, cpu = (took["alone"][which] / took["as one"][which] for which in range(2))
+    print(f"  runs an hour, as one over alone: {wall:.2f}; processor time, alone over as one: {cpu:.2f}; same figures")
+
+
 def fresh(jobs: list[Job]) -> None:
     """Drive each job in a new interpreter, one after another."""
     for one in jobs:
@@ -281,6 +312,7 @@ def main() -> None:
         compare("the same vehicles, drivers act at every tick", every, rounds, ticks)
     if jobs:
         workers(jobs, ticks, repeated)
+        as_one(jobs, ticks)
 
 
 if __name__ == "__main__":

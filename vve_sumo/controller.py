@@ -95,6 +95,19 @@ def settle(
     return settled
 
 
+class GuardedController(Protocol):
+    """A controller whose failures are reason codes, as `Guarded` is."""
+
+    @property
+    def text(self) -> str:
+        """Text of the last failure; empty where none ever failed."""
+        ...
+
+    def step(self, observation: Observation) -> tuple[ControlCommand | None, tuple[str, ...]]:
+        """Return the command and no reason code, or None and the reason code of the failure."""
+        ...
+
+
 class Guarded:
     """Calls a controller; returns its failures as reason codes instead of raising them.
 

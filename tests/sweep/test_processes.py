@@ -268,7 +268,8 @@ def test_jobs_are_taken_as_they_are_needed() -> None:
     def endless() -> Iterator[Job]:
         for number in range(10**9):
             taken.append(number)
-            yield job(str(number), "stillborn")
+            made = job(str(number), "stillborn")
+            yield dataclasses.replace(made, table=made.table | {"seed": number})
 
     def done(given: Job, result: RunResult) -> None:
         assert len(taken) <= int(given.key) + 2
@@ -305,12 +306,12 @@ def test_lines_that_are_no_jobs_are_refused() -> None:
     assert Job.from_json(made.to_json()) == made
     line = made.to_json()
     for wrong, message in (
-        (line.replace('"version": 5', '"version": 1'), "expected version 5, got 1"),
+        (line.replace('"version": 6', '"version": 1'), "expected version 6, got 1"),
         (line.replace('"name": "straight_on"', '"name": 3'), "name: expected a str, got 3"),
         (line.replace('"working"', '"walking"'), "expected the keys"),
         (line.replace("1.0", "NaN"), "NaN is no number"),
         (line[:-3], "expected a line of JSON"),
-        ("[]", "expected version 5, got None"),
+        ("[]", "expected version 6, got None"),
     ):
         with pytest.raises(ConfigError, match=message):
             Job.from_json(wrong)

@@ -17,6 +17,7 @@ from vve_sumo.controller import Controller, Guarded
 from vve_sumo.drive.brain import ExternalController
 from vve_sumo.drive.pipeline import FallbackRule, Pipeline
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
+from vve_sumo.drive.shared_prefix import Variants
 from vve_sumo.frames import Alignment, MapFrame, Placement
 from vve_sumo.lot.fallback import fallback_path
 from vve_sumo.lot.geofence import Geofence
@@ -101,21 +102,27 @@ def build_pipeline(
     brain: ExternalController | None = None,
     fallback: FallbackRule = fallback_path,
     around: Callable[[Controller], Controller] | None = None,
+    variants: Variants | None = None,
 ) -> Pipeline:
     """Return a scenario's pipeline; raises ConfigError as `ResolvedScenario.controller` does.
 
     With a `brain`, samples go out to it; where it decides, the scenario's controller is not made. `fallback` gives
-    the fallback path, see `Pipeline`; `around` returns what is asked in place of the scenario's controller.
+    the fallback path, see `Pipeline`; `around` returns what is asked in place of the scenario's controller. With
+    `variants` the controllers of all of them answer.
     """
-    own = partial(resolved.controller, working)
-    controller = own() if brain is None else brain.select_controller(own)
+
+    def guarded(scenario: ResolvedScenario) -> Guarded:
+        own = partial(scenario.controller, working)
+        controller = own() if brain is None else brain.select_controller(own)
+        return Guarded(controller if around is None else around(controller))
+
     return Pipeline(
         decoder=pose.decoder,
         gate=TrustGate(pose.profile, pose.epoch),
         placement=pose.placement,
         predictor=Predictor(),
         sensors=sensors_of(resolved),
-        controller=Guarded(controller if around is None else around(controller)),
+        controller=guarded(resolved) if variants is None else variants.controller(guarded),
         vehicle=resolved.vehicle,
         path=resolved.path,
         desired_speed=resolved.scenario.ego.speed_mps,

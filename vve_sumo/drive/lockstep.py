@@ -21,6 +21,7 @@ from vve_sumo.drive.people_on_road import PeopleOnRoad
 from vve_sumo.drive.pipeline import Pipeline, TickResult
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
 from vve_sumo.drive.rolling_start import RollingController, RollingStart, require_start_from_rest, roll
+from vve_sumo.drive.shared_prefix import Variants
 from vve_sumo.drive.simulated_people import everybody_simulated
 from vve_sumo.drive.standstill_cause import StandstillClassifier
 from vve_sumo.drive.termination import DriveEnd, Outcome, TerminationMonitor, end_reason
@@ -116,7 +117,12 @@ class LockstepParts:
             roll(self.rolling, self.pipeline, self.gateway, car, operator)
 
 
-def assemble(resolved: ResolvedScenario, working: Path, brain: ExternalController | None = None) -> LockstepParts:
+def assemble(
+    resolved: ResolvedScenario,
+    working: Path,
+    brain: ExternalController | None = None,
+    variants: Variants | None = None,
+) -> LockstepParts:
     """Build an ego's pipeline and gateway, the same for a drive with SUMO and for the replay of a record."""
     lot = resolved.scenario.ego.lot
     frame = local_frame(math.radians(lot.latitude_deg), math.radians(lot.longitude_deg))
@@ -134,7 +140,7 @@ def assemble(resolved: ResolvedScenario, working: Path, brain: ExternalControlle
         start = alignment.inverse().apply(pose_at_rest(stands.x, stands.y, stands.heading))
     around = None if rolling is None else partial(RollingController, rolling=rolling)
     # The gateway is in this process and cannot outlive the tick: a fallback path is computed when a stop needs it.
-    pipeline = build_pipeline(resolved, pose, working, brain, deferred_fallback_path, around)
+    pipeline = build_pipeline(resolved, pose, working, brain, deferred_fallback_path, around, variants)
     return LockstepParts(pipeline, gateway_of(resolved.model), frame, alignment, start, rolling)
 
 
@@ -186,9 +192,10 @@ class LockstepEgo:
         working: Path,
         alter: Callable[[Fix], Fix | None],
         brain: ExternalController | None,
+        variants: Variants | None = None,
     ) -> None:
         """Build everything but the virtual road; raises ConfigError where something in the scenario is not usable."""
-        parts = assemble(resolved, working, brain)
+        parts = assemble(resolved, working, brain, variants)
         self.id, self.brain = ego, brain
         self.pipeline, self.gateway, self._alignment = parts.pipeline, parts.gateway, parts.alignment
         self.lot = LotAlignment(parts.frame.projection, parts.alignment, DEFAULT_EPOCH)
@@ -268,16 +275,21 @@ class Lockstep:
         alter: Callable[[Fix], Fix | None] = unaltered,
         brain: ExternalController | None = None,
         loaded: LoadedRoad | None = None,
+        variants: Variants | None = None,
     ) -> None:
         """Build the drive and start SUMO; raises ConfigError where something in the scenario is not usable.
 
         `alter` injects receiver faults: it returns the fix to send in place of the true one, None for a lost packet.
         An external controller `brain` drives in place of the scenario's own. A road that is `loaded` is driven on.
+        With `variants`, of which `resolved` is the first, all of them are driven as one until they differ.
         """
         self._phones = everybody_simulated(resolved)
-        self.egos = [LockstepEgo(ego.id, resolved, working, alter, brain) for ego in egos_of(resolved)]
+        self.egos = [LockstepEgo(ego.id, resolved, working, alter, brain, variants) for ego in egos_of(resolved)]
         self.lot = self.egos[0].lot
-        self.road = VirtualRoad(open_world(resolved, loaded=loaded), scenario_engine(resolved))
+        engine = scenario_engine(resolved) if variants is None else variants.engine(scenario_engine)
+        self.road = VirtualRoad(open_world(resolved, loaded=loaded), engine)
+        if variants is not None:
+            variants.forked = self.road.inherit
         if brain is not None and brain.publisher.tells_signals:
             brain.publisher.signals = self.road.timed_signals()
         self._last = round(resolved.scenario.duration_s / PERIOD) - 1

@@ -14,7 +14,7 @@ from types import MappingProxyType
 from typing import Any, Final, Protocol
 
 from vve_sumo.commanded_path import curve
-from vve_sumo.controller import Guarded
+from vve_sumo.controller import GuardedController
 from vve_sumo.frames import Placement, move_point
 from vve_sumo.frozen import fast_frozen
 from vve_sumo.lot.fallback import fallback_path
@@ -122,7 +122,7 @@ class Pipeline:
         placement: Placement,
         predictor: Predictor,
         sensors: Mapping[str, GuardedSensor],
-        controller: Guarded,
+        controller: GuardedController,
         vehicle: Vehicle,
         path: ReferencePath,
         desired_speed: float,

@@ -6,6 +6,7 @@ The only module of this package that reads the wall clock: for the record's begi
 from __future__ import annotations
 
 import datetime
+import hashlib
 import time
 import traceback
 from collections.abc import Mapping
@@ -22,6 +23,7 @@ from vve_sumo.drive.lockstep import Lockstep, TickCallback
 from vve_sumo.drive.playback import Playback
 from vve_sumo.drive.resolved_scenario import ResolvedScenario, resolve_scenario
 from vve_sumo.drive.rolling_start import require_start_from_rest
+from vve_sumo.drive.shared_prefix import Variants
 from vve_sumo.drive.summary import EXTERNAL_CONTROLLER, measure, summary_of
 from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.errors import ConfigError, RigError, SimulationError
@@ -30,7 +32,7 @@ from vve_sumo.record.layout import COMMANDED, PROVENANCE, ROADS, TICK_METRICS
 from vve_sumo.record.roads import roads_table
 from vve_sumo.record.signals import SIGNALS, signals_text
 from vve_sumo.record.tick_metrics import tick_metrics_table
-from vve_sumo.record.writer import MemoryRecorder, RecordWriter, claim
+from vve_sumo.record.writer import MemoryRecorder, RecordWriter, claim, scenario_bytes
 from vve_sumo.scenario import overrides
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Scenario
@@ -169,7 +171,46 @@ def run(
             record.attach(SIGNALS, signals_text(done.signals))
     finally:
         shell.close()
-    parts = record.close()
+    summary = _summary(resolved, done, record, record.close())
+    if foreign:
+        summary |= foreign | {"controller": EXTERNAL_CONTROLLER}
+    if isinstance(record, RecordWriter):
+        summary |= {"record_files_sha256": hash_files(folder)}
+        record.summarise(summary)
+    return Drive(folder, summary)
+
+
+def run_variants(
+    variants: Variants,
+    working: Path,
+    *,
+    on_tick: TickCallback = lambda tick, now, speed, station: None,
+    loaded: LoadedRoad | None = None,
+) -> dict[int, dict[str, Any]]:
+    """Drive scenarios as one until they differ; return the summaries of those that this process drove to their end.
+
+    Each summary, by the scenario's number, is that of `run` without a record that is kept. Raises as `run` does, where
+    one of the scenarios is wrong.
+    """
+    first = variants.scenarios[0]
+    shell = Lockstep(first, working, loaded=loaded, variants=variants)
+    try:
+        record = MemoryRecorder(first.to_dict(working) | shell.lot.to_dict(), shell.lot.epoch)
+        done = run_guarded(shell, record, on_tick)
+    finally:
+        shell.close()
+    parts, summaries = record.close(), {}
+    for number in variants.together:
+        scenario = variants.scenarios[number]
+        own = hashlib.sha256(scenario_bytes(scenario.to_dict(working) | shell.lot.to_dict())).hexdigest()
+        summaries[number] = _summary(scenario, done, record, parts | {"scenario.json": own})
+    return summaries
+
+
+def _summary(
+    resolved: ResolvedScenario, done: DriveEnd, record: MemoryRecorder, parts: dict[str, str]
+) -> dict[str, Any]:
+    """Return the summary of a closed record whose parts have these hashes; attach the metrics of every tick to it."""
     tables, roads, own = record.tables, roads_table(resolved.lanes), resolved.own_metrics()
     commanded = tables.get(COMMANDED)
     measured = measure(resolved, own, tables["ticks"], tables["actors"], roads, commanded)
@@ -177,13 +218,7 @@ def run(
         table = tick_metrics_table(own.declared.per_tick, measured.per_tick, tables["ticks"])
         if table is not None:
             record.attach_table(TICK_METRICS, table)
-    summary = summary_of(resolved, done, tables["ticks"], tables["actors"], parts, roads, measured, commanded)
-    if foreign:
-        summary |= foreign | {"controller": EXTERNAL_CONTROLLER}
-    if isinstance(record, RecordWriter):
-        summary |= {"record_files_sha256": hash_files(folder)}
-        record.summarise(summary)
-    return Drive(folder, summary)
+    return summary_of(resolved, done, tables["ticks"], tables["actors"], parts, roads, measured, commanded)
 
 
 def run_guarded(shell: DriveHost, record: MemoryRecorder, on_tick: TickCallback) -> DriveEnd:

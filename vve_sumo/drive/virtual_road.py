@@ -12,6 +12,7 @@ from typing import Any, Final
 
 from vve_sumo.drive.people_on_road import PeopleOnRoad
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
+from vve_sumo.drive.shared_prefix import ActorEngine
 from vve_sumo.intersections import SignalPhase
 from vve_sumo.path import ReferencePath
 from vve_sumo.scenario import schema
@@ -101,7 +102,7 @@ class VirtualRoad:
     car is faster than MOVING_SPEED.
     """
 
-    def __init__(self, world: World, engine: ScenarioEngine, *, waits: bool = False) -> None:
+    def __init__(self, world: World, engine: ActorEngine, *, waits: bool = False) -> None:
         self._world, self._engine, self._waits = world, engine, waits
         self._began: float | None = None
         self._entered: set[str] = set()  # ids of the egos that have had a pose
@@ -153,6 +154,10 @@ class VirtualRoad:
         """End the simulation."""
         self._world.close()
 
+    def inherit(self) -> None:
+        """Go on in a fork of the process that has driven so far; SUMO ends with the fork."""
+        self._world.inherit()
+
     def admit(self, people: PeopleOnRoad) -> None:
         """Have real people on the road; call it before the first step."""
         self._people = people
@@ -177,7 +182,7 @@ class VirtualRoad:
         actors: tuple[ActorState, ...] | None = None
         # The engine of the scenario's actors knows one ego.
         if self._began is not None and (ego := poses.get(EGO)) is not None:
-            actors = tuple(self._engine.step(ego.time - self._began, ego))
+            actors = self._engine.step(ego.time - self._began, ego)
         if self._people is not None:
             # People are there from the first step on: whether they are is a condition for the drive to begin.
             actors = (actors or ()) + self._people.step(next(iter(poses.values())).time)

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 RESERVED: Final = frozenset(
     {"scenario", "title", "seed", "controller", "versions", "text", "brain", "rig", "shadow", "latency"}
     | {"gateway_steps", "metric_errors", "record_broken", "summary_sha256", "record_parts_sha256"}
-    | {"record_files_sha256", "number", "key", "error", "undisturbed", "wall_s", "cpu_s", "peak_mb", "said", "tick"}
+    | {"record_files_sha256", "number", "key", "error", "undisturbed", "wall_s", "cpu_s", "peak_mb", "shared_s", "said"}
+    | {"tick"}
 )
 #: characters of a text that a metric may return, and of the message about one that failed
 MAX_TEXT: Final = 200

@@ -51,6 +51,7 @@ MACHINE = rows(
     RUN["key"],
     Metric("wall_s", "wall time", "wall time that the run took"),
     Metric("cpu_s", "processor time", "processor time that it took"),
+    Metric("shared_s", "shared time", "drive time up to which other runs of the sweep were driven as one with it"),
     Metric("peak_mb", "peak memory", "greatest memory of its process, 10^6 bytes"),
     Metric("said", "last words", "the last that a run with an error printed", kind="str"),
 )

@@ -255,6 +255,11 @@ class _TableFile(_Table):
         self._sink.flush()
 
 
+def scenario_bytes(resolved: dict[str, Any]) -> bytes:
+    """Return the content of a record's scenario.json."""
+    return (json.dumps(resolved, indent=1, sort_keys=True, allow_nan=False) + "\n").encode()
+
+
 class MemoryRecorder:
     """Records one drive in memory: hashes, and the tables in SUMMARISED.
 
@@ -272,9 +277,8 @@ class MemoryRecorder:
         """
         self._epoch = epoch
         self.tables: dict[str, pa.Table] = {}  #: by name, filled by `close`; those of a record in memory are SUMMARISED
-        text = (json.dumps(resolved, indent=1, sort_keys=True, allow_nan=False) + "\n").encode()
         self._raw = {name: self._bytes(name) for name in RAW_PARTS}
-        self._raw["scenario.json"].append(text)
+        self._raw["scenario.json"].append(scenario_bytes(resolved))
         self._raw["scenario.json"].flush()
         self._pose, self._can = self._raw["pose.bin"], self._raw["can.log"]
         schemas = {**self.schemas, **sensor_schemas(resolved)}

@@ -253,6 +253,7 @@ def _part_name(part: int) -> str:
 def row_of(plan: SweepPlan, cell: RunSpec, result: RunResult) -> Row:
     """Return the row of a finished run; a missing metric is None."""
     machine = {"wall_s": result.wall_s, "cpu_s": result.cpu_s, "peak_mb": result.peak_mb, "said": result.said}
+    machine |= {"shared_s": result.shared_s}
     fields = {
         "number": cell.number,
         "key": cell.key,

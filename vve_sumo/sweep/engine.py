@@ -5,13 +5,16 @@ Passes each result on as it comes, in any order; knows neither the sweep's cells
 
 from __future__ import annotations
 
+import math
 import select
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from typing import Protocol
 
 from vve_sumo.drive.progress import DriveProgress
 from vve_sumo.errors import ConfigError
 from vve_sumo.sweep.job import DISK_FULL, Job, RunResult, refused
+from vve_sumo.sweep.shared_prefix import MAX_JOBS, shared_key
 from vve_sumo.sweep.worker import Worker
 
 Done = Callable[[Job, RunResult], None]
@@ -54,21 +57,58 @@ class Local:
                 worker.kill()
 
     def _drive(self, workers: list[Worker], jobs: Iterator[Job | None], done: Done) -> None:
-        driven: dict[Worker, Job] = {}
+        driven: dict[Worker, dict[str, Job]] = {}
+        queue = JobQueue(jobs, len(workers))
         for worker in workers:
-            _submit_next(worker, driven, jobs, done)
+            _submit_next(worker, driven, queue, done)
         while driven:
             for worker in _ready(driven):
-                result = worker.result()
-                if result is None:
-                    continue
-                check_room(result)
-                job = driven.pop(worker)
-                _submit_next(worker, driven, jobs, done)
-                done(job, result)
+                while (result := worker.result()) is not None:
+                    check_room(result)
+                    job = driven[worker].pop(result.key)
+                    if not worker.busy:
+                        del driven[worker]
+                        _submit_next(worker, driven, queue, done)
+                    done(job, result)
+                    if not worker.has_result:
+                        break
             for worker in workers:
                 if worker not in driven:
-                    _submit_next(worker, driven, jobs, done)
+                    _submit_next(worker, driven, queue, done)
+
+
+class JobQueue:
+    """The jobs that come, and those among them that are driven as one."""
+
+    def __init__(self, jobs: Iterator[Job | None], workers: int) -> None:
+        """`jobs` are as `Engine.run` says; they are taken as needed."""
+        self._jobs, self._workers = jobs, workers
+        self._alike: deque[Job] = deque()  #: of one `shared_key`
+        self._share = 0  #: of each worker
+        self._next: Job | None = None  #: the first of another, which has been taken already
+
+    def take(self) -> list[Job]:
+        """Return the next jobs to be driven as one, so many that all workers have some; none where there are none."""
+        if not self._alike:
+            self._fill()
+            self._share = math.ceil(len(self._alike) / self._workers)
+        return [self._alike.popleft() for _ in range(min(self._share, len(self._alike)))]
+
+    def _fill(self) -> None:
+        first = self._next or next(self._jobs, None)
+        self._next = None
+        if first is None:
+            return
+        self._alike.append(first)
+        key = shared_key(first)
+        while key is not None and len(self._alike) < MAX_JOBS * self._workers:
+            job = next(self._jobs, None)
+            if job is None:
+                return
+            if shared_key(job) != key:
+                self._next = job
+                return
+            self._alike.append(job)
 
 
 def run_one(job: Job, report: Callable[[DriveProgress], None] = lambda progress: None) -> RunResult:
@@ -78,17 +118,16 @@ def run_one(job: Job, report: Callable[[DriveProgress], None] = lambda progress:
     return results[0]
 
 
-def _submit_next(worker: Worker, driven: dict[Worker, Job], jobs: Iterator[Job | None], done: Done) -> None:
-    """Submit the next job to a worker; a job that cannot be serialized is done with an error at once."""
-    for job in jobs:
-        if job is None:
-            return
+def _submit_next(worker: Worker, driven: dict[Worker, dict[str, Job]], queue: JobQueue, done: Done) -> None:
+    """Submit the next jobs to a worker; those that cannot be serialized are done with an error at once."""
+    while jobs := queue.take():
         try:
-            worker.submit(job)
+            worker.submit(*jobs)
         except ConfigError as error:
-            done(job, refused(job, error))
+            for job in jobs:
+                done(job, refused(job, error))
         else:
-            driven[worker] = job
+            driven[worker] = {job.key: job for job in jobs}
             return
 
 

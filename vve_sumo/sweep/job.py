@@ -8,6 +8,7 @@ from __future__ import annotations
 import errno
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Self
@@ -15,7 +16,7 @@ from typing import Any, Self
 from vve_sumo.drive.progress import DriveProgress
 from vve_sumo.errors import ConfigError
 
-VERSION = 5  #: of the lines that jobs and results travel as
+VERSION = 6  #: of the lines that jobs and results travel as
 
 PROGRESS_PREFIX = "at "  #: prefix of a line of progress; time, speed, s and the path's length follow
 READY = "ready"  #: line of a server that is ready for jobs
@@ -82,6 +83,7 @@ class RunResult:
     cpu_s: float = 0.0  #: of its process and those that it waited for
     peak_mb: float = 0.0  #: its process' greatest resident memory, 10^6 bytes, shared pages included
     said: str = ""  #: end of the output of a run with an error
+    shared_s: float = 0.0  #: drive time up to which other runs were driven as one with it
 
     def to_json(self) -> str:
         """Return the result as one line of JSON; not-a-number and infinity become null."""
@@ -101,8 +103,24 @@ _JOB: dict[str, tuple[type, ...]] = {
 }  # fmt: skip
 _RESULT: dict[str, tuple[type, ...]] = {
     "key": (str,), "figures": (dict,), "error": (str,), "wall_s": _NUMBER, "cpu_s": _NUMBER, "peak_mb": _NUMBER,
-    "said": (str,),
+    "said": (str,), "shared_s": _NUMBER,
 }  # fmt: skip
+
+
+def line_of(jobs: Sequence[Job]) -> str:
+    """Return one line of JSON for jobs that are driven as one; raises ConfigError as `Job.to_json` does."""
+    return f"[{', '.join(job.to_json() for job in jobs)}]"
+
+
+def jobs_of(line: str) -> list[Job]:
+    """Return the jobs of a line that `line_of` made; raises ConfigError for a line of another version or content."""
+    try:
+        each: Any = json.loads(line)
+    except ValueError as error:
+        raise ConfigError(f"jobs: expected a line of JSON, {error}: {line[:80]!r}") from None
+    if not isinstance(each, list) or not each:
+        raise ConfigError(f"jobs: expected a list, got {line[:80]!r}")
+    return [Job.from_json(json.dumps(one)) for one in each]
 
 
 def progress_line(progress: DriveProgress) -> str:

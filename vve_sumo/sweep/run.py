@@ -9,7 +9,8 @@ import importlib
 import os
 import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from vve_sumo.drive import run as drives
 from vve_sumo.drive.brain import ExternalController
 from vve_sumo.drive.progress import DriveProgress, progress_callback
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
+from vve_sumo.drive.shared_prefix import Fork, Variants
 from vve_sumo.drive.summary import invalidating_events, judged
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.errors import ConfigError, RigError
@@ -77,6 +79,33 @@ def run_job(
         return RunResult(job.key, error=f"{RIG}{error}")
     except Exception as error:
         return _broken(job, scratch, f"{type(error).__name__}: {error}")
+    return _result(job, resolved, summary, scratch, more)
+
+
+def run_jobs(
+    jobs: Sequence[Job], scratch: Path, cache: InputCache, fork: Fork, loaded: LoadedRoad | None = None
+) -> list[RunResult]:
+    """Drive jobs as one until they differ; return the results of those that this process drove to their end.
+
+    The jobs have one `shared_key`, and `fork` is as `drive.shared_prefix.Fork` says. Raises ConfigError where one of
+    the jobs cannot be driven.
+    """
+    variants, shared = Variants([resolve_job(job, cache) for job in jobs], fork), 0.0
+
+    def watch(_tick: int, now: float, _speed: float, _station: float) -> None:
+        nonlocal shared
+        if len(variants.together) > 1:
+            shared = now
+
+    summaries = drives.run_variants(variants, jobs[0].working, on_tick=watch, loaded=loaded)
+    results = (_result(jobs[one], variants.scenarios[one], its, scratch, {}) for one, its in summaries.items())
+    return [replace(result, shared_s=shared) for result in results]
+
+
+def _result(
+    job: Job, resolved: ResolvedScenario, summary: dict[str, Any], scratch: Path, more: dict[str, MetricValue]
+) -> RunResult:
+    """Return a job's result by the summary of its drive."""
     text = _portable_text(
         "; ".join(filter(None, [summary["text"], *summary.get("metric_errors", {}).values()])), scratch
     )

@@ -1,8 +1,11 @@
 """The fork server of runs: it imports all modules once, then drives one job at a time, each in a child process.
 
-`python -m vve_sumo.sweep.server PARENT SCRATCH`: a job a line on stdin, a result a line on stdout, in the same order;
-lines of progress come before the result of a job with `progress` set. The server ends with its stdin or its parent, and
-all processes that it started end with it. It has one thread, because forking would not be safe otherwise.
+`python -m vve_sumo.sweep.server PARENT SCRATCH`: a list of jobs a line on stdin, a result a line on stdout for each of
+them; lines of progress come before the result of a job with `progress` set. The server ends with its stdin or its
+parent, and all processes that it started end with it. It has one thread, because forking would not be safe otherwise.
+
+The jobs of one line are driven as one until they differ, by a child that forks; its processes drive one after the
+other. Those that came to no result, or to an error, are driven again, each alone: an error is that of its own run.
 
 The first run on a road's files loads the road itself, so an error in them is that run's error. After a successful run,
 the server forks a process that loads the road and serves the same pipes in its place while jobs for this road come; the
@@ -25,7 +28,7 @@ import signal
 import sys
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -36,8 +39,9 @@ from vve_sumo.drive.provenance import decisive_versions, software
 from vve_sumo.errors import ConfigError, SimulationError
 from vve_sumo.sweep import process_tree
 from vve_sumo.sweep.input_cache import InputCache, resolve_job
-from vve_sumo.sweep.job import CHUNK, READY, Job, RunResult, progress_line
-from vve_sumo.sweep.run import driver_of, run_job, tidy
+from vve_sumo.sweep.job import CHUNK, READY, Job, RunResult, jobs_of, progress_line
+from vve_sumo.sweep.run import driver_of, run_job, run_jobs, tidy
+from vve_sumo.sweep.shared_prefix import ForkingRun
 from vve_sumo.sweep.shared_road import RoadFiles, SharedRoad
 from vve_sumo.vehicle import interface
 
@@ -136,18 +140,58 @@ class ForkServer:
     def _serve(self) -> NoReturn:
         while True:
             line = self._next()
-            job = Job.from_json(line)
+            jobs = jobs_of(line)
+            job = jobs[0]
             if self._road is None and self._roads.get(RoadFiles.of(job)):
                 self._put_back(line)
                 self._delegate_to_fork(job)
             elif self._road is None or self._road.serves(job):
-                self._write_line(self.run(job).to_json())
+                done = self._drive_as_one(jobs) if len(jobs) > 1 else set()
+                for job in jobs:
+                    if job.key not in done:
+                        self._write_line(self.run(job).to_json())
             else:
                 self._put_back(line)
                 raise OtherRoadError
 
     def _put_back(self, line: str) -> None:
         self._waiting = f"{line}\n".encode() + self._waiting
+
+    def _drive_as_one(self, jobs: Sequence[Job]) -> set[str]:
+        """Drive several jobs in a child and those that it forks; return the keys of those whose results were written.
+
+        Each result is written as it comes, unless it is an error.
+        """
+        first, done = replace(jobs[0], time_limit_s=jobs[0].time_limit_s * len(jobs)), set[str]()
+
+        def take(line: str) -> None:
+            if not (result := RunResult.from_json(line)).error:
+                self._write_line(line)
+                done.add(result.key)
+
+        tidy(first, self._scratch, keep=False)
+        gc.freeze()
+        child = self._fork(partial(self._drive_parts, jobs))
+        try:
+            self._watch(child, first, take, shares=True)
+        finally:
+            process_tree.end_descendants()
+            child.read_pipes()
+            child.close()
+        for line in child.lines():
+            take(line.decode())
+        tidy(first, self._scratch, keep=True)
+        if done:
+            self._warm(first)
+            self._roads.setdefault(RoadFiles.of(first), True)
+        return done
+
+    def _drive_parts(self, jobs: Sequence[Job], result_end: int) -> str:
+        """Drive in a child what of several jobs it does not fork off; return the lines of the results."""
+        process = ForkingRun()
+        loaded = self._road.loaded if self._road else None
+        results = process.with_cost(run_jobs(jobs, self._scratch, self._cache, process.fork, loaded))
+        return "".join(f"{result.to_json()}\n" for result in results)
 
     def run(self, job: Job) -> RunResult:
         """Drive one job in a child and return its result; raises OrphanedError when the parent has ended."""
@@ -157,9 +201,9 @@ class ForkServer:
         if job.driver:
             driver_of(job)  # imported once here
         gc.freeze()
-        child = self._fork(job)
+        child = self._fork(partial(self._drive, job))
         try:
-            limit = self._watch(child, job)
+            limit = self._watch(child, job, self._write_line)
         finally:
             process_tree.kill([child.pid])
             _pid, status, usage = os.wait4(child.pid, 0)
@@ -176,17 +220,20 @@ class ForkServer:
         peak = usage.ru_maxrss * 1024 / 1e6
         return replace(result, wall_s=wall, cpu_s=usage.ru_utime + usage.ru_stime, peak_mb=peak)
 
-    def _fork(self, job: Job) -> Child:
+    def _drive(self, job: Job, result_end: int) -> str:
+        """Drive a job in a child; return the line of its result, which has no end."""
+        loaded = self._road.loaded if self._road else None
+        report = partial(_report, result_end) if job.progress else _no_report
+        return run_job(job, self._scratch, self._cache, report, loaded).to_json()
+
+    def _fork(self, drive: Callable[[int], str]) -> Child:
+        """Fork a child that drives, and is passed the pipe on which it may report before it returns its results."""
         (result_pipe, result_end), (output_pipe, output_end) = os.pipe(), os.pipe()
         server, begun = os.getpid(), time.monotonic()
         pid = os.fork()
         if pid == 0:
             for pipe in (self._jobs, self._results, *([self._back] if self._road else ())):
                 os.close(pipe)
-            loaded = self._road.loaded if self._road else None
-            drive = partial(run_job, job, self._scratch, self._cache, loaded=loaded)
-            if job.progress:
-                drive = partial(drive, report=partial(_report, result_end))
             _run_child(drive, server, result_end, output_end)
         os.close(result_end)
         os.close(output_end)
@@ -258,8 +305,11 @@ class ForkServer:
             rest = rest[os.write(self._back, rest) :]
         return code
 
-    def _watch(self, child: Child, job: Job) -> str:
-        """Wait for a child's end; return the error if it exceeded a limit, else an empty string."""
+    def _watch(self, child: Child, job: Job, take: Callable[[str], None], *, shares: bool = False) -> str:
+        """Wait for a child's end; return the error if it exceeded a limit, else an empty string.
+
+        `take` receives its lines as they come. With `shares` it forks runs of the same memory.
+        """
         poll = select.poll()
         for descriptor in (child.handle, child.output_pipe, child.result_pipe, self._jobs):
             poll.register(descriptor, select.POLLIN)
@@ -267,7 +317,7 @@ class ForkServer:
             events = dict(poll.poll(1000.0 * POLL_INTERVAL))
             child.read_pipes()
             for line in child.lines():
-                self._write_line(line.decode())
+                take(line.decode())
             for pipe in (child.output_pipe, child.result_pipe):
                 if events.get(pipe, 0) & select.POLLHUP:
                     poll.unregister(pipe)
@@ -278,7 +328,7 @@ class ForkServer:
             self._check_parent()
             if not time.monotonic() - child.begun <= job.time_limit_s:
                 return "timed_out"
-            if not _memory_mb(child) <= job.memory_limit_mb:
+            if not _memory_mb(child, shares) <= job.memory_limit_mb:
                 return "memory"
 
     def _warm(self, job: Job) -> None:
@@ -318,14 +368,16 @@ class ForkServer:
             raise OrphanedError from None
 
 
-def _memory_mb(child: Child) -> float:
-    """Return the memory of a run and its child processes [10^6 bytes]."""
+def _memory_mb(child: Child, shares: bool) -> float:
+    """Return the memory of a run and its child processes [10^6 bytes]; with `shares`, of the greatest of them."""
     now = time.monotonic()
     if now - child.tree_checked_at >= PROCESS_POLL_INTERVAL:
         child.tree_checked_at = now
         others = (one for one in process_tree.descendants(os.getpid()) if one != child.pid)
-        child.others_mb = sum(map(process_tree.resident, others)) / 1e6
-    return process_tree.resident(child.pid) / 1e6 + child.others_mb
+        resident = [process_tree.resident(one) / 1e6 for one in others]
+        child.others_mb = max(resident, default=0.0) if shares else sum(resident)
+    own = process_tree.resident(child.pid) / 1e6
+    return max(own, child.others_mb) if shares else own + child.others_mb
 
 
 def _result(job: Job, child: Child, status: int, limit: str) -> RunResult:
@@ -356,11 +408,15 @@ def _text(output: bytes) -> str:
     return text.strip()[-MAX_OUTPUT_CHARACTERS:]
 
 
+def _no_report(progress: DriveProgress) -> None:
+    """Nobody follows the run."""
+
+
 def _report(result_end: int, progress: DriveProgress) -> None:
     os.write(result_end, progress_line(progress).encode() + b"\n")
 
 
-def _run_child(drive: Callable[[], RunResult], server: int, result_end: int, output_end: int) -> NoReturn:
+def _run_child(drive: Callable[[int], str], server: int, result_end: int, output_end: int) -> NoReturn:
     """Drive in the child, write the result, and exit without closing what the server has open."""
     code = 1
     try:
@@ -372,7 +428,7 @@ def _run_child(drive: Callable[[], RunResult], server: int, result_end: int, out
             os.dup2(descriptor, number)
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         faulthandler.enable(file=2)
-        line = memoryview(drive().to_json().encode())
+        line = memoryview(drive(result_end).encode())
         while line:
             line = line[os.write(result_end, line) :]
         code = 0

@@ -1,6 +1,7 @@
 """The client of one fork server: submits jobs, reads results, restarts the server when it dies.
 
-One job at a time. Never blocks, except for the end of a process; the caller waits on the workers' descriptors.
+One job at a time, or several that are driven as one. Never blocks, except for the end of a process; the caller waits on
+the workers' descriptors.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
@@ -22,7 +23,7 @@ from typing import IO
 from vve_sumo.drive.progress import DriveProgress
 from vve_sumo.errors import SimulationError
 from vve_sumo.sweep import process_tree
-from vve_sumo.sweep.job import CHUNK, READY, Job, RunResult, progress_of
+from vve_sumo.sweep.job import CHUNK, READY, Job, RunResult, line_of, progress_of
 
 MAX_ATTEMPTS = 2  #: largest number of starts of a job, because a server may be killed from outside
 SHUTDOWN_TIMEOUT = 5.0  #: time for a server to clean up after its stdin was closed, before it is killed [s]
@@ -96,19 +97,20 @@ def search_path() -> str:
 
 
 class Worker:
-    """One server, and the job that it drives; the first job starts the server."""
+    """One server, and the jobs that it drives as one; the first job starts the server."""
 
     def __init__(self, report: Callable[[DriveProgress], None] = lambda progress: None) -> None:
         """`report` receives the progress of a job with `progress` set, while `result` reads it."""
         self._report = report
         self._server: _Server | None = None
-        self._job: Job | None = None
-        self._tries = 0  #: how often the job was begun
+        self._jobs: dict[str, Job] = {}  #: those that the server drives, by their keys
+        self._later: list[Job] = []  #: of those that died together: each is driven alone
+        self._tries = 0  #: how often the server's jobs were begun
 
     @property
     def busy(self) -> bool:
         """Whether a job is being driven."""
-        return self._job is not None
+        return bool(self._jobs or self._later)
 
     @property
     def pid(self) -> int:
@@ -124,11 +126,17 @@ class Worker:
         self._server = self._server or _start()
         return self._server
 
-    def submit(self, job: Job) -> None:
-        """Submit a job; raises ConfigError where it cannot be serialized, and then submits nothing."""
+    def submit(self, *jobs: Job) -> None:
+        """Submit a job, or several of one `shared_key`.
+
+        Raises ConfigError where one cannot be serialized, and then submits nothing.
+        """
         assert not self.busy
-        line = job.to_json()
-        self._job, self._tries = job, 0
+        self._begin(jobs)
+
+    def _begin(self, jobs: Sequence[Job]) -> None:
+        line = line_of(jobs)
+        self._jobs, self._tries = {job.key: job for job in jobs}, 0
         self._send(line)
 
     def _send(self, line: str) -> None:
@@ -140,17 +148,28 @@ class Worker:
                 rest = rest[server.jobs.write(rest) :]
 
     def result(self) -> RunResult | None:
-        """Return the result of the job, or None while there is none yet.
+        """Return the next result of a job, or None while there is none yet.
 
-        A server that died is restarted with the same job, once. Raises SimulationError where it cannot be started.
+        A server that died is restarted with the same jobs, once. Raises SimulationError where it cannot be started.
         """
         server = self.start()
+        if (done := self._next(server)) is not None:
+            return done
         data: bytes | None = server.results.read(CHUNK)
         if data is None:
             return None
         if data == b"":
             return self._died(server)
         server.buffer += data
+        return self._next(server)
+
+    @property
+    def has_result(self) -> bool:
+        """Whether `result` returns one that was read already."""
+        return self._server is not None and b"\n" in self._server.buffer
+
+    def _next(self, server: _Server) -> RunResult | None:
+        """Return the first result of what was read; pass on the progress before it."""
         while b"\n" in server.buffer:
             line, _newline, server.buffer = server.buffer.partition(b"\n")
             if line.decode() == READY:
@@ -158,9 +177,17 @@ class Worker:
             elif (progress := progress_of(line.decode())) is not None:
                 self._report(progress)
             else:
-                self._job = None
-                return RunResult.from_json(line.decode())
+                result = RunResult.from_json(line.decode())
+                del self._jobs[result.key]
+                self._go_on()
+                return result
         return None
+
+    def _go_on(self) -> None:
+        """Submit the next of the jobs that died together, once the server drives none."""
+        if not self._jobs and self._later:
+            job, *self._later = self._later
+            self._begin([job])
 
     def dismiss(self) -> None:
         """Close the server's stdin, which ends it and its run; `kill` waits for the end."""
@@ -171,18 +198,25 @@ class Worker:
         """End the server and all its processes; its present run is lost."""
         if self._server is not None:
             self._server.end()
-        self._server, self._job = None, None
+        self._server, self._jobs, self._later = None, {}, []
 
     def _died(self, server: _Server) -> RunResult | None:
-        """Remove a dead server; submit its job to a new one, or give the job up."""
-        job, code, output = self._job, server.process.wait(), server.last_output()
+        """Remove a dead server; submit its jobs to a new one, each alone, or give a job up that was alone twice."""
+        jobs, later, code, output = list(self._jobs.values()), self._later, server.process.wait(), server.last_output()
         self.kill()
+        self._later = later
         if code >= 0 and not server.ready:
             raise SimulationError(f"sweep: the process that forks runs ended at its start with code {code}: {output}")
-        if job is None:
+        if not jobs:
             return None
+        if len(jobs) > 1:
+            self._later = [*jobs, *later]
+            self._go_on()
+            return None
+        [job] = jobs
         if self._tries < MAX_ATTEMPTS:
-            self._job = job
-            self._send(job.to_json())
+            self._jobs = {job.key: job}
+            self._send(line_of(jobs))
             return None
+        self._go_on()
         return RunResult(job.key, error=f"killed: {signal.Signals(-code).name}" if code < 0 else f"server: {output}")

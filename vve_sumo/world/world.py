@@ -208,6 +208,10 @@ class World:
         """End the simulation; the process may start another."""
         self._simulation.close()
 
+    def inherit(self) -> None:
+        """Go on in a fork of the process that ran it so far; SUMO ends with the fork."""
+        self._simulation.inherit()
+
     def __enter__(self) -> World:
         return self
 
