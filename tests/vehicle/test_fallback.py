@@ -271,6 +271,8 @@ ASTRAY = [
     ("steering_disabled", {"forged": codec.SteeringReport(0.4, 0.4, 6.0, 0.0, enabled=False)}, {}),
     ("steering_timeout", {"forged": codec.SteeringReport(0.4, 0.4, 6.0, 0.0, enabled=False, timeout=True)}, {}),
     ("steering_not_following", {"process_faults": ("steering_not_following",)}, {}),
+    ("reports_inconsistent", {"process_faults": ("reports_inconsistent",)}, {}),
+    ("wheel_speeds_frozen", {"process_faults": ("wheel_speeds_frozen",)}, {}),
 ]
 
 

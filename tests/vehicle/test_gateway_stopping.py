@@ -268,3 +268,23 @@ def test_after_parking_another_controller_may_count_from_zero():
     assert not rig.gateway.done
     rig.run(1.0, acceleration=1.0)
     assert rig.car.speed > 0.3
+
+
+def _torques(fault: str) -> list[float]:
+    """Brake torques of a stop by a fault [N m], on a car that brakes harder than is believed of it."""
+    rig, torques = Rig(Car(brake_gain=1.6)), []
+    rig.cruise(12.0)
+    rig.step(0.0, process_faults=(fault,))
+    for _ in range(60):
+        assert rig.step(0.0).state is S.STOPPING
+        torques.append(rig.commands()[0].value)
+    return torques
+
+
+@pytest.mark.parametrize("fault", ["reports_inconsistent", "speed_mismatch", "wheel_speeds_frozen"])
+def test_where_the_speed_is_in_doubt_the_car_that_seems_to_brake_too_hard_is_braked_no_softer(fault):
+    """Where it is known, the torque goes back as the wheels slow down faster than asked."""
+    known, doubted = _torques("pose_stale"), _torques(fault)
+    assert min(known[30:]) < 0.8 * max(known)
+    assert doubted == sorted(doubted)
+    assert all(mine >= its for mine, its in zip(doubted, known, strict=True))
