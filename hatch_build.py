@@ -15,7 +15,7 @@ that does nothing: as a native class, only what inherits from it would be one.
 What mypyc 2.4 does otherwise than Python, and a listed module therefore leaves out: a generator expression is computed
 as a list, so an endless one never ends; a slice of a bytearray cannot be assigned to; a `Final` tuple that a
 comprehension runs over needs its type; a native object cannot be copied by its parts; a value of another type than
-declared raises.
+declared raises; options in a class line are left out.
 """
 
 from __future__ import annotations
@@ -50,6 +50,8 @@ def native_source(text: str) -> str:
     """Return the source of a module with its dataclasses and protocols as mypyc compiles them well."""
     lines, classes = text.split("\n"), [node for node in ast.parse(text).body if isinstance(node, ast.ClassDef)]
     for made in reversed(classes):
+        if made.keywords:
+            raise ValueError(f"{made.name}: options in a class line, which mypyc leaves out")
         if any(ast.unparse(base).split("[")[0] == "Protocol" for base in made.bases):
             lines.insert(made.lineno - 1, "@_plain")
         elif (call := _dataclass(made)) is not None:

@@ -24,10 +24,6 @@ from typing import Any
 
 import pytest
 
-from vve_sumo.drive import provenance
-from vve_sumo.errors import RigError
-from vve_sumo.live import session
-
 #: a fixture that takes long: `./check test` leaves its tests out
 THOROUGH_FIXTURE = "both"
 
@@ -259,13 +255,12 @@ def test_no_function_of_a_compiled_module_catches_two_kinds_of_errors_by_one_nam
     assert not found
 
 
-def test_a_live_drive_refuses_a_compiled_installation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(provenance, "is_compiled", lambda: True)
-    with pytest.raises(RigError, match="installed compiled"):
-        session.plan(
-            "parked_car", "simulated", REPOSITORY, out=tmp_path / "out", seed=None, controller=None, shadow=False
-        )
-    assert not list(tmp_path.iterdir())
+def test_no_compiled_class_has_options_in_its_class_line() -> None:
+    """Such as those of msgspec's structs: the compiled class would be without them, and nothing would say so."""
+    with pytest.raises(ValueError, match="Sent: options"):
+        hook().native_source("class Sent(Struct, array_like=True):\n    x: float\n")
+    for file in listed():
+        hook().native_source(file.read_text(encoding="utf-8"))
 
 
 def test_no_compiled_module_declares_a_port_that_is_checked_while_a_program_runs() -> None:
@@ -284,7 +279,8 @@ def test_no_compiled_module_declares_a_port_that_is_checked_while_a_program_runs
 )
 def test_a_compiled_drive_is_the_same_to_the_byte(scenario: str, tmp_path: Path) -> None:
     """The code from which this copy was made, as plain Python, drives to the same record hash."""
-    hashes, compiled = {}, {}
+    hashes: dict[str, str] = {}
+    compiled: dict[str, bool] = {}
     for place in (os.environ["VVE_PURE"], str(REPOSITORY)):
         out = tmp_path / str(len(hashes))
         ask = [sys.executable, "-m", "vve_sumo.cli", "drive", *scenario.split(), "--quiet", "--out", str(out)]

@@ -36,12 +36,13 @@ class Feedback(NamedTuple):
     steps: int  #: steps so far
 
 
-class _Path(msgspec.Struct, array_like=True, forbid_unknown_fields=True):
-    """A fallback path as it is sent."""
-
-    spacing: float
-    curvature: Annotated[tuple[float, ...], msgspec.Meta(max_length=_KNOTS_SENT)]
-
+#: a fallback path as it is sent; a class that is compiled would lose the options of its `class` line
+_Path: Final = msgspec.defstruct(
+    "_Path",
+    [("spacing", float), ("curvature", Annotated[tuple[float, ...], msgspec.Meta(max_length=_KNOTS_SENT)])],
+    array_like=True,
+    forbid_unknown_fields=True,
+)
 
 _Text = Annotated[str, msgspec.Meta(max_length=MAX_TEXT)]
 _NAMES: Final = tuple(field.name for field in dataclasses.fields(Setpoint))
