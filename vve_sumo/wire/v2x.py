@@ -12,7 +12,7 @@ from typing import Final
 
 from vve_sumo.body_kinds import BODY_KINDS
 from vve_sumo.frames import MapFrame
-from vve_sumo.sensors.v2x import SEMI_AXIS_95, STATION_TYPES
+from vve_sumo.sensors.v2x_senders import SEMI_AXIS_95, STATION_TYPES
 from vve_sumo.v2x import cam, cpm, geonetworking, its_time, uper, vam
 from vve_sumo.v2x.cam import Cam
 from vve_sumo.v2x.cpm import Cpm, Sensor, SensorType
