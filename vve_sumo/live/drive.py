@@ -31,7 +31,7 @@ from vve_sumo.frames import move_point
 from vve_sumo.geometry import behind_bumper
 from vve_sumo.live import messages, signals, spawn, start_pose
 from vve_sumo.live.assembly import from_dict, pipeline_of, source_of
-from vve_sumo.live.brain_link import ChannelLink, key_of, open_setpoints, tells_signals, wired_sensors
+from vve_sumo.live.brain_link import ChannelLink, key_of, open_setpoints, tells_own, tells_signals, wired_sensors
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.jitter_wait import JitterWait, gateway_lateness
 from vve_sumo.live.latency_monitor import LatencyMonitor
@@ -133,7 +133,15 @@ class LiveDrive:
         link_ = ChannelLink(outputs, setpoints, self._t0, actors=actors)
         frame, mounting, wired = self._resolved.map_frame, mounting_of(rig), wired_sensors(rig)
         return link_, external_controller(
-            brain.kind, link_, frame, mounting, lot.epoch, key, wired=wired, tells_signals=tells_signals(rig)
+            brain.kind,
+            link_,
+            frame,
+            mounting,
+            lot.epoch,
+            key,
+            wired=wired,
+            tells_signals=tells_signals(rig),
+            tells_own=tells_own(rig),
         )
 
     def run(self) -> None:

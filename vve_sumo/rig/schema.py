@@ -330,6 +330,7 @@ class RigOutput(Table):
         "vlp16_position",
         "v2x",
         "cam",
+        "denm",
         "cpm",
         "signals",
         "stop",

@@ -63,7 +63,9 @@ class Surroundings:
         east, north = actors.x[rows] - eye.x, actors.y[rows] - eye.y
         cos, sin = math.cos(heading), math.sin(heading)
         ahead, far = east * cos + north * sin, np.sqrt(east * east + north * north)
-        within = (far <= sector.range) & (ahead >= far * math.cos(0.5 * sector.view))
+        within = far <= sector.range
+        if sector.view < math.tau:  # else rounding would leave out who is straight behind
+            within &= ahead >= far * math.cos(0.5 * sector.view)
         rows, far = rows[within], far[within]
         seen = self._obstacles.visible(eye, rows, own)
         nearest = np.argsort(far[seen], kind="stable")

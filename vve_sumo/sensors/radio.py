@@ -116,7 +116,7 @@ class Obstacles:
         along, across = east * cos + north * sin, north * cos - east * sin
         by_along, by_across = to_x * cos + to_y * sin, to_y * cos - to_x * sin
         first, last = np.zeros(len(cos)), np.ones(len(cos))
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             for begin, way, half in ((along, by_along, 0.5 * actors.length), (across, by_across, 0.5 * actors.width)):
                 one, other = (-half - begin) / way, (half - begin) / way
                 level = way == 0.0

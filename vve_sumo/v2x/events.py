@@ -83,7 +83,8 @@ class EventTrigger:
     def due(self, now: int, acceleration: float, speed: float, *, hazard_lights: bool) -> tuple[Notice, ...]:
         """Return the notifications to be sent at a time [us].
 
-        The acceleration is along the way [m/s2], the speed over the ground [m/s]. A vehicle that stands at the first check has stood long enough.
+        The acceleration is along the way [m/s2], the speed over the ground [m/s]. A vehicle that stands at the first
+        check has stood long enough.
         """
         notices = (self._of_braking(now, acceleration), self._of_standing(now, speed < STANDING, hazard_lights))
         self._checked = True
