@@ -15,6 +15,7 @@ from tests.sensors.test_v2x import COLUMBUS, IDEAL, LEANING, PERIOD, heard
 from vve_sumo.body_kinds import number_of
 from vve_sumo.sensors.guarded import GuardedSensor, NotFiniteError, WrongTypeError
 from vve_sumo.sensors.port import configured
+from vve_sumo.sensors.v2x import V2xConfig
 from vve_sumo.sensors.v2x_messages import COLUMNS, CPM, DENM, MORE_COLUMNS
 from vve_sumo.values import Actors, ReportedObjects, RoadEvents, Stations
 
@@ -97,11 +98,11 @@ def occluded(time: float) -> Actors:
 
 
 def perceived(
-    config: object = PERCEIVING, seconds: float = 3.0, scene: Callable[[float], Actors] = occluded
+    config: V2xConfig = PERCEIVING, seconds: float = 3.0, scene: Callable[[float], Actors] = occluded
 ) -> Stations:
     x, y = COLUMBUS
     where = rear_axle(x, y)
-    return heard(config, scene, seconds, ego=lambda time: where, frame=LEANING)[-1].output  # type: ignore[arg-type]
+    return heard(config, scene, seconds, ego=lambda time: where, frame=LEANING)[-1].output
 
 
 def test_a_hidden_child_is_told_of_by_who_sees_it() -> None:

@@ -38,7 +38,7 @@ REFLECTIVITY, LIDAR_RANGE = 30, 100.0
 #: a return from higher than this is none of the road [m]
 ROAD_HEIGHT: Final = 0.2
 
-Table = TypeVar("Table", CameraObjects, Stations, ReportedObjects, RoadEvents)
+Table = TypeVar("Table", bound=CameraObjects | Stations | ReportedObjects | RoadEvents)
 
 
 class LidarMount(NamedTuple):
@@ -161,7 +161,7 @@ def without_rows(table: Table) -> Table:
         value = getattr(table, name)
         if isinstance(value, np.ndarray):
             changed[name] = value[:0]
-        elif isinstance(value, ReportedObjects) or isinstance(value, RoadEvents):
+        elif isinstance(value, ReportedObjects | RoadEvents):
             changed[name] = without_rows(value)
     return replace(table, **changed)
 
