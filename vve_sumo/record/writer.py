@@ -479,16 +479,6 @@ class LiveRecord(RecordWriter):
         """Record the row of a tick without flushing; the owner of the record decides when to flush."""
         self._tables["ticks"].append(_as_tuple(row))
 
-    def station_received(self, row: StationDatagramRow) -> None:
-        """Record a datagram of the real on-board unit."""
-        if (table := self._optional(STATION_DATAGRAMS)) is not None:
-            table.append(_datagram_tuple(row))
-
-    def station_placed(self, row: StationRow) -> None:
-        """Record a real station's body at one step of the virtual road."""
-        if (table := self._optional(STATIONS)) is not None:
-            table.append(_station_tuple(row))
-
     def _optional(self, name: str) -> _Table | None:
         """Return one of the tables that not every drive has; where it cannot be opened, note it in `broken`."""
         if name in self.broken and name not in self._tables:

@@ -16,7 +16,7 @@ from typing import Any, Final, NamedTuple
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, MapFrame
 from vve_sumo.stations.reports import StationReport
-from vve_sumo.stations.station_gate import GateLimits, Place, StationGate
+from vve_sumo.stations.station_gate import GateLimits, Place, StationGate, is_sound
 from vve_sumo.v2x.pdu_header import MessageId
 from vve_sumo.values import ActorState
 
@@ -83,6 +83,8 @@ class ReceivedStations:
 
     def receive(self, received: float, report: StationReport) -> str:
         """Take a report that arrived at drive time `received` [s]; return why it is not believed, empty if it is."""
+        if not is_sound(report):
+            return "not_finite"
         self._forget(received)
         station = self._stations.get(report.station)
         placed = self._placed(report, station)

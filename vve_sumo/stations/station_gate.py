@@ -95,7 +95,7 @@ class StationGate:
         limits = self.limits
         if report.station in limits.ignored:
             return "ignored"
-        if not all(map(math.isfinite, (received, report.measured, *place))):
+        if not (is_sound(report) and all(map(math.isfinite, (received, *place)))):
             return "not_finite"
         if report.measured > received + FUTURE_TOLERANCE:
             return "from_future"
@@ -103,11 +103,24 @@ class StationGate:
             return "old"
         if not report.accuracy <= limits.accuracy:
             return "inaccurate"
-        if not math.isfinite(report.speed) or (report.speed > 0.0 and not math.isfinite(report.heading)):
+        if math.isnan(report.speed) or (report.speed > 0.0 and math.isnan(report.heading)):
             return "unknown_motion"
         if report.speed > _max_speed(report.kind):
             return "too_fast"
         return "elsewhere" if math.hypot(*place) > limits.reach else ""
+
+
+def is_sound(report: StationReport) -> bool:
+    """Whether a report has a place, a size and numbers; NaN stands only for what may be unknown."""
+    known = (report.measured, report.latitude, report.longitude, report.ahead, report.yaw_rate)
+    return (
+        all(map(math.isfinite, known))
+        and abs(report.latitude) <= 0.5 * math.pi
+        and not (math.isinf(report.heading) or math.isinf(report.speed) or report.speed < 0.0)
+        and 0.0 < report.length < math.inf
+        and 0.0 < report.width < math.inf
+        and not report.accuracy <= 0.0
+    )
 
 
 def _after(report: StationReport, place: Place, last: StationReport, last_place: Place) -> str:
