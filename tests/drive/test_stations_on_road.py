@@ -74,7 +74,7 @@ def _drive(folder: str) -> None:
         )  # fmt: skip
     road.close()
     record.close()
-    path = [(s, *(getattr(resolved.path.at(s), name) for name in ("x", "y", "heading"))) for s in range(0, 60)]
+    path = [(s, *(getattr(resolved.path.at(s), name) for name in ("x", "y", "heading"))) for s in range(60)]
     (Path(folder) / "seen.json").write_text(json.dumps({"seen": seen, "path": path}))
 
 
@@ -135,5 +135,3 @@ def test_a_replay_notices_what_differs(road: Road, tmp_path: Path, table: str) -
         rows[10]["datagram"] = bytes(spoilt)
     pq.write_table(type(read).from_pylist(rows, read.schema), tmp_path / f"{table}.parquet")
     assert replay_stations(tmp_path) is not None
-
-

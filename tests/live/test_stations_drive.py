@@ -1,4 +1,4 @@
-"""A real on-board unit's packets over UDP in a live drive: bodies on the road, a replay bit for bit, and what is refused."""
+"""A real on-board unit's packets over UDP in a live drive: bodies on the road, and a replay bit for bit."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import random
 import signal
 import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -80,14 +80,14 @@ def _beside(gnss: float, repository: Path) -> bytes:
 
 
 @pytest.fixture(scope="module")
-def drive(tmp_path_factory: pytest.TempPathFactory, repository: Path) -> Iterator[Driven]:
+def drive(tmp_path_factory: pytest.TempPathFactory, repository: Path) -> Driven:
     chance = random.Random(5)
 
     def happens(sender: socket.socket, port: int, _processes: dict[str, Any], gnss: float) -> None:
         sender.sendto(_beside(gnss, repository), ("127.0.0.1", port))
         sender.sendto(chance.randbytes(chance.randrange(1, 300)), ("127.0.0.1", port))
 
-    yield driven(tmp_path_factory.mktemp("stations"), happens)
+    return driven(tmp_path_factory.mktemp("stations"), happens)
 
 
 def test_a_station_is_on_the_road_and_the_drive_completes(drive: Driven) -> None:

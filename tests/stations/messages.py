@@ -21,7 +21,9 @@ CIRCLE = ConfidenceEllipse(1.0, 1.0, 0.0)
 
 
 def packet(message: MessageId, payload: bytes, station: int = 4711) -> bytes:
-    source = PositionVector(b"\x02\x00" + station.to_bytes(4, "big"), StationType.PASSENGER_CAR, 0, 40.0, -83.0, 0.0, 0.0)
+    source = PositionVector(
+        b"\x02\x00" + station.to_bytes(4, "big"), StationType.PASSENGER_CAR, 0, 40.0, -83.0, 0.0, 0.0
+    )
     return geonetworking.encode(Packet(source, PORTS[message], payload))
 
 

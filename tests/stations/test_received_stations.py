@@ -78,7 +78,9 @@ def test_a_station_lies_where_the_alignment_lays_its_lot() -> None:
     """Turned by 0.6 rad and moved, on a map whose north is not the road's."""
     leaning = MapFrame("+proj=tmerc +lat_0=40 +lon_0=-86 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs")
     x, y = leaning.to_map(math.radians(40.0041), math.radians(-83.0186))
-    turned = Alignment(0.6, 1000.0 - x * math.cos(0.6) + y * math.sin(0.6), 500.0 - x * math.sin(0.6) - y * math.cos(0.6))
+    turned = Alignment(
+        0.6, 1000.0 - x * math.cos(0.6) + y * math.sin(0.6), 500.0 - x * math.sin(0.6) - y * math.cos(0.6)
+    )
     setup = StationsSetup(leaning.projection, leaning.offset, turned, (1000.0, 500.0), EPOCH, GateLimits())
     stations = ReceivedStations(setup)
     for time in (0.0, 0.1):

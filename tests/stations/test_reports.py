@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from tests.stations.messages import EPOCH, FRAME, ORIGIN, car, packet, walker
 from tests.v2x import test_cpm, test_denm
 from tests.v2x.packets import nearly, spoilt
+from vve_sumo.stations.reports import MAX_DATAGRAM, REASONS, StationReport, read
 from vve_sumo.v2x import cpm, denm, geonetworking
 from vve_sumo.v2x.data_elements import StationType
 from vve_sumo.v2x.pdu_header import MessageId
-from vve_sumo.stations.reports import MAX_DATAGRAM, REASONS, StationReport, read
 
 CAR = car(5.0, 30.0, 4.0, 0.7, 8.0, yaw_rate=0.1)
 WALKER = walker(5.0, 30.0, 4.0, 0.7, 1.4)

@@ -107,8 +107,8 @@ def test_who_takes_ever_new_names_is_not_believed() -> None:
 
 @given(
     st.builds(
-        StationReport, st.integers(0, 2**32 - 1), st.sampled_from((2, 16)), st.sampled_from(("car", "child", "bicycle")),
-        *(NUMBERS,) * 10,
+        StationReport, st.integers(0, 2**32 - 1), st.sampled_from((2, 16)),
+        st.sampled_from(("car", "child", "bicycle")), *(NUMBERS,) * 10,
     ),
     NUMBERS, NUMBERS, NUMBERS, st.booleans(),
 )  # fmt: skip
