@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from functools import partial
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -74,6 +76,10 @@ class V2xConfig:
             speed_sigma=0.0,
             sector=replace(self.sector, sigma=0.0),
         )
+
+
+#: returns what a receiver reads of a packet, by the power with which it came [dBm]
+ReadPacket: TypeAlias = Callable[[float], Sequence[HeardMessage]]
 
 
 @dataclass(slots=True)
@@ -161,25 +167,27 @@ class V2xReceiver:
             check = check_of(station.sender, look.actors, row, look.time)
             if station.sender.perceiver is not None:
                 around = around or Surroundings(look.actors, look.pose, self._vehicle, self._walls)
-            for packet in self._packets(check, around):
+            for read in self._packets(check, around):
                 obstacles = obstacles or Obstacles(look.actors, self._walls)
                 power = self._power(station, look, row, obstacles)
                 lost = station.chance.random() < self._config.loss
                 if power >= self._config.sensitivity and not lost:
-                    self._on_the_way += [one._replace(power=power) for one in packet]
+                    self._on_the_way += read(power)
 
-    def _packets(self, check: Check, around: Surroundings | None) -> list[tuple[HeardMessage, ...]]:
-        """Return the messages that a station sends at a check, each as what is read of it."""
-        sender, packets = check.sender, list[tuple[HeardMessage, ...]]()
+    def _packets(self, check: Check, around: Surroundings | None) -> list[ReadPacket]:
+        """Return what reads each of the packets that a station sends at a check, where it is received."""
+        sender, composer, packets = check.sender, self._composer, list[ReadPacket]()
         if sender.trigger.due(check.now, check.own):
-            packets.append((self._composer.awareness(check),))
+            packets.append(partial(composer.awareness, check))
         if sender.events is not None:
             # What a vehicle measures of its own motion does not jump as its receiver's place does.
             speed, acceleration = float(check.actors.speed[check.row]), check.change.acceleration
             notices = sender.events.due(check.now, acceleration, speed, hazard_lights=sender.hazard_lights)
-            packets += [(self._composer.warning(check, notice),) for notice in notices]
-        if around is not None and (perceived := self._composer.perception(check, around)):
-            packets.append(perceived)
+            packets += [partial(composer.warning, check, notice) for notice in notices]
+        if around is not None and sender.perceiver is not None:
+            bodies, total = sender.perceiver.due(check.now, around, check.row)
+            if bodies:
+                packets.append(partial(composer.perception, check, sender.perceiver.sector, bodies, total))
         return packets
 
     def _station(self, name: str, kind: int, now: int) -> _Station | None:

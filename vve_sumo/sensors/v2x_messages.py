@@ -6,9 +6,9 @@ Knows what a message says once it is read; it must not know who sends when, and 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -177,22 +177,22 @@ class Memory:
         stations = _View(of[VAM], time, pose, bumper)
         return Stations(
             time,
-            number=stations.integers(lambda one: one.station),
-            message=stations.small(lambda one: one.message),
-            kind=stations.small(lambda one: one.kind),
+            number=stations.integers("station"),
+            message=stations.small("message"),
+            kind=stations.small("kind"),
             age=stations.age,
             latitude=stations.latitude,
             longitude=stations.longitude,
             x=stations.x,
             y=stations.y,
             heading=stations.heading,
-            true_heading=stations.floats(lambda one: one.true_heading),
-            speed=stations.floats(lambda one: one.speed),
-            yaw_rate=stations.floats(lambda one: one.yaw_rate),
-            acceleration=stations.floats(lambda one: one.acceleration),
-            length=stations.floats(lambda one: one.length),
-            width=stations.floats(lambda one: one.width),
-            uncertainty=stations.floats(lambda one: one.uncertainty),
+            true_heading=stations.floats("true_heading"),
+            speed=stations.floats("speed"),
+            yaw_rate=stations.floats("yaw_rate"),
+            acceleration=stations.floats("acceleration"),
+            length=stations.floats("length"),
+            width=stations.floats("width"),
+            uncertainty=stations.floats("uncertainty"),
             objects=_objects(_View(of[CPM], time, pose, bumper)) if self.objects else None,
             events=_events(_View(of[DENM], time, pose, bumper), time) if self.events else None,
         )
@@ -203,41 +203,46 @@ class _View:
 
     def __init__(self, known: Sequence[HeardMessage], time: float, pose: Pose, bumper: float) -> None:
         self.known = known
-        self.age = self.floats(lambda one: time - one.time)
-        self.latitude = self.floats(lambda one: math.radians(one.latitude_deg))
-        self.longitude = self.floats(lambda one: math.radians(one.longitude_deg))
+        columns = zip(*known, strict=True) if known else ((),) * len(HeardMessage._fields)
+        self._columns: dict[str, Sequence[Any]] = dict(zip(HeardMessage._fields, columns, strict=True))
+        self.age: Floats = np.array([time - then for then in self._columns["time"]], np.float64)
+        self.latitude = self._radians("latitude_deg")
+        self.longitude = self._radians("longitude_deg")
         seen = [seen_from(pose, bumper, one) for one in known]
         self.x: Floats = np.array([place[0] for place in seen], np.float64)
         self.y: Floats = np.array([place[1] for place in seen], np.float64)
         self.heading: Floats = np.array([place[2] for place in seen], np.float64)
 
-    def floats(self, value: Callable[[HeardMessage], float]) -> Floats:
-        return np.array([value(one) for one in self.known], np.float64)
+    def floats(self, name: str) -> Floats:
+        return np.array(self._columns[name], np.float64)
 
-    def integers(self, value: Callable[[HeardMessage], int]) -> NDArray[np.int64]:
-        return np.array([value(one) for one in self.known], np.int64)
+    def integers(self, name: str) -> NDArray[np.int64]:
+        return np.array(self._columns[name], np.int64)
 
-    def small(self, value: Callable[[HeardMessage], int]) -> NDArray[np.int8]:
-        return np.array([value(one) for one in self.known], np.int8)
+    def small(self, name: str) -> NDArray[np.int8]:
+        return np.array(self._columns[name], np.int8)
+
+    def _radians(self, name: str) -> Floats:
+        return np.array([math.radians(angle) for angle in self._columns[name]], np.float64)
 
 
 def _objects(view: _View) -> ReportedObjects:
     origins = [one.origin or _NOWHERE for one in view.known]
     return ReportedObjects(
-        sender=view.integers(lambda one: one.station),
-        number=view.integers(lambda one: one.item),
-        kind=view.small(lambda one: one.kind),
+        sender=view.integers("station"),
+        number=view.integers("item"),
+        kind=view.small("kind"),
         age=view.age,
         latitude=view.latitude,
         longitude=view.longitude,
         x=view.x,
         y=view.y,
         heading=view.heading,
-        true_heading=view.floats(lambda one: one.true_heading),
-        speed=view.floats(lambda one: one.speed),
-        length=view.floats(lambda one: one.length),
-        width=view.floats(lambda one: one.width),
-        uncertainty=view.floats(lambda one: one.uncertainty),
+        true_heading=view.floats("true_heading"),
+        speed=view.floats("speed"),
+        length=view.floats("length"),
+        width=view.floats("width"),
+        uncertainty=view.floats("uncertainty"),
         sender_latitude=np.array([math.radians(one.latitude_deg) for one in origins], np.float64),
         sender_longitude=np.array([math.radians(one.longitude_deg) for one in origins], np.float64),
         sender_heading=np.array([one.true_heading for one in origins], np.float64),
@@ -247,12 +252,12 @@ def _objects(view: _View) -> ReportedObjects:
 def _events(view: _View, time: float) -> RoadEvents:
     warnings = [one.warning or _NO_WARNING for one in view.known]
     return RoadEvents(
-        sender=view.integers(lambda one: one.station),
-        number=view.integers(lambda one: one.item),
+        sender=view.integers("station"),
+        number=view.integers("item"),
         cause=np.array([one.cause for one in warnings], np.int64),
         sub_cause=np.array([one.sub_cause for one in warnings], np.int64),
         ended=np.array([one.ended for one in warnings], np.int8),
-        kind=view.small(lambda one: one.kind),
+        kind=view.small("kind"),
         age=view.age,
         detected=np.array([time - one.detected for one in warnings], np.float64),
         validity=np.array([one.validity for one in warnings], np.float64),
@@ -261,9 +266,9 @@ def _events(view: _View, time: float) -> RoadEvents:
         x=view.x,
         y=view.y,
         heading=view.heading,
-        true_heading=view.floats(lambda one: one.true_heading),
-        speed=view.floats(lambda one: one.speed),
-        uncertainty=view.floats(lambda one: one.uncertainty),
+        true_heading=view.floats("true_heading"),
+        speed=view.floats("speed"),
+        uncertainty=view.floats("uncertainty"),
     )
 
 

@@ -7,13 +7,13 @@ send VAMs. Each message is rounded as it is on the wire. Knows no radio and no r
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from vve_sumo.body_kinds import BODY_KINDS, TYPICAL, number_of
 from vve_sumo.frames import MapFrame, wrap_angle
-from vve_sumo.sensors.perception import PerceivedBody, Perceiver, Sector, Surroundings
+from vve_sumo.sensors.perception import PerceivedBody, Perceiver, Sector
 from vve_sumo.sensors.random_streams import CorrelatedNoise
 from vve_sumo.sensors.v2x_messages import CAM, CPM, DENM, VAM, HeardMessage, HeardWarning, Origin
 from vve_sumo.v2x import cam, cpm, denm, vam
@@ -150,13 +150,13 @@ class _Read(NamedTuple):
 
 
 class Composer:
-    """Turns a station's checks into what a receiver reads of its messages. Received powers are left to the radio."""
+    """Turns a station's checks into what a receiver reads of its messages, each of which came with a power [dBm]."""
 
     def __init__(self, frame: MapFrame) -> None:
         """`frame` is that of the map, in which stations say where they are."""
         self._frame = frame
 
-    def awareness(self, check: Check) -> HeardMessage:
+    def awareness(self, check: Check, power: float) -> tuple[HeardMessage]:
         """Return what a receiver reads of a station's CAM or VAM."""
         sender, actors, row = check.sender, check.actors, check.row
         own_state, turn = self._own_state(check)
@@ -165,7 +165,7 @@ class Composer:
         read = _read_vam(own_state, check.change) if vulnerable else _read_cam(own_state, check.change, *size)
         x, y = self._frame.to_map(math.radians(read.latitude_deg), math.radians(read.longitude_deg))
         heading, half = wrap_angle(read.heading + turn), 0.0 if vulnerable else 0.5 * read.length
-        return HeardMessage(
+        read_message = HeardMessage(
             sender.number,
             VAM if vulnerable else CAM,
             number_of(KINDS[own_state.station_type]),
@@ -182,11 +182,12 @@ class Composer:
             read.length,
             read.width,
             read.uncertainty,
-            math.nan,
+            power,
             actors.ids[row],
         )
+        return (read_message,)
 
-    def warning(self, check: Check, notice: Notice) -> HeardMessage:
+    def warning(self, check: Check, notice: Notice, power: float) -> tuple[HeardMessage]:
         """Return what a receiver reads of a station's DENM."""
         own_state, turn = self._own_state(check)
         kind = KINDS[own_state.station_type]
@@ -195,7 +196,7 @@ class Composer:
         x, y = self._frame.to_map(math.radians(read.latitude_deg), math.radians(read.longitude_deg))
         towards = read.heading or 0.0
         usual = TYPICAL[kind]
-        return HeardMessage(
+        read_message = HeardMessage(
             check.sender.number,
             DENM,
             number_of(kind),
@@ -212,7 +213,7 @@ class Composer:
             usual.length,
             usual.width,
             _radius(read.confidence),
-            math.nan,
+            power,
             check.actors.ids[check.row],
             read.sequence,
             warning=HeardWarning(
@@ -223,17 +224,14 @@ class Composer:
                 float(read.validity_s),
             ),
         )
+        return (read_message,)
 
-    def perception(self, check: Check, around: Surroundings) -> tuple[HeardMessage, ...]:
-        """Return what a receiver reads of a station's CPM, object by object; nothing where none is due."""
-        perceiver = check.sender.perceiver
-        if perceiver is None:
-            return ()
-        bodies, total = perceiver.due(check.now, around, check.row)
-        if not bodies:
-            return ()
+    def perception(
+        self, check: Check, sector: Sector, bodies: Sequence[PerceivedBody], total: int, power: float
+    ) -> tuple[HeardMessage, ...]:
+        """Return what a receiver reads of a station's CPM, object by object; `total` bodies are seen."""
         own_state, turn = self._own_state(check)
-        confidence = NORMAL_95 * perceiver.sector.sigma
+        confidence = NORMAL_95 * sector.sigma
         read = cpm.rounded(
             Cpm(
                 own_state.station,
@@ -242,17 +240,17 @@ class Composer:
                 own_state.longitude_deg,
                 own_state.confidence,
                 orientation=own_state.heading,
-                sensors=(_sensor(perceiver.sector),),
+                sensors=(_sensor(sector),),
                 objects=tuple(_object(body, check.actors, turn, confidence) for body in bodies),
                 total=min(total, cpm.MAX_OBJECTS),
             )
         )
         return tuple(
-            self._perceived(check, read, one, body, turn) for one, body in zip(read.objects, bodies, strict=True)
+            self._perceived(check, read, one, body, turn, power) for one, body in zip(read.objects, bodies, strict=True)
         )
 
     def _perceived(
-        self, check: Check, read: Cpm, one: PerceivedObject, body: PerceivedBody, turn: float
+        self, check: Check, read: Cpm, one: PerceivedObject, body: PerceivedBody, turn: float, power: float
     ) -> HeardMessage:
         east, north = self._frame.to_map(math.radians(read.latitude_deg), math.radians(read.longitude_deg))
         cos, sin = math.cos(turn), math.sin(turn)
@@ -280,7 +278,7 @@ class Composer:
             one.length or TYPICAL[kind].length,
             one.width or TYPICAL[kind].width,
             math.hypot(_radius(read.confidence), spread),
-            math.nan,
+            power,
             check.actors.ids[body.row],
             one.id,
             origin=Origin(read.latitude_deg, read.longitude_deg, read.orientation or 0.0),
