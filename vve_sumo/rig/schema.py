@@ -488,7 +488,7 @@ class RigPerson(Table):
 class RigV2x(Table):
     """A real on-board unit, whose stations become bodies on the virtual road."""
 
-    listen: Place = Field(description="address and port to which the unit's packets are sent, such as 127.0.0.1:4715")
+    listen: Place = Field(description="address and port to which the unit's packets are sent, such as 127.0.0.1:4716")
     sender: Sender | None = Field(default=None, description="address of the unit, where it is not on here")
     frame: Literal["lot", "road"] = Field(
         default="lot",
