@@ -10,6 +10,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
+
 from tests.live.command_line import free_port
 from tests.live.patience import until
 from tests.stations.messages import EPOCH, car, walker
