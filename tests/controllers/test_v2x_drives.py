@@ -35,6 +35,7 @@ HEARD_FROM = 0.5
 TOLD_BY_OTHERS = {
     "equipped_vulnerable": 0.0, "perceiving": 1.0, "latency_s": LATENCY, "loss": 0.0, "sensitivity_dbm": -150.0,
     "position_sigma_m": 0.0, "speed_sigma_mps": 0.0, "perception_sigma_m": 0.0,
+    "warnings": True, "hazard_lights": "parked_near",
 }  # fmt: skip
 #: people are told of twice a second
 PERCEPTION_PERIOD = 0.5
@@ -134,6 +135,7 @@ def test_a_child_without_a_radio_is_known_by_who_sees_it(told: Path) -> None:
     heard = _first(told, "obu")
     assert 0.0 <= heard - set_out - LATENCY <= PERCEPTION_PERIOD + CHECK + 2.5 * PERIOD
     assert heard < _in_sight(told) - 0.5
+    assert set(table[table.cause == 94].actor) == {"parked_near"}
     # Where it is told to be is where it was, to the rounding of a message.
     truth = actors[actors.actor == "child"].set_index("tick")
     then = ((of_child.tick * PERIOD - PERIOD - of_child.age_s) / PERIOD).round().astype(int)

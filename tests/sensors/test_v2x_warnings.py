@@ -186,7 +186,7 @@ def test_what_is_off_leaves_no_trace() -> None:
 
 
 def test_a_guarded_receiver_gives_all_its_columns() -> None:
-    settings = configured("v2x", {"ideal": True, "warnings": True, "perceiving": 1.0, "hazard_lights": ["oncoming"]})
+    settings = configured("v2x", {"ideal": True, "warnings": True, "perceiving": 1.0, "hazard_lights": "lamp oncoming"})
     assert settings.table() == COLUMNS + MORE_COLUMNS
     scene = both(actors([car(60.0, 3.0, math.pi)], ["oncoming"]), child(30.0, 3.0))
     sensor, kinds = GuardedSensor("obu", settings, FUSION, np.random.default_rng(1)), set[int]()

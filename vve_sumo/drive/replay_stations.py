@@ -50,7 +50,7 @@ def replay_stations(folder: Path) -> Difference | None:
     bodies = read_rows(folder, STATIONS).to_pylist() if holds_table(folder, STATIONS) else []
     times = {row["step"]: row["time_s"] for row in bodies}
     taken = 0
-    for step in range(max((*times, *(row["step"] for row in datagrams))) + 1):
+    for step in range(max((*times, *(row["step"] for row in datagrams)), default=-1) + 1):
         while taken < len(datagrams) and datagrams[taken]["step"] <= step:
             received, data = datagrams[taken]["received_s"], datagrams[taken]["datagram"]
             stations.receive(received, data, reports.read(data, received, setup.epoch))

@@ -58,8 +58,8 @@ class V2xSettings(SensorSettings):
     warnings: bool = Field(
         default=False, description="vehicles that send CAMs also warn by DENMs: of hard braking, and of standing"
     )
-    hazard_lights: tuple[str, ...] = Field(
-        default=(), strict=False, description="ids of the actors and obstacles whose hazard lights are on"
+    hazard_lights: str = Field(
+        default="", description="ids of the actors and obstacles whose hazard lights are on, with spaces between them"
     )
     perceiving: Share = Field(
         default=0.0, description="share of the vehicles that send CAMs which also tell by CPMs of what they perceive"
@@ -94,7 +94,7 @@ class V2xSettings(SensorSettings):
             position_sigma_vulnerable=self.position_sigma_vulnerable_m,
             speed_sigma=self.speed_sigma_mps,
             warnings=self.warnings,
-            hazard_lights=frozenset(self.hazard_lights),
+            hazard_lights=frozenset(self.hazard_lights.split()),
             perceiving=self.perceiving,
             sector=Sector(self.perception_range_m, math.radians(self.perception_view_deg), self.perception_sigma_m),
         )
