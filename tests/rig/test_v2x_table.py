@@ -1,4 +1,4 @@
-"""The table of a real on-board unit: what makes sense is taken, and each contradiction is one line that names its key."""
+"""The table of a real on-board unit: what makes sense is taken, each contradiction is one line that names its key."""
 
 from __future__ import annotations
 
