@@ -74,6 +74,8 @@ class GuardedSensor:
         self._columns, self._max_age = settings.table(), float(settings.max_age())
         self._observation = settings.observation
         self._fields = tuple(field.name for field in dataclasses.fields(settings.observation) if field.name != "time")
+        #: tables that this sensor's settings leave out: None from the beginning
+        self._left_out = frozenset(name for name in self._fields if getattr(self._sensor.output, name, 0) is None)
         self._first = math.nan
         self.output: SensorOutput = self._sensor.output  #: the newest valid output, for the controller
         self.faults: tuple[str, ...] = ()  #: reason codes of the last step
@@ -162,7 +164,8 @@ class GuardedSensor:
         if not isinstance(output, self._observation):
             raise WrongTypeError(f"output is a {type(output).__name__}, expected a {self._observation.__name__}")
         sound: dict[int, str] = {}
-        self._check_fields(output, self._fields, sound)
+        there = [name for name in self._fields if name not in self._left_out or getattr(output, name) is not None]
+        self._check_fields(output, there, sound)
         return sound
 
     def _check_fields(self, output: object, names: Iterable[str], sound: dict[int, str]) -> None:
@@ -182,8 +185,6 @@ class GuardedSensor:
                     raise NotFiniteError(f"{name} of its output is {value}")
             elif dataclasses.is_dataclass(value) and not isinstance(value, type):
                 self._check_fields(value, [field.name for field in dataclasses.fields(value)], sound)
-            elif value is None and type(output).__dataclass_fields__[name].default is None:  # type: ignore[attr-defined]
-                continue  # a table that this sensor's settings leave out
             elif not isinstance(value, int | np.integer | np.bool_ | str):
                 # A list could hold a NaN at any depth.
                 kind_of = type(value).__name__
