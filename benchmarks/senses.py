@@ -1,7 +1,7 @@
 """What lidar, camera and V2X receiver cost among fifty bodies, beside the radar: before the command, and in the slack.
 
 python benchmarks/senses.py [--seconds N] [--smoke]
-The four take turns at every tick, so that a noisy machine disturbs all of them alike. Times are of this process' CPU.
+They take turns at every tick, so that a noisy machine disturbs all of them alike. Times are of this process' CPU.
 The slack holds the sensor's work, its rows for the record, and their way to a live drive's recorder.
 """
 
@@ -28,7 +28,9 @@ from vve_sumo.timing import PERIOD
 BODIES = 50
 SPEED = 10.0  #: of the ego [m/s]
 #: readings a second; that of the V2X receiver has the messages of a tick, fifty a second in all
-RATES = {"radar": 20.0, "lidar": 10.0, "camera": 15.0, "v2x": 50.0}
+RATES = {"radar": 20.0, "lidar": 10.0, "camera": 15.0, "v2x": 50.0, "warned": 50.0, "told": 50.0, "told_all": 50.0}
+#: receivers that hear more: of warnings, and of what three in ten, or all, perceive
+RECEIVERS = {"v2x": {}, "warned": {"warnings": True}, "told": {"perceiving": 0.3}, "told_all": {"perceiving": 1.0}}
 
 
 def main() -> None:
@@ -48,7 +50,10 @@ def main() -> None:
         )
         for _ in range(BODIES)
     ]
-    sensors = {kind: GuardedSensor(kind, configured(kind, {}), FUSION, np.random.default_rng(2)) for kind in RATES}
+    sensors = {}
+    for name in RATES:
+        settings = configured("v2x" if name in RECEIVERS else name, RECEIVERS.get(name, {}))
+        sensors[name] = GuardedSensor(name, settings, FUSION, np.random.default_rng(2))
     before: dict[str, list[float]] = {kind: [] for kind in RATES}
     after: dict[str, list[float]] = {kind: [] for kind in RATES}
     sent: dict[str, list[float]] = {kind: [] for kind in RATES}
@@ -82,7 +87,7 @@ def main() -> None:
         record = 1000.0 * sum(sent[kind]) / (rate * seconds)
         slack = 1000.0 * max(after[kind])
         print(
-            f"  {kind:6} a step {step:.3f} ms, a reading {reading:.2f} ms in all, of it {record:.2f} ms "
+            f"  {kind:8} a step {step:.3f} ms, a reading {reading:.2f} ms in all, of it {record:.2f} ms "
             f"to the recorder, most in one slack {slack:.1f} ms"
         )
 

@@ -1,18 +1,20 @@
 """Foresees by V2X messages who will cross the path as the car comes, long before a sensor of the car's own sees them.
 
-Only who moves across the path counts: a message's place may err by metres, and whoever stands in the way is the radar's
-business. It must not know what is done about them.
+Who crosses says so, or another vehicle that sees them does. Only who moves across the path counts: a message's place
+may err by metres, and whoever stands in the way is the radar's business. It must not know what is done about them.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from vve_sumo.path import Corridor, PathProjection, ReferencePath
-from vve_sumo.values import Observation, Stations, Vehicle
+from vve_sumo.values import Observation, ReportedObjects, Stations, Vehicle
 
 from .sightings import HORIZON, AxleMotion, Memory, output_of
 from .tracks import MARGIN, Target
@@ -27,7 +29,7 @@ SIGMAS_95: Final = math.sqrt(-2.0 * math.log(0.05))  #: of the radius that a mes
 class Crosser(NamedTuple):
     """One who moves across the path, where it is now."""
 
-    number: int  #: of the station
+    number: int  #: of the station; negative for who is told of by another
     s: float  #: along the path [m]
     offset: float  #: to the left of the path [m]
     along: float  #: speed along the path [m/s]
@@ -54,12 +56,18 @@ class Warned:
             self._corridor = Corridor(path, front, rear, vehicle.width, MARGIN)
         self._memory.add(observation.pose)
         heard = output_of(observation, self._sensor, Stations, "v2x")
-        if not heard.number.size:
+        tables: list[tuple[Stations | ReportedObjects, list[int]]] = [(heard, heard.number.tolist())]
+        if heard.objects is not None:
+            numbers = zip(heard.objects.sender.tolist(), heard.objects.number.tolist(), strict=True)
+            tables.append((heard.objects, [-1 - (sender << 16) - number for sender, number in numbers]))
+        if not any(numbers for _table, numbers in tables):
             return None
         bumper, speed = projection.s + vehicle.rear_axle_to_bumper, observation.pose.speed
         then = self._memory.at(heard.time)
         awaited, nearest = set(), None
-        for one in _crossers(heard, then, observation.time, path, projection.s, vehicle.rear_axle_to_bumper):
+        since, front = observation.time - heard.time, vehicle.rear_axle_to_bumper
+        crossers = (_crossers(table, numbers, then, since, path, projection.s, front) for table, numbers in tables)
+        for one in itertools.chain.from_iterable(crossers):
             gap = one.s - one.half_along - bumper
             slack = EARLY + (HELD if one.number in self._awaited else 0.0)
             if gap <= 0.0 or not self._meets(one, gap, speed, slack):
@@ -86,15 +94,24 @@ class Warned:
 
 
 def _crossers(
-    heard: Stations, then: AxleMotion, now: float, path: ReferencePath, s: float, front: float
+    heard: Stations | ReportedObjects,
+    numbers: Sequence[int],
+    then: AxleMotion,
+    since_output: float,
+    path: ReferencePath,
+    s: float,
+    front: float,
 ) -> list[Crosser]:
-    """Return who moves across the path ahead, each brought on from its message's time to `now` [s].
+    """Return who moves across the path ahead, each brought on from its message's time to now.
 
-    `then` is where the rear axle was at the time of the output; `front` is from there to the front bumper [m].
+    `then` is where the rear axle was at the time of the output, which is `since_output` [s] ago; `front` is from there
+    to the front bumper [m].
     """
+    if not numbers:
+        return []
     cos, sin = math.cos(then.heading), math.sin(then.heading)
     bumper_x, bumper_y = then.x + front * cos, then.y + front * sin
-    heading, since = heard.heading + then.heading, heard.age + (now - heard.time)
+    heading, since = heard.heading + then.heading, heard.age + since_output
     directions = [(math.cos(one), math.sin(one)) for one in heading.tolist()]
     x, y, found = [], [], []
     columns = zip(heard.x.tolist(), heard.y.tolist(), heard.speed.tolist(), since.tolist(), directions, strict=True)
@@ -113,7 +130,7 @@ def _crossers(
         lengthwise, sideways = abs(math.cos(turn)), abs(math.sin(turn))
         found.append(
             Crosser(
-                int(heard.number[row]),
+                numbers[row],
                 at_s,
                 offset,
                 speed * math.cos(turn),

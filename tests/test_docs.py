@@ -37,7 +37,16 @@ from vve_sumo.plant import injected_faults
 from vve_sumo.pose import trust
 from vve_sumo.pose.receivers.port import PORT, ReceiverTable
 from vve_sumo.pose.receivers.port import load as load_receiver
-from vve_sumo.record.layout import COMMANDED, OPTIONAL_SCHEMAS, PEOPLE, PEOPLE_REPORTS, ROADS, ROADS_SCHEMA
+from vve_sumo.record.layout import (
+    COMMANDED,
+    OPTIONAL_SCHEMAS,
+    PEOPLE,
+    PEOPLE_REPORTS,
+    ROADS,
+    ROADS_SCHEMA,
+    STATION_DATAGRAMS,
+    STATIONS,
+)
 from vve_sumo.record.rows import TickRow
 from vve_sumo.report import glossary
 from vve_sumo.rig.load import MODEL_TABLES
@@ -49,6 +58,7 @@ from vve_sumo.scenario.schema import Scenario, When
 from vve_sumo.sensors.camera_settings import CameraSettings
 from vve_sumo.sensors.lidar_settings import LidarSettings
 from vve_sumo.sensors.v2x_settings import V2xSettings
+from vve_sumo.stations import station_gate
 from vve_sumo.sweep.controllers import VariedController
 from vve_sumo.sweep.spec import Boundary, Spec, WorstCase, parse_spec
 from vve_sumo.vehicle import arming
@@ -199,6 +209,8 @@ GENERATED = {
     ("record.md", "commanded path columns"): lambda: _schema(COMMANDED),
     ("record.md", "people report columns"): lambda: _schema(PEOPLE_REPORTS),
     ("record.md", "people columns"): lambda: _schema(PEOPLE),
+    ("record.md", "station datagram columns"): lambda: _schema(STATION_DATAGRAMS),
+    ("record.md", "station columns"): lambda: _schema(STATIONS),
     ("record.md", "road columns"): lambda: _schema("roads"),
     ("record.md", "gateway columns"): lambda: _schema("gateway"),
     ("record.md", "latency columns"): lambda: _schema("latency"),
@@ -223,6 +235,7 @@ GENERATED = {
     ("vehicle.md", "trust reasons"): lambda: _codes(trust.REASONS),
     ("people.md", "person reasons"): lambda: _codes(person.REASONS),
     ("people.md", "report reasons"): lambda: _codes(report_gate.REASONS),
+    ("v2x.md", "station reasons"): lambda: _codes(station_gate.REASONS),
 }
 
 

@@ -49,6 +49,7 @@ class MessageKind(IntEnum):
     VIEW = 7
     PEOPLE = 8
     PEOPLE_LINK = 9
+    STATIONS_LINK = 10
 
 
 class MalformedMessage(NamedTuple):

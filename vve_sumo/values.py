@@ -206,10 +206,62 @@ class CameraObjects:
 
 @fast_frozen
 @dataclass(frozen=True, slots=True)
+class ReportedObjects:
+    """What stations tell of others by their own sensors (CPM): the last message of each object, one row each.
+
+    Two stations that see the same body tell of it each. Places are those of the messages' times.
+    """
+
+    sender: NDArray[np.int64]  #: ID of the station that tells of it
+    number: NDArray[np.int64]  #: kept by the sender while it sees the object
+    kind: NDArray[np.int8]  #: row of `BODY_KINDS`, as far as the message tells
+    age: Floats  #: from the time that the message tells of to that of the output [s]
+    latitude: Floats  #: WGS84 [rad]; of the body's middle
+    longitude: Floats  #: WGS84 [rad], likewise
+    x: Floats  #: of the middle of the body, ahead of the front bumper [m]
+    y: Floats  #: of the middle of the body, left of the car's axis [m]
+    heading: Floats  #: from the car's axis [rad], counter-clockwise
+    true_heading: Floats  #: from true east [rad], counter-clockwise
+    speed: Floats  #: over the ground along the heading [m/s]
+    length: Floats  #: [m]
+    width: Floats  #: [m]
+    uncertainty: Floats  #: radius in which the place is with 95 %, the sender's own place included [m]
+    sender_latitude: Floats  #: WGS84 [rad]; of the middle of the sender's front, as its message has it
+    sender_longitude: Floats  #: WGS84 [rad], likewise
+    sender_heading: Floats  #: from true east [rad], counter-clockwise
+
+
+@fast_frozen
+@dataclass(frozen=True, slots=True)
+class RoadEvents:
+    """What stations have warned of (DENM): the last message of each event that still holds, one row each."""
+
+    sender: NDArray[np.int64]  #: ID of the station that warns
+    number: NDArray[np.int64]  #: of the event at its sender
+    cause: NDArray[np.int64]  #: 94 stationary vehicle, 99 dangerous situation; 0 for an event that has ended
+    sub_cause: NDArray[np.int64]  #: by the cause; 0 unknown
+    ended: NDArray[np.int8]  #: 1 for an event that its sender has called off
+    kind: NDArray[np.int8]  #: row of `BODY_KINDS`: of the sender
+    age: Floats  #: from the time that the message tells of to that of the output [s]
+    detected: Floats  #: from the event's detection to that of the output [s]
+    validity: Floats  #: for which the event holds after its detection [s]
+    latitude: Floats  #: WGS84 [rad]; of the event
+    longitude: Floats  #: WGS84 [rad], likewise
+    x: Floats  #: of the event, ahead of the front bumper [m]
+    y: Floats  #: of the event, left of the car's axis [m]
+    heading: Floats  #: of the event from the car's axis [rad], counter-clockwise; 0 for one that has ended
+    true_heading: Floats  #: of the event from true east [rad], counter-clockwise; 0 for one that has ended
+    speed: Floats  #: of the event [m/s]
+    uncertainty: Floats  #: radius in which the event is with 95 % [m]
+
+
+@fast_frozen
+@dataclass(frozen=True, slots=True)
 class Stations:
     """What a V2X receiver knows of others as a controller sees it: the last message of every station, one row each.
 
-    Places are those that the messages tell of: a station has moved on since, for its row's `age`.
+    Places are those that the messages tell of: a station has moved on since, for its row's `age`. What stations tell of
+    others, and what they warn of, stands in tables of its own.
     """
 
     time: float  #: drive time of the output [s]; -inf before the first
@@ -229,6 +281,8 @@ class Stations:
     length: Floats  #: [m]; what is usual for the kind where the message has none
     width: Floats  #: [m]; what is usual for the kind where the message has none
     uncertainty: Floats  #: radius in which the place is with 95 %, as the message has it [m]
+    objects: ReportedObjects | None = None  #: that stations perceive; None where no station tells of any
+    events: RoadEvents | None = None  #: that stations have warned of; None where no station warns
 
 
 #: first-order time constant from throttle to drive force, assumed for a car without calibration [s]

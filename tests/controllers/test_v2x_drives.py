@@ -31,14 +31,24 @@ CHECK = 0.1
 HEARD_FROM = 0.5
 
 
-def _drive(controller: str, folder: str) -> None:
+#: the child has no radio: what is known of it is what the parked cars see
+TOLD_BY_OTHERS = {
+    "equipped_vulnerable": 0.0, "perceiving": 1.0, "latency_s": LATENCY, "loss": 0.0, "sensitivity_dbm": -150.0,
+    "position_sigma_m": 0.0, "speed_sigma_mps": 0.0, "perception_sigma_m": 0.0,
+    "warnings": True, "hazard_lights": "parked_near",
+}  # fmt: skip
+#: people are told of twice a second
+PERCEPTION_PERIOD = 0.5
+
+
+def _drive(controller: str, folder: str, settings: dict[str, Any] | None = None) -> None:
     from vve_sumo.drive import run as drives
     from vve_sumo.drive.resolved_scenario import resolve_scenario
     from vve_sumo.scenario.load import parse
 
     file = REPOSITORY / "scenarios" / "occluded_pedestrian.toml"
     table: dict[str, Any] = tomllib.loads(file.read_text(encoding="utf-8"))
-    table |= {"sensors": [OBU], "controller": {"name": controller}}
+    table |= {"sensors": [OBU | ({"settings": settings} if settings else {})], "controller": {"name": controller}}
     # Nearer to the lane than in the shipped scenario: no line leads to it past the cars' far sides.
     child = table["actors"][0]
     child["offset_m"] = -3.0
@@ -105,3 +115,39 @@ def test_with_v2x_the_car_waits_in_comfort_and_without_it_brakes_in_an_emergency
 @pytest.mark.thorough
 def test_the_drive_replays_to_the_byte(record: Path) -> None:
     assert isolated(cli.main, ["replay", str(record)]) == 0
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A drive in which the child itself says nothing."""
+    return once(
+        tmp_path_factory, "occluded_told", lambda folder: isolated(_drive, "v2x_stop", str(folder), TOLD_BY_OTHERS)
+    )
+
+
+@pytest.mark.thorough
+def test_a_child_without_a_radio_is_known_by_who_sees_it(told: Path) -> None:
+    table = pd.read_parquet(told / "sensor_obu.parquet")
+    of_child = table[table.actor == "child"]
+    assert set(of_child.message) == {14}
+    assert set(of_child.station) <= set(table[table.message == 2].station)
+    set_out, actors = _set_out(told), pd.read_parquet(told / "actors.parquet")
+    heard = _first(told, "obu")
+    assert 0.0 <= heard - set_out - LATENCY <= PERCEPTION_PERIOD + CHECK + 2.5 * PERIOD
+    assert heard < _in_sight(told) - 0.5
+    assert set(table[table.cause == 94].actor) == {"parked_near"}
+    # Where it is told to be is where it was, to the rounding of a message.
+    truth = actors[actors.actor == "child"].set_index("tick")
+    then = ((of_child.tick * PERIOD - PERIOD - of_child.age_s) / PERIOD).round().astype(int)
+    speeds = truth.speed_mps.reindex(then).to_numpy()
+    assert of_child.speed_mps.to_numpy() == pytest.approx(speeds, abs=0.06)
+
+
+@pytest.mark.thorough
+def test_and_the_car_waits_for_it_in_comfort(told: Path) -> None:
+    summary = json.loads((told / "summary.json").read_text(encoding="utf-8"))
+    ticks = pd.read_parquet(told / "ticks.parquet")
+    assert (summary["outcome"], summary["collision"]) == ("completed", False)
+    assert not ticks.emergency.any()
+    assert (ticks.note == "warned").any()
+    assert isolated(cli.main, ["replay", str(told)]) == 0

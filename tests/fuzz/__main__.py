@@ -1,4 +1,4 @@
-"""The command: `python -m tests.fuzz decoders|gateway|damaged|setpoints [--count N] [--seed S]`.
+"""The command: `python -m tests.fuzz decoders|gateway|damaged|setpoints|stations [--count N] [--seed S]`.
 
 Runs of the seeds S, S + 1, ... until N of them were tried; one that is broken off goes on with the
 seed that its last line names. Exit status 1 and the input at the first violation of an invariant.
@@ -10,7 +10,7 @@ import argparse
 import sys
 import time
 
-from tests.fuzz import damaged, decoders, gateway, setpoints
+from tests.fuzz import damaged, decoders, gateway, setpoints, stations
 from tests.fuzz.invariant import Violation
 
 WHAT = {
@@ -18,6 +18,7 @@ WHAT = {
     "gateway": (gateway.run, "steps"),
     "damaged": (damaged.run, "packets"),
     "setpoints": (setpoints.run, "datagrams"),
+    "stations": (stations.run, "datagrams"),
 }
 
 

@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from tests.fuzz import damaged, decoders, gateway, setpoints
+from tests.fuzz import damaged, decoders, gateway, setpoints, stations
 from tests.fuzz.__main__ import main
 from tests.fuzz.invariant import Violation
 from vve_sumo.pose import trust
+from vve_sumo.stations import station_gate
 from vve_sumo.values import ArmingState, Fix, Frame
 from vve_sumo.vehicle.gateway import Gateway, GatewayOutput
 from vve_sumo.wire.setpoints import SetpointInbox
@@ -53,6 +54,21 @@ def test_drives_reach_every_state_and_move_the_car(monkeypatch):
 
 def test_no_bad_setpoint_changes_what_is_asked_of_the_gateway():
     assert [setpoints.run(seed) for seed in range(40)] == [1000] * 40
+
+
+def test_no_packet_of_an_on_board_unit_breaks_an_invariant():
+    assert stations.run(0) == 1000
+
+
+@pytest.mark.thorough
+def test_no_packet_of_many_breaks_an_invariant():
+    assert [stations.run(seed) for seed in range(1, 8)] == [1000] * 7
+
+
+def test_a_gate_that_takes_any_speed_is_found(monkeypatch):
+    monkeypatch.setattr(station_gate, "_max_speed", lambda kind: 1000.0)
+    with pytest.raises(Violation, match=r"invariant 3: .*\n  seed \d+"):
+        [stations.run(seed) for seed in range(8)]
 
 
 @pytest.mark.slow

@@ -76,7 +76,7 @@ class SensorConformance:
         assert all(field.description for field in type(self.configured()).model_fields.values())
 
     def test_every_column_says_what_it_means_and_numbers_have_a_unit(self) -> None:
-        for name, kind, meaning in self.configured().columns:
+        for name, kind, meaning in self.configured().table():
             assert meaning
             assert name.isidentifier()
             assert name == name.lower()
@@ -94,7 +94,7 @@ class SensorConformance:
             return
         x, y, heading = 40.0, -15.0, 0.7
         turned, sensor, far = _turned(self.scene(), x, y, heading), self.guarded(), []
-        names = [column.name for column in self.configured().columns]
+        names = [column.name for column in self.configured().table()]
         for tick in range(TICKS):
             columns = sensor.step(PERIOD * tick, rear_axle(x, y, heading), turned)
             if columns is None or not len(columns[0]):

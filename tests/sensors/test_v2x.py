@@ -14,7 +14,8 @@ from tests.sensors.scenes import BUMPER, FUSION, actors, car, rear_axle
 from vve_sumo.body_kinds import TYPICAL, number_of
 from vve_sumo.frames import MapFrame, local_frame
 from vve_sumo.sensors.street import Building, Walls, walls_of
-from vve_sumo.sensors.v2x import CAM, VAM, V2xConfig, V2xReading, V2xReceiver
+from vve_sumo.sensors.v2x import V2xConfig, V2xReceiver
+from vve_sumo.sensors.v2x_messages import CAM, VAM, V2xReading
 from vve_sumo.values import Actors, Pose, Stations
 
 PERIOD = 0.02

@@ -17,7 +17,7 @@ from vve_sumo.body_kinds import TYPICAL, number_of
 from vve_sumo.certify.track import TrackPlace
 from vve_sumo.frames import MapFrame, wrap_angle
 from vve_sumo.v2x.pdu_header import MessageId
-from vve_sumo.values import CameraObjects, Floats, Pose, Stations
+from vve_sumo.values import CameraObjects, Floats, Pose, ReportedObjects, RoadEvents, Stations
 from vve_sumo.wire.sample import LidarTurn, earlier_pose
 from vve_sumo.wire.vlp16 import AZIMUTHS, RANGE_QUANTUM
 
@@ -38,7 +38,7 @@ REFLECTIVITY, LIDAR_RANGE = 30, 100.0
 #: a return from higher than this is none of the road [m]
 ROAD_HEIGHT: Final = 0.2
 
-Table = TypeVar("Table", CameraObjects, Stations)
+Table = TypeVar("Table", bound=CameraObjects | Stations | ReportedObjects | RoadEvents)
 
 
 class LidarMount(NamedTuple):
@@ -155,9 +155,15 @@ def with_returns(
 
 
 def without_rows(table: Table) -> Table:
-    """Return a camera's list, or what a receiver knows, without any object or station."""
-    arrays = {name: getattr(table, name) for name in table.__slots__ if isinstance(getattr(table, name), np.ndarray)}
-    return replace(table, **{name: array[:0] for name, array in arrays.items()})
+    """Return a camera's list, or what a receiver knows, without any object, station or event."""
+    changed: dict[str, Any] = {}
+    for name in table.__slots__:
+        value = getattr(table, name)
+        if isinstance(value, np.ndarray):
+            changed[name] = value[:0]
+        elif isinstance(value, ReportedObjects | RoadEvents):
+            changed[name] = without_rows(value)
+    return replace(table, **changed)
 
 
 def without_bodies(turn: LidarTurn, mount: LidarMount) -> LidarTurn:

@@ -27,7 +27,7 @@ from vve_sumo.values import (
     Stations,
     newest_scan,
 )
-from vve_sumo.wire.sample import LidarTurn, Sample, SampleContent, sequence_of, virtual_fix
+from vve_sumo.wire.sample import LidarTurn, OwnMotion, Sample, SampleContent, sequence_of, virtual_fix
 from vve_sumo.wire.setpoints import SILENT, SetpointInbox
 from vve_sumo.wire.vlp16 import turn_of
 
@@ -87,12 +87,15 @@ class Publisher:
         awaiting_start: bool = False,
         wired: Collection[str] = (),
         tells_signals: bool = False,
+        tells_own: bool = False,
     ) -> None:
         """`placement` is `virtual_placement`'s; `epoch` is the GNSS second of drive time 0.
 
         `awaiting_start`: nothing is valid until the drive begins, for a brain that would drive off by what it sees.
-        `wired` are the lidars and cameras that the wires carry; `tells_signals`: whether one carries the signals.
+        `wired` are the lidars and cameras that the wires carry; `tells_signals`: whether one carries the signals;
+        `tells_own`: whether one tells others of the ego also while nothing is valid.
         """
+        self._tells_own = tells_own
         self._send, self._placement, self._epoch, self._wired = send, placement, epoch, tuple(wired)
         self._turned: dict[str, float] = {}  # drive time of the newest turn of each lidar that was sent
         self.sequence = 0  #: of the newest sample
@@ -109,9 +112,14 @@ class Publisher:
         self.sequence = max(self.sequence + 1, sequence_of(now))
         sound = seen is not None and not (self.over or self.awaiting_start) and all(code == SILENT for code in faults)
         measured = self._measured(now, seen) if seen is not None and sound else None
-        sample = Sample(self.sequence, self._epoch + now, now, measured)
+        own = self._own(seen, faults) if self._tells_own else None
+        sample = Sample(self.sequence, self._epoch + now, now, measured, own)
         self.radar_valid = sample.radar_valid
         self._send(sample)
+
+    def _own(self, seen: SensorFrame | None, faults: tuple[str, ...]) -> OwnMotion | None:
+        """Return where the ego knows itself to be; None where it does not."""
+        return None if seen is None or "pose_stale" in faults else OwnMotion(seen.pose, seen.fix.position_sigma)
 
     def _measured(self, now: float, seen: SensorFrame) -> SampleContent:
         scan = newest_scan(seen.sensors)
@@ -252,17 +260,25 @@ def external_controller(
     waits: bool = False,
     wired: Collection[str] = (),
     tells_signals: bool = False,
+    tells_own: bool = False,
 ) -> ExternalController:
     """Return what a drive has of the external controller that a link leads to; `kind` is `brain.kind` of a rig.
 
     `frame` is the virtual road's map, `mounting` the receiver's, `epoch` the GNSS second of drive time 0, `key` signs
     setpoints. `waits`: whether a tick waits for the setpoint that answers its sample. `wired` are the lidars and
-    cameras that the wires carry, `tells_signals` says whether one carries the signals.
+    cameras that the wires carry, `tells_signals` says whether one carries the signals, `tells_own` whether one tells
+    others of the ego.
     """
     # A brain that commands the car by itself would drive off by what it sees: it sees nothing before the go.
     placement, waits_for_go = virtual_placement(frame, mounting, epoch), kind == "external"
     publisher = Publisher(
-        link.send, placement, epoch, awaiting_start=waits_for_go, wired=wired, tells_signals=tells_signals
+        link.send,
+        placement,
+        epoch,
+        awaiting_start=waits_for_go,
+        wired=wired,
+        tells_signals=tells_signals,
+        tells_own=tells_own,
     )
     if kind == "setpoints":
         return ExternalController(

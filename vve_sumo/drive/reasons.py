@@ -45,6 +45,7 @@ DRIVE_REASONS: Final[dict[str, str]] = {
     "outputs_gone": "the process of the outgoing wires is gone: the external controller sees nothing",
     "overrun": "the drive's loop was too late too often: its ticks were skipped",
     "path_leaves_lot": "the path leads to where the car could not stop inside the lot",
+    "stations_gone": "the process that hears the real on-board unit is gone: nothing is known of its stations any more",
     "people_gone": "the process of the people's page is gone: nothing is known of them any more",
     "pose_foreign_sender": "another sender than the rig's pose.source speaks to the receiver's port",
     "pose_not_finite": "the pose handed to SUMO is not a number",

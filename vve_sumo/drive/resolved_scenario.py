@@ -151,7 +151,7 @@ class ResolvedScenario:
             "path_m": [f"{x} {y}" for x, y in self.path.points],
             "vehicle": model.pop("vehicle"),
             "vehicle_model": model,
-            "sensors": {name: [*map(list, settings.columns)] for name, settings in sensors.items()},
+            "sensors": {name: [*map(list, settings.table())] for name, settings in sensors.items()},
             **self._drawings(sensors),
             "files_sha256": plugged_in.digests(files),
             "versions": versions(),

@@ -13,6 +13,7 @@ from typing import Any, Final
 from vve_sumo.drive.people_on_road import PeopleOnRoad
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.shared_prefix import ActorEngine
+from vve_sumo.drive.stations_on_road import StationsOnRoad
 from vve_sumo.intersections import SignalPhase
 from vve_sumo.path import ReferencePath
 from vve_sumo.scenario import schema
@@ -107,6 +108,7 @@ class VirtualRoad:
         self._began: float | None = None
         self._entered: set[str] = set()  # ids of the egos that have had a pose
         self._people: PeopleOnRoad | None = None
+        self._stations: StationsOnRoad | None = None
         self.around = {ego: EgoSurroundings() for ego in world.egos}  #: by the ego's id
 
     @property
@@ -162,6 +164,10 @@ class VirtualRoad:
         """Have real people on the road; call it before the first step."""
         self._people = people
 
+    def admit_stations(self, stations: StationsOnRoad) -> None:
+        """Have real stations on the road; call it before the first step."""
+        self._stations = stations
+
     def start_actors(self) -> None:
         """Let the scenario's actors begin: the operator said go."""
         self._waits = False
@@ -186,6 +192,8 @@ class VirtualRoad:
         if self._people is not None:
             # People are there from the first step on: whether they are is a condition for the drive to begin.
             actors = (actors or ()) + self._people.step(next(iter(poses.values())).time)
+        if self._stations is not None:
+            actors = (actors or ()) + self._stations.step(next(iter(poses.values())).time)
         if actors is not None:
             self._world.set_actors(actors)
         stepped, reports = self._world.step(poses), {}

@@ -18,7 +18,7 @@ from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.resolved_scenario import ResolvedScenario, resolve_scenario
 from vve_sumo.drive.rolling_start import require_start_from_rest
 from vve_sumo.errors import ConfigError, RigError
-from vve_sumo.frames import Placement
+from vve_sumo.frames import Alignment, Placement
 from vve_sumo.live.alignment import StandingPose, standing_pose
 from vve_sumo.pose.dating import FixDater
 from vve_sumo.pose.sources import Source
@@ -26,6 +26,8 @@ from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig
 from vve_sumo.scenario.load import parse
+from vve_sumo.stations.received_stations import StationsSetup
+from vve_sumo.stations.station_gate import GateLimits
 from vve_sumo.timing import PERIOD
 
 #: GNSS time minus this machine's wall clock, if that is disciplined to UTC [s]: epoch of GPS, and 18 leap seconds
@@ -99,6 +101,20 @@ def pipeline_of(
         geofence=meaning.geofence_of(rig, lot.alignment),
     )
     return build_pipeline(resolved, pose, working, brain)
+
+
+def stations_setup(resolved: ResolvedScenario, rig: Rig, lot: LotAlignment) -> StationsSetup | None:
+    """Return how the stations of a rig's real on-board unit lie on the virtual road; None where it has no unit."""
+    if (wanted := rig.v2x) is None:
+        return None
+    road, begin = resolved.map_frame, resolved.path.at(0.0)
+    projection, offset, alignment = (
+        (lot.projection, (0.0, 0.0), Alignment(lot.alignment.rotation, lot.alignment.x, lot.alignment.y))
+        if wanted.frame == "lot"
+        else (road.projection, road.offset, Alignment())
+    )
+    limits = GateLimits(wanted.reach_m, wanted.uncertainty_m, wanted.stations, frozenset(wanted.ignored))
+    return StationsSetup(projection, offset, alignment, (begin.x, begin.y), lot.epoch, limits)
 
 
 def minimum_delay_of(rig: Rig) -> float:

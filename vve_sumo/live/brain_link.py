@@ -136,6 +136,11 @@ def tells_signals(rig: Rig) -> bool:
     return any(KINDS[one.kind].tells_signals for one in rig.outputs)
 
 
+def tells_own(rig: Rig) -> bool:
+    """Return whether one of a rig's wires tells others of the ego, also while the outputs are invalid."""
+    return any(KINDS[one.kind].tells_own for one in rig.outputs)
+
+
 def wired_sensors(rig: Rig) -> frozenset[str]:
     """Return the names of the lidars, cameras and V2X receivers that a rig's wires carry."""
     carried = ("points", "objects", "stations")

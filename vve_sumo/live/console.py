@@ -65,6 +65,7 @@ class ProcessGroup:
     outputs: subprocess.Popen[bytes] | None  #: of the outgoing wires; it ends with the drive
     view: subprocess.Popen[bytes] | None  #: of the page in a browser
     people: subprocess.Popen[bytes] | None  #: of the people's pages; it ends with the drive
+    stations: subprocess.Popen[bytes] | None  #: of a real on-board unit; it ends with the drive
     to_gateway: Channel
     to_drive: Channel
     to_car: Channel | None
@@ -86,6 +87,8 @@ class ProcessGroup:
             spawn.end(self.outputs, DRIVE_TIMEOUT)
         if self.people is not None:
             spawn.end(self.people, VIEW_TIMEOUT)
+        if self.stations is not None:
+            spawn.end(self.stations, VIEW_TIMEOUT)
         spawn.end(self.recorder, timeout)
         if self.car is not None and self.to_car is not None:
             self.to_car.close()

@@ -23,6 +23,7 @@ from vve_sumo.drive.brain import ExternalController, external_controller
 from vve_sumo.drive.people_on_road import PeopleOnRoad
 from vve_sumo.drive.pipeline import TickResult
 from vve_sumo.drive.standstill_cause import StandstillClassifier
+from vve_sumo.drive.stations_on_road import StationsOnRoad
 from vve_sumo.drive.termination import Outcome, TerminationMonitor
 from vve_sumo.drive.tick import CarInput, CompletedTick, DueTick, EgoTick, Tick
 from vve_sumo.drive.virtual_road import open_world, scenario_engine
@@ -31,7 +32,7 @@ from vve_sumo.frames import move_point
 from vve_sumo.geometry import behind_bumper
 from vve_sumo.live import messages, signals, spawn, start_pose
 from vve_sumo.live.assembly import from_dict, pipeline_of, source_of
-from vve_sumo.live.brain_link import ChannelLink, key_of, open_setpoints, tells_signals, wired_sensors
+from vve_sumo.live.brain_link import ChannelLink, key_of, open_setpoints, tells_own, tells_signals, wired_sensors
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.jitter_wait import JitterWait, gateway_lateness
 from vve_sumo.live.latency_monitor import LatencyMonitor
@@ -39,6 +40,7 @@ from vve_sumo.live.people_link import PeopleFeed
 from vve_sumo.live.priority import DRIVE_NICE, DRIVE_PRIORITY, OOM_DRIVE, RealTimeSection, raise_priority, set_oom_score
 from vve_sumo.live.recorder_client import RecorderClient
 from vve_sumo.live.road import LiveRoad
+from vve_sumo.live.stations_link import StationsFeed
 from vve_sumo.live.tick_scheduler import ScheduledTick, TickScheduler
 from vve_sumo.live.view_feed import SampleContext, ViewFeed
 from vve_sumo.people.person import People
@@ -46,6 +48,7 @@ from vve_sumo.people.person_view import RoadCar, view_of
 from vve_sumo.record.rows import LatencyRow
 from vve_sumo.rig.resolve import mounting_of
 from vve_sumo.rig.schema import Rig
+from vve_sumo.stations.received_stations import ReceivedStations, StationsSetup
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import EGO, ArmingState, GatewayStatus, Point, Setpoint, newest_scan
 from vve_sumo.vehicle import link
@@ -119,6 +122,13 @@ class LiveDrive:
             self._people = PeopleOnRoad(People(self._resolved.people), self._recorder)
             self._road.admit(self._people)
             self._inputs.append(self._people_feed)
+        self._stations_feed: StationsFeed | None = None
+        if "stations" in channels:
+            setup = StationsSetup.from_dict(config["resolved"]["stations"])
+            self._stations_feed = StationsFeed(channels["stations"])
+            self._stations = StationsOnRoad(ReceivedStations(setup), self._recorder)
+            self._road.admit_stations(self._stations)
+            self._inputs.append(self._stations_feed)
 
     def _foreign(
         self, rig: Rig, lot: LotAlignment, outputs: Channel | None, working: Path
@@ -133,7 +143,15 @@ class LiveDrive:
         link_ = ChannelLink(outputs, setpoints, self._t0, actors=actors)
         frame, mounting, wired = self._resolved.map_frame, mounting_of(rig), wired_sensors(rig)
         return link_, external_controller(
-            brain.kind, link_, frame, mounting, lot.epoch, key, wired=wired, tells_signals=tells_signals(rig)
+            brain.kind,
+            link_,
+            frame,
+            mounting,
+            lot.epoch,
+            key,
+            wired=wired,
+            tells_signals=tells_signals(rig),
+            tells_own=tells_own(rig),
         )
 
     def run(self) -> None:
@@ -183,6 +201,10 @@ class LiveDrive:
             for arrived in self._people_feed.receive():
                 self._people.receive(arrived.received, arrived.datagram)
             ends.append((self._people_feed, self._people_feed.closed))
+        if self._stations_feed is not None:
+            for arrived_at, datagram, said in self._stations_feed.receive():
+                self._stations.receive(arrived_at, datagram, said)
+            ends.append((self._stations_feed, self._stations_feed.closed))
         for end, gone in ends:
             if gone and end in self._inputs:
                 # select always finds a closed connection ready, which would make the wait a busy loop.
@@ -246,6 +268,8 @@ class LiveDrive:
             foreign += ("gateway_silent",)
         if self._people is not None and self._people_feed.closed:
             foreign += ("people_gone",)
+        if self._stations_feed is not None and self._stations_feed.closed:
+            foreign += ("stations_gone",)
         return (
             ready + self._scheduled_faults + self._latency_faults + recording + self._source.sender_faults() + foreign
         )
@@ -459,6 +483,8 @@ class LiveDrive:
             self._view.close()
         if self._people is not None:
             self._people_feed.close()
+        if self._stations_feed is not None:
+            self._stations_feed.close()
         self._road.close()
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from vve_sumo.drive.brain import ExternalController, Link, external_controller
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
 from vve_sumo.errors import ConfigError
-from vve_sumo.live.brain_link import WiredLink, key_of, open_setpoints, tells_signals, wired_sensors
+from vve_sumo.live.brain_link import WiredLink, key_of, open_setpoints, tells_own, tells_signals, wired_sensors
 from vve_sumo.live.outputs import OutputWire, opened
 from vve_sumo.pose.sources import Source
 from vve_sumo.rig.schema import Rig
@@ -59,6 +59,7 @@ def external_controller_over(link: Link, rig: Rig, resolved: ResolvedScenario, w
         waits=True,
         wired=wired,
         tells_signals=tells_signals(rig),
+        tells_own=tells_own(rig),
     )
 
 

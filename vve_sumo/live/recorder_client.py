@@ -14,7 +14,15 @@ from msgspec import Struct, field
 
 from vve_sumo.live.channel import Channel
 from vve_sumo.messages import MessageCodec, MessageKind
-from vve_sumo.record.rows import GatewayRow, LatencyRow, PersonReportRow, PersonRow, TickRow
+from vve_sumo.record.rows import (
+    GatewayRow,
+    LatencyRow,
+    PersonReportRow,
+    PersonRow,
+    StationDatagramRow,
+    StationRow,
+    TickRow,
+)
 from vve_sumo.sensors.port import Column
 from vve_sumo.values import Actors, CommandedPath, Frame
 
@@ -37,6 +45,8 @@ class RecordBatch(Struct, array_like=True, forbid_unknown_fields=True):
     commanded: list[tuple[int, CommandedPath]] = field(default_factory=list)
     person_reported: list[tuple[PersonReportRow]] = field(default_factory=list)
     person_placed: list[tuple[PersonRow]] = field(default_factory=list)
+    station_received: list[tuple[StationDatagramRow]] = field(default_factory=list)
+    station_placed: list[tuple[StationRow]] = field(default_factory=list)
     ticked: list[tuple[TickRow]] = field(default_factory=list)
     stepped: list[tuple[GatewayRow]] = field(default_factory=list)
     timed: list[tuple[LatencyRow]] = field(default_factory=list)
@@ -103,6 +113,16 @@ class RecorderClient:
     def person_placed(self, row: PersonRow) -> None:
         """Keep a person at one step of the virtual road."""
         self._batch.person_placed.append((row,))
+        self._empty = False
+
+    def station_received(self, row: StationDatagramRow) -> None:
+        """Keep a datagram of the real on-board unit."""
+        self._batch.station_received.append((row,))
+        self._empty = False
+
+    def station_placed(self, row: StationRow) -> None:
+        """Keep a real station's body at one step of the virtual road."""
+        self._batch.station_placed.append((row,))
         self._empty = False
 
     def ticked(self, row: TickRow) -> None:

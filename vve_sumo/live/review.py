@@ -24,6 +24,7 @@ from vve_sumo.drive.replay import (
     read_pipeline_inputs,
     replayed_ticks,
 )
+from vve_sumo.drive.replay_stations import replay_stations
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
 from vve_sumo.drive.verify import alterations
 from vve_sumo.errors import ConfigError
@@ -111,7 +112,7 @@ def _lockstep(folder: Path, resolved: ResolvedScenario, working: Path) -> Replay
     inputs = read_pipeline_inputs(folder)
     frames = lockstep.read_car_frames(folder, DEFAULT_EPOCH, resolved.model.interface)
     difference = lockstep.replay(resolved, inputs, frames, working)
-    differences = _described("tick", inputs.ticks, difference) + _of_people(folder)
+    differences = _described("tick", inputs.ticks, difference) + _of_people(folder) + _of_stations(folder)
     return ReplayResult(f"{len(inputs.ticks)} ticks", _torn(inputs), differences)
 
 
@@ -122,13 +123,21 @@ def _live(folder: Path, working: Path) -> ReplayResult:
     if inputs.torn:
         notes.append(f"the last {inputs.torn} steps of the gateway come after a gap in gateway or can.log")
     differences = _described("tick", ticks, live.replay_drive(inputs, working))
-    differences += _described("step", steps, live.replay_gateway(inputs)) + _of_people(folder)
+    differences += _described("step", steps, live.replay_gateway(inputs)) + _of_people(folder) + _of_stations(folder)
     return ReplayResult(f"{len(ticks)} ticks and {len(steps)} steps of the gateway", notes, differences)
 
 
 def _of_people(folder: Path) -> list[str]:
     """Return the lines on the first difference of what a drive's real people were taken for; none without one."""
-    difference = lockstep.replay_people(folder)
+    return _on_road(lockstep.replay_people(folder))
+
+
+def _of_stations(folder: Path) -> list[str]:
+    """Return the lines on the first difference of what a drive's real stations were taken for; none without one."""
+    return _on_road(replay_stations(folder))
+
+
+def _on_road(difference: Difference | None) -> list[str]:
     if difference is None:
         return []
     return [

@@ -209,6 +209,8 @@ def _driven(
         scenario_content = plan.resolved.to_dict(plan.working) | ground.to_dict()
         scenario_content |= assembly.to_dict(plan.resolved, plan.scenario_file, plan.rig_file.stem, plan.rig)
         scenario_content["gateway"]["shadow"] = plan.shadow
+        if (stations := assembly.stations_setup(plan.resolved, plan.rig, ground)) is not None:
+            scenario_content["stations"] = stations.to_dict()
         if any(person.pages for person in plan.resolved.people):
             scenario_content["people_consent"] = consent.TEXT
         scenario_content["files_sha256"] |= plugged_in.digests(plugged_in.receiver(plan.rig.pose.kind).files())
@@ -309,6 +311,13 @@ def _processes(
         for end in drive_outputs.values():
             end.close()  # with which the process of the wires ends
         raise
+    try:
+        stations, drive_stations = _stations(plan, common)
+    except VveError:
+        _close_page(view, to_view)
+        for end in (drive_outputs | drive_people).values():
+            end.close()
+        raise
     recorder = spawn.start(
         "recorder",
         common | {"resolved": scenario_content, "provenance": provenance_text, "log": str(folder / "recorder.log")},
@@ -336,12 +345,24 @@ def _processes(
         {"gateway": drive_gateway, "console": drive_console, "recorder": drive_recorder}
         | drive_outputs
         | drive_view
-        | drive_people,
+        | drive_people
+        | drive_stations,
         own_session=True,
     )
     process, to_car = (car.process, car.channel) if car is not None else (None, None)
     return ProcessGroup(
-        gateway, drive, recorder, process, wires, view, people, console_gateway, console_drive, to_car, to_view
+        gateway,
+        drive,
+        recorder,
+        process,
+        wires,
+        view,
+        people,
+        stations,
+        console_gateway,
+        console_drive,
+        to_car,
+        to_view,
     )
 
 
@@ -382,6 +403,32 @@ def _outputs(
         process.wait()
         raise _error_of(first, "outputs: the process did not start")
     return process, {"outputs": drive_outputs}
+
+
+def _stations(plan: DrivePlan, common: dict[str, Any]) -> tuple[subprocess.Popen[bytes] | None, dict[str, Channel]]:
+    """Start the process of the real on-board unit; return it and the drive's end of its channel.
+
+    Neither where the rig has none. Raises VveError where its port cannot be had.
+    """
+    if (wanted := plan.rig.v2x) is None:
+        return None, {}
+    drive_stations, stations_drive = pair()
+    ours, theirs = pair()
+    config = common | {
+        "listen": wanted.listen,
+        "sender": wanted.sender,
+        "log": str(plan.folder / "stations.log"),
+    }
+    process = spawn.start("stations", config, {"drive": stations_drive, "console": theirs}, own_session=True)
+    select.select([ours], [], [], OUTPUTS_TIMEOUT)
+    first = messages.decode((ours.receive() or [b""])[0])
+    ours.close()
+    if not isinstance(first, messages.Ready):
+        drive_stations.close()
+        process.kill()
+        process.wait()
+        raise _error_of(first, "stations: the process did not start")
+    return process, {"stations": drive_stations}
 
 
 def _people(
@@ -481,6 +528,7 @@ def _note_processes(plan: DrivePlan, processes: ProcessGroup) -> None:
     numbers |= {"outputs": processes.outputs.pid} if processes.outputs is not None else {}
     numbers |= {"view": processes.view.pid} if processes.view is not None else {}
     numbers |= {"people": processes.people.pid} if processes.people is not None else {}
+    numbers |= {"stations": processes.stations.pid} if processes.stations is not None else {}
     numbers["t0_monotonic_s"] = plan.t0
     (plan.folder / "processes.json").write_text(json.dumps(numbers) + "\n", encoding="utf-8")
 

@@ -9,7 +9,7 @@ import dataclasses
 import struct
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 import pyarrow as pa
@@ -19,7 +19,15 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.metric import Metric
 from vve_sumo.metrics.own import DeclaredMetrics
 from vve_sumo.record.columns import described_schema
-from vve_sumo.record.rows import GatewayRow, LatencyRow, PersonReportRow, PersonRow, TickRow
+from vve_sumo.record.rows import (
+    GatewayRow,
+    LatencyRow,
+    PersonReportRow,
+    PersonRow,
+    StationDatagramRow,
+    StationRow,
+    TickRow,
+)
 from vve_sumo.sensors.port import SensorColumn
 from vve_sumo.values import EGO
 
@@ -39,7 +47,10 @@ _ARROW: dict[str, pa.DataType] = {
 }  # fmt: skip
 
 
-def _row_schema(row: type[TickRow | GatewayRow | LatencyRow | PersonReportRow | PersonRow]) -> pa.Schema:
+_Row: TypeAlias = TickRow | GatewayRow | LatencyRow | PersonReportRow | PersonRow | StationDatagramRow | StationRow
+
+
+def _row_schema(row: type[_Row]) -> pa.Schema:
     return described_schema((f.name, _ARROW[str(f.type)], f.metadata["meaning"]) for f in dataclasses.fields(row))
 
 
@@ -85,9 +96,11 @@ ACTOR_COLUMNS: Final = tuple(SCHEMAS["actors"].names[2:])
 COMMANDED: Final = "commanded_paths"
 #: names of the tables of real people: what came from them, and what it was taken for
 PEOPLE_REPORTS, PEOPLE = "people_reports", "people"
+#: names of the tables of real stations: what the on-board unit received, and the bodies that came of it
+STATION_DATAGRAMS, STATIONS = "station_datagrams", "stations"
 #: Tables of records of which not every drive writes any row; such a drive's record has no file of theirs and no hash.
 #: They are flushed in this order and before all others: a kill between two flushes never leaves a tick whose commanded
-#: path is missing, nor a person without the reports behind them.
+#: path is missing, nor a person or a station without the reports behind them.
 OPTIONAL_SCHEMAS: Final[dict[str, pa.Schema]] = {
     COMMANDED: described_schema(
         [
@@ -99,6 +112,8 @@ OPTIONAL_SCHEMAS: Final[dict[str, pa.Schema]] = {
     ),
     PEOPLE_REPORTS: _row_schema(PersonReportRow),
     PEOPLE: _row_schema(PersonRow),
+    STATION_DATAGRAMS: _row_schema(StationDatagramRow),
+    STATIONS: _row_schema(StationRow),
 }
 
 #: name of the table of the lanes around the path

@@ -123,6 +123,35 @@ class PersonRow:
 
 
 @dataclass(frozen=True, slots=True)
+class StationDatagramRow:
+    """A datagram of the real on-board unit, as it came, and what was made of it."""
+
+    step: int = _column("number of the step of the virtual road that first knew of it, counted from the first")
+    received_s: float = _column("drive time at which it arrived")
+    datagram: bytes = _column("GeoNetworking packet, or Ethernet frame with one")
+    station: int = _column("ID of the station that it is of; -1 where it tells of no body")
+    refused: str = _column("why it was not believed; empty for one that was")
+
+
+@dataclass(frozen=True, slots=True)
+class StationRow:
+    """A real station that has a body, at one step of the virtual road."""
+
+    step: int = _column("number of the step of the virtual road, counted from the first")
+    time_s: float = _column("drive time that the step leads to: of the tick that looks at it")
+    station: int = _column("ID")
+    kind: str = _column("of its body")
+    x_m: float = _column("middle of the body, map")
+    y_m: float = _column("as x_m")
+    heading_rad: float = _column("of its motion, counter-clockwise from the map's +x")
+    speed_mps: float = _column("as its last message has it; 0 once that is too old to go on by")
+    length_m: float = _column("of the body; what is usual for its kind where its messages have none")
+    width_m: float = _column("as length_m")
+    uncertainty_m: float = _column("of the circle that holds the place of its last message with 95 %")
+    age_s: float = _column("of its last message that was believed")
+
+
+@dataclass(frozen=True, slots=True)
 class LatencyRow:
     """The times within one tick of a live drive; all are drive times [s], NaN where the event did not happen."""
 

@@ -39,11 +39,21 @@ from vve_sumo.record.layout import (
     PEOPLE_REPORTS,
     RAW_PARTS,
     SCHEMAS,
+    STATION_DATAGRAMS,
+    STATIONS,
     UNHASHED,
     sensor_schemas,
     sensor_table,
 )
-from vve_sumo.record.rows import GatewayRow, LatencyRow, PersonReportRow, PersonRow, TickRow
+from vve_sumo.record.rows import (
+    GatewayRow,
+    LatencyRow,
+    PersonReportRow,
+    PersonRow,
+    StationDatagramRow,
+    StationRow,
+    TickRow,
+)
 from vve_sumo.record.summary import write_summary
 from vve_sumo.sensors.port import Column
 from vve_sumo.values import Actors, CommandedPath, Frame
@@ -345,6 +355,16 @@ class MemoryRecorder:
         if (table := self._optional(PEOPLE)) is not None:
             table.append(_person_tuple(row))
 
+    def station_received(self, row: StationDatagramRow) -> None:
+        """Record a datagram of the real on-board unit."""
+        if (table := self._optional(STATION_DATAGRAMS)) is not None:
+            table.append(_datagram_tuple(row))
+
+    def station_placed(self, row: StationRow) -> None:
+        """Record a real station's body at one step of the virtual road."""
+        if (table := self._optional(STATIONS)) is not None:
+            table.append(_station_tuple(row))
+
     def _optional(self, name: str) -> _Table | None:
         """Return one of the tables that not every drive has, which is opened with its first row.
 
@@ -520,3 +540,5 @@ _gateway_tuple: Callable[[GatewayRow], tuple[Any, ...]] = operator.attrgetter(*G
 _report_tuple: Callable[[PersonReportRow], tuple[Any, ...]] = operator.attrgetter(*PersonReportRow.__slots__)
 _person_tuple: Callable[[PersonRow], tuple[Any, ...]] = operator.attrgetter(*PersonRow.__slots__)
 _latency_tuple: Callable[[LatencyRow], tuple[Any, ...]] = operator.attrgetter(*LatencyRow.__slots__)
+_datagram_tuple: Callable[[StationDatagramRow], tuple[Any, ...]] = operator.attrgetter(*StationDatagramRow.__slots__)
+_station_tuple: Callable[[StationRow], tuple[Any, ...]] = operator.attrgetter(*StationRow.__slots__)

@@ -330,6 +330,7 @@ class RigOutput(Table):
         "vlp16_position",
         "v2x",
         "cam",
+        "denm",
         "cpm",
         "signals",
         "stop",
@@ -484,6 +485,36 @@ class RigPerson(Table):
         return self
 
 
+class RigV2x(Table):
+    """A real on-board unit, whose stations become bodies on the virtual road."""
+
+    listen: Place = Field(description="address and port to which the unit's packets are sent, such as 127.0.0.1:4716")
+    sender: Sender | None = Field(default=None, description="address of the unit, where it is not on here")
+    frame: Literal["lot", "road"] = Field(
+        default="lot",
+        description="`lot`: stations are around the real car, and are laid onto the virtual road as it is; `road`: "
+        "they say where they are on the virtual road itself, as another simulator does",
+    )
+    reach_m: Annotated[float, Field(gt=0.0, le=5000.0)] = Field(
+        default=500.0, description="stations farther from where the ego's path begins are not placed"
+    )
+    uncertainty_m: Annotated[float, Field(gt=0.0, le=40.0)] = Field(
+        default=5.0, description="greatest radius, with 95 %, within which a station knows its place"
+    )
+    stations: Annotated[int, Field(ge=1, le=200)] = Field(default=32, description="at a time, no more")
+    ignored: tuple[Annotated[int, Field(ge=0, le=2**32 - 1)], ...] = Field(
+        default=(), strict=False, description="IDs of stations that are not placed: those of the car's own unit"
+    )
+
+    @model_validator(mode="after")
+    def _of_one_sender(self) -> Self:
+        """Refuse a port that anyone on the network could speak to."""
+        host = self.listen.rpartition(":")[0]
+        if self.sender is None and not ipaddress.ip_address(host).is_loopback:
+            raise ValueError(f"sender is missing: anyone who reaches {host} could put bodies on the virtual road")
+        return self
+
+
 class Rig(Table):
     """One car with its receiver, its bus and its lot."""
 
@@ -510,6 +541,7 @@ class Rig(Table):
     view: RigView = RigView()
     people: tuple[RigPerson, ...] = Field(default=(), strict=False)
     people_page: RigPeoplePage = RigPeoplePage()
+    v2x: RigV2x | None = None
     others: tuple[Other, ...] = Field(default=(), strict=False)
     brain: Brain = Brain()
     outputs: tuple[RigOutput, ...] = Field(default=(), strict=False)

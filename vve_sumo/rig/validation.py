@@ -228,6 +228,11 @@ def _listener(rig: Rig, place: str) -> str:
         heard = ipaddress.ip_address(host).is_loopback and (here.is_loopback or here.is_unspecified)
         if int(port) == table.port and (host == table.address or heard):
             return name
+    if rig.v2x is not None:
+        address, _, number = rig.v2x.listen.rpartition(":")
+        loopback = ipaddress.ip_address(host).is_loopback and ipaddress.ip_address(address).is_loopback
+        if port == number and (host == address or loopback):
+            return "v2x"
     return ""
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -71,9 +71,11 @@ class GuardedSensor:
         self._preparing: Callable[[], Reading | None] | None = getattr(self._sensor, "prepare", None)
         self._prepared = _NOTHING_PREPARED
         self._stepped = False  # and not prepared since
-        self._columns, self._max_age = settings.columns, float(settings.max_age())
+        self._columns, self._max_age = settings.table(), float(settings.max_age())
         self._observation = settings.observation
         self._fields = tuple(field.name for field in dataclasses.fields(settings.observation) if field.name != "time")
+        #: tables that this sensor's settings leave out: None from the beginning
+        self._left_out = frozenset(name for name in self._fields if getattr(self._sensor.output, name, 0) is None)
         self._first = math.nan
         self.output: SensorOutput = self._sensor.output  #: the newest valid output, for the controller
         self.faults: tuple[str, ...] = ()  #: reason codes of the last step
@@ -161,8 +163,14 @@ class GuardedSensor:
         """
         if not isinstance(output, self._observation):
             raise WrongTypeError(f"output is a {type(output).__name__}, expected a {self._observation.__name__}")
-        sound = {}
-        for name in self._fields:
+        sound: dict[int, str] = {}
+        there = [name for name in self._fields if name not in self._left_out or getattr(output, name) is not None]
+        self._check_fields(output, there, sound)
+        return sound
+
+    def _check_fields(self, output: object, names: Iterable[str], sound: dict[int, str]) -> None:
+        """Check fields of an output, or of a table in it, and note in `sound` its arrays as `_check` returns them."""
+        for name in names:
             value: Any = getattr(output, name)
             if isinstance(value, np.ndarray):
                 if value.dtype.kind not in _PLAIN:
@@ -175,11 +183,12 @@ class GuardedSensor:
             elif isinstance(value, float | np.floating):
                 if not math.isfinite(value):
                     raise NotFiniteError(f"{name} of its output is {value}")
+            elif dataclasses.is_dataclass(value) and not isinstance(value, type):
+                self._check_fields(value, [field.name for field in dataclasses.fields(value)], sound)
             elif not isinstance(value, int | np.integer | np.bool_ | str):
                 # A list could hold a NaN at any depth.
                 kind_of = type(value).__name__
                 raise WrongTypeError(f"{name} of its output is a {kind_of}, expected a number, a text or an array")
-        return sound
 
     def _fail(self, code: str, text: str) -> None:
         self.faults += (code,)

@@ -92,12 +92,16 @@ class PreparingSensor(Sensor, Protocol):
 class SensorSettings(Table):
     """What a scenario says of a sensor: a kind's class adds its keys."""
 
-    #: of the sensor's table in the record, after `tick`
+    #: of the sensor's table in the record, after `tick`, whatever the settings say
     columns: ClassVar[tuple[SensorColumn, ...]]
     #: what outgoing wires can carry of its output, whatever their format
     serves: ClassVar[tuple[Content, ...]] = ()
     #: class of `Sensor.output`: a frozen dataclass of its date, numbers and arrays of numbers, all finite
     observation: ClassVar[type]
+
+    def table(self) -> tuple[SensorColumn, ...]:
+        """Return the columns of this sensor's table: those of the kind, and those that its settings add."""
+        return self.columns
 
     def drawing(self, vehicle: Vehicle, /) -> Drawing | None:
         """Return how the rows are drawn on a vehicle; None, the default, where they have no place on the road."""
@@ -146,7 +150,7 @@ def drawing_of(settings: SensorSettings, vehicle: Vehicle) -> Drawing | None:
         drawing = settings.drawing(vehicle)
     except (Exception, SystemExit) as error:
         raise ConfigError(f"drawing raised {error_text(error, __file__)}") from error
-    if drawing is not None and (why := wrong(drawing, settings.columns)):
+    if drawing is not None and (why := wrong(drawing, settings.table())):
         raise ConfigError(f"drawing: {why}")
     return drawing
 

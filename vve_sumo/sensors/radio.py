@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,8 @@ from vve_sumo.values import Actors
 
 #: a person carries the radio at this share of the height; vehicles and riders have it on top: assumptions
 CARRIED_AT: Final = 0.6
+
+_Lengths: TypeAlias = float | NDArray[np.float64]
 
 
 class Antenna(NamedTuple):
@@ -89,22 +91,40 @@ class Obstacles:
         highest = float(heights.max()) if len(heights) else 0.0
         return Obstruction(Sight.BODY, highest) if highest >= min(receiver.z, sender.z) else Obstruction(Sight.CLEAR)
 
-    def _meets_box(self, start: Antenna, to_x: float, to_y: float) -> NDArray[np.bool_]:
-        """Say of each actor whether the line from a place, which leads so far, goes through its box."""
+    def visible(self, eye: Antenna, rows: NDArray[np.intp], own: int) -> NDArray[np.bool_]:
+        """Say of the actors in some rows whether an eye of the actor in row `own` sees their middles past all others.
+
+        A body hides what is behind it if it is as high as the eye, or as what is looked at.
+        """
+        actors = self._actors
+        to_x, to_y = (actors.x[rows] - eye.x)[:, np.newaxis], (actors.y[rows] - eye.y)[:, np.newaxis]
+        hides = self._meets_box(eye, to_x, to_y)
+        hides &= actors.height >= np.minimum(eye.z, actors.height[rows])[:, np.newaxis]
+        hides[:, own] = False
+        hides[np.arange(len(rows)), rows] = False
+        seen: NDArray[np.bool_] = ~(hides.any(axis=1) | _meets_wall(eye, to_x, to_y, self._walls))
+        return seen
+
+    def _meets_box(self, start: Antenna, to_x: _Lengths, to_y: _Lengths) -> NDArray[np.bool_]:
+        """Say of each actor whether the line from a place, which leads so far, goes through its box.
+
+        Of n lines, whose lengths are n by 1, the answer is n by the actors.
+        """
         actors, cos, sin = self._actors, self._cos, self._sin
         east, north = start.x - actors.x, start.y - actors.y
         # In the frame of each box: where the line begins, and its way to the other end.
         along, across = east * cos + north * sin, north * cos - east * sin
         by_along, by_across = to_x * cos + to_y * sin, to_y * cos - to_x * sin
         first, last = np.zeros(len(cos)), np.ones(len(cos))
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             for begin, way, half in ((along, by_along, 0.5 * actors.length), (across, by_across, 0.5 * actors.width)):
                 one, other = (-half - begin) / way, (half - begin) / way
                 level = way == 0.0
                 enters = np.where(level, np.where(np.abs(begin) > half, 2.0, 0.0), np.minimum(one, other))
                 leaves = np.where(level, 1.0, np.maximum(one, other))
                 first, last = np.maximum(first, enters), np.minimum(last, leaves)
-        return first < last
+        meets: NDArray[np.bool_] = first < last
+        return meets
 
 
 def received_power(power: float, receiver: Antenna, sender: Antenna, found: Obstruction, fading: Fading) -> float:
@@ -118,13 +138,13 @@ def received_power(power: float, receiver: Antenna, sender: Antenna, found: Obst
     return power - loss
 
 
-def _meets_wall(start: Antenna, to_x: float, to_y: float, walls: Walls) -> bool:
-    """Whether the line from a place to another crosses a wall."""
+def _meets_wall(start: Antenna, to_x: _Lengths, to_y: _Lengths, walls: Walls) -> NDArray[np.bool_]:
+    """Say whether the line from a place, which leads so far, crosses a wall; of n lines, n by 1, each."""
     across = walls.along_x * to_y - walls.along_y * to_x
     east, north = walls.x - start.x, walls.y - start.y
     with np.errstate(divide="ignore", invalid="ignore"):
         # The line is start + share * to, the wall is end + part * along.
         share = (walls.along_x * north - walls.along_y * east) / across
         part = (to_x * north - to_y * east) / across
-        met = (share > 0.0) & (share < 1.0) & (part >= 0.0) & (part <= 1.0)
-    return bool(met.any())
+        met: NDArray[np.bool_] = (share > 0.0) & (share < 1.0) & (part >= 0.0) & (part <= 1.0)
+    return np.asarray(met.any(axis=-1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, ClassVar, Final
 
 import numpy as np
@@ -10,9 +11,11 @@ from pydantic import Field
 from vve_sumo.config_file import Finite
 from vve_sumo.frames import local_frame
 from vve_sumo.sensors.drawing import Boxes, Cartesian, Drawing, front_bumper
+from vve_sumo.sensors.perception import Sector
 from vve_sumo.sensors.port import Content, Sensor, SensorColumn, SensorSettings
 from vve_sumo.sensors.street import Street, walls_of
-from vve_sumo.sensors.v2x import COLUMNS, HEARTBEAT, V2xConfig, V2xReceiver
+from vve_sumo.sensors.v2x import HEARTBEAT, V2xConfig, V2xReceiver
+from vve_sumo.sensors.v2x_messages import COLUMNS, MORE_COLUMNS
 from vve_sumo.values import Stations, Vehicle
 
 #: heartbeats after which a receiver counts as late
@@ -52,6 +55,28 @@ class V2xSettings(SensorSettings):
     speed_sigma_mps: Annotated[float, Field(ge=0.0, le=5.0)] = Field(
         default=0.1, description="of a station's own speed"
     )
+    warnings: bool = Field(
+        default=False, description="vehicles that send CAMs also warn by DENMs: of hard braking, and of standing"
+    )
+    hazard_lights: str = Field(
+        default="", description="ids of the actors and obstacles whose hazard lights are on, with spaces between them"
+    )
+    perceiving: Share = Field(
+        default=0.0, description="share of the vehicles that send CAMs which also tell by CPMs of what they perceive"
+    )
+    perception_range_m: Annotated[float, Field(gt=0.0, le=400.0)] = Field(
+        default=80.0, description="how far they perceive"
+    )
+    perception_view_deg: Annotated[float, Field(gt=0.0, le=360.0)] = Field(
+        default=120.0, description="the angle in which they do, about their forward axis"
+    )
+    perception_sigma_m: Sigma = Field(
+        default=0.3, description="of a perceived body's place from the vehicle, on each axis"
+    )
+
+    def table(self) -> tuple[SensorColumn, ...]:
+        """Return the columns, with those of warnings and perceived bodies where the settings have such."""
+        return COLUMNS + MORE_COLUMNS if self.config().more else COLUMNS
 
     def config(self) -> V2xConfig:
         """Return the configuration of receiver and stations."""
@@ -68,6 +93,10 @@ class V2xSettings(SensorSettings):
             position_sigma=self.position_sigma_m,
             position_sigma_vulnerable=self.position_sigma_vulnerable_m,
             speed_sigma=self.speed_sigma_mps,
+            warnings=self.warnings,
+            hazard_lights=frozenset(self.hazard_lights.split()),
+            perceiving=self.perceiving,
+            sector=Sector(self.perception_range_m, math.radians(self.perception_view_deg), self.perception_sigma_m),
         )
         return own.ideal() if self.ideal else own
 

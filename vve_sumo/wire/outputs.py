@@ -354,7 +354,7 @@ class CamOutput:
     """The ego's own CAM, whenever it is due; nothing while invalid."""
 
     def __init__(self, context: Context) -> None:
-        from vve_sumo.wire.v2x import EgoEncoder
+        from vve_sumo.wire.ego_messages import EgoEncoder
 
         # A rehearsal of the wires, without a virtual road, has nothing to send.
         frame = MapFrame(context.projection, context.map_offset) if context.projection else None
@@ -367,11 +367,33 @@ class CamOutput:
         return self._encoder.encode(sample.measured, sample.time)
 
 
+class DenmOutput:
+    """The ego's own DENMs: of hard braking, and of standing after a stop or a fault.
+
+    They go out also while the outputs are invalid, for they tell others why the ego stands. An ego that stands before
+    the outputs were valid for the first time tells of nothing.
+    """
+
+    def __init__(self, context: Context) -> None:
+        from vve_sumo.wire.ego_messages import EgoWarningEncoder
+
+        frame = MapFrame(context.projection, context.map_offset) if context.projection else None
+        self._encoder = EgoWarningEncoder(context.vehicle, frame) if frame is not None else None
+        self._begun = False
+
+    def step(self, sample: Sample) -> Sequence[bytes]:
+        """Return the packets of a sample where some are due."""
+        self._begun |= sample.valid
+        if sample.own is None or self._encoder is None or not self._begun:
+            return ()
+        return self._encoder.encode(sample.own, sample.time, hazard_lights=not sample.valid)
+
+
 class CpmOutput:
     """What a camera of the ego sees as CPMs, whenever one is due; nothing while invalid or while its list is old."""
 
     def __init__(self, context: Context) -> None:
-        from vve_sumo.wire.v2x import PerceptionEncoder
+        from vve_sumo.wire.ego_messages import PerceptionEncoder
 
         frame = MapFrame(context.projection, context.map_offset) if context.projection else None
         self._encoder = PerceptionEncoder(context.vehicle, frame) if frame is not None else None
@@ -447,6 +469,7 @@ class Kind:
     make: Callable[[Context], Output]
     meaning: str
     tells_actors: bool = False  #: whether it needs the actors of a sample
+    tells_own: bool = False  #: whether it needs where the ego is also while the outputs are invalid
     tells_signals: bool = False  #: whether it needs what the signals show, and where their lanes are
     content: Content | None = None  #: what it carries of a sensor that serves it; None: of no sensor
     signed: bool = False  #: whether its datagrams are this project's own, which a key signs
@@ -475,6 +498,11 @@ KINDS: Final[Mapping[str, Kind]] = {
     "vlp16_position": Kind(Vlp16PositionOutput, "the position packets of a Velodyne VLP-16, 10 Hz"),
     "v2x": Kind(V2xOutput, "the messages that a V2X receiver heard as GeoNetworking packets", content="stations"),
     "cam": Kind(CamOutput, "the ego's own CAM as a GeoNetworking packet, 1 to 10 Hz"),
+    "denm": Kind(
+        DenmOutput,
+        "the ego's own DENMs in GeoNetworking packets: of hard braking, and of standing after a stop or a fault",
+        tells_own=True,
+    ),
     "cpm": Kind(
         CpmOutput, "what a camera sees as the ego's CPMs in GeoNetworking packets, up to 10 Hz", content="objects"
     ),

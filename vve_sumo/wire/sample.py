@@ -1,6 +1,7 @@
 """Defines what the virtual sensors say at one tick, for the encoders of the outgoing wires.
 
-A sample that is not valid carries its time alone: nothing that an encoder could send by mistake.
+A sample that is not valid carries its time, and at most what the ego's on-board unit tells others of the ego: nothing
+that an encoder could send by mistake for what is to be driven by.
 """
 
 from __future__ import annotations
@@ -61,6 +62,14 @@ class SampleContent:
 
 
 @dataclass(frozen=True, slots=True)
+class OwnMotion:
+    """Where the ego knows itself to be, for what its on-board unit says of it to others."""
+
+    pose: Pose  #: of the rear axle on the virtual road
+    position_sigma: float  #: of the receiver's, on each axis [m]
+
+
+@dataclass(frozen=True, slots=True)
 class Sample:
     """What the virtual sensors say at one tick."""
 
@@ -68,6 +77,8 @@ class Sample:
     time: float  #: GNSS time [s since 1980-01-06, no leap seconds]
     drive_time: float  #: the same on the drive's clock [s]
     measured: SampleContent | None  #: None: the outputs are invalid
+    #: also while the outputs are invalid: nobody drives by it. None where no wire carries it, or the pose has a fault
+    own: OwnMotion | None = None
 
     @property
     def valid(self) -> bool:

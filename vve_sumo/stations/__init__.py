@@ -1,0 +1,1 @@
+"""Real stations by a real on-board unit: what their messages say, which are believed, and their bodies on the road."""
