@@ -17,7 +17,8 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.path import Floats
 from vve_sumo.values import Vehicle
 
-from .preview import PreviewTuning
+from .preview import PreviewTuning, Schedule
+from .single_track import DAMPING
 
 SPEEDS = (2.2, 4.5, 6.7, 8.9, 11.2, 13.4, 15.6, 17.9, 20.1)  #: 5 to 45 mph in steps of 5 [m/s]
 DEFAULT = PreviewTuning()
@@ -44,6 +45,13 @@ class SpeedRow(NamedTuple):
     delay_margin: float  #: left for pose age, computing and CAN, beyond the steering's own dead time [s]
 
 
+class DelayObserver(NamedTuple):
+    """A communication disturbance observer around the law."""
+
+    time_constant: float  #: of its filter [s]
+    washout_time: float  #: infinite for none [s]
+
+
 class Region(NamedTuple):
     """Where closed-loop poles shall lie (Ackermann, Robust Control, 2002: D-stability)."""
 
@@ -67,7 +75,9 @@ def loop_margins(loop: Any) -> Margins:
     return Margins(20.0 * math.log10(min(rising)) if rising else math.inf, phase, delay)
 
 
-def preview_model(vehicle: Vehicle, tuning: PreviewTuning, speed: float) -> tuple[Floats, Floats, Floats]:
+def preview_model(
+    vehicle: Vehicle, tuning: Schedule, speed: float, trim_share: float = TRIM_SHARE
+) -> tuple[Floats, Floats, Floats]:
     """A (6, 6), B (6, 1) and K (1, 6) of the single track under a steering request that the law answers with -K x.
 
     x = [lateral velocity of the mass centre, yaw rate, heading error, offset of the rear axle, its integral,
@@ -85,20 +95,59 @@ def preview_model(vehicle: Vehicle, tuning: PreviewTuning, speed: float) -> tupl
     a[4, 3] = 1.0
     a[5, 5] = -1.0 / lag
     look_ahead, kp, kd = tuning.at(vehicle, v)
-    trim = TRIM_SHARE * 2.0 * vehicle.wheelbase / look_ahead**3 * v
+    trim = trim_share * 2.0 * vehicle.wheelbase / look_ahead**3 * v
     k = [[0.0, kd * look_ahead, kp * look_ahead + kd * v, kp, trim, 0.0]]
     return a, np.array([[0.0]] * 5 + [[1.0 / lag]]), np.array(k)
 
 
-def margins(vehicle: Vehicle, tuning: PreviewTuning = DEFAULT, speeds: Iterable[float] = SPEEDS) -> list[SpeedRow]:
-    """Margins of the preview loop over speeds [m/s]."""
+def observer_filter(observer: DelayObserver) -> Any:
+    """Return Q of a communication disturbance observer, washout included, as a python-control system."""
     import control
 
+    w = 1.0 / observer.washout_time
+    washout = control.tf([1.0, 0.0, 0.0], [1.0, 2.0 * DAMPING * w, w * w]) if w > 0.0 else control.tf([1.0], [1.0])
+    return control.ss(control.tf([1.0], [observer.time_constant, 1.0]) * washout)
+
+
+def open_loop(
+    vehicle: Vehicle,
+    tuning: Schedule,
+    speed: float,
+    observer: DelayObserver | None = None,
+    true: Vehicle | None = None,
+    trim_share: float = TRIM_SHARE,
+) -> Any:
+    """Return the loop of the preview steering, opened where more delay would come in, as a python-control system.
+
+    Without an observer that is the loop L of law, trim and car. With one, whose model is the declared `vehicle`, the
+    delay acts on L_true (1 - Q) + L_trim alone, inside a loop L Q that it does not touch. `true` is the car that drives.
+    """
+    import control
+
+    dead_time = control.ss(control.tf(*control.pade(vehicle.steering_delay, PADE_ORDER)))
+    a, b, gains = preview_model(vehicle, tuning, speed, trim_share)
+    true_a, true_b, _ = preview_model(true or vehicle, tuning, speed, trim_share)
+    if observer is None:
+        return dead_time * control.ss(true_a, true_b, gains, 0.0)
+    trim = gains * [0.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+    q = observer_filter(observer)
+    inner = control.feedback(1.0, dead_time * control.ss(a, b, gains - trim, 0.0) * q)
+    law, learning = (dead_time * control.ss(true_a, true_b, part, 0.0) for part in (gains - trim, trim))
+    return inner * (law * (1.0 - q) + learning)
+
+
+def margins(
+    vehicle: Vehicle,
+    tuning: Schedule = DEFAULT,
+    speeds: Iterable[float] = SPEEDS,
+    observer: DelayObserver | None = None,
+    true: Vehicle | None = None,
+    trim_share: float = TRIM_SHARE,
+) -> list[SpeedRow]:
+    """Margins of the preview loop over speeds [m/s], opened as `open_loop` does."""
     rows = []
     for speed in speeds:
-        a, b, k = preview_model(vehicle, tuning, speed)
-        dead_time = control.ss(control.tf(*control.pade(vehicle.steering_delay, PADE_ORDER)))
-        found = loop_margins(dead_time * control.ss(a, b, k, 0.0))
+        found = loop_margins(open_loop(vehicle, tuning, speed, observer, true, trim_share))
         look_ahead, proportional, _ = tuning.at(vehicle, speed)
         rows.append(SpeedRow(speed, look_ahead, proportional, *found))
     return rows
@@ -127,7 +176,7 @@ def table(rows: Sequence[SpeedRow]) -> str:
 
 def d_unstable(
     vehicle: Vehicle,
-    tuning: PreviewTuning = DEFAULT,
+    tuning: Schedule = DEFAULT,
     speeds: tuple[float, float] = (SPEEDS[0], SPEEDS[-1]),
     friction: tuple[float, float] = (0.8, 1.0),
     region: Region = Region(),  # noqa: B008 (immutable)
