@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Floats
@@ -24,6 +25,10 @@ SPEEDS = (2.2, 4.5, 6.7, 8.9, 11.2, 13.4, 15.6, 17.9, 20.1)  #: 5 to 45 mph in s
 DEFAULT = PreviewTuning()
 PADE_ORDER: Final = 4  #: of the steering's dead time; exact to far beyond any crossover here
 TRIM_SHARE: Final = 0.25  #: of the steering trim, as in follow_and_stop
+TRIM_STATE: Final = 4  #: of the model's state: the integral of the offset
+FREQUENCIES: Final[Floats] = np.geomspace(1e-3, 1e3, 6001)  #: at which a loop with an observer is computed [rad/s]
+
+Complexes = NDArray[np.complex128]
 
 
 class Margins(NamedTuple):
@@ -100,40 +105,58 @@ def preview_model(
     return a, np.array([[0.0]] * 5 + [[1.0 / lag]]), np.array(k)
 
 
-def observer_filter(observer: DelayObserver) -> Any:
-    """Return Q of a communication disturbance observer, washout included, as a python-control system."""
-    import control
-
+def observer_filter(observer: DelayObserver, s: Complexes) -> Complexes:
+    """Return Q of a communication disturbance observer at complex frequencies [rad/s], washout included."""
     w = 1.0 / observer.washout_time
-    washout = control.tf([1.0, 0.0, 0.0], [1.0, 2.0 * DAMPING * w, w * w]) if w > 0.0 else control.tf([1.0], [1.0])
-    return control.ss(control.tf([1.0], [observer.time_constant, 1.0]) * washout)
+    washout = s * s / (s * s + 2.0 * DAMPING * w * s + w * w) if w > 0.0 else 1.0
+    return np.asarray(washout / (observer.time_constant * s + 1.0))
 
 
-def open_loop(
+def delayed_loop(
     vehicle: Vehicle,
     tuning: Schedule,
     speed: float,
-    observer: DelayObserver | None = None,
+    observer: DelayObserver,
+    s: Complexes,
     true: Vehicle | None = None,
     trim_share: float = TRIM_SHARE,
-) -> Any:
-    """Return the loop of the preview steering, opened where more delay would come in, as a python-control system.
+) -> Complexes:
+    """Return the loop around an observer, opened where more delay would come in, at complex frequencies [rad/s].
 
-    Without an observer that is the loop L of law, trim and car. With one, whose model is the declared `vehicle`, the
-    delay acts on L_true (1 - Q) + L_trim alone, inside a loop L Q that it does not touch. `true` is the car that drives.
+    The observer's model is the declared `vehicle`; `true` is the car that drives. More delay acts on
+    L_true (1 - Q) + L_trim alone, inside a loop L Q that the delay does not touch: the closed form's
+    1 + L Q + (L_true (1 - Q) + L_trim) e^-Ts = 0. The steering's dead time is exact.
     """
-    import control
+    q, dead_time = observer_filter(observer, s), np.exp(-vehicle.steering_delay * s)
 
-    dead_time = control.ss(control.tf(*control.pade(vehicle.steering_delay, PADE_ORDER)))
-    a, b, gains = preview_model(vehicle, tuning, speed, trim_share)
-    true_a, true_b, _ = preview_model(true or vehicle, tuning, speed, trim_share)
-    if observer is None:
-        return dead_time * control.ss(true_a, true_b, gains, 0.0)
-    trim = gains * [0.0, 0.0, 0.0, 0.0, 1.0, 0.0]
-    q = observer_filter(observer)
-    inner = control.feedback(1.0, dead_time * control.ss(a, b, gains - trim, 0.0) * q)
-    law, learning = (dead_time * control.ss(true_a, true_b, part, 0.0) for part in (gains - trim, trim))
-    return inner * (law * (1.0 - q) + learning)
+    # The gains are those of the declared car, whatever car drives.
+    gains = preview_model(vehicle, tuning, speed, trim_share)[2]
+    learning = np.where(np.arange(6) == TRIM_STATE, gains, 0.0)
+
+    def answer(car: Vehicle, gains: Floats) -> Complexes:
+        a, b, _ = preview_model(car, tuning, speed, trim_share)
+        states = np.linalg.solve(s[:, None, None] * np.eye(6) - a, np.broadcast_to(b.astype(complex), (len(s), 6, 1)))
+        return np.asarray((gains @ states)[:, 0, 0] * dead_time)
+
+    car, law = true or vehicle, gains - learning
+    return (answer(car, law) * (1.0 - q) + answer(car, learning)) / (1.0 + answer(vehicle, law) * q)
+
+
+def swept_margins(frequencies: Floats, loop: Complexes) -> Margins:
+    """Margins of an open loop from its frequency response [rad/s], straight between the logarithms of two of them."""
+    gain, w = np.log(np.abs(loop)), np.log(frequencies)
+    phase = np.unwrap(np.angle(loop))
+    crossings = [
+        (k, share := gain[k] / (gain[k] - gain[k + 1]), math.exp(w[k] + share * (w[k + 1] - w[k])))
+        for k in np.flatnonzero(gain[:-1] * gain[1:] < 0.0)
+    ]
+    # Dead time turns the phase down: a margin counts from the next odd multiple of -180 deg below.
+    turns = [((phase[k] + share * (phase[k + 1] - phase[k]) + math.pi) % math.tau, at) for k, share, at in crossings]
+    delay, angle = min(((turn / at, turn) for turn, at in turns), default=(math.inf, math.inf))
+    odd = (phase + math.pi) / math.tau
+    flips = np.flatnonzero(np.floor(odd[:-1]) != np.floor(odd[1:]))
+    rising = [-float(max(gain[k], gain[k + 1])) for k in flips if max(gain[k], gain[k + 1]) < 0.0]
+    return Margins(20.0 * min(rising) / math.log(10.0) if rising else math.inf, math.degrees(angle), float(delay))
 
 
 def margins(
@@ -144,13 +167,30 @@ def margins(
     true: Vehicle | None = None,
     trim_share: float = TRIM_SHARE,
 ) -> list[SpeedRow]:
-    """Margins of the preview loop over speeds [m/s], opened as `open_loop` does."""
+    """Margins of the preview loop over speeds [m/s], with an observer where more delay would come in.
+
+    `true` is the car that drives where it is another than the declared `vehicle`.
+    """
     rows = []
     for speed in speeds:
-        found = loop_margins(open_loop(vehicle, tuning, speed, observer, true, trim_share))
+        if observer is None:
+            found = _plain_margins(vehicle, tuning, speed, true or vehicle, trim_share)
+        else:
+            loop = delayed_loop(vehicle, tuning, speed, observer, 1j * FREQUENCIES, true, trim_share)
+            found = swept_margins(FREQUENCIES, loop)
         look_ahead, proportional, _ = tuning.at(vehicle, speed)
         rows.append(SpeedRow(speed, look_ahead, proportional, *found))
     return rows
+
+
+def _plain_margins(vehicle: Vehicle, tuning: Schedule, speed: float, true: Vehicle, trim_share: float) -> Margins:
+    import control
+
+    a, b, _ = preview_model(true, tuning, speed, trim_share)
+    k = preview_model(vehicle, tuning, speed, trim_share)[2]
+    dead_time = control.ss(control.tf(*control.pade(vehicle.steering_delay, PADE_ORDER)))
+    with np.errstate(invalid="ignore"):  # of a loop without trim, whose integral says nothing
+        return loop_margins(dead_time * control.ss(a, b, k, 0.0))
 
 
 def check(rows: Sequence[SpeedRow], latency: float) -> None:

@@ -11,6 +11,7 @@ from vve_sumo.plotting.latency_margins import latency_margin
 from vve_sumo.plotting.pairs import paired
 from vve_sumo.plotting.responses import response
 from vve_sumo.plotting.searches import boundary
+from vve_sumo.plotting.steering_margins import steering_margin
 from vve_sumo.plotting.stops import gap_against_speed, stopping_distance
 from vve_sumo.plotting.style import save
 
@@ -28,6 +29,7 @@ __all__ = [
     "response",
     "safety_over_time",
     "save",
+    "steering_margin",
     "stopping_distance",
     "string_stability",
 ]
