@@ -35,6 +35,8 @@ MIN_SPEED: Final = 1.0  #: below it the law has the measured deviation, and noth
 MIN_SPEED_OF_YAW: Final = 3.0  #: below it the yaw rate says little of the steering angle [m/s]
 MAX_DISTURBANCE: Final = 0.03  #: road-wheel angle that is steered away at most [rad]: 25 deg at the wheel
 
+YAW_RATE_LAG: Final = 0.08  #: of the smoothing of a pose's yaw rate [s], as the predictor of poses has it
+
 #: tuning keys of both, with their defaults; 0 of a time constant leaves that observer out
 TUNING: Final[dict[str, float]] = {
     "cdob_time_constant_s": 0.0,  #: tau of the communication disturbance observer
@@ -89,7 +91,7 @@ class CommunicationDisturbanceObserver:
         self.time_constant, self.washout_time = time_constant, washout_time
         self._vehicle, self._period, self._frequency = vehicle, period, 1.0 / washout_time
         self._share = -math.expm1(-period / time_constant)
-        self._model = LateralModel(vehicle, period, self._frequency)
+        self._model = LateralModel(vehicle, period, self._frequency, YAW_RATE_LAG)
         self._washouts: tuple[Washout, ...] = ()
         self._correction = (0.0, 0.0, 0.0)
 
@@ -190,7 +192,7 @@ class DisturbanceObserver:
             self._observing, self._angle, self._turning = True, wanted, yaw_rate
             self._asked = yaw_rate * angle_per_yaw_rate + self.disturbance
             self._delay.clear(wanted)
-        lag = self._vehicle.steering_lag + yaw_response_time(self._vehicle, speed)
+        lag = self._vehicle.steering_lag + YAW_RATE_LAG + yaw_response_time(self._vehicle, speed)
         self._turning += self._share * (yaw_rate - self._turning)
         self._asked += self._share * (self._delay.step(self._angle) - self._asked)
         # (lag s + 1) / (time_constant s + 1) of the yaw rate: the model's inverse behind the filter.

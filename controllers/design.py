@@ -81,12 +81,12 @@ def loop_margins(loop: Any) -> Margins:
 
 
 def preview_model(
-    vehicle: Vehicle, tuning: Schedule, speed: float, trim_share: float = TRIM_SHARE
+    vehicle: Vehicle, tuning: Schedule, speed: float, trim_share: float = TRIM_SHARE, yaw_rate_lag: float = 0.0
 ) -> tuple[Floats, Floats, Floats]:
     """A (6, 6), B (6, 1) and K (1, 6) of the single track under a steering request that the law answers with -K x.
 
     x = [lateral velocity of the mass centre, yaw rate, heading error, offset of the rear axle, its integral,
-    road-wheel angle].
+    road-wheel angle]. With a `yaw_rate_lag` [s] there is a seventh state, the smoothed yaw rate that the law is given.
     """
     cf, cr = vehicle.cornering_stiffness_front, vehicle.cornering_stiffness_rear
     lf, lr = vehicle.front_axle_to_mass, vehicle.wheelbase - vehicle.front_axle_to_mass
@@ -102,7 +102,16 @@ def preview_model(
     look_ahead, kp, kd = tuning.at(vehicle, v)
     trim = trim_share * 2.0 * vehicle.wheelbase / look_ahead**3 * v
     k = [[0.0, kd * look_ahead, kp * look_ahead + kd * v, kp, trim, 0.0]]
-    return a, np.array([[0.0]] * 5 + [[1.0 / lag]]), np.array(k)
+    b = np.array([[0.0]] * 5 + [[1.0 / lag]])
+    return _smoothed(a, b, np.array(k), yaw_rate_lag) if yaw_rate_lag > 0.0 else (a, b, np.array(k))
+
+
+def _smoothed(a: Floats, b: Floats, k: Floats, lag: float) -> tuple[Floats, Floats, Floats]:
+    """Return the model with the yaw rate smoothed by a first-order lag [s] before the law is given it."""
+    a, b, k = np.pad(a, ((0, 1), (0, 1))), np.pad(b, ((0, 1), (0, 0))), np.pad(k, ((0, 0), (0, 1)))
+    a[6, [1, 6]] = 1.0 / lag, -1.0 / lag
+    k[0, [1, 6]] = 0.0, k[0, 1]
+    return a, b, k
 
 
 def observer_filter(observer: DelayObserver, s: Complexes) -> Complexes:
@@ -120,6 +129,7 @@ def delayed_loop(
     s: Complexes,
     true: Vehicle | None = None,
     trim_share: float = TRIM_SHARE,
+    yaw_rate_lag: float = 0.0,
 ) -> Complexes:
     """Return the loop around an observer, opened where more delay would come in, at complex frequencies [rad/s].
 
@@ -130,12 +140,13 @@ def delayed_loop(
     q, dead_time = observer_filter(observer, s), np.exp(-vehicle.steering_delay * s)
 
     # The gains are those of the declared car, whatever car drives.
-    gains = preview_model(vehicle, tuning, speed, trim_share)[2]
-    learning = np.where(np.arange(6) == TRIM_STATE, gains, 0.0)
+    gains = preview_model(vehicle, tuning, speed, trim_share, yaw_rate_lag)[2]
+    learning = np.where(np.arange(gains.size) == TRIM_STATE, gains, 0.0)
 
     def answer(car: Vehicle, gains: Floats) -> Complexes:
-        a, b, _ = preview_model(car, tuning, speed, trim_share)
-        states = np.linalg.solve(s[:, None, None] * np.eye(6) - a, np.broadcast_to(b.astype(complex), (len(s), 6, 1)))
+        a, b, _ = preview_model(car, tuning, speed, trim_share, yaw_rate_lag)
+        inputs = np.broadcast_to(b.astype(complex), (len(s), *b.shape))
+        states = np.linalg.solve(s[:, None, None] * np.eye(len(a)) - a, inputs)
         return np.asarray((gains @ states)[:, 0, 0] * dead_time)
 
     car, law = true or vehicle, gains - learning
@@ -166,29 +177,33 @@ def margins(
     observer: DelayObserver | None = None,
     true: Vehicle | None = None,
     trim_share: float = TRIM_SHARE,
+    yaw_rate_lag: float = 0.0,
 ) -> list[SpeedRow]:
     """Margins of the preview loop over speeds [m/s], with an observer where more delay would come in.
 
-    `true` is the car that drives where it is another than the declared `vehicle`.
+    `true` is the car that drives where it is another than the declared `vehicle`; `yaw_rate_lag` is that of the
+    smoothing of the yaw rate that the law is given [s].
     """
     rows = []
     for speed in speeds:
         if observer is None:
-            found = _plain_margins(vehicle, tuning, speed, true or vehicle, trim_share)
+            a, b, _ = preview_model(true or vehicle, tuning, speed, trim_share, yaw_rate_lag)
+            k = preview_model(vehicle, tuning, speed, trim_share, yaw_rate_lag)[2]
+            found = _with_dead_time(vehicle.steering_delay, a, b, k)
         else:
-            loop = delayed_loop(vehicle, tuning, speed, observer, 1j * FREQUENCIES, true, trim_share)
+            loop = delayed_loop(
+                vehicle, tuning, speed, observer, 1j * FREQUENCIES, true, trim_share, yaw_rate_lag
+            )
             found = swept_margins(FREQUENCIES, loop)
         look_ahead, proportional, _ = tuning.at(vehicle, speed)
         rows.append(SpeedRow(speed, look_ahead, proportional, *found))
     return rows
 
 
-def _plain_margins(vehicle: Vehicle, tuning: Schedule, speed: float, true: Vehicle, trim_share: float) -> Margins:
+def _with_dead_time(delay: float, a: Floats, b: Floats, k: Floats) -> Margins:
     import control
 
-    a, b, _ = preview_model(true, tuning, speed, trim_share)
-    k = preview_model(vehicle, tuning, speed, trim_share)[2]
-    dead_time = control.ss(control.tf(*control.pade(vehicle.steering_delay, PADE_ORDER)))
+    dead_time = control.ss(control.tf(*control.pade(delay, PADE_ORDER)))
     with np.errstate(invalid="ignore"):  # of a loop without trim, whose integral says nothing
         return loop_margins(dead_time * control.ss(a, b, k, 0.0))
 

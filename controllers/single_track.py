@@ -70,11 +70,15 @@ class LateralModel:
     s^2 / (s^2 + 2 D w s + w^2), D = 1 / sqrt(2), written without an integrator: they stay bounded whatever is asked.
     """
 
-    def __init__(self, vehicle: Vehicle, period: float, washout: float) -> None:
-        """`period` of the tick [s]; `washout` is w [rad/s], 0 for none."""
+    def __init__(self, vehicle: Vehicle, period: float, washout: float, yaw_rate_lag: float) -> None:
+        """`period` of the tick [s]; `washout` is w [rad/s], 0 for none.
+
+        `yaw_rate_lag` is the time constant with which a pose's yaw rate is smoothed [s].
+        """
         self._vehicle, self._period = vehicle, period
         self._damping, self._stiffness = 2.0 * DAMPING * washout, washout * washout
         self._lag_share = -math.expm1(-period / vehicle.steering_lag) if vehicle.steering_lag > 0.0 else 1.0
+        self._smoothing = -math.expm1(-period / yaw_rate_lag) if yaw_rate_lag > 0.0 else 1.0
         # A command waits one tick on its way.
         self._delay = RequestDelay(period + vehicle.steering_delay, period)
         self.start(0.0, 0.0, 0.0, 0.0)
@@ -85,7 +89,8 @@ class LateralModel:
         self._wheel = self._turned = 0.0  # road-wheel angle [rad]; integral of the heading error [rad s]
         self.offset = offset  #: of the rear axle from the path [m], left positive
         self.heading_error = heading_error  #: course less the path's heading [rad], left positive
-        self.yaw_rate_error = yaw_rate_error  #: yaw rate less what the path asks for [rad/s]
+        self.yaw_rate_error = yaw_rate_error  #: yaw rate less what the path asks for [rad/s], as a pose has it
+        self._yaw_rate = yaw_rate_error
         rear = self._vehicle.wheelbase - self._vehicle.front_axle_to_mass
         self._lateral_speed = rear * yaw_rate_error  # of the mass centre: the rear axle does not slip
         self._offset_rate = speed * heading_error - self._damping * offset
@@ -106,14 +111,15 @@ class LateralModel:
     def _slip(self, wheel: float, speed: float) -> tuple[float, float]:
         """Advance the tyres; return the mean yaw rate [rad/s] and the change of the rear axle's lateral speed [m/s]."""
         a11, a12, a21, a22, b1, b2 = tyre_model(self._vehicle, speed)
-        half, across, yaw = 0.5 * self._period, self._lateral_speed, self.yaw_rate_error
+        half, across, yaw = 0.5 * self._period, self._lateral_speed, self._yaw_rate
         # The trapezoidal rule, which is stable however fast the tyres settle.
         right1 = across + half * (a11 * across + a12 * yaw + 2.0 * b1 * wheel)
         right2 = yaw + half * (a21 * across + a22 * yaw + 2.0 * b2 * wheel)
         m11, m12, m21, m22 = 1.0 - half * a11, -half * a12, -half * a21, 1.0 - half * a22
         determinant = m11 * m22 - m12 * m21
         self._lateral_speed = (right1 * m22 - right2 * m12) / determinant
-        self.yaw_rate_error = (m11 * right2 - m21 * right1) / determinant
+        self._yaw_rate = (m11 * right2 - m21 * right1) / determinant
+        self.yaw_rate_error += (self._yaw_rate - self.yaw_rate_error) * self._smoothing
         rear = self._vehicle.wheelbase - self._vehicle.front_axle_to_mass
-        sideways = self._lateral_speed - across - rear * (self.yaw_rate_error - yaw)
-        return 0.5 * (yaw + self.yaw_rate_error), sideways
+        sideways = self._lateral_speed - across - rear * (self._yaw_rate - yaw)
+        return 0.5 * (yaw + self._yaw_rate), sideways

@@ -16,6 +16,7 @@ from vve_sumo import workspace
 from vve_sumo.controller import module
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.errors import ConfigError
+from vve_sumo.pose.predict import Tuning as PredictorTuning
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Vehicle
 
@@ -27,8 +28,9 @@ DESIGN_FIELDS: Final = ("look_ahead_time", "look_ahead_least", "derivative_time"
 #: steering trim. A controller without them has no observer, and the trim of the design.
 OBSERVER_ATTRIBUTE: Final = "delay_observer"
 TRIM_ATTRIBUTE: Final = "trim_share"
-#: from a pose to its effect on the wheels: a command waits a tick and is held for another, half of it on average
-PIPELINE_TICKS: Final = 1.5
+#: delay that the tick itself adds in lockstep [ticks]: a command is on the bus at once, and is held until the next one,
+#: which delays it by half a tick on average
+HELD_TICKS: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +74,7 @@ def predicted_margin(
 ) -> float:
     """Return the delay beyond the declared steering's that makes the loop unstable at a speed [m/s], in seconds.
 
-    The pipeline's own way from pose to wheels is taken off: a command waits a tick and is held for another. The car is
-    `mass_factor` times as heavy as declared. `observer` is the time constant of the one that bears delay [s], 0 for
+    What the tick itself delays in lockstep is taken off. The car is `mass_factor` times as heavy as declared. `observer` is the time constant of the one that bears delay [s], 0 for
     none, in place of the scenario's. Raises ConfigError as `steering_margins` does.
     """
     key = "cdob_time_constant_s"
@@ -82,7 +83,7 @@ def predicted_margin(
     altered = replace(resolved, scenario=resolved.scenario.model_copy(update={"controller": tuned}))
     vehicle = resolved.vehicle
     heavy = replace(vehicle, mass=mass_factor * vehicle.mass, yaw_inertia=mass_factor * vehicle.yaw_inertia)
-    return _margins(altered, working, [speed], true=heavy).delay - PIPELINE_TICKS * PERIOD
+    return _margins(altered, working, [speed], true=heavy).delay - HELD_TICKS * PERIOD
 
 
 def _margins(
@@ -90,7 +91,7 @@ def _margins(
 ) -> SteeringMargins:
     design: Any = module("design", workspace.controller_folders(working))
     steering = declared_steering(resolved, working, design)
-    known = {"observer": steering.observer, "true": true}
+    known = {"observer": steering.observer, "true": true, "yaw_rate_lag": PredictorTuning().rates}
     if steering.trim_share is not None:
         known["trim_share"] = steering.trim_share
     return SteeringMargins(design, design.margins(resolved.vehicle, steering.gains, *speeds, **known))
