@@ -71,5 +71,5 @@ def test_one_of_your_own_may_declare_the_law_and_then_its_tuning_counts(tmp_path
     usual = margins_at_speed(controlled(f"{tmp_path}/usual.py:make"), REPOSITORY).delay
     assert usual == margins_at_speed(controlled("brake_at"), REPOSITORY).delay
     (tmp_path / "wrong.py").write_text(DECLARES.format("look_ahead_time='far'"), encoding="utf-8")
-    with pytest.raises(ConfigError, match="preview_tuning: expected a PreviewTuning"):
+    with pytest.raises(ConfigError, match="preview_tuning: expected a PreviewTuning or a GainSchedule"):
         margins_at_speed(controlled(f"{tmp_path}/wrong.py:make"), REPOSITORY)

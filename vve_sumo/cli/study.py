@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vve_sumo import progress_bar
-from vve_sumo.cli import steering_study
+from vve_sumo.cli import gains_study, steering_study
 from vve_sumo.cli.console import complain, note, plain_console
 from vve_sumo.cli.parser import Parser, add_command, add_subcommands, numbers
 from vve_sumo.errors import ConfigError, SimulationError
@@ -61,8 +61,10 @@ is then one of the controller steering_probe. The picture is steering_margin.png
 
 def arguments(parser: Parser) -> None:
     """Add the command's arguments."""
+    studies = add_subcommands(parser)
+    gains_study.add(studies)
     latency = add_command(
-        add_subcommands(parser),
+        studies,
         "latency",
         "delay and noise at which a scenario's margin becomes zero",
         LATENCY_TEXT,

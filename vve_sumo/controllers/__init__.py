@@ -41,6 +41,7 @@ PARTS: Final = {
     "Target": "tracks",
     "Tracker": "tracks",
     "steering_law": "follow_and_stop",
+    "with_observers": "delay_observers",
 }
 
 __all__ = sorted(PARTS)  # noqa: PLE0605 - of names that __getattr__ gives

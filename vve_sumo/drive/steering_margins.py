@@ -89,9 +89,10 @@ def predicted_margin(
 def _margins(
     resolved: ResolvedScenario, working: Path, *speeds: Sequence[float], true: Vehicle | None = None
 ) -> SteeringMargins:
+    steering = declared_steering(resolved, working)
     design: Any = module("design", workspace.controller_folders(working))
-    steering = declared_steering(resolved, working, design)
-    known = {"observer": steering.observer, "true": true, "yaw_rate_lag": PredictorTuning().rates}
+    observer = None if steering.observer is None else design.DelayObserver(*steering.observer)
+    known = {"observer": observer, "true": true, "yaw_rate_lag": PredictorTuning().rates}
     if steering.trim_share is not None:
         known["trim_share"] = steering.trim_share
     return SteeringMargins(design, design.margins(resolved.vehicle, steering.gains, *speeds, **known))
@@ -101,11 +102,11 @@ class DeclaredSteering(NamedTuple):
     """What a controller declares of its preview steering."""
 
     gains: Any  #: over speed: a PreviewTuning or another object with `at(vehicle, speed)`
-    observer: Any  #: the design's `DelayObserver`; None where none is around the law
+    observer: tuple[float, float] | None  #: time constant and washout time of one that bears delay [s]; None for none
     trim_share: float | None  #: of the steering trim; None where the controller does not say
 
 
-def declared_steering(resolved: ResolvedScenario, working: Path, design: Any) -> DeclaredSteering:
+def declared_steering(resolved: ResolvedScenario, working: Path) -> DeclaredSteering:
     """Return what a scenario's controller declares of its preview steering; raises ConfigError where it does not."""
     name = resolved.scenario.controller.name
     controller = resolved.controller(working)
@@ -117,16 +118,20 @@ def declared_steering(resolved: ResolvedScenario, working: Path, design: Any) ->
         )
     observer, trim_share = getattr(controller, OBSERVER_ATTRIBUTE, None), getattr(controller, TRIM_ATTRIBUTE, None)
     try:
-        stated = {field: float(getattr(declared, field)) for field in DESIGN_FIELDS}
-        gains = replace(design.DEFAULT, **stated)
-    except AttributeError as error:
-        if not callable(getattr(declared, "at", None)):
-            raise ConfigError(f"controller {name}: {TUNING_ATTRIBUTE}: expected a PreviewTuning: {error}") from None
-        gains = declared
-    except (TypeError, ValueError) as error:
-        raise ConfigError(f"controller {name}: {TUNING_ATTRIBUTE}: expected a PreviewTuning: {error}") from None
-    around = None if observer is None else design.DelayObserver(*observer)
-    return DeclaredSteering(gains, around, None if trim_share is None else float(trim_share))
+        gains = _gains(declared, module("preview", workspace.controller_folders(working)))
+        around = None if observer is None else (float(observer[0]), float(observer[1]))
+        return DeclaredSteering(gains, around, None if trim_share is None else float(trim_share))
+    except (AttributeError, TypeError, ValueError, IndexError) as error:
+        raise ConfigError(
+            f"controller {name}: {TUNING_ATTRIBUTE}: expected a PreviewTuning or a GainSchedule: {error}"
+        ) from None
+
+
+def _gains(declared: Any, preview: Any) -> Any:
+    """Return gains over speed in the workspace's own types: a PreviewTuning by its fields, or a table by its rows."""
+    if (rows := getattr(declared, "rows", None)) is not None:
+        return preview.GainSchedule([(speed, *gains) for speed, gains in rows])
+    return preview.PreviewTuning(**{field: float(getattr(declared, field)) for field in DESIGN_FIELDS})
 
 
 def _of_law(resolved: ResolvedScenario) -> str:
