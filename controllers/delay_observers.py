@@ -7,8 +7,8 @@ the loop C G of law and car its answer to a step of the path is
     Y/R = C G e^-Ts / (1 + C G Q + C G (1 - Q) e^-Ts),   Q = W / (tau s + 1),   W = s^2 / (s^2 + 2 D w s + w^2).
 
 W = 1 is the form of the literature. A car integrates its steering twice, so that with W = 1 a lasting disturbance
-would drive it ever farther off: the law would see the model's deviation and never the car's. The washout W gives the law
-the measured deviation back, over about 1 / w, and with it the delay that the loop tolerates becomes finite, about
+would drive it ever farther off: the law would see the model's deviation and never the car's. The washout W gives the
+law the measured deviation back, over about 1 / w, and with it the delay that the loop tolerates becomes finite, about
 0.7 / w.
 
 `DisturbanceObserver` compares the yaw rate with the one that the steering explains, and steers the difference away
@@ -137,9 +137,7 @@ class CommunicationDisturbanceObserver:
         return self._correction
 
 
-def _moved(
-    observation: Observation, station: float, offset: float, heading: float, yaw_rate: float
-) -> Observation:
+def _moved(observation: Observation, station: float, offset: float, heading: float, yaw_rate: float) -> Observation:
     """Return the observation of a car that is so much farther left [m], turned [rad] and turning [rad/s].
 
     Some laws, such as pure pursuit, look at the pose itself.
@@ -163,9 +161,7 @@ class DisturbanceObserver:
     pi/2 of the time constant.
     """
 
-    def __init__(
-        self, law: SteeringLaw, vehicle: Vehicle, time_constant: float = 0.5, period: float = PERIOD
-    ) -> None:
+    def __init__(self, law: SteeringLaw, vehicle: Vehicle, time_constant: float = 0.5, period: float = PERIOD) -> None:
         """Wrap a `law`; `time_constant` [s] is how soon a disturbance is steered away."""
         self.law, self.time_constant = law, time_constant
         self._vehicle, self._share = vehicle, -math.expm1(-period / time_constant)
@@ -202,12 +198,10 @@ class DisturbanceObserver:
 
 
 def with_observers(law: SteeringLaw, vehicle: Vehicle, tuning: Mapping[str, float]) -> SteeringLaw:
-    """Return a law inside the observers that the tuning keys of `TUNING` ask for; the law itself where they ask none."""
+    """Return a law inside the observers that the keys of `TUNING` ask for; the law itself where they ask for none."""
     settled = {key: tuning.get(key, default) for key, default in TUNING.items()}
     if settled["cdob_time_constant_s"] > 0.0:
-        law = CommunicationDisturbanceObserver(
-            law, vehicle, settled["cdob_time_constant_s"], settled["cdob_washout_s"]
-        )
+        law = CommunicationDisturbanceObserver(law, vehicle, settled["cdob_time_constant_s"], settled["cdob_washout_s"])
     if settled["dob_time_constant_s"] > 0.0:
         law = DisturbanceObserver(law, vehicle, settled["dob_time_constant_s"])
     return law

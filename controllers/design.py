@@ -1,6 +1,6 @@
 """Gain design of the preview steering: margins over speed, a latency it must bear, D-stability over a box.
 
-Needs python-control, which takes seconds to import, so nothing that drives may import this file.
+Margins are read off the frequency response, in which dead time is exact.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +23,9 @@ from .single_track import DAMPING
 
 SPEEDS = (2.2, 4.5, 6.7, 8.9, 11.2, 13.4, 15.6, 17.9, 20.1)  #: 5 to 45 mph in steps of 5 [m/s]
 DEFAULT = PreviewTuning()
-PADE_ORDER: Final = 4  #: of the steering's dead time; exact to far beyond any crossover here
 TRIM_SHARE: Final = 0.25  #: of the steering trim, as in follow_and_stop
 TRIM_STATE: Final = 4  #: of the model's state: the integral of the offset
-FREQUENCIES: Final[Floats] = np.geomspace(1e-3, 1e3, 6001)  #: at which a loop with an observer is computed [rad/s]
+FREQUENCIES: Final[Floats] = np.geomspace(1e-3, 1e3, 6001)  #: at which a loop is computed [rad/s]
 
 Complexes = NDArray[np.complex128]
 
@@ -63,21 +62,6 @@ class Region(NamedTuple):
     decay: float = 0.15  #: real parts below minus this [1/s]; the slowest pole is the trim's
     damping: float = 0.45  #: at least, of each pair: a step overshoots by 20 % at most
     radius: float = 200.0  #: greatest modulus [rad/s]; the tyres' own poles at walking pace reach 150
-
-
-def loop_margins(loop: Any) -> Margins:
-    """Margins of an open loop, a python-control system under negative feedback."""
-    import control
-
-    gains, phases, _, _, crossovers, _ = control.stability_margins(loop, returnall=True)
-    rising = [float(gain) for gain in np.atleast_1d(gains) if gain > 1.0]
-    # A phase margin counts from -180 deg the way dead time turns it: always down, so modulo a full turn.
-    delays = [
-        (math.radians(float(phase) % 360.0) / float(crossover), float(phase))
-        for phase, crossover in zip(np.atleast_1d(phases), np.atleast_1d(crossovers), strict=True)
-    ]
-    delay, phase = min(delays, default=(math.inf, math.inf))
-    return Margins(20.0 * math.log10(min(rising)) if rising else math.inf, phase, delay)
 
 
 def preview_model(
@@ -125,19 +109,19 @@ def delayed_loop(
     vehicle: Vehicle,
     tuning: Schedule,
     speed: float,
-    observer: DelayObserver,
+    observer: DelayObserver | None,
     s: Complexes,
     true: Vehicle | None = None,
     trim_share: float = TRIM_SHARE,
     yaw_rate_lag: float = 0.0,
 ) -> Complexes:
-    """Return the loop around an observer, opened where more delay would come in, at complex frequencies [rad/s].
+    """Return the loop of the preview steering, opened where more delay would come in, at complex frequencies [rad/s].
 
-    The observer's model is the declared `vehicle`; `true` is the car that drives. More delay acts on
-    L_true (1 - Q) + L_trim alone, inside a loop L Q that the delay does not touch: the closed form's
-    1 + L Q + (L_true (1 - Q) + L_trim) e^-Ts = 0. The steering's dead time is exact.
+    Without an observer that is L_true + L_trim, of law and trim. An observer's model is the declared `vehicle`, `true`
+    is the car that drives: more delay then acts on L_true (1 - Q) + L_trim alone, inside a loop L Q that the delay does
+    not touch, the closed form's 1 + L Q + (L_true (1 - Q) + L_trim) e^-Ts = 0. The steering's dead time is exact.
     """
-    q, dead_time = observer_filter(observer, s), np.exp(-vehicle.steering_delay * s)
+    dead_time = np.exp(-vehicle.steering_delay * s)
 
     # The gains are those of the declared car, whatever car drives.
     gains = preview_model(vehicle, tuning, speed, trim_share, yaw_rate_lag)[2]
@@ -150,6 +134,9 @@ def delayed_loop(
         return np.asarray((gains @ states)[:, 0, 0] * dead_time)
 
     car, law = true or vehicle, gains - learning
+    if observer is None:
+        return answer(car, gains)
+    q = observer_filter(observer, s)
     return (answer(car, law) * (1.0 - q) + answer(car, learning)) / (1.0 + answer(vehicle, law) * q)
 
 
@@ -157,17 +144,19 @@ def swept_margins(frequencies: Floats, loop: Complexes) -> Margins:
     """Margins of an open loop from its frequency response [rad/s], straight between the logarithms of two of them."""
     gain, w = np.log(np.abs(loop)), np.log(frequencies)
     phase = np.unwrap(np.angle(loop))
-    crossings = [
-        (k, share := gain[k] / (gain[k] - gain[k + 1]), math.exp(w[k] + share * (w[k + 1] - w[k])))
-        for k in np.flatnonzero(gain[:-1] * gain[1:] < 0.0)
-    ]
+    crossed = np.flatnonzero(gain[:-1] * gain[1:] < 0.0)
+    share = gain[crossed] / (gain[crossed] - gain[crossed + 1])
+    at = np.exp(w[crossed] + share * (w[crossed + 1] - w[crossed]))
     # Dead time turns the phase down: a margin counts from the next odd multiple of -180 deg below.
-    turns = [((phase[k] + share * (phase[k + 1] - phase[k]) + math.pi) % math.tau, at) for k, share, at in crossings]
-    delay, angle = min(((turn / at, turn) for turn, at in turns), default=(math.inf, math.inf))
-    odd = (phase + math.pi) / math.tau
-    flips = np.flatnonzero(np.floor(odd[:-1]) != np.floor(odd[1:]))
-    rising = [-float(max(gain[k], gain[k + 1])) for k in flips if max(gain[k], gain[k + 1]) < 0.0]
-    return Margins(20.0 * min(rising) / math.log(10.0) if rising else math.inf, math.degrees(angle), float(delay))
+    angles = (phase[crossed] + share * (phase[crossed + 1] - phase[crossed]) + math.pi) % math.tau
+    delay, angle = min(zip((angles / at).tolist(), angles.tolist(), strict=True), default=(math.inf, math.inf))
+    turns = (phase + math.pi) / math.tau
+    whole = np.floor(turns)
+    flips = np.flatnonzero(whole[:-1] != whole[1:])
+    share = (np.maximum(whole[flips], whole[flips + 1]) - turns[flips]) / (turns[flips + 1] - turns[flips])
+    factors = -(gain[flips] + share * (gain[flips + 1] - gain[flips]))
+    rising = float(factors[factors > 0.0].min(initial=math.inf))
+    return Margins(20.0 * rising / math.log(10.0), math.degrees(angle), delay)
 
 
 def margins(
@@ -186,26 +175,12 @@ def margins(
     """
     rows = []
     for speed in speeds:
-        if observer is None:
-            a, b, _ = preview_model(true or vehicle, tuning, speed, trim_share, yaw_rate_lag)
-            k = preview_model(vehicle, tuning, speed, trim_share, yaw_rate_lag)[2]
-            found = _with_dead_time(vehicle.steering_delay, a, b, k)
-        else:
-            loop = delayed_loop(
-                vehicle, tuning, speed, observer, 1j * FREQUENCIES, true, trim_share, yaw_rate_lag
-            )
-            found = swept_margins(FREQUENCIES, loop)
+        s = FREQUENCIES.astype(np.complex128) * 1j
+        loop = delayed_loop(vehicle, tuning, speed, observer, s, true, trim_share, yaw_rate_lag)
+        found = swept_margins(FREQUENCIES, loop)
         look_ahead, proportional, _ = tuning.at(vehicle, speed)
         rows.append(SpeedRow(speed, look_ahead, proportional, *found))
     return rows
-
-
-def _with_dead_time(delay: float, a: Floats, b: Floats, k: Floats) -> Margins:
-    import control
-
-    dead_time = control.ss(control.tf(*control.pade(delay, PADE_ORDER)))
-    with np.errstate(invalid="ignore"):  # of a loop without trim, whose integral says nothing
-        return loop_margins(dead_time * control.ss(a, b, k, 0.0))
 
 
 def check(rows: Sequence[SpeedRow], latency: float) -> None:

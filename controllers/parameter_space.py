@@ -43,7 +43,9 @@ class Region(NamedTuple):
 
     decay: float = 0.15  #: real parts below minus this [1/s]; the slowest pole is the trim's
     damping: float = 0.3  #: at least, of each pair within the radius: each swing is less than 0.4 of the one before
-    radius: float = 60.0  #: up to which pairs count [rad/s]; dead time has pairs at every frequency, beyond it negligible
+    radius: float = (
+        60.0  #: up to which pairs count [rad/s]; dead time has pairs at every frequency, beyond it negligible
+    )
 
     def edge(self) -> list[Complexes]:
         """Return the pieces of the region's edge in the upper half plane, from the real axis to the top [rad/s]."""
@@ -110,7 +112,7 @@ class PlaneOfGains:
         kp, kd = (np.asarray(gain, dtype=np.float64).reshape(-1, 1) for gain in (proportional, derivative))
         loop = 1.0 + constant + kp * a + kd * b
         turned = np.angle(loop[:, 1:] / loop[:, :-1]).sum(axis=1)
-        # Cauchy: the lower half turns as much; the poles of 1 + L outside D are known, those of the closed loop wanted.
+        # Cauchy: the lower half turns as much; the poles of 1 + L outside D are known, and its zeros there are wanted.
         outside = self._open_poles_outside(region, corner) - np.round(turned / math.pi)
         inside: Booleans = (outside == 0).reshape(np.shape(proportional))
         return inside

@@ -41,7 +41,7 @@ def controlled(name: str, **tuning: Any) -> Any:
 
 @pytest.mark.parametrize("name", ["follow_and_stop", "brake_at", "calibration_run"])
 def test_the_shipped_ones_steer_by_the_preview_law(name: str) -> None:
-    assert steering_margins(controlled(name), REPOSITORY).delay == pytest.approx(0.424, abs=0.001)
+    assert steering_margins(controlled(name), REPOSITORY).delay == pytest.approx(0.381, abs=0.001)
 
 
 def test_a_longer_look_ahead_is_the_one_that_is_judged() -> None:

@@ -92,15 +92,15 @@ def steering_study_of(sweep: Sweep) -> SteeringStudy:
         apart = 100.0 * (measured / margin - 1.0) if math.isfinite(margin) else math.nan
         rows.append((speed, mass, observer, margin, measured, stable, unstable, apart))
     frame = pd.DataFrame(rows, columns=list(MARGINS)).sort_values(["observer_s", "mass_factor", "speed_mps"])
-    return SteeringStudy(
-        sweep.title, described(frame.reset_index(drop=True), MARGINS), greatest, str(note["reason"])
-    )
+    return SteeringStudy(sweep.title, described(frame.reset_index(drop=True), MARGINS), greatest, str(note["reason"]))
 
 
 def _boundaries(sweep: Sweep) -> list[dict[str, Any]]:
     found = sweep.search_result
     if found is None or found.get("along") != DELAY or found["search"] != "boundary":
-        raise ConfigError(f"{sweep.folder}: no finished study of a steering loop: its drives were not searched by {DELAY}")
+        raise ConfigError(
+            f"{sweep.folder}: no finished study of a steering loop: its drives were not searched by {DELAY}"
+        )
     return list(found["boundaries"])
 
 

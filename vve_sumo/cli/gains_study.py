@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
 SUMMARY = "gains for which the steering is D-stable over speed, mass and delay"
 TEXT = """\
-Compute for which gains of a scenario's preview steering all poles of the closed loop lie in the region D (decay at least
-0.15 1/s, damping at least 0.3), at each speed, for a light and a laden car, without and with the delay of the pipeline.
-The boundaries are closed forms, with exact dead time. DIR receives the picture gains.png, the table gains.csv and
-scheduled.py: a controller with the central gains over speed, to be driven by --controller DIR/scheduled.py:make.
+Compute for which gains of a scenario's preview steering all poles of the closed loop lie in the region D (decay at
+least 0.15 1/s, damping at least 0.3), at each speed, for a light and a laden car, without and with the delay of the
+pipeline. The boundaries are closed forms, with exact dead time. DIR receives the picture gains.png, the table gains.csv
+and scheduled.py: a controller with the central gains over speed, to be driven by --controller DIR/scheduled.py:make.
 
 A live drive whose gains lie outside is refused.
 
@@ -32,11 +32,16 @@ examples:
   vve-sumo study gains parked_car --out late --delay-ms 120  a delay that was measured
 """
 PICTURE, TABLE, SCHEDULE = "gains.png", "gains.csv", "scheduled.py"
+#: of the table; the gains of the law, whether they are good, and the central ones
+COLUMNS = (
+    *("speed_mps", "look_ahead_m", "kp_rad_per_m", "kd_rad_s_per_m", "inside"),
+    *("central_kp_rad_per_m", "central_kd_rad_s_per_m"),
+)
 MAX_DELAY_MS, SPEED_RANGE, MASS_RANGE = 1000.0, (1.0, 40.0), (0.5, 2.0)
 #: line width where there is no terminal [characters]
 WIDTH = 120
 
-CONTROLLER = '''"""Steers by scheduled gains: the central ones of a parameter space; everything else is follow_and_stop's.
+CONTROLLER = '''"""Steers by scheduled gains, the central ones of a parameter space; all else is follow_and_stop's.
 
 Made by `vve-sumo study gains` for {vehicle}, delays up to {delay:.0f} ms.
 """
@@ -142,10 +147,7 @@ def _three(gains: Any) -> str:
 def _write_table(file: Path, planes: Sequence[Any]) -> None:
     with file.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
-        writer.writerow(
-            ["speed_mps", "look_ahead_m", "kp_rad_per_m", "kd_rad_s_per_m", "inside"]
-            + ["central_kp_rad_per_m", "central_kd_rad_s_per_m"]
-        )
+        writer.writerow(COLUMNS)
         for one in planes:
             central = ("", "") if one.central is None else (f"{one.central[1]:.6g}", f"{one.central[2]:.6g}")
             driven = [f"{gain:.6g}" for gain in one.driven]

@@ -34,9 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
         if getattr(arguments, option) is not None:
             raise ConfigError(f"--{option.replace('_', '-')}: the delay margin of a steering is searched without it")
     name, out, rig = arguments.scenario, arguments.out, arguments.rig
-    query = steering_study(
-        name, Path.cwd(), speeds=arguments.speeds_mps, mass_factors=arguments.mass_factors, rig=rig
-    )
+    query = steering_study(name, Path.cwd(), speeds=arguments.speeds_mps, mass_factors=arguments.mass_factors, rig=rig)
     with progress_bar.of_runs(quiet=arguments.quiet) as shown:
         search = fill(
             out,
@@ -48,7 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
             progress=shown,
             notify=complain,
         )
-    assert search is not None and search.result is not None
+    assert search is not None
+    assert search.result is not None
     write_search_result(out, search.result)
     return _conclude(name, out, Path(query.plan.working), rig, search.result["errors"] == search.result["runs"])
 

@@ -74,8 +74,9 @@ def predicted_margin(
 ) -> float:
     """Return the delay beyond the declared steering's that makes the loop unstable at a speed [m/s], in seconds.
 
-    What the tick itself delays in lockstep is taken off. The car is `mass_factor` times as heavy as declared. `observer` is the time constant of the one that bears delay [s], 0 for
-    none, in place of the scenario's. Raises ConfigError as `steering_margins` does.
+    What the tick itself delays in lockstep is taken off. The car is `mass_factor` times as heavy as declared.
+    `observer` is the time constant of the one that bears delay [s], 0 for none, in place of the scenario's. Raises
+    ConfigError as `steering_margins` does.
     """
     key = "cdob_time_constant_s"
     control = resolved.scenario.controller

@@ -52,9 +52,11 @@ def parameter_space(title: str, planes: Sequence[GainsPlane]) -> Figure:
             _draw(axes, plane)
         for axes in panels.flat[len(shown) :]:
             axes.set_visible(False)
-        figure.supxlabel("proportional gain [rad/m]", fontsize=11)
-        figure.supylabel("derivative gain [rad s/m]", fontsize=11)
-        figure.legend(handles=_legend(), loc="outside lower center", ncols=3)
+        for axes in panels[:, 0]:
+            axes.set_ylabel("kd [rad s/m]")
+        for axes in panels[(len(shown) - 1) // IN_A_ROW]:
+            axes.set_xlabel("kp [rad/m]")
+        figure.legend(handles=_legend(), loc="outside lower left", ncols=2)
         return figure
 
 
@@ -69,7 +71,8 @@ def _draw(axes: Axes, plane: GainsPlane) -> None:
         axes.plot(*plane.central, "o", color=EGO, markersize=6.0, markerfacecolor=PAPER, markeredgewidth=1.6)
     axes.plot(*plane.driven, "D" if plane.driven_is_good else "X", color=INK if plane.driven_is_good else ALARM)
     axes.set(xlim=(0.0, _end(plane, 0)), ylim=(0.0, _end(plane, 1)))
-    axes.locator_params(nbins=4)
+    axes.locator_params(axis="x", nbins=3)
+    axes.locator_params(axis="y", nbins=4)
 
 
 def _end(plane: GainsPlane, axis: int) -> float:

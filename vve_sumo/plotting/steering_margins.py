@@ -5,7 +5,7 @@ Draws what a study came to; computes nothing that is not drawn.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -31,14 +31,22 @@ def steering_margin(study: SteeringStudy) -> Figure:
         name(figure, study.title)
         plain(axes)
         kinds = list(study.margins.groupby(["observer_s", "mass_factor"]))
-        for look, ((observer, mass), rows) in zip(LINE_STYLES, kinds, strict=False):
-            speed = rows["speed_mps"].to_numpy(np.float64)
-            word = f"observer {float(observer):g} s" if float(observer) > 0.0 else "without observer"
-            word += f", mass x {float(mass):g}" if study.margins["mass_factor"].nunique() > 1 else ""
+        for look, (_kind, rows) in zip(LINE_STYLES, kinds, strict=False):
+            speed, observer, mass = (
+                rows[key].to_numpy(np.float64) for key in ("speed_mps", "observer_s", "mass_factor")
+            )
+            word = f"observer {observer[0]:g} s" if observer[0] > 0.0 else "without observer"
+            word += f", mass x {mass[0]:g}" if study.margins["mass_factor"].nunique() > 1 else ""
             predicted = np.where(np.isfinite(rows["predicted_s"]), rows["predicted_s"], np.nan)
             axes.plot(speed, MS * predicted, color=look.colour, linestyle=look.stroke, label=f"{word}: predicted")
             measured = rows["measured_s"].to_numpy(np.float64)
-            marks = {"color": look.colour, "linestyle": "", "markersize": 8.0, "markerfacecolor": PAPER, "zorder": 4}
+            marks: dict[str, Any] = {
+                "color": look.colour,
+                "linestyle": "",
+                "markersize": 8.0,
+                "markerfacecolor": PAPER,
+                "zorder": 4,
+            }
             axes.plot(speed, MS * measured, marker=look.mark, markeredgewidth=1.8, label=f"{word}: measured", **marks)
             beyond = np.where(rows["unstable_from_s"].isna() & rows["stable_to_s"].notna(), study.greatest, np.nan)
             if np.isfinite(beyond).any():

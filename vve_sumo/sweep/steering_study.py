@@ -38,10 +38,10 @@ def steering_study(
     mass_factors: Sequence[float] | None = None,
     rig: str | None = None,
 ) -> SweepQuery:
-    """Return the search over delays of the steering, by speed [m/s], true over declared mass, without and with observer.
+    """Return the search over delays of the steering at speeds [m/s], without and with the observer that bears delay.
 
-    With a `rig`, the rig's car is simulated. Raises ConfigError, naming the option or the scenario's key, for a wrong
-    value and for a scenario whose controller is another than the probe.
+    `mass_factors` are true over declared mass. With a `rig`, the rig's car is simulated. Raises ConfigError, naming the
+    option or the scenario's key, for a wrong value and for a scenario whose controller is another than the probe.
     """
     control = load(workspace.find("scenario", name, working)).controller
     if control.name != PROBE:
