@@ -22,13 +22,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 from vve_sumo.laws import clamp
 from vve_sumo.values import Observation, Vehicle
 
-from .deviation import Deviation, steady_steering, yaw_response_time
-from .single_track import DAMPING, LateralModel, RequestDelay
+from .deviation import Deviation, steady_steering
+from .single_track import DAMPING, LateralModel, RequestDelay, yaw_response_time
+
+if TYPE_CHECKING:
+    from .follow_and_stop import SteeringLaw
 
 PERIOD: Final = 0.02  #: of the tick [s]
 MIN_SPEED: Final = 1.0  #: below it the law has the measured deviation, and nothing is observed [m/s]
@@ -48,14 +51,6 @@ RANGES: Final[dict[str, tuple[float, float]]] = {
     "cdob_washout_s": (0.5, 60.0),
     "dob_time_constant_s": (0.0, 10.0),
 }
-
-
-class SteeringLaw(Protocol):
-    """Any lateral law."""
-
-    def steer(self, deviation: Deviation, observation: Observation) -> float:
-        """Return the road-wheel angle [rad]."""
-        ...
 
 
 class Washout:

@@ -18,7 +18,8 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.path import Floats
 from vve_sumo.values import Vehicle
 
-from .preview import PreviewTuning, Schedule
+from .gain_schedule import Schedule
+from .preview import PreviewTuning
 from .single_track import DAMPING
 
 SPEEDS = (2.2, 4.5, 6.7, 8.9, 11.2, 13.4, 15.6, 17.9, 20.1)  #: 5 to 45 mph in steps of 5 [m/s]

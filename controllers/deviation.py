@@ -38,10 +38,11 @@ def steady_steering(vehicle: Vehicle, speed: float, curvature: float) -> float:
     return (vehicle.wheelbase + vehicle.understeer_gradient * speed * speed) * curvature
 
 
-def yaw_response_time(vehicle: Vehicle, speed: float) -> float:
-    """How long the yaw rate lags a slowly turning road wheel [s], above walking pace.
+def tyre_response_time(vehicle: Vehicle, speed: float) -> float:
+    """How long the rear axle's curvature lags a slowly turning road wheel [s], above walking pace.
 
-    First moment of the single track's impulse response from steering to yaw rate.
+    First moment of the single track's impulse response from steering to the rear axle's lateral
+    acceleration: the yaw rate's lag, plus the build-up of the rear axle's slip.
     """
     cf, cr = vehicle.cornering_stiffness_front, vehicle.cornering_stiffness_rear
     lf, lr = vehicle.front_axle_to_mass, vehicle.wheelbase - vehicle.front_axle_to_mass
@@ -49,17 +50,8 @@ def yaw_response_time(vehicle: Vehicle, speed: float) -> float:
     a11, a12 = -(cf + cr) / (m * v), (cr * lr - cf * lf) / (m * v) - v
     a21, a22 = (cr * lr - cf * lf) / (inertia * v), -(cf * lf * lf + cr * lr * lr) / (inertia * v)
     b1, b2 = cf / m, cf * lf / inertia
-    return -(a11 + a22) / (a11 * a22 - a12 * a21) - b2 / (a21 * b1 - a11 * b2)
-
-
-def tyre_response_time(vehicle: Vehicle, speed: float) -> float:
-    """How long the rear axle's curvature lags a slowly turning road wheel [s], above walking pace.
-
-    First moment of the single track's impulse response from steering to the rear axle's lateral
-    acceleration: the yaw rate's lag, plus the build-up of the rear axle's slip.
-    """
-    v = max(speed, MIN_SPEED)
-    return yaw_response_time(vehicle, speed) - steady_sideslip(vehicle, v, 1.0) / v
+    yaw = -(a11 + a22) / (a11 * a22 - a12 * a21) - b2 / (a21 * b1 - a11 * b2)
+    return yaw - steady_sideslip(vehicle, v, 1.0) / v
 
 
 def turned(angle: float) -> float:

@@ -14,9 +14,7 @@ from vve_sumo.laws import clamp, jerk_limit
 from vve_sumo.path import PathProjection, ReferencePath
 from vve_sumo.values import ControlCommand, Observation, Vehicle
 
-from . import delay_observers
 from .approach import NOWHERE, Approach, Goal, Standstill
-from .delay_observers import SteeringLaw, delay_observer, innermost, with_observers
 from .deviation import Deviation, DeviationObserver
 from .emergency import Emergency
 from .lqr import LateralRegulator
@@ -46,7 +44,6 @@ TUNING: dict[str, float | str | bool] = {
     "lateral_acceleration_m_s2": 2.0,  #: that bends are driven with at most
     "emergency": True,  #: whether the emergency layer is there
     "comfort": True,  #: whether it slows and stops comfortably for what is in the way, before that becomes urgent
-    **delay_observers.TUNING,
 }
 
 
@@ -60,8 +57,15 @@ RANGES: dict[str, tuple[float, float]] = {
     "time_headway_s": (0.0, 5.0),
     "stop_deceleration_m_s2": (0.5, 3.3),
     "lateral_acceleration_m_s2": (0.3, 4.0),
-    **delay_observers.RANGES,
 }
+
+
+class SteeringLaw(Protocol):
+    """What all steering laws have in common."""
+
+    def steer(self, deviation: Deviation, observation: Observation) -> float:
+        """Return the road-wheel angle [rad]."""
+        ...
 
 
 class CarFollowing(Protocol):
@@ -103,9 +107,7 @@ class FollowAndStop:
         self._following, self._warned = following, warned
         self._law, self._steering_limit = law, vehicle.steering_limit
         #: for the gain design; None where it steers by another law
-        self.preview_tuning = core.tuning if isinstance(core := innermost(law), PreviewSteering) else None
-        self.trim_share = tuning["trim_share"]  #: for the gain design, as the next
-        self.delay_observer = delay_observer(law)  #: time constant and washout time of the one that bears delay [s]
+        self.preview_tuning = law.tuning if isinstance(law, PreviewSteering) else None
         self._lateral = tuning["lateral_acceleration_m_s2"]
         self._observer = DeviationObserver(vehicle)
         self._trim = SteeringTrim(
@@ -190,15 +192,7 @@ class FollowAndStop:
 
 
 def steering_law(name: str, vehicle: Vehicle, tuning: dict[str, float]) -> SteeringLaw:
-    """Make a steering law by its name, inside the observers that the tuning asks for.
-
-    Raises ConfigError where there is no law of that name.
-    """
-    return with_observers(bare_law(name, vehicle, tuning), vehicle, tuning)
-
-
-def bare_law(name: str, vehicle: Vehicle, tuning: dict[str, float]) -> SteeringLaw:
-    """Make a steering law by its name, without any observer; raises ConfigError as `steering_law` does."""
+    """Make a steering law by its name; raises ConfigError where there is none of that name."""
     time, least = tuning["look_ahead_time_s"], tuning["look_ahead_least_m"]
     if name == "preview":
         return PreviewSteering(vehicle, PreviewTuning(time, least))

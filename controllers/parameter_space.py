@@ -24,7 +24,8 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.path import Floats
 from vve_sumo.values import Vehicle
 
-from .preview import Gains, Schedule
+from .gain_schedule import Schedule
+from .preview import Gains
 from .single_track import tyre_model
 
 SPEEDS = (2.2, 4.5, 6.7, 8.9, 11.2, 13.4, 15.6, 17.9, 20.1)  #: 5 to 45 mph in steps of 5 [m/s]
@@ -112,7 +113,7 @@ class PlaneOfGains:
         kp, kd = (np.asarray(gain, dtype=np.float64).reshape(-1, 1) for gain in (proportional, derivative))
         loop = 1.0 + constant + kp * a + kd * b
         turned = np.angle(loop[:, 1:] / loop[:, :-1]).sum(axis=1)
-        # Cauchy: the lower half turns as much; the poles of 1 + L outside D are known, and its zeros there are wanted.
+        # Cauchy: the lower half turns as much. Of 1 + L the poles outside D are known, and the zeros there wanted.
         outside = self._open_poles_outside(region, corner) - np.round(turned / math.pi)
         inside: Booleans = (outside == 0).reshape(np.shape(proportional))
         return inside
@@ -149,7 +150,7 @@ class PlaneOfGains:
 
 @dataclass(frozen=True)
 class SpeedPlane:
-    """What the plane of gains holds at one speed: the gains that are good at every corner, and those that are chosen."""
+    """What the plane of gains holds at one speed: gains that are good at every corner, and those that are chosen."""
 
     plane: PlaneOfGains
     proportional: Floats  #: of the grid's columns [rad/m]

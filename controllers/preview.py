@@ -7,10 +7,8 @@ angle that the bend itself needs (Emirler et al., Int. J. Vehicular Technology 2
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from vve_sumo.values import Observation, Vehicle
 
@@ -44,46 +42,10 @@ class PreviewTuning:
         return Gains(look_ahead, proportional, self.derivative_time * proportional)
 
 
-class Schedule(Protocol):
-    """Gains over speed."""
-
-    def at(self, vehicle: Vehicle, speed: float) -> Gains:
-        """Gains at a speed [m/s]."""
-        ...
-
-
-class GainSchedule:
-    """Gains from a table over speed, straight between its rows and constant beyond both ends."""
-
-    def __init__(self, rows: Sequence[tuple[float, float, float, float]]) -> None:
-        """Each row is speed [m/s], look-ahead [m], proportional [rad/m] and derivative gain [rad s/m], speed rising.
-
-        Raises ValueError for no rows, for numbers that are not finite or negative, and for speeds that do not rise.
-        """
-        self.rows = tuple((speed, Gains(*gains)) for speed, *gains in rows)
-        speeds = [speed for speed, _gains in self.rows]
-        if not self.rows or not all(low < high for low, high in pairwise(speeds)):
-            raise ValueError("a gain schedule needs rows of rising speed")
-        if not all(0.0 <= number < math.inf for row in rows for number in row):
-            raise ValueError("a gain schedule needs finite numbers of 0 or more")
-
-    def at(self, vehicle: Vehicle, speed: float) -> Gains:
-        """Gains at a speed [m/s]; the vehicle is the one that the table was made for."""
-        low, gains = self.rows[0]
-        if not speed > low:
-            return gains
-        for high, next_gains in self.rows[1:]:
-            if speed < high:
-                share = (speed - low) / (high - low)
-                return Gains(*(one + share * (other - one) for one, other in zip(gains, next_gains, strict=True)))
-            low, gains = high, next_gains
-        return gains
-
-
 class PreviewSteering:
     """PD on the previewed deviation, the bend's own angle fed forward."""
 
-    def __init__(self, vehicle: Vehicle, tuning: Schedule) -> None:
+    def __init__(self, vehicle: Vehicle, tuning: PreviewTuning) -> None:
         self._vehicle, self.tuning = vehicle, tuning
 
     def steer(self, deviation: Deviation, observation: Observation) -> float:

@@ -43,6 +43,12 @@ def tyre_model(vehicle: Vehicle, speed: float) -> TyreModel:
     )
 
 
+def yaw_response_time(vehicle: Vehicle, speed: float) -> float:
+    """Return how long the yaw rate lags a slowly turning road wheel [s]: the first moment of its impulse response."""
+    a11, a12, a21, a22, b1, b2 = tyre_model(vehicle, speed)
+    return -(a11 + a22) / (a11 * a22 - a12 * a21) - b2 / (a21 * b1 - a11 * b2)
+
+
 class RequestDelay:
     """Returns the steering request that arrives at the wheels: older by a dead time, linear between two ticks."""
 

@@ -1,7 +1,7 @@
 """A probe, not a driver: comes up to its speed on a straight road, then keeps beside the path by a step.
 
 The answer to the step shows whether the steering loop is stable: the probe stops once it has died out, and for nothing
-else. Laws and observers are those of follow_and_stop.
+else. Laws and observers are those of delay_tolerant.
 """
 
 from __future__ import annotations
@@ -12,19 +12,20 @@ from typing import Final
 from vve_sumo.controller import Tuning, settle
 from vve_sumo.values import ControlCommand, Observation, Vehicle
 
-from . import follow_and_stop
-from .delay_observers import SteeringLaw, with_observers
+from . import delay_tolerant
+from .delay_tolerant import DelayTolerant
 from .deviation import Deviation
-from .follow_and_stop import FollowAndStop, bare_law
+from .follow_and_stop import SteeringLaw, steering_law
 
-TUNING: dict[str, float | str | bool] = follow_and_stop.TUNING | {
+TUNING: dict[str, float | str | bool] = delay_tolerant.TUNING | {
+    "cdob_time_constant_s": 0.0,
     "trim_share": 0.0,  #: of its own the trim would take the step for a deviation
     "emergency": False,
     "comfort": False,
     "step_m": 0.3,  #: left of the path; small, so that nothing limits the steering
     "settled_s": 4.0,  #: at its speed before the step
 }
-RANGES: dict[str, tuple[float, float]] = follow_and_stop.RANGES | {"step_m": (-2.0, 2.0), "settled_s": (0.0, 60.0)}
+RANGES: dict[str, tuple[float, float]] = delay_tolerant.RANGES | {"step_m": (-2.0, 2.0), "settled_s": (0.0, 60.0)}
 SPEED_SHARE: Final = 0.02  #: of the desired speed: so near to it counts as having it
 DECELERATION: Final = -2.0  #: once the verdict is known [m/s2]
 
@@ -65,12 +66,12 @@ class Verdict:
 
 
 class SteeringProbe:
-    """Drives as follow_and_stop does, steps beside the path, and stops once the answer has died out.
+    """Drives as delay_tolerant does, steps beside the path, and stops once the answer has died out.
 
     While it does not, the probe drives on: until the car is too far off its path, or the time is over.
     """
 
-    def __init__(self, controller: FollowAndStop, beside: Beside, step: float, settled: float) -> None:
+    def __init__(self, controller: DelayTolerant, beside: Beside, step: float, settled: float) -> None:
         """`step` to keep left of the path [m], once the speed has been kept for `settled` [s]."""
         self._controller, self._beside = controller, beside
         self._step, self._settled = step, settled
@@ -111,6 +112,6 @@ def make(vehicle: Vehicle, tuning: Tuning) -> SteeringProbe:
     settled = settle(tuning, TUNING, RANGES)
     name = str(settled.pop("steering"))
     numbers = {key: float(value) for key, value in settled.items()}
-    beside = Beside(bare_law(name, vehicle, numbers))
-    controller = FollowAndStop(vehicle, with_observers(beside, vehicle, numbers), numbers)
+    beside = Beside(steering_law(name, vehicle, numbers))
+    controller = DelayTolerant(vehicle, beside, numbers)
     return SteeringProbe(controller, beside, numbers["step_m"], numbers["settled_s"])

@@ -1,4 +1,4 @@
-"""`vve-sumo study gains` as a user meets it: table, picture, a schedule that drives, and live drives that are refused."""
+"""`vve-sumo study gains` as a user meets it: table, picture, a schedule that drives; live drives that are refused."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.live.session import plan
 from vve_sumo.rig.load import load as load_rig
 
-SPEEDS = "4.5,11.2,15.6"
+SPEEDS = "2.2,4.5,6.7,11.2,15.6"
 
 
 @pytest.fixture(scope="module")
 def studied(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a study of three speeds."""
+    """The folder of a study of five speeds."""
     out = tmp_path_factory.mktemp("study") / "gains"
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(out.parent)
@@ -35,8 +35,8 @@ def test_table_picture_and_schedule_are_there(studied: Path) -> None:
     assert (studied / "gains.png").stat().st_size > 20_000
     with (studied / "gains.csv").open(encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
-    assert [float(row["speed_mps"]) for row in rows] == [4.5, 11.2, 15.6]
-    assert [row["inside"] for row in rows] == ["true"] * 3
+    assert [float(row["speed_mps"]) for row in rows] == [2.2, 4.5, 6.7, 11.2, 15.6]
+    assert [row["inside"] for row in rows] == ["true"] * 5
     for row in rows:
         assert 0.5 < float(row["central_kp_rad_per_m"]) / float(row["kp_rad_per_m"]) < 2.0
 
@@ -46,7 +46,7 @@ def test_the_schedule_is_a_controller_of_the_documented_kind(studied: Path) -> N
     vehicle = altered({}).vehicle
     controller = load(name, vehicle, {"gap_m": 4.0, "cdob_time_constant_s": 0.1}, [])
     with (studied / "gains.csv").open(encoding="utf-8") as stream:
-        middle = list(csv.DictReader(stream))[1]
+        middle = list(csv.DictReader(stream))[3]
     gains = controller.preview_tuning.at(vehicle, 11.2)  # type: ignore[attr-defined]
     assert gains.proportional == pytest.approx(float(middle["central_kp_rad_per_m"]), rel=1e-4)
     with pytest.raises(ConfigError, match="tuning key 'steering' is unknown"):

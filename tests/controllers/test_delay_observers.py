@@ -18,6 +18,7 @@ from scipy.optimize import brentq
 
 from tests.controllers.street import FUSION, drive
 from tests.controllers.test_steering import BMW, NOTHING, circle
+from vve_sumo.controller import load
 from vve_sumo.path import ReferencePath
 from vve_sumo.values import Observation, Point, Pose
 
@@ -265,13 +266,14 @@ def test_a_washed_out_model_stays_bounded(part, speed, requests):
     model = part("single_track").LateralModel(FUSION, PERIOD, 1.0 / 3.0, 0.08)
     for request in requests:
         model.step(request, speed)
-        assert abs(model.offset) < 0.5 * 9.0 * 2.0 * speed * speed and math.isfinite(model.heading_error)
+        assert abs(model.offset) < 0.5 * 9.0 * 2.0 * speed * speed
+        assert math.isfinite(model.heading_error)
 
 
 @pytest.mark.parametrize("law", ["preview", "pure_pursuit", "stanley", "lqr"])
 def test_any_law_may_be_inside(part, law):
     """A late link of 0.8 s makes each law unstable; inside the observer each comes back to the path."""
-    bare, observers = part("follow_and_stop").bare_law, part("delay_observers")
+    bare, observers = part("follow_and_stop").steering_law, part("delay_observers")
     tuning = {"look_ahead_time_s": 0.8, "look_ahead_least_m": 4.0, "stanley_rate_per_s": 1.0}
 
     def off(observed: bool) -> np.ndarray:
@@ -319,7 +321,7 @@ def test_the_disturbance_observer_bears_half_a_pi_of_its_time_constant(part, tau
 
     def largest(late: float) -> tuple[float, float]:
         law, speed = observers.DisturbanceObserver(Straight(), car, tau), 10.0
-        lag = car.steering_lag + 0.08 + deviation.yaw_response_time(car, speed)
+        lag = car.steering_lag + 0.08 + part("single_track").yaw_response_time(car, speed)
         share, gain = -math.expm1(-PERIOD / lag), speed / deviation.steady_steering(car, speed, 1.0)
         queue, yaw, found = deque([0.0] * round(late / PERIOD)), 0.0, []
         path = STRAIGHT
@@ -337,10 +339,18 @@ def test_the_disturbance_observer_bears_half_a_pi_of_its_time_constant(part, tau
     assert late > 2.0 * early
 
 
-def test_keys_of_the_tuning_wrap_the_law_and_are_declared(make, part):
+@pytest.fixture
+def tolerant(repository):
+    """Make the shipped controller with observers, with some tuning."""
+    return lambda **tuning: load("delay_tolerant", FUSION, tuning, [repository / "controllers"])
+
+
+def test_keys_of_the_tuning_wrap_the_law_and_are_declared(tolerant, part):
     observers = part("delay_observers")
-    assert make().delay_observer is None
-    both = make(cdob_time_constant_s=0.2, cdob_washout_s=2.0, dob_time_constant_s=0.5)
+    assert tolerant().delay_observer == (0.1, 3.0)
+    assert tolerant(cdob_time_constant_s=0.0).delay_observer is None
+    assert tolerant(steering="stanley").preview_tuning is None
+    both = tolerant(cdob_time_constant_s=0.2, cdob_washout_s=2.0, dob_time_constant_s=0.5)
     assert both.delay_observer == (0.2, 2.0)
     kinds = [type(layer).__name__ for layer in observers.layers(both._law)]
     assert kinds == ["DisturbanceObserver", "CommunicationDisturbanceObserver", "PreviewSteering"]
@@ -348,12 +358,12 @@ def test_keys_of_the_tuning_wrap_the_law_and_are_declared(make, part):
 
 
 @pytest.mark.thorough
-def test_a_flawed_car_keeps_a_wide_bend_behind_a_late_link(make):
+def test_a_flawed_car_keeps_a_wide_bend_behind_a_late_link(make, tolerant):
     """Steering zero, misalignment and noise of the street's car; 0.5 s of link lead the law alone astray."""
     path, late = circle(300.0), replace(FUSION, steering_delay=FUSION.steering_delay + 0.5)
     keys = {"cdob_time_constant_s": 0.1, "cdob_washout_s": 2.0, "trim_share": 0.1}
     plain = drive(make(), path, 10.0, [], 40.0, vehicle=late, start_speed=10.0)
-    observed = drive(make(**keys), path, 10.0, [], 40.0, vehicle=late, start_speed=10.0)
+    observed = drive(tolerant(**keys), path, 10.0, [], 40.0, vehicle=late, start_speed=10.0)
     assert np.abs(plain.offset).max() > 1.0
     # Its zero error, unknown to the model, is the price: the trim takes it out slowly.
     assert np.abs(observed.offset).max() < 1.5

@@ -61,7 +61,8 @@ def test_the_drive_is_lost_where_the_closed_form_says(speed: float, observer: fl
 
 
 @pytest.mark.thorough
-def test_a_car_that_is_heavier_than_declared(speed: float = 10.0) -> None:
+def test_a_car_that_is_heavier_than_declared() -> None:
+    speed = 10.0
     limit = predicted_margin(probe({}), REPOSITORY, speed, 1.3, 0.1)
     assert limit < predicted_margin(probe({}), REPOSITORY, speed, 1.0, 0.1)
     assert outcome(speed, 0.95 * limit, 0.1, 1.3)[0] == "stopped"

@@ -47,21 +47,21 @@ Made by `vve-sumo study gains` for {vehicle}, delays up to {delay:.0f} ms.
 """
 
 from vve_sumo.controller import settle
-from vve_sumo.controllers import FollowAndStop, GainSchedule, PreviewSteering, with_observers
-from vve_sumo.controllers.follow_and_stop import RANGES, TUNING
+from vve_sumo.controllers import DelayTolerant, GainSchedule, PreviewSteering, delay_observers, follow_and_stop
 
 #: speed [m/s], look-ahead [m], proportional [rad/m] and derivative gain [rad s/m]
 SCHEDULE = [
 {rows}
 ]
+TUNING = {{**follow_and_stop.TUNING, **delay_observers.TUNING}}
+RANGES = {{**follow_and_stop.RANGES, **delay_observers.RANGES}}
+del TUNING["steering"]
 
 
 def make(vehicle, tuning):
     """Make the controller; raises ConfigError on a tuning key or value that it cannot take."""
-    keys = {{key: value for key, value in TUNING.items() if key != "steering"}}
-    numbers = {{key: float(value) for key, value in settle(tuning, keys, RANGES).items()}}
-    law = PreviewSteering(vehicle, GainSchedule(SCHEDULE))
-    return FollowAndStop(vehicle, with_observers(law, vehicle, numbers), numbers)
+    numbers = {{key: float(value) for key, value in settle(tuning, TUNING, RANGES).items()}}
+    return DelayTolerant(vehicle, PreviewSteering(vehicle, GainSchedule(SCHEDULE)), numbers)
 '''
 
 

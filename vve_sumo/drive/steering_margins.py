@@ -119,7 +119,7 @@ def declared_steering(resolved: ResolvedScenario, working: Path) -> DeclaredStee
         )
     observer, trim_share = getattr(controller, OBSERVER_ATTRIBUTE, None), getattr(controller, TRIM_ATTRIBUTE, None)
     try:
-        gains = _gains(declared, module("preview", workspace.controller_folders(working)))
+        gains = _gains(declared, workspace.controller_folders(working))
         around = None if observer is None else (float(observer[0]), float(observer[1]))
         return DeclaredSteering(gains, around, None if trim_share is None else float(trim_share))
     except (AttributeError, TypeError, ValueError, IndexError) as error:
@@ -128,11 +128,12 @@ def declared_steering(resolved: ResolvedScenario, working: Path) -> DeclaredStee
         ) from None
 
 
-def _gains(declared: Any, preview: Any) -> Any:
+def _gains(declared: Any, folders: Sequence[Path]) -> Any:
     """Return gains over speed in the workspace's own types: a PreviewTuning by its fields, or a table by its rows."""
     if (rows := getattr(declared, "rows", None)) is not None:
-        return preview.GainSchedule([(speed, *gains) for speed, gains in rows])
-    return preview.PreviewTuning(**{field: float(getattr(declared, field)) for field in DESIGN_FIELDS})
+        return module("gain_schedule", folders).GainSchedule([(speed, *gains) for speed, gains in rows])
+    stated = {field: float(getattr(declared, field)) for field in DESIGN_FIELDS}
+    return module("preview", folders).PreviewTuning(**stated)
 
 
 def _of_law(resolved: ResolvedScenario) -> str:
