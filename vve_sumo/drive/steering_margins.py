@@ -2,7 +2,7 @@
 
 A controller says itself that it steers by that law; of any other nothing is known.
 
-The design is a file among the controllers, found by the workspace. It imports python-control, which takes seconds.
+The design is a file among the controllers, found by the workspace.
 """
 
 from __future__ import annotations
