@@ -46,7 +46,7 @@ class Verdict:
     """Tells from the answer to a step whether it dies out: what is left late against what was left early."""
 
     FIRST, SECOND, LAST = 15.0, 30.0, 60.0  #: ends of the windows after the step [s]; the last one is as long as others
-    DIED_OUT = 0.05  #: of the answer's first part: what is left beyond it is noise
+    DIED_OUT = 0.15  #: of the answer's first part: what is left below it comes of the steering's quanta
 
     def __init__(self) -> None:
         self._first = self._early = self._late = 0.0  # greatest distance from the aim, by window [m]
@@ -62,7 +62,7 @@ class Verdict:
             return True
         elif self.LAST + self.FIRST - self.SECOND <= elapsed < self.LAST:
             self._late = max(self._late, size)
-        return elapsed >= self.LAST and self._late < self._early
+        return elapsed >= self.LAST and self._late < max(self._early, self.DIED_OUT * self._first)
 
 
 class SteeringProbe:
