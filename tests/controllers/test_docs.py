@@ -77,7 +77,7 @@ def test_the_example_with_an_observer_bears_a_late_link(page, tmp_path):
     path = ReferencePath.from_points([0.0, 2000.0], [0.0, 0.0])
     off = []
     for name, keys, folder in (("mine", {}, tmp_path), ("follow_and_stop", {"steering": "stanley"}, SHIPPED)):
-        controller = load(name, FUSION, keys | {"trim_share": 0.05}, [folder])
+        controller = load(name, FUSION, keys, [folder])
         done = drive(controller, path, 10.0, [], 40.0, vehicle=late, start_speed=10.0, flaws=Flaws(steering_zero=0.0))
         off.append(float(np.abs(done.offset).max()))
     assert off[0] < 1.0 < off[1]
