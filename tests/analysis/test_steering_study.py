@@ -46,14 +46,26 @@ def test_the_picture_has_a_line_predicted_and_marks_measured_for_each_kind() -> 
 
 def test_another_sweep_is_no_study_of_a_steering(tmp_path: Path) -> None:
     fill(tmp_path).close()
-    with pytest.raises(ConfigError, match=r"not what a study of a steering loop writes|no finished study of a steering"):
+    with pytest.raises(
+        ConfigError, match=r"not what a study of a steering loop writes|no finished study of a steering"
+    ):
         steering_study_of(Sweep(tmp_path))
 
 
 @pytest.mark.slow
 def test_a_study_of_one_speed_is_within_five_percent(tmp_path: Path) -> None:
     """Some two dozen drives; what the closed form predicts, and what is measured, of both loops."""
-    arguments = ("study", "latency", "steering_probe", "--out", "margins", "--steering", "--speeds-mps", "10", "--quiet")
+    arguments = (
+        "study",
+        "latency",
+        "steering_probe",
+        "--out",
+        "margins",
+        "--steering",
+        "--speeds-mps",
+        "10",
+        "--quiet",
+    )
     done = isolated.command(*arguments, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     found = steering_study_of(load(tmp_path / "margins"))
