@@ -1,6 +1,6 @@
 """Gain design of the preview steering: margins over speed, a latency it must bear, D-stability over a box.
 
-Needs python-control, which takes seconds to import, so nothing that drives may import this file.
+Margins are read off the frequency response, in which dead time is exact.
 """
 
 from __future__ import annotations
@@ -9,20 +9,26 @@ import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import Floats
 from vve_sumo.values import Vehicle
 
+from .gain_schedule import Schedule
 from .preview import PreviewTuning
+from .single_track import DAMPING
 
 SPEEDS = (2.2, 4.5, 6.7, 8.9, 11.2, 13.4, 15.6, 17.9, 20.1)  #: 5 to 45 mph in steps of 5 [m/s]
 DEFAULT = PreviewTuning()
-PADE_ORDER: Final = 4  #: of the steering's dead time; exact to far beyond any crossover here
 TRIM_SHARE: Final = 0.25  #: of the steering trim, as in follow_and_stop
+TRIM_STATE: Final = 4  #: of the model's state: the integral of the offset
+FREQUENCIES: Final[Floats] = np.geomspace(1e-3, 1e3, 6001)  #: at which a loop is computed [rad/s]
+
+Complexes = NDArray[np.complex128]
 
 
 class Margins(NamedTuple):
@@ -44,6 +50,13 @@ class SpeedRow(NamedTuple):
     delay_margin: float  #: left for pose age, computing and CAN, beyond the steering's own dead time [s]
 
 
+class DelayObserver(NamedTuple):
+    """A communication disturbance observer around the law."""
+
+    time_constant: float  #: of its filter [s]
+    washout_time: float  #: infinite for none [s]
+
+
 class Region(NamedTuple):
     """Where closed-loop poles shall lie (Ackermann, Robust Control, 2002: D-stability)."""
 
@@ -52,26 +65,13 @@ class Region(NamedTuple):
     radius: float = 200.0  #: greatest modulus [rad/s]; the tyres' own poles at walking pace reach 150
 
 
-def loop_margins(loop: Any) -> Margins:
-    """Margins of an open loop, a python-control system under negative feedback."""
-    import control
-
-    gains, phases, _, _, crossovers, _ = control.stability_margins(loop, returnall=True)
-    rising = [float(gain) for gain in np.atleast_1d(gains) if gain > 1.0]
-    # A phase margin counts from -180 deg the way dead time turns it: always down, so modulo a full turn.
-    delays = [
-        (math.radians(float(phase) % 360.0) / float(crossover), float(phase))
-        for phase, crossover in zip(np.atleast_1d(phases), np.atleast_1d(crossovers), strict=True)
-    ]
-    delay, phase = min(delays, default=(math.inf, math.inf))
-    return Margins(20.0 * math.log10(min(rising)) if rising else math.inf, phase, delay)
-
-
-def preview_model(vehicle: Vehicle, tuning: PreviewTuning, speed: float) -> tuple[Floats, Floats, Floats]:
+def preview_model(
+    vehicle: Vehicle, tuning: Schedule, speed: float, trim_share: float = TRIM_SHARE, yaw_rate_lag: float = 0.0
+) -> tuple[Floats, Floats, Floats]:
     """A (6, 6), B (6, 1) and K (1, 6) of the single track under a steering request that the law answers with -K x.
 
     x = [lateral velocity of the mass centre, yaw rate, heading error, offset of the rear axle, its integral,
-    road-wheel angle].
+    road-wheel angle]. With a `yaw_rate_lag` [s] there is a seventh state, the smoothed yaw rate that the law is given.
     """
     cf, cr = vehicle.cornering_stiffness_front, vehicle.cornering_stiffness_rear
     lf, lr = vehicle.front_axle_to_mass, vehicle.wheelbase - vehicle.front_axle_to_mass
@@ -85,20 +85,100 @@ def preview_model(vehicle: Vehicle, tuning: PreviewTuning, speed: float) -> tupl
     a[4, 3] = 1.0
     a[5, 5] = -1.0 / lag
     look_ahead, kp, kd = tuning.at(vehicle, v)
-    trim = TRIM_SHARE * 2.0 * vehicle.wheelbase / look_ahead**3 * v
+    trim = trim_share * 2.0 * vehicle.wheelbase / look_ahead**3 * v
     k = [[0.0, kd * look_ahead, kp * look_ahead + kd * v, kp, trim, 0.0]]
-    return a, np.array([[0.0]] * 5 + [[1.0 / lag]]), np.array(k)
+    b = np.array([[0.0]] * 5 + [[1.0 / lag]])
+    return _smoothed(a, b, np.array(k), yaw_rate_lag) if yaw_rate_lag > 0.0 else (a, b, np.array(k))
 
 
-def margins(vehicle: Vehicle, tuning: PreviewTuning = DEFAULT, speeds: Iterable[float] = SPEEDS) -> list[SpeedRow]:
-    """Margins of the preview loop over speeds [m/s]."""
-    import control
+def _smoothed(a: Floats, b: Floats, k: Floats, lag: float) -> tuple[Floats, Floats, Floats]:
+    """Return the model with the yaw rate smoothed by a first-order lag [s] before the law is given it."""
+    a, b, k = np.pad(a, ((0, 1), (0, 1))), np.pad(b, ((0, 1), (0, 0))), np.pad(k, ((0, 0), (0, 1)))
+    a[6, [1, 6]] = 1.0 / lag, -1.0 / lag
+    k[0, [1, 6]] = 0.0, k[0, 1]
+    return a, b, k
 
+
+def observer_filter(observer: DelayObserver, s: Complexes) -> Complexes:
+    """Return Q of a communication disturbance observer at complex frequencies [rad/s], washout included."""
+    w = 1.0 / observer.washout_time
+    washout = s * s / (s * s + 2.0 * DAMPING * w * s + w * w) if w > 0.0 else 1.0
+    return np.asarray(washout / (observer.time_constant * s + 1.0))
+
+
+def delayed_loop(
+    vehicle: Vehicle,
+    tuning: Schedule,
+    speed: float,
+    observer: DelayObserver | None,
+    s: Complexes,
+    true: Vehicle | None = None,
+    trim_share: float = TRIM_SHARE,
+    yaw_rate_lag: float = 0.0,
+) -> Complexes:
+    """Return the loop of the preview steering, opened where more delay would come in, at complex frequencies [rad/s].
+
+    Without an observer that is L_true + L_trim, of law and trim. An observer's model is the declared `vehicle`, `true`
+    is the car that drives: more delay then acts on L_true (1 - Q) + L_trim alone, inside a loop L Q that the delay does
+    not touch, the closed form's 1 + L Q + (L_true (1 - Q) + L_trim) e^-Ts = 0. The steering's dead time is exact.
+    """
+    dead_time = np.exp(-vehicle.steering_delay * s)
+
+    # The gains are those of the declared car, whatever car drives.
+    gains = preview_model(vehicle, tuning, speed, trim_share, yaw_rate_lag)[2]
+    learning = np.where(np.arange(gains.size) == TRIM_STATE, gains, 0.0)
+
+    def answer(car: Vehicle, gains: Floats) -> Complexes:
+        a, b, _ = preview_model(car, tuning, speed, trim_share, yaw_rate_lag)
+        inputs = np.broadcast_to(b.astype(complex), (len(s), *b.shape))
+        states = np.linalg.solve(s[:, None, None] * np.eye(len(a)) - a, inputs)
+        return np.asarray((gains @ states)[:, 0, 0] * dead_time)
+
+    car, law = true or vehicle, gains - learning
+    if observer is None:
+        return answer(car, gains)
+    q = observer_filter(observer, s)
+    return (answer(car, law) * (1.0 - q) + answer(car, learning)) / (1.0 + answer(vehicle, law) * q)
+
+
+def swept_margins(frequencies: Floats, loop: Complexes) -> Margins:
+    """Margins of an open loop from its frequency response [rad/s], straight between the logarithms of two of them."""
+    gain, w = np.log(np.abs(loop)), np.log(frequencies)
+    phase = np.unwrap(np.angle(loop))
+    crossed = np.flatnonzero(gain[:-1] * gain[1:] < 0.0)
+    share = gain[crossed] / (gain[crossed] - gain[crossed + 1])
+    at = np.exp(w[crossed] + share * (w[crossed + 1] - w[crossed]))
+    # Dead time turns the phase down: a margin counts from the next odd multiple of -180 deg below.
+    angles = (phase[crossed] + share * (phase[crossed + 1] - phase[crossed]) + math.pi) % math.tau
+    delay, angle = min(zip((angles / at).tolist(), angles.tolist(), strict=True), default=(math.inf, math.inf))
+    turns = (phase + math.pi) / math.tau
+    whole = np.floor(turns)
+    flips = np.flatnonzero(whole[:-1] != whole[1:])
+    share = (np.maximum(whole[flips], whole[flips + 1]) - turns[flips]) / (turns[flips + 1] - turns[flips])
+    factors = -(gain[flips] + share * (gain[flips + 1] - gain[flips]))
+    rising = float(factors[factors > 0.0].min(initial=math.inf))
+    return Margins(20.0 * rising / math.log(10.0), math.degrees(angle), delay)
+
+
+def margins(
+    vehicle: Vehicle,
+    tuning: Schedule = DEFAULT,
+    speeds: Iterable[float] = SPEEDS,
+    observer: DelayObserver | None = None,
+    true: Vehicle | None = None,
+    trim_share: float = TRIM_SHARE,
+    yaw_rate_lag: float = 0.0,
+) -> list[SpeedRow]:
+    """Margins of the preview loop over speeds [m/s], with an observer where more delay would come in.
+
+    `true` is the car that drives where it is another than the declared `vehicle`; `yaw_rate_lag` is that of the
+    smoothing of the yaw rate that the law is given [s].
+    """
     rows = []
     for speed in speeds:
-        a, b, k = preview_model(vehicle, tuning, speed)
-        dead_time = control.ss(control.tf(*control.pade(vehicle.steering_delay, PADE_ORDER)))
-        found = loop_margins(dead_time * control.ss(a, b, k, 0.0))
+        s = FREQUENCIES.astype(np.complex128) * 1j
+        loop = delayed_loop(vehicle, tuning, speed, observer, s, true, trim_share, yaw_rate_lag)
+        found = swept_margins(FREQUENCIES, loop)
         look_ahead, proportional, _ = tuning.at(vehicle, speed)
         rows.append(SpeedRow(speed, look_ahead, proportional, *found))
     return rows
@@ -127,7 +207,7 @@ def table(rows: Sequence[SpeedRow]) -> str:
 
 def d_unstable(
     vehicle: Vehicle,
-    tuning: PreviewTuning = DEFAULT,
+    tuning: Schedule = DEFAULT,
     speeds: tuple[float, float] = (SPEEDS[0], SPEEDS[-1]),
     friction: tuple[float, float] = (0.8, 1.0),
     region: Region = Region(),  # noqa: B008 (immutable)

@@ -142,6 +142,19 @@ study latency parked_car --out x --delays-ms a,b
 study latency parked_car --out x --noise nan
 study latency parked_car --out x --seeds 0
 study latency parked_car --out x --workers -3
+study latency parked_car --out x --speeds-mps 5
+study latency parked_car --out x --steering
+study latency steering_probe --out x --steering --noise 1
+study latency steering_probe --out x --steering --speeds-mps 50
+study latency steering_probe --out x --steering --mass-factors nan
+study gains
+study gains nowhere --out x
+study gains parked_car --out full
+study gains parked_car --out x --rig nothing
+study gains parked_car --out x --delay-ms nan
+study gains parked_car --out x --speeds-mps 0,5
+study gains parked_car --out x --mass-factors 9
+drive parked_car --rig simulated --set controller.tuning.look_ahead_time_s=0.3 --out x
 align --rig nowhere
 calibrate nowhere
 calibrate full

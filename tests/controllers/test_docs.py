@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from tests.controllers.street import FUSION, Obstacle, drive
+from tests.conftest import REPOSITORY
+from tests.controllers.street import FUSION, Flaws, Obstacle, drive
 from tests.controllers.test_car_following import steady_gap
 from tests.drive.street import drive_once
 from tests.exhaustive import with_slow
@@ -15,6 +17,8 @@ from tests.isolated import isolated
 from vve_sumo.controller import load
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import ReferencePath
+
+SHIPPED = REPOSITORY / "controllers"
 
 
 @pytest.fixture
@@ -30,7 +34,7 @@ def documented(page, pattern):
 @pytest.fixture
 def example(page, tmp_path):
     """The page's controller, saved as it stands there."""
-    text, _of_parts = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    text, _of_parts, _tolerant = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     said = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     assert len(said) <= 30
     file = tmp_path / "mine.py"
@@ -57,12 +61,26 @@ def test_the_example_passes_the_shipped_scenario(page, example, changes):
 @pytest.mark.thorough
 def test_the_example_made_of_shipped_parts_keeps_its_gap(page, tmp_path, monkeypatch):
     """In a folder of its own, where no `controllers/` lies; the gap in equilibrium is the law's closed form."""
-    _first, text = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    _first, text, _tolerant = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     assert sum(bool(line.strip()) for line in text.splitlines()) <= 20
     (tmp_path / "mine.py").write_text(text, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     gap, speed = steady_gap("mine.py:make", {}, 6.0)
     assert gap == pytest.approx(5.0 + 0.15 * speed**2, abs=0.3)
+
+
+def test_the_example_with_an_observer_bears_a_late_link(page, tmp_path):
+    """0.7 s of delay: the law alone, made by name, swings off a straight road, the example keeps it."""
+    _first, _of_parts, text = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    (tmp_path / "mine.py").write_text(text, encoding="utf-8")
+    late = replace(FUSION, steering_delay=FUSION.steering_delay + 0.7)
+    path = ReferencePath.from_points([0.0, 2000.0], [0.0, 0.0])
+    off = []
+    for name, keys, folder in (("mine", {}, tmp_path), ("follow_and_stop", {"steering": "stanley"}, SHIPPED)):
+        controller = load(name, FUSION, keys, [folder])
+        done = drive(controller, path, 10.0, [], 40.0, vehicle=late, start_speed=10.0, flaws=Flaws(steering_zero=0.0))
+        off.append(float(np.abs(done.offset).max()))
+    assert off[0] < 1.0 < off[1]
 
 
 @pytest.mark.slow

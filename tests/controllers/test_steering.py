@@ -183,16 +183,30 @@ def test_lqr_gains_are_the_reference_ones(part):
     np.testing.assert_allclose(moduli, [0.6489, 0.6489, 0.9143, 0.9143], atol=1e-4)
 
 
-def test_loop_margins_are_the_reference_ones(part):
+def test_swept_margins_are_the_reference_ones(part):
     """The same car's loop: 67.16 deg at 9.918 rad/s, so 0.118 s of delay; with 0.2 s it is unstable."""
     a, b = part("lqr").lateral_error_model(BMW, 10.0)
     k = control.lqr(a, b, np.diag([1.0, 0.0, 0.0, 0.0]), [[1.0]])[0]
-    found = part("design").loop_margins(control.ss(a, b, k, 0.0))
+    loop, design = control.ss(a, b, k, 0.0), part("design")
+    found = design.swept_margins(design.FREQUENCIES, loop(1j * design.FREQUENCIES))
     assert found.phase_deg == pytest.approx(67.16, abs=0.01)
     assert found.delay == pytest.approx(math.radians(67.16) / 9.918, rel=1e-3)
     for delay, stable in ((0.11, True), (0.125, False), (0.2, False)):
-        closed = control.feedback(control.ss(control.tf(*control.pade(delay, 4))) * control.ss(a, b, k, 0.0))
+        closed = control.feedback(control.ss(control.tf(*control.pade(delay, 4))) * loop)
         assert bool(control.poles(closed).real.max() < 0.0) is stable
+
+
+def test_the_designs_margins_are_those_of_python_control(part):
+    """The whole loop, dead time by Pade: gain, phase and delay margin over speed."""
+    design, tuning = part("design"), part("preview").PreviewTuning()
+    for row in design.margins(FUSION, speeds=(4.5, 11.2, 20.1)):
+        a, b, k = design.preview_model(FUSION, tuning, row.speed)
+        dead = control.ss(control.tf(*control.pade(FUSION.steering_delay, 4)))
+        gains, phases, _, _, crossovers, _ = control.stability_margins(dead * control.ss(a, b, k, 0.0), returnall=True)
+        assert row.gain_margin_db == pytest.approx(20.0 * math.log10(min(gains[gains > 1.0])), abs=0.01)
+        delays = np.radians(phases % 360.0) / crossovers
+        assert row.delay_margin == pytest.approx(delays.min(), rel=1e-3)
+        assert row.phase_margin_deg == pytest.approx(phases[delays.argmin()] % 360.0, abs=0.05)
 
 
 def test_the_design_bears_the_latency_of_a_rig_and_refuses_more(part):

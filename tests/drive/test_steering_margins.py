@@ -41,7 +41,7 @@ def controlled(name: str, **tuning: Any) -> Any:
 
 @pytest.mark.parametrize("name", ["follow_and_stop", "brake_at", "calibration_run"])
 def test_the_shipped_ones_steer_by_the_preview_law(name: str) -> None:
-    assert steering_margins(controlled(name), REPOSITORY).delay == pytest.approx(0.424, abs=0.001)
+    assert steering_margins(controlled(name), REPOSITORY).delay == pytest.approx(0.381, abs=0.001)
 
 
 def test_a_longer_look_ahead_is_the_one_that_is_judged() -> None:
@@ -71,5 +71,5 @@ def test_one_of_your_own_may_declare_the_law_and_then_its_tuning_counts(tmp_path
     usual = margins_at_speed(controlled(f"{tmp_path}/usual.py:make"), REPOSITORY).delay
     assert usual == margins_at_speed(controlled("brake_at"), REPOSITORY).delay
     (tmp_path / "wrong.py").write_text(DECLARES.format("look_ahead_time='far'"), encoding="utf-8")
-    with pytest.raises(ConfigError, match="preview_tuning: expected a PreviewTuning"):
+    with pytest.raises(ConfigError, match="preview_tuning: expected a PreviewTuning or a GainSchedule"):
         margins_at_speed(controlled(f"{tmp_path}/wrong.py:make"), REPOSITORY)

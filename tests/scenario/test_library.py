@@ -18,10 +18,10 @@ from vve_sumo.scenario.overrides import apply_overrides
 FOLDER = REPOSITORY / "scenarios"
 NAMES = sorted(file.stem for file in FOLDER.glob("*.toml"))
 #: nobody stands or moves in the ego's way in these: there is nothing to run into
-WITHOUT_CONFLICT = {"calibration", "leap_hard_stop", "leap_loop", "rush_hour"}
-#: tests of their own (calibration, delay probe, parked car), and minutes of driving (`benchmarks/library.py` drives
+WITHOUT_CONFLICT = {"calibration", "leap_hard_stop", "leap_loop", "rush_hour", "steering_probe"}
+#: tests of their own (calibration, both probes, parked car), and minutes of driving (`benchmarks/library.py` drives
 #: these too)
-LEFT_OUT = {"calibration", "delay_probe", "parked_car", "seen_late", "leap_loop", "rush_hour"}
+LEFT_OUT = {"calibration", "delay_probe", "parked_car", "seen_late", "leap_loop", "rush_hour", "steering_probe"}
 DRIVEN = sorted(set(NAMES) - LEFT_OUT)
 STAND_FOR_ALL = ["crossing_at_signal", "cut_in", "leap_hard_stop", "pedestrian_910_expressway"]
 OTHERS = [name for name in DRIVEN if name not in STAND_FOR_ALL]

@@ -13,6 +13,7 @@ from vve_sumo.analysis.over_time import encroachment_of, exposure, over_time, zo
 from vve_sumo.analysis.paired import PairedComparison, compare_each, compare_rows, compare_sweeps, compare_within
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.sensing import braked_for_nothing, sensor_statistics
+from vve_sumo.analysis.steering_study import SteeringStudy, steering_study_of
 from vve_sumo.analysis.stopping_bound import StoppingBoundCheck, stopping_bound_check, stopping_bound_checks
 from vve_sumo.analysis.string_stability import headway_distribution, string_stability, time_gap_error_of
 from vve_sumo.metrics.drive_columns import Motion
@@ -24,6 +25,7 @@ __all__ = [
     "Motion",
     "PairedComparison",
     "Run",
+    "SteeringStudy",
     "Stop",
     "StoppingBoundCheck",
     "Sweep",
@@ -43,6 +45,7 @@ __all__ = [
     "load",
     "over_time",
     "sensor_statistics",
+    "steering_study_of",
     "stop_of",
     "stopping_bound_check",
     "stopping_bound_checks",

@@ -17,7 +17,7 @@ EXIT_CODES = """exit codes:
 
 SUMMARY = "stability margins of the steering loop over speed, checked against the stated latency"
 TEXT = """\
-Print gain, phase and delay margin of a scenario's preview steering over the speed range, by python-control.
+Print gain, phase and delay margin of a scenario's preview steering over the speed range.
 The exit code is 2 where the delay margin is below the stated latency, and for a controller that does not declare the
 preview law, because its margins are unknown.
 """

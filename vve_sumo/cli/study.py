@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vve_sumo import progress_bar
+from vve_sumo.cli import gains_study, steering_study
 from vve_sumo.cli.console import complain, note, plain_console
 from vve_sumo.cli.parser import Parser, add_command, add_subcommands, numbers
 from vve_sumo.errors import ConfigError, SimulationError
@@ -48,13 +49,22 @@ examples:
   vve-sumo study latency seen_late --out seen_late --delays-ms 0,100,200,300 --noise 1 --seeds 5
   vve-sumo study latency delay_probe --out probe              open loop: exactly speed times delay
   vve-sumo study latency parked_car --out late --resume      continue after a kill
+
+With --steering, the delay is one of the steering, and the study measures at which delay the steering loop becomes
+unstable: at each speed, without and with an observer that bears delay, beside what the closed form predicts. SCENARIO
+is then one of the controller steering_probe. The picture is steering_margin.png.
+
+  vve-sumo study latency steering_probe --out margins --steering
+  vve-sumo study latency steering_probe --out heavy --steering --speeds-mps 5,10 --mass-factors 1,1.3
 """
 
 
 def arguments(parser: Parser) -> None:
     """Add the command's arguments."""
+    studies = add_subcommands(parser)
+    gains_study.add(studies)
     latency = add_command(
-        add_subcommands(parser),
+        studies,
         "latency",
         "delay and noise at which a scenario's margin becomes zero",
         LATENCY_TEXT,
@@ -76,6 +86,18 @@ def arguments(parser: Parser) -> None:
     latency.add_argument(
         "--seeds", type=int, metavar="N", help="drives of each step (default: 3; 1 if the scenario has no random input)"
     )
+    latency.add_argument(
+        "--steering", action="store_true", help="measure the delay at which the steering loop becomes unstable"
+    )
+    latency.add_argument(
+        "--speeds-mps", type=numbers, metavar="X,X", help="with --steering: speeds, 3 to 16 (default: 4,7,10,13,16)"
+    )
+    latency.add_argument(
+        "--mass-factors",
+        type=numbers,
+        metavar="X,X",
+        help="with --steering: true over declared mass, 0.5 to 2 (default: 1)",
+    )
     latency.add_argument("--rig", metavar="NAME", help="the simulated vehicle as this rig declares and calibrates it")
     latency.add_argument("--workers", type=int, metavar="N", help="runs in parallel (default: one a processor)")
     latency.add_argument("--resume", action="store_true", help="continue the study in DIR; finished runs are kept")
@@ -85,6 +107,11 @@ def arguments(parser: Parser) -> None:
 
 def _latency(arguments: argparse.Namespace) -> int:
     """Drive the unfinished runs, show the latency margin and draw it; return the exit code."""
+    if arguments.steering:
+        return steering_study.run(arguments)
+    for option in ("speeds_mps", "mass_factors"):
+        if getattr(arguments, option) is not None:
+            raise ConfigError(f"--{option.replace('_', '-')}: is for --steering")
     from vve_sumo.sweep.fill import engine_of, fill
     from vve_sumo.sweep.study import latency_study
 

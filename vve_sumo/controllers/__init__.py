@@ -17,11 +17,15 @@ __path__ = [str(shipped_root() / "controllers")]
 PARTS: Final = {
     "Approach": "approach",
     "CarFollowing": "follow_and_stop",
+    "CommunicationDisturbanceObserver": "delay_observers",
     "ConstantTimeGap": "car_following",
+    "DelayTolerant": "delay_tolerant",
     "Deviation": "deviation",
     "DeviationObserver": "deviation",
+    "DisturbanceObserver": "delay_observers",
     "Emergency": "emergency",
     "FollowAndStop": "follow_and_stop",
+    "GainSchedule": "gain_schedule",
     "Goal": "approach",
     "IntelligentDriver": "car_following",
     "LateralRegulator": "lqr",
@@ -38,6 +42,7 @@ PARTS: Final = {
     "Target": "tracks",
     "Tracker": "tracks",
     "steering_law": "follow_and_stop",
+    "with_observers": "delay_observers",
 }
 
 __all__ = sorted(PARTS)  # noqa: PLE0605 - of names that __getattr__ gives

@@ -21,6 +21,7 @@ from msgspec import to_builtins
 from vve_sumo import workspace
 from vve_sumo.drive import plugged_in, provenance
 from vve_sumo.drive.assembly import LotAlignment, sensors_of
+from vve_sumo.drive.gain_region import delay_of, refuse_outside
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.run import new_run_folder, resolve_by_name
 from vve_sumo.drive.summary import EXTERNAL_CONTROLLER, without_verdict
@@ -130,6 +131,8 @@ def plan(
         resolved = assembly.scenario_with_rig(resolved, loaded, working)
     except ConfigError as error:
         raise ConfigError(f"{workspace.find('scenario', scenario, working)}: {error}") from None
+    if not shadow and loaded.brain.kind == "own":
+        refuse_outside(resolved, working, delay_of(loaded))
     folder = (out if out is not None else new_run_folder(resolved.name, working)).absolute()
     claim(folder)
     scenario_file = workspace.find("scenario", scenario, working).absolute()

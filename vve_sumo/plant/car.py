@@ -63,6 +63,7 @@ class CarParameters:
     steering_wheel_bias: float = 0.0  #: reported wheel angle at which the wheels point straight [rad], left positive
     wheel_radius_factor: float = 1.0  #: true over declared rolling radius
     heading_misalignment: float = 0.0  #: of the receiver beyond its declared mounting [rad], counter-clockwise
+    steering_delay: float = 0.0  #: dead time of the steering beyond the declared one [s]
     imperfections: Imperfections = IDEAL  #: of sensors, brakes, tyres and receiver
 
 
@@ -139,7 +140,7 @@ class Car:
         self._brakes = Lagged(vehicle.brake_delay, vehicle.brake_lag, STEP)
         self._engine = Lagged(parameters.throttle_delay, calibration.drive_lag, STEP)
         self._steering = Steering(
-            vehicle.steering_delay,
+            vehicle.steering_delay + parameters.steering_delay,
             vehicle.steering_lag,
             vehicle.steering_rate_limit * vehicle.steering_ratio,
             vehicle.steering_limit * vehicle.steering_ratio,

@@ -9,8 +9,10 @@ from vve_sumo.plotting.grids import distribution, heat_map
 from vve_sumo.plotting.latencies import latency_over_time
 from vve_sumo.plotting.latency_margins import latency_margin
 from vve_sumo.plotting.pairs import paired
+from vve_sumo.plotting.parameter_spaces import parameter_space
 from vve_sumo.plotting.responses import response
 from vve_sumo.plotting.searches import boundary
+from vve_sumo.plotting.steering_margins import steering_margin
 from vve_sumo.plotting.stops import gap_against_speed, stopping_distance
 from vve_sumo.plotting.style import save
 
@@ -25,9 +27,11 @@ __all__ = [
     "latency_margin",
     "latency_over_time",
     "paired",
+    "parameter_space",
     "response",
     "safety_over_time",
     "save",
+    "steering_margin",
     "stopping_distance",
     "string_stability",
 ]

@@ -34,13 +34,14 @@ def parameters(
     grade: float = 0.0,
     steering_wheel_bias: float = 0.0,
     heading_misalignment: float = 0.0,
+    steering_delay: float = 0.0,
     imperfections: Imperfections = IDEAL,
 ) -> CarParameters:
     """A vehicle as declared, with the given perturbations; their meanings and units are those of `CarParameters`.
 
-    `noise` scales the receiver's and the gyroscope's errors, 0 is none; both delays are the receiver's [s]. The
-    receiver is mounted as the model declares, unless `mounting` says otherwise, and the car has the model's
-    drive-by-wire interface unless `interface` says otherwise.
+    `noise` scales the receiver's and the gyroscope's errors, 0 is none; `delay` and `hidden_delay` are the receiver's
+    [s], `steering_delay` comes on top of the declared one [s]. The receiver is mounted as the model declares, unless
+    `mounting` says otherwise, and the car has the model's drive-by-wire interface unless `interface` says otherwise.
     """
     numbers = model.simulated
     return CarParameters(
@@ -57,6 +58,7 @@ def parameters(
         grade=grade,
         steering_wheel_bias=steering_wheel_bias,
         heading_misalignment=heading_misalignment,
+        steering_delay=steering_delay,
         imperfections=imperfections,
     )
 
@@ -77,6 +79,7 @@ def perturbed(model: VehicleModel, car: CarDifferences, friction: float = DRY) -
         grade=math.atan(car.grade_percent / 100.0),
         steering_wheel_bias=model.steering_wheel_bias + math.radians(car.steering_wheel_bias_deg),
         heading_misalignment=-math.radians(car.heading_misalignment_deg),
+        steering_delay=car.steering_delay_s,
         imperfections=imperfections_of(model, car),
     )
 

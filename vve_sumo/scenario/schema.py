@@ -76,6 +76,17 @@ class CarDifferences(Table):
     gnss_hidden_delay_s: Annotated[float, Field(ge=0.0, le=1.0)] = Field(
         default=0.0, description="by which a fix is older than its epoch says; nothing in the pipeline can know of it"
     )
+    steering_delay_s: Annotated[float, Field(ge=0.0, le=5.0)] = Field(
+        default=0.0, description="dead time of the steering beyond the declared one, as on a slow link to the car"
+    )
+
+    @model_serializer(mode="wrap")
+    def _without_a_delay_that_is_not_stated(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out a delay of the steering that there is not: such records stay what they were."""
+        written: dict[str, Any] = handler(self)
+        if self.steering_delay_s == 0.0:
+            written.pop("steering_delay_s", None)
+        return written
 
 
 class DeclaredStretch(Table):
