@@ -288,3 +288,17 @@ def test_where_the_speed_is_in_doubt_the_car_that_seems_to_brake_too_hard_is_bra
     assert min(known[30:]) < 0.8 * max(known)
     assert doubted == sorted(doubted)
     assert all(mine >= its for mine, its in zip(doubted, known, strict=True))
+
+
+def test_wheels_that_are_heard_again_do_not_soften_a_stop():
+    """What the car lost meanwhile came by braking as hard as asked: it is no sign of brakes that bite too hard."""
+    rig = Rig()
+    rig.cruise(16.0)
+    rig.run(0.2, acceleration=None)
+    rig.car.silent = {layout.WHEEL_SPEEDS}
+    rig.run(0.3, acceleration=None)
+    unheard = rig.commands()[0].value
+    rig.car.silent = set()
+    for _ in range(20):
+        assert rig.step(None).state is S.STOPPING
+        assert rig.commands()[0].value > 0.9 * unheard
