@@ -301,4 +301,4 @@ def test_wheels_that_are_heard_again_do_not_soften_a_stop():
     rig.car.silent = set()
     for _ in range(20):
         assert rig.step(None).state is S.STOPPING
-        assert rig.commands()[0].value > 0.9 * unheard
+        assert rig.commands()[0].value > 0.8 * unheard, "less what is braked against creep where nobody knows of it"
