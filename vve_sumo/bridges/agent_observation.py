@@ -11,7 +11,6 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-
 from vve_sumo.laws import clamp
 from vve_sumo.values import Observation, Vehicle
 
@@ -39,7 +38,9 @@ class Feature(NamedTuple):
 def _detection(number: int) -> tuple[Feature, ...]:
     which = f"of detection {number}"
     return (
-        Feature(f"ahead_{number}_m", 0.0, FARTHEST, f"from the front bumper along the path {which}; {FARTHEST:g}: none"),
+        Feature(
+            f"ahead_{number}_m", 0.0, FARTHEST, f"from the front bumper along the path {which}; {FARTHEST:g}: none"
+        ),
         Feature(f"beside_{number}_m", -FARTHEST_BESIDE, FARTHEST_BESIDE, f"from the path {which}, left positive"),
         Feature(f"range_rate_{number}_mps", -100.0, 100.0, f"{which}, opening positive"),
     )
@@ -56,7 +57,9 @@ FEATURES: Final[tuple[Feature, ...]] = (
     Feature("desired_speed_mps", 0.0, 80.0, "that the scenario asks for where nothing forbids it"),
     Feature("remaining_m", 0.0, 1e5, "along the path from the rear axle to the path's end"),
     *(
-        Feature(f"curvature_{ahead:.0f}_per_m", -1.0, 1.0, f"of the path {ahead:g} m ahead of the rear axle, left positive")
+        Feature(
+            f"curvature_{ahead:.0f}_per_m", -1.0, 1.0, f"of the path {ahead:g} m ahead of the rear axle, left positive"
+        )
         for ahead in PREVIEW
     ),
     Feature("scan_age_s", 0.0, OLDEST_SCAN, f"of the newest radar scan; {OLDEST_SCAN:g}: none yet"),

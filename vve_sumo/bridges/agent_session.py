@@ -1,4 +1,4 @@
-"""One environment's drives, one after the other, each in a process of its own, forked by a server as a sweep's runs are.
+"""One environment's drives, one after the other, each in a process of its own; a server forks them as a sweep's runs.
 
 Knows jobs, actions and observations; neither gymnasium nor what the numbers mean.
 """
@@ -62,7 +62,8 @@ class AgentSession:
         while True:
             ready = select.select([self._listening, self._worker.fileno()], [], [])[0]
             if self._listening in ready:
-                # The worker began the drive again because its server was killed.
+                # The worker began the drive again because its server was killed: no agent knows of that drive.
+                self._listening.accept()[0].close()
                 self._worker.kill()
                 raise SimulationError("the process that drives for the environment was killed")
             if (result := self._worker.result()) is not None:

@@ -176,7 +176,8 @@ class DriveEnvironment(gymnasium.Env[Vector, Vector]):
 
     def _ended(self, last: Vector) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
         assert self._session is not None
-        result, self._observation = self._session.result(), None
+        self._observation = None
+        result = self._session.result()
         if result.error:
             raise SimulationError(f"{self._name}: the drive came to no end: {result.error}")
         figures = result.figures
