@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.conftest import REPOSITORY
-from vve_sumo.bridges.agent_observation import FEATURES, ObservationEncoder
+from vve_sumo.bridges.observed_numbers import FEATURES, ObservationEncoder
 from vve_sumo.controller import Controller, Tuning, load
 from vve_sumo.values import ControlCommand, Observation, Vehicle
 

@@ -11,9 +11,9 @@ import pytest
 from tests import vehicles
 from tests.bridges.law import PLACE
 from vve_sumo.bridges.agent_link import AgentAction, LinkClosedError
-from vve_sumo.bridges.agent_observation import FARTHEST, FEATURES, HIGH, LOW, ObservationEncoder
 from vve_sumo.bridges.agent_process import AgentController
 from vve_sumo.bridges.agent_reward import MET_ALL, reward_of_end, reward_of_progress
+from vve_sumo.bridges.observed_numbers import FARTHEST, FEATURES, HIGH, LOW, ObservationEncoder
 from vve_sumo.path import ReferencePath
 from vve_sumo.scenario.schema import Criteria
 from vve_sumo.sensors.radar import BEFORE_FIRST_SCAN

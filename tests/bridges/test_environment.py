@@ -21,8 +21,8 @@ gymnasium = pytest.importorskip("gymnasium", reason="the extra gymnasium is not 
 
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
-from vve_sumo.bridges.agent_observation import FEATURES  # noqa: E402
 from vve_sumo.bridges.drive_environment import DriveEnvironment  # noqa: E402
+from vve_sumo.bridges.observed_numbers import FEATURES  # noqa: E402
 
 PARKED_CAR = "vve_sumo.bridges.environments:vve_sumo/ParkedCar-v0"
 #: a parked car on an empty straight road, which a drive reaches in ten seconds

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from vve_sumo.bridges.agent_observation import FEATURES
+from vve_sumo.bridges.observed_numbers import FEATURES
 
 _ACTION: Final = struct.Struct("<dd")
 _OBSERVATION: Final = np.dtype("<f4")

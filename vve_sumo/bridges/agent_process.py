@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vve_sumo.bridges.agent_link import AgentAction, AgentLink, LinkClosedError
-from vve_sumo.bridges.agent_observation import ObservationEncoder
+from vve_sumo.bridges.observed_numbers import ObservationEncoder
 from vve_sumo.controller import Controller
 from vve_sumo.drive.brain import ExternalController
 from vve_sumo.drive.resolved_scenario import ResolvedScenario

@@ -16,10 +16,10 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from vve_sumo.bridges.agent_link import AgentAction
-from vve_sumo.bridges.agent_observation import FEATURES, HIGH, LOW, REMAINING
 from vve_sumo.bridges.agent_process import DRIVER, order
 from vve_sumo.bridges.agent_reward import reward_of_end, reward_of_progress
 from vve_sumo.bridges.agent_session import AgentSession
+from vve_sumo.bridges.observed_numbers import FEATURES, HIGH, LOW, REMAINING
 from vve_sumo.drive.run import resolve_by_name, table_by_name
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.errors import ConfigError, SimulationError

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.network_tools.build import ATTRIBUTION
+from vve_sumo.network_tools.build import attribution
 from vve_sumo.world.network import Roads
 
 #: mean number of vehicles on the streets at any time, from the start on
@@ -153,7 +153,8 @@ def write_demand(
     spares = ", nobody with right of way over the ego's path" if unhindered else ""
     driver_note = "" if drivers == DRIVERS[0] else f", {drivers} drivers"
     types = [_type(name, drivers) for name in TYPES]
-    return _write(out, trips, types, f"{level} traffic, seed {seed}{spares}{driver_note}", frozenset(clear), mean)
+    drawn_as = f"{level} traffic, seed {seed}{spares}{driver_note}: drawn trips, no counts of real traffic."
+    return _write(out, trips, types, " ".join((drawn_as, *attribution(network))), frozenset(clear), mean)
 
 
 class _Choice:
@@ -271,7 +272,7 @@ def _type(name: str, drivers: str) -> ET.Element:
 
 
 def _write(
-    out: Path, trips: Sequence[Trip], types: Sequence[ET.Element], drawn_as: str, clear: frozenset[str], mean: float
+    out: Path, trips: Sequence[Trip], types: Sequence[ET.Element], said: str, clear: frozenset[str], mean: float
 ) -> Demand:
     root = ET.Element("routes")
     root.extend(types)
@@ -280,7 +281,7 @@ def _write(
     vehicles.sort(key=lambda vehicle: float(vehicle.attrib["depart"]))
     root.extend(vehicles)
     ET.indent(root)
-    head = f"<!-- {drawn_as}: drawn trips, no counts of real traffic. {ATTRIBUTION} -->"
+    head = f"<!-- {said} -->"
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(f"{head}\n{ET.tostring(root, encoding='unicode')}\n", encoding="utf-8")
     at_start = sum(vehicle.attrib["depart"] == "0.00" for vehicle in vehicles)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.network_tools.build import ATTRIBUTION
+from vve_sumo.network_tools.build import attribution
 from vve_sumo.path import ReferencePath
 from vve_sumo.path_feasibility import refuse_tight_bend
 from vve_sumo.world.lone_car import PERIOD, SPEED, front_track
@@ -29,7 +29,6 @@ STANDING = 0.05  #: samples nearer than this to the last one were taken at a sto
 SEAM = 100.0  #: overlap over which a closed path is smoothed across its ends [m]; many times the reach of the smoothing
 WEIGHTS = (1e-3, 1e5)  #: least and greatest weight of the smoothing spline's bending [m3]
 BISECTIONS = 40
-HEAD = 1000  #: bytes of a network's beginning, which bears the attribution of its map data
 DECIMALS = 10  #: of a degree: a hundredth of a millimetre
 
 
@@ -150,12 +149,6 @@ def _norms(vectors: Floats) -> Floats:
     return np.sqrt(vectors[:, 0] ** 2 + vectors[:, 1] ** 2)
 
 
-def _source(network: Path) -> tuple[str, ...]:
-    """Return the attribution of a network's map data where the network bears it."""
-    with network.open("rb") as file:
-        return (ATTRIBUTION,) if ATTRIBUTION.encode() in file.read(HEAD) else ()
-
-
 def _write(out: Path, network: Network, points: Floats, edges: tuple[str, ...]) -> None:
     frame = network.frame()
     rows = [[f"{math.degrees(angle):.{DECIMALS}f}" for angle in frame.to_geodetic(x, y)] for x, y in points.tolist()]
@@ -163,7 +156,7 @@ def _write(out: Path, network: Network, points: Floats, edges: tuple[str, ...]) 
         "# Path for the middle of the ego's rear axle, WGS84, in driving order, a point about every metre.",
         f"# Recorded on the virtual road {network.path.name}: a SUMO car drove the edges below at {SPEED:.0f} m/s,",
         f"# sampled every {PERIOD} s at its front bumper, which SUMO keeps on the lane's centre line; then smoothed.",
-        *(f"# {line}" for line in _source(network.path)),
+        *(f"# {line}" for line in attribution(network.path)),
         f"# edges: {' '.join(edges)}",
         "latitude_deg,longitude_deg",
         *(",".join(row) for row in rows),

@@ -1,6 +1,6 @@
-"""What a learning agent observes at a tick: the controller's observation as one vector of numbers with units.
+"""A controller's observation as numbers with names and units: what learning agents and FMUs are given at a tick.
 
-The vector holds nothing that a controller may not know. It knows neither gymnasium nor how a drive is run.
+They hold nothing that a controller may not know. The module knows neither agents nor FMUs.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ OLDEST_SCAN: Final = 1.0
 
 
 class Feature(NamedTuple):
-    """One number of an agent's observation."""
+    """One number of an observation."""
 
     name: str  #: ends in the unit
     low: float  #: smallest value; smaller ones are cut
@@ -81,6 +81,10 @@ class ObservationEncoder:
 
     def encode(self, observation: Observation) -> NDArray[np.float32]:
         """Return the vector of `FEATURES`, every number within its bounds."""
+        return np.clip(np.array(self.numbers(observation), np.float32), LOW, HIGH)
+
+    def numbers(self, observation: Observation) -> list[float]:
+        """Return the numbers of `FEATURES` within their bounds, in their order."""
         pose, path = observation.pose, observation.path
         foot = path.project(pose.x, pose.y, self._s)
         self._s = here = foot.s
@@ -99,7 +103,7 @@ class ObservationEncoder:
         ]
         for detection in self._detections(observation, here):
             numbers += detection
-        return np.clip(np.array(numbers, np.float32), LOW, HIGH)
+        return [clamp(number, feature.low, feature.high) for number, feature in zip(numbers, FEATURES, strict=True)]
 
     def _detections(self, observation: Observation, here: float) -> list[tuple[float, float, float]]:
         """Return distance ahead and beside [m] and range rate [m/s] of the nearest detections along the path."""
