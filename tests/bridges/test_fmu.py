@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
@@ -98,6 +99,16 @@ def test_an_fmu_that_steers_does_so(built: Callable[[str], Path], tmp_path: Path
     assert controller(built("2.0"), tmp_path, mapping).step(observation()).steering == 1.0
 
 
+def test_without_the_extra_its_name_is_said_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in [name for name in sys.modules if name.startswith(("fmpy", "vve_sumo.bridges.fmu"))]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "fmpy", None)
+    with pytest.raises(ConfigError, match=r"pip install 'vve-sumo\[fmi\]'") as raised:
+        load("fmu", CAR, {}, ())
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.thorough
 @pytest.mark.parametrize("version", VERSIONS)
 def test_an_fmu_drives_and_its_record_is_replayed(
     version: str, built: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

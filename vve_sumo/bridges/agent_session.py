@@ -37,8 +37,7 @@ class AgentSession:
         self.abandon()
         self._worker.submit(job)
         while True:
-            ready = select.select([self._listening, self._worker.fileno()], [], [])[0]
-            if self._listening in ready:
+            if self._connects():
                 self._link = AgentLink(self._listening.accept()[0])
                 try:
                     return self._link.receive_observation()
@@ -60,14 +59,18 @@ class AgentSession:
         """Wait for the result of the drive, which is over or given up; raises SimulationError for a lost process."""
         self._close_link()
         while True:
-            ready = select.select([self._listening, self._worker.fileno()], [], [])[0]
-            if self._listening in ready:
+            if self._connects():
                 # The worker began the drive again because its server was killed: no agent knows of that drive.
                 self._listening.accept()[0].close()
                 self._worker.kill()
                 raise SimulationError("the process that drives for the environment was killed")
             if (result := self._worker.result()) is not None:
                 return result
+
+    def _connects(self) -> bool:
+        """Wait for a drive or for the worker; return whether a drive connects."""
+        connects = self._listening.fileno()
+        return connects in select.select([connects, self._worker.fileno()], [], [])[0]
 
     def abandon(self) -> None:
         """End the drive that is under way, if there is one; its record says that it was interrupted."""

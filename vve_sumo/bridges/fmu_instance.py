@@ -95,8 +95,9 @@ class FmuInstance:
 
     def __init__(self, slave: Any, fmu: Fmu) -> None:
         self._slave, self._fmu = slave, fmu  # the FMU's folder has to outlive its instance
-        self._set = {kind: getattr(slave, f"set{kind}", None) for kind in (*NUMBERS, *TRUTHS)}
-        self._get = {kind: getattr(slave, f"get{kind}", None) for kind in (*NUMBERS, *TRUTHS)}
+        kinds = [kind for kind in (*NUMBERS, *TRUTHS) if hasattr(slave, f"set{kind}")]  # of this version of FMI
+        self._set = {kind: getattr(slave, f"set{kind}") for kind in kinds}
+        self._get = {kind: getattr(slave, f"get{kind}") for kind in kinds}
 
     def set(self, variables: Sequence[FmuVariable], values: Sequence[Value]) -> None:
         """Set variables that all have the type of the first."""
