@@ -6,6 +6,7 @@ import gzip
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from tests.conftest import SHARED_DATA
 from tests.isolated import command, isolated
 from tests.network_tools.opendrive_oracle import lanes
 from vve_sumo.errors import ConfigError
+from vve_sumo.network_tools.demand import write_demand
 from vve_sumo.network_tools.opendrive import BuiltTown, build_opendrive
 from vve_sumo.network_tools.survey import record_path
 from vve_sumo.world.network import shape_of
@@ -252,6 +254,19 @@ def test_options_of_street_maps_are_refused(option: tuple[str, str], tmp_path: P
     said = command("network", "build", "town.xodr", "--out", "town.net.xml", *option, cwd=tmp_path)
     assert (said.returncode, len(said.stderr.splitlines())) == (2, 1)
     assert option[0] in said.stderr
+
+
+@BESIDE
+@pytest.mark.parametrize("name", ["Town02", "X-Intersection_NCAP"])
+def test_traffic_drives_where_no_street_has_a_class(name: str, tmp_path: Path) -> None:
+    file = next(one for one in FILES if one.stem == name)
+    network = build_opendrive(file, tmp_path / "town.net.xml", place_of(file)).network.path
+    drawn = write_demand(network, tmp_path / "town.rou.xml", level="light", seed=1)
+    joined = {(one.attrib["from"], one.attrib["to"]) for one in ET.parse(network).getroot().iter("connection")}
+    routes = [route.attrib["edges"].split() for route in ET.parse(tmp_path / "town.rou.xml").getroot().iter("route")]
+    assert len(routes) == drawn.vehicles > 100
+    assert {pair for route in routes for pair in pairwise(route)} <= joined
+    assert "OpenStreetMap" not in (tmp_path / "town.rou.xml").read_text()
 
 
 def straight_of(network: Path) -> tuple[str, float]:

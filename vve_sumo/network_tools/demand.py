@@ -175,10 +175,15 @@ class _Places:
         self.roads = roads
         cars = [edge for edge in roads.edges if edge.allows("passenger") and edge.getID() not in clear]
         kerbs = [edge for edge in cars if _class(edge) in KERB_CLASSES]
-        self.kerbs = _Choice(kerbs, [edge.getLength() for edge in kerbs])
         ends = [edge for edge in cars if _class(edge) in THROUGH_WEIGHTS]
+        if not (kerbs or ends):
+            # A network of other data than OpenStreetMap's knows no classes: every street is one like another.
+            kerbs = ends = cars
+        self.kerbs = _Choice(kerbs, [edge.getLength() for edge in kerbs])
         self.entries = _through([edge for edge in ends if edge.is_fringe(edge.getIncoming())])
         self.exits = _through([edge for edge in ends if edge.is_fringe(edge.getOutgoing())])
+        if ends is kerbs and not (self.entries.items and self.exits.items):
+            self.entries = self.exits = self.kerbs  # no street leads in or out of the town
         if not (kerbs and self.entries.items and self.exits.items):
             raise ConfigError(f"{roads.network.path}: expected streets that lead in, lead out and have kerbs")
 
@@ -204,7 +209,7 @@ class _Places:
 
 
 def _through(edges: Sequence[Any]) -> _Choice:
-    return _Choice(edges, [THROUGH_WEIGHTS[_class(edge)] for edge in edges])
+    return _Choice(edges, [THROUGH_WEIGHTS.get(_class(edge), 1.0) for edge in edges])
 
 
 def _class(edge: Any) -> str:
