@@ -147,6 +147,16 @@ def test_the_agents_steering_reaches_the_car(tmp_path: Path) -> None:
     assert set(asked) == {float(action[1])}
 
 
+def test_an_episode_may_begin_at_speed(short: DriveEnvironment) -> None:
+    rolling = {"ego.initial_speed_mps": 8.0, "ego.initial_s_m": 60.0, "obstacles.parked_car.at_m": 150.0}
+    observed, _ = short.reset(seed=1, options={"values": rolling})
+    assert observed[law.PLACE["speed_mps"]] == pytest.approx(8.0, abs=0.3)
+    after = short.step(np.array([-2.0], np.float32))[0]
+    for _ in range(4):
+        after = short.step(np.array([-2.0], np.float32))[0]
+    assert after[law.PLACE["speed_mps"]] < 7.8
+
+
 def test_what_an_episode_alters_holds_for_it_alone(short: DriveEnvironment) -> None:
     place = law.PLACE["desired_speed_mps"]
     assert short.reset(seed=1, options={"values": {"ego.speed_mps": 5.0}})[0][place] == 5.0
