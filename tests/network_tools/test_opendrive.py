@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import math
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from itertools import pairwise
@@ -137,12 +138,21 @@ def test_lanes_have_the_limits_of_their_road(kind: str, limit: float, tmp_path: 
     assert speeds == pytest.approx([limit, limit], abs=0.005)
 
 
-def test_a_lanes_own_limit_goes_before_its_roads(tmp_path: Path) -> None:
-    lane = (
-        '<lane id="-1" type="driving"><width sOffset="0" a="3.5" b="0" c="0" d="0"/><speed sOffset="0" max="8"/></lane>'
-    )
-    town = built(tmp_path, road(lanes=f"<right>{lane}</right>", kind='<speed max="20"/>'))
-    assert [lane.attrib["speed"] for lane in driven_lanes(town.network.path).values()] == ["8.00"]
+@pytest.mark.parametrize(
+    ("own", "limit"),
+    [
+        ('<speed sOffset="0" max="8"/>', 8.0),
+        ('<speed sOffset="0" max="20" unit="mph"/>', 20 * 0.44704),
+        ('<speed sOffset="0" max="no limit"/>', 20.0),
+        ('<speed sOffset="0" max="0"/>', 20.0),
+    ],
+)
+def test_a_lanes_own_limit_goes_before_its_roads(own: str, limit: float, tmp_path: Path) -> None:
+    inner = f'<width sOffset="0" a="3.5" b="0" c="0" d="0"/>{own}'
+    right = f'<right><lane id="-1" type="driving">{inner}</lane></right>'
+    network = built(tmp_path, road(lanes=right, kind='<speed max="20"/>')).network
+    (lane,) = driven_lanes(network.path).values()
+    assert float(lane.attrib["speed"]) == pytest.approx(limit, abs=0.005)
 
 
 def test_cars_drive_on_lanes_for_cars_alone(tmp_path: Path) -> None:
@@ -163,7 +173,8 @@ OBJECTS = (
 
 
 def test_lights_signs_and_crosswalks_are_counted(tmp_path: Path) -> None:
-    town = built(tmp_path, road(more=OBJECTS))
+    elsewhere = '<signalReference id="of another town" s="10" t="0" orientation="+"/></signals>'
+    town = built(tmp_path, road(more=OBJECTS.replace("</signals>", elsewhere)))
     assert (town.content.lights, town.content.signs, town.content.crossings, town.signals) == (1, 1, 1, 1)
 
 
@@ -175,7 +186,9 @@ UTM = "+proj=utm +zone=32 +datum=WGS84"
 )
 def test_georeferences_of_every_spelling_are_one_place(reference: str, tmp_path: Path) -> None:
     header = f'<geoReference><![CDATA[ {reference} ]]></geoReference><offset x="690000" y="5330000" z="0" hdg="0"/>'
-    frame = built(tmp_path, road(header=header), None).network.frame()
+    network = built(tmp_path, road(header=header), None).network
+    frame = network.frame()
+    assert not {"geoidgrids", "vunits"} & set(re.findall(r"\w+", network.projection))
     longitude, latitude = pyproj.Proj(UTM)(690000.0, 5330000.0, inverse=True)
     assert frame.to_map(math.radians(latitude), math.radians(longitude)) == pytest.approx((0.0, 0.0), abs=0.01)
 
@@ -203,6 +216,11 @@ def test_an_origin_takes_the_place_of_the_files_georeference(tmp_path: Path) -> 
             "outside of what .*--origin",
         ),
         ({"header": f"<geoReference>{UTM}</geoReference><offset x='0' y='0' hdg='0.5'/>"}, "expected hdg 0, got 0.5"),
+        ({"kind": '<speed max="50" unit="kmh"/>'}, "road 7: speed: expected m/s, km/h, mph, got 'kmh'"),
+        (
+            {"lanes": '<right><lane id="-1" type="driving"><border sOffset="0" a="-3"/></lane></right>'},
+            "road 7: lane -1: expected its <width>, got its <border> alone",
+        ),
         ({"rule": ' rule="LHT"'}, 'road 7: expected right-hand traffic, got rule="LHT"'),
         ({"name": "net"}, "expected the root <OpenDRIVE>, got <net>"),
     ],

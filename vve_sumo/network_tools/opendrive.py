@@ -89,7 +89,7 @@ def build_opendrive(file: Path, out: Path, origin: tuple[float, float] | None = 
     fails.
     """
     root = _read(file)
-    _refuse_left_hand(root, file)
+    _refuse(root, file)
     reference = _georeference(root, file) if origin is None else None
     if origin is not None:
         projection(origin)  # raises for an invalid one before anything is converted
@@ -123,10 +123,19 @@ def _read(file: Path) -> ET.Element:
     return root
 
 
-def _refuse_left_hand(root: ET.Element, file: Path) -> None:
+def _refuse(root: ET.Element, file: Path) -> None:
+    """Raise ConfigError for what netconvert would take wrongly without a word, and nothing here puts right."""
     for road in root.iter("road"):
+        where = f"{file}: road {road.get('id')}"
         if road.get("rule", "RHT").upper() == "LHT":
-            raise ConfigError(f'{file}: road {road.get("id")}: expected right-hand traffic, got rule="LHT"')
+            raise ConfigError(f'{where}: expected right-hand traffic, got rule="LHT"')
+        for speed in road.iter("speed"):
+            if (unit := speed.get("unit", "m/s")) not in UNITS:
+                raise ConfigError(f"{where}: speed: expected {', '.join(UNITS)}, got {unit!r}")
+    for road, _start, lane in _lanes(root):
+        if lane.find("border") is not None and lane.find("width") is None:
+            where = f"{file}: road {road.get('id')}: lane {lane.get('id')}"
+            raise ConfigError(f"{where}: expected its <width>, got its <border> alone")
 
 
 def _georeference(root: ET.Element, file: Path) -> str:
@@ -195,8 +204,13 @@ def _prepare(root: ET.Element, reference: str | None) -> None:
         kind = lane.get("type", LEFT_OUT)
         kind = SAME_AS.get(kind, kind)
         lane.set("type", kind if kind in DRIVEN else LEFT_OUT)
-        if kind in DRIVEN and lane.find("speed") is None:
-            lane.extend(_limits(road.findall("type"), start))
+        if kind in DRIVEN:
+            lane.extend(_stated(lane) or _limits(road.findall("type"), start))
+    known = {signal.get("id") for signal in root.iterfind("road/signals/signal")}
+    for signals_of in root.iterfind("road/signals"):
+        for reference_to in signals_of.findall("signalReference"):
+            if reference_to.get("id") not in known:  # as in a part that was cut out of a town
+                signals_of.remove(reference_to)
     header = root.find("header")
     if header is None:
         return
@@ -209,6 +223,16 @@ def _prepare(root: ET.Element, reference: str | None) -> None:
         ET.SubElement(header, "geoReference").text = reference
 
 
+def _stated(lane: ET.Element) -> list[ET.Element]:
+    """Take a lane's own speed limits out of it, and return those that are numbers, in m/s."""
+    found = []
+    for speed in lane.findall("speed"):
+        lane.remove(speed)
+        if (limit := _metres_a_second(speed)) is not None:
+            found.append(ET.Element("speed", {"sOffset": speed.get("sOffset", "0"), "max": f"{limit:.4f}"}))
+    return found
+
+
 def _limits(types: Iterable[ET.Element], start: float) -> Iterator[ET.Element]:
     """Yield the speed limits of a road as netconvert reads them: a lane's, whose section begins at `start` [m]."""
     known = sorted((_number(one.get("s", "0")), limit) for one in types if (limit := _limit(one)) is not None)
@@ -219,10 +243,13 @@ def _limits(types: Iterable[ET.Element], start: float) -> Iterator[ET.Element]:
 
 
 def _limit(kind: ET.Element) -> float | None:
-    """Return the speed limit of a piece of road [m/s]; None where it states none."""
+    """Return the speed limit of a piece of road [m/s]; None where it states no number."""
     speed = kind.find("speed")
-    if speed is None:
-        return None
+    return None if speed is None else _metres_a_second(speed)
+
+
+def _metres_a_second(speed: ET.Element) -> float | None:
+    """Return a speed limit [m/s]; None where it is no number, as "no limit", or not above 0."""
     limit = _number(speed.get("max", "")) * UNITS.get(speed.get("unit", "m/s"), math.nan)
     return limit if math.isfinite(limit) and limit > 0.0 else None
 
