@@ -177,6 +177,39 @@ def test_an_episode_that_is_given_up_is_a_record_that_was_interrupted(tmp_path: 
     assert processes() == before
 
 
+def test_a_step_that_is_interrupted_ends_its_episode(short: DriveEnvironment) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    short.reset(seed=1)
+    before = signal.signal(signal.SIGALRM, interrupt)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            drive_until_interrupted(short)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        short.step(FULL)
+    first, _ = short.reset(seed=1)
+    again, _ = short.reset(seed=1)
+    assert (first == again).all()
+
+
+def drive_until_interrupted(environment: DriveEnvironment) -> None:
+    """Step for ever; a timer interrupts while a step waits for the drive's process, which is stopped."""
+    session = environment._session
+    assert session is not None
+    for process in psutil.Process(session._worker.pid).children(recursive=True):
+        process.suspend()
+    signal.setitimer(signal.ITIMER_REAL, 0.2)
+    try:
+        environment.step(FULL)
+    finally:
+        for process in psutil.Process(session._worker.pid).children(recursive=True):
+            process.resume()
+
+
 @pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("with_the_server", [False, True])
 def test_a_process_that_is_killed_is_an_error_and_the_next_episode_a_drive(with_the_server: bool) -> None:

@@ -44,10 +44,6 @@ class AgentLink:
         own.connect(str(address))
         return cls(own)
 
-    def fileno(self) -> int:
-        """Return the descriptor that is readable when a message, or the end of the link, has come."""
-        return self._socket.fileno()
-
     def close(self) -> None:
         """Close this end."""
         self._socket.close()

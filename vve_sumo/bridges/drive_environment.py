@@ -27,7 +27,6 @@ from vve_sumo.record.writer import claim
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Criteria
 from vve_sumo.sweep.job import Job
-from vve_sumo.timing import PERIOD
 
 #: scenario seeds that are drawn where `reset` is given none lie below it
 SEEDS: Final = 2**31
@@ -146,6 +145,7 @@ class DriveEnvironment(gymnasium.Env[Vector, Vector]):
         if self._observation is None or self._session is None:
             raise gymnasium.error.ResetNeeded("the drive is over, or none has begun: call reset")
         before, wanted = self._observation, self._checked(action)
+        self._observation = None  # a step that is interrupted leaves a drive that nobody can go on with
         steering = wanted[1] if self._agent_steers else 0.0
         after = self._session.act(AgentAction(wanted[0], steering))
         if after is None:
@@ -160,11 +160,6 @@ class DriveEnvironment(gymnasium.Env[Vector, Vector]):
             self._session.close()
         self._session, self._observation = None, None
 
-    @property
-    def action_period(self) -> float:
-        """Time from one action to the next [s]."""
-        return self._ticks_per_action * PERIOD
-
     def _checked(self, action: Vector) -> list[float]:
         """Return an action's numbers within the bounds of the space; raises ConfigError."""
         box = self.action_space
@@ -176,7 +171,6 @@ class DriveEnvironment(gymnasium.Env[Vector, Vector]):
 
     def _ended(self, last: Vector) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
         assert self._session is not None
-        self._observation = None
         result = self._session.result()
         if result.error:
             raise SimulationError(f"{self._name}: the drive came to no end: {result.error}")
