@@ -128,9 +128,9 @@ CRITERIA = Criteria.model_validate({"outcome": "stopped", "collision": False, "s
     ("figures", "score"),
     [
         ({"outcome": "stopped", "collision": False, "stop_gap_m": 4.5, "passed": True}, 1.0),
-        ({"outcome": "stopped", "collision": False, "stop_gap_m": 10.0, "passed": False}, 0.5 * (1 + 1 + 1 / 2) / 3),
-        ({"outcome": "stopped", "collision": False, "stop_gap_m": 2.0, "passed": False}, 0.5 * (1 + 1 + 2 / 3) / 3),
-        ({"outcome": "timeout", "collision": False, "stop_gap_m": None, "passed": False}, 0.5 * (0 + 1 + 0) / 3),
+        ({"outcome": "stopped", "collision": False, "stop_gap_m": 10.0, "passed": False}, 0.5 * 1 / 2),
+        ({"outcome": "stopped", "collision": False, "stop_gap_m": 2.0, "passed": False}, 0.5 * 2 / 3),
+        ({"outcome": "timeout", "collision": False, "stop_gap_m": None, "passed": False}, 0.0),
         ({"outcome": "contact", "collision": True, "stop_gap_m": 4.5, "passed": False}, 0.0),
     ],
 )

@@ -22,9 +22,9 @@ def reward_of_progress(distance: float, desired_speed: float) -> float:
 
 
 def reward_of_end(criteria: Criteria, figures: Mapping[str, Any]) -> float:
-    """Return the reward of a drive's end by its figures: half of MET_ALL where it passed, half by the mean score.
+    """Return the reward of a drive's end by its figures: half of MET_ALL where it passed, half by the scores.
 
-    The mean is over the scenario's criteria. A criterion that is met scores 1. A number outside its band scores less
+    The scores of the scenario's criteria are multiplied: a car that never sets out meets most criteria. A criterion that is met scores 1. A number outside its band scores less
     the farther out it is: 1 / (1 + distance from the band / the band's bound there, but at least 1). What is not met
     otherwise scores 0. The end of a drive that touched something has no reward.
     """
@@ -32,7 +32,7 @@ def reward_of_end(criteria: Criteria, figures: Mapping[str, Any]) -> float:
     if figures.get("collision") or not known:
         return 0.0
     scores = [_score(getattr(criteria, name), name, value) for name, value in known.items()]
-    return 0.5 * MET_ALL * (bool(figures.get("passed")) + sum(scores) / len(scores))
+    return 0.5 * MET_ALL * (bool(figures.get("passed")) + math.prod(scores))
 
 
 def _score(wanted: object, name: str, value: object) -> float:
