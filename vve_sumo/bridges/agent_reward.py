@@ -24,9 +24,10 @@ def reward_of_progress(distance: float, desired_speed: float) -> float:
 def reward_of_end(criteria: Criteria, figures: Mapping[str, Any]) -> float:
     """Return the reward of a drive's end by its figures: half of MET_ALL where it passed, half by the scores.
 
-    The scores of the scenario's criteria are multiplied: a car that never sets out meets most criteria. A criterion that is met scores 1. A number outside its band scores less
-    the farther out it is: 1 / (1 + distance from the band / the band's bound there, but at least 1). What is not met
-    otherwise scores 0. The end of a drive that touched something has no reward.
+    The scores of the scenario's criteria are multiplied: a car that never sets out meets most of them. A criterion that
+    is met scores 1. A number outside its band scores less the farther out it is: 1 / (1 + distance from the band / the
+    band's bound there, but at least 1). What is not met otherwise scores 0. The end of a drive that touched something
+    has no reward.
     """
     known = {name: figures.get(name) for name, wanted in criteria if wanted is not None}
     if figures.get("collision") or not known:
