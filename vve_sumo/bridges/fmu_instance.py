@@ -5,7 +5,9 @@ The only module of the package that imports fmpy. Knows nothing of controllers.
 
 from __future__ import annotations
 
+import contextlib
 import tempfile
+import weakref
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -95,6 +97,7 @@ class FmuInstance:
 
     def __init__(self, slave: Any, fmu: Fmu) -> None:
         self._slave, self._fmu = slave, fmu  # the FMU's folder has to outlive its instance
+        weakref.finalize(self, _end, slave)  # while Python still stands: an FMU may be Python itself
         kinds = [kind for kind in (*NUMBERS, *TRUTHS) if hasattr(slave, f"set{kind}")]  # of this version of FMI
         self._set = {kind: getattr(slave, f"set{kind}") for kind in kinds}
         self._get = {kind: getattr(slave, f"get{kind}") for kind in kinds}
@@ -111,6 +114,12 @@ class FmuInstance:
     def step(self, time: float, period: float) -> None:
         """Go on by a period from a time since the start [s]."""
         self._slave.doStep(currentCommunicationPoint=time, communicationStepSize=period)
+
+
+def _end(slave: Any) -> None:
+    for step in (slave.terminate, slave.freeInstance):
+        with contextlib.suppress(Exception):  # an FMU that failed need not end well
+            step()
 
 
 def _variable(one: Any) -> FmuVariable:
