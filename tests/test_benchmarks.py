@@ -21,6 +21,7 @@ TABLES: dict[str, tuple[str, int]] = {
     "bus_load": (r"short +(esr|ars408) +[\d.]+%  at most [1-9]\d* at once", 2),
     "busy": (r"beside nothing, without rights: \d of 1 .*; datagram to frame median [\d.]+ ms, .*", 1),
     "cost_model": (r"  (no traffic|light traffic|about 50 vehicles) +-?\d+( +-?[\d.]+){4}", 3),
+    "environments": (r"\| vve_sumo, .* \| \d+ \| [\d.]+ \| [\d.]+ \| .* \|", 2),
     "exports": (r"\| `short` \| [\w-]+ \| [\d.]+ \| [\d.]+ \| \d+ \|", len(FORMATS)),
     "false_alarms": (r"stops: 0, 0\.00 an hour", 1),
     "false_alarms_recorded": (r".* m/s: nothing", 6),

@@ -92,7 +92,7 @@ def test_an_entry_point_is_found_after_the_folders(folders, monkeypatch):
     )
     monkeypatch.syspath_prepend(package)
     assert asked("plugged", folders) == -0.5
-    assert known(folders) == ("broken", "gentle", "harsh", "plugged", "relative")
+    assert known(folders) == ("broken", "fmu", "gentle", "harsh", "plugged", "relative")
     with pytest.raises(ConfigError, match="controller broken: its entry point raised AttributeError"):
         load("broken", FUSION, {}, folders)
 
@@ -145,7 +145,7 @@ def test_an_installed_package_is_found_without_running_it(folders, monkeypatch):
 @pytest.mark.parametrize(
     ("name", "source", "says"),
     [
-        ("absent", None, "controller absent: unknown; known are gentle, harsh, relative"),
+        ("absent", None, "controller absent: unknown; known are fmu, gentle, harsh, relative"),
         ("absent.py:make", None, "controller absent.py:make: there is no file absent.py"),
         ("bad", "x = 1\n", r"bad\.py offers no function make\(vehicle, tuning\)"),
         ("bad", "def make(:\n", r"reading .*bad\.py raised SyntaxError"),

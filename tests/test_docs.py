@@ -23,6 +23,7 @@ from tests.record.declared import LIVE_TABLES
 from tests.vehicle import arming_diagram
 from vve_sumo.analysis.latency import PERCENTILES
 from vve_sumo.analysis.sensing import STATISTICS
+from vve_sumo.bridges.observed_numbers import FEATURES
 from vve_sumo.certify.cases import CASES
 from vve_sumo.certify.report import required
 from vve_sumo.hunt import invariants
@@ -193,7 +194,18 @@ def _gallery() -> str:
     return "\n\n".join(cards)
 
 
+def _observed_numbers() -> str:
+    """What agents and FMUs observe; the detections after the first are alike."""
+    rows = [feature for feature in FEATURES if not re.search(r"_[2-9]_", feature.name)]
+    lines = [f"| `{one.name}` | {one.low:g} to {one.high:g} | {one.meaning} |" for one in rows]
+    last = re.search(r"_(\d)_", FEATURES[-1].name)
+    assert last is not None
+    more = f"| … | | the same of detections 2 to {last.group(1)} |"
+    return "\n".join(["| number | from, to | meaning |", "|---|---|---|", *lines, more])
+
+
 GENERATED = {
+    ("gymnasium.md", "observed numbers"): _observed_numbers,
     ("commands.md", "commands"): commands_page.markdown,
     ("gallery.md", "scenarios"): _gallery,
     ("certify.md", "cases"): _cases,

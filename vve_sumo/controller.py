@@ -16,7 +16,13 @@ from vve_sumo.errors import ConfigError, did_you_mean
 from vve_sumo.ports import Origin, Port, error_text
 from vve_sumo.values import CommandedPath, ControlCommand, Observation, Vehicle
 
-PORT: Final = Port("controller", "vve_sumo.controllers", "(vehicle, tuning)", library="vve_sumo.controllers")
+PORT: Final = Port(
+    "controller",
+    "vve_sumo.controllers",
+    "(vehicle, tuning)",
+    shipped={"fmu": "vve_sumo.bridges.fmu"},
+    library="vve_sumo.controllers",
+)
 
 TuningValue = float | str | bool
 Tuning = Mapping[str, TuningValue]

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from tests.drive.street import REPOSITORY, altered, drive_once, recorded
 from tests.isolated import command, isolated
+from vve_sumo.drive.brain import ExternalController
 from vve_sumo.drive.lockstep import ScriptedOperator, assemble
 from vve_sumo.drive.replay import read_car_frames, read_pipeline_inputs, recorded_scenario, replay
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH
@@ -222,7 +223,7 @@ def test_what_cannot_roll_is_refused_in_one_line() -> None:
     with pytest.raises(ConfigError, match=r"ego.initial_speed_mps: a drive with a rig starts from rest"):
         scenario_with_rig(rolling, _rig(), REPOSITORY)
     with pytest.raises(ConfigError, match=f"{key} an external controller is asked from drive time 0 on"):
-        assemble(rolling, REPOSITORY, cast(Any, object()))
+        assemble(rolling, REPOSITORY, ExternalController(cast(Any, object())))
     with pytest.raises(ConfigError, match=f"{key} the times of injected faults count from when the car drives off"):
         assemble(replace(rolling, faults=(InjectedFault("pose_late", 1.0, 1.0),)), REPOSITORY)
     with pytest.raises(

@@ -1,4 +1,4 @@
-"""`vve-sumo network`: networks from OpenStreetMap, their edges and their traffic."""
+"""`vve-sumo network`: networks from OpenStreetMap or OpenDRIVE, their edges and their traffic."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ EXIT_CODES = OF_FILES
 
 SUMMARY = "build networks and their traffic"
 BUILD_TEXT = """\
-Turn an OpenStreetMap extract into a SUMO network with a projection of its own centre and US rules.
+Turn an OpenStreetMap extract into a SUMO network with a projection of its own centre and US rules, or an OpenDRIVE
+file (.xodr) into one with the file's lanes, speed limits, signals and place.
 Needs netconvert: pip install 'vve-sumo[network]'.
 """
 EDGES_TEXT = "List the edges whose street name contains a text: name, length, lanes, and start and end in the map [m]."
@@ -29,14 +30,20 @@ def arguments(parser: Parser) -> None:
 
 
 def _add_build(inner: Commands) -> None:
-    build = add_command(inner, "build", "turn an OpenStreetMap extract into a SUMO network", BUILD_TEXT)
-    build.add_argument("extract", type=Path, metavar="OSM", help=".osm.xml or .osm.xml.gz, already cut to the area")
+    build = add_command(inner, "build", "turn an OpenStreetMap extract or OpenDRIVE into a SUMO network", BUILD_TEXT)
+    build.add_argument(
+        "source",
+        type=Path,
+        metavar="MAP",
+        help=".osm.xml or .osm.xml.gz, already cut to the area, or .xodr or .xodr.gz",
+    )
     build.add_argument("--out", type=Path, required=True, metavar="NET", help="network file to write (.net.xml)")
     build.add_argument(
         "--origin",
         type=latitude_longitude,
         metavar="LAT,LON",
-        help="centre of the projection in degrees (default: the middle of the extract)",
+        help="centre of the projection in degrees (default: the middle of the extract; of OpenDRIVE: the middle of the "
+        "network, in place of the file's georeference or where it has none)",
     )
     build.add_argument(
         "--signals",
@@ -98,17 +105,40 @@ def latitude_longitude(text: str) -> tuple[float, float]:
 
 
 def _build(arguments: argparse.Namespace) -> int:
-    """Build a network from an extract; return the exit code, 0."""
+    """Build a network from a map; return the exit code, 0."""
     from vve_sumo.network_tools.build import build_network
+    from vve_sumo.network_tools.opendrive import is_opendrive
     from vve_sumo.workspace import shared_file
 
+    if is_opendrive(arguments.source):
+        return _build_opendrive(arguments)
     speeds = arguments.speeds or shared_file("networks", "us_speeds.typ.xml", Path.cwd())
     built = build_network(
-        arguments.extract, arguments.out, speeds=speeds, origin=arguments.origin, signals=arguments.signals
+        arguments.source, arguments.out, speeds=speeds, origin=arguments.origin, signals=arguments.signals
     )
     for warning in built.warnings:
         print(f"netconvert: {warning}", file=sys.stderr)
     print(f"network written to {arguments.out}; it keeps the attribution and licence of its map data")
+    return 0
+
+
+def _build_opendrive(arguments: argparse.Namespace) -> int:
+    """Build a network from an OpenDRIVE file and say what of it the network has; return the exit code, 0."""
+    from vve_sumo.network_tools.opendrive import build_opendrive
+
+    for option, given in (("--signals", arguments.signals), ("--speeds", arguments.speeds)):
+        if given:
+            raise ConfigError(f"{option}: is for OpenStreetMap extracts; {arguments.source} states its own")
+    built = build_opendrive(arguments.source, arguments.out, arguments.origin)
+    for warning in built.warnings:
+        print(f"netconvert: {warning}", file=sys.stderr)
+    content = built.content
+    others = ", ".join(f"{count} {kind}" for kind, count in content.left_out.items())
+    print(f"{content.roads} roads with {content.lanes} lanes for cars; left out: {others or 'none'}")
+    print(f"{content.lights} lights at {built.signals} junctions with signals; left out: {content.signs} signs")
+    if content.crossings:
+        print(f"left out: {content.crossings} crosswalks: SUMO's traffic does not know them")
+    print(f"network written to {arguments.out}; it keeps the licence of its map data")
     return 0
 
 

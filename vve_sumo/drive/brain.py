@@ -212,12 +212,34 @@ def _steering_as_reported(observation: Observation) -> float:
     return observation.steering if math.isfinite(observation.steering) else 0.0
 
 
+class CommandSource(Protocol):
+    """What stands in the place of a drive's controller."""
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """Reason codes for the next tick."""
+        ...
+
+    @property
+    def overdue(self) -> str:
+        """One line on a brain that has let its time pass in lockstep; else empty."""
+        ...
+
+    def step(self, observation: Observation) -> ControlCommand:
+        """Return the command of a tick, as a controller does."""
+        ...
+
+    def require_answer(self) -> None:
+        """Raise RigError where the brain was waited for and is not there."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class ExternalController:
     """What a drive has of external controllers: the wires out, and what stands in the place of its controller."""
 
-    publisher: Publisher
-    controller: SetpointController | NoController | None = None  #: None: the scenario's own controller drives
+    publisher: Publisher | None  #: None: nothing goes out on wires
+    controller: CommandSource | None = None  #: None: the scenario's own controller drives
 
     @property
     def faults(self) -> tuple[str, ...]:

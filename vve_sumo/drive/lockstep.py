@@ -131,7 +131,7 @@ def assemble(
     placement = Placement(frame, alignment, resolved.model.mounting, DEFAULT_EPOCH)
     pose = PoseInput(standard().decoder(), DRIVE, placement, DEFAULT_EPOCH)
     rolling = RollingStart.of(resolved)
-    if brain is not None:
+    if brain is not None and brain.publisher is not None:
         require_start_from_rest(resolved, "an external controller is asked from drive time 0 on")
     if resolved.faults:
         require_start_from_rest(resolved, "the times of injected faults count from when the car drives off")
@@ -290,8 +290,9 @@ class Lockstep:
         self.road = VirtualRoad(open_world(resolved, loaded=loaded), engine)
         if variants is not None:
             variants.forked = self.road.inherit
-        if brain is not None and brain.publisher.tells_signals:
-            brain.publisher.signals = self.road.timed_signals()
+        publisher = None if brain is None else brain.publisher
+        if publisher is not None and publisher.tells_signals:
+            publisher.signals = self.road.timed_signals()
         self._last = round(resolved.scenario.duration_s / PERIOD) - 1
         self._people = resolved.people
 

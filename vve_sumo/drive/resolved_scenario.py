@@ -76,6 +76,8 @@ MAX_DISTANCE_FROM_PATH = 150.0
 DISTANCE_BATCH = 64
 #: role of the file of the buildings
 BUILDINGS = "buildings"
+#: prefix of the role of a file that the controller's tuning names; the key follows
+TUNING = "tuning_"
 #: comment in a path's file that names the edges it runs along
 EDGES_PREFIX = "# edges:"
 
@@ -243,7 +245,8 @@ class ResolvedScenario:
         if name == control.name:
             return self
         other = control.model_copy(update={"name": name, "tuning": {}})
-        return replace(self, scenario=self.scenario.model_copy(update={"controller": other}))
+        files = {role: file for role, file in self.files.items() if not role.startswith(TUNING)}
+        return replace(self, scenario=self.scenario.model_copy(update={"controller": other}), files=files)
 
     def with_rig(self, rig: Rig, working: Path, *, live: bool = False) -> ResolvedScenario:
         """Return the same scenario with a rig's car, the faults that are injected into it, and its people's fields.
@@ -370,6 +373,7 @@ def resolve_scenario(
     files |= {f"demand_{number}": found for number, found in enumerate(demand)}
     if (buildings := _seen_buildings(scenario, network)) is not None:
         files |= {BUILDINGS: buildings}
+    files |= _tuning_files(scenario, working)
     return ResolvedScenario(
         name=name,
         scenario=scenario,
@@ -388,6 +392,13 @@ def resolve_scenario(
         people=setups_of(scenario, path, file),
         walks=walks.points,
     )
+
+
+def _tuning_files(scenario: Scenario, working: Path) -> dict[str, Path]:
+    """Return the files that texts of the controller's tuning name, such as an FMU, by role."""
+    texts = {key: value for key, value in scenario.controller.tuning.items() if isinstance(value, str)}
+    files = {f"{TUNING}{key}": working / text for key, text in texts.items() if Path(text).suffix}
+    return {role: file for role, file in files.items() if file.is_file()}
 
 
 def _seen_buildings(scenario: Scenario, network: Network) -> Path | None:

@@ -89,8 +89,9 @@ class LiveDrive:
         self._not_ready: tuple[str, ...] = tuple(config["not_ready"])
         self._road = LiveRoad(open_world(self._resolved, time.perf_counter), scenario_engine(self._resolved))
         self._ego = EgoTick(EGO, self._pipeline, self._resolved.path, self, self._recorder)
-        if self._brain is not None and self._brain.publisher.tells_signals:
-            self._brain.publisher.signals = self._road.timed_signals()
+        publisher = None if self._brain is None else self._brain.publisher
+        if publisher is not None and publisher.tells_signals:
+            publisher.signals = self._road.timed_signals()
         self._tick = Tick([self._ego], self._road, self._clock)
         self._source = source_of(rig)
         self._urgent = RealTimeSection(DRIVE_PRIORITY)
@@ -224,9 +225,9 @@ class LiveDrive:
 
     def _update_validity(self, status: GatewayStatus) -> None:
         """Make an external controller's sensors invalid at the end, and before the go where it commands the car."""
-        if self._brain is None:
+        publisher = None if self._brain is None else self._brain.publisher
+        if publisher is None:
             return
-        publisher = self._brain.publisher
         publisher.over |= self._has_engaged and status.state in ENDING
         if status.state is ArmingState.ENGAGED and WAITING not in status.reasons:
             publisher.awaiting_start = False

@@ -25,6 +25,8 @@ ATTRIBUTION = (
     "Contains data (c) OpenStreetMap contributors, Open Database Licence 1.0, https://www.openstreetmap.org/copyright"
 )
 
+#: bytes of a network's beginning in which it bears the attribution of its map data
+HEAD = 1000
 #: decimals of the origin [deg]: 1e-5 deg is a metre
 ORIGIN_DECIMALS = 5
 BOUNDS = ("minlat", "minlon", "maxlat", "maxlon")
@@ -83,6 +85,13 @@ def projection(origin: tuple[float, float]) -> str:
     if not (-80.0 <= latitude <= 84.0 and -180.0 <= longitude <= 180.0):
         raise ConfigError(f"origin {latitude}, {longitude}: expected latitude, longitude in degrees")
     return f"+proj=tmerc +lat_0={latitude} +lon_0={longitude} +k=1 +x_0=0 +y_0=0 +ellps=WGS84 +units=m +no_defs"
+
+
+def attribution(network: Path) -> tuple[str, ...]:
+    """Return the line that what is made of a network (plain or gzipped) has to bear; none where it bears none."""
+    with gzip.open(network) if network.suffix == ".gz" else network.open("rb") as file:
+        head = file.read(HEAD)
+    return (ATTRIBUTION,) if ATTRIBUTION.encode() in head else ()
 
 
 def _middle(osm: Path) -> tuple[float, float]:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.network_tools.build import ATTRIBUTION
+from vve_sumo.network_tools.build import attribution
 from vve_sumo.world.network import Roads
 
 #: mean number of vehicles on the streets at any time, from the start on
@@ -153,7 +153,8 @@ def write_demand(
     spares = ", nobody with right of way over the ego's path" if unhindered else ""
     driver_note = "" if drivers == DRIVERS[0] else f", {drivers} drivers"
     types = [_type(name, drivers) for name in TYPES]
-    return _write(out, trips, types, f"{level} traffic, seed {seed}{spares}{driver_note}", frozenset(clear), mean)
+    drawn_as = f"{level} traffic, seed {seed}{spares}{driver_note}: drawn trips, no counts of real traffic."
+    return _write(out, trips, types, " ".join((drawn_as, *attribution(network))), frozenset(clear), mean)
 
 
 class _Choice:
@@ -174,10 +175,15 @@ class _Places:
         self.roads = roads
         cars = [edge for edge in roads.edges if edge.allows("passenger") and edge.getID() not in clear]
         kerbs = [edge for edge in cars if _class(edge) in KERB_CLASSES]
-        self.kerbs = _Choice(kerbs, [edge.getLength() for edge in kerbs])
         ends = [edge for edge in cars if _class(edge) in THROUGH_WEIGHTS]
+        if not (kerbs or ends):
+            # A network of other data than OpenStreetMap's knows no classes: every street is one like another.
+            kerbs = ends = cars
+        self.kerbs = _Choice(kerbs, [edge.getLength() for edge in kerbs])
         self.entries = _through([edge for edge in ends if edge.is_fringe(edge.getIncoming())])
         self.exits = _through([edge for edge in ends if edge.is_fringe(edge.getOutgoing())])
+        if ends is kerbs and not (self.entries.items and self.exits.items):
+            self.entries = self.exits = self.kerbs  # no street leads in or out of the town
         if not (kerbs and self.entries.items and self.exits.items):
             raise ConfigError(f"{roads.network.path}: expected streets that lead in, lead out and have kerbs")
 
@@ -203,7 +209,7 @@ class _Places:
 
 
 def _through(edges: Sequence[Any]) -> _Choice:
-    return _Choice(edges, [THROUGH_WEIGHTS[_class(edge)] for edge in edges])
+    return _Choice(edges, [THROUGH_WEIGHTS.get(_class(edge), 1.0) for edge in edges])
 
 
 def _class(edge: Any) -> str:
@@ -271,7 +277,7 @@ def _type(name: str, drivers: str) -> ET.Element:
 
 
 def _write(
-    out: Path, trips: Sequence[Trip], types: Sequence[ET.Element], drawn_as: str, clear: frozenset[str], mean: float
+    out: Path, trips: Sequence[Trip], types: Sequence[ET.Element], said: str, clear: frozenset[str], mean: float
 ) -> Demand:
     root = ET.Element("routes")
     root.extend(types)
@@ -280,7 +286,7 @@ def _write(
     vehicles.sort(key=lambda vehicle: float(vehicle.attrib["depart"]))
     root.extend(vehicles)
     ET.indent(root)
-    head = f"<!-- {drawn_as}: drawn trips, no counts of real traffic. {ATTRIBUTION} -->"
+    head = f"<!-- {said} -->"
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(f"{head}\n{ET.tostring(root, encoding='unicode')}\n", encoding="utf-8")
     at_start = sum(vehicle.attrib["depart"] == "0.00" for vehicle in vehicles)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.network_tools.build import ATTRIBUTION
+from vve_sumo.network_tools.build import attribution
 from vve_sumo.path import ReferencePath
 from vve_sumo.path_feasibility import refuse_tight_bend
 from vve_sumo.world.lone_car import PERIOD, SPEED, front_track
@@ -156,7 +156,7 @@ def _write(out: Path, network: Network, points: Floats, edges: tuple[str, ...]) 
         "# Path for the middle of the ego's rear axle, WGS84, in driving order, a point about every metre.",
         f"# Recorded on the virtual road {network.path.name}: a SUMO car drove the edges below at {SPEED:.0f} m/s,",
         f"# sampled every {PERIOD} s at its front bumper, which SUMO keeps on the lane's centre line; then smoothed.",
-        f"# {ATTRIBUTION}",
+        *(f"# {line}" for line in attribution(network.path)),
         f"# edges: {' '.join(edges)}",
         "latitude_deg,longitude_deg",
         *(",".join(row) for row in rows),
