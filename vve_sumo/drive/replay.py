@@ -335,4 +335,4 @@ def compare_frames(number: int, recorded: list[Frame], mine: tuple[Frame, ...]) 
 
 
 def _spelt(frames: Iterable[Frame]) -> str:
-    return " ".join(f"{frame.id:03X}#{frame.data.hex().upper()}" for frame in frames)
+    return " ".join(map(bus.frame_text, frames))
