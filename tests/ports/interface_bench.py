@@ -36,7 +36,11 @@ PERIOD: Final = 0.02  # of the gateway [s]
 STANDING: Final = Measured(
     0.0, 0.0, WheelSpeeds(0.0, 0.0, 0.0, 0.0), Accelerations(0.0, 0.0, 9.81), YawRate(0.0, 0.0), 0.0, 0.0
 )
-NEUTRAL: Final = ActuationCommand(0.0, 0.0, 0.0, 0.0, Gear.NONE, enable=False, clear=False)
+NEUTRAL: Final = ActuationCommand(0.0, 0.0, 0.0, 0.0, Gear.NONE, enable=False, clear=False, acceleration=0.0)
+#: The same braking in both ways of saying it, and enabled.
+HELD: Final = NEUTRAL._replace(brake_torque=1000.0, acceleration=-1.8, enable=True)
+#: How the bench's car turns an acceleration into pedals.
+CALIBRATION: Final = vehicles.FUSION.calibration
 SUBSYSTEMS: Final = (BrakeState, ThrottleState, SteeringState)
 
 
@@ -47,6 +51,7 @@ class Bench:
         self.interface = load(config)
         self.end = self.interface.simulated(STEP)
         self.measured = STANDING
+        self.acceleration = math.nan  #: that the other end asks of the car [m/s2]; NaN where it asks for pedals
         self.newest: dict[type, Report] = {}
         self.times: dict[type, list[float]] = {}
         self.fault: tuple[str, float] | None = None  #: kind and value of the one that is due
@@ -66,7 +71,11 @@ class Bench:
                 )
             request = self.end.step(driver, self.measured.speed, self.measured.wheel_angle)
             angle = self.measured.wheel_angle if math.isnan(request.wheel_angle) else request.wheel_angle
-            self.measured = self.measured._replace(wheel_angle=angle, brake_torque=request.brake_torque)
+            torque, self.acceleration = request.brake_torque, request.acceleration
+            if not math.isnan(request.acceleration):
+                force = CALIBRATION.force(request.acceleration, 0.0, self.measured.speed)
+                torque = max(torque, CALIBRATION.brake_torque(-force))
+            self.measured = self.measured._replace(wheel_angle=angle, brake_torque=torque)
             self._steps += 1
             if self._steps % 2 == 0:
                 self._hear(self.end.reports(self.measured))
@@ -99,7 +108,7 @@ class Bench:
     def engaged(self) -> Bench:
         """Enable everything, on the brakes."""
         self.run(0.1, NEUTRAL)
-        self.run(0.3, NEUTRAL._replace(brake_torque=1000.0, enable=True))
+        self.run(0.3, HELD)
         assert all(self.enabled())
         return self
 
