@@ -227,23 +227,24 @@ class VehicleInterfaceConformance:
         assert bench.newest[WheelSpeeds] == pytest.approx(wheels, abs=0.05)
         assert bench.newest[YawRate].yaw == pytest.approx(0.21, abs=2e-3)
 
-    def test_a_wheel_speed_that_is_not_measured_is_reported_as_invalid(self, bench):
+    def test_a_wheel_speed_that_is_not_measured_is_reported_as_invalid_or_not_at_all(self, bench):
         wheels = WheelSpeeds(30.0, 30.0, math.nan, 30.0)
         bench.measured = STANDING._replace(speed=9.6, wheels=wheels)
         bench.run(0.1, NEUTRAL)
-        assert any(map(math.isnan, bench.newest[WheelSpeeds]))
+        if WheelSpeeds in bench.newest:
+            assert any(map(math.isnan, bench.newest[WheelSpeeds]))
 
     def test_it_lets_go_when_commands_stop(self, bench):
         """Neither at once, or a frame that is lost would do, nor later than it says."""
         bench.engaged().run(0.6 * bench.interface.facts.command_timeout, None)
         assert all(bench.end.enabled)
         bench.run(0.4 * bench.interface.facts.command_timeout + 0.05, None)
-        assert not any(bench.end.enabled)
-        assert not any(bench.enabled())
         stops = bench.interface.facts.when_commands_stop
+        goes_on = stops.action is WhenCommandsStop.HOLDS
+        assert any(bench.end.enabled) is any(bench.enabled()) is goes_on
         assert bench.end.watchdog_braking is (stops.action is WhenCommandsStop.BRAKES)
         assert bench.measured.brake_torque <= stops.brake_torque
-        assert math.isnan(bench.acceleration)
+        assert not bench.acceleration > 0.0
 
     def test_a_driver_who_takes_over_keeps_the_car_until_a_clear(self, bench):
         bench.engaged()
@@ -485,7 +486,7 @@ def _ride(name: str, settings: tuple[tuple[str, SettingValue], ...], *kinds: str
         torque, throttle = (1500.0, 0.0) if now < 1.0 else (0.0, 0.3) if now < 2.2 else (500.0 + 100.0 * now, 0.0)
         gear, angle = Gear.DRIVE if now < 1.0 else Gear.NONE, 0.5 * math.sin(3.0 * now)
         command = ActuationCommand(torque, throttle, angle, 6.0, gear, enable=True, clear=False)
-        command = command._replace(acceleration=4.0 * throttle - torque / 550.0)
+        command = command._replace(acceleration=8.0 * throttle - torque / 550.0)
         output = car.step((tick + 1) * PERIOD, interface.encode(command))
         said.append((output.reports, car.truth(), car.car.interface.enabled))
     assert kinds or car.truth().speed > 0.5, "a sound car is under way to the end"

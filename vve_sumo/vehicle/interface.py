@@ -32,7 +32,10 @@ PORT: Final = Port(
     "drive-by-wire interface",
     "vve_sumo.vehicle_interfaces",
     "(settings)",
-    {"dataspeed_dbw1": "vve_sumo.vehicle.dataspeed.interface"},
+    {
+        "dataspeed_dbw1": "vve_sumo.vehicle.dataspeed.interface",
+        "generic": "vve_sumo.vehicle.mapped.interface",
+    },
 )
 
 
