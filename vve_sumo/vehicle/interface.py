@@ -34,7 +34,10 @@ PORT: Final = Port(
     "(settings)",
     {
         "dataspeed_dbw1": "vve_sumo.vehicle.dataspeed.interface",
+        "dataspeed_ulc": "vve_sumo.vehicle.ulc.interface",
         "generic": "vve_sumo.vehicle.mapped.interface",
+        "new_eagle_raptor": "vve_sumo.vehicle.raptor.interface",
+        "pacmod3": "vve_sumo.vehicle.pacmod.interface",
     },
 )
 

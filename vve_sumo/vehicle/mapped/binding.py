@@ -99,7 +99,12 @@ class Binder:
                 )
         invalid = frozenset(count for count, name in signal.choices.items() if name.upper() in _INVALID)
         low, high = sorted(scale * bound for bound in _range(signal, invalid))
-        return Number(message.id, signal, scale, low, high, invalid)
+        valid = None
+        if scaled is not None and scaled.valid is not None:
+            valid = self.condition(f"{key}.valid", scaled.valid)
+            if valid.message != message.id:
+                raise self._wrong(f"{key}.valid", f"expected a signal of message {message.name}")
+        return Number(message.id, signal, scale, low, high, invalid, valid)
 
     def condition(self, key: str, wanted: mapping.Condition) -> Condition:
         """Return the condition of a key."""

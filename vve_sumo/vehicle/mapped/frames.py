@@ -8,9 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from vve_sumo.dbc import Signal
+
+#: share of a count by which rounding may miss a whole one
+ROUNDING: Final = 1e-6
 
 
 class Views(NamedTuple):
@@ -38,37 +41,6 @@ class Placed(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Number:
-    """A number by one signal, in SI units; `scale` is what one unit of the DBC file is in SI units."""
-
-    message: int  #: identifier
-    signal: Signal
-    scale: float
-    low: float  #: least that the wire takes [SI]
-    high: float  #: greatest
-    invalid: frozenset[int] = frozenset()  #: counts that say that it is not known
-
-    def read(self, views: Views) -> float:
-        """Return the number in a frame, NaN where the frame says that it is not known."""
-        count = count_in(self.signal, views)
-        if count in self.invalid:
-            return math.nan
-        return (count * self.signal.scale + self.signal.offset) * self.scale
-
-    def placed(self, value: float) -> Placed:
-        """Return the count that stands for a number; raises ValueError for NaN and beyond the wire's range."""
-        if not self.low <= value <= self.high:
-            raise ValueError(f"{self.signal.name} must be {self.low:g} to {self.high:g} in SI units, got {value:g}")
-        return Placed(self.signal, round((value / self.scale - self.signal.offset) / self.signal.scale))
-
-    def nearest(self, value: float) -> Placed | None:
-        """Return the count nearest to a number, as a device reports it; None for NaN that the wire cannot say."""
-        if value == value:
-            return self.placed(min(max(value, self.low), self.high))
-        return Placed(self.signal, min(self.invalid)) if self.invalid else None
-
-
-@dataclass(frozen=True, slots=True)
 class Condition:
     """A yes or no by one signal."""
 
@@ -84,6 +56,48 @@ class Condition:
     def placed(self, value: bool) -> Placed:
         """Return the count that says yes or no."""
         return Placed(self.signal, self.yes[0] if value else self.no)
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A number by one signal, in SI units; `scale` is what one unit of the DBC file is in SI units."""
+
+    message: int  #: identifier
+    signal: Signal
+    scale: float
+    low: float  #: least that the wire takes [SI]
+    high: float  #: greatest
+    invalid: frozenset[int] = frozenset()  #: counts that say that it is not known
+    valid: Condition | None = None  #: in the same message; says whether it is known
+
+    def read(self, views: Views) -> float:
+        """Return the number in a frame, NaN where the frame says that it is not known."""
+        count = count_in(self.signal, views)
+        if count in self.invalid or not (self.valid is None or self.valid.read(views)):
+            return math.nan
+        return (count * self.signal.scale + self.signal.offset) * self.scale
+
+    def placed(self, value: float) -> Placed:
+        """Return the count that stands for a number; raises ValueError for NaN and beyond the wire's range."""
+        if not self.low <= value <= self.high:
+            raise ValueError(f"{self.signal.name} must be {self.low:g} to {self.high:g} in SI units, got {value:g}")
+        return Placed(self.signal, round((value / self.scale - self.signal.offset) / self.signal.scale))
+
+    def placed_down(self, value: float) -> Placed:
+        """Return the count of a number that is at most this one, but not zero, which may mean "no limit"."""
+        placed = self.placed(value)
+        count = math.floor((value / self.scale - self.signal.offset) / self.signal.scale + ROUNDING)
+        return Placed(placed.signal, count or 1)
+
+    def nearest(self, value: float) -> list[Placed] | None:
+        """Return the counts nearest to a number, as a device reports it; None for NaN that the wire cannot say."""
+        known = value == value
+        says = [] if self.valid is None else [self.valid.placed(known)]
+        if known:
+            return [*says, self.placed(min(max(value, self.low), self.high))]
+        if self.invalid:
+            return [*says, Placed(self.signal, min(self.invalid))]
+        return says or None
 
 
 class Seal(NamedTuple):

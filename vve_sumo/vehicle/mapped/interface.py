@@ -64,14 +64,16 @@ class MappedInterface:
         placed: list[tuple[int, Placed]] = []
         numbers: list[tuple[Number | None, float, float, float]] = [
             (commands.wheel_angle, command.wheel_angle, -angle, angle),
-            (commands.wheel_rate, command.wheel_rate, 0.0, rate),
             (commands.brake_torque, command.brake_torque, 0.0, facts.brake_torque_limit),
             (commands.throttle, command.throttle, 0.0, 1.0),
         ]
         if facts.acceleration_limits is not None:
             numbers.append((commands.acceleration, command.acceleration, *facts.acceleration_limits))
-        if commands.wheel_rate is None and not 0.0 <= command.wheel_rate <= rate:
+        if not 0.0 <= command.wheel_rate <= rate:
             raise ValueError(f"steering-wheel rate must be 0 to {rate:g} rad/s, got {command.wheel_rate:g}")
+        if commands.wheel_rate is not None:
+            # Never more than is asked for, and never a count of zero: to some wires that is no rate, to others any.
+            placed.append((commands.wheel_rate.message, commands.wheel_rate.placed_down(command.wheel_rate or rate)))
         for number, value, low, high in numbers:
             if number is not None:
                 placed.append((number.message, _within(number, value, low, high)))

@@ -26,19 +26,6 @@ STEERING_TORQUE: Final = (
 )
 
 
-class Scaled(Table):
-    """A number: its signal, and what one unit of it is in SI units where the unit in the DBC file does not say that."""
-
-    signal: SignalName
-    scale: Finite | None = None  # negative for a signal with the other sign
-
-    @model_validator(mode="after")
-    def _not_zero(self) -> Self:
-        if self.scale == 0.0:
-            raise ValueError("expected a scale other than 0")
-        return self
-
-
 class Flag(Table):
     """A yes or no by a signal that is more than one bit: the counts that mean yes, and the one that means no."""
 
@@ -47,9 +34,28 @@ class Flag(Table):
     no: int = 0
 
 
-Quantity = SignalName | Scaled
 Condition = SignalName | Flag
 Conditions = Annotated[tuple[Condition, ...], Field(strict=False)]
+
+
+class Scaled(Table):
+    """A number: its signal, what one unit of it is in SI units, and what says that it is valid.
+
+    Without a scale the DBC file's unit says it; a negative one turns the sign.
+    """
+
+    signal: SignalName
+    scale: Finite | None = None
+    valid: Condition | None = None
+
+    @model_validator(mode="after")
+    def _not_zero(self) -> Self:
+        if self.scale == 0.0:
+            raise ValueError("expected a scale other than 0")
+        return self
+
+
+Quantity = SignalName | Scaled
 
 
 class Gears(Table):
@@ -132,8 +138,9 @@ class SteeringReport(Subsystem):
 
 
 class GearReport(Gears):
-    """Of the shifter."""
+    """Of the shifter; `between` are the counts of no gear, such as while it shifts."""
 
+    between: Annotated[tuple[int, ...], Field(strict=False)] = ()
     override: Conditions = ()
     fault: Conditions = ()
 
@@ -235,8 +242,12 @@ class Mapping(Table):
 
 def load(file: Path) -> Mapping:
     """Return the mapping in a TOML file; raises ConfigError, one line that names file and key, for a wrong one."""
-    table = numbers_of(read(file, "mapping"), file, Mapping)
+    return parse(read(file, "mapping"), file)
+
+
+def parse(table: dict[str, Any], file: Path) -> Mapping:
+    """Return the mapping that a parsed table holds; `file` is named in the ConfigError of a wrong one."""
     try:
-        return Mapping.model_validate(table)
+        return Mapping.model_validate(numbers_of(table, file, Mapping))
     except ValidationError as error:
         raise ConfigError(complaint(file, error, Mapping)) from None

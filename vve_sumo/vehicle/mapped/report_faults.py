@@ -25,9 +25,7 @@ class ReportFaults:
         self._layouts = wire.report_layouts
         self._plans = {plan.kind: plan for plan in wire.reports}
         self._frozen_content: dict[tuple[str, int], bytes] = {}
-        self._freezes = {
-            f"{name}_report_frozen": kind for name, kind in _SUBSYSTEMS.items() if self._has_its_own_messages(kind)
-        }
+        self._freezes = {f"{name}_report_frozen": kind for name, kind in _SUBSYSTEMS.items() if self._can_freeze(kind)}
         self._set = {
             f"{name}_fault": (self._own(kind, "fault"), True)
             for name, kind in _SUBSYSTEMS.items()
@@ -80,9 +78,11 @@ class ReportFaults:
         }
         return () if any((one.message, one.signal.name) in others for one in conditions) else conditions
 
-    def _has_its_own_messages(self, kind: type) -> bool:
+    def _can_freeze(self, kind: type) -> bool:
+        """Whether a report repeats what is commanded, in messages of its own; freezing any other one shows nowhere."""
         own: ReportPlan = self._plans[kind]
-        return all(plan is own or not plan.messages & own.messages for plan in self._plans.values())
+        repeats = not own.numbers.keys().isdisjoint(("command", "wheel_angle"))
+        return repeats and all(plan is own or not plan.messages & own.messages for plan in self._plans.values())
 
 
 def _first(conditions: Iterable[Condition], value: bool) -> Iterable[Condition]:

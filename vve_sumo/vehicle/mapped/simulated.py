@@ -148,12 +148,12 @@ class SimulatedMapped:
         shared: dict[tuple[int, str], tuple[Condition, bool]] = {}
         placed: dict[int, list[Placed] | None] = {number: [] for number in self._wire.report_layouts}
 
-        def put(message: int, one: Placed | None) -> None:
+        def put(message: int, more: list[Placed] | None) -> None:
             counts = placed[message]
-            if one is None:
+            if more is None:
                 placed[message] = None
             elif counts is not None:
-                counts.append(one)
+                counts += more
 
         for plan in self._wire.reports:
             state = states[plan.kind]
@@ -168,9 +168,9 @@ class SimulatedMapped:
                     shared[key] = one, (before and says) if name == "enabled" else (before or says)
             if plan.selector is not None:
                 count = plan.selector.counts.get(self.gear, plan.selector.counts[Gear.PARK])
-                put(plan.selector.message, Placed(plan.selector.signal, count))
+                put(plan.selector.message, [Placed(plan.selector.signal, count)])
         for condition, value in shared.values():
-            put(condition.message, condition.placed(value))
+            put(condition.message, [condition.placed(value)])
         return placed
 
     def _states(self, measured: Measured) -> dict[type, Any]:

@@ -184,6 +184,9 @@ def _selector(binder: Binder, key: str, table: mapping.Gears) -> Selector:
                 f"{binder.mapping_file}: {key}: {gears[count].name.lower()} and {gear.name.lower()} are both {count}"
             )
         gears[count] = gear
+    for count in getattr(table, "between", ()):
+        binder.require_count(f"{key}.between", signal, count)
+        gears.setdefault(count, Gear.NONE)
     return Selector(message.id, signal, counts, gears)
 
 
@@ -197,7 +200,7 @@ def _plan(binder: Binder, table: str, wanted: Any) -> ReportPlan:
     selector = _selector(binder, f"report.{table}", wanted) if isinstance(wanted, mapping.GearReport) else None
     for name, value in wanted:
         key = f"report.{table}.{name}"
-        if value is None or (selector is not None and name in mapping.Gears.model_fields):
+        if value is None or (selector is not None and name in (*mapping.Gears.model_fields, "between")):
             continue
         if isinstance(value, tuple):
             conditions[name] = binder.conditions(key, value)
