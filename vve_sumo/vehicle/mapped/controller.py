@@ -106,9 +106,14 @@ class Controller:
         on = self.said.enable and goes_on and not any(self.overrides) and not self.watchdog_fault
         return on and self.broken != BRAKE, on and self.broken != THROTTLE, on and self.broken != STEERING
 
-    def hear(self, said: Said, speed: float, brake_torque: float) -> None:
-        """Take what a step's commands say, at the car's `speed` [m/s] and applied `brake_torque` [N m]."""
-        self.said, self._silent = said, 0
+    def hear(self, said: Said, speed: float, brake_torque: float, *, in_time: bool) -> None:
+        """Take what the commands say, at the car's `speed` [m/s] and applied `brake_torque` [N m].
+
+        The time-out begins anew only `in_time`: when all of them have come.
+        """
+        self.said = said
+        if in_time:
+            self._silent = 0
         if said.clear if self._clears else not said.enable:
             self.overrides = [self._beyond[number] > 0 for number in range(3)]
             self.gear_override = False

@@ -52,6 +52,7 @@ class SimulatedMapped:
         self._layouts = {layout.id: layout for layout in wire.command_layouts}
         self._views: dict[int, Views] = {}  # newest usable commands
         self._counts: dict[int, int | None] = {}
+        self._fresh: set[int] = set()  # messages that came since the last time that all had come
         self._hundredths = 0
         self._sent = dict.fromkeys(wire.report_layouts, 0)
 
@@ -82,7 +83,7 @@ class SimulatedMapped:
 
     def receive(self, frames: Sequence[Frame], speed: float, brake_torque: float) -> None:
         """Take in frames; one with a wrong length, checksum or a counter that stands still is not one."""
-        fresh = set()
+        heard = False
         for number, data in frames:
             layout = self._layouts.get(number)
             if layout is None or len(data) != layout.size or not layout.intact(data):
@@ -91,9 +92,14 @@ class SimulatedMapped:
             count = layout.count(views)
             if count is None or self._counts.get(number) != count:
                 self._counts[number], self._views[number] = count, views
-                fresh.add(number)
-        if fresh and self._views.keys() == self._layouts.keys():
-            self._controller.hear(self._said(), speed, brake_torque)
+                self._fresh.add(number)
+                heard = True
+        if heard and self._views.keys() == self._layouts.keys():
+            # Every message has its own time-out: one that stops, or whose counter does, is enough.
+            whole = self._fresh == self._layouts.keys()
+            self._controller.hear(self._said(), speed, brake_torque, in_time=whole)
+            if whole:
+                self._fresh.clear()
 
     def step(self, driver: DriverInputs, speed: float, wheel_angle: float) -> Request:
         """Advance by one step."""
