@@ -11,6 +11,7 @@ from __future__ import annotations
 import enum
 import importlib.util
 import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -437,7 +438,7 @@ def read_dbc(file: Path) -> Database:
 
 def has_cantools() -> bool:
     """Whether DBC files can be read by `read_dbc`."""
-    return importlib.util.find_spec("cantools") is not None
+    return sys.modules.get("cantools", importlib.util) is not None and importlib.util.find_spec("cantools") is not None
 
 
 def load(config: InterfaceConfig) -> VehicleInterface:
