@@ -17,6 +17,7 @@ from tests.vehicle.whole_car import LOT
 from vve_sumo.physical_constants import AIR_DENSITY, GRAVITY
 from vve_sumo.plant.car import Car
 from vve_sumo.vehicle.actuation import Actuation
+from vve_sumo.vehicle.effective_deceleration import effective_deceleration, of_model
 from vve_sumo.vehicle.interface import (
     HANDS_OFF,
     AccelerationLimits,
@@ -115,3 +116,13 @@ def test_the_simulated_car_gives_an_acceleration_by_itself_on_a_grade_and_lets_t
     assert drive(1.0, wanted._replace(acceleration=-1.5)) == pytest.approx(-1.5, abs=0.05)
     assert drive(0.2, wanted, DriverInputs(brake_pedal=0.33)) < 0.0, "a foot brakes whatever is asked for"
     assert car.brake_torque > 3000.0
+
+
+def test_how_hard_the_car_brakes_counts_with_what_the_wire_takes():
+    model = replace(FUSION, interface=InterfaceConfig("generic", {"mapping_file": str(EXAMPLE)}))
+    assert of_model(model).value == of_model(FUSION).value, "the wire takes 6 m/s2, the car gives 5.9"
+    facts = replace(load(model.interface).facts, acceleration_limits=AccelerationLimits(-4.0, 2.0))
+    weak = effective_deceleration(VEHICLE, CALIBRATION, FUSION.limits, facts)
+    assert weak.value == 4.0
+    assert weak.limiting.part == "wire"
+    assert "takes -4 m/s2" in weak.shortfall_text()

@@ -103,6 +103,16 @@ WRONG = {
         "limits.steering_wheel_rate_degps is missing",
     ),
     "a line that is none": (DBC, "BO_ 272 Long", "BO_ x272 Long", "expected a message or a signal, got 'BO_ x272"),
+    "a case without its switch": (
+        DBC, ACCELERATION, ACCELERATION.replace("ACCELERATION :", "ACCELERATION m2 :"),
+        "LongitudinalCommand.ACCELERATION is there only where a switch that is missing is 2",
+    ),
+    "another case than the constant one": (
+        DBC, ACCELERATION + ' SG_ ENABLE : 16|1@0+ (1,0) [0|1] "" Car\n',
+        ACCELERATION.replace("ACCELERATION :", "ACCELERATION m2 :")
+        + ' SG_ KIND M : 39|8@0+ (1,0) [0|3] "" Car\n SG_ ENABLE : 16|1@0+ (1,0) [0|1] "" Car\n',
+        'expected command.constant with "LongitudinalCommand.KIND" = 2',
+    ),
     "CAN FD": (DBC, "BO_ 272 LongitudinalCommand: 8", "BO_ 272 LongitudinalCommand: 64", "64 bytes, expected 1 to 8"),
 }  # fmt: skip
 

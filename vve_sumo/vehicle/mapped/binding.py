@@ -180,7 +180,7 @@ class Binder:
         message, signal = self.signal(key, name)
         if signal.case is None:
             return
-        switch = next(one.name for one in message.signals.values() if one.switch)
+        switch = next((one.name for one in message.signals.values() if one.switch), "a switch that is missing")
         if constants.get(f"{message.name}.{switch}") != signal.case:
             raise self._wrong(
                 key,

@@ -106,9 +106,6 @@ def bound(wanted: mapping.Mapping, origin: Origin) -> Wire:
     received = {number for plan in plans for number in plan.messages}
     if both := received & sent.keys():
         raise ConfigError(f"{origin.mapping}: message {sent[min(both)]} is both a command and a report")
-    if strangers := layouts.keys() - received - sent.keys():
-        name = layouts[min(strangers)].name
-        raise ConfigError(f"{origin.mapping}: command.constant: nothing else of this mapping lies in message {name}")
     return Wire(
         _facts(wanted, origin, binder, commands, plans, layouts, frozenset(sent)),
         commands,
