@@ -16,8 +16,9 @@ from tests.ports.interface_bench import HELD, NEUTRAL
 from tests.vehicle.whole_car import LOT
 from vve_sumo.physical_constants import AIR_DENSITY, GRAVITY
 from vve_sumo.plant.car import Car
-from vve_sumo.vehicle.actuation import Actuation
+from vve_sumo.vehicle.actuation import Actuation, Pedals
 from vve_sumo.vehicle.effective_deceleration import effective_deceleration, of_model
+from vve_sumo.vehicle.gateway import Gateway
 from vve_sumo.vehicle.interface import (
     HANDS_OFF,
     AccelerationLimits,
@@ -27,6 +28,7 @@ from vve_sumo.vehicle.interface import (
     InterfaceConfig,
     load,
 )
+from vve_sumo.vehicle.motion_control import MotionCommand
 
 FUSION = vehicles.FUSION
 CALIBRATION, VEHICLE = FUSION.calibration, FUSION.vehicle
@@ -126,3 +128,16 @@ def test_how_hard_the_car_brakes_counts_with_what_the_wire_takes():
     assert weak.value == 4.0
     assert weak.limiting.part == "wire"
     assert "takes -4 m/s2" in weak.shortfall_text()
+
+
+def test_no_car_is_asked_for_more_braking_than_its_brakes_give():
+    """The wire takes 6 m/s2; the brakes of this one give 3 m/s2, and a fault asks for all there is."""
+    wire = InterfaceConfig("generic", {"mapping_file": str(EXAMPLE)})
+    weak = replace(VEHICLE, brake_torque_limit=3.0 * CALIBRATION.brake_gain)
+    gateway = Gateway(weak, CALIBRATION, interface=load(wire))
+    assert gateway._motion.hardest == pytest.approx(-3.0)
+    reader = load(wire)
+    gateway._motion.step = lambda *_: MotionCommand(Pedals(9e3, 0.0, -9.0), -9.0, 0.0, ())
+    said = [reader.commanded(frame) for frame in gateway.step(0.0, None, ()).frames]
+    (asked,) = [each.acceleration for each in said if each is not None and not math.isnan(each.acceleration)]
+    assert asked == pytest.approx(-3.0, abs=1e-3)

@@ -286,3 +286,11 @@ def test_a_first_report_begins_the_count():
     car = CarReports(RADIUS, DataspeedDbw1())
     car.take(7.0, [codec.encode(codec.WheelSpeeds(1.0, 1.0, 1.0, 1.0))])
     assert car.unchanged(8.0) == 1.0
+
+
+def test_a_decoder_that_forgets_to_return_is_a_malformed_report():
+    class Forgetful(DataspeedDbw1):
+        def decode(self, frame):
+            return None if frame.id == layout.BRAKE_REPORT else super().decode(frame)
+
+    assert CarReports(RADIUS, Forgetful()).take(0.0, [codec.encode(message) for message in ALL]) == ["report_malformed"]

@@ -354,8 +354,8 @@ class Gateway:
             torque = self._motion.torque_limit
             pedals = Pedals(torque, throttle, asked)
         self._last_pedals = pedals
-        if (range_ := self._wire.acceleration_limits) is not None:
-            asked = clamp(asked, range_.least, range_.greatest)
+        if self._wire.acceleration_limits is not None:
+            asked = clamp(asked, self._motion.hardest, self._wire.acceleration_limits.greatest)
         enable = self._arming.state in COMMANDING and not self._shadow
         wheel_limit = self._wire.wheel_angle_limit
         wheel_angle = clamp(steering * self._ratio + self._wheel_bias, -wheel_limit, wheel_limit)

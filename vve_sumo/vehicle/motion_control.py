@@ -82,7 +82,7 @@ class MotionControl:
             calibration.brake_torque_limit,
             wire.largest_brake_torque(calibration.brake_gain),
         )
-        self._hardest = -self.torque_limit / calibration.brake_gain  # acceleration of that torque [m/s2]
+        self.hardest = -self.torque_limit / calibration.brake_gain  #: acceleration of that torque [m/s2]
         self.fallback_tracker = FallbackTracker(vehicle)
         self.limiter = Limiter(vehicle, limits, self._steering_limit)
         self.actuation = Actuation(calibration, vehicle.brake_delay, vehicle.brake_lag)
@@ -200,7 +200,7 @@ class MotionControl:
             pedals = self._brake_in_doubt(now)
         if weak and not self._standstill.certain:
             # Brakes that do not follow get the full torque at once.
-            pedals = Pedals(self.torque_limit, 0.0, self._hardest)
+            pedals = Pedals(self.torque_limit, 0.0, self.hardest)
         limited = self._steer_to_rest()
         return MotionCommand(pedals, limiter.acceleration, limiter.steering, limited)
 
