@@ -82,7 +82,7 @@ class CarReports:
         """Take in frames received since the last call; reason codes of malformed reports and foreign commands."""
         troubles: list[str] = []
         read, decode, times, newest = self._read, self._decode, self._times, self._newest
-        reports: tuple[Report, ...] | Malformed | None  # None of an interface that forgets to return
+        reports: Any  # a tuple of reports, or Malformed; None of an interface that forgets to return
         for frame in frames:
             number, _data = frame
             if number in read:
