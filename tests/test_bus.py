@@ -8,12 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.vehicle.car import Rig
-from vve_sumo.bus import Bus, candump_lines, read_log
+from vve_sumo.bus import Bus, LoggedFrame, candump_lines, read_log, written_log
 from vve_sumo.errors import ConfigError, RigError
-from vve_sumo.values import Frame
+from vve_sumo.values import EXTENDED, Frame, identifier_text
 from vve_sumo.vehicle.arming_machine import OperatorCommand
 
-FRAMES = st.builds(Frame, st.integers(0, 0x7FF), st.binary(max_size=8))
+IDENTIFIERS = st.integers(0, 0x7FF) | st.integers(EXTENDED, EXTENDED + 0x1FFF_FFFF)  # of 11 and of 29 bits
+FRAMES = st.builds(Frame, IDENTIFIERS, st.binary(max_size=8))
 
 
 def test_the_gateways_frames_cross_a_bus_and_come_back_bit_identical():
@@ -34,7 +35,6 @@ def test_the_gateways_frames_cross_a_bus_and_come_back_bit_identical():
 def test_what_a_frame_cannot_hold_is_passed_over():
     with Bus("virtual", "others") as ours, can.Bus(interface="virtual", channel="others") as theirs:
         for message in (
-            can.Message(arbitration_id=0x61, data=[1], is_extended_id=True),
             can.Message(arbitration_id=0x61, is_remote_frame=True, is_extended_id=False),
             can.Message(arbitration_id=0x61, is_error_frame=True, is_extended_id=False),
             can.Message(arbitration_id=0x61, data=bytes(12), is_fd=True, is_extended_id=False),
@@ -43,6 +43,31 @@ def test_what_a_frame_cannot_hold_is_passed_over():
             theirs.send(message)
         assert ours.receive(1.0)[1] == Frame(0x61, b"\x07")
         assert ours.receive(0.0) is None
+
+
+def test_identifiers_of_11_and_29_bits_are_two_things_on_every_bus():
+    frames = [Frame(0x61, b"\x01"), Frame(EXTENDED | 0x61, b"\x02"), Frame(EXTENDED | 0x18DAF110, bytes(8))]
+    with Bus("virtual", "wide") as ours, can.Bus(interface="virtual", channel="wide") as theirs:
+        for frame in frames:
+            ours.send(frame)
+        messages = [theirs.recv(1.0) for _ in frames]
+        assert [(one.arbitration_id, one.is_extended_id) for one in messages] == [
+            (0x61, False), (0x61, True), (0x18DAF110, True),
+        ]  # fmt: skip
+        for message in messages:
+            theirs.send(message)
+        assert ours.drain() == frames
+    assert [identifier_text(frame.id) for frame in frames] == ["0x061", "0x00000061", "0x18DAF110"]
+
+
+@pytest.mark.parametrize("form", ["asc", "blf"])
+def test_logs_of_vectors_tools_hold_identifiers_of_both_lengths(tmp_path, form):
+    frames = [Frame(0x61, b"\x01"), Frame(EXTENDED | 0x61, b"\x02"), Frame(EXTENDED | 0x1FFFFFFF, bytes(8))]
+    file = tmp_path / f"log.{form}"
+    file.write_bytes(written_log([LoggedFrame(100.0 + n, 0, one, n % 2 == 0) for n, one in enumerate(frames)], form))
+    with can.LogReader(file) as reader:
+        read = [(one.arbitration_id, one.is_extended_id, bytes(one.data)) for one in reader]
+    assert read == [(one.id & ~EXTENDED, bool(one.id & EXTENDED), one.data) for one in frames]
 
 
 def test_a_bus_that_cannot_be_opened_is_one_line_about_the_rig():
@@ -76,7 +101,7 @@ def test_candump_lines_are_read_back_identically_by_python_can(tmp_path_factory,
     path.write_text("".join(candump_lines(us / 1e6, channel, [frame]) for us, channel, frame in rows))
     read = list(can.CanutilsLogReader(path))
     assert [(m.arbitration_id, bytes(m.data), m.is_extended_id, str(m.channel)) for m in read] == [
-        (frame.id, frame.data, False, channel) for _, channel, frame in rows
+        (frame.id & ~EXTENDED, frame.data, bool(frame.id & EXTENDED), channel) for _, channel, frame in rows
     ]
     assert [round(m.timestamp * 1e6) for m in read] == [us for us, _, _ in rows]
     assert [(channel, frame) for _, channel, frame in read_log(path)] == [row[1:] for row in rows]

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple, Self
 
 from vve_sumo.errors import ConfigError, RigError
-from vve_sumo.values import Frame
+from vve_sumo.values import EXTENDED, Frame
 
 
 @contextlib.contextmanager
@@ -50,12 +50,13 @@ MAX_FRAMES: Final = 1000
 #: of a serial adapter: bytes read at once, and the longest line that can still become a frame
 SERIAL_CHUNK: Final = 4096
 MAX_LINE_LENGTH: Final = 32
-#: of a classic 11-bit frame: greatest identifier, most bytes
-MAX_IDENTIFIER, MAX_LENGTH = 0x7FF, 8
+#: of a classic frame: greatest identifiers of 11 and of 29 bits, most bytes
+MAX_IDENTIFIER, MAX_EXTENDED, MAX_LENGTH = 0x7FF, 0x1FFF_FFFF, 8
 
-#: a classic 11-bit data frame on a serial adapter's wire: LAWICEL, CANUSB manual, command t; most hold eight bytes
+#: a classic data frame on a serial adapter's wire, of 11 or 29 bits: LAWICEL, CANUSB manual, commands t and T; most
+#: hold eight bytes
 _SERIAL_FRAME: Final = re.compile(
-    rb"t[0-7][0-9A-Fa-f]{2}(?:"
+    rb"(?:t[0-7][0-9A-Fa-f]{2}|T[01][0-9A-Fa-f]{7})(?:"
     + b"|".join(b"%d[0-9A-Fa-f]{%d}" % (size, 2 * size) for size in range(8, -1, -1))
     + rb")"
 )
@@ -100,12 +101,12 @@ class Bus:
             if isinstance(self._bus, _SerialBus):
                 self._bus.send_frame(frame)
                 return
-            self._bus.send(can.Message(arbitration_id=frame.id, data=frame.data, is_extended_id=False), SEND_TIMEOUT)
+            self._bus.send(_as_message(frame), SEND_TIMEOUT)
         except (OSError, can.CanError) as error:
             raise self._rig_error("cannot send", error) from error
 
     def drain(self) -> list[Frame]:
-        """Return all classic 11-bit data frames that wait now, without waiting; what we sent is not among them.
+        """Return all classic data frames that wait now, without waiting; what we sent is not among them.
 
         At most MAX_FRAMES of them; the rest waits for the next call.
         """
@@ -132,7 +133,7 @@ class Bus:
             return None
 
     def receive(self, timeout: float) -> tuple[float, Frame] | None:
-        """Driver's timestamp [s] and frame of the next classic 11-bit data frame, or None after `timeout` [s].
+        """Driver's timestamp [s] and frame of the next classic data frame, or None after `timeout` [s].
 
         An interface that goes down may look like a silent one: judge silence by age, not by errors.
         """
@@ -172,7 +173,7 @@ def interfaces() -> list[str]:
 def read_log(path: Path) -> Iterator[tuple[float, str, Frame]]:
     """Time [s], channel and frame of every line of a candump log; a last line without its end is a torn one.
 
-    Leaves out what a `Frame` cannot hold: extended, remote, error and FD frames. Raises ConfigError for a file that is
+    Leaves out what a `Frame` cannot hold: remote, error and FD frames. Raises ConfigError for a file that is
     not there or a line that is not candump's.
     """
     frames = 0
@@ -193,7 +194,15 @@ def read_log(path: Path) -> Iterator[tuple[float, str, Frame]]:
 def candump_lines(timestamp: float, channel: str, frames: Iterable[Frame]) -> str:
     """Return a line of a candump log for each frame of one moment; `timestamp` [s] is kept to the microsecond."""
     head = f"({timestamp:017.6f}) {channel}"
-    return "".join([f"{head} {identifier:03X}#{data.hex().upper()}\n" for identifier, data in frames])
+    return "".join([f"{head} {frame_text(frame)}\n" for frame in frames])
+
+
+def frame_text(frame: Frame) -> str:
+    """Return a frame as candump writes it: an identifier of three digits, or of eight with 29 bits, and the bytes."""
+    identifier, data = frame
+    if identifier & EXTENDED:
+        return f"{identifier ^ EXTENDED:08X}#{data.hex().upper()}"
+    return f"{identifier:03X}#{data.hex().upper()}"
 
 
 def written_log(frames: Iterable[LoggedFrame], form: Literal["asc", "blf"]) -> bytes:
@@ -208,20 +217,21 @@ def written_log(frames: Iterable[LoggedFrame], form: Literal["asc", "blf"]) -> b
                 # python-can writes the date's milliseconds without their leading zeros, and reads them otherwise.
                 log.log_event(_BEGIN, float(math.floor(frames[0].time)))
             for one in frames:
-                log.on_message_received(_as_message(one))
+                log.on_message_received(_as_logged(one))
         content = file.read_bytes()
     return content if form == "blf" else _dated_by_its_trigger(content)
 
 
-def _as_message(one: LoggedFrame) -> can.Message:
-    return can.Message(
-        timestamp=one.time,
-        channel=one.channel,
-        arbitration_id=one.frame.id,
-        data=one.frame.data,
-        is_extended_id=False,
-        is_rx=not one.sent,
-    )
+def _as_message(frame: Frame) -> can.Message:
+    identifier, data = frame
+    extended = bool(identifier & EXTENDED)
+    return can.Message(arbitration_id=identifier & ~EXTENDED, data=data, is_extended_id=extended)
+
+
+def _as_logged(one: LoggedFrame) -> can.Message:
+    message = _as_message(one.frame)
+    message.timestamp, message.channel, message.is_rx = one.time, one.channel, not one.sent
+    return message
 
 
 def _dated_by_its_trigger(content: bytes) -> bytes:
@@ -237,7 +247,7 @@ def _dated_by_its_trigger(content: bytes) -> bytes:
 class _SerialBus(slcanBus):  # type: ignore[misc]  # python-can has no types that mypy is shown
     """python-can's serial adapter, reading what is there at once: byte by byte, ten frames take a millisecond.
 
-    Lines that are no classic 11-bit data frame are passed over: the adapter's answers, and noise on the wire, over
+    Lines that are no classic data frame are passed over: the adapter's answers, and noise on the wire, over
     which python-can would stumble.
 
     Linux hands over a serial port's bytes by an ordinary kernel worker, and whoever looks at the port waits for that
@@ -272,16 +282,23 @@ class _SerialBus(slcanBus):  # type: ignore[misc]  # python-can has no types tha
         super().shutdown()
 
     def send_frame(self, frame: Frame) -> None:
-        """Write a frame, or raise where it is no classic 11-bit one or there is no room for it."""
-        if not (0 <= frame.id <= MAX_IDENTIFIER and len(frame.data) <= MAX_LENGTH):
-            raise can.CanOperationError(f"no classic 11-bit frame: {frame.id:#x} with {len(frame.data)} bytes")
-        self._write(f"t{frame.id:03X}{len(frame.data)}{frame.data.hex().upper()}")
+        """Write a frame, or raise where it is no classic one or there is no room for it."""
+        identifier, data = frame
+        if 0 <= identifier <= MAX_IDENTIFIER and len(data) <= MAX_LENGTH:
+            self._write(f"t{identifier:03X}{len(data)}{data.hex().upper()}")
+        elif EXTENDED <= identifier <= EXTENDED + MAX_EXTENDED and len(data) <= MAX_LENGTH:
+            self._write(f"T{identifier ^ EXTENDED:08X}{len(data)}{data.hex().upper()}")
+        else:
+            raise can.CanOperationError(f"no classic frame: {identifier:#x} with {len(data)} bytes")
 
     def frames(self) -> list[Frame]:
         """Return the frames that wait, at most MAX_FRAMES, without waiting."""
         taken: list[Frame] = []
         while len(taken) < MAX_FRAMES and (line := self._read(0.0)) is not None:
-            taken.append(Frame(int(line[1:4], 16), bytes.fromhex(line[5:])))
+            if line[0] == "t":
+                taken.append(Frame(int(line[1:4], 16), bytes.fromhex(line[5:])))
+            else:
+                taken.append(Frame(int(line[1:9], 16) | EXTENDED, bytes.fromhex(line[10:])))
         return taken
 
     def _listen(self) -> None:
@@ -326,6 +343,7 @@ class _SerialBus(slcanBus):  # type: ignore[misc]  # python-can has no types tha
 
 
 def _as_frame(message: can.Message) -> Frame | None:
-    if message.is_extended_id or message.is_remote_frame or message.is_error_frame or message.is_fd:
+    if message.is_remote_frame or message.is_error_frame or message.is_fd:
         return None
-    return Frame(message.arbitration_id, bytes(message.data))
+    mark = EXTENDED if message.is_extended_id else 0
+    return Frame(message.arbitration_id | mark, bytes(message.data))

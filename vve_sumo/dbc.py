@@ -15,7 +15,7 @@ from typing import Final, Literal
 
 _MESSAGE: Final = re.compile(r"BO_ (\d+) (\w+) *: *(\d+) ")
 _SIGNAL: Final = re.compile(
-    r"SG_ (\w+)(?: (M|m\d+))? *: *(\d+)\|(\d+)@([01])([+-]) *"
+    r"SG_ (\w+)(?: (M|m\d+M?))? *: *(\d+)\|(\d+)@([01])([+-]) *"
     r'\(([^,]+),([^)]+)\) *\[([^|]+)\|([^]]+)\] *"([^"]*)"'
 )
 _NAMES: Final = re.compile(r"VAL_ (\d+) (\w+) ")
@@ -28,7 +28,8 @@ class Signal:
 
     name: str
     length: int  #: [bits]
-    shift: int  #: bits below it, in the message's bytes taken as one number in the message's byte order
+    order: Literal["little", "big"]  #: of its bytes
+    shift: int  #: bits below it, in the message's bytes taken as one number in its byte order; beyond them: no room
     mask: int  #: as many ones as it has bits
     signed: bool  #: two's complement
     least: int  #: count that its bits hold
@@ -41,6 +42,11 @@ class Signal:
     switch: bool  #: its count says which of the multiplexed signals a frame holds
     case: int | None  #: count of the switch with which a frame holds it; None always
     choices: Mapping[int, str]  #: names of counts
+
+    def count(self, bits: int) -> int:
+        """Return the count that the message's number carries."""
+        count = bits >> self.shift & self.mask
+        return count - self.mask - 1 if count > self.greatest else count
 
     def put(self, value: float) -> int:
         """Return the message's number with the bits that carry a value; one out of range saturates.
@@ -56,20 +62,17 @@ class Signal:
 
     def get(self, bits: int) -> float:
         """Return the value that the message's number carries."""
-        count = bits >> self.shift & self.mask
-        if count > self.greatest:
-            count -= self.mask + 1
-        return count * self.scale + self.offset
+        return self.count(bits) * self.scale + self.offset
 
 
 @dataclass(frozen=True, slots=True)
 class Message:
     """Layout of the frames of one identifier."""
 
-    id: int
+    id: int  #: of 29 bits with bit 31 set, as in `values.Frame`
     name: str
     size: int  #: [bytes]
-    order: Literal["little", "big"]  #: of the bytes of all its signals
+    order: Literal["little", "big"]  #: of the bytes of all its signals; of `read_all`, of the first one
     signals: Mapping[str, Signal]
 
     def encode(self, **values: float) -> bytes:
@@ -111,26 +114,45 @@ def read(file: Path) -> dict[str, Message]:
 
     Raises ValueError for a line that it does not understand, and for a message with signals of both byte orders.
     """
-    lines = [line.strip() for line in file.read_text(encoding="utf-8").splitlines()]
+    messages = {message.name: message for message in read_all(file)}
+    for message in messages.values():
+        if any(signal.order != message.order for signal in message.signals.values()):
+            raise ValueError(f"{file}: {message.name}: expected signals of one byte order, got both")
+    return messages
+
+
+def read_all(file: Path) -> list[Message]:
+    """Return the messages of a DBC file in its order, also where they contradict each other.
+
+    Raises ValueError for a line that it does not understand, OSError for a file that cannot be read.
+    """
+    lines = [line.strip() for line in _text(file).splitlines()]
     names = {
         found.groups(): {int(count): name for count, name in _NAME.findall(line)}
         for line in lines
         if (found := _NAMES.match(line))
     }
-    messages: dict[str, Message] = {}
+    messages: list[Message] = []
     for line in lines:
         if line.startswith("BO_ "):
             identifier, name, size = _parts(file, _MESSAGE, line)
-            messages[name] = Message(int(identifier), name, int(size), "big", {})
-        elif line.startswith("SG_ "):
-            _, message = messages.popitem()
+            messages.append(Message(int(identifier), name, int(size), "big", {}))
+        elif line.startswith("SG_ ") and messages:
+            message = messages[-1]
             parts = _parts(file, _SIGNAL, line)
-            order: Literal["little", "big"] = "little" if parts[4] == "1" else "big"
-            if message.signals and order != message.order:
-                raise ValueError(f"{file}: {message.name}: expected signals of one byte order, got both")
             signal = _signal(parts, message.size, names.get((str(message.id), parts[0]), {}))
-            messages[message.name] = replace(message, order=order, signals={**message.signals, signal.name: signal})
+            order = message.order if message.signals else signal.order
+            messages[-1] = replace(message, order=order, signals={**message.signals, signal.name: signal})
     return messages
+
+
+def _text(file: Path) -> str:
+    """Return a DBC file's text; what is not UTF-8 is the code page that Windows programs write."""
+    data = file.read_bytes()
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", errors="replace")
 
 
 def _parts(file: Path, pattern: re.Pattern[str], line: str) -> tuple[str, ...]:
@@ -148,6 +170,7 @@ def _signal(parts: tuple[str, ...], size: int, choices: Mapping[int, str]) -> Si
     return Signal(
         name,
         bits,
+        "little" if order == "1" else "big",
         shift,
         mask,
         signed,
@@ -159,6 +182,6 @@ def _signal(parts: tuple[str, ...], size: int, choices: Mapping[int, str]) -> Si
         float(maximum),
         unit,
         switching == "M",
-        int(switching[1:]) if switching[1:] else None,
+        int(switching[1:].rstrip("M")) if switching[1:] else None,
         choices,
     )

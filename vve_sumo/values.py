@@ -45,11 +45,20 @@ class FixQuality(enum.StrEnum):
     RTK_FIXED = "RTK fixed"  #: ambiguities fixed to whole numbers
 
 
-class Frame(NamedTuple):
-    """One classic CAN frame with an 11-bit identifier."""
+#: Mark of a 29-bit identifier beside its bits, as in DBC files and in SocketCAN; 11-bit ones lack it.
+EXTENDED: Final = 0x8000_0000
 
-    id: int  #: identifier, 0 to 0x7FF
+
+class Frame(NamedTuple):
+    """One classic CAN frame."""
+
+    id: int  #: identifier: 11 bits, or 29 bits and EXTENDED
     data: bytes  #: payload, 0 to 8 bytes; its length is the DLC
+
+
+def identifier_text(identifier: int) -> str:
+    """Return an identifier for people: three hexadecimal digits, or eight of a 29-bit one, as candump writes them."""
+    return f"0x{identifier & ~EXTENDED:08X}" if identifier & EXTENDED else f"0x{identifier:03X}"
 
 
 @fast_frozen

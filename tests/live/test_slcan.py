@@ -17,9 +17,14 @@ from tests.live.patience import until
 from vve_sumo.bus import Bus
 from vve_sumo.errors import RigError
 from vve_sumo.live.slcan import QUEUE_SIZE, Adapter, SlcanProtocol, encode_frame
-from vve_sumo.values import Frame
+from vve_sumo.values import EXTENDED, Frame
 
-FRAMES = st.builds(Frame, st.integers(0, 0x7FF), st.binary(max_size=8))
+IDENTIFIERS = st.integers(0, 0x7FF) | st.integers(EXTENDED, EXTENDED + 0x1FFF_FFFF)  # of 11 and of 29 bits
+FRAMES = st.builds(Frame, IDENTIFIERS, st.binary(max_size=8))
+#: of both lengths, in turn
+MANY = [
+    Frame(0x7FF - 13 * n if n % 2 else EXTENDED | (0x1FFFFFFF - 999_983 * n), bytes(range(n % 9))) for n in range(100)
+]
 OPENING = b"C\rS6\r\rO\r"  # what python-can sends
 
 
@@ -45,8 +50,8 @@ def heard(bus: can.BusABC) -> list[Frame]:
     """All that python-can reads until nothing comes for a while."""
     frames, end = [], time.monotonic() + 1.0
     while time.monotonic() < end and (message := bus.recv(0.05)) is not None:
-        assert not message.is_extended_id
-        frames.append(Frame(message.arbitration_id, bytes(message.data)))
+        mark = EXTENDED if message.is_extended_id else 0
+        frames.append(Frame(message.arbitration_id | mark, bytes(message.data)))
     return frames
 
 
@@ -63,18 +68,25 @@ def taken(adapter: Adapter, count: int) -> list[Frame]:
 
 
 def test_frames_cross_to_python_can_and_back_bit_identical(adapter):
-    frames = [Frame(0x7FF - 13 * n, bytes(range(n % 9))) for n in range(100)]
+    frames = MANY
     with python_can(adapter) as bus:
         adapter.send(frames[:50])
         assert heard(bus) == frames[:50]
         for frame in frames[50:]:
-            bus.send(can.Message(arbitration_id=frame.id, data=frame.data, is_extended_id=False))
+            wide = bool(frame.id & EXTENDED)
+            bus.send(can.Message(arbitration_id=frame.id & ~EXTENDED, data=frame.data, is_extended_id=wide))
         assert taken(adapter, len(frames[50:])) == frames[50:]
 
 
-@pytest.mark.parametrize("frame", [Frame(0x800, b""), Frame(-1, b""), Frame(0x60, bytes(9))])
-def test_what_is_no_classic_frame_of_11_bits_is_not_written_as_another(adapter, frame):
-    with Bus("slcan", adapter.name) as bus, pytest.raises(RigError, match="cannot send: no classic 11-bit frame"):
+@pytest.mark.parametrize(
+    "frame",
+    [
+        Frame(0x800, b""), Frame(-1, b""), Frame(0x60, bytes(9)), Frame(EXTENDED | 0x2000_0000, b""),
+        Frame(EXTENDED | 1, bytes(9)),
+    ],
+)  # fmt: skip
+def test_what_is_no_classic_frame_is_not_written_as_another(adapter, frame):
+    with Bus("slcan", adapter.name) as bus, pytest.raises(RigError, match="cannot send: no classic frame"):
         bus.send(frame)
 
 
@@ -89,7 +101,7 @@ def test_our_own_bus_opens_it(adapter):
 
 
 def test_frames_cross_to_our_own_bus_and_back_bit_identical(adapter):
-    frames = [Frame(0x7FF - 13 * n, bytes(range(n % 9))) for n in range(100)]
+    frames = MANY
     with Bus("slcan", adapter.name) as bus:
         adapter.receive()
         adapter.send(frames[:50])
@@ -105,14 +117,14 @@ def test_frames_cross_to_our_own_bus_and_back_bit_identical(adapter):
 def test_what_a_frame_cannot_hold_is_acknowledged_and_goes_nowhere(adapter):
     with python_can(adapter) as bus:
         for message in (
-            can.Message(arbitration_id=0x18DAF110, data=[1, 2], is_extended_id=True),
             can.Message(arbitration_id=0x61, is_remote_frame=True, dlc=8, is_extended_id=False),
             can.Message(arbitration_id=0x18DAF110, is_remote_frame=True, is_extended_id=True),
             can.Message(arbitration_id=0x61, data=[7], is_extended_id=False),
         ):
             bus.send(message)
         assert taken(adapter, 1) == [Frame(0x61, b"\x07")]
-    assert opened().take(b"T18DAF11020102\rR18DAF1100\rr0618\r") == ([], b"Z\rZ\rz\r")
+    assert opened().take(b"R18DAF1100\rr0618\r") == ([], b"Z\rz\r")
+    assert opened().take(b"T18DAF11020102\r") == ([Frame(EXTENDED | 0x18DAF110, b"\x01\x02")], b"Z\r")
 
 
 def test_it_says_who_it_is():
@@ -159,7 +171,7 @@ def test_no_bytes_confuse_it_beyond_the_next_line_end(garbage, frame):
     for piece in garbage:
         dialogue.take(piece)
     dialogue.take(b"\rO\r")
-    assert dialogue.take(encode_frame(frame)) == ([frame], b"z\r")
+    assert dialogue.take(encode_frame(frame)) == ([frame], b"Z\r" if frame.id & EXTENDED else b"z\r")
 
 
 def test_nobody_reading_costs_the_oldest_lines_and_never_time(adapter):

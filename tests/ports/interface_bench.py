@@ -2,104 +2,51 @@
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 import numpy as np
 
 from tests import vehicles
 from tests.vehicle.whole_car import LOT
+from vve_sumo.commissioning import interface_bench as bench
+from vve_sumo.commissioning.interface_bench import HELD, NEUTRAL, STANDING, SUBSYSTEMS
 from vve_sumo.plant.car import Car
 from vve_sumo.values import ArmingState, Frame, Setpoint
 from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.gateway import Gateway
 from vve_sumo.vehicle.interface import (
     HANDS_OFF,
-    Accelerations,
     ActuationCommand,
-    BrakeState,
     DriverInputs,
-    Gear,
     InterfaceConfig,
-    Malformed,
-    Measured,
-    Report,
-    SteeringState,
-    ThrottleState,
-    WheelSpeeds,
-    YawRate,
     load,
 )
 
-STEP: Final = 0.005  # of the simulated end [s]
+__all__ = ["CALIBRATION", "HELD", "NEUTRAL", "PERIOD", "STANDING", "SUBSYSTEMS", "Bench", "Drive"]
+
 PERIOD: Final = 0.02  # of the gateway [s]
-STANDING: Final = Measured(
-    0.0, 0.0, WheelSpeeds(0.0, 0.0, 0.0, 0.0), Accelerations(0.0, 0.0, 9.81), YawRate(0.0, 0.0), 0.0, 0.0
-)
-NEUTRAL: Final = ActuationCommand(0.0, 0.0, 0.0, 0.0, Gear.NONE, enable=False, clear=False)
-SUBSYSTEMS: Final = (BrakeState, ThrottleState, SteeringState)
+#: How the bench's car turns an acceleration into pedals.
+CALIBRATION: Final = vehicles.FUSION.calibration
 
 
-class Bench:
-    """An interface and its simulated other end, with no car between actuators and sensors."""
+class Bench(bench.Bench):
+    """The bench, on which every report has to be understood while no fault is put on."""
 
     def __init__(self, config: InterfaceConfig) -> None:
-        self.interface = load(config)
-        self.end = self.interface.simulated(STEP)
-        self.measured = STANDING
-        self.newest: dict[type, Report] = {}
-        self.times: dict[type, list[float]] = {}
-        self.fault: tuple[str, float] | None = None  #: kind and value of the one that is due
-        self.malformed: set[int] = set()  #: identifiers of the malformed reports since the fault began
-        self._steps = 0
-
-    @property
-    def now(self) -> float:
-        return self._steps * STEP
+        super().__init__(config, CALIBRATION)
 
     def run(self, seconds: float, command: ActuationCommand | None, driver: DriverInputs = HANDS_OFF) -> None:
-        """Send `command` every 20 ms, or nothing; the actuators obey at once."""
-        for _ in range(round(seconds / STEP)):
-            if self._steps % 4 == 0:
-                self.end.receive(
-                    self.interface.encode(command) if command else (), self.measured.speed, self.measured.brake_torque
-                )
-            request = self.end.step(driver, self.measured.speed, self.measured.wheel_angle)
-            angle = self.measured.wheel_angle if math.isnan(request.wheel_angle) else request.wheel_angle
-            self.measured = self.measured._replace(wheel_angle=angle, brake_torque=request.brake_torque)
-            self._steps += 1
-            if self._steps % 2 == 0:
-                self._hear(self.end.reports(self.measured))
-
-    def _hear(self, frames: list[Frame]) -> None:
-        for frame in frames:
-            reports = self.interface.decode(self.end.alter(self.now, frame, self._due))
-            if isinstance(reports, Malformed):
-                assert self.fault is not None, reports
-                self.malformed.add(frame.id)
-                continue
-            for report in reports:
-                self.newest[type(report)] = report
-                self.times.setdefault(type(report), []).append(self.now)
-
-    def _due(self, kind: str, _time: float) -> float | None:
-        return self.fault[1] if self.fault is not None and self.fault[0] == kind else None
-
-    def inject(self, kind: str, value: float = math.nan) -> None:
-        """Put a fault on from now on, in place of the one before."""
-        self.fault, self.malformed = (kind, value), set()
+        super().run(seconds, command, driver)
+        assert self.fault is not None or not self.malformed, self.malformed
 
     def restore(self) -> None:
-        """Put no fault on any more."""
-        self.fault = None
-
-    def enabled(self) -> list[bool]:
-        return [self.newest[kind].enabled for kind in SUBSYSTEMS]  # type: ignore[union-attr]
+        super().restore()
+        self.malformed = set()
 
     def engaged(self) -> Bench:
         """Enable everything, on the brakes."""
         self.run(0.1, NEUTRAL)
-        self.run(0.3, NEUTRAL._replace(brake_torque=1000.0, enable=True))
+        self.run(0.3, HELD)
         assert all(self.enabled())
         return self
 

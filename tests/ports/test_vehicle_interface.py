@@ -174,7 +174,7 @@ def test_the_shipped_ones_are_known():
 @pytest.mark.parametrize(
     ("config", "said"),
     [
-        (InterfaceConfig("pacmod", {}), "interface pacmod: unknown; known are dataspeed_dbw1"),
+        (InterfaceConfig("nobodys", {}), "interface nobodys: unknown; known are dataspeed_dbw1, "),
         (InterfaceConfig("nowhere.py:make", {}), r"interface nowhere.py:make: there is no file nowhere.py"),
         (InterfaceConfig(f"{TOY_FILE}:mke", {}), r"offers no function mke\(settings\)"),
         (InterfaceConfig(f"{TOY_FILE}:make", {}), "settings must be brake_nm"),

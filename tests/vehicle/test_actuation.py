@@ -155,7 +155,7 @@ def test_a_saturated_pedal_winds_nothing_up():
 def test_never_both_pedals_and_never_beyond_their_travel(steps):
     actuation = Actuation(CALIBRATION, FUSION.brake_delay, FUSION.brake_lag)
     for acceleration, speed, grade, brakes_only in steps:
-        brake, throttle = actuation.step(acceleration, speed, grade, PERIOD, brakes_only=brakes_only)
+        brake, throttle, _asked = actuation.step(acceleration, speed, grade, PERIOD, brakes_only=brakes_only)
         assert 0.0 <= brake <= 3250.0
         assert 0.0 <= throttle <= 1.0
         assert brake == 0.0 or throttle == 0.0
@@ -220,7 +220,7 @@ def test_a_speed_of_nan_reaches_no_pedal(believed):
 @pytest.mark.parametrize("deceleration", [2.4, 4.0])
 def test_without_a_speed_the_brakes_still_give_what_is_asked_against_full_creep(deceleration):
     actuation = Actuation(CALIBRATION, FUSION.brake_delay, FUSION.brake_lag)
-    brake, throttle = actuation.without_speed(deceleration, grade=0.05)
+    brake, throttle, _asked = actuation.without_speed(deceleration, grade=0.05)
     assert actuation.without_speed(deceleration, grade=0.0).brake_torque == brake, "no help of a slope is relied on"
     steeper = actuation.without_speed(deceleration, grade=-0.05).brake_torque - brake
     assert steeper / 550.0 == pytest.approx(GRAVITY * math.sin(0.05))

@@ -132,15 +132,16 @@ def test_what_nobody_reads_is_passed_over():
     assert car.yaw_rate == pytest.approx(0.5), "one that is damaged does not hide those after it"
 
 
-def test_a_decoder_that_raises_is_a_malformed_report_and_no_more():
+def test_a_decoder_that_raises_is_a_reason_with_its_text_and_no_more():
     class Broken(DataspeedDbw1):
         def decode(self, frame):
             if frame.id == layout.BRAKE_REPORT:
-                raise IndexError
+                raise IndexError("no such byte")
             return super().decode(frame)
 
     car = CarReports(RADIUS, Broken())
-    assert car.take(0.0, [codec.encode(message) for message in ALL]) == ["report_malformed"]
+    assert car.take(0.0, [codec.encode(message) for message in ALL]) == ["interface_raised"]
+    assert car.error.startswith("IndexError: no such byte (test_reports.py, line ")
     assert car.stale(0.0) == ["brake_report_stale"]
 
 
@@ -285,3 +286,11 @@ def test_a_first_report_begins_the_count():
     car = CarReports(RADIUS, DataspeedDbw1())
     car.take(7.0, [codec.encode(codec.WheelSpeeds(1.0, 1.0, 1.0, 1.0))])
     assert car.unchanged(8.0) == 1.0
+
+
+def test_a_decoder_that_forgets_to_return_is_a_malformed_report():
+    class Forgetful(DataspeedDbw1):
+        def decode(self, frame):
+            return None if frame.id == layout.BRAKE_REPORT else super().decode(frame)
+
+    assert CarReports(RADIUS, Forgetful()).take(0.0, [codec.encode(message) for message in ALL]) == ["report_malformed"]

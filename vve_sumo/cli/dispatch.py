@@ -33,6 +33,7 @@ from vve_sumo.cli import (
     study,
     suite,
     sweep,
+    vehicle,
     view,
 )
 from vve_sumo.cli.console import DEFECT, INTERRUPTED, PIPE_CLOSED, complain
@@ -52,6 +53,7 @@ COMMANDS = (
     doctor,
     align,
     calibrate,
+    vehicle,
     replay,
     redrive,
     view,

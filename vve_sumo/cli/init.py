@@ -12,9 +12,10 @@ EXIT_CODES = OF_FILES
 SUMMARY = "create a workspace of your own"
 TEXT = """\
 Copy the shipped controllers, networks, notebooks, rigs, routes, scenarios, sweeps and vehicles into a
-folder, with examples of external controllers (examples/brains) and the suites that a receiver, a sensor, a
-drive-by-wire interface and metrics of your own must pass (tests/ports). Run vve-sumo from there: your files
-take precedence over shipped ones of the same name.
+folder, with examples of external controllers (examples/brains) and of a car by its DBC file
+(examples/own_car), and the suites that a receiver, a sensor, a drive-by-wire interface and metrics of your
+own must pass (tests/ports). Run vve-sumo from there: your files take precedence over shipped ones of the same
+name.
 """
 
 

@@ -154,7 +154,16 @@ def calibrate(folder: Path) -> Calibrated:
 
 
 def read(folder: Path, resolved: dict[str, Any], declared: VehicleModel) -> Log:
-    """Read a record's commands, reports and fixes onto the drive's clock; raises ConfigError naming what is missing."""
+    """Read a record's commands, reports and fixes onto the drive's clock; raises ConfigError naming what is missing.
+
+    Also for a car that is commanded an acceleration: what its pedals did is not in the record.
+    """
+    facts = load(declared.interface).facts
+    if facts.acceleration_limits is not None:
+        raise ConfigError(
+            f"{folder}: {facts.title} is commanded an acceleration: what its pedals do is not in a drive of it, "
+            "expected a car that is commanded pedals"
+        )
     messages_by_kind = _messages(folder / "can.log", float(resolved["epoch_gnss_s"]), declared.interface)
     fixes = _fixes(folder / "pose.bin")
     begin, end = _obedient(folder, messages_by_kind)

@@ -18,6 +18,7 @@ from vve_sumo.drive.run import resolve_by_name
 from vve_sumo.errors import ConfigError
 from vve_sumo.live import assembly
 from vve_sumo.rig import load as rigs
+from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.lock import rig_lock
 from vve_sumo.rig.schema import Rig
 
@@ -50,6 +51,7 @@ def examine(
         loaded = report.attempt("rig", advice, lambda: rigs.load(workspace.find("rig", rig, working), working))
     if loaded is not None:
         report.add([Check("rig", f"{loaded.title} ({loaded.car})")])
+    _examine_dbc(report, resolved, loaded)
     if resolved is not None:
         _examine_scenario(report, resolved, loaded, working)
     if loaded is not None:
@@ -60,6 +62,14 @@ def examine(
                 rig_checks.examine(report, loaded, resolved, working)
                 _examine_brain(report, loaded, working)
     return report
+
+
+def _examine_dbc(report: CheckReport, resolved: ResolvedScenario | None, rig: Rig | None) -> None:
+    """Check the DBC file of the interface that commands the car: the rig's, or without a rig the scenario's."""
+    interface = meaning.interface_of(rig) if rig is not None else resolved.model.interface if resolved else None
+    if interface is not None:
+        advice = "correct the DBC file, or what names it in drive_by_wire"
+        report.attempt("dbc", advice, lambda: report.add([machine_checks.dbc(interface)]))
 
 
 def _examine_brain(report: CheckReport, rig: Rig, working: Path) -> None:

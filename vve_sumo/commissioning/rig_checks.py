@@ -36,7 +36,7 @@ from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.dates import StatedDay, stated_days
 from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.validation import PTY, arming_obstacle
-from vve_sumo.values import Fix, Frame
+from vve_sumo.values import Fix, Frame, identifier_text
 from vve_sumo.vehicle.interface import (
     BrakeState,
     Gear,
@@ -279,7 +279,7 @@ def bus_checks(observed: Observed) -> Iterator[Check]:
     if not frames:
         return
     others = sorted(observed.facts.commands & frames.keys())
-    names = ", ".join(f"0x{number:03X} {frames[number] / LISTENING_TIME:.0f}/s" for number in others)
+    names = ", ".join(f"{identifier_text(number)} {frames[number] / LISTENING_TIME:.0f}/s" for number in others)
     advice = "another program or node commands this car: end it, only one may"
     yield judged("commands", f"heard from others: {names or 'none'}", not others, advice)
     malformed = observed.troubles["report_malformed"]

@@ -56,12 +56,15 @@ TickCallback = Callable[[int, float, float, float], None]
 CAR_BUS: Final = "can0"  #: name of the car's bus in the record
 
 
-def drive_end(ego: str, outcome: Outcome, reasons: tuple[str, ...], pipeline: Pipeline, road: VirtualRoad) -> DriveEnd:
+def drive_end(
+    ego: str, outcome: Outcome, reasons: tuple[str, ...], failure: str, road: VirtualRoad
+) -> DriveEnd:  # fmt: skip
     """Return how an ego's drive ended, with the removed vehicles and SUMO's warnings.
 
-    The text is the last failure of the controller or a sensor; without one, SUMO's last error message about the ego.
+    The text is the last `failure` of the controller, a sensor or the drive-by-wire interface; without one, SUMO's last
+    error message about the ego.
     """
-    text = pipeline.failure or road.around[ego].detail
+    text = failure or road.around[ego].detail
     return DriveEnd(
         outcome, reasons, road.removed_at_entry, road.warnings, text, road.removed_after_standoff, road.signals
     )
@@ -344,7 +347,8 @@ class Lockstep:
                 on_tick(number, now, own.truth.speed, own.result.s)
                 contact = bool(self.road.around[ego.id].contacts)
                 if (end := ego.end(now, own, contact, number >= self._last)) is not None:
-                    return drive_end(ego.id, *end, ego.pipeline, self.road)
+                    failure = ego.pipeline.failure or ego.gateway.interface_error
+                    return drive_end(ego.id, *end, failure, self.road)
         raise AssertionError("ticks never end by themselves")
 
 

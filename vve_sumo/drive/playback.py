@@ -95,7 +95,7 @@ class Playback:
             tick.finish()
         error = self._prediction_error
         extra = {"prediction_error_100ms_mean_m": error.mean, "prediction_error_100ms_max_m": error.greatest}
-        return replace(drive_end(EGO, Outcome.PLAYED, reasons, self._pipeline, self._road), extra=extra)
+        return replace(drive_end(EGO, Outcome.PLAYED, reasons, self._pipeline.failure, self._road), extra=extra)
 
     def _play(self, ego: EgoTick, tick: Tick, on_tick: TickCallback) -> tuple[str, ...]:
         """Tick until the recording ends; return the gateway's reason codes of the last tick."""

@@ -18,16 +18,19 @@ from vve_sumo.pose.receivers import port as receivers
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.sensors import port as sensors
 from vve_sumo.vehicle import interface
+from vve_sumo.vehicle.interface import InterfaceConfig
 
 #: prefix of the role of a plug-in's file; the name of the module follows
 CONTROLLER: Final = "controller_"
 INTERFACE: Final = "interface_"
 RECEIVER: Final = "receiver_"
+#: prefix of the role of a file that an interface is made of besides its code; the file's name follows
+WIRE: Final = "wire_"
 #: for a sensor, the sensor's name follows, then a colon and the name of the module
 SENSOR: Final = "sensor_"
 #: for a file of metrics, its number in the scenario's `metrics` follows, then a colon and the name of the module
 METRIC: Final = "metric_"
-PREFIXES: Final = (CONTROLLER, INTERFACE, RECEIVER, SENSOR, METRIC)
+PREFIXES: Final = (CONTROLLER, INTERFACE, RECEIVER, SENSOR, METRIC, WIRE)
 
 
 class PluggedIn(NamedTuple):
@@ -73,6 +76,22 @@ def of_scenario(scenario: Scenario, working: Path) -> Iterator[PluggedIn]:
 def vehicle_interface(name: str) -> PluggedIn:
     """Return the drive-by-wire interface of this name as a plug-in."""
     return PluggedIn(interface.PORT, name, INTERFACE)
+
+
+def wire_files(config: InterfaceConfig) -> dict[str, Path]:
+    """Return the files that a shipped drive-by-wire interface is made of besides its code, by role.
+
+    Raises ConfigError where the interface cannot be made of them any more.
+    """
+    if config.name not in interface.PORT.shipped:
+        return {}  # none of a user's code is run here
+    return {f"{WIRE}{file.name}": file for file in interface.load(config).facts.files}
+
+
+def changed_wire(config: InterfaceConfig, recorded: Mapping[str, Collection[str]]) -> list[str]:
+    """Return a line for every one of `wire_files` that is not as recorded."""
+    files = wire_files(config)
+    return [f"{role} has changed since" for role in sorted(files) if digest(files[role]) not in recorded.get(role, ())]
 
 
 def receiver(kind: str) -> PluggedIn:

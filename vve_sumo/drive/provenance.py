@@ -29,7 +29,7 @@ from vve_sumo.record.layout import PROVENANCE
 PACKAGE: Final = Path(__file__).parent.parent
 SHIPPED: Final = "shipped"
 #: endings of the files that decide what the program does: its code, and the car's message layout
-CODE_SUFFIXES: Final = (".py", ".dbc")
+CODE_SUFFIXES: Final = (".py", ".dbc", ".toml")
 #: time that git has to answer [s]
 GIT_TIMEOUT: Final = 2.0
 

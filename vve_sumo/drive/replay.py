@@ -140,7 +140,8 @@ def changed_code(folder: Path, working: Path, *, controller: bool = True) -> lis
     try:
         recorded = {role: [str(digest)] for role, digest in resolved["files_sha256"].items()}
         parts = [*plugged_in.of_scenario(parse(resolved["settings"], file), working)]
-        parts.append(plugged_in.vehicle_interface(resolved["vehicle_model"]["interface"]["name"]))
+        wire = InterfaceConfig(**resolved["vehicle_model"]["interface"])
+        parts.append(plugged_in.vehicle_interface(wire.name))
         if "rig" in resolved:
             parts.append(plugged_in.receiver(resolved["rig"]["pose"]["kind"]))
     except (AttributeError, KeyError, TypeError) as error:
@@ -149,6 +150,7 @@ def changed_code(folder: Path, working: Path, *, controller: bool = True) -> lis
     run = (part for part in parts if not part.role.startswith(plugged_in.METRIC))
     asked = (part for part in run if part.role != plugged_in.CONTROLLER or (controller and not foreign))
     lines = [line for part in asked for line in part.changed(recorded)]
+    lines += plugged_in.changed_wire(wire, recorded)
     # An external controller's commands are in the record, as frames of the car's bus; setpoints are not.
     if foreign == "setpoints":
         lines.append("controller: an external controller decided, which cannot be asked again")
@@ -335,4 +337,4 @@ def compare_frames(number: int, recorded: list[Frame], mine: tuple[Frame, ...]) 
 
 
 def _spelt(frames: Iterable[Frame]) -> str:
-    return " ".join(f"{frame.id:03X}#{frame.data.hex().upper()}" for frame in frames)
+    return " ".join(map(bus.frame_text, frames))

@@ -144,6 +144,7 @@ class ResolvedScenario:
         if own := self.own_metrics().declared:
             noted["metrics"] = own.to_dict()
         files = self.files | {role: file for part in parts for role, file in part.files().items()}
+        files |= plugged_in.wire_files(self.model.interface)
         model = self.model.to_dict()
         return {
             "layout": LAYOUT,

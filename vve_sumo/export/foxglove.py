@@ -44,7 +44,7 @@ CAN_FRAME: Final = {
         "description": "Unix time at which it was heard or sent",
     },
     "bus": {"type": "integer", "description": "number of the bus, from 1"},
-    "id": {"type": "integer", "description": "11-bit identifier"},
+    "id": {"type": "integer", "description": "identifier; of 29 bits with bit 31 set"},
     "sent": {"type": "boolean", "description": "the gateway sent it; else it heard it"},
     "length": {"type": "integer", "description": "bytes of the payload"},
     "data": {"type": "string", "description": "payload, two hexadecimal digits a byte"},

@@ -154,6 +154,7 @@ class GatewayProcess:
         self._has_engaged = False
         self._last_status: tuple[ArmingState, tuple[str, ...]] | None = None
         self._last_status_time = -math.inf
+        self._logged_error = ""  # of the interface's own code
 
     def run(self) -> None:
         """Step until the drive is over, the console is gone before it began, or the DBW controller is gone."""
@@ -234,6 +235,9 @@ class GatewayProcess:
         found = tuple(dict.fromkeys([*taken.process_faults, *self._find(received)]))
         now = self._clock()
         output = self._gateway.step(now, taken.setpoint, received, taken.command, found)
+        if (error := self._gateway.interface_error) not in ("", self._logged_error):
+            self._logged_error = error
+            _say(f"the drive-by-wire interface raised {error}")
         count = self._send(output.frames)
         sent = self._clock() if count else math.nan
         self._last, self._alone = now, taken.setpoint is None

@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Iterable
 from typing import Final, Self
 
-from vve_sumo.values import Frame
+from vve_sumo.values import EXTENDED, Frame
 
 # Commands and answers: LAWICEL, "CANUSB manual" and "CAN232 manual" (version 3), chapters on the available commands.
 OK: Final = b"\r"
@@ -39,9 +39,9 @@ class SlcanProtocol:
         self._line = b""
 
     def take(self, data: bytes) -> tuple[list[Frame], bytes]:
-        """Return the classic 11-bit data frames that `data` completes, and the answers to be written back, in order.
+        """Return the classic data frames that `data` completes, and the answers to be written back, in order.
 
-        Remote and extended frames are acknowledged and go nowhere: a `Frame` cannot hold them.
+        Remote frames are acknowledged and go nowhere: a `Frame` cannot hold them.
         """
         *lines, rest = (self._line + data).split(b"\r")
         self._line = rest[: MAX_LINE_LENGTH + 1]  # a line that is too long is still an error once complete
@@ -66,18 +66,20 @@ class SlcanProtocol:
         return OK
 
     def _pass_on(self, line: bytes, match: re.Match[bytes], frames: list[Frame]) -> bytes:
-        short, _long, length, digits = match.groups()
+        short, long, length, digits = match.groups()
         data = bytes.fromhex(digits.decode())
         remote = line[:1] in b"rR"
         if not self.open or len(data) != (0 if remote else int(length)):
             return ERROR
-        if short and not remote:
-            frames.append(Frame(int(short, 16), data))
+        if not remote:
+            frames.append(Frame(int(short, 16) if short else int(long, 16) | EXTENDED, data))
         return b"z\r" if short else b"Z\r"
 
 
 def encode_frame(frame: Frame) -> bytes:
     """Return the line that carries `frame`."""
+    if frame.id & EXTENDED:
+        return b"T%08X%d%s\r" % (frame.id ^ EXTENDED, len(frame.data), frame.data.hex().upper().encode())
     return b"t%03X%d%s\r" % (frame.id, len(frame.data), frame.data.hex().upper().encode())
 
 

@@ -221,7 +221,9 @@ class Car:
 
     def _advance(self, driver: DriverInputs) -> None:
         motion, interface, steering = self._motion, self._interface, self._steering
-        brake_torque, opening, wheel_angle = interface.step(driver, motion.speed, steering.angle)
+        brake_torque, opening, wheel_angle, acceleration = interface.step(driver, motion.speed, steering.angle)
+        if acceleration == acceleration:
+            brake_torque, opening = self._pedals(acceleration, brake_torque, opening)
         torque = self._brakes.step(brake_torque)
         faults = self.actuator_faults
         throttle = self._engine.step(max(opening, faults.stuck_throttle))
@@ -236,6 +238,17 @@ class Car:
             held = self._brake_force * (torque if faults is HEALTHY else self._true_torque(torque))
         motion.advance(STEP, self._road_angle(), self._drive_force(gear, throttle), held)
         self._steps += 1
+
+    def _pedals(self, acceleration: float, brake_torque: float, opening: float) -> tuple[float, float]:
+        """Brake torque [N m] and throttle opening of a car that gives an `acceleration` [m/s2] by itself.
+
+        Its controller knows the declared car and the grade; a foot that asks for more of either pedal gets it.
+        """
+        calibration, motion = self._calibration, self._motion
+        force = calibration.force(acceleration, math.sin(motion.grade), motion.speed)
+        if force > 0.0:
+            return brake_torque, max(opening, calibration.throttle(force, max(motion.speed, 0.0)))
+        return max(brake_torque, calibration.brake_torque(-force)), opening
 
     def _true_torque(self, torque: float) -> float:
         """True brake torque for the estimated `torque` [N m]; only the actuator is weak, not the driver's foot."""

@@ -80,6 +80,8 @@ def _over_model(table: dict[str, Any], file: Path, working: Path) -> dict[str, A
         _scale_brake_gain(whole, model["vehicle"])
     if isinstance(table.get("drive_by_wire"), dict):  # its settings are verified on the car: none are the model's
         whole["drive_by_wire"] = {"interface": wire.name} | table["drive_by_wire"]
+        if isinstance(settings := whole["drive_by_wire"].get("settings"), dict):
+            whole["drive_by_wire"]["settings"] = vehicles.located(settings, file.parent)
     # A record keeps the rig whole: the model's file must be found again from anywhere.
     whole["vehicle"]["model"] = name if name == found.name.removesuffix(".toml") else str(found.absolute())
     return table | whole

@@ -36,6 +36,7 @@ from vve_sumo.rig.resolve import (
 )
 from vve_sumo.rig.schema import Corner, Rig
 from vve_sumo.sensors.port import STANDARD
+from vve_sumo.values import identifier_text
 from vve_sumo.vehicle.interface import VehicleInterface, load
 from vve_sumo.wire.outputs import KINDS
 
@@ -256,8 +257,8 @@ def _collisions(rig: Rig) -> Iterator[str]:
         shared = one.identifiers & two.identifiers
         if one.bus == two.bus and shared:
             yield (
-                f"{two.key}: {two.who} and {one.who} ({one.key}) share identifiers 0x{min(shared):03X} to "
-                f"0x{max(shared):03X} on {':'.join(one.bus)}, give each a bus of its own"
+                f"{two.key}: {two.who} and {one.who} ({one.key}) share identifiers {identifier_text(min(shared))} to "
+                f"{identifier_text(max(shared))} on {':'.join(one.bus)}, give each a bus of its own"
             )
 
 

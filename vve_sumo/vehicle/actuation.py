@@ -1,7 +1,8 @@
-"""Turns a requested acceleration into a brake torque or a throttle opening, and holds the car at standstill.
+"""Turns a requested acceleration into what an interface is asked for, and holds the car at standstill.
 
-Feedforward from the calibration (drag, creep) and the grade, the rest corrected by a bounded integral; never both
-pedals at once. The module knows no comfort limits, no frames and no arming states.
+A bounded integral corrects what the car misses. An interface that takes an acceleration gets that, corrected; one that
+takes pedals gets a brake torque or a throttle opening by the calibration's inverse model (drag, creep) and the grade,
+never both at once. The module knows no comfort limits, no frames and no arming states.
 """
 
 from __future__ import annotations
@@ -29,10 +30,14 @@ HOLD_RATE: Final = 3000.0  # of the holding torque, both ways [N m/s]; full hold
 
 
 class Pedals(NamedTuple):
-    """Commanded pedals; at most one of the two is not zero."""
+    """Commanded pedals, of which at most one is not zero, and the acceleration that they are to give.
+
+    Of a car that is commanded an acceleration, the pedals are what its own controller is expected to use.
+    """
 
     brake_torque: float  #: all wheels together [N m]
     throttle: float  #: 0 to 1
+    acceleration: float = 0.0  #: over ground [m/s2]; of a car that is held, that of its holding torque
 
 
 class Actuation:
@@ -76,8 +81,9 @@ class Actuation:
         """Pedals for `acceleration` [m/s2] at the measured `speed` [m/s] on `grade` [rad, uphill positive].
 
         `elapsed` is the time since the last step [s]. A grade beyond HOLD_GRADE is clipped to it. With `brakes_only`
-        the throttle always stays closed. In place of a speed that is NaN or not `believed` the last other one counts,
-        and nothing more is corrected; with `brakes_only` a correction from before counts only if it brakes harder.
+        the throttle always stays closed, and no acceleration above zero is asked for. In place of a speed that is NaN
+        or not `believed` the last other one counts, and nothing more is corrected; with `brakes_only` a correction from
+        before counts only if it brakes harder.
         """
         measured = speed if believed else math.nan
         if measured == measured:
@@ -91,9 +97,8 @@ class Actuation:
             error = min(error, 0.0)
         requested = acceleration + INTEGRAL_GAIN * error
         slope = clamp(math.sin(grade), -HOLD_GRADE, HOLD_GRADE)
-        force = self._calibration.mass * (requested + GRAVITY * slope)
-        force += self._calibration.drag(speed) - self._calibration.creep(speed)
-        return self._pedals(force, speed, brakes_only)
+        force = self._calibration.force(requested, slope, speed)
+        return self._pedals(force, requested, speed, brakes_only)
 
     def without_speed(self, deceleration: float, grade: float) -> Pedals:
         """Pedals for `deceleration` [m/s2] when the speed is not known: brakes alone, against full creep.
@@ -103,7 +108,7 @@ class Actuation:
         downhill = min(max(-math.sin(grade), 0.0), HOLD_GRADE)
         force = self._calibration.mass * (deceleration + GRAVITY * downhill) + self._calibration.creep_force
         self._torque = self._calibration.brake_torque(force)
-        return Pedals(self._torque, 0.0)
+        return Pedals(self._torque, 0.0, -deceleration)
 
     def lose_speed(self) -> None:
         """Compare the next speed with none before it: what is lost while the speed is unknown is not corrected."""
@@ -135,7 +140,7 @@ class Actuation:
         change = HOLD_RATE * elapsed
         self._torque += clamp(self._hold_target - self._torque, -change, change)
         self._driving = False
-        return Pedals(self._torque, 0.0)
+        return Pedals(self._torque, 0.0, -self._torque / self._calibration.brake_gain)
 
     def _speed_error(self, acceleration: float, speed: float, elapsed: float) -> float:
         """Reference speed minus measured speed [m/s], bounded; it does not grow against a saturated pedal."""
@@ -161,7 +166,7 @@ class Actuation:
             delayed.popleft()
         return delayed[0][1]
 
-    def _pedals(self, force: float, speed: float, brakes_only: bool) -> Pedals:
+    def _pedals(self, force: float, acceleration: float, speed: float, brakes_only: bool) -> Pedals:
         band = PEDAL_BAND * self._calibration.mass
         if brakes_only:
             self._driving = False
@@ -173,11 +178,11 @@ class Actuation:
             self._torque = 0.0
             throttle = self._calibration.throttle(force, speed)
             self._saturation = 1 if throttle >= 1.0 else 0
-            return Pedals(0.0, throttle)
+            return Pedals(0.0, throttle, acceleration)
         self._torque = self._calibration.brake_torque(-force)
         if self._torque >= self._calibration.brake_torque_limit:
             self._saturation = -1
         else:
             # Drive force withheld by `brakes_only` must not be made up for once the throttle works again.
             self._saturation = 1 if brakes_only and force > 0.0 else 0
-        return Pedals(self._torque, 0.0)
+        return Pedals(self._torque, 0.0, min(acceleration, 0.0) if brakes_only else acceleration)

@@ -165,6 +165,7 @@ REASONS: Final[dict[str, str]] = {
     "go_too_early": "go counts only while the gateway waits for it",
     "handshake_timeout": "the DBW controller did not report that it is enabled in time",
     "heading_mismatch": "the receiver's heading and the car's gyroscope disagree",
+    "interface_raised": "the drive-by-wire interface's own code failed; what it said is in the summary or gateway.log",
     "no_setpoint": "no setpoint that is still good",
     "not_in_park": "cannot disarm before the car is in park: it would creep away",
     "not_standing": "the car is not known to stand",

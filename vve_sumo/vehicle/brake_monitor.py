@@ -124,7 +124,7 @@ class BrakeMonitor:
 
     def _follow(self, elapsed: float, pedals: Pedals) -> None:
         """Advance the modelled brake torque and engine acceleration under the commanded `pedals`."""
-        torque, throttle = pedals
+        torque, throttle, _acceleration = pedals
         self._time += elapsed
         queue, oldest = self._commanded_torques, self._time - self._delay
         queue.append((self._time, torque))

@@ -67,6 +67,15 @@ class Calibration:
         """Rolling and air resistance [N] of a car rolling forward at `speed` [m/s]."""
         return self.rolling_resistance * self.mass * GRAVITY + 0.5 * AIR_DENSITY * self.drag_area * speed * abs(speed)
 
+    def force(self, acceleration: float, slope: float, speed: float) -> float:
+        """Force [N] that pedals have to give for an `acceleration` over ground [m/s2], braking negative.
+
+        `slope` is the sine of the grade, uphill positive; `speed` in m/s, forward positive.
+        """
+        force = self.mass * (acceleration + GRAVITY * slope)
+        force += self.drag(speed) - self.creep(speed)
+        return force
+
     def brake_force(self, torque: float) -> float:
         """Braking force [N] of `torque` [N m]."""
         return torque * self.mass / self.brake_gain

@@ -7,6 +7,7 @@ take theirs from here. Everything holds on the level and at the declared mass, u
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
@@ -89,18 +90,27 @@ def effective_deceleration(
     def by_torque(torque: float) -> float:
         return torque / (calibration.brake_gain * mass_factor)
 
-    by_gain, wire = f", calibration.brake_gain_kgm {calibration.brake_gain:g}", facts.brake_torque_limit
+    by_gain = f", calibration.brake_gain_kgm {calibration.brake_gain:g}"
     torque = min(vehicle.brake_torque_limit, calibration.brake_torque_limit)
     declared, emergency = vehicle.deceleration_limit, limits.emergency.deceleration
     return EffectiveDeceleration(
         Bound("car", declared / mass_factor, f"vehicle.deceleration_limit_mps2 is {declared:g}"),
         (
             Bound("brakes", by_torque(torque), f"vehicle.brake_torque_limit_nm is {torque:g}{by_gain}"),
-            Bound("wire", by_torque(wire), f"{facts.title} takes {wire:g} N m{by_gain}"),
+            _of_the_wire(facts, by_torque, by_gain),
             Bound("gateway", emergency / mass_factor, f"limits.emergency_deceleration_mps2 is {emergency:g}"),
             Bound("tyres", friction * GRAVITY, f"friction {friction:g}"),
         ),
     )
+
+
+def _of_the_wire(facts: InterfaceFacts, by_torque: Callable[[float], float], by_gain: str) -> Bound:
+    """Return what the wire can ask for; an acceleration is the car's own matter, whatever it weighs."""
+    if facts.acceleration_limits is not None:
+        least = facts.acceleration_limits.least
+        return Bound("wire", -least, f"{facts.title} takes {least:g} m/s2")
+    torque = facts.brake_torque_limit
+    return Bound("wire", by_torque(torque), f"{facts.title} takes {torque:g} N m{by_gain}")
 
 
 def of_model(model: VehicleModel, *, friction: float = DRY_FRICTION, mass_factor: float = 1.0) -> EffectiveDeceleration:

@@ -20,7 +20,7 @@ from vve_sumo.vehicle.arming import COMMANDING, ArmingEvent
 from vve_sumo.vehicle.arming_machine import ArmingMachine, OperatorCommand
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.engagement import Engagement
-from vve_sumo.vehicle.interface import DEFAULT, ActuationCommand, Gear, VehicleInterface, load
+from vve_sumo.vehicle.interface import DEFAULT, ActuationCommand, Gear, VehicleInterface, error_text, load
 from vve_sumo.vehicle.limits import Limits
 from vve_sumo.vehicle.monitor import Monitor
 from vve_sumo.vehicle.motion_control import MotionControl
@@ -99,7 +99,11 @@ class Gateway:
             vehicle, calibration, limits or Limits(), wire, self.monitor, self._arming, self._engagement
         )
         self._limiter, self._fallback_tracker = motion.limiter, motion.fallback_tracker
-        self._response_monitor = ResponseMonitor(vehicle, calibration, motion.actuation.holding_torque)
+        # How hard a car that is commanded an acceleration brakes for it, its own controller decides.
+        own_brakes = wire.acceleration_limits is not None
+        self._response_monitor = ResponseMonitor(
+            vehicle, calibration, motion.actuation.holding_torque, own_brakes=own_brakes
+        )
         self._uncertain_long = Debounce(UNCERTAIN_TIME)
 
         self._last_now = math.nan
@@ -109,6 +113,7 @@ class Gateway:
         self._driver: list[str] = []  # pedals that the driver touches
         self._unattended_long, self._attended_long = Debounce(UNATTENDED_TIME), Debounce(ATTENDED_TIME)
         self._clear = False
+        self._not_encoded = ""  # what the interface raised when it was to encode the step before
 
     def step(
         self,
@@ -127,6 +132,8 @@ class Gateway:
         arming, shadow = self._arming, self._shadow
         self._clear = False
         faults = self._watch(now, setpoint, reports)
+        if self._not_encoded:
+            faults.append("interface_raised")
         faults += process_faults
         notes = self.monitor.notes
         arming.begin_step(
@@ -139,6 +146,11 @@ class Gateway:
         if command is not None:
             self._apply_command(command)
         return self._encode(now)
+
+    @property
+    def interface_error(self) -> str:
+        """What the interface's own code raised last, with the place; empty while it has raised nothing."""
+        return self._not_encoded or self._reports.error
 
     @property
     def done(self) -> bool:
@@ -337,18 +349,20 @@ class Gateway:
 
     def _encode(self, now: float) -> GatewayOutput:
         pedals, acceleration, steering, limited = self._motion.step(now, self._elapsed, self._fastest, self._driver)
-        torque, throttle = pedals
+        torque, throttle, asked = pedals
         if torque > self._motion.torque_limit:
             torque = self._motion.torque_limit
-            pedals = Pedals(torque, throttle)
+            pedals = Pedals(torque, throttle, asked)
         self._last_pedals = pedals
+        if self._wire.acceleration_limits is not None:
+            asked = clamp(asked, self._motion.hardest, self._wire.acceleration_limits.greatest)
         enable = self._arming.state in COMMANDING and not self._shadow
         wheel_limit = self._wire.wheel_angle_limit
         wheel_angle = clamp(steering * self._ratio + self._wheel_bias, -wheel_limit, wheel_limit)
         clear = self._clear and not self._shadow
         gear = Gear.NONE if self._shadow else self._motion.gear(now)
-        frames = self._interface.encode(
-            ActuationCommand(torque, throttle, wheel_angle, self._wheel_rate, gear, enable, clear)
+        frames = self._encoded(
+            ActuationCommand(torque, throttle, wheel_angle, self._wheel_rate, gear, enable, clear, asked)
         )
         status = GatewayStatus(
             state=self._arming.state,
@@ -360,3 +374,16 @@ class Gateway:
             throttle=throttle,
         )
         return GatewayOutput(status, frames)
+
+    def _encoded(self, command: ActuationCommand) -> tuple[Frame, ...]:
+        """Return the frames of a command; none where the interface's own code raises.
+
+        That is a fault of the next step. Without frames the DBW controller does what it does when commands stop.
+        """
+        try:
+            frames = self._interface.encode(command)
+        except Exception as error:
+            self._not_encoded = error_text(error)
+            return ()
+        self._not_encoded = ""
+        return frames

@@ -2,22 +2,25 @@
 
 An interface encodes actuation commands as CAN frames and decodes frames into reports, both in SI units. The gateway
 decides what a report means for the drive, how old it may be and what is commanded. Only the table of shipped
-interfaces names a brand. An interface handles frames with 11-bit identifiers; it does no I/O, has no clock and never
-raises on a received frame. `tests/ports/vehicle_interface.py` tests any implementation.
+interfaces names a brand. An interface does no I/O, has no clock and never raises on a received frame.
+`tests/ports/vehicle_interface.py` tests any implementation.
 """
 
 from __future__ import annotations
 
 import enum
+import importlib.util
 import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple, Protocol, runtime_checkable
 
+from vve_sumo import ports
 from vve_sumo.errors import ConfigError
 from vve_sumo.ports import Port
-from vve_sumo.values import Frame
+from vve_sumo.values import Frame, identifier_text
 
 if TYPE_CHECKING:
     from cantools.database import Database
@@ -30,7 +33,13 @@ PORT: Final = Port(
     "drive-by-wire interface",
     "vve_sumo.vehicle_interfaces",
     "(settings)",
-    {"dataspeed_dbw1": "vve_sumo.vehicle.dataspeed.interface"},
+    {
+        "dataspeed_dbw1": "vve_sumo.vehicle.dataspeed.interface",
+        "dataspeed_ulc": "vve_sumo.vehicle.ulc.interface",
+        "generic": "vve_sumo.vehicle.mapped.interface",
+        "new_eagle_raptor": "vve_sumo.vehicle.raptor.interface",
+        "pacmod3": "vve_sumo.vehicle.pacmod.interface",
+    },
 )
 
 
@@ -47,7 +56,10 @@ class Gear(enum.IntEnum):
 
 # Tuples and not dataclasses, here and below: making one is several times cheaper, and a dozen are made every tick.
 class ActuationCommand(NamedTuple):
-    """Command to the car in one step of the gateway."""
+    """Command to the car in one step of the gateway.
+
+    The acceleration and the pedals say the same in two ways: an interface sends the one that its wire takes.
+    """
 
     brake_torque: float  #: all wheels together [N m]
     throttle: float  #: opening, 0 to 1
@@ -56,6 +68,7 @@ class ActuationCommand(NamedTuple):
     gear: Gear  #: requested gear; NONE requests nothing
     enable: bool  #: the DBW controller may act on the command
     clear: bool  #: latched driver overrides are to be reset
+    acceleration: float = 0.0  #: over ground, along the road [m/s2]; the DBW controller sees to grade and drag
 
 
 class Commanded(NamedTuple):
@@ -64,6 +77,7 @@ class Commanded(NamedTuple):
     brake_torque: float  #: all wheels together [N m]
     throttle: float  #: opening, 0 to 1
     wheel_angle: float  #: of the steering wheel [rad], left positive
+    acceleration: float = math.nan  #: over ground, along the road [m/s2]
 
 
 class BrakeState(NamedTuple):
@@ -199,6 +213,13 @@ class CommandsStop:
         return min(self.deceleration, self.brake_torque / brake_gain)
 
 
+class AccelerationLimits(NamedTuple):
+    """Least and greatest acceleration that a wire takes."""
+
+    least: float  #: hardest braking, a negative number [m/s2]
+    greatest: float  #: [m/s2]
+
+
 @dataclass(frozen=True, slots=True)
 class InterfaceFacts:
     """Properties that do not change while an interface is in use."""
@@ -207,12 +228,24 @@ class InterfaceFacts:
     commands: frozenset[int]  #: identifiers that only the gateway may send
     reports: Mapping[int, tuple[type, ...]]  #: identifier of each frame that is read to the kinds of its reports
     occupied: frozenset[int]  #: every identifier that the device sends or receives, read here or not
-    brake_torque_limit: float  #: largest that the wire takes, all wheels together [N m]
+    brake_torque_limit: float  #: largest that the wire takes, all wheels together [N m]; inf where it takes none
     wheel_angle_limit: float  #: largest that the wire takes, of the steering wheel, both ways [rad]
     wheel_rate_limit: float  #: largest that the wire takes, of the steering wheel [rad/s]
     command_timeout: float  #: without a command for this long a subsystem releases its actuator by itself [s]
     when_commands_stop: CommandsStop  #: what the DBW controller does then by itself
     dbc: Path | None = None  #: file that states the layout of the frames, where there is one
+    acceleration_limits: AccelerationLimits | None = None  #: of a wire that takes an acceleration, else it takes pedals
+    counts: bool = True  #: its frames hold a counter that runs, so that no two steps' frames are alike
+    files: tuple[Path, ...] = ()  #: what it reads besides its code, such as a mapping: a record keeps their hashes
+
+    def largest_brake_torque(self, brake_gain: float) -> float:
+        """Return what the wire can ask for at most, all wheels together [N m].
+
+        `brake_gain` is the brake torque for each m/s2 of deceleration [kg m].
+        """
+        if self.acceleration_limits is None:
+            return self.brake_torque_limit
+        return -self.acceleration_limits.least * brake_gain
 
 
 @runtime_checkable
@@ -227,8 +260,9 @@ class VehicleInterface(Protocol):
     def encode(self, command: ActuationCommand) -> tuple[Frame, ...]:
         """Return the frames of `command`, in the order in which they are to be sent; counters count once a call.
 
-        Raises ValueError for NaN and for a value beyond the wire's range; nothing is clipped or wrapped. No frame ever
-        asks the DBW controller to ignore the driver.
+        Raises ValueError for NaN and for a value beyond the wire's range; nothing is clipped or wrapped. What the wire
+        does not take, pedals or acceleration, is not looked at. No frame ever asks the DBW controller to ignore the
+        driver.
         """
         ...
 
@@ -237,7 +271,7 @@ class VehicleInterface(Protocol):
         ...
 
     def commanded(self, frame: Frame) -> Commanded | None:
-        """Return what a recorded frame commands; None for one that commands neither pedal nor steering."""
+        """Return what a recorded frame commands; None for one that commands neither motion nor steering."""
         ...
 
     def simulated(self, duration: float) -> SimulatedInterface:
@@ -273,6 +307,8 @@ class Request(NamedTuple):
     brake_torque: float  #: all wheels together [N m]
     throttle: float  #: 0 to 1
     wheel_angle: float  #: of the steering wheel [rad]; NaN while the steering is not controlled
+    #: over ground [m/s2], which the car's own controller gives by its pedals; NaN: the pedals alone are asked for
+    acceleration: float = math.nan
 
 
 class Measured(NamedTuple):
@@ -378,13 +414,31 @@ class InterfaceConfig:
 DEFAULT: Final = InterfaceConfig("dataspeed_dbw1", {"variant": "dbw1_2024"})
 
 
+def error_text(error: Exception) -> str:
+    """Return what the code of an interface raised, in one line, with the innermost place."""
+    return ports.error_text(error, __file__)
+
+
 def read_dbc(file: Path) -> Database:
-    """Read a file that states the layout of frames, as a cantools database, checked strictly."""
+    """Read a file that states the layout of frames, as a cantools database, checked strictly.
+
+    Raises ConfigError, naming the file, where cantools is not installed or does not take the file.
+    """
     try:
         import cantools
     except ImportError:
         raise ConfigError("reading the DBC file needs cantools: pip install 'vve-sumo[dbc]'") from None
-    return cantools.database.load_file(file, strict=True)
+    try:
+        return cantools.database.load_file(file, strict=True)
+    except OSError as error:
+        raise ConfigError(f"{file}: {error.strerror}") from None
+    except Exception as error:  # the parser below cantools has errors of its own
+        raise ConfigError(f"{file}: cantools says: {' '.join(str(error).split())}") from None
+
+
+def has_cantools() -> bool:
+    """Whether DBC files can be read by `read_dbc`."""
+    return sys.modules.get("cantools", importlib.util) is not None and importlib.util.find_spec("cantools") is not None
 
 
 def load(config: InterfaceConfig) -> VehicleInterface:
@@ -403,5 +457,7 @@ def load(config: InterfaceConfig) -> VehicleInterface:
             f"got {facts.when_commands_stop!r}"
         )
     if both := facts.commands & facts.reports.keys():
-        raise ConfigError(f"{PORT.kind} {config.name}: identifier 0x{min(both):03X} is both a command and a report")
+        raise ConfigError(
+            f"{PORT.kind} {config.name}: identifier {identifier_text(min(both))} is both a command and a report"
+        )
     return interface

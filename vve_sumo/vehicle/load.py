@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from pydantic import ValidationError
 
@@ -13,7 +14,7 @@ from vve_sumo.frames import Mounting
 from vve_sumo.values import Vehicle
 from vve_sumo.vehicle.calibration import Calibration
 from vve_sumo.vehicle.effective_deceleration import ROUNDING
-from vve_sumo.vehicle.interface import InterfaceConfig
+from vve_sumo.vehicle.interface import InterfaceConfig, SettingValue
 from vve_sumo.vehicle.model import FIX_PERIOD, IDEAL, Imperfections, SimulatedParameters, VehicleModel
 from vve_sumo.vehicle.schema import (
     Declared,
@@ -23,6 +24,9 @@ from vve_sumo.vehicle.schema import (
     Simulated,
     VehicleFile,
 )
+
+#: ending of the names of an interface's settings that name files
+FILE_SETTING: Final = "_file"
 
 
 def declared(table: Declared) -> Vehicle:
@@ -70,13 +74,23 @@ def imperfections(table: MeasuredImperfections | None) -> Imperfections:
 
 
 def interface(table: DriveByWire, folder: Path) -> InterfaceConfig:
-    """Return the drive-by-wire interface; its file is looked for in `folder`, else in the present working folder."""
-    name, settings = table.interface, dict(table.settings)
+    """Return the drive-by-wire interface; its files are looked for in `folder`, else in the present working folder."""
+    name, settings = table.interface, located(table.settings, folder)
     file, colon, function = name.rpartition(":")
     if not colon:
         return InterfaceConfig(name, settings)
     beside = folder / file
     return InterfaceConfig(f"{(beside if beside.is_file() else Path(file)).resolve()}:{function}", settings)
+
+
+def located(settings: Mapping[str, SettingValue], folder: Path) -> dict[str, SettingValue]:
+    """Return an interface's settings; what one whose name ends in `_file` names is looked for as in `interface`."""
+    return {
+        key: str((folder / value if (folder / value).is_file() else Path(value)).resolve())
+        if key.endswith(FILE_SETTING) and isinstance(value, str)
+        else value
+        for key, value in settings.items()
+    }
 
 
 def parse(table: dict[str, Any], file: Path) -> VehicleModel:

@@ -77,7 +77,12 @@ class MotionControl:
         self._limits = limits
         self._steering_limit = min(vehicle.steering_limit, wire.wheel_angle_limit / vehicle.steering_ratio)
         #: largest brake torque that is commanded, all wheels together [N m]
-        self.torque_limit = min(vehicle.brake_torque_limit, calibration.brake_torque_limit, wire.brake_torque_limit)
+        self.torque_limit = min(
+            vehicle.brake_torque_limit,
+            calibration.brake_torque_limit,
+            wire.largest_brake_torque(calibration.brake_gain),
+        )
+        self.hardest = -self.torque_limit / calibration.brake_gain  #: acceleration of that torque [m/s2]
         self.fallback_tracker = FallbackTracker(vehicle)
         self.limiter = Limiter(vehicle, limits, self._steering_limit)
         self.actuation = Actuation(calibration, vehicle.brake_delay, vehicle.brake_lag)
@@ -195,7 +200,7 @@ class MotionControl:
             pedals = self._brake_in_doubt(now)
         if weak and not self._standstill.certain:
             # Brakes that do not follow get the full torque at once.
-            pedals = Pedals(self.torque_limit, 0.0)
+            pedals = Pedals(self.torque_limit, 0.0, self.hardest)
         limited = self._steer_to_rest()
         return MotionCommand(pedals, limiter.acceleration, limiter.steering, limited)
 
@@ -214,7 +219,7 @@ class MotionControl:
             brakes_only=True,
             believed=not self._standstill.fell_too_fast,
         )
-        return Pedals(max(blind.brake_torque, seen.brake_torque), 0.0)
+        return Pedals(max(blind.brake_torque, seen.brake_torque), 0.0, min(blind.acceleration, seen.acceleration))
 
     def _speed_believed(self, now: float) -> bool:
         """Whether the wheel speeds are known, above rest and not in doubt."""

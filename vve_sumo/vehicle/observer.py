@@ -40,6 +40,11 @@ class Observer:
         self._last_now = math.nan
 
     @property
+    def interface_error(self) -> str:
+        """What the interface's own code raised last, with the place; empty while it has raised nothing."""
+        return self.monitor.reports.error
+
+    @property
     def done(self) -> bool:
         """Whether a drive is over: it was begun and ended, and the car stands, or nothing has moved for long."""
         return self._arming.ended and self.monitor.supervision_over

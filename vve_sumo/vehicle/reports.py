@@ -24,6 +24,7 @@ from vve_sumo.vehicle.interface import (
     VehicleInterface,
     WheelSpeeds,
     YawRate,
+    error_text,
 )
 from vve_sumo.vehicle.report_consistency import ReportConsistency
 
@@ -65,6 +66,7 @@ class CarReports:
         self.fastest_wheel = math.nan  #: largest speed of any wheel's tread, without sign [m/s]
         self.yaw_rate = math.nan  #: [rad/s] counter-clockwise
         self._brake_torque = math.nan
+        self.error = ""  #: what the interface's decoder raised last, with the place; empty while it has raised nothing
         self.consistency = ReportConsistency()  #: of the reports among each other
         self.wheel_angle = math.nan  #: last valid angle of the steering wheel [rad], left positive
 
@@ -80,15 +82,17 @@ class CarReports:
         """Take in frames received since the last call; reason codes of malformed reports and foreign commands."""
         troubles: list[str] = []
         read, decode, times, newest = self._read, self._decode, self._times, self._newest
-        reports: tuple[Report, ...] | Malformed | None
+        reports: Any  # a tuple of reports, or Malformed; None of an interface that forgets to return
         for frame in frames:
             number, _data = frame
             if number in read:
                 try:
                     reports = decode(frame)
-                except Exception:
+                except Exception as error:
                     # A bug in an interface's decoder must not keep the gateway from stopping the car.
-                    reports = None
+                    self.error = error_text(error)
+                    troubles.append("interface_raised")
+                    continue
                 if reports is None or isinstance(reports, Malformed):
                     troubles.append("report_malformed")
                 else:

@@ -21,10 +21,16 @@ from vve_sumo.vehicle.standstill import Standstill
 
 
 class ResponseMonitor:
-    """Watches a commanded car; `holding_torque` is the brake torque that holds it where it stands [N m]."""
+    """Watches a commanded car; `holding_torque` is the brake torque that holds it where it stands [N m].
 
-    def __init__(self, vehicle: Vehicle, calibration: Calibration, holding_torque: float) -> None:
-        self._holding_torque = holding_torque
+    With `own_brakes` the car decides by itself how hard it brakes for the acceleration that it is commanded: the torque
+    that it reports is then compared with none, and its motion alone shows a foot that no module reports.
+    """
+
+    def __init__(
+        self, vehicle: Vehicle, calibration: Calibration, holding_torque: float, *, own_brakes: bool = False
+    ) -> None:
+        self._holding_torque, self._own_brakes = holding_torque, own_brakes
         self._brakes = BrakeMonitor(vehicle, calibration)
         self._hold = HoldMonitor()
         self._slowing = SlowingMonitor(vehicle, calibration)
@@ -76,7 +82,8 @@ class ResponseMonitor:
         if self._hold.step(now, held, stands, reports.fastest_wheel, mean):
             faults.append("brake_not_following")
         faults += self._frozen(now, pedals, reports)
-        unasked = self._signs.step(now, elapsed, torque, reports.brake_torque(now), foot)
+        reported = math.nan if self._own_brakes else reports.brake_torque(now)
+        unasked = self._signs.step(now, elapsed, torque, reported, foot)
         self.brakes_latched = self._signs.brakes_latched
         slowed = False
         if going:

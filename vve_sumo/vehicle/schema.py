@@ -128,10 +128,14 @@ class MeasuredImperfections(Table):
 class DriveByWire(Table):
     """The drive-by-wire interface that the car is commanded through."""
 
-    interface: Name = Field(description="`dataspeed_dbw1`, `file.py:make`, or an installed package's entry point")
+    interface: Name = Field(
+        description="a shipped one, such as `dataspeed_dbw1` or `generic`, `file.py:make`, or an installed package's "
+        "entry point"
+    )
     settings: dict[str, bool | Finite | int | str] = Field(
         description="handed to make(settings); of `dataspeed_dbw1` the one key `variant`, the firmware's generation, "
-        "`dbw1_2018` or `dbw1_2024`: to be verified on the car"
+        "`dbw1_2018` or `dbw1_2024`: to be verified on the car. What a key that ends in `_file` names is looked for "
+        "beside this file, then in the working folder"
     )
 
 

@@ -102,7 +102,7 @@ class SlowingMonitor:
         """Advance the largest braking and the least push that the commanded `pedals` may have by now."""
         if elapsed <= 0.0:
             return
-        torque, throttle = pedals
+        torque, throttle, _acceleration = pedals
         fading = self._torque - self._torque * elapsed / (self._release_lag + elapsed)
         self._torque = fading if fading > torque else torque
         pushing = self._opening + (throttle - self._opening) * elapsed / (self._push_lag + elapsed)

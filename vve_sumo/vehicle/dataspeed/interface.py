@@ -109,7 +109,7 @@ class DataspeedDbw1:
 
     def encode(self, command: ActuationCommand) -> tuple[Frame, ...]:
         """Return the brake, throttle, steering and gear frames; the first three have the same counter."""
-        torque, throttle, wheel_angle, wheel_rate, gear, enable, clear = command
+        torque, throttle, wheel_angle, wheel_rate, gear, enable, clear, _acceleration = command
         counter = self._counter = (self._counter + 1) & 0xFF
         encode_brake, encode_throttle, encode_steering = _ENCODERS[self._variant]
         return (
