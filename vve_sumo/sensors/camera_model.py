@@ -38,7 +38,7 @@ class BrownConrady(NamedTuple):
     k3: float = 0.0
 
     def distorted(self, slopes: Floats) -> Floats:
-        """Return where rays of slopes (n, 2), to the right and down, are seen [focal lengths from the principal point]."""
+        """Return where rays of slopes (n, 2) are seen [focal lengths from the principal point], right and down."""
         x, y = slopes[:, 0], slopes[:, 1]
         square = x * x + y * y
         radial = 1.0 + square * (self.k1 + square * (self.k2 + square * self.k3))
@@ -59,7 +59,7 @@ class KannalaBrandt(NamedTuple):
     k4: float = 0.0
 
     def distorted(self, slopes: Floats) -> Floats:
-        """Return where rays of slopes (n, 2), to the right and down, are seen [focal lengths from the principal point]."""
+        """Return where rays of slopes (n, 2) are seen [focal lengths from the principal point], right and down."""
         radius = np.hypot(slopes[:, 0], slopes[:, 1])
         angle = np.arctan(radius)
         square = angle * angle
