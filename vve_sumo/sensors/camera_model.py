@@ -95,6 +95,8 @@ class CameraModel:
         Raises ValueError where a pixel has no ray within MAX_ANGLE of the axis: the lens then maps none there.
         """
         seen = (pixels - (self.centre_x, self.centre_y)) / (self.focal_x, self.focal_y)
+        if self.pinhole:
+            return seen
         found = _inverted(self.lens.distorted, seen)
         far = np.hypot(found[:, 0], found[:, 1]) > math.tan(MAX_ANGLE)
         wrong = ~np.isfinite(found).all(axis=1) | far
@@ -105,6 +107,11 @@ class CameraModel:
                 f"for the pixel in column {column:g}, row {row:g}"
             )
         return found
+
+    @property
+    def pinhole(self) -> bool:
+        """Whether the lens changes nothing."""
+        return isinstance(self.lens, BrownConrady) and not any(self.lens)
 
     def grid(self) -> Floats:
         """Return the slopes of the rays of all pixels, (rows, columns, 2); raises ValueError as `slopes` does."""

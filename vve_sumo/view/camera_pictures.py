@@ -135,8 +135,7 @@ def plane_of(camera: DeclaredCamera) -> Plane:
     grid = model.grid()
     slope_x, slope_y = 1.0 / model.focal_x, 1.0 / model.focal_y
     (left, top), (right, bottom) = grid.min(axis=(0, 1)), grid.max(axis=(0, 1))
-    straight = not any(model.lens) and hasattr(model.lens, "p1")
-    if straight:
+    if model.pinhole:
         columns, rows, margin = model.columns, model.rows, 0.5
     else:
         # As fine as the lens is where it is finest.
@@ -171,13 +170,13 @@ class CameraPictures:
         self._open(scene, frames.packed(), camera, look)
 
     @classmethod
-    def of_scene(cls, scene: dict[str, Any], packed: bytes, camera: DeclaredCamera, look: Look) -> Self:
-        """Return the pictures of a scene and its frames, as `view.scene` and `view.frames` make them."""
+    def of_scene(cls, scene: dict[str, Any], camera: DeclaredCamera, look: Look) -> Self:
+        """Return the pictures of a scene without a drive, as `view.scene` describes one: for `drawn` alone."""
         made = cls.__new__(cls)
-        made._open(scene, packed, camera, look)
+        made._open(scene, None, camera, look)
         return made
 
-    def _open(self, scene: dict[str, Any], packed: bytes, camera: DeclaredCamera, look: Look) -> None:
+    def _open(self, scene: dict[str, Any], packed: bytes | None, camera: DeclaredCamera, look: Look) -> None:
         plane = plane_of(camera)
         self.camera = camera
         described = {
@@ -192,7 +191,8 @@ class CameraPictures:
             "map": base64.b64encode(np.ascontiguousarray(plane.lookup, "<f4").tobytes()).decode(),
         }
         looks = {"time": look.time, "rain": look.rain, "dressed": look.dressed}
-        arguments = json.dumps([scene, base64.b64encode(packed).decode(), described, looks], allow_nan=False)
+        frames = None if packed is None else base64.b64encode(packed).decode()
+        arguments = json.dumps([scene, frames, described, looks], allow_nan=False)
         self._browser = Browser(camera.model.columns, camera.model.rows)
         try:
             self._browser.open(PAGE)
@@ -204,6 +204,12 @@ class CameraPictures:
     def at(self, time: float, kind: str = "image/png", quality: float = 1.0) -> bytes:
         """Return the picture at a drive time [s] as a file of a kind that the browser writes: PNG or JPEG."""
         return base64.b64decode(self._browser.evaluate(f"cameraRoll.at({time!r}, {kind!r}, {quality!r})"))
+
+    def drawn(self, frame: dict[str, Any], time: float = 0.0) -> bytes:
+        """Return the picture of a frame, as `view.frames` has them, at a drive time [s], as PNG."""
+        return base64.b64decode(
+            self._browser.evaluate(f"cameraRoll.drawn({json.dumps(frame)}, {time!r}, 'image/png', 1)")
+        )
 
     def truth(self) -> Truth:
         """Return the truth of the picture that was drawn last."""

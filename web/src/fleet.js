@@ -17,8 +17,8 @@ const KINDS = {
   bus: { make: bus, size: [12, 3.1, 2.55] },
   motorcycle: { make: motorcyclist, size: [2.1, 1.5, 0.8] },
   bicycle: { make: cyclist, size: [1.75, 1.75, 0.65] },
-  pedestrian: { make: pedestrian, size: [0.5, 1.75, 0.56], swing: 0.5, gait: 1.5 },
-  child: { make: pedestrian, size: [0.5, 1.75, 0.56], swing: 0.6, gait: 1.0 },
+  pedestrian: { make: pedestrian, size: [0.5, 1.75, 0.56], swing: 0.4, gait: 1.5 },
+  child: { make: pedestrian, size: [0.5, 1.75, 0.56], swing: 0.45, gait: 1.0 },
 };
 //: what a body is called where pixels are named by what they show
 const CALLED = { motorcycle: "two_wheeler", bicycle: "two_wheeler", pedestrian: "person", child: "person" };

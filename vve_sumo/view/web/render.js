@@ -43,7 +43,7 @@ class Pictures {
 /** The pictures of a camera on the car, without caption, and the truth beside them. */
 class CameraRoll {
   async open(scene, frames, camera, look) {
-    this.frames = new Frames(unpacked(await unzipped(decoded(frames))));
+    this.frames = frames && new Frames(unpacked(await unzipped(decoded(frames))));
     this.canvas = canvasOf(camera.columns, camera.rows);
     const map = new Float32Array(decoded(camera.map).buffer);
     this.camera = createCamera(this.canvas, scene, { ...camera, map }, { preserve: true, antialias: false, ...look });
@@ -51,7 +51,12 @@ class CameraRoll {
 
   /** Draw the street at a drive time [s] and return the picture, in base64. */
   at(time, kind, quality) {
-    this.camera.draw(this.frames.frame(this.frames.at(time)), time);
+    return this.drawn(this.frames.frame(this.frames.at(time)), time, kind, quality);
+  }
+
+  /** Draw a frame at a drive time [s] and return the picture, in base64. */
+  drawn(frame, time, kind, quality) {
+    this.camera.draw(frame, time);
     return this.canvas.toDataURL(kind, quality).split(",")[1];
   }
 
