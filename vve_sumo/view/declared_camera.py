@@ -24,7 +24,7 @@ from vve_sumo.values import Floats
 Side = Annotated[int, Field(ge=64, le=4096)]
 Angle = Annotated[float, Field(ge=-180.0, le=180.0)]
 Tilt = Annotated[float, Field(ge=-89.0, le=89.0)]
-Coefficients = Annotated[tuple[Finite, ...], Field(max_length=5)]
+Coefficients = Annotated[list[Finite], Field(max_length=5)]
 
 
 @dataclass(frozen=True, slots=True)

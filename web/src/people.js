@@ -5,7 +5,7 @@ import { CapsuleGeometry, CylinderGeometry, SphereGeometry, TorusGeometry } from
 import { Shape, moved } from "./shapes.js";
 
 const COAT = { painted: 1 };
-const [SKIN, TROUSERS, SHOE, HAIR, TYRE, STEEL] = ["#b98d6f", "#2f3a4c", "#1d1d1f", "#33281f", "#17181a", "#7c838a"];
+const [SKIN, TROUSERS, SHOE, HAIR, TYRE, STEEL] = ["#cfa384", "#2f3a4c", "#1d1d1f", "#33281f", "#17181a", "#7c838a"];
 const ALONG_Z = [Math.PI / 2, 0, 0];
 
 /** Add a rod from one point to another, open at its ends. */
@@ -28,15 +28,14 @@ export function pedestrian(fine) {
   for (const side of [-1, 1]) {
     const [leg, arm] = [{ limb: side, joint: 0.9 }, { ...COAT, limb: -side * 0.8, joint: 1.4 }];
     // Hip, knee and ankle; shoulder, elbow and wrist, a little bent.
-    tapered(shape, [[0, 0.94, side * 0.09, 0.1], [0.015, 0.5, side * 0.1, 0.068], [-0.02, 0.09, side * 0.105, 0.05]], TROUSERS, leg, fine);
+    tapered(shape, [[0, 0.9, side * 0.085, 0.088], [0.015, 0.5, side * 0.1, 0.068], [-0.02, 0.09, side * 0.105, 0.05]], TROUSERS, leg, fine);
     shoe(shape, side * 0.105, leg);
     tapered(shape, [[0, 1.43, side * 0.19, 0.066], [-0.02, 1.14, side * 0.235, 0.052], [0.05, 0.9, side * 0.235, 0.042]], "#ffffff", arm, fine);
     if (fine) shape.part(new SphereGeometry(0.05, 8, 6).scale(0.9, 1.3, 0.7), moved([0.065, 0.83, side * 0.235]), SKIN, { ...arm, painted: 0 });
   }
   // Hips, hem of the jacket, waist, chest, shoulders, neck: half depth and half width at each height.
-  const rings = [[0.84, 0.1, 0.155], [0.87, 0.13, 0.19], [1.05, 0.115, 0.17], [1.28, 0.135, 0.205], [1.42, 0.11, 0.215], [1.475, 0.07, 0.1], [1.5, 0.055, 0.06]];
+  const rings = [[0.83, 0.13, 0.185], [0.87, 0.14, 0.195], [1.05, 0.12, 0.175], [1.28, 0.135, 0.205], [1.42, 0.11, 0.215], [1.475, 0.07, 0.1], [1.5, 0.055, 0.06]];
   lathed(shape, rings, "#ffffff", COAT, fine ? 14 : 7);
-  if (fine) shape.block([0.125, 1.2, 0], [0.012, 0.5, 0.012], "#20242a");
   head(shape, [0.01, 1.63, 0], fine);
   return shape.geometry(0.9);
 }

@@ -219,7 +219,7 @@ const GROUND_FRAGMENT = /* glsl */ `
     float g = texture2D(grain, at.xz * fine).r - 0.5;
     #ifdef NIGHT
       vec3 up = vec3(0.0, 1.0, 0.0);
-      vec3 painted = screen((lit(shade, up) + shade * lamplight(at, up)) * (1.0 + rough * g);
+      vec3 painted = screen(lit(shade, up) + shade * lamplight(at, up)) * (1.0 + rough * g);
     #else
       vec3 painted = shade * (1.0 + rough * g);
     #endif

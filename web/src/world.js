@@ -123,7 +123,7 @@ class World {
     const nearest = (list, count) => list.map((one) => [Math.hypot(one[0] - eye.x, one[1] - eye.z), one]).sort((a, b) => a[0] - b[0]).slice(0, count);
     const placed = this.lamps.map(({ x, y }) => this.reference.place(x, y)).map(([X, , Z]) => [X, Z]);
     const near = nearest(placed, lamps.value.length);
-    lamps.value.forEach((lamp, i) => lamp.set(near[i]?.[1][0] ?? 0, 6.9, near[i]?.[1][1] ?? 0, near[i] ? 22 : 0));
+    lamps.value.forEach((lamp, i) => lamp.set(near[i]?.[1][0] ?? 0, 6.9, near[i]?.[1][1] ?? 0, near[i] ? 40 : 0));
     const driven = this.fleet.bodies.filter(({ kind, speed }) => speed > 0.5 && kind !== "pedestrian" && kind !== "child" && kind !== "bicycle");
     const fronts = driven.map(({ x, y, heading, length }) => this.#front(x, y, heading, length / 2));
     const { length, rear_overhang: overhang } = this.ego.size;
