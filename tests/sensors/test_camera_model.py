@@ -74,7 +74,7 @@ def test_a_pixel_that_the_lens_has_no_ray_for_is_said() -> None:
 
 def test_rays_too_far_from_the_axis_are_refused() -> None:
     with pytest.raises(ValueError, match="no ray within 75 degrees"):
-        model(KannalaBrandt(), focal=300.0).grid()
+        model(KannalaBrandt(), focal=300.0).slopes(np.array([[0.0, 348.25]]))
 
 
 def test_the_grid_is_that_of_the_pixels() -> None:

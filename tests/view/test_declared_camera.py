@@ -83,7 +83,7 @@ def test_a_camera_of_the_drive_is_found_by_its_name() -> None:
     assert camera.model.focal_x == pytest.approx(640.0 / math.tan(math.radians(26.0)))
     assert (camera.model.rows, camera.mount.z) == (480, 1.25)
     assert camera.mount.yaw == pytest.approx(math.radians(4.0))
-    with pytest.raises(ConfigError, match="--camera roof: expected a camera of the drive .*the drive has front"):
+    with pytest.raises(ConfigError, match=r"--camera roof: expected a camera of the drive .*the drive has front"):
         find_camera("roof", resolved)
     with pytest.raises(ConfigError, match="the drive has none"):
         find_camera("front", {"settings": {"sensors": []}})

@@ -105,7 +105,7 @@ class CameraFile(Table):
         default="brown_conrady", description="what `distortion` means: as OpenCV's cameras, or as its fisheye cameras"
     )
     distortion: Coefficients = Field(
-        default=(),
+        default=[],
         description="k1, k2, p1, p2, k3 of `brown_conrady`; k1 to k4 of `kannala_brandt`; missing ones are 0",
     )
     rate_hz: Annotated[float, Field(gt=0.0, le=100.0)] = Field(default=15.0, description="pictures a second")

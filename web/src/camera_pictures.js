@@ -168,7 +168,7 @@ export class CameraPictures {
   }
 }
 
-/** What looks the picture up on the plane; in rain with streaks, in the dark with noise and the glare of lamps. */
+/** What looks the picture up on the plane; soft and with noise as cameras are, in rain with streaks, in the dark with the glare of lamps. */
 function lensMaterial(drawn, lookup, { columns, rows }, rain, dark) {
   return new ShaderMaterial({
     depthTest: false,
@@ -194,7 +194,15 @@ function lensMaterial(drawn, lookup, { columns, rows }, rain, dark) {
         vec2 cell = vec2(gl_FragCoord.x, size.y - gl_FragCoord.y);
         vec2 place = texture2D(lookup, cell / size).xy;
         vec2 at = vec2(place.x, 1.0 - place.y);
-        vec3 seen = texture2D(drawn, at).rgb;
+        // A lens is a little soft: about 0.8 pixels (1 sigma).
+        vec3 seen = vec3(0.0);
+        for (int i = -2; i <= 2; i++) {
+          for (int j = -2; j <= 2; j++) {
+            float weight = exp(-float(i * i + j * j) / 1.28);
+            seen += weight * texture2D(drawn, at + vec2(float(i), float(j)) * pixel).rgb;
+          }
+        }
+        seen /= 4.0142;
         #ifdef DARK
           // Lamps are brighter than the picture can be: their light spills over.
           vec3 glare = vec3(0.0);
@@ -204,7 +212,7 @@ function lensMaterial(drawn, lookup, { columns, rows }, rain, dark) {
               glare += max(near - 0.82, 0.0) / (1.0 + float(i * i + j * j));
             }
           }
-          seen += 0.35 * glare + (chance(floor(cell)) - 0.5) * 0.025;
+          seen += 0.35 * glare;
         #endif
         #ifdef RAIN
           // Drops fall through a pixel while the picture is taken.
@@ -212,7 +220,13 @@ function lensMaterial(drawn, lookup, { columns, rows }, rain, dark) {
           float falls = step(0.985, chance(streak + 7.0));
           seen = mix(seen, tint * (0.35 + 0.65 * dot(seen, vec3(0.333))), 0.22 * falls);
         #endif
-        gl_FragColor = vec4(seen, 1.0);
+        // Noise of the sensor, about four steps of 255 (1 sigma): the sum of three chances of each colour.
+        vec3 noise = vec3(-1.5);
+        for (int k = 0; k < 3; k++) {
+          vec2 at3 = floor(cell) + 17.0 * float(k);
+          noise += vec3(chance(at3), chance(at3 + 311.0), chance(at3 + 577.0));
+        }
+        gl_FragColor = vec4(seen + 0.031 * noise, 1.0);
       }`,
   });
 }

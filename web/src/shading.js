@@ -55,7 +55,6 @@ const TRUTH_VERTEX = /* glsl */ `
     #else
       owner = own;
     #endif
-    deep = -(viewMatrix * world).z;
     if (only >= 0.0 && abs(owner - only) > 0.5) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
   #endif
 `;
@@ -65,13 +64,14 @@ const TRUTH_HEAD = /* glsl */ `
       attribute float label;
     #endif
     uniform float own, only;
-    varying float owner, deep;
+    varying float owner;
   #endif
 `;
 const TRUTH_FRAGMENT = /* glsl */ `
-  varying float owner, deep;
+  varying float owner;
   uniform float kind;
-  void main() { gl_FragColor = vec4(floor(owner + 0.5), kind, deep, 1.0); }
+  // The reciprocal of gl_FragCoord.w is the distance along the axis.
+  void main() { gl_FragColor = vec4(floor(owner + 0.5), kind, 1.0 / gl_FragCoord.w, 1.0); }
 `;
 
 const BODY_VERTEX = /* glsl */ `

@@ -12,7 +12,7 @@ import { BAY, PAVEMENT, bayDepth, kerbsWithBays, lineAt, residential } from "./v
 const COLOURS = { grass: "#75875a", asphalt: "#55575a", walk: "#a9a59c", white: "#e4e4de", yellow: "#d9a521", kerb: "#b5b1a8", drive: "#9c9891" };
 const KERB = { height: 0.13, width: 0.16 }; //: [m]
 const MARK = 0.11; //: width of a line between lanes [m]
-const GROUND = 2500; //: half the side of the ground [m]
+const [GROUND, PIECE] = [2500, 250]; //: half the side of the ground, and the side of its pieces [m]
 const TILE = 250; //: side of the squares that are drawn or left out as one [m]
 //: what is flat is drawn in this order, before all bodies, which have 0
 const ORDER = { ground: -8, walk: -7, road: -6, marks: -5 };
@@ -68,8 +68,10 @@ function tileAt(tiles, key, make) {
 
 /** Triangles on the ground, each corner with a colour, filed by the tile of the first corner. */
 class Paint {
-  constructor(reference) {
+  /** `tile` says of a corner in the scene which tile it is filed by. */
+  constructor(reference, tile = tileOf) {
     this.reference = reference;
+    this.tile = tile;
     this.tiles = new Map();
   }
 
@@ -77,7 +79,7 @@ class Paint {
     const [a, b, c] = corners;
     const left = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
     const placed = (left > 0 ? [a, b, c] : [a, c, b]).map(([x, y]) => this.reference.place(x, y));
-    const tile = tileAt(this.tiles, tileOf(placed[0]), () => ({ positions: [], tints: [] }));
+    const tile = tileAt(this.tiles, this.tile(placed[0]), () => ({ positions: [], tints: [] }));
     const { r, g, b: blue } = new Color(colour);
     for (const corner of placed) {
       tile.positions.push(...corner);
@@ -117,8 +119,10 @@ class Paint {
 }
 
 function groundPlane() {
-  const paint = new Paint({ place: (x, y) => [x, 0, -y] });
-  paint.strip([[-GROUND, GROUND], [GROUND, GROUND]], [[-GROUND, -GROUND], [GROUND, -GROUND]], COLOURS.grass);
+  const paint = new Paint({ place: (x, y) => [x, 0, -y] }, () => "whole");
+  // In pieces: over a triangle of kilometres, depths are wrong by pixels where no graphics card draws.
+  const steps = Array.from({ length: (2 * GROUND) / PIECE + 1 }, (_, k) => k * PIECE - GROUND);
+  for (const y of steps.slice(1)) paint.strip(steps.map((x) => [x, y]), steps.map((x) => [x, y - PIECE]), COLOURS.grass);
   return paint;
 }
 
