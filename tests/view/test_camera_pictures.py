@@ -53,7 +53,7 @@ def camera(**values: Any) -> DeclaredCamera:
 
 
 def in_picture(points: Points) -> Points:
-    """Columns and rows of points of the map (n, 3), by the textbook: one turn after the other, then OpenCV's formula."""
+    """Columns and rows of points of the map (n, 3), one turn after the other, then OpenCV's formula."""
     yaw, pitch, roll = (math.radians(DECLARED[key]) for key in ("yaw_deg", "pitch_deg", "roll_deg"))
     x, y, heading = EGO
     cos, sin = math.cos(heading), math.sin(heading)
