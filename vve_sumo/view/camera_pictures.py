@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import json
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -31,9 +32,8 @@ PIXEL_KINDS: Final = (
     "two_wheeler", "person", "ego",
 )  # fmt: skip
 TIMES_OF_DAY: Final = ("day", "dusk", "night")
-#: a depth's unit in its picture [m], and the farthest that it holds
+#: a depth's unit in its picture [m]
 DEPTH_UNIT: Final = 0.01
-MAX_DEPTH: Final = 655.34
 #: of a body that was made up: no sensor sees it
 DECORATION: Final = "decoration."
 #: the plane that a lens looks up has so many more pixels along a side than the picture, so that none gets coarser
@@ -152,9 +152,8 @@ def plane_of(camera: DeclaredCamera) -> Plane:
     left, right = left - margin * slope_x, right + margin * slope_x
     top, bottom = top - margin * slope_y, bottom + margin * slope_y
     lookup = (grid - (left, top)) / (right - left, bottom - top)
-    return Plane(
-        columns, rows, float(left), float(right), float(top), float(bottom), lookup.astype(np.float32)
-    )  # fmt: skip
+    edges = (float(edge) for edge in (left, right, top, bottom))
+    return Plane(columns, rows, *edges, lookup.astype(np.float32))
 
 
 class CameraPictures:
@@ -221,7 +220,10 @@ class CameraPictures:
         ego = found["ego"]
         return Truth(kinds, owners, depths, list(self._bodies(found["bodies"], owners, ego)))
 
-    def _bodies(self, bodies: list[dict[str, Any]], owners: NDArray[np.uint16], ego: dict[str, float]) -> Any:
+    def _bodies(
+        self, bodies: list[dict[str, Any]], owners: NDArray[np.uint16], ego: dict[str, float]
+    ) -> Iterator[SeenBody]:
+        """Yield the bodies of which a pixel is seen, of those that the page drew."""
         mount = self.camera.mount
         cos, sin = math.cos(ego["heading"]), math.sin(ego["heading"])
         boxes = boxes_of(owners)
