@@ -152,8 +152,8 @@ def plane_of(camera: DeclaredCamera) -> Plane:
     left, right = left - margin * slope_x, right + margin * slope_x
     top, bottom = top - margin * slope_y, bottom + margin * slope_y
     lookup = (grid - (left, top)) / (right - left, bottom - top)
-    edges = (float(edge) for edge in (left, right, top, bottom))
-    return Plane(columns, rows, *edges, lookup.astype(np.float32))
+    left, right, top, bottom = (float(edge) for edge in (left, right, top, bottom))
+    return Plane(columns, rows, left, right, top, bottom, lookup.astype(np.float32))
 
 
 class CameraPictures:
