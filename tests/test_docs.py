@@ -65,6 +65,7 @@ from vve_sumo.sweep.spec import Boundary, Spec, WorstCase, parse_spec
 from vve_sumo.vehicle import arming
 from vve_sumo.vehicle.interface import INTERFACE_KINDS
 from vve_sumo.vehicle.schema import VehicleFile
+from vve_sumo.view.declared_camera import CameraFile
 
 DOCS = REPOSITORY / "docs"
 
@@ -235,6 +236,7 @@ GENERATED = {
     ("rigs.md", "keys"): _rig_keys,
     ("rigs.md", "receivers"): _receivers,
     ("camera.md", "camera keys"): lambda: keys(CameraSettings),
+    ("pictures.md", "camera file keys"): lambda: keys(CameraFile),
     ("v2x.md", "v2x keys"): lambda: keys(V2xSettings),
     ("lidar.md", "lidar keys"): lambda: keys(LidarSettings),
     ("sweeps.md", "keys"): lambda: keys(Spec),

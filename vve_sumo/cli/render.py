@@ -15,6 +15,8 @@ from vve_sumo.errors import ConfigError
 
 if TYPE_CHECKING:
     from vve_sumo.analysis.run import Run
+    from vve_sumo.view.camera_pictures import CameraPictures, Look
+    from vve_sumo.view.declared_camera import DeclaredCamera
     from vve_sumo.view.pictures import Pictures
 
 EXIT_CODES = """exit codes:
@@ -28,13 +30,20 @@ Draw a drive's record as the page of `vve-sumo view` does: from the driver's sea
 above, or the page's street with what the sensors measured. A headless Chromium draws; no screen and no graphics card is
 needed. Pictures depend on drive time alone: the same record gives the same pictures.
 
+With --camera they are those of a camera on the car, with its lens, without a caption, and --frames writes the truth
+beside each: boxes, what every pixel shows and whose it is, depths.
+
 examples:
   vve-sumo render runs/mine --mp4                            mine.mp4 here, the whole drive
   vve-sumo render runs/mine --png --at 12.3 --view chase     one picture
   vve-sumo render runs/mine --gif --from 50 --to 60 --size 640x360
+  vve-sumo render runs/mine --frames --camera front          folder mine_front, as often as that camera takes one
+  vve-sumo render runs/mine --mp4 --camera mine.toml --light night --rain
 """
 
 VIEWS: Final = ("driver", "chase", "above", "street")
+TIMES_OF_DAY: Final = ("day", "dusk", "night")
+FRAMES, MJPEG = "frames", "mjpeg"
 #: format, default size [px], default pictures a second
 FORMATS: Final = {
     "mp4": ("1280x720", 25.0),
@@ -115,6 +124,19 @@ def arguments(parser: Parser) -> None:
         "--webp", dest="form", action="store_const", const="webp", help="an animation, smaller and with full colour"
     )
     form.add_argument("--png", dest="form", action="store_const", const="png", help="one picture, with --at")
+    form.add_argument(
+        "--frames",
+        dest="form",
+        action="store_const",
+        const=FRAMES,
+        help="a folder: the pictures of --camera, each with its truth",
+    )
+    form.add_argument(
+        "--mjpeg",
+        type=_port,
+        metavar="PORT",
+        help="the pictures of --camera over HTTP on this computer, in real time; 0: any port",
+    )
     parser.add_argument("--at", type=_seconds, metavar="S", help="drive time of the picture, of --png")
     parser.add_argument(
         "--from", dest="begin", type=_seconds, metavar="S", help="drive time to begin at (default: the first tick)"
@@ -125,9 +147,9 @@ def arguments(parser: Parser) -> None:
     parser.add_argument(
         "--view",
         choices=VIEWS,
-        default="driver",
         help="driver's seat, chase, above, or the page's street (default: driver)",
     )
+    _camera_arguments(parser)
     parser.add_argument(
         "--size", type=_size, metavar="WxH", help="in pixels (default: 1280x720, of --gif and --webp 640x360)"
     )
@@ -139,27 +161,118 @@ def arguments(parser: Parser) -> None:
     )
 
 
+def _camera_arguments(parser: Parser) -> None:
+    parser.add_argument(
+        "--camera", metavar="NAME", help="a camera of the drive by its name, or the file CAMERA.toml of one"
+    )
+    parser.add_argument("--light", choices=TIMES_OF_DAY, help="of the pictures of --camera (default: day)")
+    parser.add_argument("--rain", action="store_true", help="in the pictures of --camera")
+    parser.add_argument(
+        "--bare", action="store_true", help="without the houses and parked cars that are made up for --camera"
+    )
+
+
+def _port(text: str) -> int:
+    if not (text.isdecimal() and int(text) < 65536):
+        raise argparse.ArgumentTypeError(f"expected a port from 0 to 65535, got {text!r}")
+    return int(text)
+
+
 def run(arguments: argparse.Namespace) -> int:
     """Write the picture or film of a record and print its path; return the exit code, 0."""
     from vve_sumo.analysis.load import load
     from vve_sumo.analysis.run import Run
-    from vve_sumo.view.pictures import Pictures
 
     drive = load(arguments.folder)
     if not isinstance(drive, Run):
         raise ConfigError(f"{arguments.folder}: is a sweep's folder, expected the record of one drive")
+    if arguments.camera is not None:
+        return _run_camera(arguments, drive)
+    _refuse_camera_options(arguments)
+    from vve_sumo.view.pictures import Pictures
+
     plan = _plan(arguments, drive)
-    with Pictures(drive, arguments.view, plan.size.width, plan.size.height) as pictures:
+    with Pictures(drive, arguments.view or VIEWS[0], plan.size.width, plan.size.height) as pictures:
         _write(plan, pictures)
     print(f"{plan.form}: {plan.file}")
     return 0
 
 
-def _plan(arguments: argparse.Namespace, drive: Run) -> RenderPlan:
+def _refuse_camera_options(arguments: argparse.Namespace) -> None:
+    given = {
+        "--frames": arguments.form == FRAMES,
+        "--mjpeg": arguments.mjpeg is not None,
+        "--light": arguments.light is not None,
+        "--rain": arguments.rain,
+        "--bare": arguments.bare,
+    }
+    for option in (name for name, is_given in given.items() if is_given):
+        raise ConfigError(f"{option}: goes with --camera, a camera of the drive or the file CAMERA.toml of one")
+
+
+def _run_camera(arguments: argparse.Namespace, drive: Run) -> int:
+    """Write or serve the pictures of a camera; return the exit code, 0."""
+    from vve_sumo.view.camera_pictures import CameraPictures, Look
+    from vve_sumo.view.declared_camera import find_camera
+
+    for option, value in (("--view", arguments.view), ("--size", arguments.size)):
+        if value is not None:
+            raise ConfigError(f"{option}: does not go with --camera, which says both")
+    camera = find_camera(arguments.camera, drive.resolved)
+    look = Look(arguments.light or TIMES_OF_DAY[0], arguments.rain, not arguments.bare)
+    plan = _plan(arguments, drive, camera)
+    try:
+        pictures = CameraPictures(drive, camera, look)
+    except ValueError as error:
+        raise ConfigError(f"--camera {arguments.camera}: {error}") from None
+    with pictures:
+        if plan.form == MJPEG:
+            _serve(arguments.mjpeg, plan, pictures)
+            return 0
+        if plan.form == FRAMES:
+            _write_frames(plan, pictures, camera, look)
+        else:
+            _write(plan, pictures)
+    print(f"{plan.form}: {plan.file}")
+    return 0
+
+
+def _write_frames(plan: RenderPlan, pictures: CameraPictures, camera: DeclaredCamera, look: Look) -> None:
+    from vve_sumo.view.truth_files import TruthFolder
+
+    folder = TruthFolder(plan.file, camera, look)
+    with progress_bar.of_pictures(len(plan.times)) as show:
+        for done, time in enumerate(plan.times, 1):
+            folder.add(time, pictures.at(time), pictures.truth())
+            show(done)
+
+
+def _serve(port: int, plan: RenderPlan, pictures: CameraPictures) -> None:
+    """Serve the pictures to one client after the other, until the user ends it."""
+    from vve_sumo.view.mjpeg import MjpegServer
+
+    def draw(time: float) -> bytes:
+        return pictures.at(time, "image/jpeg", QUALITY)
+
+    server = MjpegServer(port, draw, plan.times[0], plan.times[-1], plan.rate)
+    print(f"{MJPEG}: {server.url} (end with Ctrl-C)", flush=True)
+    try:
+        while True:
+            server.serve_one()
+    except KeyboardInterrupt:
+        pass
+    finally:
+        server.close()
+
+
+def _plan(arguments: argparse.Namespace, drive: Run, camera: DeclaredCamera | None = None) -> RenderPlan:
     """Return the plan of a command line; raises ConfigError before anything is drawn."""
-    form = arguments.form
-    default_size, default_rate = FORMATS[form]
-    size, rate = arguments.size or _size(default_size), arguments.fps or default_rate
+    form = MJPEG if arguments.mjpeg is not None else arguments.form
+    if camera is None:
+        default_size, default_rate = FORMATS[form]
+        size, rate = arguments.size or _size(default_size), arguments.fps or default_rate
+    else:
+        size, rate = PictureSize(camera.model.columns, camera.model.rows), arguments.fps or camera.rate
     if form == "mp4":
         from vve_sumo.view.movie import find_ffmpeg
 
@@ -173,7 +286,12 @@ def _plan(arguments: argparse.Namespace, drive: Run) -> RenderPlan:
             raise ConfigError(f"--fps {rate:g}: expected at most {MAX_GIF_RATE:g} pictures a second for a GIF")
     first, last = float(drive.time[0]), float(drive.time[-1])
     times = _picture_time(arguments, first, last) if form == "png" else _frame_times(arguments, first, last, size, rate)
-    return RenderPlan(form, size, rate, times, _output_file(arguments.out, arguments.folder, form))
+    name = arguments.folder.resolve().name
+    if form == FRAMES:
+        assert camera is not None
+        return RenderPlan(form, size, rate, times, _output_folder(arguments.out, f"{name}_{camera.name}"))
+    out = Path() if form == MJPEG else _output_file(arguments.out, arguments.folder, form)
+    return RenderPlan(form, size, rate, times, out)
 
 
 def _picture_time(arguments: argparse.Namespace, first: float, last: float) -> list[float]:
@@ -216,7 +334,14 @@ def _output_file(out: Path | None, folder: Path, form: str) -> Path:
     return file
 
 
-def _write(plan: RenderPlan, pictures: Pictures) -> None:
+def _output_folder(out: Path | None, name: str) -> Path:
+    folder = Path(name) if out is None else out
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise ConfigError(f"{folder}: exists already, expected a new or empty folder; choose another with --out")
+    return folder
+
+
+def _write(plan: RenderPlan, pictures: Pictures | CameraPictures) -> None:
     if plan.form == "png":
         plan.file.write_bytes(pictures.at(plan.times[0]))
         return
@@ -231,7 +356,7 @@ def _write(plan: RenderPlan, pictures: Pictures) -> None:
         raise
 
 
-def _drawn(pictures: Pictures, times: list[float], kind: str) -> Iterator[bytes]:
+def _drawn(pictures: Pictures | CameraPictures, times: list[float], kind: str) -> Iterator[bytes]:
     """Yield the pictures, and show the progress."""
     with progress_bar.of_pictures(len(times)) as show:
         for done, time in enumerate(times, 1):

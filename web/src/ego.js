@@ -20,6 +20,7 @@ export class Ego {
     this.group = new Group();
     this.group.rotation.order = "YXZ";
     this.outside = new Mesh(saloon(true), bodyMaterial({ coat: PAINT }));
+    this.outside.userData.kind = "ego";
     this.outside.scale.set(size.length / 4.87, size.height / 1.48, size.width / 1.86);
     this.outside.position.x = size.length / 2 - size.rear_overhang;
     this.shadow = shadows();

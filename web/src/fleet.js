@@ -17,9 +17,11 @@ const KINDS = {
   bus: { make: bus, size: [12, 3.1, 2.55] },
   motorcycle: { make: motorcyclist, size: [2.1, 1.5, 0.8] },
   bicycle: { make: cyclist, size: [1.75, 1.75, 0.65] },
-  pedestrian: { make: pedestrian, size: [0.5, 1.75, 0.56], swing: 0.5, gait: 1.5 },
-  child: { make: pedestrian, size: [0.5, 1.75, 0.56], swing: 0.6, gait: 1.0 },
+  pedestrian: { make: pedestrian, size: [0.5, 1.75, 0.56], swing: 0.4, gait: 1.5 },
+  child: { make: pedestrian, size: [0.5, 1.75, 0.56], swing: 0.45, gait: 1.0 },
 };
+//: what a body is called where pixels are named by what they show
+const CALLED = { motorcycle: "two_wheeler", bicycle: "two_wheeler", pedestrian: "person", child: "person" };
 const SAME = { car: "passenger", other: "passenger", taxi: "passenger", delivery: "van", coach: "bus", trailer: "truck", moped: "motorcycle" };
 //: how high a body stands whose height nobody says [m]; people and what they ride keep theirs
 const HEIGHTS = { passenger: 1.5, van: 2.3, truck: 3.4, bus: 3.1, motorcycle: 1.5, bicycle: 1.75, pedestrian: 1.75, child: 1.2 };
@@ -41,8 +43,12 @@ export function paintOf(id, kind) {
 }
 
 export class Fleet {
-  constructor(scene, reference) {
-    this.actors = scene.actors ?? {};
+  /** `parked` are bodies {id, kind, x, y, heading, length, width, height} that always stand there. */
+  constructor(scene, reference, parked = []) {
+    this.actors = { ...scene.actors, ...Object.fromEntries(parked.map((one) => [one.id, one])) };
+    this.parked = parked;
+    this.bodies = []; // those of the last picture; a body's label is its place among them, from 1
+
     this.reference = reference;
     this.group = new Group();
     this.lots = new Map();
@@ -56,7 +62,7 @@ export class Fleet {
     const key = `${kind} ${level}`;
     if (!this.lots.has(key)) {
       const { make, size } = KINDS[kind];
-      const lot = new Lot(level < 2 ? make(level === 0) : blocks(size), bodyMaterial({ instanced: true }), 0);
+      const lot = new Lot(level < 2 ? make(level === 0) : blocks(size), bodyMaterial({ instanced: true }), 0, CALLED[kind] ?? "vehicle");
       this.lots.set(key, lot);
       this.group.add(lot.mesh);
     }
@@ -71,12 +77,13 @@ export class Fleet {
     const time = Math.min(Math.max(ahead, -LONGEST_PREDICTION), LONGEST_PREDICTION);
     for (const lot of this.lots.values()) lot.clear();
     this.shadows.clear();
-    this.count = 0;
+    this.bodies = [];
     for (let i = 0; i < id.length; i++) {
       if (x[i] === null || y[i] === null || heading[i] === null) continue;
       const [c, s, v] = [Math.cos(heading[i]), Math.sin(heading[i]), speed[i] ?? 0];
       this.#stand(id[i], x[i] + c * v * time, y[i] + s * v * time, c, s, v, view, eye);
     }
+    for (const { id, x, y, heading } of this.parked) this.#stand(id, x, y, Math.cos(heading), Math.sin(heading), 0, view, eye);
     for (const lot of this.lots.values()) lot.commit();
     this.shadows.commit();
   }
@@ -99,8 +106,8 @@ export class Fleet {
     const phase = (((x * c + y * s) % gait) / gait) * 2 * Math.PI;
     const paint = this.#paint(id, kind);
     const row = [X, Z, c, s, ...stretch, phase, paint.r, paint.g, paint.b, speed > 0.1 ? swing : 0];
-    this.#lot(kind, far).add(row);
-    this.count++;
+    this.bodies.push({ id, kind, x, y, heading: Math.atan2(s, c), length: long, width: wide, height: high, speed });
+    this.#lot(kind, far).add(row, this.bodies.length);
     if (far < SHADED_WITHIN) this.shadows.add(onFoot ? shadowRow(X, Z, c, s, 0.9, 0.9, 0.45) : shadowRow(X, Z, c, s, long + 0.4, wide + 0.4));
   }
 
@@ -111,7 +118,7 @@ export class Fleet {
 
   /** How many bodies the last picture had. */
   get drawn() {
-    return this.count;
+    return this.bodies.length;
   }
 
   dispose() {

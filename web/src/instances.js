@@ -4,14 +4,15 @@ import { BufferAttribute, BufferGeometry, CustomBlending, DynamicDrawUsage, Inst
 
 const COLUMNS = ["stand", "stretch", "paint"];
 
-/** Many bodies alike: a geometry with rows of twelve numbers, four in each column. */
+/** Many bodies alike: a geometry with rows of twelve numbers, four in each column, and with a label of each body. */
 export class Lot {
-  constructor(geometry, material, order) {
+  constructor(geometry, material, order, kind) {
     this.geometry = new InstancedBufferGeometry();
     for (const [name, attribute] of Object.entries(geometry.attributes)) this.geometry.setAttribute(name, attribute);
     this.geometry.setIndex(geometry.index);
     this.mesh = new Mesh(this.geometry, material);
     this.mesh.frustumCulled = false;
+    this.mesh.userData.kind = kind;
     this.mesh.renderOrder = order;
     this.count = 0;
     this.#grow(16);
@@ -25,6 +26,11 @@ export class Lot {
       if (before) column.array.set(before);
       this.geometry.setAttribute(name, column);
     }
+    const before = this.geometry.getAttribute("label")?.array;
+    const labels = new InstancedBufferAttribute(new Float32Array(room), 1);
+    labels.setUsage(DynamicDrawUsage);
+    if (before) labels.array.set(before);
+    this.geometry.setAttribute("label", labels);
     this.room = room;
   }
 
@@ -32,7 +38,7 @@ export class Lot {
     this.count = 0;
   }
 
-  add(row) {
+  add(row, label = 0) {
     if (this.count === this.room) {
       // A buffer on the graphics card has a fixed size: dispose of it, and three.js makes another.
       this.geometry.dispose();
@@ -42,13 +48,14 @@ export class Lot {
       const column = this.geometry.getAttribute(name).array;
       for (let i = 0; i < 4; i++) column[4 * this.count + i] = row[4 * k + i];
     });
+    this.geometry.getAttribute("label").array[this.count] = label;
     this.count++;
   }
 
   commit() {
     this.geometry.instanceCount = this.count;
     this.mesh.visible = this.count > 0;
-    for (const name of COLUMNS) this.geometry.getAttribute(name).needsUpdate = true;
+    for (const name of [...COLUMNS, "label"]) this.geometry.getAttribute(name).needsUpdate = true;
   }
 
   dispose() {
@@ -93,7 +100,7 @@ function put(made, first, { position, normal, tint, surface }, [X, Z, c, s, alon
 }
 
 /** Shadows of bodies. */
-export const shadows = () => new Lot(shadowQuad(), shadowMaterial(), -1);
+export const shadows = () => new Lot(shadowQuad(), shadowMaterial(), -1, "shadow");
 
 /** The row of a shadow of some length and width [m] about a place of the scene, with cos and sin of its heading; its edge
  * is so soft [m]. */

@@ -5,7 +5,7 @@ import { CapsuleGeometry, CylinderGeometry, SphereGeometry, TorusGeometry } from
 import { Shape, moved } from "./shapes.js";
 
 const COAT = { painted: 1 };
-const [SKIN, TROUSERS, SHOE, HAIR, TYRE, STEEL] = ["#b98d6f", "#2f3a4c", "#1d1d1f", "#33281f", "#17181a", "#7c838a"];
+const [SKIN, TROUSERS, SHOE, HAIR, TYRE, STEEL] = ["#cfa384", "#2f3a4c", "#1d1d1f", "#33281f", "#17181a", "#7c838a"];
 const ALONG_Z = [Math.PI / 2, 0, 0];
 
 /** Add a rod from one point to another, open at its ends. */
@@ -20,12 +20,6 @@ function rod(shape, from, to, radius, colour, look = {}, segments = 5) {
   return shape.part(rodOf(radius, long, segments), matrix, colour, look);
 }
 
-/** Add a leg or arm that swings about a joint at its upper end. */
-function limb(shape, [x, top, z], length, radius, colour, look, fine) {
-  const round = () => new CapsuleGeometry(radius, length - 2 * radius, 2, 8);
-  shape.part(fine ? round() : rodOf(radius, length, 4), moved([x, top - length / 2, z]), colour, look);
-}
-
 const rodOf = (radius, length, segments) => new CylinderGeometry(radius, radius, length, segments, 1, true);
 
 /** A grown-up who walks, 0.5 m x 0.5 m x 1.75 m. */
@@ -33,14 +27,44 @@ export function pedestrian(fine) {
   const shape = new Shape();
   for (const side of [-1, 1]) {
     const [leg, arm] = [{ limb: side, joint: 0.9 }, { ...COAT, limb: -side * 0.8, joint: 1.4 }];
-    limb(shape, [0, 0.92, side * 0.095], 0.9, 0.075, TROUSERS, leg, fine);
-    shape.block([0.05, 0.035, side * 0.095], [0.26, 0.07, 0.1], SHOE, leg);
-    limb(shape, [0, 1.42, side * 0.212], 0.6, 0.05, "#ffffff", arm, fine);
-    if (fine) shape.part(new SphereGeometry(0.05, 8, 4), moved([0.02, 0.8, side * 0.212]), SKIN, { ...arm, painted: 0 });
+    // Hip, knee and ankle; shoulder, elbow and wrist, a little bent.
+    tapered(shape, [[0, 0.9, side * 0.085, 0.088], [0.015, 0.5, side * 0.1, 0.068], [-0.02, 0.09, side * 0.105, 0.05]], TROUSERS, leg, fine);
+    shoe(shape, side * 0.105, leg);
+    tapered(shape, [[0, 1.43, side * 0.19, 0.066], [-0.02, 1.14, side * 0.235, 0.052], [0.05, 0.9, side * 0.235, 0.042]], "#ffffff", arm, fine);
+    if (fine) shape.part(new SphereGeometry(0.05, 8, 6).scale(0.9, 1.3, 0.7), moved([0.065, 0.83, side * 0.235]), SKIN, { ...arm, painted: 0 });
   }
-  torso(shape, [0, 1.17, 0], 0.34, fine);
-  head(shape, [0, 1.62, 0], fine);
-  return shape.geometry();
+  // Hips, hem of the jacket, waist, chest, shoulders, neck: half depth and half width at each height.
+  const rings = [[0.83, 0.13, 0.185], [0.87, 0.14, 0.195], [1.05, 0.12, 0.175], [1.28, 0.135, 0.205], [1.42, 0.11, 0.215], [1.475, 0.07, 0.1], [1.5, 0.055, 0.06]];
+  lathed(shape, rings, "#ffffff", COAT, fine ? 14 : 7);
+  head(shape, [0.01, 1.63, 0], fine);
+  return shape.geometry(0.9);
+}
+
+/** Add rods from point to point [x, y, z, radius], each as thick at its ends as the points say, with round joints. */
+function tapered(shape, points, colour, look, fine) {
+  for (let i = 0; i + 1 < points.length; i++) {
+    const [[x, y, z, r], [u, v, w, q]] = [points[i], points[i + 1]];
+    const long = Math.hypot(u - x, v - y, w - z);
+    const matrix = moved([(x + u) / 2, (y + v) / 2, (z + w) / 2], [Math.asin((z - w) / long), 0, Math.atan2(u - x, y - v)]);
+    shape.part(new CylinderGeometry(r, q, long * 1.02, fine ? 9 : 5, 1, true), matrix, colour, look);
+    if (fine) shape.part(new SphereGeometry(r, 9, 6), moved([x, y, z]), colour, look);
+  }
+}
+
+/** Add a shoe whose sole is on the ground. */
+function shoe(shape, z, look) {
+  shape.block([0.045, 0.05, z], [0.27, 0.1, 0.1], SHOE, look, 0.82);
+  shape.block([0.05, 0.012, z], [0.29, 0.024, 0.11], "#c9c7c2", look);
+}
+
+/** Add a body of ellipses about the axis Y: height, half depth and half width of each. */
+function lathed(shape, rings, colour, look, around) {
+  const point = ([y, deep, wide], k) => [deep * Math.cos((2 * Math.PI * k) / around), y, wide * Math.sin((2 * Math.PI * k) / around)];
+  for (let i = 0; i + 1 < rings.length; i++) {
+    for (let k = 0; k < around; k++) {
+      shape.face([point(rings[i], k + 1), point(rings[i], k), point(rings[i + 1], k), point(rings[i + 1], k + 1)], colour, look);
+    }
+  }
 }
 
 /** Add a trunk that leans forward by an angle [rad]. */
@@ -53,8 +77,9 @@ function torso(shape, at, length, fine, lean = 0) {
 function head(shape, [x, y, z], fine, covered = false) {
   const [around, up] = fine ? [12, 9] : [5, 4];
   shape.part(new CylinderGeometry(0.05, 0.055, 0.12, 6), moved([x - 0.01, y - 0.13, z]), SKIN);
-  shape.part(new SphereGeometry(0.105, around, up), moved([x, y, z]), SKIN);
-  const cap = new SphereGeometry(covered ? 0.135 : 0.115, around, up, 0, 2 * Math.PI, 0, covered ? 1.75 : 1.45);
+  shape.part(new SphereGeometry(0.105, around, up).scale(0.95, 1.15, 0.82), moved([x, y, z]), SKIN);
+  if (fine) shape.block([x + 0.1, y - 0.01, z], [0.04, 0.045, 0.03], SKIN);
+  const cap = new SphereGeometry(covered ? 0.135 : 0.117, around, up, 0, 2 * Math.PI, 0, covered ? 1.75 : 1.5).scale(0.98, 1.12, 0.9);
   shape.part(cap, moved([x - 0.02, y + 0.015, z], [0, 0, 0.25]), covered ? "#d8dcdf" : HAIR, { gloss: covered ? 0.4 : 0 });
 }
 

@@ -2,23 +2,76 @@
 // for the ground, because the pictures are also made without a graphics card. Colours are mixed in linear light and
 // leave the vertices in sRGB.
 
-import { Color, ColorManagement, DataTexture, LinearMipmapLinearFilter, LinearFilter, RepeatWrapping, RGBAFormat, ShaderMaterial, Vector3 } from "three";
+import { Color, ColorManagement, DataTexture, LinearMipmapLinearFilter, LinearFilter, RepeatWrapping, RGBAFormat, ShaderMaterial } from "three";
+import { BEAMS, LAMPS, lampsLit, lightUniforms, rains } from "./light.js";
 
 ColorManagement.enabled = false; // the shaders below do it themselves
 
-export const SKY = { zenith: "#5f9bd6", horizon: "#dfe7ea", haze: "#d3dcdf" };
-const SUN = new Vector3(-0.45, 0.72, 0.53).normalize();
-
 const LIGHT = /* glsl */ `
-  uniform vec3 sun, haze;
+  uniform vec3 sun, haze, sunlight, skylight, earthlight, zenith, horizon;
+  uniform float density;
   vec3 linear(vec3 c) { return c * c * (0.3 * c + 0.7); }
   vec3 screen(vec3 c) { return sqrt(max(c, 0.0)) * (1.0 + 0.06 * (1.0 - c)); }
   vec3 lit(vec3 albedo, vec3 n) {
     float up = 0.5 + 0.5 * n.y;
-    vec3 sky = mix(vec3(0.20, 0.19, 0.17), vec3(0.48, 0.54, 0.62), up);
-    return albedo * (sky + vec3(0.92, 0.86, 0.76) * max(dot(n, sun), 0.0));
+    return albedo * (mix(earthlight, skylight, up) + sunlight * max(dot(n, sun), 0.0));
   }
-  float hazed(float distance) { float far = distance * 0.0025; return 1.0 - exp(-far * far); }
+  float hazed(float distance) { float far = distance * density; return 1.0 - exp(-far * far); }
+`;
+
+//: street lamps and headlights, which a picture at night has; where they are is said picture by picture
+const NIGHT_LIGHT = /* glsl */ `
+  uniform vec4 lamps[${LAMPS}];     // X, Y, Z, strength
+  uniform vec4 beams[${BEAMS}];     // X, Z, cos and sin of the heading; none where all are 0
+  vec3 lamplight(vec3 at, vec3 n) {
+    vec3 sum = vec3(0.0);
+    for (int i = 0; i < ${LAMPS}; i++) {
+      vec3 way = lamps[i].xyz - at;
+      float square = dot(way, way);
+      vec3 to = way * inversesqrt(square);
+      sum += lamps[i].w * vec3(1.0, 0.83, 0.58) * max(dot(n, to), 0.0) * max(to.y, 0.0) / (square + 4.0);
+    }
+    for (int i = 0; i < ${BEAMS}; i++) {
+      vec3 way = vec3(beams[i].x, 0.65, beams[i].y) - at;
+      vec3 ahead = vec3(beams[i].z, -0.03, -beams[i].w);
+      float square = dot(way, way);
+      vec3 to = way * inversesqrt(square);
+      // Wide to both sides, narrow upwards: a low beam.
+      float along = max(dot(-to, ahead), 0.0);
+      float above = dot(-to, vec3(0.0, 1.0, 0.0)) + 0.015;
+      float shape = smoothstep(0.82, 0.99, along) * (1.0 - smoothstep(-0.005, 0.03, above));
+      float spill = 0.03 * smoothstep(0.6, 0.98, along);
+      sum += 90.0 * vec3(1.0, 0.97, 0.9) * (shape + spill) * (0.25 + 0.75 * max(dot(n, to), 0.0)) / (square + 30.0);
+    }
+    return sum;
+  }
+`;
+
+//: for the pass that says what a pixel shows: by whom it is owned, and how far along the axis it is
+const TRUTH_VERTEX = /* glsl */ `
+  #ifdef TRUTH
+    #ifdef INSTANCED
+      owner = label;
+    #else
+      owner = own;
+    #endif
+    if (only >= 0.0 && abs(owner - only) > 0.5) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
+  #endif
+`;
+const TRUTH_HEAD = /* glsl */ `
+  #ifdef TRUTH
+    #ifdef INSTANCED
+      attribute float label;
+    #endif
+    uniform float own, only;
+    varying float owner;
+  #endif
+`;
+const TRUTH_FRAGMENT = /* glsl */ `
+  varying float owner;
+  uniform float kind;
+  // The reciprocal of gl_FragCoord.w is the distance along the axis.
+  void main() { gl_FragColor = vec4(floor(owner + 0.5), kind, 1.0 / gl_FragCoord.w, 1.0); }
 `;
 
 const BODY_VERTEX = /* glsl */ `
@@ -32,6 +85,14 @@ const BODY_VERTEX = /* glsl */ `
     uniform vec3 coat;
   #endif
   varying vec3 shade;
+  #if defined(NIGHT) || defined(GRAIN) || defined(FACADE)
+    varying vec3 at, facing3;
+    varying vec4 own4;      // albedo, share of the picture that the haze leaves
+  #endif
+  #ifdef FACADE
+    varying float pattern;
+  #endif
+  ${TRUTH_HEAD}
   ${LIGHT}
   void main() {
     vec3 p = position, n = normal;
@@ -58,30 +119,88 @@ const BODY_VERTEX = /* glsl */ `
     vec3 bounced = reflect(-eye, n);
     float facing = 1.0 - max(dot(n, eye), 0.0);
     float mirror = surface.x * (0.10 + 0.75 * facing * facing * facing);
-    vec3 sky = mix(vec3(0.16, 0.16, 0.15), mix(vec3(0.78, 0.82, 0.86), vec3(0.20, 0.38, 0.66), clamp(bounced.y * 1.3, 0.0, 1.0)),
-      smoothstep(-0.08, 0.06, bounced.y));
-    vec3 light = mix(lit(albedo, n), sky, mirror) + surface.x * 0.9 * pow(max(dot(bounced, sun), 0.0), 36.0);
-    light = mix(light, albedo * 1.6, surface.y);
-    shade = mix(screen(light), haze, hazed(far));
+    vec3 sky = mix(earthlight * 0.85, mix(horizon, zenith, clamp(bounced.y * 1.3, 0.0, 1.0)), smoothstep(-0.08, 0.06, bounced.y));
+    vec3 light = mix(lit(albedo, n), sky, mirror) + surface.x * sunlight * pow(max(dot(bounced, sun), 0.0), 36.0);
+    #ifdef NIGHT
+      light = mix(light, albedo * 2.5, min(1.0, 2.0 * surface.y));
+    #else
+      light = mix(light, albedo * 1.6, surface.y);
+    #endif
+    #if defined(NIGHT) || defined(GRAIN) || defined(FACADE)
+      at = world.xyz;
+      facing3 = n;
+      own4 = vec4(albedo * (1.0 - 0.6 * surface.x), 1.0 - hazed(far));
+      shade = light;
+    #else
+      shade = mix(screen(light), haze, hazed(far));
+    #endif
+    #ifdef FACADE
+      pattern = surface.z;
+    #endif
     gl_Position = projectionMatrix * viewMatrix * world;
+    ${TRUTH_VERTEX}
   }
 `;
 
 const BODY_FRAGMENT = /* glsl */ `
   varying vec3 shade;
-  void main() { gl_FragColor = vec4(shade, 1.0); }
+  #if defined(NIGHT) || defined(GRAIN) || defined(FACADE)
+    varying vec3 at, facing3;
+    varying vec4 own4;
+    ${LIGHT}
+  #endif
+  #ifdef NIGHT
+    ${NIGHT_LIGHT}
+  #endif
+  #if defined(GRAIN) || defined(FACADE)
+    uniform sampler2D grain;
+    uniform float fine, rough;
+  #endif
+  #ifdef FACADE
+    varying float pattern;
+  #endif
+  void main() {
+    #if defined(NIGHT) || defined(GRAIN) || defined(FACADE)
+      vec3 light = shade;
+      #ifdef NIGHT
+        light += own4.rgb * lamplight(at, normalize(facing3));
+      #endif
+      #if defined(GRAIN) || defined(FACADE)
+        vec3 side = abs(facing3);
+        vec2 flat2 = side.y > max(side.x, side.z) ? at.xz : vec2(side.x > side.z ? at.z : at.x, at.y);
+        float g = texture2D(grain, flat2 * fine).r - 0.5;
+        light *= max(0.0, 1.0 + rough * g);
+      #endif
+      #ifdef FACADE
+        // Boards of a wall, rows of shingles of a roof: finer than a pixel they are left out.
+        float rows = pattern > 0.75 ? at.y * 6.5 : (at.x + at.y + at.z) * 3.2;
+        float sharp = clamp(1.0 - fwidth(rows) * 1.6, 0.0, 1.0);
+        float line = smoothstep(0.78, 0.95, fract(rows));
+        light *= pattern > 0.75 || pattern < 0.25 ? 1.0 - 0.28 * line * sharp : 1.0;
+      #endif
+      gl_FragColor = vec4(mix(haze, screen(light), own4.a), 1.0);
+    #else
+      gl_FragColor = vec4(shade, 1.0);
+    #endif
+  }
 `;
 
 const GROUND_VERTEX = /* glsl */ `
   attribute vec3 tint;
   varying vec3 shade;
   varying vec3 at;
+  ${TRUTH_HEAD}
   ${LIGHT}
   void main() {
-    shade = screen(lit(linear(tint), vec3(0.0, 1.0, 0.0)));
     vec4 world = modelMatrix * vec4(position, 1.0);
     at = world.xyz;
+    #ifdef NIGHT
+      shade = linear(tint);
+    #else
+      shade = screen(lit(linear(tint), vec3(0.0, 1.0, 0.0)));
+    #endif
     gl_Position = projectionMatrix * viewMatrix * world;
+    ${TRUTH_VERTEX}
   }
 `;
 
@@ -89,25 +208,41 @@ const GROUND_FRAGMENT = /* glsl */ `
   varying vec3 shade;
   varying vec3 at;
   uniform sampler2D grain;
-  uniform vec3 haze;
   uniform float fine, rough;
+  ${LIGHT}
+  #ifdef NIGHT
+    ${NIGHT_LIGHT}
+  #endif
   void main() {
-    vec3 away = (at - cameraPosition) * 0.0025;
-    float clear = exp(-dot(away, away));
+    vec3 away = cameraPosition - at;
+    float far = length(away);
     float g = texture2D(grain, at.xz * fine).r - 0.5;
-    gl_FragColor = vec4(mix(haze, shade * (1.0 + rough * g), clear), 1.0);
+    #ifdef NIGHT
+      vec3 up = vec3(0.0, 1.0, 0.0);
+      vec3 painted = screen(lit(shade, up) + shade * lamplight(at, up)) * (1.0 + rough * g);
+    #else
+      vec3 painted = shade * (1.0 + rough * g);
+    #endif
+    #ifdef WET
+      // A wet road is darker, and mirrors the sky where one looks along it.
+      float grazing = 1.0 - away.y / far;
+      painted = mix(0.7 * painted, screen(horizon), 0.55 * pow(grazing, 6.0) * (0.7 + g));
+    #endif
+    gl_FragColor = vec4(mix(haze, painted, 1.0 - hazed(far)), 1.0);
   }
 `;
 
-const uniforms = () => ({ sun: { value: SUN }, haze: { value: new Color(SKY.haze) } });
-
-/** The material of bodies: of many alike, or of one with a coat of paint. */
-export function bodyMaterial({ instanced = false, coat = "#ffffff" } = {}) {
+/**
+ * The material of bodies: of many alike, or of one with a coat of paint. With `rough` their surface has grain, of so many
+ * cells a metre; a `facade` has boards and shingles where the limb of its corners is 1 and -1.
+ */
+export function bodyMaterial({ instanced = false, coat = "#ffffff", rough = 0, fine = 0.5, facade = false } = {}) {
+  const grained = rough > 0 || facade ? { grain: { value: grain() }, fine: { value: fine }, rough: { value: rough } } : {};
   return new ShaderMaterial({
     vertexShader: BODY_VERTEX,
     fragmentShader: BODY_FRAGMENT,
-    uniforms: { ...uniforms(), ...(instanced ? {} : { coat: { value: new Color(coat) } }) },
-    defines: instanced ? { INSTANCED: "" } : {},
+    uniforms: { ...lightUniforms(), ...grained, ...(instanced ? {} : { coat: { value: new Color(coat) } }) },
+    defines: { ...(instanced ? { INSTANCED: "" } : {}), ...(rough > 0 ? { GRAIN: "" } : {}), ...(facade ? { FACADE: "" } : {}), ...weather() },
   });
 }
 
@@ -116,8 +251,25 @@ export function groundMaterial({ fine, rough }) {
   return new ShaderMaterial({
     vertexShader: GROUND_VERTEX,
     fragmentShader: GROUND_FRAGMENT,
-    uniforms: { ...uniforms(), grain: { value: grain() }, fine: { value: fine }, rough: { value: rough } },
+    uniforms: { ...lightUniforms(), grain: { value: grain() }, fine: { value: fine }, rough: { value: rough } },
+    defines: weather(),
     depthWrite: false,
+  });
+}
+
+const weather = () => ({ ...(lampsLit() ? { NIGHT: "" } : {}), ...(rains() ? { WET: "" } : {}) });
+
+/**
+ * The material by which a body or the ground says what its pixels show: owner, kind and depth. `own` is the owner of a
+ * body that is no instance; `only` is a uniform: what has another owner is left out, nothing where it is below 0.
+ */
+export function truthMaterial(material, kind, own, only) {
+  return new ShaderMaterial({
+    vertexShader: material.vertexShader,
+    fragmentShader: TRUTH_FRAGMENT,
+    uniforms: { ...material.uniforms, kind: { value: kind }, own: { value: own }, only },
+    defines: { ...material.defines, TRUTH: "" },
+    depthWrite: material.depthWrite,
   });
 }
 

@@ -5,33 +5,41 @@ import { BufferAttribute, BufferGeometry, Color, Group, Mesh, ShapeUtils, Vector
 import { borders, dashes, straightened } from "./borders.js";
 import { RoadSurface, beside, cleaned, hull, leftNormals } from "./road_surface.js";
 import { bodyMaterial, groundMaterial } from "./shading.js";
+import { Neighbourhood } from "./neighbourhood.js";
 import { Shape } from "./shapes.js";
+import { BAY, PAVEMENT, bayDepth, kerbsWithBays, lineAt, residential } from "./verge.js";
 
-const COLOURS = { grass: "#75875a", asphalt: "#55575a", walk: "#a9a59c", white: "#e4e4de", yellow: "#d9a521", kerb: "#b5b1a8" };
+const COLOURS = { grass: "#75875a", asphalt: "#55575a", walk: "#a9a59c", white: "#e4e4de", yellow: "#d9a521", kerb: "#b5b1a8", drive: "#9c9891" };
 const KERB = { height: 0.13, width: 0.16 }; //: [m]
 const MARK = 0.11; //: width of a line between lanes [m]
-const GROUND = 2500; //: half the side of the ground [m]
+const [GROUND, PIECE] = [2500, 250]; //: half the side of the ground, and the side of its pieces [m]
 const TILE = 250; //: side of the squares that are drawn or left out as one [m]
 //: what is flat is drawn in this order, before all bodies, which have 0
 const ORDER = { ground: -8, walk: -7, road: -6, marks: -5 };
 
-/** Everything of a scene that does not move and lies on the ground; with `surface`, the road that was found. */
-export function street(scene, reference) {
+/**
+ * Everything of a scene that does not move and lies on the ground; with `surface`, the road that was found. A `dressed` one
+ * has bays, pavements, houses and parked cars by rule where roads are residential: its `neighbourhood`.
+ */
+export function street(scene, reference, dressed = false) {
   const lanes = scene.lanes.map((lane) => ({ ...lane, width: lane.width ?? 3.2, points: cleaned(lane.points) }));
   const whole = lanes.filter((lane) => lane.points.length > 1);
   const driven = whole.filter(({ kind }) => kind === "road" || kind === "junction");
   const outlines = scene.network?.junctions?.map(({ points }) => points) ?? hulls(driven);
   const surface = new RoadSurface(driven, outlines);
   const lines = borders(surface);
+  const runs = dressed ? residential(surface, lines.kerbs, whole.filter(({ kind }) => kind === "foot")) : [];
+  const neighbourhood = dressed ? new Neighbourhood(scene, surface, runs, reference) : null;
   const group = new Group();
   group.add(
     ...groundPlane().meshes(groundMaterial({ fine: 0.017, rough: 0.36 }), ORDER.ground),
-    ...walks(whole, reference).meshes(groundMaterial({ fine: 0.1, rough: 0.16 }), ORDER.walk),
-    ...asphalt(driven, outlines, reference).meshes(groundMaterial({ fine: 0.11, rough: 0.26 }), ORDER.road),
+    ...walks(whole, runs, neighbourhood, reference).meshes(groundMaterial({ fine: 0.1, rough: 0.16 }), ORDER.walk),
+    ...asphalt(driven, outlines, runs, reference).meshes(groundMaterial({ fine: 0.11, rough: 0.26 }), ORDER.road),
     ...marks(scene, whole, lines, reference).meshes(groundMaterial({ fine: 0.11, rough: 0.2 }), ORDER.marks),
-    ...kerbs(lines.kerbs, reference),
+    ...kerbs(dressed ? kerbsWithBays(lines.kerbs, runs) : lines.kerbs, reference),
   );
-  return { group, surface };
+  if (neighbourhood) group.add(...neighbourhood.group.children);
+  return { group, surface, neighbourhood };
 }
 
 /** Junctions' areas where no network says them: the convex outline of lanes inside junctions that touch each other. */
@@ -60,8 +68,10 @@ function tileAt(tiles, key, make) {
 
 /** Triangles on the ground, each corner with a colour, filed by the tile of the first corner. */
 class Paint {
-  constructor(reference) {
+  /** `tile` says of a corner in the scene which tile it is filed by. */
+  constructor(reference, tile = tileOf) {
     this.reference = reference;
+    this.tile = tile;
     this.tiles = new Map();
   }
 
@@ -69,7 +79,7 @@ class Paint {
     const [a, b, c] = corners;
     const left = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
     const placed = (left > 0 ? [a, b, c] : [a, c, b]).map(([x, y]) => this.reference.place(x, y));
-    const tile = tileAt(this.tiles, tileOf(placed[0]), () => ({ positions: [], tints: [] }));
+    const tile = tileAt(this.tiles, this.tile(placed[0]), () => ({ positions: [], tints: [] }));
     const { r, g, b: blue } = new Color(colour);
     for (const corner of placed) {
       tile.positions.push(...corner);
@@ -95,31 +105,41 @@ class Paint {
   }
 
   meshes(material, order) {
+    const kind = Object.keys(ORDER).find((name) => ORDER[name] === order);
     return [...this.tiles.values()].map(({ positions, tints }) => {
       const made = new BufferGeometry();
       made.setAttribute("position", new BufferAttribute(new Float32Array(positions), 3));
       made.setAttribute("tint", new BufferAttribute(new Float32Array(tints), 3));
       const mesh = new Mesh(made, material);
       mesh.renderOrder = order;
+      mesh.userData.kind = kind;
       return mesh;
     });
   }
 }
 
 function groundPlane() {
-  const paint = new Paint({ place: (x, y) => [x, 0, -y] });
-  paint.strip([[-GROUND, GROUND], [GROUND, GROUND]], [[-GROUND, -GROUND], [GROUND, -GROUND]], COLOURS.grass);
+  const paint = new Paint({ place: (x, y) => [x, 0, -y] }, () => "whole");
+  // In pieces: over a triangle of kilometres, depths are wrong by pixels where no graphics card draws.
+  const steps = Array.from({ length: (2 * GROUND) / PIECE + 1 }, (_, k) => k * PIECE - GROUND);
+  for (const y of steps.slice(1)) paint.strip(steps.map((x) => [x, y]), steps.map((x) => [x, y - PIECE]), COLOURS.grass);
   return paint;
 }
 
-function walks(lanes, reference) {
+function walks(lanes, runs, neighbourhood, reference) {
   const paint = new Paint(reference);
+  for (const run of runs) {
+    const [near, far] = PAVEMENT.map((out) => lineAt(run, () => BAY.depth + out));
+    paint.strip(near, far, COLOURS.walk);
+  }
+  for (const corners of neighbourhood?.driveways ?? []) paint.area(corners, COLOURS.drive);
   for (const { points, width } of lanes.filter(({ kind }) => kind === "foot")) paint.line(points, width, COLOURS.walk);
   return paint;
 }
 
-function asphalt(lanes, outlines, reference) {
+function asphalt(lanes, outlines, runs, reference) {
   const paint = new Paint(reference);
+  for (const run of runs) paint.strip(lineAt(run, () => -0.1), lineAt(run, (d) => bayDepth(run, d)), COLOURS.asphalt);
   for (const { points, width } of lanes) paint.line(points, width + 0.1, COLOURS.asphalt);
   for (const outline of outlines) paint.area(outline, COLOURS.asphalt);
   return paint;
@@ -159,5 +179,9 @@ function kerbs(lines, reference) {
     }
   }
   const stone = bodyMaterial();
-  return [...tiles.values()].map((shape) => new Mesh(shape.geometry(), stone));
+  return [...tiles.values()].map((shape) => {
+    const mesh = new Mesh(shape.geometry(), stone);
+    mesh.userData.kind = "kerb";
+    return mesh;
+  });
 }

@@ -1,7 +1,8 @@
 // What stands beside the street: signals with their lamps, buildings as blocks, and the sky.
 
-import { BackSide, BufferAttribute, BufferGeometry, Color, CylinderGeometry, Group, Mesh, ShaderMaterial, SphereGeometry } from "three";
-import { SKY, bodyMaterial, hashed } from "./shading.js";
+import { BackSide, BufferAttribute, BufferGeometry, CylinderGeometry, Group, Mesh, ShaderMaterial, SphereGeometry } from "three";
+import { skyColours } from "./light.js";
+import { bodyMaterial, hashed } from "./shading.js";
 import { Shape, moved } from "./shapes.js";
 import { turning } from "./road_surface.js";
 
@@ -24,7 +25,9 @@ export class Signals {
     // A head looks back at the traffic that comes to it.
     head.rotation.y = heading + Math.PI;
     const lamps = new Mesh(this.#lamps("off"), this.material);
-    head.add(new Mesh(this.#mast(reach), this.material), lamps);
+    const mast = new Mesh(this.#mast(reach), this.material);
+    mast.userData.kind = lamps.userData.kind = "signal";
+    head.add(mast, lamps);
     this.group.add(head);
     this.heads.set(`${id} ${link}`, { id, link, lamps });
   }
@@ -86,7 +89,9 @@ export function buildings(scene, reference) {
   (scene.buildings ?? []).forEach(({ points, height }, index) => {
     if (points.length < 3) return;
     const outline = turning(points) > 0 ? points : [...points].reverse();
-    group.add(new Mesh(block(outline, height ?? 2 * STOREY, WALLS[Math.floor(hashed(index) * WALLS.length)], reference), material));
+    const mesh = new Mesh(block(outline, height ?? 2 * STOREY, WALLS[Math.floor(hashed(index) * WALLS.length)], reference), material);
+    mesh.userData.kind = "building";
+    group.add(mesh);
   });
   return group;
 }
@@ -133,7 +138,7 @@ export function sky() {
   const dome = new SphereGeometry(1000, 32, 24);
   const at = dome.getAttribute("position");
   const tints = [];
-  const [zenith, horizon, haze, far] = [new Color(SKY.zenith), new Color(SKY.horizon), new Color(SKY.haze), new Color("#aebbb4")];
+  const { zenith, horizon, haze, far } = skyColours();
   for (let i = 0; i < at.count; i++) {
     const up = at.getY(i) / 1000;
     const colour = up > 0 ? horizon.clone().lerp(zenith, Math.min(1, Math.pow(up, 0.6) * 1.15)) : haze;

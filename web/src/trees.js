@@ -17,16 +17,18 @@ const LEAVES = ["#4f6b3a", "#5c7842", "#466238", "#6b8148"];
 const LEAFY = { painted: 1 };
 
 export class Trees {
-  constructor(scene, surface, reference) {
+  /** With `detail` leaves have grain; `taken` says of a place {x, y} of the map whether something else stands there. */
+  constructor(scene, surface, reference, { detail = false, taken = () => false } = {}) {
+    const leaves = detail ? { rough: 1.1, fine: 0.13 } : {};
     this.groves = new Map();
-    for (const { x, y, seed } of planted(scene, surface)) this.#plant(reference.place(x, y), seed);
+    for (const { x, y, seed } of planted(scene, surface, taken)) this.#plant(reference.place(x, y), seed);
     const plain = [roundTree(false), firTree(false)];
-    const lot = (geometry) => new Lot(geometry, bodyMaterial({ instanced: true }), 0);
+    const lot = (geometry) => new Lot(geometry, bodyMaterial({ instanced: true, ...leaves }), 0, "vegetation");
     this.lots = { fine: [roundTree(true), firTree(true)].map(lot), plain: plain.map(lot) };
     this.shadows = shadows();
     this.group = new Group();
     this.group.add(this.shadows.mesh, ...this.#allLots().map(({ mesh }) => mesh));
-    this.#farGroves(plain);
+    this.#farGroves(plain, leaves);
   }
 
   #allLots() {
@@ -34,10 +36,11 @@ export class Trees {
   }
 
   /** Make one body of each grove, as it is seen from far. */
-  #farGroves(plain) {
-    const material = bodyMaterial();
+  #farGroves(plain, leaves) {
+    const material = bodyMaterial(leaves);
     for (const grove of this.groves.values()) {
       grove.far = new Mesh(merged(grove.trees.map(({ kind, row }) => [plain[kind], row])), material);
+      grove.far.userData.kind = "vegetation";
       this.group.add(grove.far);
     }
   }
@@ -77,8 +80,8 @@ export class Trees {
 }
 
 /** Places for trees along the lanes [map m], clear of roads and buildings, with a number for each. */
-function* planted(scene, surface) {
-  const taken = new Set();
+function* planted(scene, surface, taken) {
+  const cells = new Set();
   const built = scene.buildings ?? [];
   for (const lane of surface.lanes) {
     if (lane.kind !== "road") continue;
@@ -89,9 +92,9 @@ function* planted(scene, surface) {
       const out = lane.width / 2 + CLEAR + 1 + 5 * hashed(seed);
       const [tx, ty] = [x + uy * out + 3 * ux * hashed(seed + 5), y - ux * out + 3 * uy * hashed(seed + 5)];
       const cell = `${Math.round(tx / 7)},${Math.round(ty / 7)}`;
-      if (taken.has(cell) || hashed(seed + 1) < 0.25 || surface.near(tx, ty, CLEAR)) continue;
-      taken.add(cell);
-      if (!built.some(({ points }) => inside(points, tx, ty))) yield { x: tx, y: ty, seed };
+      if (cells.has(cell) || hashed(seed + 1) < 0.25 || surface.near(tx, ty, CLEAR)) continue;
+      cells.add(cell);
+      if (!taken(tx, ty) && !built.some(({ points }) => inside(points, tx, ty))) yield { x: tx, y: ty, seed };
     }
   }
 }

@@ -3,15 +3,18 @@
 
 import { Frustum, Group, LinearSRGBColorSpace, Matrix4, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
 import { Board } from "./board.js";
+import { CameraPictures } from "./camera_pictures.js";
 import { Ego } from "./ego.js";
 import { Fleet } from "./fleet.js";
 import { predicted, referenceOf } from "./frame_of_reference.js";
 import { Headset } from "./headset.js";
+import { setLight } from "./light.js";
 import { street } from "./street.js";
 import { Signals, buildings, sky } from "./surroundings.js";
 import { Trees } from "./trees.js";
 
 const FAR = 1100; //: [m]
+const NEAR = 0.1; //: before a camera that is mounted on the car [m]
 const TILES_WITHIN = 480; //: what is farther stands in the haze [m]
 //: of each view: where the camera hangs forward, left and over the rear axle [m], how far it looks down [rad], its angle [deg]
 const VIEWS = {
@@ -19,6 +22,7 @@ const VIEWS = {
   chase: { from: [-7.2, 0, 3.0], down: 0.2, angle: 48, near: 0.5 },
   above: { from: [-4, 0, 58], down: 1.2, angle: 46, near: 5 },
 };
+const MOUNTED = "mounted"; //: the view of a camera that is mounted on the car
 
 class World {
   #scene = new Scene();
@@ -29,7 +33,8 @@ class World {
   #last = null;
   #outside = [];
 
-  constructor(canvas, scene, { pixelRatio = 1, antialias = !drawnBySoftware(), preserve = false } = {}) {
+  constructor(canvas, scene, { pixelRatio = 1, antialias = !drawnBySoftware(), preserve = false, dressed = false, time, rain } = {}) {
+    this.light = setLight(time, rain);
     this.reference = referenceOf(scene);
     this.renderer = new WebGLRenderer({ canvas, antialias, preserveDrawingBuffer: preserve });
     this.renderer.outputColorSpace = LinearSRGBColorSpace;
@@ -37,12 +42,13 @@ class World {
     this.renderer.info.autoReset = true;
     this.camera = new PerspectiveCamera(VIEWS.driver.angle, 16 / 9, VIEWS.driver.near, FAR);
     this.camera.rotation.order = "YXZ";
-    const { group, surface } = street(scene, this.reference);
+    const { group, surface, neighbourhood } = street(scene, this.reference, dressed);
     const built = buildings(scene, this.reference);
-    this.trees = new Trees(scene, surface, this.reference);
+    this.trees = new Trees(scene, surface, this.reference, { detail: dressed, taken: (x, y) => neighbourhood?.taken(x, y) });
     this.tiles = [...group.children, ...built.children];
     this.ego = new Ego(scene.ego);
-    this.fleet = new Fleet(scene, this.reference);
+    this.fleet = new Fleet(scene, this.reference, neighbourhood?.parked);
+    this.lamps = neighbourhood?.lamps ?? [];
     this.signals = new Signals(scene, this.reference);
     this.board = new Board();
     // The rig is the car's: the head turns the camera within it, and a headset does likewise.
@@ -75,6 +81,18 @@ class World {
     if (this.#last) this.show(...this.#last);
   }
 
+  /**
+   * Look from a camera on the car: forward, left and up of the rear axle [m]; yaw to the left, pitch down, roll to the
+   * right [rad]; `slopes` {left, right, top, bottom} are those of the picture's edges to the right and down.
+   */
+  mount({ x, y, z, yaw, pitch, roll }, { left, right, top, bottom }) {
+    this.#view = MOUNTED;
+    this.mounted = { from: [x, y, z], down: pitch, yaw, roll };
+    this.camera.projectionMatrix.makePerspective(left * NEAR, right * NEAR, -top * NEAR, -bottom * NEAR, NEAR, FAR);
+    this.camera.projectionMatrixInverse.copy(this.camera.projectionMatrix).invert();
+    this.ego.seenFromInside(false);
+  }
+
   /** Turn the head against the car: to the left and up [rad]; a headset does it by itself. */
   look({ yaw, pitch }) {
     this.#head = { yaw, pitch };
@@ -96,10 +114,33 @@ class World {
     this.fleet.show(frame.actors, ahead, eye, view);
     this.trees.show(eye, view);
     this.signals.show(frame.signals);
+    if (this.light.lit) this.#lightUp(eye);
+  }
+
+  /** Have the nearest street lamps and headlights light the picture. */
+  #lightUp(eye) {
+    const { lamps, beams } = this.light.uniforms;
+    const nearest = (list, count) => list.map((one) => [Math.hypot(one[0] - eye.x, one[1] - eye.z), one]).sort((a, b) => a[0] - b[0]).slice(0, count);
+    const placed = this.lamps.map(({ x, y }) => this.reference.place(x, y)).map(([X, , Z]) => [X, Z]);
+    const near = nearest(placed, lamps.value.length);
+    lamps.value.forEach((lamp, i) => lamp.set(near[i]?.[1][0] ?? 0, 6.9, near[i]?.[1][1] ?? 0, near[i] ? 40 : 0));
+    const driven = this.fleet.bodies.filter(({ kind, speed }) => speed > 0.5 && kind !== "pedestrian" && kind !== "child" && kind !== "bicycle");
+    const fronts = driven.map(({ x, y, heading, length }) => this.#front(x, y, heading, length / 2));
+    const { length, rear_overhang: overhang } = this.ego.size;
+    const { x, z } = this.ego.group.position;
+    const own = this.reference.back(x, 0, z);
+    const cars = [this.#front(own.x, own.y, this.ego.group.rotation.y, length - overhang), ...nearest(fronts, beams.value.length - 1).map((one) => one[1])];
+    beams.value.forEach((beam, i) => beam.set(...(cars[i] ?? [0, 0, 0, 0])));
+  }
+
+  #front(x, y, heading, ahead) {
+    const [c, s] = [Math.cos(heading), Math.sin(heading)];
+    const [X, , Z] = this.reference.place(x + ahead * c, y + ahead * s);
+    return [X, Z, c, s];
   }
 
   #place({ x, y, heading }, steering) {
-    const { from, down } = VIEWS[this.#view];
+    const { from, down, yaw = 0, roll = 0 } = this.#view === MOUNTED ? this.mounted : VIEWS[this.#view];
     const [forward, left, up] = from ?? this.ego.eye;
     const [c, s] = [Math.cos(heading), Math.sin(heading)];
     const place = this.reference.place(x, y);
@@ -109,7 +150,7 @@ class World {
     this.#rig.rotation.y = heading - Math.PI / 2;
     if (!this.renderer.xr.isPresenting) {
       this.camera.position.set(0, 0, 0);
-      this.camera.rotation.set(this.#head.pitch - down, this.#head.yaw, 0);
+      this.camera.rotation.set(this.#head.pitch - down, this.#head.yaw + yaw, -roll);
     }
     this.#rig.updateMatrixWorld(true);
   }
@@ -120,6 +161,11 @@ class World {
     const far = ({ geometry: { boundingSphere: sphere } }) => sphere.center.distanceTo(eye) - sphere.radius;
     for (const tile of this.tiles) tile.visible = far(tile) < TILES_WITHIN;
     this.renderer.render(this.#scene, this.camera);
+  }
+
+  /** Everything that is drawn, for who draws it in another way. */
+  get scene() {
+    return this.#scene;
   }
 
   /**
@@ -206,4 +252,5 @@ function frustumOf({ projectionMatrix, matrixWorldInverse }) {
  * `antialias` for smooth edges (by default where there is a graphics card), `preserve` for who copies the picture.
  */
 export const createWorld = (canvas, scene, options) => new World(canvas, scene, options);
+export const createCamera = (canvas, scene, camera, options) => new CameraPictures(new World(canvas, scene, { ...options, dressed: options?.dressed ?? true }), camera);
 export const headsetIsThere = () => Headset.isThere();

@@ -3,7 +3,7 @@
 
 import { Frames, unpacked, unzipped } from "./frames.js";
 import { Street } from "./street.js";
-import { createWorld } from "./world.min.js";
+import { createCamera, createWorld } from "./world.min.js";
 import { drawCaption } from "./caption.js";
 
 const STREET = "street";
@@ -40,6 +40,33 @@ class Pictures {
   }
 }
 
+/** The pictures of a camera on the car, without caption, and the truth beside them. */
+class CameraRoll {
+  async open(scene, frames, camera, look) {
+    this.frames = frames && new Frames(unpacked(await unzipped(decoded(frames))));
+    this.canvas = canvasOf(camera.columns, camera.rows);
+    const map = new Float32Array(decoded(camera.map).buffer);
+    this.camera = createCamera(this.canvas, scene, { ...camera, map }, { preserve: true, antialias: false, ...look });
+  }
+
+  /** Draw the street at a drive time [s] and return the picture, in base64. */
+  at(time, kind, quality) {
+    return this.drawn(this.frames.frame(this.frames.at(time)), time, kind, quality);
+  }
+
+  /** Draw a frame at a drive time [s] and return the picture, in base64. */
+  drawn(frame, time, kind, quality) {
+    this.camera.draw(frame, time);
+    return this.canvas.toDataURL(kind, quality).split(",")[1];
+  }
+
+  /** The truth of the picture that was drawn last: columns in base64, and the bodies. */
+  look() {
+    const { kinds, owners, depths, ...others } = this.camera.look();
+    return { kinds: encoded(kinds), owners: encoded(owners), depths: encoded(depths), ...others };
+  }
+}
+
 function canvasOf(width, height) {
   const canvas = document.createElement("canvas");
   Object.assign(canvas, { width, height });
@@ -49,4 +76,13 @@ function canvasOf(width, height) {
 
 const decoded = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 
+/** Numbers as bytes, in base64. */
+function encoded(numbers) {
+  const bytes = new Uint8Array(numbers.buffer);
+  let text = "";
+  for (let at = 0; at < bytes.length; at += 0x8000) text += String.fromCharCode(...bytes.subarray(at, at + 0x8000));
+  return btoa(text);
+}
+
 globalThis.pictures = new Pictures();
+globalThis.cameraRoll = new CameraRoll();
