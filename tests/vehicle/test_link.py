@@ -154,6 +154,11 @@ def test_a_sequence_that_no_table_could_hold_is_none():
     assert right.count(most) == 1
     wrong = right[:-4].replace(most, b"\xcf" + (1 << 63).to_bytes(8, "big"))
     assert link.decode_setpoint(sealed(wrong)) == MalformedMessage("wrong_content")
+    status = GatewayStatus(ArmingState.DISARMED, (), 0.0, 0.0, (), 0.0, 0.0)
+    told = link.encode_feedback(link.Feedback(0.0, 1 << 63, math.nan, status, 0.0, 0.0, "", 1))
+    assert told.count(most) == 1, "the greatest is sent for what is greater"
+    wrong = told[:-4].replace(most, b"\xcf" + (1 << 63).to_bytes(8, "big"))
+    assert link.decode_feedback(sealed(wrong)) == MalformedMessage("wrong_content")
 
 
 def test_what_no_text_can_hold_comes_back_as_a_question_mark():

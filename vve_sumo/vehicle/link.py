@@ -21,19 +21,20 @@ MAX_CODES: Final = 64  # strings in a list
 # One knot more than a fallback path may have is sent, so that the gateway rejects a path that was too long.
 _KNOTS_SENT: Final = MAX_KNOTS + 1
 _MAX_INTEGER: Final = (1 << 63) - 1
+_Whole = Annotated[int, msgspec.Meta(le=_MAX_INTEGER)]
 
 
 class Feedback(NamedTuple):
     """The gateway process's message after each of its steps."""
 
     time: float  #: drive time of the step [s]
-    sequence: int  #: of the newest setpoint accepted; -1 for none
+    sequence: _Whole  #: of the newest setpoint accepted; -1 for none
     sent: float  #: drive time at which the send of the last command frame returned [s]; NaN for none
     status: GatewayStatus  #: of the step
     measured_steering: float  #: road-wheel angle that the car reports [rad], left positive; NaN not reported
     wheel_speed: float  #: rear axle's speed from the wheels [m/s], forward positive; NaN not reported
     gear: str  #: that the car reports
-    steps: int  #: steps so far
+    steps: _Whole  #: steps so far
 
 
 #: a fallback path as it is sent; a class that is compiled would lose the options of its `class` line
@@ -48,7 +49,7 @@ _Text = Annotated[str, msgspec.Meta(max_length=MAX_TEXT)]
 _NAMES: Final = tuple(field.name for field in dataclasses.fields(Setpoint))
 _TYPES: Final[dict[str, Any]] = get_type_hints(Setpoint) | {
     "note": _Text,
-    "sequence": Annotated[int, msgspec.Meta(le=_MAX_INTEGER)],
+    "sequence": _Whole,
     "faults": Annotated[tuple[_Text, ...], msgspec.Meta(max_length=MAX_CODES)],
     "fallback_path": _Path | None,
 }
