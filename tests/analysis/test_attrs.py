@@ -21,6 +21,8 @@ from tests.sweep.test_dataset import COUNT, PLAN, cell, fill, result
 from vve_sumo import analysis
 from vve_sumo.analysis import LatencyMargin, Run, Sweep
 from vve_sumo.analysis.latency_margin import DELAY, NOISE, edges_of, steps_of
+from vve_sumo.analysis.steering_study import MARGINS
+from vve_sumo.analysis.units import described
 from vve_sumo.record.rows import GatewayRow, LatencyRow
 from vve_sumo.sweep.dataset import Dataset
 
@@ -91,6 +93,7 @@ OF_A_SWEEP: dict[str, Callable[[Sweep], Mapping[str, Any]]] = {
     },
     "PairedComparison": lambda sweep: _of_pairs(analysis.compare_sweeps(sweep, sweep)),
     "LatencyMargin": lambda sweep: _of_margin(sweep),
+    "SteeringStudy": lambda sweep: _of_study(),
 }
 
 
@@ -107,6 +110,11 @@ def _of_margin(sweep: Sweep) -> Mapping[str, pd.DataFrame]:
     steps = steps_of(rows, 8.0)
     margin = LatencyMargin("by hand", "by_hand", 8.0, steps, edges_of(steps, 8.0), math.nan)
     return {"steps": margin.steps, "edges": margin.edges}
+
+
+def _of_study() -> Mapping[str, pd.DataFrame]:
+    one = pd.DataFrame([[8.0, 1.0, 0.0, 0.4, 0.39, 0.38, 0.4, -2.5]], columns=list(MARGINS))
+    return {"margins": analysis.SteeringStudy("by hand", described(one, MARGINS), 2.0).margins}
 
 
 def assert_described(name: str, table: pd.DataFrame) -> None:

@@ -21,7 +21,8 @@ GAPS = (5.0, 6.0, 7.0)
 
 
 def _of_gap(gap: float) -> ResolvedScenario:
-    resolved: ResolvedScenario = altered({"controller.tuning.gap_m": gap})
+    near = {"obstacles": [{"id": "parked", "at_m": 120.0, "length_m": 4.5, "width_m": 1.8}], "road.demand": []}
+    resolved: ResolvedScenario = altered(near | {"controller.tuning.gap_m": gap})
     return resolved
 
 

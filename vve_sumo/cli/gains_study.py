@@ -29,7 +29,7 @@ A live drive whose gains lie outside is refused.
 examples:
   vve-sumo study gains parked_car --out gains
   vve-sumo study gains parked_car --out gains --rig ours     the rig's car, the delay that its latency budget allows
-  vve-sumo study gains parked_car --out late --delay-ms 120  a delay that was measured
+  vve-sumo study gains parked_car --out late --delay-ms 120   a delay that was measured
 """
 PICTURE, TABLE, SCHEDULE = "gains.png", "gains.csv", "scheduled.py"
 #: of the table; the gains of the law, whether they are good, and the central ones

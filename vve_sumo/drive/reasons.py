@@ -45,7 +45,6 @@ DRIVE_REASONS: Final[dict[str, str]] = {
     "outputs_gone": "the process of the outgoing wires is gone: the external controller sees nothing",
     "overrun": "the drive's loop was too late too often: its ticks were skipped",
     "path_leaves_lot": "the path leads to where the car could not stop inside the lot",
-    "stations_gone": "the process that hears the real on-board unit is gone: nothing is known of its stations any more",
     "people_gone": "the process of the people's page is gone: nothing is known of them any more",
     "pose_foreign_sender": "another sender than the rig's pose.source speaks to the receiver's port",
     "pose_not_finite": "the pose handed to SUMO is not a number",
@@ -67,6 +66,7 @@ DRIVE_REASONS: Final[dict[str, str]] = {
     "simulation_error": "the simulation broke",
     "start_heading": "the car does not face along its path at the path's start",
     "start_position": "the car does not stand at its path's start",
+    "stations_gone": "the process that hears the real on-board unit is gone: nothing is known of its stations any more",
     "sumo_error": "SUMO refused a call or a step",
     "virtual_contact": "the car touches something on the virtual road",
 }
