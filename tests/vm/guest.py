@@ -24,7 +24,7 @@ from tests.vm.sender import LIFETIME, PERIOD, SPEED
 from tests.vm.wires import FRAME, WIRES, Heard, Wire, ip, open_raw, transmitted
 from vve_sumo.bus import Bus
 from vve_sumo.errors import RigError
-from vve_sumo.values import ArmingState, Frame
+from vve_sumo.values import EXTENDED, ArmingState, Frame
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed import codec, layout
@@ -44,7 +44,10 @@ COUNTED = {
 
 def check_frames(wire: Wire) -> str:
     """What the bus sends is what the kernel's own socket hears, bit for bit, and the other way round."""
-    frames = [Frame(identifier, bytes(range(1, size + 1))) for size in range(9) for identifier in (0, 0x061, 0x7FF)]
+    long = (EXTENDED, EXTENDED | 0x061, EXTENDED | 0x1FFF_FFFF)
+    numbers = (0, 0x061, 0x7FF, *long)
+    frames = [Frame(identifier, bytes(range(1, size + 1))) for size in range(9) for identifier in numbers]
+    assert EXTENDED == socket.CAN_EFF_FLAG
     with Bus("socketcan", wire.gateway) as bus, open_raw(wire.car) as raw:
         raw.settimeout(1.0)
         for identifier, data in frames:
@@ -52,7 +55,6 @@ def check_frames(wire: Wire) -> str:
             bus.send(Frame(identifier, data))
             assert FRAME.unpack(raw.recv(FRAME.size)) == FRAME.unpack(wanted)
             # What a `Frame` cannot hold comes first and is passed over.
-            raw.send(FRAME.pack(identifier | socket.CAN_EFF_FLAG, len(data), data))
             raw.send(FRAME.pack(identifier | socket.CAN_RTR_FLAG, 0, b""))
             raw.send(wanted)
             assert bus.receive(1.0)[1] == Frame(identifier, data)
