@@ -28,9 +28,9 @@ from vve_sumo.timing import PERIOD
 BODIES = 50
 SPEED = 10.0  #: of the ego [m/s]
 #: readings a second; that of the V2X receiver has the messages of a tick, fifty a second in all
-RATES = {"radar": 20.0, "lidar": 10.0, "camera": 15.0, "v2x": 50.0, "warned": 50.0, "told": 50.0, "told_all": 50.0}
+RATES = {"radar": 20.0, "lidar": 10.0, "camera": 15.0, "v2x": 50.0, "warned": 50.0, "some": 50.0, "all": 50.0}
 #: receivers that hear more: of warnings, and of what three in ten, or all, perceive
-RECEIVERS = {"v2x": {}, "warned": {"warnings": True}, "told": {"perceiving": 0.3}, "told_all": {"perceiving": 1.0}}
+RECEIVERS = {"v2x": {}, "warned": {"warnings": True}, "some": {"perceiving": 0.3}, "all": {"perceiving": 1.0}}
 
 
 def main() -> None:

@@ -136,14 +136,14 @@ def _perception(objects: ReportedObjects, rows: Sequence[int], time: float) -> b
         math.degrees(place[1]),
         orientation=heading,
         sensors=(Sensor(SENSOR_ID, SensorType.LOCAL_AGGREGATION),),
-        objects=tuple(_told(objects, row, frame) for row in rows),
+        objects=tuple(_perceived_object(objects, row, frame) for row in rows),
     )
     where = said.latitude_deg, said.longitude_deg
     vector = vector_of(station, StationType.PASSENGER_CAR, time_ms, *where, 0.0, heading)
     return single_hop(MessageId.CPM, vector, cpm.encode(said))
 
 
-def _told(objects: ReportedObjects, row: int, frame: MapFrame) -> PerceivedObject:
+def _perceived_object(objects: ReportedObjects, row: int, frame: MapFrame) -> PerceivedObject:
     east, north = frame.to_map(float(objects.latitude[row]), float(objects.longitude[row]))
     heading, speed = float(objects.true_heading[row]), float(objects.speed[row])
     radius = float(objects.uncertainty[row]) * NORMAL_95 / SEMI_AXIS_95

@@ -1,4 +1,4 @@
-"""Shipped kits against public descriptions of their wires, read by an independent decoder.
+"""Shipped interfaces against public descriptions of their wires, read by an independent decoder.
 
 The DBC files of PACMod and Raptor are read by cantools and are no part of this repository; of the ULC the public source
 is a C struct, which ctypes lays out.
@@ -25,7 +25,7 @@ from vve_sumo.vehicle.raptor.interface import MAPPING as RAPTOR
 from vve_sumo.vehicle.ulc.interface import MAPPING as ULC
 
 ON_THE_CAR = {"command_timeout_s": 0.1, "when_commands_stop": "releases"}
-KITS = {
+SHIPPED = {
     "as_pacmod.dbc": (PACMOD.with_name("pacmod3.dbc"), InterfaceConfig("pacmod3", {"brake_nm": 3412.0, **ON_THE_CAR})),
     "New_Eagle_DBW_3.4.dbc": (
         RAPTOR.with_name("raptor.dbc"),
@@ -65,10 +65,10 @@ def counterpart(message, own: dbc.Signal, size: int):
             yield signal
 
 
-@pytest.mark.parametrize("name", KITS)
+@pytest.mark.parametrize("name", SHIPPED)
 def test_every_signal_is_described_as_ours_is(shared_data, name):
     file = shared_data / "dbc" / name
-    for message in dbc.read(KITS[name][0]).values():
+    for message in dbc.read(SHIPPED[name][0]).values():
         there = described(file, message.id)
         assert there.length == message.size
         for signal in message.signals.values():
@@ -126,15 +126,15 @@ def _alone(signal):
     return _alone_cached(signal.start, signal.length, signal.byte_order, signal.is_signed)
 
 
-@pytest.mark.parametrize("name", KITS)
+@pytest.mark.parametrize("name", SHIPPED)
 def test_random_frames_are_read_as_the_public_description_does(shared_data, name):
-    assert compare_values(shared_data / "dbc" / name, KITS[name][0], random.Random(1), VALUES) >= VALUES
+    assert compare_values(shared_data / "dbc" / name, SHIPPED[name][0], random.Random(1), VALUES) >= VALUES
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", KITS)
+@pytest.mark.parametrize("name", SHIPPED)
 def test_a_hundred_thousand_values_are_read_as_the_public_description_does(shared_data, name):
-    assert compare_values(shared_data / "dbc" / name, KITS[name][0], random.Random(2), 100_000) >= 100_000
+    assert compare_values(shared_data / "dbc" / name, SHIPPED[name][0], random.Random(2), 100_000) >= 100_000
 
 
 def commands(chance: random.Random, facts) -> ActuationCommand:
@@ -177,7 +177,7 @@ def test_the_checksum_is_that_of_the_catalogue():
 @pytest.mark.parametrize("count", [200, pytest.param(10_000, marks=pytest.mark.slow)])
 def test_raptors_requests_say_what_was_commanded(shared_data, count):
     file = shared_data / "dbc" / "New_Eagle_DBW_3.4.dbc"
-    interface, chance = load(KITS["New_Eagle_DBW_3.4.dbc"][1]), random.Random(3)
+    interface, chance = load(SHIPPED["New_Eagle_DBW_3.4.dbc"][1]), random.Random(3)
     for number in range(count):
         command = commands(chance, interface.facts)
         said = by_name(file, interface.encode(command))
@@ -208,7 +208,7 @@ def test_raptors_requests_say_what_was_commanded(shared_data, count):
 @pytest.mark.parametrize("count", [200, pytest.param(10_000, marks=pytest.mark.slow)])
 def test_pacmods_commands_say_what_was_commanded(shared_data, count):
     file = shared_data / "dbc" / "as_pacmod.dbc"
-    interface, chance = load(KITS["as_pacmod.dbc"][1]), random.Random(4)
+    interface, chance = load(SHIPPED["as_pacmod.dbc"][1]), random.Random(4)
     for number in range(count):
         command = commands(chance, interface.facts)
         said = {frame.id: described(file, frame.id).decode(frame.data, decode_choices=False)

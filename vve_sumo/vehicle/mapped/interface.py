@@ -1,4 +1,4 @@
-"""A `VehicleInterface` by a mapping and a DBC file: a lab's own car, as `generic`, and the shipped kits made so.
+"""A `VehicleInterface` by a mapping and a DBC file: a lab's own car, as `generic`, and the shipped interfaces made so.
 
 Every message with a mapped command goes out once a step; counters count once a step. A report is given when every
 message that it lies in came again, so its age is that of its oldest part.

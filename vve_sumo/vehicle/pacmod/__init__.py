@@ -1,1 +1,1 @@
-"""AutonomouStuff's PACMod 3: its DBC file, and the mapping that makes an interface and a simulated kit of it."""
+"""AutonomouStuff's PACMod 3: its DBC file, and the mapping that makes an interface and a simulated controller of it."""

@@ -1,4 +1,4 @@
-"""An AutonomouStuff PACMod 3 drive-by-wire kit as a `VehicleInterface`.
+"""An AutonomouStuff PACMod 3 as a `VehicleInterface`.
 
 The public sources state identifiers, places and scales of its signals, which is what `pacmod3.dbc` restates, and that
 an override ends when it is cleared; not what the firmware does when commands stop.
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from vve_sumo.vehicle.interface import SettingValue
-from vve_sumo.vehicle.mapped import kit
+from vve_sumo.vehicle.mapped import shipped
 from vve_sumo.vehicle.mapped.interface import MappedInterface
 
 MAPPING: Final = Path(__file__).with_name("pacmod3.toml")
@@ -19,5 +19,5 @@ WHOLE_PEDAL: Final = 1.0  # the wire's unit is the whole pedal
 
 
 def make(settings: Mapping[str, SettingValue]) -> MappedInterface:
-    """Make the interface; its settings are those of every kit that is made of a mapping."""
-    return kit.make(MAPPING, WHOLE_PEDAL, settings)
+    """Make the interface; its settings are those of every shipped interface that is made of a mapping."""
+    return shipped.make(MAPPING, WHOLE_PEDAL, settings)

@@ -1,4 +1,4 @@
-"""A New Eagle Raptor drive-by-wire kit as a `VehicleInterface`: 29-bit identifiers, counters and checksums.
+"""A New Eagle Raptor as a `VehicleInterface`: 29-bit identifiers, counters and checksums.
 
 Every request must be sent all the time. What the driver does takes the car, and keeps it until the enable bits go.
 """
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from vve_sumo.vehicle.interface import SettingValue
-from vve_sumo.vehicle.mapped import kit
+from vve_sumo.vehicle.mapped import shipped
 from vve_sumo.vehicle.mapped.interface import MappedInterface
 
 MAPPING: Final = Path(__file__).with_name("raptor.toml")
@@ -18,5 +18,5 @@ WHOLE_PEDAL: Final = 100.0  # the wire's unit is one per cent of a reference tha
 
 
 def make(settings: Mapping[str, SettingValue]) -> MappedInterface:
-    """Make the interface; its settings are those of every kit that is made of a mapping."""
-    return kit.make(MAPPING, WHOLE_PEDAL, settings)
+    """Make the interface; its settings are those of every shipped interface that is made of a mapping."""
+    return shipped.make(MAPPING, WHOLE_PEDAL, settings)

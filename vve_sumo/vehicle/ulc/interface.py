@@ -1,4 +1,4 @@
-"""A Dataspeed ULC as a `VehicleInterface`: the kit drives and brakes by an acceleration; DBW1 steers and shifts.
+"""A Dataspeed ULC as a `VehicleInterface`: it drives and brakes by an acceleration; DBW1 steers and shifts.
 
 The ULC's own steering takes a curvature or a yaw rate, which needs the car's geometry; it stays off, and the steering
 wheel is commanded as on the DBW1 wire.

@@ -1,7 +1,7 @@
-"""Shipped kits made of a mapping: what differs from car to car, and nobody publishes, is a setting.
+"""Shipped interfaces made of a mapping: what differs from car to car, and nobody publishes, is a setting.
 
 `brake_nm` is the brake torque of a whole pedal, all wheels together; `command_timeout_s` and `when_commands_stop` say
-what the kit does by itself. All three are to be found out on the car.
+what the DBW controller does by itself. All three are to be found out on the car.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from vve_sumo.vehicle.interface import SettingValue
 from vve_sumo.vehicle.mapped import mapping
 from vve_sumo.vehicle.mapped.interface import MappedInterface, interface_of
 
-#: What a kit's mapping has in place of the torque of its whole brake pedal.
+#: What such a mapping has in place of the torque of its whole brake pedal.
 BRAKE_SCALE: Final = "brake"
 MAX_BRAKE: Final = 20_000.0  # [N m]
 _WORDS: Final = {
@@ -26,7 +26,7 @@ _WORDS: Final = {
 
 
 def make(file: Path, whole: float, settings: Mapping[str, SettingValue]) -> MappedInterface:
-    """Return the interface of a kit by its mapping's `file`; raises ConfigError for settings that are wrong.
+    """Return an interface by its mapping's `file`; raises ConfigError for settings that are wrong.
 
     `whole` is the whole brake pedal in the unit that the wire has for it.
     """
