@@ -33,8 +33,12 @@ def delay_of(rig: Rig) -> float:
 
 
 def speeds_up_to(design: Any, speed: float) -> list[float]:
-    """Return the speeds of the parameter space below a drive's [m/s], and the drive's own."""
-    return [*(below for below in design.SPEEDS if below < speed), speed]
+    """Return the speeds of the parameter space below a drive's [m/s], and the drive's own.
+
+    A drive slower than all of them is judged at the least one. Every drive passes through lower speeds on its way to
+    rest; there an error decays with the distance travelled, so a decay in time asks what no gain can give.
+    """
+    return [*(below for below in design.SPEEDS if below < speed), max(speed, min(design.SPEEDS))]
 
 
 def planes(
