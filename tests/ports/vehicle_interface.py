@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from tests import vehicles
-from tests.ports.interface_bench import HELD, NEUTRAL, PERIOD, STANDING, SUBSYSTEMS, Bench, Drive
+from tests.ports.interface_bench import HELD, NEUTRAL, PERIOD, STANDING, SUBSYSTEMS, Bench, engaged_drive
 from tests.vehicle.whole_car import LOT
 from vve_sumo.errors import ConfigError
 from vve_sumo.plant.fault_injected_car import FaultInjectedCar
@@ -28,7 +28,6 @@ from vve_sumo.plant.injectable import injectable_kinds, require_injectable
 from vve_sumo.plant.injected_faults import KINDS, FaultClock, InjectedFault
 from vve_sumo.timing import MAX_GEAR_REPORT_AGE, MAX_REPORT_AGE
 from vve_sumo.values import EXTENDED, ArmingState, Frame
-from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.interface import (
     INTERFACE_KINDS,
     REQUIRED,
@@ -411,8 +410,7 @@ class VehicleInterfaceConformance:
     # With gateway and car.
 
     def test_the_gateway_drives_off_stops_and_parks(self):
-        drive = Drive(self.config)
-        drive.engage()
+        drive = engaged_drive(self.config)
         drive.run(4.0, 1.5)
         assert drive.speed > 3.0
         assert drive.gateway.monitor.wheel_speed == pytest.approx(drive.speed, abs=0.1)
@@ -421,26 +419,23 @@ class VehicleInterfaceConformance:
         drive.run(5.0, -2.0)
         assert drive.speed == 0.0
         assert drive.state is ArmingState.ENGAGED
-        drive.step(0.0, command=OperatorCommand.END)
+        drive.end()
         drive.run(5.0, 0.0)
-        assert drive.car.interface.gear is Gear.PARK
+        assert drive.gear is Gear.PARK
         assert drive.gateway.done
 
     def test_a_driver_takes_the_car_from_the_gateway(self):
-        drive = Drive(self.config)
-        drive.engage()
+        drive = engaged_drive(self.config)
         drive.run(3.0, 1.5)
         drive.run(0.3, 0.0, driver=DriverInputs(brake_pedal=0.40))
         assert drive.state is ArmingState.FAULT
         assert "driver_override" in drive.reasons
-        assert not any(drive.car.interface.enabled)
+        assert not any(drive.enabled)
 
     def test_another_writer_stops_the_car(self):
-        drive = Drive(self.config)
-        drive.engage()
+        drive = engaged_drive(self.config)
         drive.run(2.0, 1.5)
-        drive.heard += load(self.config).encode(NEUTRAL)
-        drive.step(0.0)
+        drive.intrude()
         assert drive.state is ArmingState.STOPPING
         assert "another_writer" in drive.reasons
 
