@@ -24,10 +24,6 @@ from typing import Any
 
 import pytest
 
-from vve_sumo.drive import provenance
-from vve_sumo.errors import RigError
-from vve_sumo.live import session
-
 #: a fixture that takes long: `./check test` leaves its tests out
 THOROUGH_FIXTURE = "both"
 
@@ -257,15 +253,6 @@ def test_no_function_of_a_compiled_module_catches_two_kinds_of_errors_by_one_nam
                 if len(kinds) > len({name for name, _kind in kinds}):
                     found.append(f"{file.relative_to(REPOSITORY)}: {function.name}")
     assert not found
-
-
-def test_a_live_drive_refuses_a_compiled_installation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(provenance, "is_compiled", lambda: True)
-    with pytest.raises(RigError, match="installed compiled"):
-        session.plan(
-            "parked_car", "simulated", REPOSITORY, out=tmp_path / "out", seed=None, controller=None, shadow=False
-        )
-    assert not list(tmp_path.iterdir())
 
 
 def test_no_compiled_class_has_options_in_its_class_line() -> None:

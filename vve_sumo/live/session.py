@@ -106,13 +106,8 @@ def plan(
 ) -> DrivePlan:
     """Find scenario and rig by name and refuse what nobody should drive with; opens no device and writes nothing.
 
-    Raises ConfigError for what is wrong in a file, RigError for a rig that may not command a car, and for an
-    installation whose hot path is compiled: the tests of live drives are run in plain Python alone.
+    Raises ConfigError for what is wrong in a file, RigError for a rig that may not command a car.
     """
-    if provenance.is_compiled():
-        raise RigError(
-            "a live drive: vve_sumo is installed compiled, for lockstep and sweeps; install it as plain Python"
-        )
     rig_file = workspace.find("rig", rig, working)
     loaded = rigs.load(rig_file, working)
     if shadow and loaded.brain.kind == "external":
