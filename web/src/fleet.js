@@ -45,8 +45,9 @@ export function paintOf(id, kind) {
 export class Fleet {
   /** `parked` are bodies {id, kind, x, y, heading, length, width, height} that always stand there. */
   constructor(scene, reference, parked = []) {
-    this.actors = { ...scene.actors, ...Object.fromEntries(parked.map((one) => [one.id, one])) };
+    this.scene = scene; // a live drive adds actors to it
     this.parked = parked;
+    this.decoration = new Map(parked.map((one) => [one.id, one]));
     this.bodies = []; // those of the last picture; a body's label is its place among them, from 1
 
     this.reference = reference;
@@ -89,7 +90,7 @@ export class Fleet {
   }
 
   #stand(id, x, y, c, s, speed, view, eye) {
-    const actor = this.actors[id];
+    const actor = this.decoration.get(id) ?? this.scene.actors?.[id];
     const kind = kindOf(actor);
     const { size, swing = 0, gait = 1 } = KINDS[kind];
     const long = actor?.length ?? size[0];
