@@ -189,33 +189,37 @@ def test_nothing_is_parked_where_nobody_knows_who_will_stand() -> None:
 def test_the_camera_of_a_live_drive_is_served_until_the_drive_is_over(made: Made) -> None:
     """Each picture is of a tick that was new when drawing began, and shows the street."""
     needs_a_browser()
-    with live(Path(made.drive)) as one, LivePage(one.address) as page, streaming() as stream:
-        with live_pictures.opened(page, camera(), Look()) as pictures:
-            drawn: list[live_pictures.Drawn] = []
-            drawing = threading.Thread(
-                target=lambda: drawn.append(live_pictures.draw(page, pictures, stream, 10.0)), daemon=True
-            )
-            drawing.start()
-            viewer = Viewer(stream)
-            ages, colours = [], 0
-            for _ in range(4):
-                found = viewer.next()
-                assert found is not None
-                newest = one.frames.newest
-                assert newest is not None
-                ages.append(newest.time - found[0])
-                picture = Image.open(io.BytesIO(found[1]))
-                assert picture.size == (320, 200)
-                colours = len(np.unique(np.asarray(picture).reshape(-1, 3), axis=0))
-            assert colours > 1000
-            # As old as drawing takes, however long that is: none waits in between.
-            assert max(ages) < 10.0
-            one.end()
-            drawing.join(30.0)
-            assert drawn[0].pictures >= 4
-            assert pictures.complaints == []
-            while viewer.next() is not None:
-                pass
+    with (
+        live(Path(made.drive)) as one,
+        LivePage(one.address) as page,
+        streaming() as stream,
+        live_pictures.opened(page, camera(), Look()) as pictures,
+    ):
+        drawn: list[live_pictures.Drawn] = []
+        drawing = threading.Thread(
+            target=lambda: drawn.append(live_pictures.draw(page, pictures, stream, 10.0)), daemon=True
+        )
+        drawing.start()
+        viewer = Viewer(stream)
+        ages, colours = [], 0
+        for _ in range(4):
+            found = viewer.next()
+            assert found is not None
+            newest = one.frames.newest
+            assert newest is not None
+            ages.append(newest.time - found[0])
+            picture = Image.open(io.BytesIO(found[1]))
+            assert picture.size == (320, 200)
+            colours = len(np.unique(np.asarray(picture).reshape(-1, 3), axis=0))
+        assert colours > 1000
+        # As old as drawing takes, however long that is: none waits in between.
+        assert max(ages) < 10.0
+        one.end()
+        drawing.join(30.0)
+        assert drawn[0].pictures >= 4
+        assert pictures.complaints == []
+        while viewer.next() is not None:
+            pass
 
 
 @pytest.mark.parametrize(

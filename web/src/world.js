@@ -5,7 +5,7 @@ import { Frustum, Group, LinearSRGBColorSpace, Matrix4, PerspectiveCamera, Scene
 import { Board } from "./board.js";
 import { CameraPictures } from "./camera_pictures.js";
 import { Ego } from "./ego.js";
-import { Fleet } from "./fleet.js";
+import { FINE_LEVELS, Fleet } from "./fleet.js";
 import { predicted, referenceOf } from "./frame_of_reference.js";
 import { Headset } from "./headset.js";
 import { setLight } from "./light.js";
@@ -33,7 +33,7 @@ class World {
   #last = null;
   #outside = [];
 
-  constructor(canvas, scene, { pixelRatio = 1, antialias = !drawnBySoftware(), preserve = false, dressed = false, time, rain } = {}) {
+  constructor(canvas, scene, { pixelRatio = 1, antialias = !drawnBySoftware(), preserve = false, dressed = false, fine = false, time, rain } = {}) {
     this.light = setLight(time, rain);
     this.reference = referenceOf(scene);
     this.renderer = new WebGLRenderer({ canvas, antialias, preserveDrawingBuffer: preserve });
@@ -47,7 +47,7 @@ class World {
     this.trees = new Trees(scene, surface, this.reference, { detail: dressed, taken: (x, y) => neighbourhood?.taken(x, y) });
     this.tiles = [...group.children, ...built.children];
     this.ego = new Ego(scene.ego);
-    this.fleet = new Fleet(scene, this.reference, neighbourhood?.parked);
+    this.fleet = new Fleet(scene, this.reference, neighbourhood?.parked, fine ? FINE_LEVELS : undefined);
     this.lamps = neighbourhood?.lamps ?? [];
     this.signals = new Signals(scene, this.reference);
     this.board = new Board();
@@ -252,5 +252,5 @@ function frustumOf({ projectionMatrix, matrixWorldInverse }) {
  * `antialias` for smooth edges (by default where there is a graphics card), `preserve` for who copies the picture.
  */
 export const createWorld = (canvas, scene, options) => new World(canvas, scene, options);
-export const createCamera = (canvas, scene, camera, options) => new CameraPictures(new World(canvas, scene, { ...options, dressed: options?.dressed ?? true }), camera);
+export const createCamera = (canvas, scene, camera, options) => new CameraPictures(new World(canvas, scene, { ...options, fine: true, dressed: options?.dressed ?? true }), camera);
 export const headsetIsThere = () => Headset.isThere();
