@@ -20,6 +20,8 @@ from tests.live.patience import until
 from tests.view.conftest import serving
 from tests.view.feed import sample
 from tests.view.made import taken_apart
+from tests.view.spaces import frame, straight
+from tests.view.spaces import opened as opened_space
 from tests.view.test_page import opened
 from vve_sumo.analysis.run import Run
 from vve_sumo.live.view_feed import mark_of
@@ -27,6 +29,8 @@ from vve_sumo.people.person import Person
 from vve_sumo.people.presence import Presence
 from vve_sumo.people.reports import PositionReport, decode
 from vve_sumo.people.setup import PersonSetup
+from vve_sumo.view.camera_pictures import CameraPictures, Look
+from vve_sumo.view.declared_camera import CameraFile
 from vve_sumo.view.frames import Frames
 from vve_sumo.view.live_frame import LiveFrames
 from vve_sumo.view.server import PageServer, replay_server
@@ -198,3 +202,23 @@ def test_a_live_frame_has_people_and_their_changes(vague: Path) -> None:
     changes_seen = [two for one, two in pairwise([Presence.GONE, *presences]) if one != two]
     assert set(changes_seen) == {Presence.AREA, Presence.WARNING, Presence.GONE}
     assert len([event for event in events if event["kind"] == "person"]) == len(changes_seen)
+
+
+@pytest.mark.thorough
+def test_the_circle_lies_on_the_ground_in_three_dimensions_but_not_in_a_cameras_pictures() -> None:
+    person = {"id": "anna", "presence": "area", "x": 12.0, "y": 0.0, "radius": 3.0}
+    nobody = person | {"x": None, "y": None, "radius": None}
+    with opened_space() as space:
+        space.make(straight(), "above")
+        pictures = [space.picture(frame(people=people)).astype(int) for people in ([], [person], [nobody])]
+        changed = np.abs(pictures[1] - pictures[0]).max(axis=2) > 40
+        rows, columns = np.nonzero(changed)
+        assert changed.sum() > 100
+        # A circle from above: about as wide as high.
+        assert np.ptp(columns) == pytest.approx(np.ptp(rows), rel=0.35)
+        green = pictures[1][changed][:, 1].astype(float) - pictures[1][changed][:, 0]
+        assert np.median(green) > 40
+        assert np.array_equal(pictures[0], pictures[2])
+    camera = CameraFile(columns_px=320, rows_px=200, focal_x_px=300.0).camera("front")
+    with CameraPictures.of_scene(straight(), camera, Look(dressed=False)) as drawn:
+        assert drawn.drawn(frame(people=[])) == drawn.drawn(frame(people=[person]))

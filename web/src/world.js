@@ -2,6 +2,7 @@
 // display time, both passed in: no clock is read here, and the same two always give the same picture.
 
 import { Frustum, Group, LinearSRGBColorSpace, Matrix4, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
+import { Areas } from "./areas.js";
 import { Board } from "./board.js";
 import { CameraPictures } from "./camera_pictures.js";
 import { Ego } from "./ego.js";
@@ -50,11 +51,12 @@ class World {
     this.fleet = new Fleet(scene, this.reference, neighbourhood?.parked, fine ? FINE_LEVELS : undefined);
     this.lamps = neighbourhood?.lamps ?? [];
     this.signals = new Signals(scene, this.reference);
+    this.areas = new Areas(this.reference);
     this.board = new Board();
     // The rig is the car's: the head turns the camera within it, and a headset does likewise.
     this.#seat.add(this.camera);
     this.#rig.add(this.#seat, this.board.mesh);
-    this.#outside = [sky(), group, built, this.trees.group, this.signals.group, this.fleet.group, this.ego.shadow.mesh];
+    this.#outside = [sky(), group, built, this.trees.group, this.signals.group, this.fleet.group, this.areas.group, this.ego.shadow.mesh];
     this.#scene.add(...this.#outside, this.ego.group, this.#rig);
     for (const tile of this.tiles) tile.geometry.computeBoundingSphere();
     this.headset = new Headset(this.renderer, this.#seat);
@@ -91,6 +93,7 @@ class World {
     this.camera.projectionMatrix.makePerspective(left * NEAR, right * NEAR, -top * NEAR, -bottom * NEAR, NEAR, FAR);
     this.camera.projectionMatrixInverse.copy(this.camera.projectionMatrix).invert();
     this.ego.seenFromInside(false);
+    this.areas.group.visible = false;
   }
 
   /** Turn the head against the car: to the left and up [rad]; a headset does it by itself. */
@@ -114,6 +117,7 @@ class World {
     this.fleet.show(frame.actors, ahead, eye, view);
     this.trees.show(eye, view);
     this.signals.show(frame.signals);
+    this.areas.show(frame.people);
     if (this.light.lit) this.#lightUp(eye);
   }
 
@@ -225,6 +229,7 @@ class World {
   dispose() {
     this.fleet.dispose();
     this.signals.dispose();
+    this.areas.dispose();
     this.board.dispose();
     this.#scene.traverse((one) => {
       one.geometry?.dispose();
