@@ -96,7 +96,7 @@ def test_every_tick_has_the_person_of_the_record(vague: Path, people: dict[float
         for name in ("length", "width"):
             side = math.nan if body is None else body[f"{name}_m"]
             assert columns[f"person_{name}"][begin] == pytest.approx(side, abs=EXACT, nan_ok=True)
-    assert shown > 1000
+    assert shown > 400
 
 
 def test_every_change_is_an_event(vague: Path, people: dict[float, dict[str, Any]]) -> None:

@@ -6,6 +6,7 @@ nothing of how frames are drawn.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import ssl
 import threading
@@ -40,8 +41,9 @@ class LivePage:
         parts = urlsplit(address)
         secure = parts.scheme == "https"
         socket = parts._replace(scheme="wss" if secure else "ws", path=f"{parts.path}socket").geturl()
+        self._open = contextlib.ExitStack()
         try:
-            self._socket: ClientConnection = connect(
+            connection = connect(
                 socket,
                 ssl=_unverified() if secure else None,
                 compression=None,
@@ -49,6 +51,7 @@ class LivePage:
                 open_timeout=TIMEOUT,
                 proxy=None,
             )
+            self._socket: ClientConnection = self._open.enter_context(connection)
             first = json.loads(self._socket.recv(TIMEOUT))
         except (OSError, InvalidHandshake, ConnectionClosed) as error:
             raise ConfigError(f"the page of the live drive does not answer: {error}") from None
@@ -96,7 +99,7 @@ class LivePage:
 
     def close(self) -> None:
         """Leave the page."""
-        self._socket.close()
+        self._open.close()
         self._thread.join(TIMEOUT)
 
     def __enter__(self) -> Self:
