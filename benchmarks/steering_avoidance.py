@@ -1,10 +1,10 @@
 """What steering around brings: drives with the elastic band and the sampling planner, and tables of them.
 
-`passes`: the parked car of `parked_car_passed` with up to three cars that come the other way and give way to nobody; place
-of the parked car, speeds and seeds are drawn. `faults`: the same without them, in SUMO's traffic, and at a random
+`passes`: the parked car of `parked_car_passed` with up to three cars that come the other way and give way to nobody;
+place of the parked car, speeds and seeds are drawn. `faults`: the same without them, in SUMO's traffic, and at a random
 moment the setpoints end, or the controller raises. `library`: the pedestrians and bicyclists of the scenario library at
-10 to 60 km/h, braking alone, steering alone, both. `late`: a runner who sets out when the car is 1.0 to 2.2 s away, with
-what physics allows beside it.
+10 to 60 km/h, braking alone, steering alone, both. `late`: a runner who sets out when the car is 1.0 to 2.2 s away,
+with what physics allows beside it. `picture`: that of docs/steering_avoidance.md.
 
 Usage: python -m benchmarks.steering_avoidance passes|faults|library|late|picture [--runs N] [--planner NAME] [--smoke]
 """
@@ -27,6 +27,7 @@ import numpy as np
 REPOSITORY = Path(__file__).parent.parent
 PLANNERS = ("elastic_band", "frenet_sampling")
 KMH: Final = 1.0 / 3.6
+PICTURE: Final = REPOSITORY / "docs" / "steering_avoidance.png"
 WORKERS: Final = 2
 #: what the controller may do: its tuning
 MEANS: Final[dict[str, dict[str, Any]]] = {
@@ -59,6 +60,17 @@ class Case(NamedTuple):
     until: float = 60.0  #: the drive ends then at the latest [s]
 
 
+class Instant(NamedTuple):
+    """What is known of a moment of a drive, for the picture."""
+
+    time: float  #: [s]
+    s: float  #: of the rear axle [m]
+    offset: float  #: [m]
+    speed: float  #: [m/s]
+    clearance: float  #: [m]
+    others: tuple[tuple[float, float], ...]  #: stations and offsets of the bodies [m]
+
+
 class Outcome(NamedTuple):
     """What came of a drive."""
 
@@ -74,7 +86,7 @@ class Outcome(NamedTuple):
     time: float  #: [s]
     impact: float  #: speed at the first contact [m/s]
     reasons: str
-    track: tuple[tuple[float, float, float], ...] = ()  #: time, station and offset now and then
+    track: tuple[Instant, ...] = ()
 
 
 def resolved(case: Case) -> Any:
@@ -109,7 +121,8 @@ def drive(case: Case) -> Outcome:
     fault = _Fault(case, ego) if case.fault else None
     record = MemoryRecorder(scenario.to_dict(REPOSITORY), DEFAULT_EPOCH)
     least, beside, aside, slowest, impact, rested = math.inf, math.inf, 0.0, math.inf, 0.0, 0.0
-    place, track = None, []
+    place, nearest = None, math.inf
+    track: list[Instant] = []
     end = scenario.scenario.end_trigger.ego_at_m or math.inf
     for number, ticks in enumerate(shell.ticks(record)):
         now, tick = number * 0.02, ticks[EGO]
@@ -118,8 +131,8 @@ def drive(case: Case) -> Outcome:
             fault.step(now)
         place = scenario.path.project(truth.x, truth.y, None if place is None else place.s)
         if len(actors.ids):
-            one = [np.array([value]) for value in (truth.x, truth.y, truth.heading, truth.speed)]
-            own = vehicle_boxes(*one, vehicle)  # type: ignore[arg-type]
+            x, y, heading, speed = (np.array([value]) for value in (truth.x, truth.y, truth.heading, truth.speed))
+            own = vehicle_boxes(x, y, heading, speed, vehicle)
             others = Boxes(actors.x, actors.y, actors.heading, actors.length, actors.width, actors.speed)
             nearest = float(distance(own, others).min())
             impact = truth.speed if nearest == 0.0 < least else impact
@@ -130,7 +143,9 @@ def drive(case: Case) -> Outcome:
                 beside = min(beside, float(distance(own, others.select(near)).min()))
         aside, slowest = max(aside, abs(place.offset)), min(slowest, truth.speed)
         if number % 5 == 0:
-            track.append((now, place.s, place.offset))
+            at = [scenario.path.project(x, y, place.s) for x, y in zip(actors.x, actors.y, strict=True)]
+            bodies = tuple((one.s, one.offset) for one in at)
+            track.append(Instant(now, place.s, place.offset, truth.speed, nearest if bodies else math.inf, bodies))
         rested = rested + 0.02 if truth.speed < 0.01 else 0.0
         state = tick.output.status.state.value
         if least == 0.0 or now >= case.until or place.s + vehicle.rear_axle_to_bumper >= end:
@@ -228,9 +243,7 @@ def faults(runs: int, planner: str) -> list[Case]:
         }
         # From some 40 m before the parked car to 25 m beyond it.
         at = float(draw.uniform(40.0, 115.0)) / (0.5 * (4.0 + speed))
-        cases.append(
-            Case("parked_car_passed", changes, seed, ("silent", "raises")[seed % 2], at)
-        )
+        cases.append(Case("parked_car_passed", changes, seed, ("silent", "raises")[seed % 2], at))
     return cases
 
 
@@ -382,7 +395,11 @@ def print_late(planner: str, smoke: bool) -> None:
     arrivals, speeds = ((1.6,), (40.0,)) if smoke else (LATE, SPEEDS)
     plan = [(arrives, speed, means) for arrives in arrivals for means in MEANS for speed in speeds]
     found = dict(zip(plan, driven([runner(a, s * KMH, planner, m) for a, s, m in plan]), strict=True))
-    print(f"| {planner}: sets out | means | " + " | ".join(f"{speed:g} km/h" for speed in speeds) + " | physics allows up to |")
+    print(
+        f"| {planner}: sets out | means | "
+        + " | ".join(f"{speed:g} km/h" for speed in speeds)
+        + " | physics allows up to |"
+    )
     print("|---|---|" + "---|" * (len(speeds) + 1))
     for arrives in arrivals:
         for means in MEANS:
@@ -395,10 +412,47 @@ def print_late(planner: str, smoke: bool) -> None:
             print(f"| {arrives:g} s | {means} | " + " | ".join(cells) + f" | {max(fastest, default=0)} km/h |")
 
 
+def draw(planner: str, file: Path) -> None:
+    """Draw the drive of `parked_car_passed`: where the car is beside its path, how fast, how far from others."""
+    from matplotlib.patches import Rectangle
+
+    from vve_sumo.plotting.page import ACTOR, EGO, OBSTACLE, QUIET
+    from vve_sumo.plotting.style import LIMIT, OVER, WIDTH, name, page, plain, save
+
+    (done,) = driven([Case("parked_car_passed", {"controller.name": planner})])
+    s = np.array([one.s for one in done.track])
+    with page(WIDTH, 6.0) as figure:
+        way, speed, away = figure.subplots(3, 1, sharex=True, height_ratios=(2.0, 1.0, 1.0))
+        name(figure, "The parked car passed: " + planner.replace("_", " "))
+        for axes in (way, speed, away):
+            plain(axes)
+        for edge in (-1.6, 1.6, 4.8):
+            way.axhline(edge, color=QUIET, linewidth=0.8, linestyle="-" if edge != 1.6 else (0, (8, 8)))
+        for one in done.track[::15]:
+            for at, offset in one.others:
+                if offset > 1.6 and s[0] < at < s[-1]:
+                    way.plot(at, offset, "<", color=ACTOR, markersize=4)
+                    way.annotate(f"{one.time:.0f} s", (at, offset), (0, 5), textcoords="offset points", fontsize=6)
+            way.plot(one.s, one.offset, "o", color=EGO, markersize=3)
+            way.annotate(f"{one.time:.0f} s", (one.s, one.offset), (0, -9), textcoords="offset points", fontsize=6)
+        at, offset = next(place for place in done.track[0].others if place[1] < 1.6)
+        way.add_patch(Rectangle((at - 2.25, offset - 0.9), 4.5, 1.8, color=OBSTACLE))
+        way.plot(s, [one.offset for one in done.track], color=EGO, linewidth=OVER)
+        way.set_ylabel("left of the path [m]")
+        speed.plot(s, [one.speed for one in done.track], color=EGO, linewidth=OVER)
+        speed.set_ylabel("speed [m/s]")
+        away.plot(s, [one.clearance for one in done.track], color=EGO, linewidth=OVER)
+        away.axhline(0.8, **LIMIT)
+        away.set_ylim(0.0, 12.0)
+        away.set_ylabel("nearest body [m]")
+        away.set_xlabel("rear axle along the path [m]")
+        save(figure, file)
+
+
 def main() -> None:
     """Print the tables that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("part", nargs="?", choices=["passes", "faults", "library", "late"], default="passes")
+    parser.add_argument("part", nargs="?", choices=["passes", "faults", "library", "late", "picture"], default="passes")
     parser.add_argument("--runs", type=int, default=200, help="drives of passes and of faults")
     parser.add_argument("--planner", choices=PLANNERS, default=PLANNERS[0])
     parser.add_argument("--smoke", action="store_true", help="a few drives, only to see that all of it runs")
@@ -411,6 +465,7 @@ def main() -> None:
         "faults": partial(print_faults, given.planner, given.runs),
         "library": partial(print_library, given.planner, False),
         "late": partial(print_late, given.planner, False),
+        "picture": partial(draw, given.planner, PICTURE),
     }
     parts[given.part]()
 

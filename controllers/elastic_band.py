@@ -1,16 +1,16 @@
 """`follow_and_stop` that steers around what is in its way, by an elastic band; the keys are those of `steer_around`.
 
 The way ahead is a band of nodes beside the path. Forces act on it: the path attracts it, it resists bending and change
-of bending, and bodies and the road's edges push it off. Where all forces balance, the band is the way. After Quinlan and
-Khatib (*IEEE International Conference on Robotics and Automation*, 802, 1993), Hilgert and others (*IEEE/ASME
-International Conference on Advanced Intelligent Mechatronics*, 1042, 2003), who brought it to cars, and the elastic bands around pedestrians of
-Guvenc's group.
+of bending, and bodies and the road's edges push it off. Where all forces balance, the band is the way. Elastic bands
+are of Quinlan and Khatib (*IEEE International Conference on Robotics and Automation*, 802, 1993).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Final, NamedTuple
+
+import numpy as np
 
 from vve_sumo.controller import Tuning
 from vve_sumo.values import Vehicle
@@ -28,64 +28,68 @@ TENSION, BENDING, CHANGE = 3.0 * TIME**2, 3.0 * TIME**4, TIME**6
 END: Final = 100.0  #: of what keeps the end of the band parallel to the path, as TENSION
 PUSH: Final = 3e4  #: of a body for each metre that the band is too near to it
 STIFF: Final = 3e3  #: of what resists acceleration and jerk beyond their limits, as for those within
-ROUNDS: Final = 30  #: until the forces that act are the ones that should
+TRIALS: Final = 24  #: places of the band that are looked at, at most
 LEAST_STEP: Final = 0.02  #: share of a step that is not halved any more
 WIDTH: Final = 4  #: of the band matrix: a node feels three on either side
 
-Stencil = tuple[float, ...]
-_FIRST: Final[Stencil] = (1.0,)
-_SLOPE: Final[Stencil] = (-1.0, 1.0)
-_SECOND: Final[Stencil] = (1.0, -2.0, 1.0)
-_THIRD: Final[Stencil] = (-1.0, 3.0, -3.0, 1.0)
+_SLOPE: Final = (-1.0, 1.0)
+_SECOND: Final = (1.0, -2.0, 1.0)
+_THIRD: Final = (-1.0, 3.0, -3.0, 1.0)
 
 
-class Forces:
-    """Springs on the free nodes of a band, as linear equations in their offsets: a symmetric matrix of few diagonals."""
+class Springs:
+    """Springs between the nodes of a band, as linear equations in the offsets: a matrix of few diagonals."""
 
-    __slots__ = ("_fixed", "_head", "diagonals", "right")
+    __slots__ = ("diagonals", "right")
 
-    def __init__(self, head: Sequence[float], count: int) -> None:
-        """The first nodes are held at `head` [m], the `count` others are free."""
-        self._head, self._fixed = head, len(head)
-        self.diagonals = [[0.0] * count for _ in range(WIDTH)]
-        self.right = [0.0] * count
+    def __init__(self, count: int) -> None:
+        """Begin without any, on so many nodes."""
+        self.diagonals = [np.zeros(count) for _ in range(WIDTH)]
+        self.right = np.zeros(count)
 
-    def add(self, node: int, stencil: Stencil, weight: float, aim: float) -> None:
-        """Add a spring that draws the sum of a stencil over nodes from `node` on to an aim."""
-        fixed, right = self._fixed, self.right
-        rest = aim
+    def add(self, first: int, stencil: Sequence[float], weight: np.ndarray, aim: np.ndarray) -> None:
+        """Add one spring each at the nodes from `first` on, that draws a stencil's sum over nodes to an aim."""
+        count = len(weight)
         for place, factor in enumerate(stencil):
-            if node + place < fixed:
-                rest -= factor * self._head[node + place]
-        for place, factor in enumerate(stencil):
-            row = node + place - fixed
-            if row < 0:
-                continue
+            own = slice(first + place, first + place + count)
             pull = weight * factor
-            right[row] += pull * rest
+            self.right[own] += pull * aim
             for other in range(place, len(stencil)):
-                self.diagonals[other - place][row] += pull * stencil[other]
+                self.diagonals[other - place][own] += pull * stencil[other]
 
-    def balance(self) -> list[float]:
-        """Return the offsets at which all forces balance (Cholesky's decomposition without roots, by plain floats)."""
-        main, *others = (list(diagonal) for diagonal in self.diagonals)
-        right, count = list(self.right), len(self.right)
+    def balance(self, head: Sequence[float]) -> list[float]:
+        """Return the offsets at which all forces balance, the first ones held (Cholesky's decomposition, no roots)."""
+        fixed = len(head)
+        main, *others = (diagonal[fixed:].tolist() for diagonal in self.diagonals)
+        right = self.right[fixed:].tolist()
+        for held, offset in enumerate(head):
+            for away in range(fixed - held, WIDTH):
+                right[held + away - fixed] -= float(self.diagonals[away][held]) * offset
+        one, two, three = others
+        count = len(main)
         for row in range(count):
             pivot = main[row]
-            for away in range(1, min(WIDTH, count - row)):
-                factor = others[away - 1][row] / pivot
-                if not factor:
-                    continue
-                main[row + away] -= factor * others[away - 1][row]
-                for more in range(away + 1, min(WIDTH, count - row)):
-                    others[more - away - 1][row + away] -= factor * others[more - 1][row]
-                right[row + away] -= factor * right[row]
+            a, b, c = one[row], two[row], three[row]
+            if row + 1 < count:
+                factor = a / pivot
+                main[row + 1] -= factor * a
+                one[row + 1] -= factor * b
+                two[row + 1] -= factor * c
+                right[row + 1] -= factor * right[row]
+            if row + 2 < count:
+                factor = b / pivot
+                main[row + 2] -= factor * b
+                one[row + 2] -= factor * c
+                right[row + 2] -= factor * right[row]
+            if row + 3 < count:
+                factor = c / pivot
+                main[row + 3] -= factor * c
+                right[row + 3] -= factor * right[row]
+        right += [0.0] * (WIDTH - 1)
         for row in range(count - 1, -1, -1):
-            rest = right[row]
-            for away in range(1, min(WIDTH, count - row)):
-                rest -= others[away - 1][row] * right[row + away]
+            rest = right[row] - one[row] * right[row + 1] - two[row] * right[row + 2] - three[row] * right[row + 3]
             right[row] = rest / main[row]
-        return right
+        return right[:count]
 
 
 class ElasticBand:
@@ -93,95 +97,103 @@ class ElasticBand:
 
     def plan(self, task: Task) -> LateralPlan | None:
         """Return the band at rest, None where it is not within the limits."""
-        speeds = tuple(task.speeds)
+        speeds, free = tuple(task.speeds), slice(len(task.head), None)
         room = task.room(times_at(speeds, task.spacing))
-        if any(low > high for low, high in zip(room.low[len(task.head):], room.high[len(task.head):], strict=True)):
+        if any(low > high for low, high in zip(room.low[free], room.high[free], strict=True)):
             return None
-        plan = LateralPlan(self._at_rest(task, room), speeds)
+        plan = LateralPlan(_at_rest(_Band(task, room)), speeds)
         return plan if within_limits(task, plan, room) else None
 
-    def _at_rest(self, task: Task, room: Room) -> tuple[float, ...]:
-        """Return the offsets at rest: Newton's method on the energy of the springs, which is convex and smooth.
 
-        A step that would raise the energy is halved: else the band could jump to and fro for ever.
-        """
-        offsets = [*task.head, *[task.head[-1]] * (len(task.speeds) - len(task.head))]
-        springs = _springs(task, room, offsets)
-        for _ in range(ROUNDS):
-            aim, share = [*task.head, *springs.forces.balance()], 1.0
-            while True:
-                moved = [here + share * (there - here) for here, there in zip(offsets, aim, strict=True)]
-                found = _springs(task, room, moved)
-                if found.energy <= springs.energy or share < LEAST_STEP:
-                    break
-                share *= 0.5
-            settled = share == 1.0 and found.acting == springs.acting
-            offsets, springs = moved, found
-            if settled:
-                break
-        return tuple(offsets)
-
-
-class _Springs(NamedTuple):
+class _Pulled(NamedTuple):
     """The springs on a band where it is."""
 
-    forces: Forces
-    acting: tuple[int, ...]  #: those that act on one side only: whether they do, and on which side
+    springs: Springs
+    acting: np.ndarray  #: on which side those act that act on one side only; 0 for not at all
     energy: float
 
 
-def _springs(task: Task, room: Room, offsets: Sequence[float]) -> _Springs:
-    fixed, count, spacing = len(task.head), len(offsets), task.spacing
-    forces, acting, energy = Forces(task.head, count - fixed), [], 0.0
-    for node in range(fixed, count):
-        here = offsets[node]
-        forces.add(node, _FIRST, 1.0, 0.0)
-        energy += here * here
-        beyond = 1 if here < room.low[node] else 2 if here > room.high[node] else 0
-        if beyond:
-            edge = room.low[node] if beyond == 1 else room.high[node]
-            forces.add(node, _FIRST, PUSH, edge)
-            energy += PUSH * (here - edge) ** 2
-        acting.append(beyond)
-    for node in range(fixed - 1, count - 1):
-        v = max(task.speeds[node], SLOWEST)
-        weight = TENSION * (END if node > count - 5 else 1.0) * (v / spacing) ** 2
-        forces.add(node, _SLOPE, weight, 0.0)
-        energy += weight * (offsets[node + 1] - offsets[node]) ** 2
-    for node in range(fixed - 2, count - 2):
-        v = max(task.speeds[node + 1], SLOWEST)
-        limit, own = v * v * task.limits.bend(v), v * v * task.curvature[node + 1]
-        side, more = _resist(forces, offsets, node, _SECOND, v * v / spacing**2, BENDING, limit, own)
-        acting.append(side)
-        energy += more
-    for node in range(fixed - 3, count - 3):
-        v = max(task.speeds[node + 2], SLOWEST)
-        limit = v * v * v * task.limits.change(v)
-        side, more = _resist(forces, offsets, node, _THIRD, v * v * v / spacing**3, CHANGE, limit, 0.0)
-        acting.append(side)
-        energy += more
-    return _Springs(forces, tuple(acting), energy)
+class _Band:
+    """What acts on a band, wherever it is."""
+
+    def __init__(self, task: Task, room: Room) -> None:
+        self.head, self.count, spacing = list(task.head), len(task.speeds), task.spacing
+        fixed = len(task.head)
+        v = np.maximum(np.array(task.speeds), SLOWEST)
+        bends = np.array([task.limits.bend(speed) for speed in v.tolist()])
+        changes = np.array([task.limits.change(speed) for speed in v.tolist()])
+        self._low, self._high = np.array(room.low[fixed:]), np.array(room.high[fixed:])
+        self._slope = TENSION * (v[fixed - 1 : -1] / spacing) ** 2
+        self._slope[-4:] *= END
+        middle = v[fixed - 1 : -1]
+        self._second = middle * middle / spacing**2
+        self._acceleration = middle * middle * bends[fixed - 1 : -1]
+        self._own = middle * middle * np.array(task.curvature[fixed - 1 : -1])
+        middle = v[fixed - 1 : -1]
+        self._third = middle * middle * middle / spacing**3
+        self._jerk = middle * middle * middle * changes[fixed - 1 : -1]
+
+    def pulled(self, offsets: np.ndarray) -> _Pulled:
+        """Return the springs on the band at some offsets [m]."""
+        fixed, springs = len(self.head), Springs(self.count)
+        free = offsets[fixed:]
+        edge = np.minimum(np.maximum(free, self._low), self._high)
+        pushed = np.sign(edge - free)
+        push = PUSH * np.abs(pushed)
+        springs.add(fixed, (1.0,), 1.0 + push, push * edge / (1.0 + push))
+        energy = float((free * free).sum() + (push * (free - edge) ** 2).sum())
+        springs.add(fixed - 1, _SLOPE, self._slope, np.zeros(len(self._slope)))
+        energy += float((self._slope * np.diff(offsets[fixed - 1 :]) ** 2).sum())
+        second = self._second * np.diff(offsets[fixed - 2 :], 2)
+        third = self._third * np.diff(offsets[fixed - 3 :], 3)
+        bent, more = _resist(
+            springs, fixed - 2, _SECOND, self._second[: len(second)], second, BENDING,
+            self._acceleration[: len(second)], self._own[: len(second)],
+        )  # fmt: skip
+        turned, most = _resist(
+            springs, fixed - 3, _THIRD, self._third[: len(third)], third, CHANGE, self._jerk[: len(third)],
+            np.zeros(len(third)),
+        )  # fmt: skip
+        return _Pulled(springs, np.concatenate((pushed, bent, turned)), energy + more + most)
 
 
 def _resist(
-    forces: Forces, offsets: Sequence[float], node: int, stencil: Stencil, scale: float, weight: float, limit: float,
-    own: float,
-) -> tuple[int, float]:  # fmt: skip
-    """Add what resists lateral acceleration or jerk at a node, and much more of it beyond its limit.
+    springs: Springs, first: int, stencil: Sequence[float], scale: np.ndarray, has: np.ndarray, weight: float,
+    limit: np.ndarray, own: np.ndarray,
+) -> tuple[np.ndarray, float]:  # fmt: skip
+    """Add what resists lateral acceleration or jerk at nodes, and much more of it beyond the limit.
 
-    `scale` makes the stencil's sum one of these; `own` is what the path has of it without the band. Return the side on
-    which it is beyond the limit, 0 for neither, and the energy.
+    `scale` makes the stencil's sum one of these, which the band `has`; `own` is what the path has without the band.
+    Return the sides on which it is beyond the limit, 0 for neither, and the energy.
     """
-    scaled = tuple(scale * factor for factor in stencil)
-    forces.add(node, scaled, weight, 0.0)
-    has = sum(factor * offsets[node + place] for place, factor in enumerate(scaled))
-    energy = weight * has * has
-    if -limit <= own + has <= limit:
-        return 0, energy
-    side = 1 if own + has > limit else -1
+    side = np.where(own + has > limit, 1.0, np.where(own + has < -limit, -1.0, 0.0))
     aim = side * limit - own
-    forces.add(node, scaled, STIFF * weight, aim)
-    return side, energy + STIFF * weight * (has - aim) ** 2
+    stiff = STIFF * weight * np.abs(side)
+    total = weight + stiff
+    springs.add(first, stencil, total * scale * scale, stiff * aim / (total * scale))
+    return side, float((weight * has * has).sum() + (stiff * (has - aim) ** 2).sum())
+
+
+def _at_rest(band: _Band) -> tuple[float, ...]:
+    """Return the offsets at rest: Newton's method on the energy of the springs, which is convex and smooth.
+
+    A step that would raise the energy is halved: else the band could jump to and fro for ever.
+    """
+    offsets = np.array([*band.head, *[band.head[-1]] * (band.count - len(band.head))])
+    here, share = band.pulled(offsets), 1.0
+    aim = np.array([*band.head, *here.springs.balance(band.head)])
+    for _ in range(TRIALS):
+        moved = offsets + share * (aim - offsets)
+        found = band.pulled(moved)
+        if found.energy > here.energy and share >= LEAST_STEP:
+            share *= 0.5
+            continue
+        settled = share == 1.0 and bool((found.acting == here.acting).all())
+        offsets, here, share = moved, found, 1.0
+        if settled:
+            break
+        aim = np.array([*band.head, *here.springs.balance(band.head)])
+    return tuple(offsets.tolist())
 
 
 def make(vehicle: Vehicle, tuning: Tuning) -> FollowAndStop:

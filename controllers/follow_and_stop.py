@@ -23,7 +23,7 @@ from .preview import PreviewSteering, PreviewTuning
 from .pure_pursuit import PurePursuit
 from .radar_stop import RadarStop
 from .sightings import Sense
-from .speed import SPEEDING_UP, SpeedKeeper, SpeedProfile
+from .speed import SPEEDING_UP, Profile, SpeedKeeper, SpeedProfile
 from .stanley import Stanley
 from .tracks import Target, Tracker
 from .trim import SteeringTrim
@@ -94,7 +94,7 @@ class Way(NamedTuple):
 
     path: ReferencePath
     projection: PathProjection  #: of the car onto it
-    profile: SpeedProfile  #: the speeds along it
+    profile: Profile  #: the speeds along it
     commanded: CommandedPath | None  #: the same way, as a command carries it; None for the scenario's path
     target: Target | None  #: the nearest thing in this way
     dangers: list[Target]  #: all that the car would meet on it, or may

@@ -21,9 +21,10 @@ from .outlines import Body
 LEFT, RIGHT = 1, -1  #: the side of a body that the car passes on
 HIDDEN: Final = 4.5  #: way along the path that a body may reach beyond what is seen of it [m]
 HIDDEN_SMALL: Final = 0.6  #: the same of a person or a bicycle [m]
+FOLLOWS: Final = 1.0  #: of that as much at most before and behind one that goes along [s]
 SPREAD_LIMIT: Final = 0.8  #: what is not known of a crossing body's place counts up to this [m]
-OVER: Final = 2.0 * math.pi / 180.0  #: between two channels of the lidar: a body may be so much higher than is seen
-EYE_HEIGHT: Final = 1.0  #: of the part of a car that must be seen over what stands between [m]
+HIGHER: Final = 0.2  #: a body may be so much higher than it was seen, the car having come up to it [m]
+SEEN_PART: Final = 1.3  #: height of the part of a car that must be seen over what stands between [m]
 
 
 class Room(NamedTuple):
@@ -60,7 +61,7 @@ class Margins(NamedTuple):
 
     clearance: float  #: between the car's side and a body [m]
     lengthwise: float  #: before and behind a body [m]
-    slack: float  #: and by so long before and behind one that moves along the path [s]
+    slack: float  #: and by so long before and behind one that comes nearer along the path [s]
     sigmas: float = 2.0  #: of what is not known of a crossing body's speed
 
 
@@ -88,7 +89,9 @@ def room(nodes: Nodes, times: Sequence[float], bodies: Sequence[Body], sides: Se
     return Room(low.tolist(), high.tolist())
 
 
-def clearances(nodes: Nodes, times: Sequence[float], offsets: Sequence[float], body: Body, keeps: Margins) -> list[float]:
+def clearances(
+    nodes: Nodes, times: Sequence[float], offsets: Sequence[float], body: Body, keeps: Margins
+) -> list[float]:
     """Return how near a body is to the car's side at each node of a way [m]; inf where it is not beside the car.
 
     `offsets` are the rear axle's [m], `times` when it is there [s]. Negative where the body is in the way.
@@ -121,7 +124,8 @@ def _beside(
     s, d = body.s[None, :] + body.along * ahead, body.d[None, :] + body.across * ahead
     seen = float(np.ptp(body.s))
     hidden = HIDDEN_SMALL if body.small else max(HIDDEN - seen, 0.5)
-    far = keeps.lengthwise + keeps.slack * abs(body.along)
+    slack = keeps.slack if body.along < 0.0 else min(keeps.slack, FOLLOWS)
+    far = keeps.lengthwise + slack * abs(body.along)
     at = nodes.stations[:, None]
     beside: np.ndarray = (s + hidden + far >= at - nodes.rear) & (s - far <= at + nodes.front)
     spread = np.minimum(keeps.sigmas * body.sigma * times, SPREAD_LIMIT) if body.across else np.zeros(len(times))
@@ -132,7 +136,7 @@ def sees(eye: tuple[float, float, float], place: tuple[float, float], bodies: Se
     """Tell whether a lidar sees a car at a place on the path: nothing stands between, or it sees over it.
 
     `eye` is the lidar's station, offset and height over the road [m], `place` the station and offset that is looked at
-    [m]. A body may reach beyond what is seen of it, along the path and upwards by the step from channel to channel.
+    [m]. A body may reach beyond what is seen of it, along the path and upwards.
     """
     s, d, height = eye
     far, aside = place[0] - s, place[1] - d
@@ -148,7 +152,6 @@ def sees(eye: tuple[float, float, float], place: tuple[float, float], bodies: Se
             if not (left and right):
                 continue
             share = float(reach[between].max())
-            top = body.top + OVER * share * far
-            if height - share * (height - EYE_HEIGHT) < top:
+            if height - share * (height - SEEN_PART) < body.top + HIGHER:
                 return False
     return True

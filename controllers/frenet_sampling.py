@@ -131,7 +131,9 @@ def _ways(task: Task, room: Room, speeds: Sequence[float]) -> Iterator[np.ndarra
     under = min(room.high[node] for node in blocked)
     must, outwards = (over, 1.0) if over > 0.0 else (under, -1.0)
     reach, until = spacing * (blocked[0] - first), spacing * (blocked[-1] - first)
-    lengths = {max(share * reach, LEAST_LENGTH) for share in SHARES} | {max(pace * time, LEAST_LENGTH) for time in BACK_TIMES}
+    lengths = {max(share * reach, LEAST_LENGTH) for share in SHARES} | {
+        max(pace * time, LEAST_LENGTH) for time in BACK_TIMES
+    }
     for beyond, length, back in itertools.product(BEYOND, sorted(lengths), BACK_TIMES):
         aside = must + outwards * beyond
         out = Quintic.to_rest(start, aside, length)

@@ -10,12 +10,15 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple, Protocol
 
+from vve_sumo.values import Vehicle
+
 from .free_space import Room
 
 #: what a way may exceed its limits by, and come nearer to a body by [m], to be taken for one within them
 EXCESS, INTRUSION = 1.15, 0.1
-SLOWEST: Final = 3.0  #: limits in time become limits in space at this speed at least [m/s]
+SLOWEST: Final = 2.0  #: limits in time become limits in space at this speed at least [m/s]
 CURVATURE_SHARE: Final = 0.8  #: of the car's tightest curvature that a way may have
+TURNING_SHARE: Final = 0.8  #: of the rate at which the wheel can be turned that a way may take
 
 
 class LateralLimits(NamedTuple):
@@ -24,6 +27,12 @@ class LateralLimits(NamedTuple):
     acceleration: float  #: lateral, the path's own bends included [m/s2]
     jerk: float  #: lateral [m/s3]
     tightest: float  #: curvature of the car's tightest circle [1/m]
+    turning: float  #: change of curvature by which the steering wheel can follow, at 1 m/s [1/(m s)]
+
+    @classmethod
+    def of(cls, vehicle: Vehicle, acceleration: float, jerk: float) -> LateralLimits:
+        """Return the limits of a car with a lateral acceleration [m/s2] and jerk [m/s3]."""
+        return cls(acceleration, jerk, vehicle.tightest_curvature, vehicle.steering_rate_limit / vehicle.wheelbase)
 
     def bend(self, speed: float) -> float:
         """Return the greatest curvature at a speed [1/m]."""
@@ -33,7 +42,7 @@ class LateralLimits(NamedTuple):
     def change(self, speed: float) -> float:
         """Return the greatest change of curvature along the way at a speed [1/m2]."""
         v = max(speed, SLOWEST)
-        return self.jerk / (v * v * v)
+        return min(self.jerk / (v * v * v), TURNING_SHARE * self.turning / v)
 
 
 class Task(NamedTuple):

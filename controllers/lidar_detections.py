@@ -53,7 +53,9 @@ class LidarDetections:
 
     def _places(self, turn: PointCloud) -> tuple[np.ndarray, np.ndarray]:
         """Return where the points are that stand on the road, ahead and left of the bumper at the turn's end [m]."""
-        x, y, _height, _firing = standing(turn, self._memory.at(turn.time), self._forward, self._height, self._to_bumper)
+        x, y, _height, _firing = standing(
+            turn, self._memory.at(turn.time), self._forward, self._height, self._to_bumper
+        )
         near = (x > 0.0) & (x < AHEAD) & (np.abs(y) < ASIDE)
         return x[near], y[near]
 
@@ -104,9 +106,7 @@ def _things(
     pieces = touching(x, y, 0.0, AHEAD, ASIDE)
     order = np.argsort(np.hypot(x, y), kind="stable")
     x, y = x[order], y[order]
-    _, first, piece, sizes = np.unique(
-        pieces[order], return_index=True, return_inverse=True, return_counts=True
-    )
+    _, first, piece, sizes = np.unique(pieces[order], return_index=True, return_inverse=True, return_counts=True)
     known = np.flatnonzero(sizes >= POINTS)
     known = known[np.argsort(first[known])]
     goes_on = continuing(np.hypot(x - lidar, y), np.arctan2(y, x - lidar), piece, first, step)

@@ -176,7 +176,7 @@ class Outlines:
         A track beyond the lidar's sight that comes nearer along the path is a body, too.
         """
         found = []
-        lonely = [track for track in tracks if track.speed < ONCOMING]
+        lonely = [track for track in tracks if track.speed < ONCOMING and track.time - track.seen <= KEPT]
         for one in self._followed:
             if one.hits < SEEN:
                 continue
@@ -205,9 +205,7 @@ class Outlines:
         np.maximum.at(tops, labels, height)
         kept = order[first]
         labels, x, y = labels[kept], x[kept], y[kept]
-        s, d = path.locate(
-            axle.x + x * cos - y * sin, axle.y + x * sin + y * cos, station - BEHIND, station + AHEAD
-        )
+        s, d = path.locate(axle.x + x * cos - y * sin, axle.y + x * sin + y * cos, station - BEHIND, station + AHEAD)
         pieces = []
         for number in np.unique(labels).tolist():
             own = (labels == number) & np.isfinite(s) & np.isfinite(d)

@@ -1,8 +1,8 @@
 """Decides when the car leaves its path for what is in its way, lays the way by a planner, and leads the car along it.
 
-Two cases. What stands or is slow is gone around in comfort, where the road beside is seen to be free for as long as that
-takes: who comes the other way goes first. And where full braking would come too late, the car swerves, as hard as the
-gateway lets it, braking meanwhile: the least time to stop against the least time to come to the side. In all other
+Two cases. What stands or is slow is gone around in comfort, where the road beside is seen to be free for as long as
+that takes: who comes the other way goes first. And where full braking would come too late, the car swerves, as hard as
+the gateway lets it, braking meanwhile: the least time to stop against the least time to come to the side. In all other
 cases the car brakes on its path, as `follow_and_stop` does. It must not know how a planner plans, nor brakes' laws.
 """
 
@@ -21,18 +21,20 @@ from vve_sumo.values import CommandedPath, Observation, Vehicle
 
 from . import follow_and_stop
 from .emergency import FIRST_ORDER_RAMP, JERK
-from .follow_and_stop import PERIOD, FollowAndStop, Way, steering_law
+from .follow_and_stop import COMFORT_LIMIT, PERIOD, FollowAndStop, Way, steering_law
 from .free_space import LEFT, RIGHT, Margins, Nodes, Room, clearances, room, sees, side_of
 from .lateral_plan import LateralLimits, LateralPlan, Planner, Task, times_at
 from .outlines import Body, Outlines
-from .speed import SPEEDING_UP, SpeedProfile
+from .speed import SPEEDING_UP, Profile, SpeedProfile
 from .tracks import MARGIN, Target, Tracker
 
 SPACING: Final = 1.5  #: between nodes [m]
 NODES: Final = 64  #: of a way: it leads 95 m ahead
-HELD: Final = 2  #: nodes ahead of the car that a new way leaves where they were
+HEAD: Final = 3  #: nodes, the first one behind the car, that a new way leaves where they were
 WANTED: Final = 0.8  #: a body that is nearer than this to the car's side on its path is steered around [m]
-COMFORT: Final = Margins(clearance=1.1, lengthwise=1.0, slack=1.5)
+COMFORT: Final = Margins(clearance=1.1, lengthwise=0.6, slack=1.5)
+#: the same before the car has left its path: it must then be back so much earlier before who comes the other way
+SETTING_OUT: Final = COMFORT._replace(slack=3.5)
 #: an urgent way keeps so far from bodies; the first that leads past is taken
 URGENT: Final = tuple(Margins(away, 0.3, 0.2, 1.0) for away in (1.0, 0.7, 0.4))
 CONTACT: Final = Margins(MARGIN, 0.3, 0.0, 1.0)  #: what comes nearer than this is in the way
@@ -41,9 +43,13 @@ COMFORT_ACCELERATION, COMFORT_JERK = 1.8, 2.0  #: lateral, of a way in comfort [
 URGENT_ACCELERATION, URGENT_JERK = 2.8, 4.6
 CROSSES: Final = 0.5  #: who is faster across the path is not gone around in comfort: he will be gone [m/s]
 SLOWER: Final = 2.0  #: nor who is not slower than the car would be by so much [m/s]
+#: speeds of a way in comfort, tried one after the other: out of a narrow place a car comes slowly only [m/s]
+CAPS: Final = (math.inf, 5.0, 3.0, 2.0)
 AT_PATH, ALONG_PATH = 0.12, 0.03  #: the car so near to its path, and its way, is back on it [m]
 ASTRAY: Final = 0.7  #: a way that the car is farther off than this begins anew where the car is [m]
 WANDERS: Final = 0.3  #: so far beside its path a way may lead on any road [m]
+#: way that coming back takes for each metre beside the path, and what must be left before a body then [m]
+BACK_SHARE, WAITS = 2.0, 4.0
 SIGHT: Final = 80.0  #: as far as this a lidar sees a car [m]
 REACTION: Final = 1.0  #: the car must be back on its side so long before who comes the other way [s]
 LOOKS: Final = 3  #: a way in comfort must be free in so many turns of the lidar, one after the other
@@ -51,7 +57,7 @@ HORIZON: Final = 3.0  #: what is farther ahead than this is braked for in comfor
 
 TUNING: dict[str, float | str | bool] = {
     **follow_and_stop.TUNING,
-    "gap_m": 8.0,  #: bumper to target at rest: room to steer out from there
+    "gap_m": 15.0,  #: bumper to target at rest: room to steer out from there
     "sensor": "roof",  #: name of the scenario's lidar
     "forward_m": 1.4,  #: of the lidar from the rear axle
     "height_m": 1.9,  #: of the lidar over the road
@@ -73,13 +79,29 @@ class _Line(NamedTuple):
     first: int  #: number of the first node
     offsets: tuple[float, ...]  #: [m]
     path: ReferencePath
-    profile: SpeedProfile
+    profile: Profile
     commanded: CommandedPath
     urgent: bool
 
     def offset(self, node: int) -> float:
         """Return the offset at a node by its number [m]; beyond the end that at the end."""
         return self.offsets[min(max(node - self.first, 0), len(self.offsets) - 1)]
+
+
+class _Kept(NamedTuple):
+    """The speeds along a way: those that its bends allow, and those that it was planned with."""
+
+    bends: SpeedProfile
+    squares: tuple[float, ...]  #: of planned speeds at the nodes [m2/s2]
+
+    def at(self, s: float) -> tuple[float, float]:
+        """Return the speed [m/s] and the acceleration along the profile [m/s2] at a station [m]."""
+        speed, along = self.bends.at(s)
+        place = min(max(s / SPACING, 0.0), len(self.squares) - 1.001)
+        node = int(place)
+        here, there = self.squares[node], self.squares[node + 1]
+        square = here + (place - node) * (there - here)
+        return (speed, along) if speed * speed <= square else (math.sqrt(square), (there - here) / (2.0 * SPACING))
 
 
 class _Sight(NamedTuple):
@@ -139,22 +161,41 @@ class SteerAround:
 
     def _decide(self, sight: _Sight) -> None:
         times = times_at(sight.speeds, SPACING)
-        blocking = [body for body in sight.bodies if self._asks_for_room(sight, times, body)]
-        if not blocking and self._line is None:
+        asking = [body for body in sight.bodies if self._asks_for_room(sight, times, body)]
+        blocking = [body for body in asking if not _comes_nearer(body)]
+        if not asking and self._line is None:
             self._free = 0
             return
-        if all(_is_slow(body, sight) for body in blocking):
-            plan = self._in_comfort(sight, blocking)
-            if plan is not None:
-                self._adopt(sight, plan, urgent=False)
-                return
-        else:
-            self._free = 0
-        plan = self._urgently(sight, blocking)
+        plan = self._in_comfort(sight, blocking) if all(_is_slow(body, sight) for body in blocking) else None
+        if plan is not None:
+            self._adopt(sight, plan, urgent=False)
+        elif self._line is None:
+            self._swerve(sight, asking)
+        elif not self._line.urgent and self._can_wait(sight, blocking):
+            self._go_back(sight)
+        elif not self._swerve(sight, self._in_line(sight)):
+            self._go_on(sight)
+
+    def _swerve(self, sight: _Sight, threats: list[Body]) -> bool:
+        """Take an urgent way past bodies that it is too late to brake for, if there is one; tell whether."""
+        plan = self._urgently(sight, threats)
         if plan is not None:
             self._adopt(sight, plan, urgent=True)
-        elif self._line is not None:
-            self._go_on(sight)
+        return plan is not None
+
+    def _in_line(self, sight: _Sight) -> list[Body]:
+        """Return the bodies that are in the way which the car has taken."""
+        assert self._line is not None
+        offsets = [self._line.offset(sight.first + node) for node in range(NODES)]
+        times = times_at(sight.speeds, SPACING)
+        return [body for body in sight.bodies if min(clearances(sight.nodes, times, offsets, body, CONTACT)) < 0.0]
+
+    def _can_wait(self, sight: _Sight, blocking: list[Body]) -> bool:
+        """Tell whether the car can still come back to its path and stop there in comfort before what is in its way."""
+        bumper, speed = sight.here.s + self._vehicle.rear_axle_to_bumper, sight.observation.pose.speed
+        gap = min((float(body.s.min()) - bumper for body in blocking), default=-math.inf)
+        back = abs(sight.here.offset) * BACK_SHARE + WAITS
+        return gap > stopping_distance(speed, -COMFORT_LIMIT, 2.0 * PERIOD + self._vehicle.brake_delay, 0.7) + back
 
     def _asks_for_room(self, sight: _Sight, times: Sequence[float], body: Body) -> bool:
         keeps = CONTACT._replace(slack=COMFORT.slack if body.along > 0.0 else 0.0)
@@ -162,22 +203,36 @@ class SteerAround:
 
     def _in_comfort(self, sight: _Sight, blocking: list[Body]) -> LateralPlan | None:
         """Return a way in comfort that is seen to be free; the car sets out on one once it was free for some turns."""
-        limits = LateralLimits(
-            min(COMFORT_ACCELERATION, self._lateral), COMFORT_JERK, self._vehicle.tightest_curvature
-        )
-        for sides in _sides(sight.bodies, blocking):
-            plan = self._planner.plan(self._task(sight, sides, COMFORT, limits, sight.speeds))
-            if plan is not None and (self._is_out(sight) or not blocking or self._sees(sight, plan, blocking)):
-                self._free += 1
-                return plan if self._line is not None or self._free >= LOOKS else None
+        limits = LateralLimits.of(self._vehicle, min(COMFORT_ACCELERATION, self._lateral), COMFORT_JERK)
+        keeps = COMFORT if self._is_out(sight) else SETTING_OUT
+        for cap in CAPS:
+            if cap < sight.speeds[0]:
+                break
+            speeds = self._creeping(sight, blocking, cap)
+            for sides in _sides(sight.bodies, blocking):
+                plan = self._planner.plan(self._task(sight, sides, keeps, limits, speeds))
+                if plan is not None and (self._is_out(sight) or not blocking or self._sees(sight, plan, blocking)):
+                    self._free += 1
+                    return plan if self._line is not None or self._free >= LOOKS else None
         self._free = 0
         return None
 
+    def _creeping(self, sight: _Sight, blocking: list[Body], cap: float) -> list[float]:
+        """Return the speeds at the nodes of a car that keeps to a cap until it is beside what blocks its path [m/s]."""
+        if cap == math.inf:
+            return sight.speeds
+        beside = min((float(body.s.min()) for body in blocking), default=-math.inf) - self._vehicle.rear_axle_to_bumper
+        speeds = [sight.speeds[0]]
+        for station, open_road in zip(sight.nodes.stations.tolist()[1:], sight.speeds[1:], strict=True):
+            faster = math.sqrt(speeds[-1] ** 2 + 2.0 * SPEEDING_UP * SPACING)
+            speeds.append(min(faster, open_road, cap if station < beside else math.inf))
+        return speeds
+
     def _urgently(self, sight: _Sight, blocking: list[Body]) -> LateralPlan | None:
-        """Return a way past bodies for which braking alone comes too late, as hard as the gateway lets the car swerve."""
-        if not blocking or not (self._comes_too_late(sight, blocking) or (self._line and self._line.urgent)):
+        """Return a way past bodies for which braking alone comes too late, as hard as the gateway lets the car go."""
+        if not blocking or not self._comes_too_late(sight, blocking):
             return None
-        limits = LateralLimits(URGENT_ACCELERATION, URGENT_JERK, self._vehicle.tightest_curvature)
+        limits = LateralLimits.of(self._vehicle, URGENT_ACCELERATION, URGENT_JERK)
         speeds = self._braked(sight) if self._brakes else [max(sight.observation.pose.speed, 0.5)] * NODES
         for keeps in URGENT:
             for sides in _sides(sight.bodies, blocking):
@@ -227,19 +282,20 @@ class SteerAround:
         self, sight: _Sight, sides: Sequence[int], keeps: Margins, limits: LateralLimits, speeds: Sequence[float]
     ) -> Task:
         def free(times: Sequence[float]) -> Room:
-            return room(sight.nodes, times, sight.bodies, sides, keeps).within(max(self._right, WANDERS), max(self._left, WANDERS))
+            return room(sight.nodes, times, sight.bodies, sides, keeps).within(
+                max(self._right, WANDERS), max(self._left, WANDERS)
+            )
 
         return Task(self._head(sight), SPACING, sight.nodes.curvature.tolist(), speeds, free, limits)
 
     def _head(self, sight: _Sight) -> tuple[float, ...]:
         """Return the offsets of the nodes that a new way leaves where they were: those of the old way, or the car's."""
         line, here = self._line, sight.here
-        ahead = HELD + math.ceil(sight.observation.pose.speed * 2.0 * PERIOD / SPACING)
         if line is not None and abs(self._off(sight)) < ASTRAY:
-            return tuple(line.offset(sight.first + node) for node in range(ahead + 1))
+            return tuple(line.offset(sight.first + node) for node in range(HEAD))
         slope = math.tan(_turned(sight.observation.pose.heading - here.heading))
         slope = min(max(slope, -0.3), 0.3)
-        places = (SPACING * (sight.first + node) - here.s for node in range(ahead + 1))
+        places = (SPACING * (sight.first + node) - here.s for node in range(HEAD))
         return tuple(here.offset + slope * place for place in places)
 
     def _off(self, sight: _Sight) -> float:
@@ -281,6 +337,17 @@ class SteerAround:
             return
         self._lay(sight, plan, urgent)
 
+    def _go_back(self, sight: _Sight) -> None:
+        """Come back to the path, and brake there for what is in it."""
+        limits = LateralLimits.of(self._vehicle, URGENT_ACCELERATION, URGENT_JERK)
+        task = self._task(sight, (), COMFORT, limits, sight.speeds)
+        alone = task._replace(room=lambda times: Room([-math.inf] * NODES, [math.inf] * NODES))
+        plan = self._planner.plan(alone)
+        if plan is None:
+            self._go_on(sight)
+        else:
+            self._adopt(sight, plan, urgent=False)
+
     def _go_on(self, sight: _Sight) -> None:
         """Go on along the way that there is, the car braking for what is in it now."""
         assert self._line is not None
@@ -298,11 +365,12 @@ class SteerAround:
         profile = SpeedProfile(way, lateral)
         speeds = [min(v, profile.at(SPACING * node)[0]) for node, v in enumerate(plan.speeds)]
         commanded = CommandedPath(tuple(x), tuple(y), tuple(speeds))
-        self._line, self._along = _Line(sight.first, plan.offsets, way, profile, commanded, urgent), None
+        kept: Profile = profile
+        if not urgent and any(planned < usual - 0.1 for planned, usual in zip(plan.speeds, sight.speeds, strict=True)):
+            kept = _Kept(profile, tuple(speed * speed for speed in plan.speeds))
+        self._line, self._along = _Line(sight.first, plan.offsets, way, kept, commanded, urgent), None
 
-    def _ahead(
-        self, observation: Observation, here: PathProjection, line: _Line
-    ) -> tuple[Target | None, list[Target]]:
+    def _ahead(self, observation: Observation, here: PathProjection, line: _Line) -> tuple[Target | None, list[Target]]:
         """Return the nearest body in the way, and all that the car would meet soon."""
         since = observation.time - self._seen
         bumper, speed = here.s + self._vehicle.rear_axle_to_bumper, max(observation.pose.speed, 0.5)
@@ -330,9 +398,14 @@ class SteerAround:
         return nearest, dangers
 
 
+def _comes_nearer(body: Body) -> bool:
+    """Tell whether a body comes the other way: it goes first, and nobody goes around it in comfort."""
+    return body.along < -SLOWER
+
+
 def _is_slow(body: Body, sight: _Sight) -> bool:
     """Tell whether a body stands or goes along slowly, so that it is worth going around."""
-    return abs(body.across) < CROSSES and -SLOWER < body.along < sight.observation.desired_speed - SLOWER
+    return abs(body.across) < CROSSES and body.along < sight.observation.desired_speed - SLOWER
 
 
 def _sides(bodies: Sequence[Body], blocking: Sequence[Body]) -> list[list[int]]:

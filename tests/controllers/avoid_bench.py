@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from shapely.geometry import Polygon
 
+from tests import vehicles
 from tests.controllers.bench import Body
 from tests.controllers.street import PERIOD, Car, Flaws
-from tests import vehicles
 from vve_sumo.body_kinds import TYPICAL, number_of
 from vve_sumo.controller import Controller
 from vve_sumo.geometry import Box
@@ -22,7 +22,7 @@ from vve_sumo.path import ReferencePath
 from vve_sumo.sensors.lidar import Lidar, LidarConfig, empty_cloud
 from vve_sumo.sensors.radar import BEFORE_FIRST_SCAN, Radar, RadarConfig
 from vve_sumo.sensors.street import walls_of
-from vve_sumo.values import Actors, ControlCommand, Observation, PointCloud
+from vve_sumo.values import Actors, ControlCommand, Observation
 from vve_sumo.vehicle.limits import COMFORT, Limiter, Limits
 
 CAR = vehicles.FUSION.vehicle
@@ -69,9 +69,7 @@ def drive(
         read = radar.step(time, pose, actors)
         scan = scan if read is None else read.detections
         lidar.step(time, pose, actors)
-        command = controller.step(
-            Observation(tick, time, pose, path, speed, {"radar": scan, "roof": cloud}, car.wheel)
-        )
+        command = controller.step(Observation(tick, time, pose, path, speed, {"radar": scan, "roof": cloud}, car.wheel))
         turn = lidar.prepare()
         cloud = cloud if turn is None else turn.cloud
         here = path.project(car.x, car.y, near)

@@ -1,4 +1,4 @@
-"""The ways of both planners against brute force: limits by differences along the curve, clearance by polygons (shapely)."""
+"""The ways of both planners against brute force: limits along the curve, clearance by polygons (shapely)."""
 
 from __future__ import annotations
 
@@ -12,23 +12,22 @@ from hypothesis import strategies as st
 from shapely.affinity import rotate, translate
 from shapely.geometry import Polygon, box
 
-from controllers.elastic_band import ElasticBand, Forces
+from controllers.elastic_band import ElasticBand, Springs
 from controllers.free_space import LEFT, RIGHT, Margins, Nodes, Room, clearances, room
 from controllers.frenet_sampling import FrenetSampling, Quintic, quartic_speeds
 from controllers.lateral_plan import EXCESS, INTRUSION, LateralLimits, LateralPlan, Planner, Task, times_at
 from controllers.outlines import Body
 from tests.controllers.bench import CAR
+from vve_sumo.commanded_path import curve, flaw
 from vve_sumo.geometry import Box
 from vve_sumo.laws import swerve_time
 from vve_sumo.path import ReferencePath
-from vve_sumo.values import CommandedPath
-from vve_sumo.commanded_path import curve, flaw
-from vve_sumo.values import Point, Pose
+from vve_sumo.values import CommandedPath, Point, Pose
 
 SPACING, COUNT = 1.5, 64
 PLANNERS = [ElasticBand(), FrenetSampling()]
 KEEPS = Margins(clearance=1.0, lengthwise=0.5, slack=0.0)
-COMFORT, URGENT = LateralLimits(1.8, 2.0, CAR.tightest_curvature), LateralLimits(2.8, 4.6, CAR.tightest_curvature)
+COMFORT, URGENT = LateralLimits.of(CAR, 1.8, 2.0), LateralLimits.of(CAR, 2.8, 4.6)
 names = pytest.mark.parametrize("planner", PLANNERS, ids=lambda planner: type(planner).__name__)
 
 
@@ -74,7 +73,12 @@ def nodes_of(path: ReferencePath) -> Nodes:
 
 
 def task(
-    nodes: Nodes, bodies: Sequence[Body], sides: Sequence[int], speed: float, limits: LateralLimits, head: Sequence[float]
+    nodes: Nodes,
+    bodies: Sequence[Body],
+    sides: Sequence[int],
+    speed: float,
+    limits: LateralLimits,
+    head: Sequence[float],
 ) -> Task:
     def free(times: Sequence[float]) -> Room:
         return room(nodes, times, bodies, sides, KEEPS).within(3.4, 3.4)
@@ -134,7 +138,9 @@ def test_the_least_distance_to_come_aside_is_near_the_closed_form(planner: Plann
     def wall(node: int) -> Task:
         low = [-math.inf] * COUNT
         low[node : node + 4] = [1.5] * 4
-        return Task((0.0,) * 4, SPACING, [0.0] * COUNT, (speed,) * COUNT, lambda _times: Room(low, [3.4] * COUNT), URGENT)
+        return Task(
+            (0.0,) * 4, SPACING, [0.0] * COUNT, (speed,) * COUNT, lambda _times: Room(low, [3.4] * COUNT), URGENT
+        )
 
     first = next(node for node in range(4, COUNT) if planner.plan(wall(node)) is not None)
     least = speed * swerve_time(1.5, URGENT.acceleration, URGENT.jerk)
@@ -162,30 +168,30 @@ def test_no_way_is_better_than_one_through_a_body() -> None:
 
 
 @given(st.integers(4, 20), st.integers(0, 2**32 - 1))
-def test_forces_balance_where_the_matrix_says(count: int, seed: int) -> None:
+def test_springs_balance_where_the_matrix_says(count: int, seed: int) -> None:
     """Against numpy's solution of the normal equations of the same springs."""
     draw = np.random.default_rng(seed)
-    head = draw.normal(size=3).tolist()
-    forces, rows, aims = Forces(head, count), [], []
-    for node in range(3, 3 + count):
-        forces.add(node, (1.0,), 1.0, 0.5)
-        rows.append(np.eye(3 + count)[node])
-        aims.append(0.5)
-    for _ in range(2 * count):
-        stencil = tuple(draw.normal(size=draw.integers(1, 5)).tolist())
-        node, weight, aim = int(draw.integers(0, 4 + count - len(stencil))), float(draw.uniform(0.1, 5.0)), float(draw.normal())
-        forces.add(node, stencil, weight, aim)
-        row = np.zeros(3 + count)
-        row[node : node + len(stencil)] = stencil
-        rows.append(math.sqrt(weight) * row)
-        aims.append(math.sqrt(weight) * aim)
+    head, nodes = draw.normal(size=3).tolist(), 3 + count
+    springs, rows, aims = Springs(nodes), [], []
+    for stencil in ((1.0,), tuple(draw.normal(size=2)), tuple(draw.normal(size=3)), tuple(draw.normal(size=4))):
+        first = 4 - len(stencil)
+        many = nodes - first - len(stencil) + 1
+        weight, aim = draw.uniform(0.1, 5.0, many), draw.normal(size=many)
+        springs.add(first, stencil, weight, aim)
+        for number in range(many):
+            row = np.zeros(nodes)
+            row[first + number : first + number + len(stencil)] = stencil
+            rows.append(math.sqrt(weight[number]) * row)
+            aims.append(math.sqrt(weight[number]) * aim[number])
     matrix, right = np.array(rows), np.array(aims)
     expected = np.linalg.lstsq(matrix[:, 3:], right - matrix[:, :3] @ np.array(head), rcond=None)[0]
-    np.testing.assert_allclose(forces.balance(), expected, rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(springs.balance(head), expected, rtol=1e-6, atol=1e-8)
 
 
 @given(
-    st.tuples(st.floats(-3.0, 3.0), st.floats(-0.3, 0.3), st.floats(-0.1, 0.1)), st.floats(-3.0, 3.0), st.floats(5.0, 60.0)
+    st.tuples(st.floats(-3.0, 3.0), st.floats(-0.3, 0.3), st.floats(-0.1, 0.1)),
+    st.floats(-3.0, 3.0),
+    st.floats(5.0, 60.0),
 )
 def test_a_quintic_meets_its_six_conditions(start: tuple[float, float, float], end: float, length: float) -> None:
     poly = np.polynomial.Polynomial(Quintic.to_rest(start, end, length).coefficients)
