@@ -15,6 +15,7 @@ import argparse
 import math
 import multiprocessing
 import os
+import sys
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -29,6 +30,7 @@ PLANNERS = ("elastic_band", "frenet_sampling")
 KMH: Final = 1.0 / 3.6
 PICTURE: Final = REPOSITORY / "docs" / "steering_avoidance.png"
 WORKERS: Final = 2
+PRELOADED: Final = ["vve_sumo.drive.lockstep", "vve_sumo.record.writer", "vve_sumo.drive.resolved_scenario"]
 #: what the controller may do: its tuning
 MEANS: Final[dict[str, dict[str, Any]]] = {
     "braking": {},
@@ -320,9 +322,14 @@ def _meets(
 
 def driven(cases: Sequence[Case]) -> Iterator[Outcome]:
     """Drive cases in processes of their own, in their order."""
-    workers = min(WORKERS, os.cpu_count() or 1)
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), max_tasks_per_child=1) as pool:
-        yield from pool.map(drive, cases)
+    # One drive a process: a process holds one simulation. Forked from one that has imported all, it begins at once.
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(PRELOADED)
+    with ProcessPoolExecutor(min(WORKERS, os.cpu_count() or 1), context, max_tasks_per_child=1) as pool:
+        for number, (case, done) in enumerate(zip(cases, pool.map(drive, cases), strict=True), start=1):
+            said = f"{case.scenario}, seed {case.seed}: {done._replace(track=())}"
+            print(f"{number} of {len(cases)}: {said}", file=sys.stderr, flush=True)
+            yield done
 
 
 def spread(values: Iterable[float]) -> str:

@@ -18,7 +18,7 @@ from vve_sumo.values import Vehicle
 from .follow_and_stop import FollowAndStop
 from .free_space import Room
 from .lateral_plan import SLOWEST, LateralPlan, Task, times_at, within_limits
-from .steer_around import controller
+from .steer_around import TUNING, controller
 
 #: with which the band leaves its path and returns to it, where nothing pushes it [s]
 TIME: Final = 0.75
@@ -198,4 +198,4 @@ def _at_rest(band: _Band) -> tuple[float, ...]:
 
 def make(vehicle: Vehicle, tuning: Tuning) -> FollowAndStop:
     """Make the controller; raises ConfigError on a tuning key or value that it cannot take."""
-    return controller(vehicle, tuning, ElasticBand())
+    return controller(vehicle, tuning, ElasticBand(), TUNING)

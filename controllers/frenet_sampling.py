@@ -21,8 +21,13 @@ from vve_sumo.values import Vehicle
 from .follow_and_stop import FollowAndStop
 from .free_space import Room
 from .lateral_plan import SLOWEST, LateralPlan, Task, times_at, within_limits
+from . import steer_around
 from .steer_around import controller
 
+TUNING: dict[str, float | str | bool] = {
+    **steer_around.TUNING,
+    "gap_m": 20.0,  #: out of less a quintic does not lead
+}
 BEYOND: Final = (0.0, 0.3, 0.8, 1.5)  #: what a way leads over by, more than it must [m]
 SHARES: Final = (0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 1.9)  #: of the way to the first body, in which it leads over
 BACK_TIMES: Final = (2.0, 3.0, 4.5)  #: in which it leads back [s]
@@ -160,4 +165,4 @@ def _cost(offsets: np.ndarray, spacing: float, speeds: Sequence[float]) -> float
 
 def make(vehicle: Vehicle, tuning: Tuning) -> FollowAndStop:
     """Make the controller; raises ConfigError on a tuning key or value that it cannot take."""
-    return controller(vehicle, tuning, FrenetSampling())
+    return controller(vehicle, tuning, FrenetSampling(), TUNING)

@@ -100,6 +100,9 @@ class _Followed:
         if self.by_left != before[1]:
             self.across.value = across
         self.along.update(along, sigma * sigma)
+        if (across - self.across.value) ** 2 > MOVES**2 * (self.across.variance + sigma * sigma):
+            # It sets out or turns back: what its speed was says nothing about what it is.
+            self.across.rate_variance += ACROSS_FASTEST**2
         self.across.update(across, sigma * sigma)
 
     def _sides(self, s: float, d: float) -> tuple[float, float, float]:

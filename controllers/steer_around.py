@@ -255,7 +255,7 @@ class SteerAround:
             if gap <= 0.0 or closing <= 0.0:
                 continue
             if not self._brakes:
-                needs = swerve_time(self._aside(body), URGENT_ACCELERATION, URGENT_JERK, answer)
+                needs = swerve_time(self._aside(body.moved(gap / closing)), URGENT_ACCELERATION, URGENT_JERK, answer)
                 if gap < closing * (needs + 0.5):
                     return True
             elif stopping_distance(closing, car.deceleration_limit, delay, build_up) > gap:
@@ -265,7 +265,7 @@ class SteerAround:
         return False
 
     def _aside(self, body: Body) -> float:
-        """Return how far the car must go aside at least to pass a body [m]."""
+        """Return how far the car must go aside at least to pass a body that is beside it then [m]."""
         half = 0.5 * self._vehicle.width + URGENT[-1].clearance
         return max(min(float(body.d.max()) + half, half - float(body.d.min())), 0.0)
 
@@ -423,9 +423,9 @@ def _turned(angle: float) -> float:
     return math.remainder(angle, math.tau)
 
 
-def controller(vehicle: Vehicle, tuning: Tuning, planner: Planner) -> FollowAndStop:
+def controller(vehicle: Vehicle, tuning: Tuning, planner: Planner, defaults: Tuning) -> FollowAndStop:
     """Make a controller that steers around by a planner; raises ConfigError as `follow_and_stop` does."""
-    settled = settle(tuning, TUNING, RANGES)
+    settled = settle(tuning, defaults, RANGES)
     name, sensor = str(settled.pop("steering")), str(settled.pop("sensor"))
     numbers = {key: float(value) for key, value in settled.items()}
     outlines = Outlines(vehicle, sensor, numbers["forward_m"], numbers["height_m"])
