@@ -222,8 +222,8 @@ def passes(runs: int, planner: str) -> list[Case]:
         changes = controlled(planner, "both", right_m=0.0) | {
             "ego.speed_mps": float(draw.uniform(5.0, 11.176)),
             "ego.initial_speed_mps": 4.0,
-            "obstacles.0.offset_m": float(draw.uniform(-0.8, 0.3)),
-            "obstacles.0.turned_deg": float(draw.uniform(-8.0, 8.0)),
+            "obstacles.0.offset_m": float(draw.uniform(-0.8, 0.2)),
+            "obstacles.0.turned_deg": float(draw.uniform(-5.0, 5.0)),
             "actors": oncoming(draw),
         }
         cases.append(Case("parked_car_passed", changes, seed))
@@ -238,7 +238,7 @@ def faults(runs: int, planner: str) -> list[Case]:
         speed = float(draw.uniform(5.0, 11.176))
         changes = controlled(planner, "both", right_m=0.0) | {
             "ego.speed_mps": speed,
-            "obstacles.0.offset_m": float(draw.uniform(-0.8, 0.3)),
+            "obstacles.0.offset_m": float(draw.uniform(-0.8, 0.2)),
             "actors": [],
             "road.demand": ["linden_17th_light"],
             "road.warm_up_s": float(draw.uniform(20.0, 200.0)),

@@ -30,12 +30,13 @@ TUNING: dict[str, float | str | bool] = {
 }
 BEYOND: Final = (0.0, 0.3, 0.8, 1.5)  #: what a way leads over by, more than it must [m]
 SHARES: Final = (0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 1.9)  #: of the way to the first body, in which it leads over
-BACK_TIMES: Final = (2.0, 3.0, 4.5)  #: in which it leads back [s]
+BACK_TIMES: Final = (1.2, 1.6, 2.0, 2.4, 2.9, 3.5, 4.5)  #: in which it leads back [s]
 SLOWER: Final = (0.75, 0.5)  #: speeds that it leads to, as shares of the expected one
 SLOWING_TIME: Final = 4.0  #: in which it does so [s]
+CHEAPER: Final = 0.6  #: a way takes the place of the one that the car is on if it costs this share of it, or less
 LEAST_LENGTH: Final = 6.0  #: of a quintic [m]
 #: costs: of lateral jerk against distance from the path, and of a speed below the expected one
-JERK_COST, SPEED_COST = 1.0, 2.0
+JERK_COST, SPEED_COST = 0.05, 2.0
 
 
 class Quintic(NamedTuple):
@@ -89,7 +90,7 @@ class FrenetSampling:
 
     def plan(self, task: Task) -> LateralPlan | None:
         """Return the way, None where none that is drawn is within the limits."""
-        best, least = None, math.inf
+        best, least = _kept(task)
         for speeds, slower in _speeds(task):
             room = task.room(times_at(speeds, task.spacing))
             first = len(task.head)
@@ -106,6 +107,19 @@ class FrenetSampling:
                     best, least = plan, cost
                     break
         return best
+
+
+def _kept(task: Task) -> tuple[LateralPlan | None, float]:
+    """Return the way that the car is on, while it is within the limits, and at which cost another one takes its place.
+
+    Drawn anew with every turn, a way that comes back within a time would come back for ever.
+    """
+    if not task.before:
+        return None, math.inf
+    plan = LateralPlan(task.before, tuple(task.speeds))
+    if not within_limits(task, plan, task.room(times_at(task.speeds, task.spacing))):
+        return None, math.inf
+    return plan, CHEAPER * _cost(np.array(plan.offsets), task.spacing, plan.speeds)
 
 
 def _speeds(task: Task) -> Iterator[tuple[Sequence[float], float]]:

@@ -54,6 +54,7 @@ class Task(NamedTuple):
     speeds: Sequence[float]  #: that the car is expected to have at the nodes [m/s]
     room: Callable[[Sequence[float]], Room]  #: at the nodes, by the times at which the car is there [s]
     limits: LateralLimits
+    before: tuple[float, ...] = ()  #: offsets at all nodes of the way that the car is on [m]; empty for none
 
 
 class LateralPlan(NamedTuple):

@@ -286,7 +286,10 @@ class SteerAround:
                 max(self._right, WANDERS), max(self._left, WANDERS)
             )
 
-        return Task(self._head(sight), SPACING, sight.nodes.curvature.tolist(), speeds, free, limits)
+        head, line, before = self._head(sight), self._line, ()
+        if line is not None and head[-1] == line.offset(sight.first + HEAD - 1):
+            before = tuple(line.offset(sight.first + node) for node in range(NODES))
+        return Task(head, SPACING, sight.nodes.curvature.tolist(), speeds, free, limits, before)
 
     def _head(self, sight: _Sight) -> tuple[float, ...]:
         """Return the offsets of the nodes that a new way leaves where they were: those of the old way, or the car's."""
