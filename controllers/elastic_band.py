@@ -89,7 +89,8 @@ class Springs:
         for row in range(count - 1, -1, -1):
             rest = right[row] - one[row] * right[row + 1] - two[row] * right[row + 2] - three[row] * right[row + 3]
             right[row] = rest / main[row]
-        return right[:count]
+        offsets: list[float] = right[:count]
+        return offsets
 
 
 class ElasticBand:

@@ -23,7 +23,7 @@ HIDDEN: Final = 4.5  #: way along the path that a body may reach beyond what is 
 HIDDEN_SMALL: Final = 0.6  #: the same of a person or a bicycle [m]
 FOLLOWS: Final = 1.0  #: of that as much at most before and behind one that goes along [s]
 SPREAD_LIMIT: Final = 0.8  #: what is not known of a crossing body's place counts up to this [m]
-HIGHER: Final = 0.2  #: a body may be so much higher than it was seen, the car having come up to it [m]
+HIGHER: Final = 0.1  #: a body may be so much higher than it was seen, the car having come up to it [m]
 SEEN_PART: Final = 1.3  #: height of the part of a car that must be seen over what stands between [m]
 
 
@@ -107,10 +107,9 @@ def clearances(
 
 def _straddled(away: np.ndarray, beside: np.ndarray) -> np.ndarray:
     """Return whether points of a body lie on both sides of the car's line at a node: it is in the way, whole."""
-    on_left = (beside & (away > 0.0)).any(axis=1)
-    on_right = (beside & (away <= 0.0)).any(axis=1)
-    straddled: np.ndarray = on_left & on_right
-    return straddled
+    on_left: np.ndarray = (beside & (away > 0.0)).any(axis=1)
+    on_right: np.ndarray = (beside & (away <= 0.0)).any(axis=1)
+    return on_left & on_right
 
 
 def _beside(

@@ -18,10 +18,10 @@ import numpy as np
 from vve_sumo.controller import Tuning
 from vve_sumo.values import Vehicle
 
+from . import steer_around
 from .follow_and_stop import FollowAndStop
 from .free_space import Room
 from .lateral_plan import SLOWEST, LateralPlan, Task, times_at, within_limits
-from . import steer_around
 from .steer_around import controller
 
 TUNING: dict[str, float | str | bool] = {

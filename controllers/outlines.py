@@ -28,7 +28,8 @@ GATE: Final = 1.5  #: along and across together, within which a body is the one 
 FAST: Final = 16.0  #: of a body that was seen once nothing is known but that it is not faster than this [m/s]
 KEPT: Final = 0.5  #: a body lives on unseen for so long [s]
 SEEN: Final = 2  #: turns until a body counts
-KNOWN: Final = 3  #: until its motion does
+KNOWN, KNOWN_LARGE = 3, 6  #: until the motion of a small body does, and of another one
+SPARSE: Final = 0.006  #: rays are so far apart at a distance [rad]: by so much a side may jump
 SMALL: Final = 1.2  #: one that is smaller is followed by its middle, others by the sides that are nearest [m]
 PLACE_SIGMA, SIDE_SIGMA = 0.06, 0.15  #: of the middle of a small body, of the nearest sides of others [m]
 ALONG_AGILITY, ACROSS_AGILITY = 1.0, 0.5  #: spectral densities of acceleration [m2/s3]
@@ -100,7 +101,8 @@ class _Followed:
         if self.by_left != before[1]:
             self.across.value = across
         self.along.update(along, sigma * sigma)
-        if (across - self.across.value) ** 2 > MOVES**2 * (self.across.variance + sigma * sigma):
+        is_small = self.by_left == before[1] == 0
+        if is_small and (across - self.across.value) ** 2 > MOVES**2 * (self.across.variance + sigma * sigma):
             # It sets out or turns back: what its speed was says nothing about what it is.
             self.across.rate_variance += ACROSS_FASTEST**2
         self.across.update(across, sigma * sigma)
@@ -115,7 +117,7 @@ class _Followed:
         self.by_far = 1 if near > s else 2 if far < s else 3
         self.by_left = 1 if 0.5 * (right + left) > d else 2
         along = near if self.by_far == 1 else far if self.by_far == 2 else 0.5 * (near + far)
-        return along, right if self.by_left == 1 else left, SIDE_SIGMA
+        return along, right if self.by_left == 1 else left, SIDE_SIGMA + SPARSE * abs(along - s)
 
     def cost(self, s: np.ndarray, d: np.ndarray) -> float:
         """Return how far a turn's outline is from it [m]; infinite beyond the gate."""
@@ -125,7 +127,7 @@ class _Followed:
 
     def body(self, time: float) -> Body:
         """Return it at a time [s]."""
-        known = self.hits >= KNOWN
+        known = self.hits >= (KNOWN if self.by_far == 0 else KNOWN_LARGE)
         pace = self.speed if self.speed is not None else _surely(self.along) if known else 0.0
         aside, since = _surely(self.across) if known else 0.0, time - self.time
         return Body(

@@ -286,7 +286,8 @@ class SteerAround:
                 max(self._right, WANDERS), max(self._left, WANDERS)
             )
 
-        head, line, before = self._head(sight), self._line, ()
+        head, line = self._head(sight), self._line
+        before: tuple[float, ...] = ()
         if line is not None and head[-1] == line.offset(sight.first + HEAD - 1):
             before = tuple(line.offset(sight.first + node) for node in range(NODES))
         return Task(head, SPACING, sight.nodes.curvature.tolist(), speeds, free, limits, before)

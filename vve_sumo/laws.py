@@ -55,7 +55,7 @@ def swerve_time(offset: float, acceleration: float, jerk: float, delay: float = 
     rise = acceleration / jerk
     risen = acceleration * rise * rise / 6.0
     if offset <= risen:
-        return delay + (6.0 * offset / jerk) ** (1.0 / 3.0)
+        return delay + math.cbrt(6.0 * offset / jerk)
     return delay + 0.5 * rise + math.sqrt(0.25 * rise * rise + 2.0 * (offset - risen) / acceleration)
 
 

@@ -66,7 +66,7 @@ def test_it_passes_long_and_oblique_bodies_in_a_bend(
     at = path.at(70.0)
     x, y = at.x - place * math.sin(at.heading), at.y + place * math.cos(at.heading)
     body = steady(x, y, 0.0, at.heading + turn, length=length, width=width)
-    found = drive(around(module), path, 7.0, [body], 25.0, until=140.0, kinds=[kind])
+    found = drive(around(module, left_m=4.6), path, 7.0, [body], 25.0, until=140.0, kinds=[kind])
     assert found.s[-1] > 140.0
     assert found.least > CLEAR
     assert abs(found.offset[-1]) < 0.15
