@@ -107,9 +107,10 @@ def clearances(
 
 def _straddled(away: np.ndarray, beside: np.ndarray) -> np.ndarray:
     """Return whether points of a body lie on both sides of the car's line at a node: it is in the way, whole."""
-    on_left: np.ndarray = (beside & (away > 0.0)).any(axis=1)
-    on_right: np.ndarray = (beside & (away <= 0.0)).any(axis=1)
-    return on_left & on_right
+    straddled: np.ndarray = np.logical_and(
+        np.any(beside & (away > 0.0), axis=1), np.any(beside & (away <= 0.0), axis=1)
+    )
+    return straddled
 
 
 def _beside(

@@ -110,8 +110,7 @@ def _things(
     known = np.flatnonzero(sizes >= POINTS)
     known = known[np.argsort(first[known])]
     goes_on = continuing(np.hypot(x - lidar, y), np.arctan2(y, x - lidar), piece, first, step)
-    begins: np.ndarray = ~goes_on.any(axis=1)
-    begins = begins[known]
+    begins = np.logical_not(goes_on.any(axis=1))[known]
     near_x, near_y = x[first[known][begins]], y[first[known][begins]]
     unknown = np.full(len(near_x), np.nan)
     return np.hypot(near_x, near_y), np.arctan2(near_y, near_x), unknown, np.zeros(len(near_x), np.int8)
