@@ -30,6 +30,8 @@ PLANNERS = ("elastic_band", "frenet_sampling")
 KMH: Final = 1.0 / 3.6
 PICTURE: Final = REPOSITORY / "docs" / "steering_avoidance.png"
 WORKERS: Final = 2
+#: the drives past the parked car begin where the path has turned into its street
+ROLLS: Final = {"ego.initial_speed_mps": 4.0, "ego.initial_s_m": 556.0}
 PRELOADED: Final = ["vve_sumo.drive.lockstep", "vve_sumo.record.writer", "vve_sumo.drive.resolved_scenario"]
 #: what the controller may do: its tuning
 MEANS: Final[dict[str, dict[str, Any]]] = {
@@ -221,7 +223,7 @@ def passes(runs: int, planner: str) -> list[Case]:
         draw = np.random.default_rng(seed)
         changes = controlled(planner, "both", right_m=0.0) | {
             "ego.speed_mps": float(draw.uniform(5.0, 11.176)),
-            "ego.initial_speed_mps": 4.0,
+            **ROLLS,
             "obstacles.0.offset_m": float(draw.uniform(-0.8, 0.2)),
             "obstacles.0.turned_deg": float(draw.uniform(-5.0, 5.0)),
             "actors": oncoming(draw),
@@ -238,6 +240,7 @@ def faults(runs: int, planner: str) -> list[Case]:
         speed = float(draw.uniform(5.0, 11.176))
         changes = controlled(planner, "both", right_m=0.0) | {
             "ego.speed_mps": speed,
+            **ROLLS,
             "obstacles.0.offset_m": float(draw.uniform(-0.8, 0.2)),
             "actors": [],
             "road.demand": ["linden_17th_light"],
@@ -426,7 +429,7 @@ def draw(planner: str, file: Path) -> None:
     from vve_sumo.plotting.page import ACTOR, EGO, OBSTACLE, QUIET
     from vve_sumo.plotting.style import LIMIT, OVER, WIDTH, name, page, plain, save
 
-    (done,) = driven([Case("parked_car_passed", {"controller.name": planner})])
+    (done,) = driven([Case("parked_car_passed", {"controller.name": planner} | ROLLS)])
     s = np.array([one.s for one in done.track])
     with page(WIDTH, 6.0) as figure:
         way, speed, away = figure.subplots(3, 1, sharex=True, height_ratios=(2.0, 1.0, 1.0))
@@ -442,7 +445,7 @@ def draw(planner: str, file: Path) -> None:
                     way.annotate(f"{one.time:.0f} s", (at, offset), (0, 5), textcoords="offset points", fontsize=6)
             way.plot(one.s, one.offset, "o", color=EGO, markersize=3)
             way.annotate(f"{one.time:.0f} s", (one.s, one.offset), (0, -9), textcoords="offset points", fontsize=6)
-        at, offset = next(place for place in done.track[0].others if place[1] < 1.6)
+        at, offset = next(place for one in done.track for place in one.others if place[1] < 1.6)
         way.add_patch(Rectangle((at - 2.25, offset - 0.9), 4.5, 1.8, color=OBSTACLE))
         way.plot(s, [one.offset for one in done.track], color=EGO, linewidth=OVER)
         way.set_ylabel("left of the path [m]")
