@@ -147,8 +147,8 @@ def drive(case: Case) -> Outcome:
                 beside = min(beside, float(distance(own, others.select(near)).min()))
         aside, slowest = max(aside, abs(place.offset)), min(slowest, truth.speed)
         if number % 5 == 0:
-            at = [scenario.path.project(x, y, place.s) for x, y in zip(actors.x, actors.y, strict=True)]
-            bodies = tuple((one.s, one.offset) for one in at)
+            found = scenario.path.locate(actors.x, actors.y, place.s - 60.0, place.s + 190.0)
+            bodies = tuple((s, d) for s, d in zip(*(column.tolist() for column in found), strict=True) if abs(d) < 8.0)
             track.append(Instant(now, place.s, place.offset, truth.speed, nearest if bodies else math.inf, bodies))
         rested = rested + 0.02 if truth.speed < 0.01 else 0.0
         state = tick.output.status.state.value
@@ -365,7 +365,7 @@ def print_faults(planner: str, runs: int) -> None:
     """Print what came of the faults."""
     cases = faults(runs, planner)
     done = list(driven(cases))
-    struck = [one for one in done if one.state in ("stopping", "stopped", "fault")]
+    struck = [one for one in done if one.reasons]
     rows = {
         "contacts": f"{sum(one.contact for one in done)} of {len(done)}",
         "stopped by the gateway": f"{len(struck)}",
@@ -438,7 +438,11 @@ def draw(planner: str, file: Path) -> None:
             plain(axes)
         for edge in (-1.6, 1.6, 4.8):
             way.axhline(edge, color=QUIET, linewidth=0.8, linestyle="-" if edge != 1.6 else (0, (8, 8)))
+        shown: list[Instant] = []
         for one in done.track[::15]:
+            if shown and one.s - shown[-1].s < 4.0:
+                continue
+            shown.append(one)
             for at, offset in one.others:
                 if offset > 1.6 and s[0] < at < s[-1]:
                     way.plot(at, offset, "<", color=ACTOR, markersize=4)
