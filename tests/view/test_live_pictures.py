@@ -218,8 +218,9 @@ def test_the_camera_of_a_live_drive_is_served_until_the_drive_is_over(made: Made
         drawing.join(30.0)
         assert drawn[0].pictures >= 4
         assert pictures.complaints == []
-        while viewer.next() is not None:
-            pass
+    # The stream ends with the command, and every viewer is told.
+    while viewer.next() is not None:
+        pass
 
 
 @pytest.mark.parametrize(
