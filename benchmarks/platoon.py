@@ -32,7 +32,7 @@ SPEED = 15.0  #: of the undisturbed platoon [m/s]
 #: drive time of the leader's first change, less a second [s]
 BEFORE = 24.0
 CHAIN = ("ego", "second", "third", "fourth", "fifth")
-LENGTH = 4.886  #: of a car of the platoon [m]
+LENGTH = 4.872  #: of a car of the platoon [m]
 
 
 class Case(NamedTuple):
