@@ -31,8 +31,8 @@ MOVING_SPEED: Final = 0.5
 
 
 def egos_of(resolved: ResolvedScenario) -> tuple[Ego, ...]:
-    """Return the scenario's egos, of which there is one."""
-    return (Ego(EGO, resolved.vehicle, tuple(resolved.route)),)
+    """Return the scenario's egos."""
+    return tuple(Ego(one.ego_id, one.vehicle, tuple(one.route)) for one in resolved.egos)
 
 
 def obstacles_of(resolved: ResolvedScenario) -> tuple[Obstacle, ...]:
