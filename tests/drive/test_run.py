@@ -14,6 +14,7 @@ from vve_sumo.controller import Guarded
 from vve_sumo.drive import run as drives
 from vve_sumo.drive.assembly import sensors_of
 from vve_sumo.drive.pipeline import Pipeline
+from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.drive.virtual_road import pose_at_rest
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, Mounting, Placement, local_frame
@@ -64,11 +65,16 @@ def test_a_mistake_of_ours_under_way_is_an_outcome_with_its_story(tmp_path: Path
     """A shell that raises: the record is finished, says broken, and holds the traceback."""
     record = RecordWriter(tmp_path / "r", RESOLVED, 0.0)
 
+    over = DriveEnd(Outcome.STOPPED, ())
+
     class TickHost:
+        ended = {1: over}  # noqa: RUF012 - a host's
+
         def run(self, records: list[RecordWriter], watch: object) -> None:
             raise ZeroDivisionError("in the middle")
 
-    (done,) = drives.run_guarded(TickHost(), [record], print)  # type: ignore[arg-type]
+    done, other = drives.run_guarded(TickHost(), [record, record], print)  # type: ignore[arg-type]
+    assert other is over, "the drive of another ego, which was over already"
     assert done.outcome == "broken"
     assert "in the middle" in done.text
     assert "ZeroDivisionError" in (tmp_path / "r" / "traceback.txt").read_text(encoding="utf-8")

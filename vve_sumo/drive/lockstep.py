@@ -306,6 +306,7 @@ class Lockstep:
         self.egos = [first, *(LockstepEgo(one.ego_id, one, working, alter, None) for one in resolved.others)]
         self.lots: Sequence[LotAlignment] = [ego.lot for ego in self.egos]
         self.lot = self.lots[0]
+        self.ended: dict[int, DriveEnd] = {}
         engine = scenario_engine(resolved) if variants is None else variants.engine(scenario_engine)
         self.road = VirtualRoad(open_world(resolved, loaded=loaded), engine)
         if variants is not None:
@@ -360,24 +361,21 @@ class Lockstep:
 
     def _run(self, ticks: Iterator[Mapping[str, LockstepTick]], on_tick: TickCallback) -> list[DriveEnd]:
         """Drive until the drives of all egos are over; one whose drive is over goes on unrecorded until then."""
-        ended: dict[str, tuple[Outcome, tuple[str, ...]]] = {}
         for number, ticked in enumerate(ticks):
             now, first = number * PERIOD, ticked[EGO]
             on_tick(number, now, first.truth.speed, first.result.s)
-            for ego in self.egos:
-                if ego.id in ended:
+            for place, ego in enumerate(self.egos):
+                if place in self.ended:
                     continue
                 around = self.road.around[ego.id]
                 end = ego.end(now, ticked[ego.id], bool(around.contacts), number >= self._last)
                 if end is not None:
-                    ended[ego.id] = end
+                    failure = ego.pipeline.failure or ego.gateway.interface_error
+                    self.ended[place] = drive_end(ego.id, *end, failure, self.road)
                     ego.finish(around)
-            if len(ended) == len(self.egos):
-                return [self._end(ego, *ended[ego.id]) for ego in self.egos]
+            if len(self.ended) == len(self.egos):
+                return [self.ended[place] for place in range(len(self.egos))]
         raise AssertionError("ticks never end by themselves")
-
-    def _end(self, ego: LockstepEgo, outcome: Outcome, reasons: tuple[str, ...]) -> DriveEnd:
-        return drive_end(ego.id, outcome, reasons, ego.pipeline.failure or ego.gateway.interface_error, self.road)
 
 
 class _Bus:

@@ -75,6 +75,7 @@ class Playback:
         alignment = Alignment.from_matched_start(start, pose_at_rest(begin.x, begin.y, begin.heading))
         self.lot = LotAlignment(frame.projection, alignment, epoch)
         self.lots: Sequence[LotAlignment] = [self.lot]
+        self.ended: dict[int, DriveEnd] = {}
         self._resolved, self._begin = resolved, first.time - epoch
         placement = Placement(frame, alignment, AT_REAR_AXLE, epoch)
         pose_input = PoseInput(standard().decoder(), PLAYBACK, placement, epoch)

@@ -46,6 +46,7 @@ class DriveHost(Protocol):
     """What lockstep and playback have in common."""
 
     lots: Sequence[LotAlignment]  #: how each ego's lot lies on the virtual road, and which GNSS time is drive time 0
+    ended: dict[int, DriveEnd]  #: how the drives ended that are over, by the ego's place among the egos
 
     def run(self, records: Sequence[MemoryRecorder], on_tick: TickCallback) -> list[DriveEnd]:
         """Drive to the end and return how the drive of each ego ended; each has a record."""
@@ -260,7 +261,7 @@ def _summary(
 def run_guarded(shell: DriveHost, records: Sequence[MemoryRecorder], on_tick: TickCallback) -> list[DriveEnd]:
     """Drive to the end and return how the drive of each ego ended.
 
-    A failure on the way becomes the drive's outcome, except ConfigError and RigError.
+    A failure on the way becomes the outcome of the drives that were not over, except ConfigError and RigError.
     """
     broken = DriveEnd(Outcome.BROKEN, ())
     try:
@@ -275,7 +276,7 @@ def run_guarded(shell: DriveHost, records: Sequence[MemoryRecorder], on_tick: Ti
         # An error in this program ends the drive; the record is kept, with the traceback.
         records[0].attach("traceback.txt", traceback.format_exc())
         broken = replace(broken, reasons=("internal_error",), text=f"{type(error).__name__}: {error}")
-    return [broken] * len(records)
+    return [shell.ended.get(place, broken) for place in range(len(records))]
 
 
 def new_run_folder(name: str, working: Path) -> Path:
