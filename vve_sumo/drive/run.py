@@ -30,7 +30,7 @@ from vve_sumo.errors import ConfigError, RigError, SimulationError
 from vve_sumo.record.hashes import hash_files
 from vve_sumo.record.layout import COMMANDED, PROVENANCE, ROADS, TICK_METRICS
 from vve_sumo.record.roads import roads_table
-from vve_sumo.record.signals import SIGNALS, signals_text
+from vve_sumo.record.signals import files_of
 from vve_sumo.record.tick_metrics import tick_metrics_table
 from vve_sumo.record.writer import MemoryRecorder, RecordWriter, claim, scenario_bytes
 from vve_sumo.scenario import overrides
@@ -167,8 +167,9 @@ def run(
         except (ConfigError, RigError):
             record.discard()
             raise
-        if done.signals and keep_record:
-            record.attach(SIGNALS, signals_text(done.signals))
+        if keep_record:
+            for name, text in files_of(done.signals).items():
+                record.attach(name, text)
     finally:
         shell.close()
     summary = _summary(resolved, done, record, record.close())
