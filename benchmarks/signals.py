@@ -1,8 +1,8 @@
 """Drives a street with signals with and without Pass-at-Green: red lights run, and energy of the ego and its followers.
 
 python -m benchmarks.signals DIR [--seeds N] [--smoke]
-Each seed is a pair of drives of `signal_street` with the same traffic, at another moment of the signals' cycle. DIR keeps
-a row a drive, and a run goes on where the last one ended. Energy is that of SUMO's emission models for the driven
+Each seed is a pair of drives of `signal_street` with the same traffic, at another moment of the signals' cycle. DIR
+keeps a row a drive, and a run goes on where the last one ended. Energy is that of SUMO's emission models for the driven
 speeds, by SUMO's own emissionsDrivingCycle, along the same stretch of street. Two minutes a pair on one core.
 """
 
@@ -50,7 +50,9 @@ def used(speed: Floats, model: str) -> float:
         environment = os.environ | {"SUMO_HOME": str(home)}
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     # The tool takes each row for one second; fuel is in mg.
-    total = next(float(line.split(":")[1]) for line in done.stdout.splitlines() if line.startswith(CLASSES[model] + ":"))
+    total = next(
+        float(line.split(":")[1]) for line in done.stdout.splitlines() if line.startswith(CLASSES[model] + ":")
+    )
     return total * step * (1e-3 if CLASSES[model] == "fuel" else 1.0)
 
 
@@ -106,7 +108,9 @@ def table(rows: list[dict[str, Any]]) -> None:
     """Print what the drives came to."""
     hours = sum(row["seconds"] for row in rows) / 3600.0
     red = sum(row["red_lights_run"] for row in rows)
-    print(f"{len(rows)} drives, {hours:.2f} h: {red:.0f} red lights run, {sum(row['collision'] for row in rows)} contacts")
+    print(
+        f"{len(rows)} drives, {hours:.2f} h: {red:.0f} red lights run, {sum(row['collision'] for row in rows)} contacts"
+    )
     pairs: dict[int, dict[str, Any]] = {}
     for row in rows:
         pairs.setdefault(row["seed"], {})[row["controller"]] = row

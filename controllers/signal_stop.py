@@ -80,7 +80,9 @@ class SignalWatch:
             _off, _strictness, row, at = min(rows)
             times = (lines.remaining[row], lines.green_begin[row], lines.green_end[row])
             end, begin, green_end = (lines.time + float(time) if time > 0.0 else 0.0 for time in times)
-            self._lines[number] = Line(at, int(lines.phase[row]), lines.time - float(lines.age[row]), end, begin, green_end)
+            self._lines[number] = Line(
+                at, int(lines.phase[row]), lines.time - float(lines.age[row]), end, begin, green_end
+            )
 
     def _match(self, lines: StopLines, row: int, observation: Observation, s: float) -> tuple[bool, float] | None:
         """Return whether the path takes a row's way, and where on the path its line is [m]; None if not on the path."""

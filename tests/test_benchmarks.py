@@ -35,6 +35,7 @@ TABLES: dict[str, tuple[str, int]] = {
     "lot": (r"(check|check, near an edge|way to rest) +\d+ +\d+ +\d+", 3),
     "parked_car": (r"  45 +1/1 +0 +0 +[45]\.\d\d to .*", 1),
     "senses": (r"  (radar|lidar|camera|v2x|warned|some|all) +a step [\d.]+ ms, a reading [\d.]+ ms in all, .*", 7),
+    "signals": (r"2 drives, 0\.00 h: 0 red lights run, 0 contacts", 1),
     "stopping_bound": (r"(nominal +1 +1 +0|200 ms of dead time +1 +1 +1) .*", 2),
     "strings": (r"  .*: \d\.\d+( s)? \(\d\.\d+ to \d\.\d+\)", 3),
     "suites": (r"3 rows: 2 passed, 1 not applicable; 2 of 2 drives passed\.?", 2),

@@ -10,6 +10,7 @@ import math
 import sys
 import tempfile
 import xml.etree.ElementTree as ET
+from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
@@ -36,7 +37,9 @@ def build_signal_street(network: Path, path: Path) -> Network:
         nodes.write_text(_nodes(), encoding="utf-8")
         edges.write_text(_edges(), encoding="utf-8")
         files = ["--node-files", str(nodes), "--edge-files", str(edges)]
-        netconvert([*files, "--proj", projection(ORIGIN), "--no-turnarounds", "--tls.default-type", "static"], nodes, raw)
+        netconvert(
+            [*files, "--proj", projection(ORIGIN), "--no-turnarounds", "--tls.default-type", "static"], nodes, raw
+        )
         _set_programs(raw)
         network.write_bytes(tidy(raw, NOTE))
     built = read_network(network)
@@ -59,7 +62,7 @@ def _nodes() -> str:
 def _edges() -> str:
     shape = f'numLanes="1" width="{LANE_WIDTH}" speed="{SPEED_LIMIT}"'
     along = ["west", *(f"signal{number}" for number in range(1, len(CROSSINGS) + 1)), "east"]
-    ways = list(zip(along, along[1:], strict=False))
+    ways = list(pairwise(along))
     for number in range(1, len(CROSSINGS) + 1):
         ways += [(f"north{number}", f"signal{number}"), (f"signal{number}", f"south{number}")]
     both = [pair for start, end in ways for pair in ((start, end), (end, start))]

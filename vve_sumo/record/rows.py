@@ -69,7 +69,7 @@ class TickRow:
     actors: int = _column("actors in the snapshot that the next tick looks at")
     contacts: str = _column("actors whose rectangle overlaps the ego's, joined by +")
     red_light: str = _column(
-        "signal that showed red while the front bumper passed its stop line in the step to the next tick; empty for none"
+        "signal that was red as the front bumper passed its stop line in the step to the next tick; empty for none"
     )
 
 

@@ -141,9 +141,7 @@ def state_of(number: int, intersection: Intersection, phase: SignalPhase, utc: f
         if index < len(phase.state) and _group(index)
     )
     minute, second = divmod(of_year.total_seconds(), 60.0)
-    return IntersectionState(
-        number, movements, minute_of_year=int(minute), second=math.floor(1e3 * second) / 1e3
-    )
+    return IntersectionState(number, movements, minute_of_year=int(minute), second=math.floor(1e3 * second) / 1e3)
 
 
 def _events(shown: Sequence[LinkShow], utc: float) -> tuple[Event, ...]:

@@ -6,6 +6,7 @@ knows what a signal shows ahead of the car, and no times. What lies between car 
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -207,12 +208,26 @@ def _after(now: float, at: float | None) -> float:
 
 
 def _lines(time: float, rows: Sequence[tuple[float, ...]]) -> StopLines:
-    table = np.array(rows, np.float64).reshape(-1, 13)
-    numbers = (table[:, 0].astype(np.int64), table[:, 1].astype(np.int64))
+    """Return rows as columns: each holds the fields of `StopLines` after `time`, in their order."""
+    table = np.array(rows, np.float64).reshape(-1, len(dataclasses.fields(StopLines)) - 1)
+    columns = [column.copy() for column in table.T]
+    intersection, group, x, y, heading, width, exit_x, exit_y, phase, age, remaining, green_begin, green_end = columns
     return StopLines(
-        time, *numbers, *(table[:, at].copy() for at in range(2, 8)), table[:, 8].astype(np.int8),
-        *(table[:, at].copy() for at in range(9, 13)),
-    )  # fmt: skip
+        time=time,
+        intersection=intersection.astype(np.int64),
+        group=group.astype(np.int64),
+        x=x,
+        y=y,
+        heading=heading,
+        width=width,
+        exit_x=exit_x,
+        exit_y=exit_y,
+        phase=phase.astype(np.int8),
+        age=age,
+        remaining=remaining,
+        green_begin=green_begin,
+        green_end=green_end,
+    )
 
 
 def _junction(number: int, intersection: Intersection, frame: MapFrame) -> _Junction:

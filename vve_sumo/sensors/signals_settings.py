@@ -11,7 +11,7 @@ from pydantic import Field
 from vve_sumo.frames import local_frame
 from vve_sumo.sensors.drawing import Cartesian, Drawing, Points, front_bumper
 from vve_sumo.sensors.port import Sensor, SensorColumn, SensorSettings
-from vve_sumo.sensors.signals import COLUMNS, SignalSense, SignalsConfig
+from vve_sumo.sensors.signals import COLUMNS, SignalsConfig, SignalSense
 from vve_sumo.sensors.street import Street
 from vve_sumo.values import StopLines, Vehicle
 

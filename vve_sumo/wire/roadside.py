@@ -37,6 +37,7 @@ TRAFFIC_CLASS: Final = 2
 #: second of the GNSS epoch since 1970, without leap seconds
 GNSS_EPOCH: Final = 315_964_800.0
 
+
 class _Unit(NamedTuple):
     """A roadside unit."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import libsumo
@@ -32,7 +33,7 @@ class RedLights:
 
     def __init__(self) -> None:
         """Read them from SUMO; raises SUMO's errors."""
-        self._lines = {name: _lines(name) for name in libsumo.trafficlight.getIDList()}
+        self._lines: dict[str, list[_Line]] = {name: _lines(name) for name in libsumo.trafficlight.getIDList()}
 
     def passed(self, before: Pose, after: Pose, route: Sequence[str], shown: Mapping[str, str]) -> str:
         """Return the signal whose line a front bumper passed on red between two poses; empty for none.
@@ -40,7 +41,7 @@ class RedLights:
         `shown` are the signals' states in that time. Of the ways from the line's lane that count which the `route`
         takes; where it takes none of them, all must be red.
         """
-        pairs = set(zip(route, route[1:], strict=False))
+        pairs = set(pairwise(route))
         for name, lines in self._lines.items():
             if not lines or math.hypot(lines[0].x - after.x, lines[0].y - after.y) > REACH:
                 continue

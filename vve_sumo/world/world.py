@@ -207,8 +207,7 @@ class World:
         )
 
     def red_light(self, ego: str) -> str:
-        """Return the signal that showed red while an ego's front bumper passed its line in the last step; "" for none.
-        """
+        """Return the signal whose line an ego's front bumper passed on red in the last step; empty for none."""
         return self._by_id[ego].red_light
 
     def close(self) -> None:
