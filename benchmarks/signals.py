@@ -47,6 +47,7 @@ def used(speed: Floats, model: str) -> float:
         rows = (f"{row * step:.2f};{v:.4f};{a:.4f}\n" for row, (v, a) in enumerate(zip(speed, rate, strict=True)))
         cycle.write_text("".join(rows), encoding="ascii")
         command = [str(home / "bin" / "emissionsDrivingCycle"), "-t", str(cycle), "-e", model]
+        command += ["-o", str(Path(folder) / "cycle_out.csv")]
         environment = os.environ | {"SUMO_HOME": str(home)}
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     # The tool takes each row for one second; fuel is in mg.
@@ -66,7 +67,10 @@ def _cycles(folder: Path) -> dict[str, Floats]:
     for name, rows in actors[actors.actor.str.startswith("east.")].groupby("actor"):
         s = rows.x_m.to_numpy() - RUN_IN
         along = (s >= FROM) & (s < TO)
-        if along.any() and s.min() < FROM and s.max() >= TO and rows.tick.to_numpy()[along][0] > entered:
+        tick = rows.tick.to_numpy()[along]
+        # A car that is too far from the ego for a while is not in the table.
+        whole = len(tick) and len(tick) == tick[-1] - tick[0] + 1 and s.min() < FROM and s.max() >= TO
+        if whole and tick[0] > entered:
             found[str(name)] = rows.speed_mps.to_numpy()[along][::STEP]
     return found
 
@@ -122,7 +126,9 @@ def table(rows: list[dict[str, Any]]) -> None:
             for who, names in (("ego", ["ego"] if "ego" in without["used"] else []), ("followers", same)):
                 if names:
                     before, after = (sum(run_["used"][name][model] for name in names) for run_ in (without, advised))
-                    saved[who].append(100.0 * (1.0 - after / before))
+                    # MMPEVEM has no answer for some accelerations.
+                    if np.isfinite(before) and np.isfinite(after):
+                        saved[who].append(100.0 * (1.0 - after / before))
         for who, values in saved.items():
             if values:
                 print(f"| {model} | {who} | saves [%] {interval(values)} |")

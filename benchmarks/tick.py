@@ -68,8 +68,11 @@ def demand(folder: Path, vehicles: int) -> Path:
     return file
 
 
-def setting(folder: Path, vehicles: int, boxes: bool) -> Any:
-    """Return a drive past parked boxes that never ends by itself, with so many vehicles in the network."""
+def setting(folder: Path, vehicles: int, boxes: bool, **changes: Any) -> Any:
+    """Return a drive past parked boxes that never ends by itself, with so many vehicles in the network.
+
+    `changes` are further dotted keys of the scenario.
+    """
     from tests.drive.street import altered
 
     rows = [
@@ -85,6 +88,7 @@ def setting(folder: Path, vehicles: int, boxes: bool) -> Any:
             "ego.speed_mps": 0.6,
             "obstacles": rows if boxes else [],
             "duration_s": 3600.0,
+            **changes,
         }
     )
 

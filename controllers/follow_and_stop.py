@@ -6,13 +6,14 @@ It composes the other files of this folder; the tuning keys are below, with thei
 from __future__ import annotations
 
 import math
-from typing import Final, Protocol
+from dataclasses import replace
+from typing import Final, NamedTuple, Protocol
 
 from vve_sumo.controller import Tuning, settle
 from vve_sumo.errors import ConfigError
 from vve_sumo.laws import clamp, jerk_limit
 from vve_sumo.path import PathProjection, ReferencePath
-from vve_sumo.values import ControlCommand, Observation, Vehicle
+from vve_sumo.values import CommandedPath, ControlCommand, Observation, Vehicle
 
 from .approach import NOWHERE, Approach, Goal, Standstill
 from .deviation import Deviation, DeviationObserver
@@ -24,7 +25,7 @@ from .pure_pursuit import PurePursuit
 from .radar_stop import RadarStop
 from .sightings import Sense
 from .signal_stop import SignalStop
-from .speed import SPEEDING_UP, SpeedKeeper, SpeedProfile
+from .speed import SPEEDING_UP, Profile, SpeedKeeper, SpeedProfile
 from .stanley import Stanley
 from .tracks import Target, Tracker
 from .trim import SteeringTrim
@@ -91,6 +92,25 @@ class Warner(Protocol):
         ...
 
 
+class Way(NamedTuple):
+    """The way that the car takes, at one tick: the scenario's path, or one around what is in it."""
+
+    path: ReferencePath
+    projection: PathProjection  #: of the car onto it
+    profile: Profile  #: the speeds along it
+    commanded: CommandedPath | None  #: the same way, as a command carries it; None for the scenario's path
+    target: Target | None  #: the nearest thing in this way
+    dangers: list[Target]  #: all that the car would meet on it, or may
+
+
+class Avoidance(Protocol):
+    """Whatever leads the car around what is in its way."""
+
+    def step(self, observation: Observation, projection: PathProjection, tracker: Tracker) -> Way | None:
+        """Return the way to take, None for the scenario's path; called at every tick, once the tracker has stepped."""
+        ...
+
+
 class FollowAndStop:
     """One step: projection onto the path, deviation, steering; target, goals, acceleration."""
 
@@ -102,14 +122,15 @@ class FollowAndStop:
         following: CarFollowing | None = None,
         warned: Warner | None = None,
         sense: Sense | None = None,
+        avoidance: Avoidance | None = None,
         pass_at_green: bool = False,
     ) -> None:
         """`following` decides what is done behind a target; without it, the target is approached as a goal.
 
-        `warned` adds a target that no scan shows yet. Without a `sense` it sees by the radar. With `pass_at_green` it
-        slows early to pass signals while they are green.
+        `warned` adds a target that no scan shows yet. Without a `sense` it sees by the radar. Without an `avoidance` it
+        keeps to the path. With `pass_at_green` it slows early to pass signals while they are green.
         """
-        self._following, self._warned = following, warned
+        self._following, self._warned, self._avoidance = following, warned, avoidance
         self._law, self._steering_limit = law, vehicle.steering_limit
         #: for the gain design; None where it steers by another law
         self.preview_tuning = law.tuning if isinstance(law, PreviewSteering) else None
@@ -124,7 +145,7 @@ class FollowAndStop:
         self._approach = Approach(vehicle, tuning["stop_deceleration_m_s2"], PERIOD)
         self._standstill = Standstill(PERIOD)
         self._signals = SignalStop(vehicle, PERIOD) if tuning.get("signals", 1.0) else None
-        self._pass_at_green = pass_at_green
+        self._signal, self._pass_at_green = NOWHERE, pass_at_green
         self._emergency = Emergency(vehicle, PERIOD) if tuning["emergency"] else None
         self._comfort = bool(tuning["comfort"])
         self._stopped = False
@@ -139,23 +160,30 @@ class FollowAndStop:
         pose = observation.pose
         projection = observation.path.project(pose.x, pose.y, self._station)
         self._station = projection.s
-        deviation = self._observer.step(pose, observation.path, projection, PERIOD)
+        to_end = observation.path.length - projection.s
         target = self._tracker.step(observation, projection)
         warned = self._warned.step(observation, projection) if self._warned is not None else None
-        dangers = self._tracker.dangers(observation.time, projection.s)
-        if self._emergency is not None and self._emergency.step(dangers, pose.speed):
+        if self._signals is not None:
+            self._signal = self._signals.goal(observation, projection.s)
+        way = None if self._avoidance is None else self._avoidance.step(observation, projection, self._tracker)
+        if way is None:
+            dangers = self._tracker.dangers(observation.time, projection.s)
+            way = Way(observation.path, projection, self._profiled(observation.path), None, target, dangers)
+        else:
+            observation = replace(observation, path=way.path)
+        deviation = self._observer.step(pose, way.path, way.projection, PERIOD)
+        if self._emergency is not None and self._emergency.step(way.dangers, pose.speed):
             self._acceleration, self._stopped = COMFORT_LIMIT, pose.speed < STOPPED
-            return ControlCommand(
-                self._steer(deviation, observation), self._emergency.demand, emergency=True, note="emergency"
-            )
+            steering, demand = self._steer(deviation, observation), self._emergency.demand
+            return ControlCommand(steering, demand, emergency=True, note="emergency", path=way.commanded)
         if self._comfort:
-            acceleration, note = self._accelerate(observation, projection.s, target, warned)
+            acceleration, note = self._accelerate(observation, way, to_end, warned)
         elif self._stopped:
             # Nobody else stops for what is ahead: going on would be into it.
             acceleration, note = Standstill.HOLD, "hold"
         else:
-            acceleration, note = self._accelerate(observation, projection.s, None, None)
-        return ControlCommand(self._steer(deviation, observation), acceleration, note=note)
+            acceleration, note = self._accelerate(observation, way._replace(target=None), to_end, None)
+        return ControlCommand(self._steer(deviation, observation), acceleration, note=note, path=way.commanded)
 
     def _steer(self, deviation: Deviation, observation: Observation) -> float:
         trim = self._trim.step(deviation.offset, deviation.speed, PERIOD, self._saturated)
@@ -165,17 +193,17 @@ class FollowAndStop:
         return granted
 
     def _accelerate(
-        self, observation: Observation, s: float, target: Target | None, warned: Target | None
+        self, observation: Observation, way: Way, to_end: float, warned: Target | None
     ) -> tuple[float, str]:
-        speed, measured = observation.pose.speed, observation.pose.acceleration
-        profile = self._profiled(observation.path)
-        cruise = self._keeper.step(profile, s, speed, measured, observation.desired_speed, self._cruising)
+        speed, measured, target = observation.pose.speed, observation.pose.acceleration, way.target
+        s, desired = way.projection.s, observation.desired_speed
+        cruise = self._keeper.step(way.profile, s, speed, measured, desired, self._cruising)
         candidates = {"cruise": cruise}
-        goals = {"path_end": Goal(observation.path.length - s), "target": self._stop.goal(target)}
+        goals = {"path_end": Goal(to_end), "target": self._stop.goal(target)}
         if warned is not None:
             goals["warned"] = self._stop.goal(warned)
         if self._signals is not None:
-            goals["signal"] = self._signals.goal(observation, s)
+            goals["signal"] = self._signal
             if self._pass_at_green:
                 candidates["green"] = advised_acceleration(
                     self._signals.line, self._signals.distance, speed, observation.desired_speed, observation.time
@@ -185,7 +213,7 @@ class FollowAndStop:
                 candidates[note] = self._approach.acceleration(goal, speed, measured)
         if self._following is not None:
             gap, lead_speed = (math.inf, 0.0) if target is None else (target.gap, max(target.speed, 0.0))
-            candidates["target"] = self._following.acceleration(speed, observation.desired_speed, gap, lead_speed)
+            candidates["target"] = self._following.acceleration(speed, desired, gap, lead_speed)
         note = min(candidates, key=candidates.__getitem__)
         self._cruising = note == "cruise"
         nearest = min(goals.values())

@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from vve_sumo.values import Detections, Observation, PointCloud, Vehicle
 
-from .sightings import Memory, Noise, output_of
+from .sightings import AxleMotion, Memory, Noise, output_of
 
 GROUND: Final = 0.25  #: points lower than this over the road are the road's [m]
 OVERHEAD: Final = 2.5  #: the car passes below what is higher than this [m]
@@ -52,24 +52,44 @@ class LidarDetections:
         return self._newest
 
     def _places(self, turn: PointCloud) -> tuple[np.ndarray, np.ndarray]:
-        """Return where the points are that stand on the road, ahead and left of the bumper at the turn's end [m].
-
-        A point is given from where the lidar was at its ray's time: the car has gone on and turned since.
-        """
-        axle = self._memory.at(turn.time)
-        firing, channel = np.nonzero(turn.range > 0.0)
-        far, elevation = turn.range[firing, channel], turn.elevation[channel]
-        height = far * np.sin(elevation) + self._height
-        kept = (height > GROUND) & (height < OVERHEAD)
-        firing, channel, far, elevation = firing[kept], channel[kept], far[kept], elevation[kept]
-        azimuth, since = turn.azimuth[firing] + turn.azimuth_offset[channel], turn.time_offset[firing]
-        level = far * np.cos(elevation)
-        turned = axle.yaw_rate * since
-        x, y = level * np.cos(azimuth + turned), level * np.sin(azimuth + turned)
-        aside = axle.lateral_speed + axle.yaw_rate * self._forward
-        x, y = x + axle.speed * since + self._to_bumper, y + aside * since
+        """Return where the points are that stand on the road, ahead and left of the bumper at the turn's end [m]."""
+        x, y, _height, _firing = standing(
+            turn, self._memory.at(turn.time), self._forward, self._height, self._to_bumper
+        )
         near = (x > 0.0) & (x < AHEAD) & (np.abs(y) < ASIDE)
         return x[near], y[near]
+
+
+def standing(
+    turn: PointCloud, axle: AxleMotion, forward: float, height: float, ahead: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return a turn's points that stand on the road: ahead and left of a point, over the road [m], and their firings.
+
+    A point is given from where the lidar was at its ray's time: the car has gone on and turned since. `axle` is the
+    rear axle's motion at the turn's end. The lidar is `forward` of it [m], `height` over the road [m] and `ahead` of
+    the point that is counted from [m].
+    """
+    firing, channel = np.nonzero(turn.range > 0.0)
+    far, elevation = turn.range[firing, channel], turn.elevation[channel]
+    over_road = far * np.sin(elevation) + height
+    kept = (over_road > GROUND) & (over_road < OVERHEAD)
+    firing, channel, far, elevation = firing[kept], channel[kept], far[kept], elevation[kept]
+    azimuth, since = turn.azimuth[firing] + turn.azimuth_offset[channel], turn.time_offset[firing]
+    level = far * np.cos(elevation)
+    turned = axle.yaw_rate * since
+    x, y = level * np.cos(azimuth + turned), level * np.sin(azimuth + turned)
+    aside = axle.lateral_speed + axle.yaw_rate * forward
+    return x + axle.speed * since + ahead, y + aside * since, over_road[kept], firing
+
+
+def touching(x: np.ndarray, y: np.ndarray, behind: float, ahead: float, aside: float) -> np.ndarray:
+    """Return of points that lie within these distances [m] the number of the piece that each belongs to, from 1."""
+    rows, columns = ((x + behind) / CELL).astype(np.intp), ((y + aside) / CELL).astype(np.intp)
+    grid = np.zeros((math.ceil((behind + ahead) / CELL) + 1, math.ceil(2.0 * aside / CELL) + 1), np.bool_)
+    grid[rows, columns] = True
+    labels, _count = ndimage.label(grid, _TOUCHING)
+    pieces: np.ndarray = labels[rows, columns]
+    return pieces
 
 
 def _no_columns() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -83,25 +103,21 @@ def _things(
 
     `lidar` is how far the lidar is ahead of the bumper [m], `step` the angle from one ray to the next [rad].
     """
-    rows, columns = (x / CELL).astype(np.intp), ((y + ASIDE) / CELL).astype(np.intp)
-    grid = np.zeros((math.ceil(AHEAD / CELL) + 1, math.ceil(2.0 * ASIDE / CELL) + 1), np.bool_)
-    grid[rows, columns] = True
-    labels, _count = ndimage.label(grid, _TOUCHING)
+    pieces = touching(x, y, 0.0, AHEAD, ASIDE)
     order = np.argsort(np.hypot(x, y), kind="stable")
     x, y = x[order], y[order]
-    _, first, piece, sizes = np.unique(
-        labels[rows, columns][order], return_index=True, return_inverse=True, return_counts=True
-    )
+    _, first, piece, sizes = np.unique(pieces[order], return_index=True, return_inverse=True, return_counts=True)
     known = np.flatnonzero(sizes >= POINTS)
     known = known[np.argsort(first[known])]
-    begins = _begins(np.hypot(x - lidar, y), np.arctan2(y, x - lidar), piece, first, step)[known]
+    goes_on = continuing(np.hypot(x - lidar, y), np.arctan2(y, x - lidar), piece, first, step)
+    begins = np.logical_not(goes_on.any(axis=1))[known]
     near_x, near_y = x[first[known][begins]], y[first[known][begins]]
     unknown = np.full(len(near_x), np.nan)
     return np.hypot(near_x, near_y), np.arctan2(near_y, near_x), unknown, np.zeros(len(near_x), np.int8)
 
 
-def _begins(far: np.ndarray, azimuth: np.ndarray, piece: np.ndarray, first: np.ndarray, step: float) -> np.ndarray:
-    """Tell of pieces whether each begins a thing; another goes on with one that is next before it, in its direction.
+def continuing(far: np.ndarray, azimuth: np.ndarray, piece: np.ndarray, first: np.ndarray, step: float) -> np.ndarray:
+    """Tell of each piece (row) which others (columns) it goes on: one that is next before it, in its direction.
 
     Points of a flank that is seen at a grazing angle lie far apart, and so do those of a roof from the rear's: such
     things fall into pieces. `far` and `azimuth` are of every point, seen from the lidar [m], [rad]; `piece` is its
@@ -114,5 +130,5 @@ def _begins(far: np.ndarray, azimuth: np.ndarray, piece: np.ndarray, first: np.n
     aside, reach = azimuth[first][:, None], far[first][:, None]
     margin = APART * step
     behind = (reach > far[first]) & (reach - farthest < GAP)
-    goes_on: np.ndarray = (behind & (aside > rightmost - margin) & (aside < leftmost + margin)).any(axis=1)
-    return ~goes_on
+    goes_on: np.ndarray = behind & (aside > rightmost - margin) & (aside < leftmost + margin)
+    return goes_on

@@ -6,7 +6,7 @@ It must not know other road users; who wants to stop for one asks for less accel
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, Protocol
 
 from vve_sumo.laws import PI, squared_speed_limits
 from vve_sumo.path import SAMPLE_SPACING, ReferencePath
@@ -38,6 +38,14 @@ class SpeedProfile:
         return math.sqrt(here + (place - row) * (there - here)), (there - here) / (2.0 * SAMPLE_SPACING)
 
 
+class Profile(Protocol):
+    """Whatever limits the speed along a path."""
+
+    def at(self, s: float) -> tuple[float, float]:
+        """Return the speed [m/s] and the acceleration along the profile [m/s2] at a station [m]."""
+        ...
+
+
 class SpeedKeeper:
     """PI on the desired speed; P and feedforward on the profile of the bends, whichever asks for less."""
 
@@ -47,7 +55,7 @@ class SpeedKeeper:
         self._loop = PI(TRACKING, LEARNING, -SLOWING, SPEEDING_UP)
 
     def step(
-        self, profile: SpeedProfile, s: float, speed: float, acceleration: float, desired: float, governing: bool
+        self, profile: Profile, s: float, speed: float, acceleration: float, desired: float, governing: bool
     ) -> float:
         """Return the acceleration [m/s2]; learns only while its own last answer was `governing` the car.
 

@@ -243,6 +243,11 @@ class Tracker:
             ]
         return self._nearest(observation.time, projection.s + self._vehicle.rear_axle_to_bumper)
 
+    @property
+    def confirmed(self) -> list[Track]:
+        """The tracks that count, each as of the newest scan."""
+        return [track for track in self._tracks if track.hits >= CONFIRMED]
+
     def dangers(self, time: float, station: float) -> list[Target]:
         """Return all that the car would meet, or may, at a time [s] with its rear axle at a station [m].
 

@@ -19,3 +19,10 @@ def complaint_of(parse: Callable[[dict[str, Any], Path], Any], table: dict[str, 
     assert "\n" not in text
     assert text.startswith("mine.toml: ")
     return text.removeprefix("mine.toml: ")
+
+
+def message(call: Callable[[], Any]) -> str:
+    """Return the text of the ConfigError that a call raises."""
+    with pytest.raises(ConfigError) as caught:
+        call()
+    return str(caught.value)

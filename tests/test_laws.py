@@ -96,3 +96,37 @@ def test_pi_stays_inside_its_bounds(errors):
     for error in errors:
         assert -2.0 <= loop.step(error, 0.02) <= 1.5
         assert -2.0 <= loop.integral <= 1.5
+
+
+@given(st.floats(0.0, 5.0), st.floats(0.5, 8.0), st.floats(1.0, 30.0))
+def test_sideways_reach_is_what_small_steps_add_up_to(time, acceleration, jerk):
+    y, speed, dt = 0.0, 0.0, 1e-3
+    for step in range(round(time / dt)):
+        now = min(jerk * (step + 0.5) * dt, acceleration)
+        y, speed = y + speed * dt + now * dt * dt / 2, speed + now * dt
+    assert laws.sideways_reach(round(time / dt) * dt, acceleration, jerk) == pytest.approx(y, abs=1e-3)
+
+
+@given(st.floats(0.0, 20.0), st.floats(0.5, 8.0), st.floats(1.0, 30.0), st.floats(0.0, 0.5))
+def test_swerve_time_is_the_inverse_of_the_reach(offset, acceleration, jerk, delay):
+    time = laws.swerve_time(offset, acceleration, jerk, delay)
+    assert laws.sideways_reach(time - delay, acceleration, jerk) == pytest.approx(offset, rel=1e-9, abs=1e-9)
+
+
+def test_swerve_time_by_hand():
+    """j 5 up to a 3 takes 0.6 s and 0.18 m at 0.9 m/s; then 0.9 t + 1.5 t^2 = 1.32 m."""
+    assert laws.swerve_time(1.5, 3.0, 5.0) == pytest.approx(
+        0.6 + (math.sqrt(0.81 + 4 * 1.5 * 1.32) - 0.9) / 3.0, abs=1e-12
+    )
+    assert laws.swerve_time(0.1, 3.0, 5.0, 0.2) == pytest.approx(0.2 + 0.12 ** (1 / 3), abs=1e-12)
+
+
+@given(st.floats(0.0, 60.0), st.floats(0.1, 30.0), st.floats(0.01, 9.0), st.floats(0.0, 1.0))
+def test_time_to_cover_ends_where_the_distance_does(distance, speed, deceleration, delay):
+    time = laws.time_to_cover(distance, speed, deceleration, delay)
+    if math.isinf(time):
+        assert laws.stopping_distance(speed, deceleration, delay) <= distance * (1.0 + 1e-12)
+        return
+    braked = max(time - delay, 0.0)
+    assert speed * time - deceleration * braked * braked / 2 == pytest.approx(distance, rel=1e-6, abs=1e-6)
+    assert speed - deceleration * braked >= -1e-9

@@ -1,4 +1,4 @@
-"""Formulas for controllers and analysis: stopping distance and time, speed limits in bends, rate limits, PI control.
+"""Formulas for controllers and analysis: stopping and swerving, speed limits in bends, rate limits, PI control.
 
 Floats in, floats out: nothing here knows a car, a map, a sensor or a clock.
 """
@@ -31,6 +31,45 @@ def stopping_time(speed: float, deceleration: float, delay: float = 0.0, build_u
     if speed <= 0.5 * deceleration * build_up:
         return delay + math.sqrt(2.0 * speed * build_up / deceleration)
     return delay + 0.5 * build_up + speed / deceleration
+
+
+def sideways_reach(time: float, acceleration: float, jerk: float) -> float:
+    """Return how far a car that drives straight comes to the side in a time [m], as far as two limits let it.
+
+    Its lateral acceleration rises with `jerk` [m/s3] up to `acceleration` [m/s2]: y = j t^3 / 6, and after the rise
+    t_a = a / j: y = a t_a^2 / 6 + a t_a (t - t_a) / 2 + a (t - t_a)^2 / 2. It still moves sideways then.
+    """
+    if time <= 0.0:
+        return 0.0
+    rise = acceleration / jerk
+    if time <= rise:
+        return jerk * time * time * time / 6.0
+    after = time - rise
+    return acceleration * (rise * rise / 6.0 + 0.5 * after * (rise + after))
+
+
+def swerve_time(offset: float, acceleration: float, jerk: float, delay: float = 0.0) -> float:
+    """Return the least time to come to the side by an offset [m]: `delay` [s] and the inverse of `sideways_reach`."""
+    if offset <= 0.0:
+        return 0.0
+    rise = acceleration / jerk
+    risen = acceleration * rise * rise / 6.0
+    if offset <= risen:
+        return delay + math.cbrt(6.0 * offset / jerk)
+    return delay + 0.5 * rise + math.sqrt(0.25 * rise * rise + 2.0 * (offset - risen) / acceleration)
+
+
+def time_to_cover(distance: float, speed: float, deceleration: float, delay: float = 0.0) -> float:
+    """Return the time until a car has gone a distance [s], braking constantly after `delay`; inf if it stops before.
+
+    `deceleration` [m/s2] may be 0. speed [m/s], distance [m].
+    """
+    if distance <= speed * delay:
+        return distance / speed if distance > 0.0 else 0.0
+    if deceleration <= 0.0:
+        return distance / speed if speed > 0.0 else math.inf
+    square = speed * speed - 2.0 * deceleration * (distance - speed * delay)
+    return math.inf if square < 0.0 else delay + (speed - math.sqrt(square)) / deceleration
 
 
 def impact_speed(speed: float, gap: float, deceleration: float, delay: float = 0.0) -> float:

@@ -65,10 +65,10 @@ def test_a_mistake_of_ours_under_way_is_an_outcome_with_its_story(tmp_path: Path
     record = RecordWriter(tmp_path / "r", RESOLVED, 0.0)
 
     class TickHost:
-        def run(self, record: RecordWriter, watch: object) -> None:
+        def run(self, records: list[RecordWriter], watch: object) -> None:
             raise ZeroDivisionError("in the middle")
 
-    done = drives.run_guarded(TickHost(), record, print)  # type: ignore[arg-type]
+    (done,) = drives.run_guarded(TickHost(), [record], print)  # type: ignore[arg-type]
     assert done.outcome == "broken"
     assert "in the middle" in done.text
     assert "ZeroDivisionError" in (tmp_path / "r" / "traceback.txt").read_text(encoding="utf-8")

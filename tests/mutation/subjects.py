@@ -21,6 +21,7 @@ _GATEWAY: Final = (
     "gateway_engaging.py",
     "gateway_driving.py",
     "gateway_faults.py",
+    "interface_raises.py",
     "gateway_stopping.py",
     "gateway_driver_override.py",
     "fallback.py",

@@ -59,6 +59,20 @@ def test_a_turn_is_complete_at_the_first_tick_after_its_last_ray(rate: float) ->
         assert over - 1e-9 <= tick < over + PERIOD
 
 
+def test_turns_before_drive_time_0_come_out_too() -> None:
+    """As in a rolling start; and those from drive time 0 on are what they are without it."""
+    lidar = Lidar(IDEAL, np.random.default_rng(1), NO_WALLS)
+    times, last = [], None
+    for tick in range(-50, 11):
+        lidar.step(tick * PERIOD, rear_axle(), actors([car(20.0, 3.0)]))
+        if (scan := lidar.prepare()) is not None:
+            times.append(scan.cloud.time)
+            last = scan
+    np.testing.assert_allclose(times, np.arange(-0.9, 0.21, 0.1) - IDEAL.firing_period, atol=1e-9)
+    assert last is not None
+    np.testing.assert_array_equal(last.cloud.range, driven(IDEAL, 0.2)[-1][1].cloud.range)
+
+
 def test_a_turn_looks_ahead_in_its_middle_and_turns_clockwise() -> None:
     ((_, scan),) = driven(IDEAL, 0.1)
     cloud = scan.cloud

@@ -11,9 +11,15 @@ from vve_sumo.vehicle.gateway import Gateway
 
 
 class Faulty(DataspeedDbw1):
-    """Encodes as it should until it is broken."""
+    """Encodes and decodes as it should until it is broken."""
 
     broken = False
+    deaf = False
+
+    def decode(self, frame):
+        if self.deaf:
+            raise IndexError("no such byte")
+        return super().decode(frame)
 
     def encode(self, command):
         if self.broken:
@@ -64,3 +70,11 @@ def test_an_encoder_that_raises_once_is_a_stop_by_the_gateway_itself(car):
     assert car.car.truth().speed == 0.0
     assert not car.car.interface.watchdog_braking
     assert car.gateway.interface_error == ""
+
+
+def test_a_decoder_that_raises_stops_the_car_and_says_why(car):
+    interface(car).deaf = True
+    status = car.step(1.5)
+    assert status.state is ArmingState.STOPPING
+    assert "interface_raised" in status.reasons
+    assert car.gateway.interface_error.startswith("IndexError: no such byte (test_interface_raises.py")

@@ -24,8 +24,8 @@ NOT_FOLLOWING = ["brake_not_following"]
 class Watched:
     """A car that says and does what a test wants, and what is said of it."""
 
-    def __init__(self) -> None:
-        self.monitor, self.wire = ResponseMonitor(CAR, BARE, HOLDING), Saying()
+    def __init__(self, *, own_brakes: bool = False) -> None:
+        self.monitor, self.wire = ResponseMonitor(CAR, BARE, HOLDING, own_brakes=own_brakes), Saying()
         self.reports, self.standstill, self.now = CarReports(0.5, self.wire), Standstill(), 0.0
 
     def say(self, *reports: Report) -> None:
@@ -211,6 +211,15 @@ def test_a_torque_that_nobody_commanded_is_a_foot() -> None:
     car.say(BrakeTorque(0.0))
     car.step(0.02)
     assert car.monitor.driver_inferred is False
+
+
+def test_a_torque_of_brakes_that_the_car_commands_itself_is_nobodys_foot() -> None:
+    car = Watched(own_brakes=True)
+    for _ in range(50):
+        car.say(BrakeTorque(2000.0))
+        assert car.step(0.02, going=False) == []
+        assert car.monitor.driver_inferred is False
+    assert car.monitor.brakes_latched is False
 
 
 @pytest.mark.parametrize(("wheels", "foot"), [(19.36, False), (19.34, True)])

@@ -54,7 +54,8 @@ def sample(tick: int, count: int = 5, x: float = 1379.0, y: float = 1176.0) -> V
         note="cruise", fallback_path=None, commanded_path=None, faults=(), details={}, pose_reasons=(),
         quality=FixQuality.RTK_FIXED, sigma=0.01,
         status=ENGAGED, status_age=0.01, steering=0.01, wheel_speed=10.0, gear="drive", latency=0.002, missed=0,
-        actors=crowd(count, pose.x, pose.y, drive_time), readings=readings, signals={"crossing": "rG"}, outcome=None,
+        actors=crowd(count, pose.x, pose.y, drive_time), readings=readings, signals={"crossing": "rG"}, people=(),
+        outcome=None,
     )  # fmt: skip
 
 

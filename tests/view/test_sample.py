@@ -17,7 +17,7 @@ from tests.view.feed import sample
 from vve_sumo.live.view_feed import MAX_ROWS
 from vve_sumo.messages import MalformedMessage
 from vve_sumo.values import CommandedPath, FallbackPath, FixQuality, Point, Pose
-from vve_sumo.view.sample import ReadingView, ViewSample, decode, encode
+from vve_sumo.view.sample import PersonMark, ReadingView, ViewSample, decode, encode
 
 NUMBERS = st.floats()
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
@@ -41,6 +41,7 @@ CHANGES = st.fixed_dictionaries(
         "details": st.dictionaries(TEXTS, TEXTS, max_size=3),
         "quality": st.sampled_from(FixQuality),
         "signals": st.dictionaries(TEXTS, TEXTS, max_size=3),
+        "people": st.lists(st.builds(PersonMark, TEXTS, TEXTS, *[NUMBERS] * 7), max_size=3).map(tuple),
         "readings": READINGS,
         "outcome": st.none() | TEXTS,
     }

@@ -79,7 +79,8 @@ def bodies(run: Run) -> list[RecordedBody]:
 
 def obstacles(run: Run) -> frozenset[str]:
     """Return the names of what the scenario declares to stand where it is for the whole drive."""
-    return frozenset(one["id"] for one in run.resolved["settings"].get("obstacles", ()))
+    own = [one["id"] for one in run.resolved["settings"].get("obstacles", ())]
+    return frozenset([*own, *(run.resolved.get("further_ego") or {}).get("obstacles", ())])
 
 
 def _ego(run: Run) -> RecordedBody:

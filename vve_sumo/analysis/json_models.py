@@ -99,6 +99,13 @@ class _Actor(JsonModel):
     kind: Text
 
 
+class _FurtherEgo(JsonModel):
+    id: Text
+    obstacles: Annotated[tuple[Text, ...], Field(strict=False)]
+    actors: Annotated[tuple[Text, ...], Field(strict=False)]
+    egos: Annotated[tuple[Text, ...], Field(strict=False)]
+
+
 class _Sensor(JsonModel):
     name: Text
     kind: Text
@@ -153,6 +160,7 @@ class RecordModel(JsonModel):
     drawings: dict[str, dict[str, Any]] = {}
     rig: _Rig | None = None
     faults: Annotated[tuple[_Fault, ...], Field(strict=False)] = ()
+    further_ego: _FurtherEgo | None = None
 
 
 class _Code(JsonModel):
@@ -197,6 +205,13 @@ def _figures(metrics: Mapping[str, Metric]) -> dict[str, Any]:
 _Figures: Any = create_model("_Figures", __base__=JsonModel, **_figures(PER_DRIVE))
 
 
+class _EgoVerdict(JsonModel):
+    outcome: Text
+    passed: bool | None = None
+    failed: Annotated[tuple[Text, ...], Field(strict=False)] = ()
+    record_sha256: Text = ""
+
+
 class SummaryModel(_Figures):  # type: ignore[misc]
     """What `summary.json` says; of a live drive whose program was killed the figures are not there."""
 
@@ -209,6 +224,7 @@ class SummaryModel(_Figures):  # type: ignore[misc]
     record_parts_sha256: dict[str, Text] = Field(default={})
     record_files_sha256: dict[str, Text] = Field(default={})
     metric_errors: dict[str, Text] = Field(default={})
+    egos: dict[str, _EgoVerdict] = Field(default={})
 
 
 def summary_model(own: Mapping[str, Metric]) -> type[JsonModel]:

@@ -38,6 +38,8 @@ from vve_sumo.record.layout import (
     ROADS_SCHEMA,
     SCHEMAS,
     TICK_METRICS,
+    ego_folder,
+    further_egos,
     recorded_brain,
     recorded_metrics,
     sensor_schemas,
@@ -47,7 +49,7 @@ from vve_sumo.record.layout import (
 from vve_sumo.record.reader import read_commanded, read_table
 from vve_sumo.record.roads import read_roads
 from vve_sumo.sensors.port import STANDARD
-from vve_sumo.values import Floats, Vehicle
+from vve_sumo.values import EGO, Floats, Vehicle
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -84,8 +86,19 @@ class Run:
 
     @property
     def title(self) -> str:
-        """Title of the scenario."""
-        return str(self.resolved["settings"]["title"])
+        """Title of the scenario, with a further ego's id."""
+        title = str(self.resolved["settings"]["title"])
+        return title if self.ego == EGO else f"{title}: ego {self.ego}"
+
+    @property
+    def ego(self) -> str:
+        """Id of the ego whose drive this is: `ego` for the car of [ego]."""
+        return str((self.resolved.get("further_ego") or {}).get("id", EGO))
+
+    @cached_property
+    def egos(self) -> dict[str, Run]:
+        """The drives of all egos by their ids, this one's first; of a further ego's record its own alone."""
+        return {self.ego: self} | {ego: Run(ego_folder(self.folder, ego)) for ego in further_egos(self.folder)}
 
     @property
     def live(self) -> bool:
@@ -179,7 +192,7 @@ class Run:
         """The tables as metrics read them."""
         tables = self.arrow("ticks"), self.arrow("actors")
         lanes, commanded = self.arrow("roads"), self.arrow(COMMANDED)
-        return DriveData(*tables, self.path, self.vehicle, self.period, lanes, commanded)
+        return DriveData(*tables, self.path, self.vehicle, self.period, lanes, commanded, self.ego)
 
     @property
     def motion(self) -> Motion:

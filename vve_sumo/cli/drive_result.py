@@ -15,21 +15,28 @@ if TYPE_CHECKING:
 
 
 def draw_and_show(resolved: ResolvedScenario, drive: Drive, *, as_json: bool = False) -> None:
-    """Draw `drive.png` into a record, where that can be done, and print how the drive went."""
-    from vve_sumo.plotting.drive_record import draw_drive
-
-    picture = None
-    with contextlib.suppress(VveError, OSError):
-        picture = draw_drive(drive) if drive.summary["ticks"] else None
+    """Draw `drive.png` into the record of every ego, where that can be done, and print how the drive went."""
+    picture = _drawn(drive)
+    others = {ego: _drawn(one) for ego, one in drive.others.items()}
     if as_json:
         summary = json.loads((drive.folder / "summary.json").read_text(encoding="utf-8"))
         print(json.dumps({"record": str(drive.folder)} | summary))
     else:
         show_drive(drive, picture)
+        for ego, one in drive.others.items():
+            show_drive(one, others[ego], ego)
 
 
-def show_drive(drive: Drive, picture: Path | None) -> None:
-    """Print how a drive went, as a table."""
+def _drawn(drive: Drive) -> Path | None:
+    from vve_sumo.plotting.drive_record import draw_drive
+
+    with contextlib.suppress(VveError, OSError):
+        return draw_drive(drive) if drive.summary["ticks"] else None
+    return None
+
+
+def show_drive(drive: Drive, picture: Path | None, ego: str = "") -> None:
+    """Print how a drive went, as a table; `ego` is the id of a further ego whose drive it is."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -37,7 +44,7 @@ def show_drive(drive: Drive, picture: Path | None) -> None:
     from vve_sumo.metrics.key_figures import key_figures
 
     summary = drive.summary
-    title = Text(f"{summary['title']} (seed {summary['seed']})")
+    title = Text(f"{f'ego {ego}, ' if ego else ''}{summary['title']} (seed {summary['seed']})")
     table = Table(title=title, title_justify="left", show_header=False)
     for name, value in key_figures(summary).items():
         table.add_row(name, value)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
+from urllib.parse import urlsplit
 
 from vve_sumo import progress_bar
 from vve_sumo.cli.parser import Parser
@@ -31,7 +33,8 @@ above, or the page's street with what the sensors measured. A headless Chromium 
 needed. Pictures depend on drive time alone: the same record gives the same pictures.
 
 With --camera they are those of a camera on the car, with its lens, without a caption, and --frames writes the truth
-beside each: boxes, what every pixel shows and whose it is, depths.
+beside each: boxes, what every pixel shows and whose it is, depths. With --live they are those of a drive that goes on
+and has a page (vve-sumo drive --view), over HTTP, as many a second as this computer can draw beside the drive.
 
 examples:
   vve-sumo render runs/mine --mp4                            mine.mp4 here, the whole drive
@@ -39,6 +42,7 @@ examples:
   vve-sumo render runs/mine --gif --from 50 --to 60 --size 640x360
   vve-sumo render runs/mine --frames --camera front          folder mine_front, as often as that camera takes one
   vve-sumo render runs/mine --mp4 --camera mine.toml --light night --rain
+  vve-sumo render runs/mine --mjpeg 8090 --camera front --live     while the drive with --view goes on
 """
 
 VIEWS: Final = ("driver", "chase", "above", "street")
@@ -170,6 +174,9 @@ def _camera_arguments(parser: Parser) -> None:
     parser.add_argument(
         "--bare", action="store_true", help="without the houses and parked cars that are made up for --camera"
     )
+    parser.add_argument(
+        "--live", action="store_true", help="of --mjpeg: the drive goes on, with --view; its page's token is asked for"
+    )
 
 
 def _port(text: str) -> int:
@@ -183,6 +190,8 @@ def run(arguments: argparse.Namespace) -> int:
     from vve_sumo.analysis.load import load
     from vve_sumo.analysis.run import Run
 
+    if arguments.live:
+        return _run_live(arguments)
     drive = load(arguments.folder)
     if not isinstance(drive, Run):
         raise ConfigError(f"{arguments.folder}: is a sweep's folder, expected the record of one drive")
@@ -263,6 +272,57 @@ def _serve(port: int, plan: RenderPlan, pictures: CameraPictures) -> None:
         pass
     finally:
         server.close()
+
+
+def _run_live(arguments: argparse.Namespace) -> int:
+    """Serve the pictures of a camera of a drive that goes on, until it is over; return the exit code, 0."""
+    from vve_sumo.cli.view import live_address
+    from vve_sumo.live.priority import OOM_PICTURES, PICTURES_NICE, lower_priority, set_oom_score
+    from vve_sumo.record.declared import read_resolved
+    from vve_sumo.view import live_pictures
+    from vve_sumo.view.camera_pictures import Look
+    from vve_sumo.view.declared_camera import find_camera
+    from vve_sumo.view.live_page import LivePage
+    from vve_sumo.view.picture_stream import PictureStream
+
+    _refuse_live_options(arguments)
+    address = live_address(arguments.folder, Path.cwd())
+    camera = find_camera(arguments.camera, read_resolved(arguments.folder, "settings"))
+    look = Look(arguments.light or TIMES_OF_DAY[0], arguments.rain, not arguments.bare)
+    # The browser that draws takes over both: it gets what the drive leaves of processor and memory.
+    lower_priority(PICTURES_NICE)
+    set_oom_score(OOM_PICTURES)
+    with LivePage(address) as page, PictureStream(arguments.mjpeg, _token_in(address)) as stream:
+        try:
+            pictures = live_pictures.opened(page, camera, look)
+        except ValueError as error:
+            raise ConfigError(f"--camera {arguments.camera}: {error}") from None
+        with pictures, contextlib.suppress(KeyboardInterrupt):
+            print(f"{MJPEG}: {stream.url} (end with Ctrl-C)", flush=True)
+            drawn = live_pictures.draw(page, pictures, stream, arguments.fps or camera.rate)
+            print(f"{MJPEG}: the drive is over; {drawn.pictures} pictures, {drawn.rate:.1f} a second")
+    return 0
+
+
+def _refuse_live_options(arguments: argparse.Namespace) -> None:
+    """Raise ConfigError for what does not go with --live."""
+    if arguments.mjpeg is None or arguments.camera is None:
+        raise ConfigError("--live: goes with --mjpeg and --camera; every other format is drawn from a finished record")
+    given = {
+        "--at": arguments.at,
+        "--from": arguments.begin,
+        "--to": arguments.end,
+        "--view": arguments.view,
+        "--size": arguments.size,
+        "--out": arguments.out,
+    }
+    for option in (name for name, value in given.items() if value is not None):
+        raise ConfigError(f"{option}: does not go with --live, which shows what is now")
+
+
+def _token_in(address: str) -> str:
+    """Return the token in the address of a page."""
+    return urlsplit(address).path.strip("/")
 
 
 def _plan(arguments: argparse.Namespace, drive: Run, camera: DeclaredCamera | None = None) -> RenderPlan:

@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.live:
         if len(folders) > 1 or arguments.html is not None:
             raise ConfigError("--live: expected at most the folder of one drive, and no --html")
-        print(_live(folders[0] if folders else None, Path.cwd()))
+        print(live_address(folders[0] if folders else None, Path.cwd()))
         return 0
     if not folders:
         raise ConfigError("expected the folder of a record or a sweep, or --live")
@@ -74,8 +74,11 @@ def _write(folders: list[Path], file: Path) -> int:
     return 0
 
 
-def _live(folder: Path | None, working: Path) -> str:
-    """Return the address of a running live drive's page; raises ConfigError where there is none."""
+def live_address(folder: Path | None, working: Path) -> str:
+    """Return the address of a running live drive's page, in a folder or the newest under RUNS of `working`.
+
+    Raises ConfigError where there is none.
+    """
     # The name of the file is that of live.view, which brings the whole server with it.
     name = "view.json"
     files = [folder / name] if folder is not None else sorted((working / RUNS).glob(f"*/{name}"), key=_age)

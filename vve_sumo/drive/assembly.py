@@ -27,6 +27,7 @@ from vve_sumo.pose.receivers.port import FixDecoder
 from vve_sumo.pose.trust import TrustGate, TrustProfile
 from vve_sumo.sensors.guarded import GuardedSensor
 from vve_sumo.sensors.port import PORT, STANDARD, SensorSettings
+from vve_sumo.values import EGO
 
 #: Consumers of random numbers whose streams keep the numbers that they had before streams had names.
 _NUMBERED: Final = {"vehicle": 0, STANDARD: 1}
@@ -34,8 +35,13 @@ _NUMBERED: Final = {"vehicle": 0, STANDARD: 1}
 _NAMED_STREAM: Final = 2
 
 
-def seed_of(seed: int, consumer: str) -> np.random.SeedSequence:
-    """Derive a consumer's seed sequence from the scenario's seed; adding a consumer never shifts another's stream."""
+def seed_of(seed: int, consumer: str, ego: str = EGO) -> np.random.SeedSequence:
+    """Derive a consumer's seed sequence from the scenario's seed; adding a consumer never shifts another's stream.
+
+    Each further `ego` has streams of its own, which its id decides.
+    """
+    if ego != EGO:
+        consumer = f"ego {ego} {consumer}"
     number = _NUMBERED.get(consumer)
     key = (_NAMED_STREAM, *consumer.encode()) if number is None else (number,)
     return np.random.SeedSequence(seed, spawn_key=key)
@@ -89,7 +95,8 @@ def sensors_of(resolved: ResolvedScenario) -> dict[str, GuardedSensor]:
     street = resolved.street()
 
     def made(name: str, settings: SensorSettings) -> GuardedSensor:
-        seeds = seed_of(resolved.scenario.seed, name if name == STANDARD else f"sensor {name}")
+        consumer = name if name == STANDARD else f"sensor {name}"
+        seeds = seed_of(resolved.scenario.seed, consumer, resolved.ego_id)
         return GuardedSensor(name, settings, resolved.vehicle, np.random.default_rng(seeds), street)
 
     return {name: PORT.make(name, made, name, settings) for name, settings in wanted.items()}

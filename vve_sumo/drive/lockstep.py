@@ -25,8 +25,8 @@ from vve_sumo.drive.shared_prefix import Variants
 from vve_sumo.drive.simulated_people import everybody_simulated
 from vve_sumo.drive.standstill_cause import StandstillClassifier
 from vve_sumo.drive.termination import DriveEnd, Outcome, TerminationMonitor, end_reason
-from vve_sumo.drive.tick import CarInput, CompletedTick, DueTick, EgoTick, Tick
-from vve_sumo.drive.virtual_road import VirtualRoad, egos_of, open_world, pose_at_rest, scenario_engine
+from vve_sumo.drive.tick import CarInput, CompletedTick, DueTick, EgoTick, NoRecord, Tick
+from vve_sumo.drive.virtual_road import EgoSurroundings, VirtualRoad, open_world, pose_at_rest, scenario_engine
 from vve_sumo.frames import Alignment, MapFrame, Placement, local_frame
 from vve_sumo.frozen import fast_frozen
 from vve_sumo.lot.fallback import deferred_fallback_path
@@ -42,7 +42,7 @@ from vve_sumo.record.writer import MemoryRecorder
 from vve_sumo.rig.car_parameters import perturbed
 from vve_sumo.scenario.schema import EndTrigger
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import Actors, ArmingState, Fix, Frame, GatewayStatus, Pose, Setpoint
+from vve_sumo.values import EGO, Actors, ArmingState, Fix, Frame, GatewayStatus, Pose, Setpoint
 from vve_sumo.vehicle.arming import WAITING
 from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.gateway import Gateway, GatewayOutput
@@ -94,11 +94,18 @@ def simulated_car(
     begin = 0.0 if parts.rolling is None else parts.rolling.begin
     start, frame = (parts.start.x, parts.start.y, parts.start.heading), parts.frame
     parameters, seed = car_parameters(resolved), resolved.scenario.seed
-    vehicle_seed = seed_of(seed, "vehicle")
+    vehicle_seed = seed_of(seed, "vehicle", resolved.ego_id)
     if not resolved.faults:
         return Car(parameters, start, frame, DEFAULT_EPOCH, vehicle_seed, alter, begin=begin)
     return FaultInjectedCar(
-        parameters, start, frame, DEFAULT_EPOCH, vehicle_seed, resolved.faults, seed_of(seed, "faults"), alter
+        parameters,
+        start,
+        frame,
+        DEFAULT_EPOCH,
+        vehicle_seed,
+        resolved.faults,
+        seed_of(seed, "faults", resolved.ego_id),
+        alter,
     )
 
 
@@ -205,7 +212,9 @@ class LockstepEgo:
         self._car, self._rolling = simulated_car(resolved, parts, alter), parts.rolling
         self._path, self._vehicle = resolved.path, resolved.vehicle
         self._termination = TerminationMonitor(resolved.path.length, resolved.scenario.after_stop_s)
-        self._standstill_classifier = StandstillClassifier(resolved.scenario, resolved.path, resolved.vehicle)
+        self._standstill_classifier = StandstillClassifier(
+            resolved.scenario, resolved.path, resolved.vehicle, resolved.declared
+        )
         self._end_trigger = None if resolved.scenario.end_trigger == EndTrigger() else resolved.scenario.end_trigger
         self._operator = ScriptedOperator()
         self._bus: _Bus
@@ -235,6 +244,11 @@ class LockstepEgo:
         """Bring the ego to drive time 0 where the scenario begins at speed; call it once, before the first tick."""
         if self._rolling is not None:
             self._take(roll(self._rolling, self.pipeline, self.gateway, self._car, self._operator))
+
+    def finish(self, around: EgoSurroundings) -> None:
+        """End the ego's record, while the ego may go on: the drives of other egos are not over."""
+        self._tick.finish(around)
+        self._bus.finish()
 
     def _take(self, came: CarOutput) -> None:
         self._bus.reported(came.reports)
@@ -283,12 +297,15 @@ class Lockstep:
         """Build the drive and start SUMO; raises ConfigError where something in the scenario is not usable.
 
         `alter` injects receiver faults: it returns the fix to send in place of the true one, None for a lost packet.
-        An external controller `brain` drives in place of the scenario's own. A road that is `loaded` is driven on.
-        With `variants`, of which `resolved` is the first, all of them are driven as one until they differ.
+        An external controller `brain` drives the car of [ego] in place of the scenario's own. A road that is `loaded`
+        is driven on. With `variants`, of which `resolved` is the first, all of them are driven as one until they
+        differ; such scenarios have one ego.
         """
         self._phones = everybody_simulated(resolved)
-        self.egos = [LockstepEgo(ego.id, resolved, working, alter, brain, variants) for ego in egos_of(resolved)]
-        self.lot = self.egos[0].lot
+        first = LockstepEgo(EGO, resolved, working, alter, brain, variants)
+        self.egos = [first, *(LockstepEgo(one.ego_id, one, working, alter, None) for one in resolved.others)]
+        self.lots: Sequence[LotAlignment] = [ego.lot for ego in self.egos]
+        self.lot = self.lots[0]
         engine = scenario_engine(resolved) if variants is None else variants.engine(scenario_engine)
         self.road = VirtualRoad(open_world(resolved, loaded=loaded), engine)
         if variants is not None:
@@ -303,13 +320,13 @@ class Lockstep:
         """End the simulation."""
         self.road.close()
 
-    def ticks(self, record: MemoryRecorder) -> Generator[Mapping[str, LockstepTick]]:
-        """Yield one tick of all egos, by their ids, after the other without end.
+    def ticks(self, *records: MemoryRecorder) -> Generator[Mapping[str, LockstepTick]]:
+        """Yield one tick of all egos, by their ids, after the other without end; each has a record, in their order.
 
         Closing the iterator records the actors of SUMO's last step.
         """
-        tick = Tick([ego.begin(record) for ego in self.egos], self.road)
-        people = PeopleOnRoad(People(self._people), record)
+        tick = Tick([ego.begin(record) for ego, record in zip(self.egos, records, strict=True)], self.road)
+        people = PeopleOnRoad(People(self._people), records[0])
         if self._people:
             self.road.admit(people)
         try:
@@ -331,25 +348,36 @@ class Lockstep:
         finally:
             tick.finish()
 
-    def run(self, record: MemoryRecorder, on_tick: TickCallback) -> DriveEnd:
-        """Drive to the end and return how the drive ended; everything else is in the record."""
-        with closing(self.ticks(record)) as ticks:
-            done = self._run(ticks, on_tick)
-        overdue = next((ego.brain.overdue for ego in self.egos if ego.brain is not None and ego.brain.overdue), "")
-        return replace(done, text=overdue) if overdue else done
+    def run(self, records: Sequence[MemoryRecorder], on_tick: TickCallback) -> list[DriveEnd]:
+        """Drive to the end and return how the drive of each ego ended; everything else is in their records.
 
-    def _run(self, ticks: Iterator[Mapping[str, LockstepTick]], on_tick: TickCallback) -> DriveEnd:
-        """Drive until the first ego whose drive is over, and return how that one ended."""
+        `on_tick` is told of the car of [ego].
+        """
+        with closing(self.ticks(*records)) as ticks:
+            ends = self._run(ticks, on_tick)
+        overdue = next((ego.brain.overdue for ego in self.egos if ego.brain is not None and ego.brain.overdue), "")
+        return [replace(ends[0], text=overdue), *ends[1:]] if overdue else ends
+
+    def _run(self, ticks: Iterator[Mapping[str, LockstepTick]], on_tick: TickCallback) -> list[DriveEnd]:
+        """Drive until the drives of all egos are over; one whose drive is over goes on unrecorded until then."""
+        ended: dict[str, tuple[Outcome, tuple[str, ...]]] = {}
         for number, ticked in enumerate(ticks):
-            now = number * PERIOD
+            now, first = number * PERIOD, ticked[EGO]
+            on_tick(number, now, first.truth.speed, first.result.s)
             for ego in self.egos:
-                own = ticked[ego.id]
-                on_tick(number, now, own.truth.speed, own.result.s)
-                contact = bool(self.road.around[ego.id].contacts)
-                if (end := ego.end(now, own, contact, number >= self._last)) is not None:
-                    failure = ego.pipeline.failure or ego.gateway.interface_error
-                    return drive_end(ego.id, *end, failure, self.road)
+                if ego.id in ended:
+                    continue
+                around = self.road.around[ego.id]
+                end = ego.end(now, ticked[ego.id], bool(around.contacts), number >= self._last)
+                if end is not None:
+                    ended[ego.id] = end
+                    ego.finish(around)
+            if len(ended) == len(self.egos):
+                return [self._end(ego, *ended[ego.id]) for ego in self.egos]
         raise AssertionError("ticks never end by themselves")
+
+    def _end(self, ego: LockstepEgo, outcome: Outcome, reasons: tuple[str, ...]) -> DriveEnd:
+        return drive_end(ego.id, outcome, reasons, ego.pipeline.failure or ego.gateway.interface_error, self.road)
 
 
 class _Bus:
@@ -360,8 +388,13 @@ class _Bus:
     def __init__(
         self, gateway: Gateway, operator: ScriptedOperator, record: MemoryRecorder, brain: ExternalController | None
     ) -> None:
-        self._gateway, self._operator, self._record, self._brain = gateway, operator, record, brain
+        self._gateway, self._operator, self._brain = gateway, operator, brain
+        self._record: MemoryRecorder | NoRecord = record
         self._reports: list[Frame] = []
+
+    def finish(self) -> None:
+        """Record no more frames."""
+        self._record = NoRecord()
 
     def reported(self, reports: Sequence[tuple[float, Frame]]) -> None:
         """Take the frames that the car sent since the last tick, with their drive times [s]."""

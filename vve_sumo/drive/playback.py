@@ -7,6 +7,7 @@ and recorded, the gateway stays disarmed, and no car obeys.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import astuple, replace
 from itertools import count
 from pathlib import Path
@@ -73,6 +74,7 @@ class Playback:
         start = Placement(frame, Alignment(), AT_REAR_AXLE, epoch).place(first)
         alignment = Alignment.from_matched_start(start, pose_at_rest(begin.x, begin.y, begin.heading))
         self.lot = LotAlignment(frame.projection, alignment, epoch)
+        self.lots: Sequence[LotAlignment] = [self.lot]
         self._resolved, self._begin = resolved, first.time - epoch
         placement = Placement(frame, alignment, AT_REAR_AXLE, epoch)
         pose_input = PoseInput(standard().decoder(), PLAYBACK, placement, epoch)
@@ -85,8 +87,12 @@ class Playback:
         """End the simulation."""
         self._road.close()
 
-    def run(self, record: MemoryRecorder, on_tick: TickCallback) -> DriveEnd:
-        """Play to the end of the recording and return how the drive ended; everything else is in the record."""
+    def run(self, records: Sequence[MemoryRecorder], on_tick: TickCallback) -> list[DriveEnd]:
+        """Play to the end of the recording and return how the drive of its one ego ended.
+
+        Everything else is in the ego's record.
+        """
+        (record,) = records
         ego = EgoTick(EGO, self._pipeline, self._resolved.path, _Unheard(self._gateway, record), record)
         tick = Tick([ego], self._road)
         try:
@@ -95,7 +101,7 @@ class Playback:
             tick.finish()
         error = self._prediction_error
         extra = {"prediction_error_100ms_mean_m": error.mean, "prediction_error_100ms_max_m": error.greatest}
-        return replace(drive_end(EGO, Outcome.PLAYED, reasons, self._pipeline.failure, self._road), extra=extra)
+        return [replace(drive_end(EGO, Outcome.PLAYED, reasons, self._pipeline.failure, self._road), extra=extra)]
 
     def _play(self, ego: EgoTick, tick: Tick, on_tick: TickCallback) -> tuple[str, ...]:
         """Tick until the recording ends; return the gateway's reason codes of the last tick."""

@@ -31,6 +31,7 @@ from vve_sumo.drive.resolved_scenario import (
     resolve_scenario,
     versions,
 )
+from vve_sumo.drive.several_egos import recorded_ego
 from vve_sumo.drive.snapshots import NO_ACTORS, snapshots
 from vve_sumo.drive.tick_rows import result_columns, status_columns
 from vve_sumo.errors import ConfigError
@@ -113,8 +114,11 @@ def recorded_scenario(folder: Path, working: Path) -> ResolvedScenario:
     if "pose" in hashes:
         raise ConfigError(f"{folder}: a playback, expected a drive with the simulated vehicle")
     resolved = resolve_scenario(name, parse(settings, file), file, working)
+    ego, declared = recorded_ego(scenario_content)
     return replace(
         resolved,
+        ego_id=ego,
+        declared=declared,
         model=recorded_model(scenario_content),
         faults=recorded_faults(scenario_content),
         people=recorded_people(scenario_content),

@@ -23,6 +23,8 @@ from vve_sumo.csv_numbers import CsvNumbers
 from vve_sumo.drive import plugged_in
 from vve_sumo.drive.actor_paths import Speeds, find_actor_paths
 from vve_sumo.drive.persons import find_walks, setups_of, setups_with_rig
+from vve_sumo.drive.several_egos import further_ego, refuse_overlap
+from vve_sumo.drive.standstill_cause import DeclaredBodies
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import MapFrame
 from vve_sumo.lot.corridor import CorridorStretch, DeclaredCorridor
@@ -35,13 +37,14 @@ from vve_sumo.people.walk import WalkPoint
 from vve_sumo.record import drawings
 from vve_sumo.record.layout import LAYOUT
 from vve_sumo.rig.car_parameters import imperfections_of
+from vve_sumo.scenario.egos import alone
 from vve_sumo.scenario.load import check_criteria
 from vve_sumo.scenario.schema import Scenario
 from vve_sumo.sensors.port import STANDARD, SensorSettings, configured
 from vve_sumo.sensors.port import load as load_sensor
 from vve_sumo.sensors.street import Building, LaneStrip, Street
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import Floats, Vehicle
+from vve_sumo.values import EGO, Floats, Vehicle
 from vve_sumo.vehicle.effective_deceleration import limited_to, of_model
 from vve_sumo.vehicle.load import load as load_vehicle
 from vve_sumo.vehicle.model import VehicleModel
@@ -116,6 +119,9 @@ class ResolvedScenario:
     people: tuple[PersonSetup, ...] = ()  #: real people on the virtual road
     walks: dict[str, tuple[WalkPoint, ...]] = field(default_factory=dict)  #: of who stands in for them, by their ids
     note: str = ""  #: what brakes the car less than declared, in one line; empty where nothing does
+    ego_id: str = EGO  #: whose vehicle, path and settings these are
+    others: tuple[ResolvedScenario, ...] = ()  #: the scenario of each further ego, alone, in the order of their ids
+    declared: DeclaredBodies | None = None  #: of a further ego: whom the drive's scenario puts on the virtual road
     #: the scenario's metrics once they are loaded, so that those that are recorded are those that measure
     _own: dict[tuple[str, ...], OwnMetrics] = field(default_factory=dict, repr=False, compare=False)
 
@@ -123,6 +129,16 @@ class ResolvedScenario:
     def vehicle(self) -> Vehicle:
         """The vehicle as declared, braking no harder than its brakes, wire, gateway and tyres allow."""
         return self.model.vehicle
+
+    @property
+    def egos(self) -> tuple[ResolvedScenario, ...]:
+        """The scenario of every ego of the drive, that of [ego] first."""
+        return (self, *self.others)
+
+    @property
+    def where(self) -> str:
+        """The ego's table and its file, for messages."""
+        return f"{self.file}: ego" if self.ego_id == EGO else f"{self.file}: egos.{self.ego_id}"
 
     @property
     def corridor(self) -> DeclaredCorridor:
@@ -161,6 +177,7 @@ class ResolvedScenario:
             "versions": versions(),
             **({"faults": [fault.to_dict() for fault in self.faults]} if self.faults else {}),
             **({"people": [person.to_dict() for person in self.people]} if self.people else {}),
+            **({"further_ego": further_ego(self.ego_id, self.declared)} if self.declared else {}),
         } | noted
 
     def controller(self, working: Path) -> Controller:
@@ -244,7 +261,7 @@ class ResolvedScenario:
             raise ConfigError(f"{self.file}: {error}") from None
 
     def with_controller(self, name: str) -> ResolvedScenario:
-        """Return the same scenario with another controller and default tuning; tuning belongs to one controller."""
+        """Return the same scenario with another controller of its ego and default tuning, which belongs to one."""
         control = self.scenario.controller
         if name == control.name:
             return self
@@ -331,6 +348,41 @@ def resolve_scenario(
     `network_in` and `path_in` replace the readers of network and path, so that a caller can cache what was read.
     Raises ConfigError naming what is missing or wrong.
     """
+    resolved = _resolve_ego(name, scenario, file, working, "ego", network_in or read_network, path_in or read_path)
+    if not scenario.egos:
+        return resolved
+    paths: dict[Path, LoadedPath] = {}
+
+    def path_once(of: Path, map_frame: MapFrame, network: Network) -> LoadedPath:
+        if of not in paths:
+            paths[of] = (path_in or read_path)(of, map_frame, network)
+        return paths[of]
+
+    declared = DeclaredBodies.of(scenario)
+    others = tuple(
+        replace(
+            _resolve_ego(
+                name, alone(scenario, one), file, working, f"egos.{one.id}", lambda _file: resolved.network, path_once
+            ),
+            ego_id=one.id,
+            declared=declared,
+        )
+        for one in sorted(scenario.egos, key=lambda one: one.id)
+    )
+    refuse_overlap((resolved, *others))
+    return replace(resolved, others=others)
+
+
+def _resolve_ego(
+    name: str,
+    scenario: Scenario,
+    file: Path,
+    working: Path,
+    table: str,
+    network_in: ReadNetwork,
+    path_in: ReadPath,
+) -> ResolvedScenario:
+    """Return what `resolve_scenario` does of a scenario's one ego, whose `table` messages name."""
 
     def find(kind: str, name: str, key: str) -> Path:
         try:
@@ -338,15 +390,15 @@ def resolve_scenario(
         except ConfigError as error:
             raise ConfigError(f"{file}: {key}: {error}") from None
 
-    network = (network_in or read_network)(find("network", scenario.road.network, "road.network"))
+    network = network_in(find("network", scenario.road.network, "road.network"))
     demand = tuple(find("demand", wanted, "road.demand") for wanted in scenario.road.demand)
-    path_file = find("path", scenario.ego.path, "ego.path")
-    vehicle_file = find("vehicle", scenario.ego.vehicle, "ego.vehicle")
+    path_file = find("path", scenario.ego.path, f"{table}.path")
+    vehicle_file = find("vehicle", scenario.ego.vehicle, f"{table}.vehicle")
     try:
         map_frame = network.frame()
     except ConfigError as error:
         raise ConfigError(f"{network.path}: {error}") from None
-    laid = (path_in or read_path)(path_file, map_frame, network)
+    laid = path_in(path_file, map_frame, network)
     path = laid.path
     model = load_vehicle(vehicle_file)
     refuse_tight_bend(path, model.vehicle.tightest_curvature, str(path_file))
@@ -360,17 +412,17 @@ def resolve_scenario(
         for key, at in (("from_m", stretch.from_m), ("to_m", stretch.to_m)):
             if at is not None and at > path.length:
                 raise ConfigError(
-                    f"{file}: ego.corridor.{number}.{key}: {at:g} lies beyond the path's {path.length:.1f} m"
+                    f"{file}: {table}.corridor.{number}.{key}: {at:g} lies beyond the path's {path.length:.1f} m"
                 )
 
     def read(of: Path) -> ReferencePath:
-        return (path_in or read_path)(of, map_frame, network).path
+        return path_in(of, map_frame, network).path
 
     model, note = load_vehicle_model(vehicle_file)
     try:
         imperfections_of(model, scenario.ego.car)
     except ConfigError as error:
-        raise ConfigError(f"{file}: ego.car.{error}") from None
+        raise ConfigError(f"{file}: {table}.car.{error}") from None
     followed = find_actor_paths(scenario.actors, file, path, find, read)
     walks = find_walks(scenario.people, find)
     files = {"network": network.path, "path": path_file, "vehicle": vehicle_file, **followed.files, **walks.files}

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from vve_sumo.controller import Controller
@@ -26,8 +25,8 @@ from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.gateway import Gateway
 from vve_sumo.vehicle.model import VehicleModel
 
-#: key of a scenario, as messages name it
-INITIAL_SPEED = "ego.initial_speed_mps"
+#: key of an ego's table, as messages name it
+INITIAL_SPEED = "initial_speed_mps"
 #: time in which the gateway finds the car at rest, engages it and shifts to drive [s]; by the shipped interface 0.8 s
 ENGAGING_TIME = 2.0
 #: time for which the controller holds the speed by itself before drive time 0 [s]
@@ -49,7 +48,7 @@ BRAKING = 0.5
 def require_start_from_rest(resolved: ResolvedScenario, why: str) -> None:
     """Raise ConfigError, with the reason `why`, for a scenario with a rolling start."""
     if resolved.scenario.ego.initial_speed_mps is not None:
-        raise ConfigError(f"{resolved.file}: {INITIAL_SPEED}: {why}; take the key out")
+        raise ConfigError(f"{resolved.where}.{INITIAL_SPEED}: {why}; take the key out")
 
 
 class MovingCar(Protocol):
@@ -126,7 +125,7 @@ class RollingStart:
 
     ramp: Ramp
     s: float  #: of that place [m]
-    file: Path  #: the scenario's, for messages
+    where: str  #: the ego's table and its file, for messages
 
     @classmethod
     def of(cls, resolved: ResolvedScenario) -> RollingStart | None:
@@ -134,24 +133,22 @@ class RollingStart:
 
         Raises ConfigError for one that the scenario's car cannot have on its path.
         """
-        ego, path, file = resolved.scenario.ego, resolved.path, resolved.file
+        ego, path, where = resolved.scenario.ego, resolved.path, resolved.where
         if ego.initial_speed_mps is None:
             return None
         if not ego.initial_s_m < path.length:
-            raise ConfigError(
-                f"{file}: ego.initial_s_m: {ego.initial_s_m:g} lies beyond the path's {path.length:.1f} m"
-            )
-        rolling = cls(cls._ramp(ego.initial_speed_mps, resolved.model, file), ego.initial_s_m, file)
+            raise ConfigError(f"{where}.initial_s_m: {ego.initial_s_m:g} lies beyond the path's {path.length:.1f} m")
+        rolling = cls(cls._ramp(ego.initial_speed_mps, resolved.model, where), ego.initial_s_m, where)
         rolling._require_clear(path)
         return rolling
 
     @staticmethod
-    def _ramp(speed: float, model: VehicleModel, file: Path) -> Ramp:
+    def _ramp(speed: float, model: VehicleModel, where: str) -> Ramp:
         calibration, of_limit, of_engine = model.calibration, *SHARE
         spare = (calibration.full_throttle_force(speed) - calibration.drag(speed)) / calibration.mass
         acceleration = min(of_limit * model.limits.comfort.acceleration, of_engine * spare)
         if not acceleration > 0.0:
-            raise ConfigError(f"{file}: {INITIAL_SPEED}: the car has no power to gain {speed:g} m/s")
+            raise ConfigError(f"{where}.{INITIAL_SPEED}: the car has no power to gain {speed:g} m/s")
         return Ramp.to(speed, acceleration, JERK)
 
     @property
@@ -181,7 +178,7 @@ class RollingStart:
         # From a start far before the path, the search stops on its way along the straight.
         if not abs(found - self.stands_at) < 1.0 and not self.stands_at < found <= 0.0:
             raise ConfigError(
-                f"{self.file}: {INITIAL_SPEED}: the car would come up to speed from s {self.stands_at:.1f} m, "
+                f"{self.where}.{INITIAL_SPEED}: the car would come up to speed from s {self.stands_at:.1f} m, "
                 f"where the path passes again at s {found:.1f} m; start elsewhere, or from rest"
             )
 
@@ -256,7 +253,7 @@ def roll(rolling: RollingStart, pipeline: Pipeline, gateway: Gateway, car: Movin
         speed = math.nan if pose is None else pose.speed
         why = f" ({', '.join(status.reasons)})" if status.reasons else ""
         raise ConfigError(
-            f"{rolling.file}: {INITIAL_SPEED}: when the drive begins the car is {status.state} at {speed:.2f} m/s "
+            f"{rolling.where}.{INITIAL_SPEED}: when the drive begins the car is {status.state} at {speed:.2f} m/s "
             f"and s {result.s:.1f} m{why}; expected engaged at {rolling.speed:g} m/s and s {rolling.s:g} m: choose "
             "a speed that the controller keeps there"
         )

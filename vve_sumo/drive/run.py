@@ -9,8 +9,8 @@ import datetime
 import hashlib
 import time
 import traceback
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -23,12 +23,14 @@ from vve_sumo.drive.lockstep import Lockstep, TickCallback
 from vve_sumo.drive.playback import Playback
 from vve_sumo.drive.resolved_scenario import ResolvedScenario, resolve_scenario
 from vve_sumo.drive.rolling_start import require_start_from_rest
+from vve_sumo.drive.several_egos import require_one_ego
 from vve_sumo.drive.shared_prefix import Variants
 from vve_sumo.drive.summary import EXTERNAL_CONTROLLER, measure, summary_of
 from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.errors import ConfigError, RigError, SimulationError
+from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.record.hashes import hash_files
-from vve_sumo.record.layout import COMMANDED, PROVENANCE, ROADS, TICK_METRICS
+from vve_sumo.record.layout import COMMANDED, FURTHER_EGOS, PROVENANCE, ROADS, TICK_METRICS
 from vve_sumo.record.roads import roads_table
 from vve_sumo.record.signals import files_of
 from vve_sumo.record.tick_metrics import tick_metrics_table
@@ -36,16 +38,17 @@ from vve_sumo.record.writer import MemoryRecorder, RecordWriter, claim, scenario
 from vve_sumo.scenario import overrides
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Scenario
+from vve_sumo.values import EGO
 from vve_sumo.world.loaded_road import LoadedRoad
 
 
 class DriveHost(Protocol):
     """What lockstep and playback have in common."""
 
-    lot: LotAlignment  #: how the lot lies on the virtual road, and which GNSS time is drive time 0
+    lots: Sequence[LotAlignment]  #: how each ego's lot lies on the virtual road, and which GNSS time is drive time 0
 
-    def run(self, record: MemoryRecorder, on_tick: TickCallback) -> DriveEnd:
-        """Drive to the end."""
+    def run(self, records: Sequence[MemoryRecorder], on_tick: TickCallback) -> list[DriveEnd]:
+        """Drive to the end and return how the drive of each ego ended; each has a record."""
         ...
 
     def close(self) -> None:
@@ -59,10 +62,11 @@ class Drive:
 
     folder: Path  #: its record
     summary: dict[str, Any]  #: as in summary.json
+    others: Mapping[str, Drive] = field(default_factory=dict)  #: the same of each further ego, by its id
 
     @property
     def passed(self) -> bool:
-        """Whether the drive met its scenario's criteria; true for a playback, to which no criteria apply."""
+        """Whether all egos met the scenario's criteria; true for a playback, to which no criteria apply."""
         return self.summary["passed"] is not False
 
 
@@ -141,6 +145,7 @@ def run(
         raise ConfigError("people: nobody walked when a recording was made; take them out of the scenario")
     if pose is not None:
         require_start_from_rest(resolved, "a recorded drive begins as it was recorded")
+        require_one_ego(resolved, "a recorded drive has the poses of one car")
     if keep_record:
         claim(folder)
     shell: DriveHost
@@ -148,37 +153,68 @@ def run(
         shell = Lockstep(resolved, working, brain=brain, loaded=loaded)
     else:
         shell = Playback(resolved, pose, working, loaded)
+    foreign = {} if brain is None or brain.controller is None else {"brain": "setpoints"}
     try:
         if pose is not None:
             resolved = replace(resolved, files={**resolved.files, "pose": pose})
-        foreign = {} if brain is None or brain.controller is None else {"brain": "setpoints"}
-        settings = resolved.to_dict(working) | shell.lot.to_dict() | foreign
-        record = (
-            RecordWriter(folder, settings, shell.lot.epoch)
-            if keep_record
-            else MemoryRecorder(settings, shell.lot.epoch)
-        )
-        if isinstance(record, RecordWriter):
-            now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-            record.attach_table(ROADS, roads_table(resolved.lanes))
-            record.attach(PROVENANCE, provenance.text_of(provenance.provenance(resolved, now)))
+        records = _open_records(resolved, shell.lots, folder if keep_record else None, working, foreign)
         try:
-            done = run_guarded(shell, record, on_tick)
+            ends = run_guarded(shell, records, on_tick)
         except (ConfigError, RigError):
-            record.discard()
+            for record in reversed(records):
+                record.discard()
             raise
         if keep_record:
-            for name, text in files_of(done.signals).items():
-                record.attach(name, text)
+            for done, record in zip(ends, records, strict=True):
+                for name, text in files_of(done.signals).items():
+                    record.attach(name, text)
     finally:
         shell.close()
-    summary = _summary(resolved, done, record, record.close())
-    if foreign:
-        summary |= foreign | {"controller": EXTERNAL_CONTROLLER}
-    if isinstance(record, RecordWriter):
-        summary |= {"record_files_sha256": hash_files(folder)}
-        record.summarise(summary)
-    return Drive(folder, summary)
+    others = {
+        one.ego_id: _close(one, done, record, {})
+        for one, done, record in zip(resolved.others, ends[1:], records[1:], strict=True)
+    }
+    if others:
+        ends[0] = replace(ends[0], extra={**ends[0].extra, "egos": {ego: _verdict(one) for ego, one in others.items()}})
+    more = foreign | {"controller": EXTERNAL_CONTROLLER} if foreign else {}
+    return replace(_close(resolved, ends[0], records[0], more), folder=folder, others=others)
+
+
+def _open_records(
+    resolved: ResolvedScenario, lots: Sequence[LotAlignment], folder: Path | None, working: Path, more: dict[str, Any]
+) -> list[MemoryRecorder]:
+    """Open the record of every ego, in memory where there is no `folder`; raises ConfigError before any is opened.
+
+    `more` is what the resolved scenario of the first ego holds besides.
+    """
+    settings = [one.to_dict(working) | lot.to_dict() for one, lot in zip(resolved.egos, lots, strict=True)]
+    settings[0] |= more
+    if folder is None:
+        return [MemoryRecorder(one, lot.epoch) for one, lot in zip(settings, lots, strict=True)]
+    now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    records: list[MemoryRecorder] = []
+    for one, content, lot in zip(resolved.egos, settings, lots, strict=True):
+        own = folder if one.ego_id == EGO else folder / FURTHER_EGOS / one.ego_id
+        record = RecordWriter(own, content, lot.epoch)
+        record.attach_table(ROADS, roads_table(one.lanes))
+        record.attach(PROVENANCE, provenance.text_of(provenance.provenance(one, now)))
+        records.append(record)
+    return records
+
+
+def _close(resolved: ResolvedScenario, done: DriveEnd, record: MemoryRecorder, more: dict[str, Any]) -> Drive:
+    """Finish an ego's record with its summary, to which `more` is added."""
+    summary = _summary(resolved, done, record, record.close()) | more
+    if not isinstance(record, RecordWriter):
+        return Drive(Path(), summary)
+    summary |= {"record_files_sha256": hash_files(record.folder)}
+    record.summarise(summary)
+    return Drive(record.folder, summary)
+
+
+def _verdict(drive: Drive) -> dict[str, Any]:
+    """Return what the summary of the first ego's drive holds of another's."""
+    return {name: drive.summary[name] for name in ("outcome", "passed", "failed", "record_sha256", *PER_DRIVE)}
 
 
 def run_variants(
@@ -197,7 +233,7 @@ def run_variants(
     shell = Lockstep(first, working, loaded=loaded, variants=variants)
     try:
         record = MemoryRecorder(first.to_dict(working) | shell.lot.to_dict(), shell.lot.epoch)
-        done = run_guarded(shell, record, on_tick)
+        (done,) = run_guarded(shell, [record], on_tick)
     finally:
         shell.close()
     parts, summaries = record.close(), {}
@@ -222,21 +258,25 @@ def _summary(
     return summary_of(resolved, done, tables["ticks"], tables["actors"], parts, roads, measured, commanded)
 
 
-def run_guarded(shell: DriveHost, record: MemoryRecorder, on_tick: TickCallback) -> DriveEnd:
-    """Drive to the end; a failure on the way becomes the drive's outcome, except ConfigError and RigError."""
+def run_guarded(shell: DriveHost, records: Sequence[MemoryRecorder], on_tick: TickCallback) -> list[DriveEnd]:
+    """Drive to the end and return how the drive of each ego ended.
+
+    A failure on the way becomes the drive's outcome, except ConfigError and RigError.
+    """
     broken = DriveEnd(Outcome.BROKEN, ())
     try:
-        return shell.run(record, on_tick)
+        return shell.run(records, on_tick)
     except KeyboardInterrupt:
-        return replace(broken, outcome=Outcome.INTERRUPTED, reasons=("interrupted",))
+        broken = replace(broken, outcome=Outcome.INTERRUPTED, reasons=("interrupted",))
     except (ConfigError, RigError):
         raise
     except SimulationError as error:
-        return replace(broken, reasons=("simulation_error",), text=str(error))
+        broken = replace(broken, reasons=("simulation_error",), text=str(error))
     except Exception as error:
         # An error in this program ends the drive; the record is kept, with the traceback.
-        record.attach("traceback.txt", traceback.format_exc())
-        return replace(broken, reasons=("internal_error",), text=f"{type(error).__name__}: {error}")
+        records[0].attach("traceback.txt", traceback.format_exc())
+        broken = replace(broken, reasons=("internal_error",), text=f"{type(error).__name__}: {error}")
+    return [broken] * len(records)
 
 
 def new_run_folder(name: str, working: Path) -> Path:

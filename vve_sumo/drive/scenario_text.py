@@ -27,6 +27,7 @@ def lines(resolved: ResolvedScenario, working: Path) -> list[str]:
     return [
         f"{road}, ego at {scenario.ego.speed_mps:g} m/s, seed {scenario.seed}",
         *special_conditions(resolved, working),
+        *map(_further, resolved.others),
         *(_standing(one.id, one.at_m, one.offset_m) for one in scenario.obstacles),
         *(line for actor in scenario.actors for line in _of_actor(actor)),
         f"passes if: {descriptions.passes(scenario.criteria)}",
@@ -68,6 +69,12 @@ def _manoeuvre(control: Control, working: Path) -> str:
     except (ConfigError, OSError, SyntaxError, ValueError):
         return ""
     return " ".join((text or "").partition("\n\n")[0].split())
+
+
+def _further(other: ResolvedScenario) -> str:
+    ego = other.scenario.ego
+    path = f"path {ego.path} of {other.path.length:.0f} m" + (f" from {ego.initial_s_m:g} m" if ego.initial_s_m else "")
+    return f"ego {other.ego_id!r}: {ego.vehicle}, {path}, {ego.speed_mps:g} m/s, {other.scenario.controller.name}"
 
 
 def _standing(name: str, at: float, offset: float) -> str:

@@ -6,6 +6,7 @@ Reads the actors of one tick and the scenario's lists; knows neither SUMO nor wh
 from __future__ import annotations
 
 import enum
+from typing import NamedTuple
 
 from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
 from vve_sumo.path import ReferencePath
@@ -22,19 +23,40 @@ class StandstillCause(enum.Enum):
     """What a car at rest stands before."""
 
     PERMANENT = enum.auto()  #: an obstacle, or a standing actor of the scenario
-    TEMPORARY = enum.auto()  #: a vehicle or person of the traffic, standing or not, or a moving actor of the scenario
-    CLEAR_WITH_TRAFFIC = enum.auto()  #: nothing, on a road with traffic, which may have passed ahead a moment ago
+    #: a vehicle or person of the traffic or another ego, standing or not, or a moving actor of the scenario
+    TEMPORARY = enum.auto()
+    #: nothing, on a road with traffic or other egos, one of which may have passed ahead a moment ago
+    CLEAR_WITH_TRAFFIC = enum.auto()
     CLEAR = enum.auto()  #: nothing, on a road without traffic
+
+
+class DeclaredBodies(NamedTuple):
+    """Whom a scenario puts on the virtual road, by their ids."""
+
+    obstacles: tuple[str, ...]
+    actors: tuple[str, ...]  #: people among them
+    egos: tuple[str, ...]  #: without that of [ego], in order
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> DeclaredBodies:
+        """Return those of a scenario."""
+        actors = tuple(one.id for one in scenario.actors) + tuple(one.id for one in scenario.people)
+        egos = tuple(sorted(one.id for one in scenario.egos))
+        return cls(tuple(one.id for one in scenario.obstacles), actors, egos)
 
 
 class StandstillClassifier:
     """Looks ahead of the car along its path, in the strip that the car covers."""
 
-    def __init__(self, scenario: Scenario, path: ReferencePath, vehicle: Vehicle) -> None:
+    def __init__(
+        self, scenario: Scenario, path: ReferencePath, vehicle: Vehicle, declared: DeclaredBodies | None = None
+    ) -> None:
+        """`declared` are the bodies of the drive's scenario where `scenario`, a further ego's, does not hold them."""
         self._path, self._vehicle = path, vehicle
-        self._obstacles = frozenset(one.id for one in scenario.obstacles)
-        self._actors = frozenset([one.id for one in scenario.actors] + [one.id for one in scenario.people])
-        self._nothing = StandstillCause.CLEAR_WITH_TRAFFIC if scenario.road.demand else StandstillCause.CLEAR
+        bodies = declared or DeclaredBodies.of(scenario)
+        self._obstacles, self._actors = frozenset(bodies.obstacles), frozenset(bodies.actors)
+        traffic = scenario.road.demand or bodies.egos
+        self._nothing = StandstillCause.CLEAR_WITH_TRAFFIC if traffic else StandstillCause.CLEAR
 
     def classify(self, pose: Pose | None, station: float, actors: Actors) -> StandstillCause:
         """Return what a car at rest with its rear axle at `pose` stands before.

@@ -145,7 +145,14 @@ def unmet_criteria(criteria: Criteria, summary: Mapping[str, Any]) -> list[str]:
     """
     if summary["outcome"] == Outcome.PLAYED:
         return []
-    return [*filter(None, judged(criteria, summary).values()), *invalidating_events(criteria, summary)]
+    own = [*filter(None, judged(criteria, summary).values()), *invalidating_events(criteria, summary)]
+    return own + of_others(summary)
+
+
+def of_others(summary: Mapping[str, Any]) -> list[str]:
+    """Return the lines of criteria that the drive's other egos do not meet, by the summary of the first."""
+    egos: Mapping[str, Any] = summary.get("egos") or {}
+    return [f"ego {ego}: {line}" for ego, one in egos.items() for line in one["failed"]]
 
 
 def judged(criteria: Criteria, summary: Mapping[str, Any]) -> dict[str, str]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 from vve_sumo.drive.standstill_cause import StandstillCause
 from vve_sumo.scenario.schema import EndTrigger
@@ -59,7 +59,7 @@ class DriveEnd:
     #: vehicles taken off the road because they and the ego waited for each other
     removed_after_standoff: tuple[str, ...] = ()
     signals: tuple[SignalChange, ...] = ()  #: what the traffic signals showed, change by change
-    extra: Mapping[str, float] = field(default_factory=dict)  #: metrics of this shell alone, by summary key
+    extra: Mapping[str, Any] = field(default_factory=dict)  #: what this drive alone has, by summary key
 
 
 #: reason codes of end triggers, of which the first of a drive's reasons is one where a trigger ended it

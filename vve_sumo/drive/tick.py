@@ -8,7 +8,7 @@ shell only says when a tick is due, where bytes come from and where they go.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple, Protocol
 
 from vve_sumo.drive.pipeline import Pipeline, TickResult
@@ -19,7 +19,7 @@ from vve_sumo.path import ReferencePath
 from vve_sumo.record.rows import TickRow
 from vve_sumo.sensors.port import Column
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import Actors, CommandedPath, Fix, GatewayStatus, Pose, Setpoint
+from vve_sumo.values import Actors, CommandedPath, Fix, Frame, GatewayStatus, Pose, Setpoint
 from vve_sumo.world.ego_sync import EgoSyncReport
 
 
@@ -85,6 +85,28 @@ class TickRecorder(Protocol):
         ...
 
 
+class NoRecord:
+    """A record that keeps nothing."""
+
+    def saw_frames(self, time: float, channel: str, frames: Iterable[Frame]) -> None:
+        """Keep nothing."""
+
+    def received_pose(self, time: float, data: bytes) -> None:
+        """Keep nothing."""
+
+    def sensed(self, tick: int, sensor: str, measured: float, columns: tuple[Column, ...]) -> None:
+        """Keep nothing."""
+
+    def snapshot(self, tick: int, actors: Actors) -> None:
+        """Keep nothing."""
+
+    def commanded(self, tick: int, path: CommandedPath) -> None:
+        """Keep nothing."""
+
+    def ticked(self, row: TickRow) -> None:
+        """Keep nothing."""
+
+
 def _no_clock() -> float:
     return math.nan
 
@@ -97,7 +119,8 @@ class EgoTick:
     ) -> None:
         """`ego` is the id of one of the virtual road's egos; its ticks go into `record`."""
         self.id = ego
-        self.pipeline, self._path, self._shell, self._record = pipeline, path, shell, record
+        self.pipeline, self._path, self._shell = pipeline, path, shell
+        self._record: TickRecorder = record
         self._portions = 0
         self._next = 0
         self._looked_at: Actors | None = None
@@ -146,9 +169,13 @@ class EgoTick:
         self._next = self._recorded.tick + 1
 
     def finish(self, around: EgoSurroundings) -> None:
-        """Record the actors of SUMO's last step, under the number of the tick that would have seen them."""
+        """Record the actors of SUMO's last step, under the number of the tick that would have seen them.
+
+        Nothing of the ego is recorded any more afterwards, also where it goes on.
+        """
         if around.actors is not self._looked_at:
             self._record.snapshot(self._next, around.actors)
+        self._record = NoRecord()
 
     def _record_looks(self, number: int, result: TickResult, actors: Actors) -> None:
         """Record the actors that the tick saw, and the sensors' readings of them."""

@@ -17,8 +17,9 @@ from typing import Any, Final
 import pyarrow as pa
 
 from vve_sumo.drive import provenance
+from vve_sumo.drive.several_egos import recorded_ego
 from vve_sumo.drive.snapshots import NO_ACTORS, snapshots
-from vve_sumo.drive.standstill_cause import StandstillClassifier
+from vve_sumo.drive.standstill_cause import DeclaredBodies, StandstillClassifier
 from vve_sumo.drive.summary import EXTERNAL_CONTROLLER, summary_of, without_verdict
 from vve_sumo.drive.termination import END_REASONS, MOVING_SPEED, DriveEnd, Outcome, TerminationMonitor
 from vve_sumo.errors import ConfigError
@@ -54,6 +55,7 @@ class RecordedDrive:
     scenario: Scenario
     path: ReferencePath
     vehicle: Vehicle
+    declared: DeclaredBodies | None  #: of a further ego: whom the drive's scenario puts on the virtual road
 
 
 def altered_parts(folder: Path) -> list[str] | None:
@@ -98,6 +100,7 @@ def _recorded_drive(resolved: dict[str, Any], file: Path) -> RecordedDrive:
         scenario=parse(resolved["settings"], file),
         path=recorded_path(resolved),
         vehicle=recorded_vehicle(resolved),
+        declared=recorded_ego(resolved)[1],
     )
 
 
@@ -110,6 +113,7 @@ def _metrics(folder: Path, recorded: RecordedDrive, summary: dict[str, Any]) -> 
         tuple(summary["sumo_warnings"]),
         summary["text"],
         tuple(summary["removed_after_standoff"]),
+        extra={"egos": summary["egos"]} if "egos" in summary else {},
     )
     ticks, actors = read_table(folder, "ticks"), read_table(folder, "actors")
     roads, commanded = read_roads(folder), read_commanded(folder)
@@ -195,7 +199,8 @@ def _lockstep_ending(
 def _ended(ticks: pa.Table, actors: pa.Table, recorded: RecordedDrive) -> Outcome | None:
     """Return a lockstep drive's outcome by the first of its rows that shows an end; None where no row does."""
     ending = TerminationMonitor(recorded.path.length, recorded.scenario.after_stop_s)
-    standstill, seen = StandstillClassifier(recorded.scenario, recorded.path, recorded.vehicle), snapshots(actors)
+    standstill = StandstillClassifier(recorded.scenario, recorded.path, recorded.vehicle, recorded.declared)
+    seen = snapshots(actors)
     last = round(recorded.scenario.duration_s / PERIOD) - 1
     names = ("tick", "time_s", "s_m", "state", "reasons", "contacts", *TRUE_POSE_COLUMNS)
     for row in zip(*(ticks[name].to_pylist() for name in names), strict=True):

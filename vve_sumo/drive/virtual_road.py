@@ -36,8 +36,8 @@ def no_signals(now: float) -> Mapping[str, SignalPhase]:
 
 
 def egos_of(resolved: ResolvedScenario) -> tuple[Ego, ...]:
-    """Return the scenario's egos, of which there is one."""
-    return (Ego(EGO, resolved.vehicle, tuple(resolved.route)),)
+    """Return the scenario's egos."""
+    return tuple(Ego(one.ego_id, one.vehicle, tuple(one.route)) for one in resolved.egos)
 
 
 def obstacles_of(resolved: ResolvedScenario) -> tuple[Obstacle, ...]:

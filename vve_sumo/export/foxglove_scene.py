@@ -26,7 +26,7 @@ from vve_sumo.body_kinds import PERSONS
 from vve_sumo.export.commonroad import bounds
 from vve_sumo.export.lanes import lanes_of
 from vve_sumo.record.declared import recorded_points
-from vve_sumo.values import EGO, Floats
+from vve_sumo.values import Floats
 
 # Colours of Okabe and Ito (2008), which people who are colour-blind tell apart.
 EGO_COLOUR: Final = Color(r=0.0, g=0.447, b=0.698, a=1.0)
@@ -81,30 +81,31 @@ def scene(run: Run, times: list[int], frame: str) -> Iterator[tuple[int, SceneUp
             SceneEntityDeletion(timestamp=now, type=SceneEntityDeletion.MATCHING_ID, id=name)
             for name in sorted(before - names)
         ]
-        yield at, SceneUpdate(deletions=gone, entities=[_box(body, row, now, frame) for body, row in here])
+        boxes = [_box(body, row, now, frame, _colour(body, run.ego)) for body, row in here]
+        yield at, SceneUpdate(deletions=gone, entities=boxes)
         before = names
 
 
-def _box(body: RecordedBody, row: int, at: Timestamp, frame: str) -> SceneEntity:
+def _box(body: RecordedBody, row: int, at: Timestamp, frame: str, colour: Color) -> SceneEntity:
     height, heading = body.height, float(body.heading[row])
     x, y = float(body.x[row]), float(body.y[row])
     cube = CubePrimitive(
         pose=Pose(position=Vector3(x=x, y=y, z=0.5 * height), orientation=turned(heading)),
         size=Vector3(x=body.length, y=body.width, z=height),
-        color=_colour(body),
+        color=colour,
     )
     label = TextPrimitive(
         pose=Pose(position=Vector3(x=x, y=y, z=height + LETTERS), orientation=turned(0.0)),
         billboard=True,
         font_size=LETTERS,
-        color=_colour(body),
+        color=colour,
         text=body.name,
     )
     return SceneEntity(timestamp=at, frame_id=frame, id=body.name, cubes=[cube], texts=[label])
 
 
-def _colour(body: RecordedBody) -> Color:
-    if body.name == EGO:
+def _colour(body: RecordedBody, ego: str) -> Color:
+    if body.name == ego:
         return EGO_COLOUR
     return PERSON_COLOUR if body.kind in PERSONS else VEHICLE_COLOUR
 

@@ -21,7 +21,7 @@ from vve_sumo.analysis.run import Run
 from vve_sumo.body_kinds import PERSONS, TYPICAL
 from vve_sumo.errors import ConfigError
 from vve_sumo.export.part import ExportPart
-from vve_sumo.values import EGO, Vehicle
+from vve_sumo.values import Vehicle
 
 if TYPE_CHECKING:
     from scenariogeneration import xosc
@@ -65,7 +65,8 @@ def of_drive(run: Run) -> Iterator[ExportPart]:
     begin, end = entities[0].body.time[[0, -1]].tolist()
     declared = xosc.Entities()
     for entity in entities:
-        declared.add_scenario_object(entity.name, _object(xosc, entity, run.vehicle))
+        car = run.vehicle if entity.name == run.ego else None
+        declared.add_scenario_object(entity.name, _object(xosc, entity, car))
     initial = xosc.Init()
     board = xosc.StoryBoard(initial, _at(xosc, end, "stop"))
     for entity in entities:
@@ -150,21 +151,21 @@ def _at(xosc: Any, time: float, point: str) -> xosc.ValueTrigger:
     return xosc.ValueTrigger("time", 0, xosc.ConditionEdge.none, condition, triggeringpoint=point)
 
 
-def _object(xosc: Any, entity: Entity, car: Vehicle) -> xosc.Vehicle | xosc.Pedestrian:
-    """Return what an entity is; `car` is what was declared of the ego."""
+def _object(xosc: Any, entity: Entity, car: Vehicle | None) -> xosc.Vehicle | xosc.Pedestrian:
+    """Return what an entity is; `car` is what was declared of the ego, None for every other body."""
     body, typical = entity.body, TYPICAL[entity.body.kind]
     box = xosc.BoundingBox(body.width, body.length, body.height, entity.behind, 0.0, 0.5 * body.height)
     if body.kind in PERSONS:
         return xosc.Pedestrian(body.kind, typical.mass, xosc.PedestrianCategory.pedestrian, box)
     half = round(AXLE_SHARE * body.length, 3)
-    axles = (car.wheelbase, 0.0) if entity.name == EGO else (half, -half)
+    axles = (half, -half) if car is None else (car.wheelbase, 0.0)
     front, rear = (
         xosc.Axle(steers, WHEEL_DIAMETER, round(TRACK_SHARE * body.width, 3), at, 0.5 * WHEEL_DIAMETER)
         for steers, at in zip((MAX_STEERING, 0.0), axles, strict=True)
     )
     limits = (MAX_SPEED, MAX_ACCELERATION, MAX_ACCELERATION)
     category = getattr(xosc.VehicleCategory, CATEGORIES.get(body.kind, body.kind))
-    mass = car.mass if entity.name == EGO else typical.mass
+    mass = typical.mass if car is None else car.mass
     return xosc.Vehicle(body.kind, category, box, front, rear, *limits, mass)
 
 

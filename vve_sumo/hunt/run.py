@@ -13,6 +13,7 @@ from typing import Any, Final
 
 from vve_sumo import workspace
 from vve_sumo.drive.run import resolve_by_name
+from vve_sumo.drive.several_egos import require_one_ego
 from vve_sumo.errors import ConfigError
 from vve_sumo.hunt.draw import pairs
 from vve_sumo.hunt.episode import Episode, EpisodePhase
@@ -85,7 +86,9 @@ def course_of(scenario: str, rig: str, working: Path) -> tuple[HuntSetup, Path]:
     if loaded.faults:
         raise ConfigError(f"{file}: faults: a hunt injects its own; leave the rig's out")
     values: dict[str, Any] = {"road.demand": []}
-    resolved = scenario_with_rig(resolve_by_name(scenario, working, values=values), loaded, working)
+    resolved = resolve_by_name(scenario, working, values=values)
+    require_one_ego(resolved, "a hunt simulates one car, without SUMO")
+    resolved = scenario_with_rig(resolved, loaded, working)
     return HuntSetup(resolved, loaded, working), file
 
 

@@ -18,7 +18,7 @@ from vve_sumo.drive.lockstep import car_parameters
 from vve_sumo.drive.resolved_scenario import DEFAULT_EPOCH, ResolvedScenario
 from vve_sumo.drive.standstill_cause import StandstillClassifier
 from vve_sumo.drive.termination import Outcome, TerminationMonitor
-from vve_sumo.drive.tick import CarInput, DueTick, EgoTick, Tick
+from vve_sumo.drive.tick import CarInput, DueTick, EgoTick, NoRecord, Tick
 from vve_sumo.drive.virtual_road import pose_at_rest
 from vve_sumo.frames import Alignment, Placement
 from vve_sumo.hunt.brains import BEHAVIOURS, Behaviour, TurningBrain
@@ -31,12 +31,10 @@ from vve_sumo.plant.fault_injected_car import FaultInjectedCar
 from vve_sumo.plant.injected_faults import KINDS, START_SPEED, VALUES
 from vve_sumo.pose.receivers.port import standard
 from vve_sumo.pose.trust import DRIVE
-from vve_sumo.record.rows import TickRow
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.schema import Rig
-from vve_sumo.sensors.port import Column
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import EGO, Actors, ArmingState, CommandedPath, Frame, GatewayStatus, Pose, Setpoint
+from vve_sumo.values import EGO, Actors, ArmingState, Frame, GatewayStatus, Pose, Setpoint
 from vve_sumo.vehicle.arming import COMMANDING, WAITING
 from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.gateway import Gateway
@@ -69,25 +67,6 @@ class HuntSetup:
         return replace(
             self.resolved, scenario=scenario.model_copy(update={"ego": ego, "weather": weather, "seed": seed})
         )
-
-
-class NoRecord:
-    """A record that keeps nothing."""
-
-    def received_pose(self, time: float, data: bytes) -> None:
-        """Keep nothing."""
-
-    def sensed(self, tick: int, sensor: str, measured: float, columns: tuple[Column, ...]) -> None:
-        """Keep nothing."""
-
-    def snapshot(self, tick: int, actors: Actors) -> None:
-        """Keep nothing."""
-
-    def commanded(self, tick: int, path: CommandedPath) -> None:
-        """Keep nothing."""
-
-    def ticked(self, row: TickRow) -> None:
-        """Keep nothing."""
 
 
 class HuntOperator:

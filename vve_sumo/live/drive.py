@@ -13,7 +13,7 @@ import select
 import sys
 import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -43,7 +43,7 @@ from vve_sumo.live.road import LiveRoad
 from vve_sumo.live.stations_link import StationsFeed
 from vve_sumo.live.tick_scheduler import ScheduledTick, TickScheduler
 from vve_sumo.live.view_feed import SampleContext, ViewFeed
-from vve_sumo.people.person import People
+from vve_sumo.people.person import People, PersonState
 from vve_sumo.people.person_view import RoadCar, view_of
 from vve_sumo.record.rows import LatencyRow
 from vve_sumo.rig.resolve import mounting_of
@@ -241,13 +241,14 @@ class LiveDrive:
         self._observe_wake_up(decoded, decoded - begun.awaited)
         steering = self._feedback.measured_steering if self._feedback else math.nan
         due = DueTick(begun.tick, begun.due, self._scheduler.next_due, begun.catch_up)
+        people = () if self._people is None else self._people.states
         done = self._tick.step(due, {EGO: CarInput(steering)})[EGO]
         self._measure(begun, done, decoded)
         self._watch_for_the_end(begun.due, done)
         self._recorder.flush()
         self._send_status(begun, done.result)
         if self._view is not None:
-            self._view.send(done, partial(self._beside, begun, done.result))
+            self._view.send(done, partial(self._beside, begun, done.result, people))
         if begun.tick % PEOPLE_TICKS == 0:
             self._show_people(done)
         if begun.tick % HOUSEKEEPING_TICKS == 0:
@@ -360,8 +361,8 @@ class LiveDrive:
         }
         return {code: words for code, words in numbers.items() if words and code in result.faults}
 
-    def _beside(self, begun: ScheduledTick, result: TickResult) -> SampleContext:
-        """Return what the page's process gets beside the completed tick."""
+    def _beside(self, begun: ScheduledTick, result: TickResult, people: Sequence[PersonState]) -> SampleContext:
+        """Return what the page's process gets beside the completed tick; `people` are those that it saw."""
         now = self._clock()
         return SampleContext(
             tick=begun.tick,
@@ -374,6 +375,7 @@ class LiveDrive:
             latency=self._latency.newest,
             missed=self._scheduler.missed,
             signals=self._road.signals_now,
+            people=people,
             outcome=None if self._outcome is None else self._outcome.value,
         )
 

@@ -32,8 +32,12 @@ DRIVE_NICE: Final = -15  #: nice value of an ordinary process
 OOM_NEVER: Final = -1000  #: never killed: the gateway
 OOM_DRIVE: Final = 100  #: the drive
 OOM_RECORDER: Final = 200  #: the recorder
+OOM_PICTURES: Final = 800  #: what draws pictures of a drive that goes on
 
 BACKGROUND_NICE: Final = 5  #: nice value of the recorder and the console, which can wait
+PICTURES_NICE: Final = (
+    19  #: nice value of what draws pictures of a drive that goes on: no part of the drive waits for it
+)
 
 #: longest time that a real-time process may compute without waiting [us]; then the kernel kills it. No step of a drive
 #: takes a tenth of it, after a fifth of it the gateway stops the car, and after twice of it Linux would hold up the
@@ -51,10 +55,10 @@ _SCHED_SETATTR: Final = {"x86_64": 314, "aarch64": 274}  # Linux's numbers of th
 _SCHED_ATTR_SIZE: Final = 48  # SCHED_ATTR_SIZE_VER0, linux/sched/types.h
 
 
-def lower_priority() -> None:
-    """Let this process wait for more urgent ones: raise its nice value to BACKGROUND_NICE."""
+def lower_priority(nice: int = BACKGROUND_NICE) -> None:
+    """Let this process, and those that it starts, wait for more urgent ones: raise its nice value to `nice`."""
     with contextlib.suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, 0, max(os.getpriority(os.PRIO_PROCESS, 0), BACKGROUND_NICE))
+        os.setpriority(os.PRIO_PROCESS, 0, max(os.getpriority(os.PRIO_PROCESS, 0), nice))
 
 
 def set_oom_score(badness: int) -> str:

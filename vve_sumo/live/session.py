@@ -24,6 +24,7 @@ from vve_sumo.drive.assembly import LotAlignment, sensors_of
 from vve_sumo.drive.gain_region import delay_of, refuse_outside
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.run import new_run_folder, resolve_by_name
+from vve_sumo.drive.several_egos import require_one_ego
 from vve_sumo.drive.summary import EXTERNAL_CONTROLLER, without_verdict
 from vve_sumo.drive.summary import summarise as summarise_drive
 from vve_sumo.drive.termination import DriveEnd, Outcome
@@ -127,6 +128,7 @@ def plan(
         token_of(loaded.people_page, working, "people_page")
         certificate_of(loaded.people_page, working)
     resolved = resolve_by_name(scenario, working, seed=seed, controller=controller, values=values)
+    require_one_ego(resolved, "a live drive has one real car, which is [ego]'s, and no simulated ones beside it")
     try:
         resolved = assembly.scenario_with_rig(resolved, loaded, working)
     except ConfigError as error:

@@ -6,14 +6,15 @@ A sample that cannot be queued at once is dropped; once that process is gone, no
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final, NamedTuple
 
 from vve_sumo.drive.tick import CompletedTick
 from vve_sumo.live.channel import Channel
+from vve_sumo.people.person import PersonState
 from vve_sumo.values import Fix, FixQuality, resolve_fallback_path
 from vve_sumo.vehicle import link
-from vve_sumo.view.sample import ReadingView, ViewSample, encode
+from vve_sumo.view.sample import PersonMark, ReadingView, ViewSample, encode
 
 #: of a reading with more rows than this the page gets every so many: a datagram has a longest size
 MAX_ROWS: Final = 1000
@@ -32,6 +33,7 @@ class SampleContext(NamedTuple):
     latency: float  #: of the newest completed tick [s]
     missed: int  #: ticks so far
     signals: Mapping[str, str]  #: what each traffic signal shows
+    people: Sequence[PersonState]  #: real people, as they were when the tick looked
     outcome: str | None
 
 
@@ -87,8 +89,16 @@ def _sample(done: CompletedTick, beside: SampleContext) -> ViewSample:
         actors=done.actors,
         readings={name: _reading(done, name) for name in done.result.readings},
         signals=beside.signals,
+        people=tuple(map(mark_of, beside.people)),
         outcome=beside.outcome,
     )
+
+
+def mark_of(state: PersonState) -> PersonMark:
+    """Return a person as the page is told of one."""
+    body = state.body
+    box = (math.nan, math.nan, math.nan) if body is None else (body.heading, body.length, body.width)
+    return PersonMark(state.id, state.presence.name.lower(), state.x, state.y, state.radius, state.age, *box)
 
 
 def _reading(done: CompletedTick, sensor: str) -> ReadingView:

@@ -106,7 +106,10 @@ def _ego(page: DrivePage) -> DrawnCar:
     x, y, heading = (column[-1:] for column in trace(page.ticks))
     boxes = vehicle_boxes(x, y, heading, np.zeros_like(x), page.vehicle)
     return DrawnCar(
-        Box(*(float(column[0]) for column in boxes[:5])), EGO, "ego at the end" if page.moment is None else "_", True
+        Box(*(float(column[0]) for column in boxes[:5])),
+        EGO,
+        f"{page.ego} at the end" if page.moment is None else "_",
+        True,
     )
 
 
@@ -143,7 +146,7 @@ def draw_map(axes: Axes, page: DrivePage, view: MapWindow, edge: str, end: int |
     points = np.array([page.path.at(float(s))[:2] for s in np.arange(0.0, page.path.length, 2.0)])
     axes.plot(*view.place(*points.T).T, color=INK, linewidth=1.0, linestyle=(0, (4, 3)), zorder=2, label="path")
     x, y, _ = trace(page.ticks if end is None else page.ticks.slice(0, end + 1))
-    axes.plot(*view.place(x, y).T, color=EGO, linewidth=2.2, zorder=3, label="ego, rear axle")
+    axes.plot(*view.place(x, y).T, color=EGO, linewidth=2.2, zorder=3, label=f"{page.ego}, rear axle")
     if end is not None and page.commanded is not None:
         axes.plot(*view.place(*page.commanded.T).T, color=EGO, linewidth=1.0, zorder=3, label="commanded path")
     axes.set(xlim=(-view.width / 2.0, view.width / 2.0), ylim=(-view.height / 2.0, view.height / 2.0))

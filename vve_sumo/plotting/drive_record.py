@@ -17,7 +17,7 @@ from vve_sumo.plotting.drive_page import draw
 from vve_sumo.plotting.page import DrivePage, FirstSighting, SensedShapes, outcome_text
 from vve_sumo.record.layout import COMMANDED
 from vve_sumo.scenario.overrides import value_at
-from vve_sumo.values import Floats
+from vve_sumo.values import EGO, Floats
 
 if TYPE_CHECKING:
     from vve_sumo.drive.run import Drive
@@ -57,6 +57,7 @@ def page_of(run: Run) -> DrivePage:
         sighted=_sighted(run, moment.actor) if moment else (),
         lost=_lost(run, moment.actor) if moment else (),
         sensed=_sensed(run, moment.time) if moment else (),
+        ego=run.ego,
         named=_named(run),
         deviation_limit=_deviation_limit(run),
         criteria={name: bound for name, bound in (run.resolved["settings"].get("criteria") or {}).items() if bound},
@@ -126,7 +127,9 @@ def _sensed(run: Run, time: float) -> list[SensedShapes]:
 def _named(run: Run) -> frozenset[str]:
     """Return the actors that the scenario calls by name, and those that the summary does."""
     settings, summary = run.resolved["settings"], run.summary or {}
-    own = {str(one.get("id")) for key in ("actors", "obstacles") for one in settings.get(key) or ()}
+    further = run.resolved.get("further_ego") or {}
+    own = {str(one.get("id")) for key in ("actors", "obstacles", "egos") for one in settings.get(key) or ()}
+    own |= {EGO}.union(*(further[key] for key in ("actors", "obstacles", "egos"))) if further else set()
     return frozenset(own | {str(summary.get(key) or "") for key in ("braked_for", "hardest_braking_for")})
 
 

@@ -229,7 +229,7 @@ def draw_moment(axes: Axes, page: DrivePage, moment: Moment, view: MapWindow) ->
         _next(axes, view, other, moment.time, OBSTACLE)
         _body(axes, view, other.box(moment.time), OBSTACLE, word, _hatched(page, moment.actor))
     _next(axes, view, ego, moment.time, EGO)
-    _body(axes, view, ego.box(moment.time), EGO, "ego", "")
+    _body(axes, view, ego.box(moment.time), EGO, page.ego, "")
     _sensed(axes, page, view)
     _labels(axes, page, moment, view, ego, others)
 
@@ -302,7 +302,7 @@ def _labels(
     dots = [ego, *(track for name, track in others.items() if name == moment.actor)]
     points = np.vstack([view.place(*track.at_seconds(time)) for track in dots])
     taken = [*bodies, *(centred(x, y, DOT * inch, DOT * inch) for x, y in points.tolist())]
-    named = [(ego, "ego", EGO)]
+    named = [(ego, page.ego, EGO)]
     if (other := others.get(moment.actor)) is not None:
         named.insert(0, (other, called(page, moment.actor, other, ego, time), OBSTACLE))
     for track, word, colour in named:

@@ -101,6 +101,7 @@ class DrivePage:
         tuple[float, float]
     ] = ()  #: drive times [s] between which all sensors had lost that actor, and one saw it again
     sensed: Sequence[SensedShapes] = ()  #: of each sensor that measured anything around the moment
+    ego: str = "ego"  #: id of the ego whose drive it is
     named: frozenset[str] = frozenset()  #: actors that the scenario or the subtitle calls by their names
     deviation_limit: float | None = (
         None  #: lateral deviation at which the gateway stopped the car; None where it did not

@@ -155,18 +155,29 @@ TICK_METRICS: Final = "metrics"
 #: prefix of the name of a sensor's table; the name of the sensor follows
 SENSOR_TABLE: Final = "sensor_"
 
+#: folder in a record that holds the records of the drive's further egos, by their ids
+FURTHER_EGOS: Final = "egos"
+
 #: head of a chunk in `pose.bin`: receive time [s] and number of bytes
 CHUNK_HEAD = struct.Struct("<dI")
 
 
 def ego_folder(record: Path, ego: str) -> Path:
-    """Return the folder that holds an ego's own parts of a record: the record itself for its only ego.
+    """Return the folder that holds an ego's own parts of a record: the record itself for the car of [ego].
 
-    Raises ConfigError for an ego that the record does not have.
+    That of a further ego is a record of its own, in the first one's. Raises ConfigError for an ego that the record does
+    not have.
     """
-    if ego != EGO:
-        raise ConfigError(f"{record}: no ego {ego!r}, expected {EGO!r}")
-    return record
+    if ego == EGO:
+        return record
+    if ego not in (known := further_egos(record)):
+        raise ConfigError(f"{record}: no ego {ego!r}, expected {' or '.join((EGO, *known))}")
+    return record / FURTHER_EGOS / ego
+
+
+def further_egos(record: Path) -> tuple[str, ...]:
+    """Return the ids of a drive's further egos, in order; empty for the record of a drive of one."""
+    return tuple(sorted(file.parent.name for file in (record / FURTHER_EGOS).glob("*/scenario.json")))
 
 
 def sensor_table(sensor: str) -> str:

@@ -25,10 +25,11 @@ def command(run: Run, working: Path) -> str | None:
     """Return the command that drives the scenario of a lockstep drive again, started in the folder `working`.
 
     None where no such command does: the scenario is none that is found by its name there, it differs from the record in
-    more than `--set` can say, or a rig's car was driven, of which a record does not hold the file.
+    more than `--set` can say, a rig's car was driven, of which a record does not hold the file, or the record is a
+    further ego's, which does not drive alone.
     """
     recorded, model = run.resolved["settings"], run.resolved.get("vehicle_model") or {}
-    if model.get("rig") or run.resolved.get("faults"):
+    if model.get("rig") or run.resolved.get("faults") or "further_ego" in run.resolved:
         return None
     try:
         file = workspace.find("scenario", run.name, working)

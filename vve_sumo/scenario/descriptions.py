@@ -183,8 +183,9 @@ def _end(scenario: Scenario) -> str:
 
 
 def others(scenario: Scenario) -> str:
-    """Return who else is on the virtual road: actors by kind, obstacles, traffic."""
-    names = [name(actor) for actor in scenario.actors]
+    """Return who else is on the virtual road: further egos, actors by kind, obstacles, traffic."""
+    names = [f"ego {one.id!r}" for one in scenario.egos]
+    names += [name(actor) for actor in scenario.actors]
     names += [f"standing {one.id!r}" for one in scenario.obstacles]
     names += [f"traffic {name}" for name in scenario.road.demand]
     return ", ".join(names) or "nobody"

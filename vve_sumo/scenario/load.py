@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, get_origin
 
@@ -21,7 +22,8 @@ from vve_sumo.config_file import (
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics import port as metrics
 from vve_sumo.metrics.own import DeclaredMetrics
-from vve_sumo.scenario.schema import Criteria, CriterionBand, Scenario
+from vve_sumo.scenario.egos import alone
+from vve_sumo.scenario.schema import Criteria, CriterionBand, EgoSettings, Scenario, SensorSettings
 from vve_sumo.sensors import port as sensors
 from vve_sumo.units import is_quantity
 from vve_sumo.values import EGO
@@ -35,28 +37,41 @@ def parse(table: dict[str, Any], file: Path) -> Scenario:
     """
     table = with_installed(table, _unknown_criteria(table), file)
     try:
-        scenario = Scenario.model_validate(_with_sensors_numbers(numbers_of(table, file, Scenario), file))
+        scenario = Scenario.model_validate(_with_numbers(numbers_of(table, file, Scenario), file))
     except ValidationError as error:
         raise ConfigError(complaint(file, error, Scenario)) from None
     named = [(one.id, "obstacles") for one in scenario.obstacles]
     named += [(one.id, "actors") for one in scenario.actors]
     named += [(one.id, "people") for one in scenario.people]
+    named += [(one.id, "egos") for one in scenario.egos]
     names = [name for name, _where in named]
     for name, where in named:
         if names.count(name) > 1:
             raise ConfigError(f"{file}: {where}: id {name!r} stands twice, expected each once")
         if name == EGO:
             raise ConfigError(f"{file}: {where}: id {EGO!r} is the car's that is tested, expected another")
-    called = [sensors.STANDARD, *(sensor.name for sensor in scenario.sensors)]
-    if len({*called}) < len(called):
-        twice = next(name for name in called if called.count(name) > 1)
-        whose = f", that of the table [{sensors.STANDARD}]" if twice == sensors.STANDARD else ""
-        raise ConfigError(f"{file}: sensors: name {twice!r} stands twice{whose}, expected each once")
+    _check_sensors(scenario.sensors, file, "sensors")
+    for one in scenario.egos:
+        _check_sensors(one.sensors or (), file, f"egos.{one.id}.sensors")
+        try:
+            alone(scenario, one)
+        except ValidationError as error:
+            problem = complaint(file, error, EgoSettings).removeprefix(f"{file}: ").removeprefix("the file: ")
+            raise ConfigError(f"{file}: egos.{one.id}: {problem}") from None
     for name, parameter in scenario.parameters.items():
         for place in parameter.sets:
             if not _takes_a_value(scenario, place):
                 raise ConfigError(f"{file}: parameters.{name}.sets: no key {short_repr(place)} that takes a value")
     return scenario
+
+
+def _check_sensors(wanted: Sequence[SensorSettings], file: Path, where: str) -> None:
+    """Raise ConfigError where two of an ego's sensors have one name."""
+    called = [sensors.STANDARD, *(sensor.name for sensor in wanted)]
+    if len({*called}) < len(called):
+        twice = next(name for name in called if called.count(name) > 1)
+        whose = f", that of the table [{sensors.STANDARD}]" if twice == sensors.STANDARD else ""
+        raise ConfigError(f"{file}: {where}: name {twice!r} stands twice{whose}, expected each once")
 
 
 def _unknown_criteria(table: dict[str, Any]) -> list[str]:
@@ -95,12 +110,23 @@ def check_criteria(scenario: Scenario, brought: DeclaredMetrics, file: Path) -> 
             raise ConfigError(f"{file}: criteria.{name}: expected {expected}")
 
 
-def _with_sensors_numbers(table: dict[str, Any], file: Path) -> dict[str, Any]:
-    """Return a scenario's table with the quantities in sensors' settings as numbers, by the keys of each one's kind."""
+def _with_numbers(table: dict[str, Any], file: Path) -> dict[str, Any]:
+    """Return a scenario's table with the quantities in sensors' settings as numbers, those of further egos, too."""
+    converted, egos = _with_sensors_numbers(table, f"{file}: "), table.get("egos")
+    if not isinstance(egos, list):
+        return converted
+    rows = [
+        _with_sensors_numbers(one, f"{file}: egos.{n}.") if isinstance(one, dict) else one for n, one in enumerate(egos)
+    ]
+    return converted | {"egos": rows}
+
+
+def _with_sensors_numbers(table: dict[str, Any], where: str) -> dict[str, Any]:
+    """Return a table with the quantities in its sensors' settings as numbers, by the keys of each one's kind."""
     rows = table.get("sensors")
     if not isinstance(rows, list):
         return table  # which the schema refuses in its own words, if there is anything
-    return table | {"sensors": [_with_settings_numbers(row, f"{file}: sensors.{n}") for n, row in enumerate(rows)]}
+    return table | {"sensors": [_with_settings_numbers(row, f"{where}sensors.{n}") for n, row in enumerate(rows)]}
 
 
 def _with_settings_numbers(row: Any, where: str) -> Any:

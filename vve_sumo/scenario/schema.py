@@ -26,6 +26,8 @@ from vve_sumo.sensors.radar_settings import RadarSettings
 
 #: the vehicle model of whoever names none
 DEFAULT_VEHICLE = "ford_fusion"
+#: controlled cars of a scenario at most, that of [ego] among them
+MAX_EGOS = 8
 RoadSpeed = Annotated[float, Field(ge=0.0, le=100.0)]
 
 
@@ -450,6 +452,43 @@ class Parameter(Table):
         return self
 
 
+def _as_in_ego(key: str) -> tuple[Any, Any]:
+    """Return type and default of a key of [ego] in the table of a further ego."""
+    field = EgoSettings.model_fields[key]
+    annotation: Any = Annotated[(field.annotation, *field.metadata)] if field.metadata else field.annotation
+    return annotation | None, Field(default=None, description=field.description)
+
+
+class FurtherEgoTable(Table):
+    """A controlled car beside that of [ego]; a key of [ego] that is left out is as it is there."""
+
+    id: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
+    controller: Control | None = Field(default=None, description="the system under test; left out: as in [controller]")
+    radar: RadarSettings | None = Field(default=None, description="left out: as in [radar]")
+    sensors: tuple[SensorSettings, ...] | None = Field(
+        default=None, strict=False, description="beside its radar; left out: as in [[sensors]]"
+    )
+    criteria: Criteria | None = Field(default=None, description="by which it passes; left out: as in [criteria]")
+    end_trigger: EndTrigger | None = Field(default=None, description="left out: as in [end_trigger]")
+
+    @model_serializer(mode="wrap")
+    def _without_what_is_left_out(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        written: dict[str, Any] = handler(self)
+        return {key: value for key, value in written.items() if value is not None}
+
+
+if TYPE_CHECKING:
+    FurtherEgo: TypeAlias = FurtherEgoTable
+else:
+    #: a further ego with every key of [ego]
+    FurtherEgo = create_model(
+        "FurtherEgo",
+        __base__=FurtherEgoTable,
+        __doc__=FurtherEgoTable.__doc__,
+        **{key: _as_in_ego(key) for key in EgoSettings.model_fields},
+    )
+
+
 class Scenario(Table):
     """One drive: where, who, what is in the way, and when it counts as passed."""
 
@@ -467,6 +506,7 @@ class Scenario(Table):
     )
     road: Road
     ego: EgoSettings
+    egos: Annotated[tuple[FurtherEgo, ...], Field(max_length=MAX_EGOS - 1)] = Field(default=(), strict=False)
     radar: RadarSettings = RadarSettings()
     sensors: tuple[SensorSettings, ...] = Field(default=(), strict=False)
     controller: Control = Control()
@@ -487,9 +527,15 @@ class Scenario(Table):
     )
 
     @model_serializer(mode="wrap")
-    def _without_people_that_are_not_there(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out people where there are none: such records stay what they were."""
+    def _without_who_is_not_there(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out people and further egos where there are none: such records stay what they were.
+
+        Egos are in the order of their ids: their order in a file says nothing.
+        """
         written: dict[str, Any] = handler(self)
-        if not self.people:
-            written.pop("people", None)
+        for name in ("people", "egos"):
+            if not getattr(self, name):
+                written.pop(name, None)
+        if "egos" in written:
+            written["egos"] = sorted(written["egos"], key=lambda one: str(one["id"]))
         return written

@@ -14,6 +14,7 @@ is left out, and so is the ego's own body. The ground is flat, and the car stand
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
@@ -134,7 +135,8 @@ class Lidar:
         self._near_walls, self._walls_at = walls, (math.inf, math.inf)
         self._before: _Place | None = None
         self._now: _Place | None = None
-        self._next = 0  # number of the firing that is next, counted from drive time 0
+        # Number of the firing that is next, counted from drive time 0; a rolling start has some before that.
+        self._next = -sys.maxsize
         self._turn = _Turn(0)
         spread: Floats = np.arange(len(config.elevations), dtype=np.float64) * config.channel_spread
         self._channels = Channels.of(np.array(config.elevations), spread, config.z, config.range_max)

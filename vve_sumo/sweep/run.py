@@ -30,7 +30,7 @@ from vve_sumo.world.loaded_road import LoadedRoad
 
 #: entries of a summary that identify the drive, or that depend on the machine
 NOT_FIGURES = frozenset(
-    {"scenario", "title", "seed", "controller", "versions", "record_parts_sha256", "record_files_sha256"}
+    {"scenario", "title", "seed", "controller", "versions", "record_parts_sha256", "record_files_sha256", "egos"}
 )
 #: starts a job's external controller, drives with it, and returns the drive and more columns of its row
 Driver = Callable[
@@ -132,7 +132,8 @@ def _broken(job: Job, scratch: Path, text: str) -> RunResult:
 def figures_of(scenario: Scenario, summary: dict[str, Any]) -> dict[str, MetricValue]:
     """Return the entries of a summary that do not depend on the machine, and the verdicts of the criteria.
 
-    Lists of failed criteria and of reasons become one string each; other lists and tables their length.
+    Lists of failed criteria and of reasons become one string each; other lists and tables their length. Of further egos
+    only what they failed is among them.
     """
     figures: dict[str, MetricValue] = {}
     for name, value in summary.items():

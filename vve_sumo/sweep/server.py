@@ -333,8 +333,8 @@ class ForkServer:
 
     def _warm(self, job: Job) -> None:
         """Read a job's files for later jobs; its own run has ended with them, so reading them is safe."""
-        actors = [actor.get("path") for actor in job.table.get("actors", ())]
-        files = (job.file, job.working, job.table["road"], job.table["ego"]["path"], actors)
+        others = [one.get("path") for name in ("actors", "egos") for one in job.table.get(name, ())]
+        files = (job.file, job.working, job.table["road"], job.table["ego"]["path"], others)
         if files != self._warmed:
             self._warmed = files
             with contextlib.suppress(Exception):

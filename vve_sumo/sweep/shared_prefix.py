@@ -26,7 +26,7 @@ MAX_JOBS = 32
 def shared_key(job: Job) -> str | None:
     """Return what two jobs must have in common to be driven as one; None for a job that is driven alone."""
     actors = job.table.get("actors", ())
-    alone = job.keep is not None or job.pose is not None or job.driver or job.progress
+    alone = job.keep is not None or job.pose is not None or job.driver or job.progress or job.table.get("egos")
     if alone or not isinstance(actors, list | tuple) or not all(isinstance(one, dict) for one in actors):
         return None
     table: dict[str, Any] = {key: value for key, value in job.table.items() if key not in LATE}

@@ -204,11 +204,14 @@ class CameraPictures:
         """Return the picture at a drive time [s] as a file of a kind that the browser writes: PNG or JPEG."""
         return base64.b64decode(self._browser.evaluate(f"cameraRoll.at({time!r}, {kind!r}, {quality!r})"))
 
-    def drawn(self, frame: dict[str, Any], time: float = 0.0) -> bytes:
-        """Return the picture of a frame, as `view.frames` has them, at a drive time [s], as PNG."""
-        return base64.b64decode(
-            self._browser.evaluate(f"cameraRoll.drawn({json.dumps(frame)}, {time!r}, 'image/png', 1)")
-        )
+    def drawn(self, frame: dict[str, Any], time: float = 0.0, kind: str = "image/png", quality: float = 1.0) -> bytes:
+        """Return the picture of a frame, as `view.frames` has them, at a drive time [s], as a file as `at` does."""
+        arguments = f"{json.dumps(frame)}, {time!r}, {kind!r}, {quality!r}"
+        return base64.b64decode(self._browser.evaluate(f"cameraRoll.drawn({arguments})"))
+
+    def meet(self, actors: dict[str, Any]) -> None:
+        """Have more actors in the scene: the body of each by its name, as `view.scene` describes one."""
+        self._browser.evaluate(f"cameraRoll.meet({json.dumps(actors)})")
 
     def truth(self) -> Truth:
         """Return the truth of the picture that was drawn last."""

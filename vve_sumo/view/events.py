@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from vve_sumo.analysis.run import Run
+from vve_sumo.view.persons import changes_of, rows_of
 from vve_sumo.view.words import detection_in_words, state_in_words
 
 #: a change of the gateway's reasons is listed no more often than this [s]
@@ -14,8 +15,9 @@ MIN_SPACING = 0.2
 
 
 def events_of(run: Run) -> list[dict[str, Any]]:
-    """Return the events of a record: time [s], kind (state, reason, note, contact, detection, end) and text."""
-    found = [*_states(run), *_notes(run), *_contacts(run), *_detections(run), *_end(run)]
+    """Return the events of a record: time [s], kind (state, reason, note, contact, detection, person, end)
+    and text."""
+    found = [*_states(run), *_notes(run), *_contacts(run), *_detections(run), *_persons(run), *_end(run)]
     return sorted(found, key=lambda event: float(event["time"]))
 
 
@@ -66,6 +68,11 @@ def _detections(run: Run) -> list[dict[str, Any]]:
         for name, table in run.sensed.items()
         for first in table.first_sights()
     ]
+
+
+def _persons(run: Run) -> list[dict[str, Any]]:
+    """Every change of how somebody real is on the road."""
+    return [_event(run.time[at], "person", text) for at, text in changes_of(rows_of(run))]
 
 
 def _end(run: Run) -> list[dict[str, Any]]:

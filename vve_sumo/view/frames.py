@@ -26,6 +26,7 @@ from vve_sumo.record.layout import COMMANDED
 from vve_sumo.record.signals import read_signals
 from vve_sumo.values import Floats
 from vve_sumo.view.events import events_of
+from vve_sumo.view.persons import PersonRows, rows_of
 from vve_sumo.view.scene import VERSION, body, scene_of
 from vve_sumo.view.words import reasons_in_words, state_in_words, verdict_of
 
@@ -72,12 +73,16 @@ class Frames:
     @cached_property
     def columns(self) -> dict[str, Column]:
         """Every column by its name."""
-        return {**self._ego, **self._codes, **self._actors, **self._sensed, **self._commanded}
+        return {**self._ego, **self._codes, **self._actors, **self._sensed, **self._commanded, **self._people}
 
     @cached_property
     def texts(self) -> dict[str, list[str]]:
-        """What the numbers in the columns `state`, `reason`, `said`, `note`, `quality` and `*_code` stand for."""
-        return {name: coded.texts for name, coded in self._coded.items()} | {"actor": self._names}
+        """What numbers stand for in columns `state`, `reason`, `said`, `note`, `quality`, `*_presence`, `*_code`."""
+        return {name: coded.texts for name, coded in self._coded.items()} | {
+            "actor": self._names,
+            "person": self._persons[0].texts,
+            "presence": self._persons[1].texts,
+        }
 
     def packed(self) -> bytes:
         """Return the file."""
@@ -207,6 +212,26 @@ class Frames:
             own |= {name: _single(values) for name, values in shapes.items() if values is not None}
             found |= {f"sensed{number}_{name}": values for name, values in own.items()}
         return found
+
+    @cached_property
+    def _person_rows(self) -> PersonRows:
+        return rows_of(self._run)
+
+    @cached_property
+    def _persons(self) -> tuple[Coded, Coded]:
+        """Ids and presences of the rows of people."""
+        return coded(self._person_rows.names), coded(self._person_rows.presences)
+
+    @property
+    def _people(self) -> dict[str, Column]:
+        """Rows of real people, those of tick k from person_first[k] to person_first[k + 1]."""
+        rows, (names, presences) = self._person_rows, self._persons
+        return {
+            "person_first": np.searchsorted(rows.at, np.arange(len(self._run.time) + 1)).astype(np.int32),
+            "person_code": names.codes,
+            "person_presence": presences.codes,
+            **{f"person_{name}": _single(values) for name, values in rows.numbers.items()},
+        }
 
     def _bodies(self) -> dict[str, Any]:
         run, rows = self._run, self._run.data.actor_rows

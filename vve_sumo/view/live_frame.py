@@ -14,15 +14,16 @@ import numpy as np
 
 from vve_sumo.drive.reasons import in_words
 from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
+from vve_sumo.people.presence import Presence
 from vve_sumo.record.declared import recorded_path, recorded_vehicle
 from vve_sumo.record.drawings import drawings_of
 from vve_sumo.sensors.drawing import Drawing, placed, quantities, ranges
 from vve_sumo.values import Actors, CommandedPath, Floats, GatewayStatus, Pose
 from vve_sumo.view.lot_view import LotView
-from vve_sumo.view.sample import ReadingView, ViewSample
+from vve_sumo.view.sample import PersonMark, ReadingView, ViewSample
 from vve_sumo.view.scene import body, finite, rig_of
 from vve_sumo.view.sight import Look
-from vve_sumo.view.words import detection_in_words
+from vve_sumo.view.words import detection_in_words, presence_in_words
 
 #: samples that are kept to find what a reading looked at: the radar's latency is at most a second
 MAX_KEPT: Final = 60
@@ -91,6 +92,7 @@ class LiveFrames:
             "deviation": finite(sample.d, 3),
             "quality": _quality(sample),
             "actors": _columns(sample.actors),
+            "people": [_person(one) for one in sample.people],
             "commanded": _line(sample.commanded_path),
             "gap": None if pose is None else self._gap(sample, pose),
             "latency": finite(sample.latency),
@@ -171,6 +173,10 @@ class LiveFrames:
             self._last_event = time, status
         if sample.note and (before is None or before.note != sample.note):
             found.append(_event(time, "note", f"controller: {sample.note}"))
+        there = {} if before is None else {one.id: one.presence for one in before.people}
+        for one in sample.people:
+            if one.presence != there.get(one.id, _GONE):
+                found.append(_event(time, "person", presence_in_words(one.id, one.presence)))
         for sensor in self._sensors.values():
             found += [_event(time, "detection", text) for text in sensor.first_detections()]
         if sample.outcome is not None and (before is None or before.outcome is None):
@@ -224,6 +230,10 @@ _NO_READING: Final[dict[str, Any]] = {
 }
 
 
+#: how somebody real is on the road at first
+_GONE: Final = Presence.GONE.name.lower()
+
+
 def _event(time: float, kind: str, text: str) -> dict[str, Any]:
     return {"time": round(time, 3), "kind": kind, "text": text}
 
@@ -239,6 +249,14 @@ def _columns(actors: Actors) -> dict[str, Any]:
     ids = [name for name, is_known in zip(actors.ids, known.tolist(), strict=True) if is_known]
     numbers = {"x": actors.x, "y": actors.y, "heading": actors.heading, "speed": actors.speed}
     return {"id": ids} | {name: _rounded(values[known]) for name, values in numbers.items()}
+
+
+def _person(one: PersonMark) -> dict[str, Any]:
+    """Return a person as a frame has one: what is not known is null."""
+    numbers = {
+        name: finite(getattr(one, name), 3) for name in ("x", "y", "radius", "age", "heading", "length", "width")
+    }
+    return {"id": one.id, "presence": one.presence, **numbers}
 
 
 def _rounded(values: Floats) -> list[float]:

@@ -15,10 +15,17 @@ from vve_sumo.errors import ConfigError
 
 ADDRESS: Final = "127.0.0.1"
 BOUNDARY: Final = "picture"
+MEDIA_TYPE: Final = f"multipart/x-mixed-replace; boundary={BOUNDARY}"
 #: a client that takes nothing for so long is given up [s]
 PATIENCE: Final = 10.0
 
 Draw = Callable[[float], bytes]
+
+
+def part_of(picture: bytes, time: float) -> bytes:
+    """Return the part of the stream that holds the JPEG picture of a drive time [s]."""
+    head = f"--{BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(picture)}\r\n"
+    return f"{head}X-Drive-Time: {time:.6f}\r\n\r\n".encode() + picture + b"\r\n"
 
 
 class MjpegServer:
@@ -54,7 +61,7 @@ def _handler(draw: Draw, begin: float, end: float, rate: float) -> type[BaseHTTP
 
         def do_GET(self) -> None:
             self.send_response(200)
-            self.send_header("Content-Type", f"multipart/x-mixed-replace; boundary={BOUNDARY}")
+            self.send_header("Content-Type", MEDIA_TYPE)
             self.send_header("Cache-Control", "no-store")
             self.end_headers()
             with contextlib.suppress(ConnectionError, TimeoutError):
@@ -71,9 +78,7 @@ def _handler(draw: Draw, begin: float, end: float, rate: float) -> type[BaseHTTP
                 at = begin + due / rate
                 if at > end + 1e-9:
                     return
-                picture = draw(at)
-                head = f"--{BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(picture)}\r\n"
-                self.wfile.write(f"{head}X-Drive-Time: {at:.6f}\r\n\r\n".encode() + picture + b"\r\n")
+                self.wfile.write(part_of(draw(at), at))
                 last = due
 
         def log_message(self, *_: object) -> None:

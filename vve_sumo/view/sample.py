@@ -23,6 +23,21 @@ class ReadingView:
 
 
 @dataclass(frozen=True, slots=True)
+class PersonMark:
+    """A person at a tick, as the page draws one."""
+
+    id: str  #: in the scenario
+    presence: str  #: name of one of `Presence`, in small letters
+    x: float  #: middle of the circle that holds the true place with 95 % [m], map; NaN where nobody knows
+    y: float  #: [m]
+    radius: float  #: of that circle [m]
+    age: float  #: of the newest believed position [s]
+    heading: float  #: of the box that sensors meet [rad], counter-clockwise from the map's +x; NaN without one
+    length: float  #: of that box [m]
+    width: float  #: of that box [m]
+
+
+@dataclass(frozen=True, slots=True)
 class ViewSample:
     """One tick of a live drive."""
 
@@ -52,6 +67,7 @@ class ViewSample:
     actors: Actors  #: that the sensors saw
     readings: Mapping[str, ReadingView]  #: of the sensors that gave one, by the sensor's name
     signals: Mapping[str, str]  #: what each traffic signal shows, SUMO's letter for each of its links
+    people: tuple[PersonMark, ...]  #: real people, as the actors that the sensors saw have them
     outcome: str | None  #: of the drive, once it has one
 
 

@@ -91,6 +91,7 @@ def scene_of(resolved: Mapping[str, Any], roads: pa.Table, *, source: str) -> di
         "lot_to_road": resolved.get("lot_to_road"),
         "sensors": [_sensor(name, drawing) for name, drawing in drawings_of(resolved).items()],
         "actors": {},
+        "people": [str(person["id"]) for person in resolved.get("people", ())],
         "events": [],
         "latency_budget": None if rig is None else rig.latency.budget_ms / 1000.0,
     }

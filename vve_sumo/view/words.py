@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from vve_sumo.drive.reasons import in_words
+from vve_sumo.people.presence import Presence
 from vve_sumo.values import ArmingState
 from vve_sumo.vehicle.arming import WAITING
 
@@ -20,10 +21,22 @@ PHASES: Final = {
 #: of an engaged car that does not drive yet, by the reason code that says so
 ENGAGED_PHASES: Final = {"engaging": "engaging", "shifting": "engaging", WAITING: "held"}
 
+_PRESENCES: Final = {
+    Presence.EXACT.name.lower(): "there as a body",
+    Presence.AREA.name.lower(): "there as an area",
+    Presence.WARNING.name.lower(): "an area with a warning, because the position is old or vague",
+    Presence.GONE.name.lower(): "gone, because nobody knows where",
+}
+
 
 def reasons_in_words(reasons: str) -> list[str]:
     """Return reason codes that are joined by + in plain words."""
     return [in_words(code) for code in reasons.split("+") if code]
+
+
+def presence_in_words(person: str, presence: str) -> str:
+    """Return how somebody real is on the road, a name of `Presence` in small letters, for a list of events."""
+    return f"{person}: {_PRESENCES[presence]}"
 
 
 def state_in_words(state: str, reasons: str) -> str:

@@ -30,6 +30,8 @@ const LIVERIES = ["#e4e4df", "#d9dcd6", "#b9c4c9", "#c9b27a"];
 const CLOTHES = ["#8a3b3b", "#2f6f73", "#b98a34", "#50608a", "#6d5a7d", "#c4bcae", "#3d5c45", "#a35a2e"];
 //: a body is fine within the first distance and plain within the second; beyond it is two blocks [m]
 const LEVELS = [28, 80];
+//: the same of pictures that programs look at
+export const FINE_LEVELS = [70, 160];
 //: bodies are left out beyond the first distance, their shadows beyond the second [m]
 const [SEEN_WITHIN, SHADED_WITHIN] = [500, 90];
 
@@ -43,10 +45,12 @@ export function paintOf(id, kind) {
 }
 
 export class Fleet {
-  /** `parked` are bodies {id, kind, x, y, heading, length, width, height} that always stand there. */
-  constructor(scene, reference, parked = []) {
-    this.actors = { ...scene.actors, ...Object.fromEntries(parked.map((one) => [one.id, one])) };
+  /** `parked` are bodies {id, kind, x, y, heading, length, width, height} that always stand there; `levels` as LEVELS. */
+  constructor(scene, reference, parked = [], levels = LEVELS) {
+    this.levels = levels;
+    this.scene = scene; // a live drive adds actors to it
     this.parked = parked;
+    this.decoration = new Map(parked.map((one) => [one.id, one]));
     this.bodies = []; // those of the last picture; a body's label is its place among them, from 1
 
     this.reference = reference;
@@ -58,7 +62,7 @@ export class Fleet {
   }
 
   #lot(kind, far) {
-    const level = LEVELS.filter((within) => far > within).length;
+    const level = this.levels.filter((within) => far > within).length;
     const key = `${kind} ${level}`;
     if (!this.lots.has(key)) {
       const { make, size } = KINDS[kind];
@@ -89,7 +93,7 @@ export class Fleet {
   }
 
   #stand(id, x, y, c, s, speed, view, eye) {
-    const actor = this.actors[id];
+    const actor = this.decoration.get(id) ?? this.scene.actors?.[id];
     const kind = kindOf(actor);
     const { size, swing = 0, gait = 1 } = KINDS[kind];
     const long = actor?.length ?? size[0];

@@ -29,6 +29,7 @@ export class Neighbourhood {
     this.surface = surface;
     this.buildings = (scene.buildings ?? []).map(({ points }) => points[0]);
     this.keepClear = scene.keep_clear ?? [];
+    this.bare = scene.nothing_parked ?? false; // where nobody knows yet who will be beside the road
     this.tiles = new Map();
     this.driveways = [];
     this.parked = [];
@@ -132,7 +133,7 @@ export class Neighbourhood {
   }
 
   #car({ x, y, ux, uy }, seed) {
-    if (this.keepClear.some(([px, py]) => Math.hypot(px - x, py - y) < CLEAR)) return;
+    if (this.bare || this.keepClear.some(([px, py]) => Math.hypot(px - x, py - y) < CLEAR)) return;
     const heading = Math.atan2(uy, ux) + 0.03 * (hashed(seed + 7) - 0.5);
     const van = hashed(seed + 8) < 0.08;
     const size = van ? { kind: "van", length: 5.4, width: 1.95, height: 2.25 } : { kind: "car", length: 4.3 + 0.5 * hashed(seed + 9), width: 1.8, height: 1.45 + 0.2 * hashed(seed + 10) };

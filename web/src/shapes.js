@@ -64,11 +64,11 @@ export class Shape {
   }
 
   /**
-   * Return the triangles as one geometry; faces that meet at less than `crease` [rad] are shaded as one. A corner that
-   * several triangles have alike is held once.
+   * Return the triangles as one geometry; faces of the same gloss that meet at less than `crease` [rad] are shaded as one: a
+   * pane does not bend into the paint around it. A corner that several triangles have alike is held once.
    */
   geometry(crease = 0) {
-    const normals = crease > 0 ? softened(this.positions, this.normals, crease) : this.normals;
+    const normals = crease > 0 ? softened(this.positions, this.normals, this.surfaces, crease) : this.normals;
     const [index, kept] = [[], []];
     const there = new Map();
     for (let i = 0; i < this.positions.length / 3; i++) {
@@ -105,10 +105,10 @@ function colourOf(text) {
   return known.get(text);
 }
 
-/** Return the mean, at every vertex, of the normals of all faces there that differ from its own by less than `crease`. */
-function softened(positions, normals, crease) {
+/** Return the mean, at every vertex, of the normals of all faces of its gloss there that differ from its own by less than `crease`. */
+function softened(positions, normals, surfaces, crease) {
   const there = new Map();
-  const key = (i) => [0, 1, 2].map((k) => Math.round(positions[3 * i + k] * 1000)).join();
+  const key = (i) => [...[0, 1, 2].map((k) => Math.round(positions[3 * i + k] * 1000)), Math.round(surfaces[4 * i])].join();
   const count = positions.length / 3;
   for (let i = 0; i < count; i++) {
     if (!there.has(key(i))) there.set(key(i), []);

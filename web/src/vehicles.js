@@ -71,57 +71,82 @@ function end(shape, ring, forward) {
 
 const station = (x, sill, flank, belt, top, halves) => ({ x, heights: [sill, flank, belt, top], halves });
 
+//: a saloon's cross-sections
+const SALOON = [
+  station(-2.43, 0.27, 0.52, 0.8, 0.9, [0.7, 0.78, 0.74, 0.66]),
+  station(-2.37, 0.22, 0.53, 0.9, 0.97, [0.79, 0.87, 0.82, 0.74]),
+  station(-2.1, 0.2, 0.55, 0.96, 1.03, [0.84, 0.912, 0.86, 0.78]),
+  station(-1.72, 0.19, 0.56, 0.98, 1.06, [0.86, 0.92, 0.87, 0.77]),
+  station(-1.0, 0.19, 0.56, 0.97, 1.4, [0.865, 0.925, 0.885, 0.63]),
+  station(-0.35, 0.19, 0.56, 0.95, 1.475, [0.865, 0.925, 0.885, 0.65]),
+  station(0.35, 0.19, 0.56, 0.94, 1.44, [0.865, 0.925, 0.885, 0.64]),
+  station(1.2, 0.19, 0.56, 0.93, 0.985, [0.865, 0.925, 0.875, 0.74]),
+  station(1.9, 0.19, 0.55, 0.86, 0.92, [0.86, 0.918, 0.855, 0.7]),
+  station(2.26, 0.19, 0.53, 0.77, 0.83, [0.82, 0.89, 0.82, 0.66]),
+  station(2.4, 0.2, 0.5, 0.69, 0.74, [0.75, 0.82, 0.76, 0.6]),
+  station(2.435, 0.24, 0.48, 0.63, 0.67, [0.68, 0.74, 0.7, 0.54]),
+];
+
 /** A saloon of 4.87 m x 1.85 m x 1.48 m: the size of the shipped vehicle models. */
 export function saloon(fine) {
   const shape = new Shape();
-  const stations = [
-    station(-2.43, 0.36, 0.55, 0.86, 0.9, [0.62, 0.7, 0.66, 0.6]),
-    station(-2.33, 0.27, 0.55, 0.94, 1.0, [0.78, 0.84, 0.78, 0.7]),
-    station(-1.86, 0.24, 0.56, 0.98, 1.05, [0.84, 0.915, 0.86, 0.76]),
-    station(-1.05, 0.23, 0.56, 0.97, 1.4, [0.86, 0.925, 0.88, 0.6]),
-    station(-0.35, 0.22, 0.56, 0.95, 1.475, [0.86, 0.925, 0.885, 0.62]),
-    station(0.35, 0.22, 0.56, 0.94, 1.44, [0.86, 0.925, 0.885, 0.61]),
-    station(1.2, 0.23, 0.56, 0.92, 0.965, [0.86, 0.925, 0.87, 0.72]),
-    station(1.85, 0.25, 0.55, 0.83, 0.89, [0.84, 0.91, 0.83, 0.68]),
-    station(2.3, 0.26, 0.52, 0.71, 0.77, [0.74, 0.82, 0.74, 0.6]),
-    station(2.43, 0.33, 0.5, 0.63, 0.66, [0.6, 0.66, 0.6, 0.5]),
-  ];
-  body(shape, stations, { 2: "pane", 3: "side", 4: "side", 5: "pane" });
+  body(shape, SALOON, { 3: "pane", 4: "side", 5: "side", 6: "pane" });
   quarterWindows(shape);
   wheels(shape, [-1.43, 1.42], 0.93, 0.335, 0.21, fine);
-  if (fine) arches(shape, [-1.43, 1.42], 0.918, 0.335);
-  shape.block([0, 0.26, 0], [4.5, 0.17, 1.66], DARK, {}, 0.98);
+  arches(shape, [-1.43, 1.42], 0.926, 0.335);
+  shape.block([0, 0.21, 0], [4.66, 0.13, 1.66], DARK, {}, 0.98);
   if (fine) trim(shape);
-  lamps(shape);
+  face(shape);
   return shape.geometry(0.62);
 }
 
 /** The triangular panes before and behind a saloon's doors, over the flat sides of the wind-screen and rear window. */
 function quarterWindows(shape) {
-  shape.pair([[-1.7, 1.045, 0.858], [-1.05, 1.0, 0.884], [-1.05, 1.36, 0.65]], GLASS_TINT, GLASS);
-  shape.pair([[0.35, 0.97, 0.884], [1.02, 0.955, 0.868], [0.35, 1.4, 0.65]], GLASS_TINT, GLASS);
+  shape.pair([[-1.6, 1.075, 0.862], [-1.0, 1.0, 0.889], [-1.0, 1.36, 0.68]], GLASS_TINT, GLASS);
+  shape.pair([[0.35, 0.97, 0.889], [1.02, 0.965, 0.878], [0.35, 1.4, 0.67]], GLASS_TINT, GLASS);
 }
 
-/** The lamps, grille and plates of a saloon. */
-function lamps(shape) {
-  shape.pair([[2.44, 0.56, 0.45], [2.44, 0.56, 0.63], [2.44, 0.65, 0.61], [2.44, 0.65, 0.45]].reverse(), HEADLIGHT, { glow: 0.35, gloss: 0.6 });
-  shape.pair([[2.325, 0.57, 0.83], [2.445, 0.55, 0.645], [2.445, 0.66, 0.62], [2.325, 0.72, 0.76]], HEADLIGHT, { glow: 0.35, gloss: 0.6 });
-  shape.pair([[-2.442, 0.7, 0.36], [-2.442, 0.7, 0.7], [-2.442, 0.84, 0.68], [-2.442, 0.84, 0.36]], TAILLIGHT, { glow: 0.5, gloss: 0.4 });
-  shape.pair([[-2.44, 0.7, 0.7], [-2.33, 0.7, 0.845], [-2.33, 0.88, 0.81], [-2.44, 0.84, 0.68]], TAILLIGHT, { glow: 0.5, gloss: 0.4 });
-  shape.face([[-2.438, 0.37, -0.6], [-2.438, 0.37, 0.6], [-2.438, 0.49, 0.64], [-2.438, 0.49, -0.64]], DARK);
-  shape.face([[2.445, 0.4, 0.45], [2.445, 0.4, -0.45], [2.435, 0.6, -0.42], [2.435, 0.6, 0.42]], "#111315", { gloss: 0.4 });
-  shape.face([[-2.45, 0.55, -0.26], [-2.45, 0.55, 0.26], [-2.45, 0.68, 0.26], [-2.45, 0.68, -0.26]], PLATE);
+const LAMP = { glow: 0.35, gloss: 0.6 };
+const REAR_LAMP = { glow: 0.5, gloss: 0.4 };
+
+/** The lamps, grille, intake, bumper and plates of a saloon. */
+function face(shape) {
+  patch(shape, 9, 1, [0.35, 1], [0.3, 0.95], HEADLIGHT, LAMP);
+  patch(shape, 10, 1, [0, 1], [0.28, 0.97], HEADLIGHT, LAMP);
+  shape.pair([[2.441, 0.53, 0.44], [2.441, 0.53, 0.725], [2.441, 0.625, 0.7], [2.441, 0.625, 0.46]].reverse(), HEADLIGHT, LAMP);
+  shape.face([[2.442, 0.5, 0.4], [2.442, 0.5, -0.4], [2.442, 0.62, -0.42], [2.442, 0.62, 0.42]], "#111315", { gloss: 0.4 });
+  shape.face([[2.444, 0.62, 0.42], [2.444, 0.62, -0.42], [2.444, 0.64, -0.42], [2.444, 0.64, 0.42]], CHROME, { gloss: 0.8 });
+  shape.face([[2.447, 0.41, 0.26], [2.447, 0.41, -0.26], [2.447, 0.52, -0.26], [2.447, 0.52, 0.26]], PLATE);
+  shape.face([[2.441, 0.22, 0.66], [2.441, 0.22, -0.66], [2.441, 0.36, -0.7], [2.441, 0.36, 0.7]], DARK);
+  patch(shape, 10, 0, [0, 1], [-0.1, 0.5], DARK, {});
+  patch(shape, 1, 1, [0, 0.55], [0.42, 0.92], TAILLIGHT, REAR_LAMP);
+  patch(shape, 0, 1, [0, 1], [0.4, 0.95], TAILLIGHT, REAR_LAMP);
+  shape.pair([[-2.436, 0.66, 0.4], [-2.436, 0.66, 0.757], [-2.436, 0.79, 0.742], [-2.436, 0.79, 0.42]], TAILLIGHT, REAR_LAMP);
+  shape.face([[-2.438, 0.22, -0.69], [-2.438, 0.22, 0.69], [-2.438, 0.38, 0.74], [-2.438, 0.38, -0.74]], DARK);
+  patch(shape, 0, 0, [0, 1], [-0.1, 0.44], DARK, {});
+  shape.face([[-2.441, 0.62, -0.26], [-2.441, 0.62, 0.26], [-2.441, 0.73, 0.26], [-2.441, 0.73, -0.26]], PLATE);
+}
+
+/** Paint a part of both sides of the body: from one cross-section to the next, of one band, by shares of both. */
+function patch(shape, from, band, [rear, front], [low, high], colour, look) {
+  const ring = ({ x, heights, halves }) => [band, band + 1].map((i) => [x, heights[i], halves[i]]);
+  const [back, ahead] = [ring(SALOON[from]), ring(SALOON[from + 1])];
+  const between = (a, b, share) => a.map((value, k) => value + share * (b[k] - value));
+  const at = (along, up) => between(between(back[0], back[1], up), between(ahead[0], ahead[1], up), along);
+  // In front of the paint by as much as pictures from afar tell apart.
+  const out = ([x, y, z]) => [x + Math.sign(x) * 0.006, y, z + 0.008];
+  shape.pair([at(rear, low), at(front, low), at(front, high), at(rear, high)].map(out), colour, look);
 }
 
 /** What is seen of a saloon only from near: mirrors, pillars, seams of the doors, handles. */
 function trim(shape) {
   for (const side of [-1, 1]) {
-    shape.block([0.92, 1.0, side * 0.99], [0.12, 0.13, 0.2], "#ffffff", PAINT, 0.8);
-    shape.block([0.86, 1.0, side * 0.99], [0.01, 0.1, 0.17], "#3b4650", GLASS);
+    shape.block([0.92, 1.0, side * 0.98], [0.12, 0.13, 0.2], "#ffffff", PAINT, 0.8);
+    shape.block([0.86, 1.0, side * 0.98], [0.01, 0.1, 0.17], "#3b4650", GLASS);
   }
-  shape.pair([[-0.36, 0.95, 0.894], [-0.28, 0.95, 0.894], [-0.28, 1.46, 0.634], [-0.36, 1.465, 0.634]], "#101214");
+  shape.pair([[-0.36, 0.95, 0.894], [-0.28, 0.95, 0.894], [-0.28, 1.46, 0.664], [-0.36, 1.465, 0.664]], "#101214");
   for (const x of [-0.33, 0.72, -1.12]) {
-    shape.pair([[x, 0.4, 0.9], [x + 0.014, 0.4, 0.9], [x + 0.014, 0.93, 0.903], [x, 0.93, 0.903]], "#101214");
+    shape.pair([[x, 0.4, 0.905], [x + 0.014, 0.4, 0.905], [x + 0.014, 0.93, 0.903], [x, 0.93, 0.903]], "#101214");
   }
   for (const x of [-0.18, -0.98]) shape.pair([[x, 0.8, 0.917], [x + 0.17, 0.8, 0.917], [x + 0.17, 0.83, 0.915], [x, 0.83, 0.915]], CHROME, { gloss: 0.8 });
 }

@@ -2,10 +2,11 @@
 // display time, both passed in: no clock is read here, and the same two always give the same picture.
 
 import { Frustum, Group, LinearSRGBColorSpace, Matrix4, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
+import { Areas } from "./areas.js";
 import { Board } from "./board.js";
 import { CameraPictures } from "./camera_pictures.js";
 import { Ego } from "./ego.js";
-import { Fleet } from "./fleet.js";
+import { FINE_LEVELS, Fleet } from "./fleet.js";
 import { predicted, referenceOf } from "./frame_of_reference.js";
 import { Headset } from "./headset.js";
 import { setLight } from "./light.js";
@@ -33,7 +34,7 @@ class World {
   #last = null;
   #outside = [];
 
-  constructor(canvas, scene, { pixelRatio = 1, antialias = !drawnBySoftware(), preserve = false, dressed = false, time, rain } = {}) {
+  constructor(canvas, scene, { pixelRatio = 1, antialias = !drawnBySoftware(), preserve = false, dressed = false, fine = false, time, rain } = {}) {
     this.light = setLight(time, rain);
     this.reference = referenceOf(scene);
     this.renderer = new WebGLRenderer({ canvas, antialias, preserveDrawingBuffer: preserve });
@@ -47,14 +48,15 @@ class World {
     this.trees = new Trees(scene, surface, this.reference, { detail: dressed, taken: (x, y) => neighbourhood?.taken(x, y) });
     this.tiles = [...group.children, ...built.children];
     this.ego = new Ego(scene.ego);
-    this.fleet = new Fleet(scene, this.reference, neighbourhood?.parked);
+    this.fleet = new Fleet(scene, this.reference, neighbourhood?.parked, fine ? FINE_LEVELS : undefined);
     this.lamps = neighbourhood?.lamps ?? [];
     this.signals = new Signals(scene, this.reference);
+    this.areas = new Areas(this.reference);
     this.board = new Board();
     // The rig is the car's: the head turns the camera within it, and a headset does likewise.
     this.#seat.add(this.camera);
     this.#rig.add(this.#seat, this.board.mesh);
-    this.#outside = [sky(), group, built, this.trees.group, this.signals.group, this.fleet.group, this.ego.shadow.mesh];
+    this.#outside = [sky(), group, built, this.trees.group, this.signals.group, this.fleet.group, this.areas.group, this.ego.shadow.mesh];
     this.#scene.add(...this.#outside, this.ego.group, this.#rig);
     for (const tile of this.tiles) tile.geometry.computeBoundingSphere();
     this.headset = new Headset(this.renderer, this.#seat);
@@ -91,6 +93,7 @@ class World {
     this.camera.projectionMatrix.makePerspective(left * NEAR, right * NEAR, -top * NEAR, -bottom * NEAR, NEAR, FAR);
     this.camera.projectionMatrixInverse.copy(this.camera.projectionMatrix).invert();
     this.ego.seenFromInside(false);
+    this.areas.group.visible = false;
   }
 
   /** Turn the head against the car: to the left and up [rad]; a headset does it by itself. */
@@ -114,6 +117,7 @@ class World {
     this.fleet.show(frame.actors, ahead, eye, view);
     this.trees.show(eye, view);
     this.signals.show(frame.signals);
+    this.areas.show(frame.people);
     if (this.light.lit) this.#lightUp(eye);
   }
 
@@ -225,6 +229,7 @@ class World {
   dispose() {
     this.fleet.dispose();
     this.signals.dispose();
+    this.areas.dispose();
     this.board.dispose();
     this.#scene.traverse((one) => {
       one.geometry?.dispose();
@@ -252,5 +257,5 @@ function frustumOf({ projectionMatrix, matrixWorldInverse }) {
  * `antialias` for smooth edges (by default where there is a graphics card), `preserve` for who copies the picture.
  */
 export const createWorld = (canvas, scene, options) => new World(canvas, scene, options);
-export const createCamera = (canvas, scene, camera, options) => new CameraPictures(new World(canvas, scene, { ...options, dressed: options?.dressed ?? true }), camera);
+export const createCamera = (canvas, scene, camera, options) => new CameraPictures(new World(canvas, scene, { ...options, fine: true, dressed: options?.dressed ?? true }), camera);
 export const headsetIsThere = () => Headset.isThere();

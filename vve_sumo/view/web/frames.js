@@ -81,6 +81,7 @@ export class Frames {
         : null,
       quality: text("quality"),
       actors: this.#actors(k),
+      people: this.#people(k),
       sensed: this.#sensed(k),
       commanded: this.#commanded(k),
       latency: known(c.latency[k]),
@@ -123,6 +124,21 @@ export class Frames {
     };
     if (k !== kept) advance(actors, c.t[k] - c.t[kept]);
     return actors;
+  }
+
+  /** Real people: how each is there, the circle that holds the true place with 95 %, and the box that sensors meet. */
+  #people(k) {
+    const c = this.columns;
+    const people = [];
+    for (let row = c.person_first[k]; row < c.person_first[k + 1]; row += 1) {
+      const numbers = PERSON_NUMBERS.map((name) => [name, known(c[`person_${name}`][row])]);
+      people.push({
+        id: this.texts.person[c.person_code[row]],
+        presence: this.texts.presence[c.person_presence[row]],
+        ...Object.fromEntries(numbers),
+      });
+    }
+    return people;
   }
 
   /** What each signal shows at a drive time [s]: a letter for each of its links; null where the record does not say. */
@@ -193,6 +209,9 @@ export class Frames {
 
 // What places a sensor's rows, as far as its shape has it.
 const SHAPES = ["x", "y", "origin_x", "origin_y", "heading", "length", "width"];
+
+// Numbers of a person; null where nobody knows.
+const PERSON_NUMBERS = ["x", "y", "radius", "age", "heading", "length", "width"];
 
 // Ticks for which a footprint is shown; view/details.py computes one this often.
 const FOOTPRINT_LIFE = 25;

@@ -44,9 +44,15 @@ class Pictures {
 class CameraRoll {
   async open(scene, frames, camera, look) {
     this.frames = frames && new Frames(unpacked(await unzipped(decoded(frames))));
+    this.scene = scene;
     this.canvas = canvasOf(camera.columns, camera.rows);
     const map = new Float32Array(decoded(camera.map).buffer);
     this.camera = createCamera(this.canvas, scene, { ...camera, map }, { preserve: true, antialias: false, ...look });
+  }
+
+  /** Have more actors in the scene, by their names. */
+  meet(actors) {
+    Object.assign(this.scene.actors, actors);
   }
 
   /** Draw the street at a drive time [s] and return the picture, in base64. */

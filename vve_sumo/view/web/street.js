@@ -11,6 +11,9 @@ const MARK_ZOOM = 1.5; // lane marks are drawn from this many pixels a metre on
 const OLD_READING = 1.5; // a reading that was measured longer ago is not shown [s]; the radar's latency is at most a second
 const OUTLINED = 250; // with more actors than this in sight none has an outline
 
+const PERSON = 0.35; // half the width of the mark in the middle of a person's area [m]
+const WIDE = new Set(["area", "warning"]); // how somebody is there as an area
+
 const SENSED = 4; // colours of sensors; after the last they begin again
 
 /** What the colours of bodies and of each sensor's readings mean: name of the colour, words, how it is drawn. */
@@ -22,6 +25,7 @@ export function legendOf(scene) {
     ["missed", "missed", "fill"],
     ["outside", "out of view", "fill"],
     ...sensors.map(({ name, shape }, n) => [sensedColour(n), `measured by ${name}`, shape === "boxes" ? "rim" : "dot"]),
+    ...(scene.people.length ? [["person", "holds the person with 95 %", "rim"]] : []),
     ...(sensors.some((sensor) => sensor.names_actors) ? [["false", "false alarm", "rim"]] : []),
   ];
 }
@@ -116,11 +120,15 @@ export class Street {
     this.drawWay(context);
     if (frame?.commanded) this.drawCommanded(context, frame.commanded);
     if (frame?.ego) this.drawViews(context, ego);
-    if (frame) this.drawTraffic(context, frame, view);
+    if (frame) {
+      this.drawTraffic(context, frame, view);
+      this.drawPeople(context, frame);
+    }
     this.drawEgo(context, ego, Boolean(frame?.ego));
     if (frame) this.drawSensed(context, frame);
     context.restore();
     if (frame?.ego) this.drawGap(context, frame, view);
+    if (frame) this.drawNames(context, frame, view);
     this.drawScale(context, width, height);
   }
 
@@ -199,6 +207,8 @@ export class Street {
     const { id, x, y, heading } = frame.actors;
     const seen = new Set(frame.sensed.flatMap((reading) => reading.seen));
     const why = whyUnseen(frame);
+    const wide = new Map(frame.people.filter(({ presence }) => WIDE.has(presence)).map((one) => [one.id, one]));
+    const areas = { seen: new Path2D(), occluded: new Path2D(), missed: new Path2D(), outside: new Path2D() };
     const paths = { seen: new Path2D(), occluded: new Path2D(), missed: new Path2D(), outside: new Path2D() };
     const noses = new Path2D();
     let drawn = 0;
@@ -206,12 +216,18 @@ export class Street {
       if (Math.hypot(x[row] - view.ego.x, y[row] - view.ego.y) > view.reach) continue;
       const body = this.scene.actors[id[row]] ?? { length: 4.5, width: 1.8 };
       const kind = seen.has(id[row]) ? "seen" : (why.get(id[row]) ?? "outside");
+      if (wide.has(id[row])) {
+        const { length, width } = wide.get(id[row]);
+        addBox(areas[kind], x[row], y[row], heading[row], length / 2, width / 2);
+        continue;
+      }
       const least = (body.length > 1.3 ? 4 : 11) / this.zoom;
       const half = [Math.max(body.length, least) / 2, Math.max(body.width, least) / 2];
       addBox(paths[kind], x[row], y[row], heading[row], ...half);
       if (body.length > 1) nose(noses, x[row], y[row], heading[row], ...half);
       drawn += 1;
     }
+    this.drawAreas(context, areas);
     for (const kind of ["outside", "missed", "seen"]) {
       context.fillStyle = colour(kind);
       context.fill(paths[kind]);
@@ -231,6 +247,50 @@ export class Street {
       context.lineWidth = Math.max(0.12, 1.5 / this.zoom);
       context.strokeStyle = colour("paper");
       for (const kind of ["outside", "missed", "seen"]) context.stroke(paths[kind]);
+    }
+  }
+
+  /** The boxes that sensors meet where somebody is there as an area, in the colours of bodies but not solid. */
+  drawAreas(context, areas) {
+    context.lineWidth = Math.max(0.12, 2 / this.zoom);
+    for (const [kind, path] of Object.entries(areas)) {
+      context.fillStyle = colour(kind);
+      context.strokeStyle = colour(kind);
+      context.globalAlpha = 0.22;
+      context.fill(path);
+      context.globalAlpha = 1;
+      context.stroke(path);
+    }
+  }
+
+  /** Of each real person the circle of uncertainty, and a mark in its middle; of one who is gone the circle alone. */
+  drawPeople(context, { people }) {
+    context.lineWidth = Math.max(0.15, 2.5 / this.zoom);
+    for (const { presence, x, y, radius } of people) {
+      if (x === null || radius === null) continue;
+      const gone = presence === "gone";
+      context.strokeStyle = colour(gone || presence === "warning" ? "false" : "person");
+      context.setLineDash(gone ? [0.8, 0.8] : []);
+      context.beginPath();
+      context.arc(x, y, Math.max(radius, 3 / this.zoom), 0, 2 * Math.PI);
+      context.stroke();
+      context.setLineDash([]);
+      if (!WIDE.has(presence)) continue;
+      const half = Math.max(PERSON, 4 / this.zoom);
+      context.fillStyle = context.strokeStyle;
+      context.beginPath();
+      context.arc(x, y, half, 0, 2 * Math.PI);
+      context.fill();
+    }
+  }
+
+  /** Beside each real person how they are there, how large the circle is, and how old the newest position. */
+  drawNames(context, { people }, view) {
+    for (const one of people) {
+      if (one.x === null || one.radius === null) continue;
+      const bad = one.presence === "gone" || one.presence === "warning";
+      const [x, y] = view.screen(one.x, one.y);
+      rimmed(context, personInWords(one), x, y - one.radius * this.zoom - 12, colour(bad ? "false" : "ink"), colour("paper"), 15, "center");
     }
   }
 
@@ -340,6 +400,12 @@ function tiled(lanes) {
     }
     return { kinds, x: (box[0] + box[2]) / 2, y: (box[1] + box[3]) / 2, reach: Math.hypot(box[2] - box[0], box[3] - box[1]) / 2 };
   });
+}
+
+/** How somebody real is there, in a few words. */
+function personInWords({ id, presence, radius, age }) {
+  const how = { area: "an area, ", warning: "WARNING, ", gone: "GONE, " }[presence] ?? "";
+  return `${id}: ${how}±${radius.toFixed(1)} m, ${age.toFixed(1)} s old`;
 }
 
 /** A sensor that sends nothing more has seen nothing of what the frame shows. */

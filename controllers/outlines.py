@@ -1,0 +1,268 @@
+"""Follows the bodies around by a lidar: the outline that is seen of each, on the path, and how it moves.
+
+A radar gives one point of a body; to steer around a body takes all of its near sides. The lidar sees them, and to every
+side. A radar's track of the same body tells its speed along the path better. It must not know what is steered around.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from vve_sumo.path import PathProjection, ReferencePath
+from vve_sumo.values import Observation, PointCloud, Vehicle
+
+from .assignment import assign
+from .lidar_detections import POINTS, continuing, standing, touching
+from .sightings import AxleMotion, Memory, output_of
+from .tracks import Track
+from .trend import Trend
+
+BEHIND, AHEAD, ASIDE = 40.0, 100.0, 20.0  #: how far from the rear axle bodies are looked for [m]
+BESIDE: Final = 9.0  #: bodies that are all farther beside the path are left alone [m]
+GRAIN: Final = 0.1  #: points in cells of this size are one point of an outline [m]
+GATE: Final = 1.5  #: along and across together, within which a body is the one of the turn before [m]
+FAST: Final = 16.0  #: of a body that was seen once nothing is known but that it is not faster than this [m/s]
+KEPT: Final = 0.5  #: a body lives on unseen for so long [s]
+SEEN: Final = 2  #: turns until a body counts
+KNOWN, KNOWN_LARGE = 3, 6  #: until the motion of a small body does, and of another one
+SPARSE: Final = 0.006  #: rays are so far apart at a distance [rad]: by so much a side may jump
+SMALL: Final = 1.2  #: one that is smaller is followed by its middle, others by the sides that are nearest [m]
+PLACE_SIGMA, SIDE_SIGMA = 0.06, 0.15  #: of the middle of a small body, of the nearest sides of others [m]
+ALONG_AGILITY, ACROSS_AGILITY = 1.0, 0.5  #: spectral densities of acceleration [m2/s3]
+ACROSS_FASTEST: Final = 4.0  #: standard deviation of a speed across the path before any is measured [m/s]
+MOVES, CRAWLS = 3.0, 0.4  #: it moves if so many standard deviations, and so much [m/s], say so
+ONE_BODY: Final = 1.5  #: a radar's track so near to an outline is of the same body [m]
+ADDED: Final = 2.5  #: a body of which only a radar's track is known is taken for one of this half length [m]
+HALF_WIDTH: Final = 1.0  #: and this half width [m]
+ONCOMING: Final = -2.0  #: of such bodies only those count that come nearer along the path [m/s]
+
+
+class Body(NamedTuple):
+    """The outline that is seen of a body, and how it moves."""
+
+    s: np.ndarray  #: of its points along the path [m]
+    d: np.ndarray  #: of its points to the left of the path [m]
+    along: float  #: speed along the path [m/s]
+    across: float  #: speed across the path, left positive [m/s]
+    sigma: float  #: standard deviation of the speed across [m/s]
+    top: float  #: of the highest point that is seen, over the road [m]
+
+    @property
+    def small(self) -> bool:
+        """Whether it is no larger than a person or a bicycle."""
+        return bool(np.ptp(self.s) < 2.2 and np.ptp(self.d) < SMALL)
+
+    def moved(self, time: float) -> Body:
+        """Return where it will be after a time [s]."""
+        return self._replace(s=self.s + self.along * time, d=self.d + self.across * time)
+
+
+class _Followed:
+    """A body from turn to turn."""
+
+    __slots__ = ("across", "along", "by_far", "by_left", "d", "hits", "s", "seen", "speed", "time", "top")
+
+    def __init__(self, time: float, s: np.ndarray, d: np.ndarray, top: float) -> None:
+        self.time = self.seen = time
+        self.s, self.d, self.top, self.hits = s, d, top, 1
+        self.speed: float | None = None  # along the path, as a radar has it [m/s]
+        self.by_far = self.by_left = 0  # which sides it is followed by
+        self.along = Trend(0.0, SIDE_SIGMA**2, FAST**2, ALONG_AGILITY)
+        self.across = Trend(0.0, SIDE_SIGMA**2, ACROSS_FASTEST**2, ACROSS_AGILITY)
+
+    def predict(self, time: float) -> None:
+        """Move on to a time [s]."""
+        dt = time - self.time
+        self.time = time
+        self.along.predict(dt)
+        self.across.predict(dt)
+        self.s, self.d = self.s + self._pace() * dt, self.d + self.across.rate * dt * (self.hits > 1)
+
+    def _pace(self) -> float:
+        return (self.along.rate if self.speed is None else self.speed) if self.hits > 1 else 0.0
+
+    def begin(self, s: float, d: float) -> None:
+        """Begin both filters, seen from a place on the path."""
+        self.along.value, self.across.value, sigma = self._sides(s, d)
+        self.along.variance = self.across.variance = sigma * sigma
+
+    def update(self, s: np.ndarray, d: np.ndarray, top: float, here: tuple[float, float]) -> None:
+        """Take in what a turn shows of it, seen from a place on the path."""
+        self.s, self.d, self.top, self.seen = s, d, max(top, self.top), self.time
+        self.hits += 1
+        before = self.by_far, self.by_left
+        along, across, sigma = self._sides(*here)
+        if self.by_far != before[0]:
+            self.along.value = along
+        if self.by_left != before[1]:
+            self.across.value = across
+        self.along.update(along, sigma * sigma)
+        is_small = self.by_left == before[1] == 0
+        if is_small and (across - self.across.value) ** 2 > MOVES**2 * (self.across.variance + sigma * sigma):
+            # It sets out or turns back: what its speed was says nothing about what it is.
+            self.across.rate_variance += ACROSS_FASTEST**2
+        self.across.update(across, sigma * sigma)
+
+    def _sides(self, s: float, d: float) -> tuple[float, float, float]:
+        """Return the places along and across that it is followed by [m], and their standard deviation [m]."""
+        near, far = float(self.s.min()), float(self.s.max())
+        right, left = float(self.d.min()), float(self.d.max())
+        if far - near < SMALL and left - right < SMALL:
+            self.by_far = self.by_left = 0
+            return 0.5 * (near + far), 0.5 * (right + left), PLACE_SIGMA
+        self.by_far = 1 if near > s else 2 if far < s else 3
+        self.by_left = 1 if 0.5 * (right + left) > d else 2
+        along = near if self.by_far == 1 else far if self.by_far == 2 else 0.5 * (near + far)
+        return along, right if self.by_left == 1 else left, SIDE_SIGMA + SPARSE * abs(along - s)
+
+    def cost(self, s: np.ndarray, d: np.ndarray) -> float:
+        """Return how far a turn's outline is from it [m]; infinite beyond the gate."""
+        reach = GATE + (FAST * 0.1 if self.hits == 1 else 0.0)
+        away = abs(_nearest(s, self.s)) + abs(_nearest(d, self.d))
+        return away if away < reach else math.inf
+
+    def body(self, time: float) -> Body:
+        """Return it at a time [s]."""
+        known = self.hits >= (KNOWN if self.by_far == 0 else KNOWN_LARGE)
+        pace = self.speed if self.speed is not None else _surely(self.along) if known else 0.0
+        aside, since = _surely(self.across) if known else 0.0, time - self.time
+        return Body(
+            self.s + pace * since,
+            self.d + aside * since,
+            pace,
+            aside,
+            math.sqrt(self.across.rate_variance),
+            self.top,
+        )
+
+
+class Outlines:
+    """Keeps the bodies."""
+
+    def __init__(self, vehicle: Vehicle, sensor: str, forward: float, height: float) -> None:
+        """`sensor` is the lidar's name; it is mounted `forward` of the rear axle [m] and so high over the road [m]."""
+        self._vehicle, self._sensor, self._forward, self._height = vehicle, sensor, forward, height
+        self._memory = Memory()
+        self._followed: list[_Followed] = []
+        self._newest = -math.inf
+
+    def step(self, observation: Observation, projection: PathProjection) -> bool:
+        """Take in a turn if it is new, and tell whether it was; raises TypeError where there is no such lidar."""
+        turn = output_of(observation, self._sensor, PointCloud, "lidar")
+        self._memory.add(observation.pose)
+        if not turn.time > self._newest:
+            return False
+        self._newest = turn.time
+        axle = self._memory.at(turn.time)
+        pieces = self._pieces(turn, axle, observation.path, projection.s)
+        # What lies ahead was met in the middle of the turn.
+        time, here = turn.time - 0.5 * _duration(turn), (projection.s, projection.offset)
+        for one in self._followed:
+            one.predict(time)
+        known = list(self._followed)
+        taken = assign([[one.cost(s, d) for one in known] for s, d, _top in pieces])
+        for number, (s, d, top) in enumerate(pieces):
+            if number in taken:
+                known[taken[number]].update(s, d, top, here)
+            else:
+                fresh = _Followed(time, s, d, top)
+                fresh.begin(*here)
+                self._followed.append(fresh)
+        self._followed = [one for one in self._followed if time - one.seen <= KEPT]
+        return True
+
+    def bodies(self, time: float, tracks: Sequence[Track]) -> list[Body]:
+        """Return the bodies at a time [s]; `tracks` are a radar's, on the same path.
+
+        A track beyond the lidar's sight that comes nearer along the path is a body, too.
+        """
+        found = []
+        lonely = [track for track in tracks if track.speed < ONCOMING and track.time - track.seen <= KEPT]
+        for one in self._followed:
+            if one.hits < SEEN:
+                continue
+            own = [track for track in tracks if _is_of(track, one, time)]
+            if own:
+                nearest = min(own, key=lambda track: abs(track.s - float(one.s.min())))
+                one.speed = 0.0 if nearest.speed**2 < (MOVES**2) * nearest.p_v else nearest.speed
+                lonely = [track for track in lonely if track not in own]
+            found.append(one.body(time))
+        return found + [_taken_for_a_car(track, time) for track in lonely]
+
+    def _pieces(
+        self, turn: PointCloud, axle: AxleMotion, path: ReferencePath, station: float
+    ) -> list[tuple[np.ndarray, np.ndarray, float]]:
+        """Return stations, offsets and the highest point [m] of each body near the path."""
+        x, y, height, _firing = standing(turn, axle, self._forward, self._height, self._forward)
+        near = (x > -BEHIND) & (x < AHEAD) & (np.abs(y) < ASIDE)
+        x, y, height = x[near], y[near], height[near]
+        labels = _whole(x - self._forward, y, touching(x, y, BEHIND, AHEAD, ASIDE), math.tau / len(turn.azimuth))
+        cos, sin = math.cos(axle.heading), math.sin(axle.heading)
+        order = np.lexsort((np.floor(y / GRAIN), np.floor(x / GRAIN), labels))
+        cells = np.stack((labels[order], np.floor(x[order] / GRAIN), np.floor(y[order] / GRAIN)))
+        first = np.ones(len(order), np.bool_)
+        first[1:] = (cells[:, 1:] != cells[:, :-1]).any(axis=0)
+        counts, tops = np.bincount(labels), np.zeros(int(labels.max(initial=0)) + 1)
+        np.maximum.at(tops, labels, height)
+        kept = order[first]
+        labels, x, y = labels[kept], x[kept], y[kept]
+        s, d = path.locate(axle.x + x * cos - y * sin, axle.y + x * sin + y * cos, station - BEHIND, station + AHEAD)
+        pieces = []
+        for number in np.unique(labels).tolist():
+            own = (labels == number) & np.isfinite(s) & np.isfinite(d)
+            if counts[number] >= POINTS and own.any() and float(np.abs(d[own]).min()) < BESIDE:
+                pieces.append((s[own], d[own], float(tops[number])))
+        return pieces
+
+
+def _whole(x: np.ndarray, y: np.ndarray, labels: np.ndarray, step: float) -> np.ndarray:
+    """Return the numbers of bodies that points belong to: pieces of one body, as the lidar sees them, are put together.
+
+    `x` and `y` count from the lidar [m], `step` is the angle from one ray to the next [rad].
+    """
+    if not len(x):
+        return labels
+    far = np.hypot(x, y)
+    order = np.argsort(far, kind="stable")
+    _, first, piece = np.unique(labels[order], return_index=True, return_inverse=True)
+    goes_on = continuing(far[order], np.arctan2(y, x)[order], piece, first, step)
+    owner = np.where(goes_on.any(axis=1), goes_on.argmax(axis=1), np.arange(len(first)))
+    # A piece goes on one that is nearer, so that the chain ends.
+    while (owner[owner] != owner).any():
+        owner = owner[owner]
+    whole = np.empty_like(labels)
+    whole[order] = owner[piece]
+    return whole
+
+
+def _duration(turn: PointCloud) -> float:
+    return float(-turn.time_offset.min(initial=0.0))
+
+
+def _surely(trend: Trend) -> float:
+    """Return a rate that stands out from its noise, else 0."""
+    sure = trend.rate * trend.rate > MOVES * MOVES * trend.rate_variance and abs(trend.rate) > CRAWLS
+    return trend.rate if sure else 0.0
+
+
+def _nearest(first: np.ndarray, second: np.ndarray) -> float:
+    """Return how far apart two outlines are in one direction, by the nearer of their two ends [m]."""
+    low, high = float(first.min() - second.min()), float(first.max() - second.max())
+    return low if abs(low) < abs(high) else high
+
+
+def _is_of(track: Track, one: _Followed, time: float) -> bool:
+    at = track.s + track.speed * (time - track.time)
+    near = float(one.s.min()) - ONE_BODY <= at <= float(one.s.max()) + ONE_BODY
+    offset = track.across.value
+    return near and float(one.d.min()) - ONE_BODY <= offset <= float(one.d.max()) + ONE_BODY
+
+
+def _taken_for_a_car(track: Track, time: float) -> Body:
+    s, d = track.s + track.speed * (time - track.time) + ADDED, track.across.value
+    corners = np.array([-ADDED, -ADDED, ADDED, ADDED]), np.array([-HALF_WIDTH, HALF_WIDTH, -HALF_WIDTH, HALF_WIDTH])
+    return Body(s + corners[0], d + corners[1], track.speed, 0.0, 0.0, 1.5)

@@ -1,0 +1,437 @@
+"""Decides when the car leaves its path for what is in its way, lays the way by a planner, and leads the car along it.
+
+Two cases. What stands or is slow is gone around in comfort, where the road beside is seen to be free for as long as
+that takes: who comes the other way goes first. And where full braking would come too late, the car swerves, as hard as
+the gateway lets it, braking meanwhile: the least time to stop against the least time to come to the side. In all other
+cases the car brakes on its path, as `follow_and_stop` does. It must not know how a planner plans, nor brakes' laws.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from vve_sumo.controller import Tuning, settle
+from vve_sumo.laws import sideways_reach, stopping_distance, swerve_time, time_to_cover
+from vve_sumo.path import PathProjection, ReferencePath
+from vve_sumo.values import CommandedPath, Observation, Vehicle
+
+from . import follow_and_stop
+from .emergency import FIRST_ORDER_RAMP, JERK
+from .follow_and_stop import COMFORT_LIMIT, PERIOD, FollowAndStop, Way, steering_law
+from .free_space import LEFT, RIGHT, Margins, Nodes, Room, clearances, room, sees, side_of
+from .lateral_plan import LateralLimits, LateralPlan, Planner, Task, times_at
+from .outlines import Body, Outlines
+from .speed import SPEEDING_UP, Profile, SpeedProfile
+from .tracks import MARGIN, Target, Tracker
+
+SPACING: Final = 1.5  #: between nodes [m]
+NODES: Final = 64  #: of a way: it leads 95 m ahead
+HEAD: Final = 3  #: nodes, the first one behind the car, that a new way leaves where they were
+WANTED: Final = 0.8  #: a body that is nearer than this to the car's side on its path is steered around [m]
+COMFORT: Final = Margins(clearance=1.1, lengthwise=0.6, slack=1.5)
+#: the same before the car has left its path: it must then be back so much earlier before who comes the other way
+SETTING_OUT: Final = COMFORT._replace(slack=3.5)
+#: an urgent way keeps so far from bodies; the first that leads past is taken
+URGENT: Final = tuple(Margins(away, 0.3, 0.2, 1.0) for away in (1.0, 0.7, 0.4))
+CONTACT: Final = Margins(MARGIN, 0.3, 0.0, 1.0)  #: what comes nearer than this is in the way
+COMFORT_ACCELERATION, COMFORT_JERK = 1.8, 2.0  #: lateral, of a way in comfort [m/s2], [m/s3]
+#: lateral, of an urgent way: of the gateway's 3.0 m/s2 and 5.0 m/s3 a share is left to the steering law
+URGENT_ACCELERATION, URGENT_JERK = 2.8, 4.6
+CROSSES: Final = 0.5  #: who is faster across the path is not gone around in comfort: he will be gone [m/s]
+SLOWER: Final = 2.0  #: nor who is not slower than the car would be by so much [m/s]
+#: speeds of a way in comfort, tried one after the other: out of a narrow place a car comes slowly only [m/s]
+CAPS: Final = (math.inf, 5.0, 3.0, 2.0)
+AT_PATH, ALONG_PATH = 0.12, 0.03  #: the car so near to its path, and its way, is back on it [m]
+ASTRAY: Final = 0.7  #: a way that the car is farther off than this begins anew where the car is [m]
+WANDERS: Final = 0.3  #: so far beside its path a way may lead on any road [m]
+#: way that coming back takes for each metre beside the path, and what must be left before a body then [m]
+BACK_SHARE, WAITS = 2.0, 4.0
+SIGHT: Final = 80.0  #: as far as this a lidar sees a car [m]
+REACTION: Final = 1.0  #: the car must be back on its side so long before who comes the other way [s]
+LOOKS: Final = 3  #: a way in comfort must be free in so many turns of the lidar, one after the other
+HORIZON: Final = 3.0  #: what is farther ahead than this is braked for in comfort [s]
+
+TUNING: dict[str, float | str | bool] = {
+    **follow_and_stop.TUNING,
+    "gap_m": 15.0,  #: bumper to target at rest: room to steer out from there
+    "sensor": "roof",  #: name of the scenario's lidar
+    "forward_m": 1.4,  #: of the lidar from the rear axle
+    "height_m": 1.9,  #: of the lidar over the road
+    "left_m": 0.0,  #: how far the rear axle may go to the left of its path; the scenario's corridor should have it
+    "right_m": 0.0,  #: the same to the right
+}
+RANGES: dict[str, tuple[float, float]] = {
+    **follow_and_stop.RANGES,
+    "forward_m": (-5.0, 15.0),
+    "height_m": (0.2, 5.0),
+    "left_m": (0.0, 12.0),
+    "right_m": (0.0, 12.0),
+}
+
+
+class _Line(NamedTuple):
+    """A way that was laid: its nodes lie at whole multiples of SPACING along the scenario's path."""
+
+    first: int  #: number of the first node
+    offsets: tuple[float, ...]  #: [m]
+    path: ReferencePath
+    profile: Profile
+    commanded: CommandedPath
+    urgent: bool
+
+    def offset(self, node: int) -> float:
+        """Return the offset at a node by its number [m]; beyond the end that at the end."""
+        return self.offsets[min(max(node - self.first, 0), len(self.offsets) - 1)]
+
+
+class _Kept(NamedTuple):
+    """The speeds along a way: those that its bends allow, and those that it was planned with."""
+
+    bends: SpeedProfile
+    squares: tuple[float, ...]  #: of planned speeds at the nodes [m2/s2]
+
+    def at(self, s: float) -> tuple[float, float]:
+        """Return the speed [m/s] and the acceleration along the profile [m/s2] at a station [m]."""
+        speed, along = self.bends.at(s)
+        place = min(max(s / SPACING, 0.0), len(self.squares) - 1.001)
+        node = int(place)
+        here, there = self.squares[node], self.squares[node + 1]
+        square = here + (place - node) * (there - here)
+        return (speed, along) if speed * speed <= square else (math.sqrt(square), (there - here) / (2.0 * SPACING))
+
+
+class _Sight(NamedTuple):
+    """What is known at a turn of the lidar."""
+
+    observation: Observation
+    here: PathProjection
+    bodies: list[Body]
+    nodes: Nodes
+    speeds: list[float]  #: that the car would have at the nodes if nothing were in its way [m/s]
+    first: int  #: number of the first node
+
+
+class SteerAround:
+    """Keeps the way."""
+
+    def __init__(self, vehicle: Vehicle, planner: Planner, outlines: Outlines, tuning: dict[str, float]) -> None:
+        """`tuning` as in TUNING, numbers alone."""
+        self._vehicle, self._planner, self._outlines = vehicle, planner, outlines
+        self._left, self._right = tuning["left_m"], tuning["right_m"]
+        self._eye = tuning["forward_m"], tuning["height_m"]
+        self._lateral, self._brakes = tuning["lateral_acceleration_m_s2"], bool(tuning["emergency"])
+        self._line: _Line | None = None
+        self._along: float | None = None  # place along the way [m]
+        self._bodies: list[Body] = []
+        self._seen = 0.0  # drive time for which the bodies hold [s]
+        self._free = 0  # turns in a row in which a way in comfort was free
+
+    def step(self, observation: Observation, projection: PathProjection, tracker: Tracker) -> Way | None:
+        """Return the way to take, None for the scenario's path; called once a tick, after the tracker."""
+        if not (self._left or self._right):
+            return None
+        if self._outlines.step(observation, projection):
+            self._bodies = self._outlines.bodies(observation.time, tracker.confirmed)
+            self._seen = observation.time
+            self._decide(self._sight(observation, projection))
+        if self._line is None:
+            return None
+        pose, line = observation.pose, self._line
+        on_line = line.path.project(pose.x, pose.y, self._along)
+        self._along = on_line.s
+        return Way(line.path, on_line, line.profile, line.commanded, *self._ahead(observation, projection, line))
+
+    def _sight(self, observation: Observation, here: PathProjection) -> _Sight:
+        first = math.floor(here.s / SPACING)
+        stations = SPACING * (first + np.arange(NODES))
+        curvature = np.array([observation.path.at(s).curvature for s in stations.tolist()])
+        nodes = Nodes.of(self._vehicle, stations, curvature)
+        speed, speeds = max(observation.pose.speed, 0.0), []
+        for bend in curvature.tolist():
+            limit = min(observation.desired_speed, math.sqrt(self._lateral / max(abs(bend), 1e-6)))
+            speed = math.sqrt(min(speed * speed + 2.0 * SPEEDING_UP * SPACING, max(limit, speed) ** 2))
+            speeds.append(max(speed, 0.5))
+        return _Sight(observation, here, self._bodies, nodes, speeds, first)
+
+    # What to do, once a turn.
+
+    def _decide(self, sight: _Sight) -> None:
+        times = times_at(sight.speeds, SPACING)
+        asking = [body for body in sight.bodies if self._asks_for_room(sight, times, body)]
+        blocking = [body for body in asking if not _comes_nearer(body)]
+        if not asking and self._line is None:
+            self._free = 0
+            return
+        plan = self._in_comfort(sight, blocking) if all(_is_slow(body, sight) for body in blocking) else None
+        if plan is not None:
+            self._adopt(sight, plan, urgent=False)
+        elif self._line is None:
+            self._swerve(sight, asking)
+        elif not self._line.urgent and self._can_wait(sight, blocking):
+            self._go_back(sight)
+        elif not self._swerve(sight, self._in_line(sight)):
+            self._go_on(sight)
+
+    def _swerve(self, sight: _Sight, threats: list[Body]) -> bool:
+        """Take an urgent way past bodies that it is too late to brake for, if there is one; tell whether."""
+        plan = self._urgently(sight, threats)
+        if plan is not None:
+            self._adopt(sight, plan, urgent=True)
+        return plan is not None
+
+    def _in_line(self, sight: _Sight) -> list[Body]:
+        """Return the bodies that are in the way which the car has taken."""
+        assert self._line is not None
+        offsets = [self._line.offset(sight.first + node) for node in range(NODES)]
+        times = times_at(sight.speeds, SPACING)
+        return [body for body in sight.bodies if min(clearances(sight.nodes, times, offsets, body, CONTACT)) < 0.0]
+
+    def _can_wait(self, sight: _Sight, blocking: list[Body]) -> bool:
+        """Tell whether the car can still come back to its path and stop there in comfort before what is in its way."""
+        bumper, speed = sight.here.s + self._vehicle.rear_axle_to_bumper, sight.observation.pose.speed
+        gap = min((float(body.s.min()) - bumper for body in blocking), default=-math.inf)
+        back = abs(sight.here.offset) * BACK_SHARE + WAITS
+        return gap > stopping_distance(speed, -COMFORT_LIMIT, 2.0 * PERIOD + self._vehicle.brake_delay, 0.7) + back
+
+    def _asks_for_room(self, sight: _Sight, times: Sequence[float], body: Body) -> bool:
+        keeps = CONTACT._replace(slack=COMFORT.slack if body.along > 0.0 else 0.0)
+        return min(clearances(sight.nodes, times, [0.0] * NODES, body, keeps)) < WANTED
+
+    def _in_comfort(self, sight: _Sight, blocking: list[Body]) -> LateralPlan | None:
+        """Return a way in comfort that is seen to be free; the car sets out on one once it was free for some turns."""
+        limits = LateralLimits.of(self._vehicle, min(COMFORT_ACCELERATION, self._lateral), COMFORT_JERK)
+        keeps = COMFORT if self._is_out(sight) else SETTING_OUT
+        for cap in CAPS:
+            if cap < sight.speeds[0]:
+                break
+            speeds = self._creeping(sight, blocking, cap)
+            for sides in _sides(sight.bodies, blocking):
+                plan = self._planner.plan(self._task(sight, sides, keeps, limits, speeds))
+                if plan is not None and (self._is_out(sight) or not blocking or self._sees(sight, plan, blocking)):
+                    self._free += 1
+                    return plan if self._line is not None or self._free >= LOOKS else None
+        self._free = 0
+        return None
+
+    def _creeping(self, sight: _Sight, blocking: list[Body], cap: float) -> list[float]:
+        """Return the speeds at the nodes of a car that keeps to a cap until it is beside what blocks its path [m/s]."""
+        if cap == math.inf:
+            return sight.speeds
+        beside = min((float(body.s.min()) for body in blocking), default=-math.inf) - self._vehicle.rear_axle_to_bumper
+        speeds = [sight.speeds[0]]
+        for station, open_road in zip(sight.nodes.stations.tolist()[1:], sight.speeds[1:], strict=True):
+            faster = math.sqrt(speeds[-1] ** 2 + 2.0 * SPEEDING_UP * SPACING)
+            speeds.append(min(faster, open_road, cap if station < beside else math.inf))
+        return speeds
+
+    def _urgently(self, sight: _Sight, blocking: list[Body]) -> LateralPlan | None:
+        """Return a way past bodies for which braking alone comes too late, as hard as the gateway lets the car go."""
+        if not blocking or not self._comes_too_late(sight, blocking):
+            return None
+        limits = LateralLimits.of(self._vehicle, URGENT_ACCELERATION, URGENT_JERK)
+        speeds = self._braked(sight) if self._brakes else [max(sight.observation.pose.speed, 0.5)] * NODES
+        for keeps in URGENT:
+            for sides in _sides(sight.bodies, blocking):
+                plan = self._planner.plan(self._task(sight, sides, keeps, limits, speeds))
+                if plan is not None:
+                    return plan
+        return None
+
+    def _comes_too_late(self, sight: _Sight, blocking: list[Body]) -> bool:
+        """Tell whether the car would reach one of the bodies before it stands, and can still come to the side of it.
+
+        Without brakes of its own it steers as late as it can in half a second more than the least time.
+        """
+        car, speed = self._vehicle, sight.observation.pose.speed
+        bumper, delay = sight.here.s + car.rear_axle_to_bumper, car.brake_delay + PERIOD
+        build_up = FIRST_ORDER_RAMP * car.brake_lag + car.deceleration_limit / JERK
+        answer = car.steering_delay + car.steering_lag + PERIOD
+        for body in blocking:
+            gap, closing = float(body.s.min()) - bumper, speed - max(body.along, 0.0)
+            if gap <= 0.0 or closing <= 0.0:
+                continue
+            if not self._brakes:
+                needs = swerve_time(self._aside(body.moved(gap / closing)), URGENT_ACCELERATION, URGENT_JERK, answer)
+                if gap < closing * (needs + 0.5):
+                    return True
+            elif stopping_distance(closing, car.deceleration_limit, delay, build_up) > gap:
+                time = time_to_cover(gap, closing, car.deceleration_limit, delay + 0.5 * build_up)
+                if sideways_reach(time - answer, URGENT_ACCELERATION, URGENT_JERK) > 0.0:
+                    return True
+        return False
+
+    def _aside(self, body: Body) -> float:
+        """Return how far the car must go aside at least to pass a body that is beside it then [m]."""
+        half = 0.5 * self._vehicle.width + URGENT[-1].clearance
+        return max(min(float(body.d.max()) + half, half - float(body.d.min())), 0.0)
+
+    def _braked(self, sight: _Sight) -> list[float]:
+        """Return the speeds at the nodes while the car brakes with all there is [m/s]."""
+        speed, car = sight.observation.pose.speed, self._vehicle
+        late = speed * (car.brake_delay + PERIOD)
+        squares = (
+            speed * speed - 2.0 * car.deceleration_limit * max(SPACING * node - late, 0.0) for node in range(NODES)
+        )
+        return [math.sqrt(max(square, 0.25)) for square in squares]
+
+    def _task(
+        self, sight: _Sight, sides: Sequence[int], keeps: Margins, limits: LateralLimits, speeds: Sequence[float]
+    ) -> Task:
+        def free(times: Sequence[float]) -> Room:
+            return room(sight.nodes, times, sight.bodies, sides, keeps).within(
+                max(self._right, WANDERS), max(self._left, WANDERS)
+            )
+
+        head, line = self._head(sight), self._line
+        before: tuple[float, ...] = ()
+        if line is not None and head[-1] == line.offset(sight.first + HEAD - 1):
+            before = tuple(line.offset(sight.first + node) for node in range(NODES))
+        return Task(head, SPACING, sight.nodes.curvature.tolist(), speeds, free, limits, before)
+
+    def _head(self, sight: _Sight) -> tuple[float, ...]:
+        """Return the offsets of the nodes that a new way leaves where they were: those of the old way, or the car's."""
+        line, here = self._line, sight.here
+        if line is not None and abs(self._off(sight)) < ASTRAY:
+            return tuple(line.offset(sight.first + node) for node in range(HEAD))
+        slope = math.tan(_turned(sight.observation.pose.heading - here.heading))
+        slope = min(max(slope, -0.3), 0.3)
+        places = (SPACING * (sight.first + node) - here.s for node in range(HEAD))
+        return tuple(here.offset + slope * place for place in places)
+
+    def _off(self, sight: _Sight) -> float:
+        """Return how far the car is off its way [m]."""
+        assert self._line is not None
+        pose = sight.observation.pose
+        return self._line.path.project(pose.x, pose.y, self._along).offset
+
+    def _is_out(self, sight: _Sight) -> bool:
+        """Tell whether the car has left its path already, so that it is too late to ask whether it should."""
+        return self._line is not None and abs(sight.here.offset) > 0.5 * self._vehicle.width
+
+    def _sees(self, sight: _Sight, plan: LateralPlan, blocking: list[Body]) -> bool:
+        """Tell whether all of the road beside is in sight that somebody could come along before the car is back.
+
+        He is taken to be as fast as the car may be.
+        """
+        offsets = np.array(plan.offsets)
+        out = np.flatnonzero(np.abs(offsets) > 0.5 * WANTED)
+        if not len(out):
+            return True
+        times = times_at(plan.speeds, SPACING)
+        last = int(out[-1])
+        aside = float(offsets[np.abs(offsets).argmax()])
+        fastest = sight.observation.desired_speed
+        needed = SPACING * last + fastest * (times[last] + REACTION)
+        forward, height = self._eye
+        eye = sight.here.s + forward, sight.here.offset, height
+        until = min(needed, SIGHT)
+        looks = np.arange(SPACING * 4, until, 3.0).tolist()
+        return all(sees(eye, (sight.here.s + look, aside), blocking) for look in looks)
+
+    # The way itself.
+
+    def _adopt(self, sight: _Sight, plan: LateralPlan, urgent: bool) -> None:
+        """Take a way; one that has come back to the path, with the car on it, ends."""
+        if max(map(abs, plan.offsets)) < ALONG_PATH and abs(sight.here.offset) < AT_PATH:
+            self._line = self._along = None
+            return
+        self._lay(sight, plan, urgent)
+
+    def _go_back(self, sight: _Sight) -> None:
+        """Come back to the path, and brake there for what is in it."""
+        limits = LateralLimits.of(self._vehicle, URGENT_ACCELERATION, URGENT_JERK)
+        task = self._task(sight, (), COMFORT, limits, sight.speeds)
+        alone = task._replace(room=lambda times: Room([-math.inf] * NODES, [math.inf] * NODES))
+        plan = self._planner.plan(alone)
+        if plan is None:
+            self._go_on(sight)
+        else:
+            self._adopt(sight, plan, urgent=False)
+
+    def _go_on(self, sight: _Sight) -> None:
+        """Go on along the way that there is, the car braking for what is in it now."""
+        assert self._line is not None
+        offsets = tuple(self._line.offset(sight.first + node) for node in range(NODES))
+        self._lay(sight, LateralPlan(offsets, tuple(sight.speeds)), self._line.urgent)
+
+    def _lay(self, sight: _Sight, plan: LateralPlan, urgent: bool) -> None:
+        path, x, y = sight.observation.path, [], []
+        for station, offset in zip(sight.nodes.stations.tolist(), plan.offsets, strict=True):
+            point = path.at(station)
+            x.append(point.x - offset * math.sin(point.heading))
+            y.append(point.y + offset * math.cos(point.heading))
+        way = ReferencePath.from_points(x, y, rounds=0)
+        lateral = max(URGENT_ACCELERATION if urgent else self._lateral, self._lateral) * 1.1
+        profile = SpeedProfile(way, lateral)
+        speeds = [min(v, profile.at(SPACING * node)[0]) for node, v in enumerate(plan.speeds)]
+        commanded = CommandedPath(tuple(x), tuple(y), tuple(speeds))
+        kept: Profile = profile
+        if not urgent and any(planned < usual - 0.1 for planned, usual in zip(plan.speeds, sight.speeds, strict=True)):
+            kept = _Kept(profile, tuple(speed * speed for speed in plan.speeds))
+        self._line, self._along = _Line(sight.first, plan.offsets, way, kept, commanded, urgent), None
+
+    def _ahead(self, observation: Observation, here: PathProjection, line: _Line) -> tuple[Target | None, list[Target]]:
+        """Return the nearest body in the way, and all that the car would meet soon."""
+        since = observation.time - self._seen
+        bumper, speed = here.s + self._vehicle.rear_axle_to_bumper, max(observation.pose.speed, 0.5)
+        stations = SPACING * (line.first + np.arange(NODES))
+        ahead = stations >= here.s - SPACING
+        curvature = np.zeros(int(ahead.sum()))
+        nodes = Nodes.of(self._vehicle, stations[ahead], curvature)
+        offsets = np.array(line.offsets)[ahead].tolist()
+        times = ((nodes.stations - here.s).clip(min=0.0) / speed).tolist()
+        nearest, dangers = None, []
+        for body in self._bodies:
+            now = body.moved(since)
+            gap = float(now.s.min()) - bumper
+            if float(now.s.max()) < here.s - self._vehicle.rear_overhang:
+                continue
+            away = clearances(nodes, times, offsets, now, CONTACT)
+            met = next((node for node, clear in enumerate(away) if clear < 0.0), None)
+            if met is None:
+                continue
+            target = Target(gap, now.along, foreseen=times[met] > 0.0 and abs(now.across) > CROSSES)
+            if times[met] < HORIZON:
+                dangers.append(target)
+            if nearest is None or gap < nearest.gap:
+                nearest = target
+        return nearest, dangers
+
+
+def _comes_nearer(body: Body) -> bool:
+    """Tell whether a body comes the other way: it goes first, and nobody goes around it in comfort."""
+    return body.along < -SLOWER
+
+
+def _is_slow(body: Body, sight: _Sight) -> bool:
+    """Tell whether a body stands or goes along slowly, so that it is worth going around."""
+    return abs(body.across) < CROSSES and body.along < sight.observation.desired_speed - SLOWER
+
+
+def _sides(bodies: Sequence[Body], blocking: Sequence[Body]) -> list[list[int]]:
+    """Return the choices of sides to pass on: all that block on the left, on the right, each on its freer side."""
+    choices = []
+    for choose in (LEFT, RIGHT, 0):
+        if choose == 0 and len(blocking) < 2:
+            continue
+        chosen = {id(body): choose or side_of(body) for body in blocking}
+        choices.append([chosen.get(id(body), side_of(body)) for body in bodies])
+    return choices
+
+
+def _turned(angle: float) -> float:
+    return math.remainder(angle, math.tau)
+
+
+def controller(vehicle: Vehicle, tuning: Tuning, planner: Planner, defaults: Tuning) -> FollowAndStop:
+    """Make a controller that steers around by a planner; raises ConfigError as `follow_and_stop` does."""
+    settled = settle(tuning, defaults, RANGES)
+    name, sensor = str(settled.pop("steering")), str(settled.pop("sensor"))
+    numbers = {key: float(value) for key, value in settled.items()}
+    outlines = Outlines(vehicle, sensor, numbers["forward_m"], numbers["height_m"])
+    around = SteerAround(vehicle, planner, outlines, numbers)
+    return FollowAndStop(vehicle, steering_law(name, vehicle, numbers), numbers, avoidance=around)

@@ -1,0 +1,224 @@
+"""The ways of both planners against brute force: limits along the curve, clearance by polygons (shapely)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from shapely.affinity import rotate, translate
+from shapely.geometry import Polygon, box
+
+from controllers.elastic_band import ElasticBand, Springs
+from controllers.free_space import LEFT, RIGHT, Margins, Nodes, Room, clearances, room
+from controllers.frenet_sampling import FrenetSampling, Quintic, quartic_speeds
+from controllers.lateral_plan import EXCESS, INTRUSION, LateralLimits, LateralPlan, Planner, Task, times_at
+from controllers.outlines import Body
+from tests.controllers.bench import CAR
+from vve_sumo.commanded_path import curve, flaw
+from vve_sumo.geometry import Box
+from vve_sumo.laws import swerve_time
+from vve_sumo.path import ReferencePath
+from vve_sumo.values import CommandedPath, Point, Pose
+
+SPACING, COUNT = 1.5, 64
+PLANNERS = [ElasticBand(), FrenetSampling()]
+KEEPS = Margins(clearance=1.0, lengthwise=0.5, slack=0.0)
+COMFORT, URGENT = LateralLimits.of(CAR, 1.8, 2.0), LateralLimits.of(CAR, 2.8, 4.6)
+names = pytest.mark.parametrize("planner", PLANNERS, ids=lambda planner: type(planner).__name__)
+
+
+def road(bend: float) -> ReferencePath:
+    """A path that is straight, then turns with a curvature [1/m] from 20 m on, gently."""
+    s, heading, x, y, points = 0.0, 0.0, 0.0, 0.0, []
+    while s < 160.0:
+        points.append((x, y))
+        heading += bend * min(max((s - 20.0) / 20.0, 0.0), 1.0) * 2.0
+        x, y, s = x + 2.0 * math.cos(heading), y + 2.0 * math.sin(heading), s + 2.0
+    return ReferencePath.from_points(*zip(*points, strict=True))
+
+
+def outline(polygon: Polygon, path: ReferencePath) -> Body:
+    """A standing body whose every side is seen."""
+    ring = polygon.exterior
+    points = np.array([ring.interpolate(at).coords[0] for at in np.arange(0.0, ring.length, 0.1)])
+    s, d = path.locate(points[:, 0], points[:, 1], -20.0, 200.0)
+    return Body(s, d, 0.0, 0.0, 0.0, 1.5)
+
+
+def swept(path: ReferencePath, plan: LateralPlan, nodes: Nodes) -> tuple[ReferencePath, list[Polygon]]:
+    """The curve that the gateway would follow, and the car's body all along it."""
+    x, y = [], []
+    for station, offset in zip(nodes.stations.tolist(), plan.offsets, strict=True):
+        at = path.at(station)
+        x.append(at.x - offset * math.sin(at.heading))
+        y.append(at.y + offset * math.cos(at.heading))
+    commanded = CommandedPath(tuple(x), tuple(y), tuple(plan.speeds))
+    first = path.at(float(nodes.stations[0]))
+    assert not flaw(commanded, Pose(0.0, Point.REAR_AXLE, x[0], y[0], first.heading, 5.0, 0.0, 0.0, 0.0, 0.0))
+    way, bodies = curve(commanded), []
+    shape = box(-CAR.rear_overhang, -0.5 * CAR.width, CAR.rear_axle_to_bumper, 0.5 * CAR.width)
+    for s in np.arange(0.0, way.length, 0.25):
+        at = way.at(float(s))
+        bodies.append(translate(rotate(shape, at.heading, (0, 0), use_radians=True), at.x, at.y))
+    return way, bodies
+
+
+def nodes_of(path: ReferencePath) -> Nodes:
+    stations = SPACING * np.arange(COUNT)
+    return Nodes.of(CAR, stations, np.array([path.at(s).curvature for s in stations.tolist()]))
+
+
+def task(
+    nodes: Nodes,
+    bodies: Sequence[Body],
+    sides: Sequence[int],
+    speed: float,
+    limits: LateralLimits,
+    head: Sequence[float],
+) -> Task:
+    def free(times: Sequence[float]) -> Room:
+        return room(nodes, times, bodies, sides, KEEPS).within(3.4, 3.4)
+
+    return Task(tuple(head), SPACING, nodes.curvature.tolist(), (speed,) * COUNT, free, limits)
+
+
+@names
+@settings(deadline=None, max_examples=40)
+@given(
+    st.floats(4.0, 12.0), st.floats(45.0, 60.0), st.floats(-1.4, 1.4), st.floats(-math.pi, math.pi),
+    st.floats(0.5, 9.0), st.floats(0.4, 1.9), st.floats(-0.006, 0.006), st.sampled_from([LEFT, RIGHT]),
+    st.floats(-0.2, 0.2),
+)  # fmt: skip
+def test_the_body_keeps_clear_of_long_and_oblique_bodies_in_bends(
+    planner: Planner, speed: float, at: float, aside: float, turn: float, length: float, width: float, bend: float,
+    side: int, starts: float,
+) -> None:  # fmt: skip
+    path = road(bend)
+    nodes, place = nodes_of(path), path.at(at)
+    x, y = place.x - aside * math.sin(place.heading), place.y + aside * math.cos(place.heading)
+    polygon = Polygon(Box(x, y, place.heading + turn, length, width).corners())
+    plan = planner.plan(task(nodes, [outline(polygon, path)], [side], speed, COMFORT, [starts] * 4))
+    assume(plan is not None)
+    assert plan is not None
+    way, bodies = swept(path, plan, nodes)
+    assert min(polygon.distance(body) for body in bodies) > KEEPS.clearance - INTRUSION - 0.05
+    assert plan.offsets[:4] == (starts,) * 4
+    # Along the curve itself: what the car would feel at the speed that was planned.
+    speed = min(plan.speeds)
+    dense = [way.at(float(s)).curvature for s in np.arange(3.0 * SPACING, way.length - 3.0 * SPACING, 0.3)]
+    assert max(map(abs, dense)) <= EXCESS * max(COMFORT.bend(speed), abs(bend)) + 0.004
+    if isinstance(planner, ElasticBand):
+        # Over a node's distance: between nodes the cubic pieces are what they are.
+        steps = np.abs(np.array(dense[5:]) - np.array(dense[:-5])) / SPACING
+        assert steps.max() <= 1.6 * COMFORT.change(speed) + abs(bend) / 20.0 + 0.001
+
+
+@names
+def test_several_bodies_on_both_sides(planner: Planner) -> None:
+    """Past one on the left, past the next on the right of it: a slalom with as much room as it takes."""
+    path = road(0.0)
+    nodes = nodes_of(path)
+    shapes = [Polygon(Box(32.0, -1.0, 0.2, 4.0, 1.8).corners()), Polygon(Box(72.0, 1.2, -0.3, 4.0, 1.8).corners())]
+    plan = planner.plan(task(nodes, [outline(one, path) for one in shapes], [LEFT, RIGHT], 6.0, URGENT, [0.0] * 4))
+    if isinstance(planner, FrenetSampling) and plan is None:
+        pytest.skip("one way out and back is all that it draws")
+    assert plan is not None
+    _way, bodies = swept(path, plan, nodes)
+    assert min(shape.distance(body) for shape in shapes for body in bodies) > KEEPS.clearance - INTRUSION - 0.05
+
+
+@names
+@pytest.mark.parametrize("speed", [8.0, 11.0, 15.0])
+def test_the_least_distance_to_come_aside_is_near_the_closed_form(planner: Planner, speed: float) -> None:
+    """A wall 1.5 m into the way: the nearest that a way leads around, against the least time to swerve."""
+    nodes = nodes_of(road(0.0))
+
+    def wall(node: int) -> Task:
+        low = [-math.inf] * COUNT
+        low[node : node + 4] = [1.5] * 4
+        return Task(
+            (0.0,) * 4, SPACING, [0.0] * COUNT, (speed,) * COUNT, lambda _times: Room(low, [3.4] * COUNT), URGENT
+        )
+
+    first = next(node for node in range(4, COUNT) if planner.plan(wall(node)) is not None)
+    least = speed * swerve_time(1.5, URGENT.acceleration, URGENT.jerk)
+    assert len(nodes.stations) == COUNT
+    share = {ElasticBand: 1.1, FrenetSampling: 1.25}[type(planner)]
+    assert 0.85 * least - SPACING <= SPACING * (first - 3) <= share * least + SPACING
+
+
+@names
+def test_it_returns_to_the_path(planner: Planner) -> None:
+    nodes = nodes_of(road(0.0))
+    plan = planner.plan(task(nodes, [], [], 8.0, COMFORT, [1.5] * 4))
+    assert plan is not None
+    assert abs(plan.offsets[-1]) < 0.05
+    assert min(plan.offsets) > -0.15
+
+
+def test_no_way_is_better_than_one_through_a_body() -> None:
+    path = road(0.0)
+    nodes = nodes_of(path)
+    wall = outline(Polygon(Box(30.0, 0.0, 0.0, 2.0, 12.0).corners()), path)
+    for planner in PLANNERS:
+        for side in (LEFT, RIGHT):
+            assert planner.plan(task(nodes, [wall], [side], 8.0, URGENT, [0.0] * 4)) is None
+
+
+@given(st.integers(4, 20), st.integers(0, 2**32 - 1))
+def test_springs_balance_where_the_matrix_says(count: int, seed: int) -> None:
+    """Against numpy's solution of the normal equations of the same springs."""
+    draw = np.random.default_rng(seed)
+    head, nodes = draw.normal(size=3).tolist(), 3 + count
+    springs, rows, aims = Springs(nodes), [], []
+    for stencil in ((1.0,), tuple(draw.normal(size=2)), tuple(draw.normal(size=3)), tuple(draw.normal(size=4))):
+        first = 4 - len(stencil)
+        many = nodes - first - len(stencil) + 1
+        weight, aim = draw.uniform(0.1, 5.0, many), draw.normal(size=many)
+        springs.add(first, stencil, weight, aim)
+        for number in range(many):
+            row = np.zeros(nodes)
+            row[first + number : first + number + len(stencil)] = stencil
+            rows.append(math.sqrt(weight[number]) * row)
+            aims.append(math.sqrt(weight[number]) * aim[number])
+    matrix, right = np.array(rows), np.array(aims)
+    expected = np.linalg.lstsq(matrix[:, 3:], right - matrix[:, :3] @ np.array(head), rcond=None)[0]
+    np.testing.assert_allclose(springs.balance(head), expected, rtol=1e-6, atol=1e-8)
+
+
+@given(
+    st.tuples(st.floats(-3.0, 3.0), st.floats(-0.3, 0.3), st.floats(-0.1, 0.1)),
+    st.floats(-3.0, 3.0),
+    st.floats(5.0, 60.0),
+)
+def test_a_quintic_meets_its_six_conditions(start: tuple[float, float, float], end: float, length: float) -> None:
+    poly = np.polynomial.Polynomial(Quintic.to_rest(start, end, length).coefficients)
+    got = [poly(0.0), poly.deriv()(0.0), poly.deriv(2)(0.0), poly(length), poly.deriv()(length), poly.deriv(2)(length)]
+    np.testing.assert_allclose(got, [*start, end, 0.0, 0.0], atol=1e-8)
+
+
+def test_quartic_speeds_over_the_way() -> None:
+    """From 10 to 5 m/s within 4 s takes 30 m; half the way in time is at 7.5 m/s."""
+    places = [0.0, 10.0 * 2.0 - 5.0 * 4.0 * (0.125 - 0.03125), 30.0, 50.0]
+    np.testing.assert_allclose(quartic_speeds(10.0, 5.0, 4.0, places), [10.0, 7.5, 5.0, 5.0], atol=0.05)
+
+
+def test_times_along_the_nodes() -> None:
+    assert times_at([2.0, 4.0, 4.0], 3.0) == pytest.approx([0.0, 1.0, 1.75])
+
+
+def test_room_beside_one_who_crosses_is_where_he_will_be() -> None:
+    """The car is at node 20 after 3 s; he walks left at 1 m/s from 3 m right: he is in the middle then."""
+    nodes = nodes_of(road(0.0))
+    walker = Body(np.array([31.0, 31.4]), np.array([-3.2, -2.8]), 0.0, 1.0, 0.0, 1.7)
+    times = times_at((10.0,) * COUNT, SPACING)
+    clear = clearances(nodes, times, [0.0] * COUNT, walker, KEEPS)
+    node = int(np.argmin(clear))
+    assert nodes.stations[node] / 10.0 == pytest.approx(3.0, abs=0.5)
+    assert clear[node] < 0.0
+    free = room(nodes, times, [walker], [RIGHT], KEEPS)
+    assert min(free.high) == pytest.approx(-2.8 + 2.6 - 0.5 * CAR.width - KEEPS.clearance, abs=0.6)

@@ -1,0 +1,166 @@
+"""Controllers that steer around, in closed loop on a road without SUMO: they pass, give way, swerve, and come back."""
+
+from __future__ import annotations
+
+import math
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from controllers import elastic_band, follow_and_stop, frenet_sampling
+from controllers.steer_around import TUNING
+from tests.controllers.avoid_bench import CAR, Drive, drive
+from tests.controllers.bench import ROAD, Body, steady
+from tests.controllers.street import Flaws
+from vve_sumo.commanded_path import flaw
+from vve_sumo.controller import Controller
+from vve_sumo.errors import ConfigError
+from vve_sumo.path import ReferencePath
+from vve_sumo.values import Point, Pose
+
+MODULES = [elastic_band, frenet_sampling]
+both = pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__.split(".")[-1])
+#: what an honest pose and the steering law leave of the way that is planned [m]
+CLEAR = 0.8
+
+
+def around(module: ModuleType, **tuning: float | bool) -> Controller:
+    made: Controller = module.make(CAR, {"left_m": 3.4} | tuning)
+    return made
+
+
+def commanded(found: Drive) -> list[int]:
+    return [tick for tick, command in enumerate(found.commands) if command.path is not None]
+
+
+@both
+def test_it_passes_what_stands_and_comes_back(module: ModuleType) -> None:
+    found = drive(around(module), ROAD, 8.0, [steady(60.0, 0.2)], 20.0, until=125.0)
+    assert found.s[-1] > 125.0
+    assert found.least > CLEAR
+    assert abs(found.offset[-1]) < 0.15
+    assert found.speed.min() > 5.0
+    assert np.abs(found.lateral).max() < 2.6
+    assert commanded(found)
+    assert found.commands[-1].path is None or abs(found.offset[-1]) < 0.15
+
+
+@pytest.mark.thorough
+@both
+@pytest.mark.parametrize(
+    ("place", "turn", "length", "width", "kind"),
+    [
+        (0.0, 0.5, 4.5, 1.8, "car"),
+        (-0.8, -0.6, 4.5, 1.8, "car"),
+        (0.3, 0.0, 8.0, 2.0, "van"),
+        (-0.5, 0.0, 0.5, 0.6, "pedestrian"),
+    ],
+)
+def test_it_passes_long_and_oblique_bodies_in_a_bend(
+    module: ModuleType, place: float, turn: float, length: float, width: float, kind: str
+) -> None:
+    step = np.arange(0.0, 300.0, 2.0)
+    heading = np.cumsum(np.clip((step - 20.0) / 20.0, 0.0, 1.0) * 0.008 * 2.0)
+    path = ReferencePath.from_points(np.cumsum(2.0 * np.cos(heading)), np.cumsum(2.0 * np.sin(heading)))
+    at = path.at(70.0)
+    x, y = at.x - place * math.sin(at.heading), at.y + place * math.cos(at.heading)
+    body = steady(x, y, 0.0, at.heading + turn, length=length, width=width)
+    found = drive(around(module, left_m=4.6), path, 7.0, [body], 25.0, until=140.0, kinds=[kind])
+    assert found.s[-1] > 140.0
+    assert found.least > CLEAR
+    assert abs(found.offset[-1]) < 0.15
+
+
+@pytest.mark.thorough
+@both
+def test_who_comes_the_other_way_goes_first(module: ModuleType) -> None:
+    bodies = [steady(60.0, 0.0), steady(125.0, 3.2, 8.0, math.pi)]
+    found = drive(around(module), ROAD, 8.0, bodies, 30.0, until=120.0)
+    assert found.s[-1] > 120.0
+    assert found.least > CLEAR
+    # They meet where the car is still on its own side.
+    met = int(np.argmin(np.abs(125.0 - 8.0 * found.time - found.s)))
+    assert abs(found.offset[met]) < 0.6
+
+
+@pytest.mark.thorough
+def test_while_somebody_keeps_coming_it_waits() -> None:
+    stream = [steady(90.0 + 30.0 * number, 3.2, 8.0, math.pi) for number in range(8)]
+    found = drive(around(elastic_band), ROAD, 8.0, [steady(50.0, 0.0), *stream], 16.0)
+    assert found.least > CLEAR
+    assert np.abs(found.offset).max() < 0.5
+    assert found.speed[-1] < 0.1
+    bumper = found.s[-1] + CAR.rear_axle_to_bumper
+    assert 47.75 - bumper == pytest.approx(TUNING["gap_m"], abs=1.0)
+
+
+@pytest.mark.thorough
+def test_out_of_a_standstill_behind_it() -> None:
+    found = drive(around(elastic_band), ROAD, 8.0, [steady(19.0, 0.0)], 20.0, start=0.0, until=80.0)
+    assert found.s[-1] > 80.0
+    assert found.least > CLEAR
+    assert abs(found.offset[-1]) < 0.15
+
+
+@pytest.mark.thorough
+@both
+def test_it_overtakes_a_bicyclist(module: ModuleType) -> None:
+    bicycle = steady(45.0, -0.8, 4.0, length=1.8, width=0.6, cross_section=1.0)
+    found = drive(around(module), ROAD, 9.0, [bicycle], 25.0, kinds=["bicycle"], until=180.0)
+    assert found.s[-1] > 180.0
+    assert found.least > CLEAR
+    assert abs(found.offset[-1]) < 0.15
+
+
+def runs_out(speed: float, arrives: float, sets_out: float = 1.0, pace: float = 3.0) -> Body:
+    """Runs in from the right so that an unbraked bumper meets the middle of it."""
+    x = CAR.rear_axle_to_bumper + speed * (arrives + sets_out) + 0.3
+
+    def place(time: float) -> tuple[float, float, float, float]:
+        runs = max(time - sets_out, 0.0)
+        return x, pace * (runs - arrives), math.pi / 2.0, pace if runs else 0.0
+
+    return Body(place, 0.5, 0.6, 0.5)
+
+
+def test_it_swerves_and_brakes_where_braking_alone_comes_too_late() -> None:
+    """At 50 km/h with 1.4 s left full braking from when the runner is known does not stop the car."""
+    speed, body = 50.0 / 3.6, runs_out(50.0 / 3.6, 1.4)
+    alone = drive(around(elastic_band, left_m=0.0), ROAD, speed, [body], 4.5, kinds=["pedestrian"])
+    both_ = drive(around(elastic_band, right_m=2.0), ROAD, speed, [body], 4.5, kinds=["pedestrian"])
+    assert both_.least > 0.1
+    assert both_.emergency.any()
+    assert both_.least > alone.least
+    assert np.abs(both_.offset).max() > 0.3
+
+
+def test_without_room_it_brakes_as_the_shipped_controller_does() -> None:
+    bodies = [steady(45.0, 0.0)]
+    own = drive(around(elastic_band, left_m=0.0, gap_m=5.0), ROAD, 8.0, bodies, 6.0)
+    shipped = drive(follow_and_stop.make(CAR, {"gap_m": 5.0}), ROAD, 8.0, bodies, 6.0)
+    assert own.commands == shipped.commands
+
+
+def test_every_way_that_it_commands_is_one_that_the_tick_takes() -> None:
+    found = drive(around(elastic_band), ROAD, 7.0, [steady(45.0, 0.0)], 9.0, flaws=Flaws(misalignment=0.01))
+    for tick in commanded(found):
+        path = found.commands[tick].path
+        assert path is not None
+        assert max(path.speed) <= 7.2
+        pose = Pose(0.0, Point.REAR_AXLE, found.s[tick], found.offset[tick], 0.0, 7.0, 0.0, 0.0, 0.0, 0.0)
+        heading = math.atan2(path.y[1] - path.y[0], path.x[1] - path.x[0])
+        assert abs(heading) < 1.0
+        assert not flaw(path, pose)
+
+
+@pytest.mark.parametrize(("key", "value"), [("left_m", -1.0), ("right_m", 40.0), ("sensor", 1.0)])
+def test_a_slip_in_the_tuning_is_named(key: str, value: float) -> None:
+    with pytest.raises(ConfigError, match=key):
+        elastic_band.make(CAR, {key: value})
+
+
+def test_a_scenario_without_a_lidar_is_named() -> None:
+    controller = elastic_band.make(CAR, {"left_m": 3.0, "sensor": "top"})
+    with pytest.raises(TypeError, match="no sensor 'top' of kind lidar"):
+        drive(controller, ROAD, 5.0, [], 0.1)
