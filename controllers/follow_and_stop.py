@@ -18,11 +18,13 @@ from vve_sumo.values import CommandedPath, ControlCommand, Observation, Vehicle
 from .approach import NOWHERE, Approach, Goal, Standstill
 from .deviation import Deviation, DeviationObserver
 from .emergency import Emergency
+from .green_advice import advised_acceleration
 from .lqr import LateralRegulator
 from .preview import PreviewSteering, PreviewTuning
 from .pure_pursuit import PurePursuit
 from .radar_stop import RadarStop
 from .sightings import Sense
+from .signal_stop import SignalStop
 from .speed import SPEEDING_UP, Profile, SpeedKeeper, SpeedProfile
 from .stanley import Stanley
 from .tracks import Target, Tracker
@@ -44,6 +46,7 @@ TUNING: dict[str, float | str | bool] = {
     "stop_deceleration_m_s2": 2.0,  #: of a comfortable stop
     "lateral_acceleration_m_s2": 2.0,  #: that bends are driven with at most
     "emergency": True,  #: whether the emergency layer is there
+    "signals": True,  #: whether it obeys the signals that a sensor of kind `signals` knows of
     "comfort": True,  #: whether it slows and stops comfortably for what is in the way, before that becomes urgent
 }
 
@@ -120,11 +123,12 @@ class FollowAndStop:
         warned: Warner | None = None,
         sense: Sense | None = None,
         avoidance: Avoidance | None = None,
+        pass_at_green: bool = False,
     ) -> None:
         """`following` decides what is done behind a target; without it, the target is approached as a goal.
 
         `warned` adds a target that no scan shows yet. Without a `sense` it sees by the radar. Without an `avoidance` it
-        keeps to the path.
+        keeps to the path. With `pass_at_green` it slows early to pass signals while they are green.
         """
         self._following, self._warned, self._avoidance = following, warned, avoidance
         self._law, self._steering_limit = law, vehicle.steering_limit
@@ -140,6 +144,8 @@ class FollowAndStop:
         self._stop = RadarStop(tuning["gap_m"], tuning["time_headway_s"])
         self._approach = Approach(vehicle, tuning["stop_deceleration_m_s2"], PERIOD)
         self._standstill = Standstill(PERIOD)
+        self._signals = SignalStop(vehicle, PERIOD) if tuning.get("signals", 1.0) else None
+        self._signal, self._pass_at_green = NOWHERE, pass_at_green
         self._emergency = Emergency(vehicle, PERIOD) if tuning["emergency"] else None
         self._comfort = bool(tuning["comfort"])
         self._stopped = False
@@ -157,6 +163,8 @@ class FollowAndStop:
         to_end = observation.path.length - projection.s
         target = self._tracker.step(observation, projection)
         warned = self._warned.step(observation, projection) if self._warned is not None else None
+        if self._signals is not None:
+            self._signal = self._signals.goal(observation, projection.s)
         way = None if self._avoidance is None else self._avoidance.step(observation, projection, self._tracker)
         if way is None:
             dangers = self._tracker.dangers(observation.time, projection.s)
@@ -194,6 +202,12 @@ class FollowAndStop:
         goals = {"path_end": Goal(to_end), "target": self._stop.goal(target)}
         if warned is not None:
             goals["warned"] = self._stop.goal(warned)
+        if self._signals is not None:
+            goals["signal"] = self._signal
+            if self._pass_at_green:
+                candidates["green"] = advised_acceleration(
+                    self._signals.line, self._signals.distance, speed, observation.desired_speed, observation.time
+                )
         for note, goal in goals.items():
             if goal is not NOWHERE:
                 candidates[note] = self._approach.acceleration(goal, speed, measured)

@@ -37,6 +37,7 @@ TABLES: dict[str, tuple[str, int]] = {
     "parked_car": (r"  45 +1/1 +0 +0 +[45]\.\d\d to .*", 1),
     "platoon": (r"c?acc +headway 1\.2 s: head to tail [\d.]+ \(L2\), .*; least gap .* closed form [\d.]+ s", 2),
     "senses": (r"  (radar|lidar|camera|v2x|warned|some|all) +a step [\d.]+ ms, a reading [\d.]+ ms in all, .*", 7),
+    "signals": (r"2 drives, 0\.00 h: 0 red lights run, 0 contacts", 1),
     "steering_avoidance": (r"\| 1\.6 s \| (braking|steering|both) \| .* \| \d+ km/h \|", 3),
     "stopping_bound": (r"(nominal +1 +1 +0|200 ms of dead time +1 +1 +1) .*", 2),
     "strings": (r"  .*: \d\.\d+( s)? \(\d\.\d+ to \d\.\d+\)", 3),

@@ -58,6 +58,7 @@ from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Scenario, When
 from vve_sumo.sensors.camera_settings import CameraSettings
 from vve_sumo.sensors.lidar_settings import LidarSettings
+from vve_sumo.sensors.signals_settings import SignalsSettings
 from vve_sumo.sensors.v2x_settings import V2xSettings
 from vve_sumo.stations import station_gate
 from vve_sumo.sweep.controllers import VariedController
@@ -238,6 +239,7 @@ GENERATED = {
     ("camera.md", "camera keys"): lambda: keys(CameraSettings),
     ("pictures.md", "camera file keys"): lambda: keys(CameraFile),
     ("v2x.md", "v2x keys"): lambda: keys(V2xSettings),
+    ("signals.md", "signals keys"): lambda: keys(SignalsSettings),
     ("lidar.md", "lidar keys"): lambda: keys(LidarSettings),
     ("sweeps.md", "keys"): lambda: keys(Spec),
     ("sweeps.md", "controllers keys"): lambda: keys(VariedController, "controllers[]."),

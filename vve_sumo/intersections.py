@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -45,3 +46,30 @@ class SignalPhase:
 
     state: str  #: SUMO's letter for each of its links
     remaining: float  #: time for which it will show this at least [s]
+    #: what it will show then, and for how long at least [s], as far as its program is fixed
+    coming: tuple[tuple[str, float], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class LinkShow:
+    """What one link is shown over a time that begins now or later."""
+
+    letter: str  #: SUMO's, of the signal's state
+    begin: float  #: earliest, from now [s]
+    end: float  #: earliest, from now [s]
+
+
+def shows(phase: SignalPhase, index: int) -> Sequence[LinkShow]:
+    """Return what the link of a letter is shown from now on, each time to the next other letter; [] for no letter."""
+    found: list[LinkShow] = []
+    begin = 0.0
+    for state, lasts in ((phase.state, phase.remaining), *phase.coming):
+        if index >= len(state):
+            return []
+        end = begin + lasts
+        if found and found[-1].letter == state[index]:
+            found[-1] = LinkShow(state[index], found[-1].begin, end)
+        else:
+            found.append(LinkShow(state[index], begin, end))
+        begin = end
+    return found

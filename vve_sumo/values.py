@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vve_sumo.frozen import fast_frozen
+from vve_sumo.intersections import SignalPhase
 from vve_sumo.path import ReferencePath
 
 Floats = NDArray[np.float64]
@@ -149,11 +150,18 @@ class ActorState(NamedTuple):
 
 
 class SignalChange(NamedTuple):
-    """A traffic signal that begins to show another state."""
+    """A traffic signal that begins to show another state, or whose plan changes."""
 
     time: float  #: drive time [s]
     signal: str  #: name in SUMO
     state: str  #: a letter of SUMO's for each of its links, in their order: r, y, g, G, …
+    end: float = 0.0  #: drive time up to which it shows this at least [s]; 0 where nobody asked
+    #: what it shows then, and for how long at least [s], as far as its program is fixed and somebody asked
+    coming: tuple[tuple[str, float], ...] = ()
+
+    def phase(self, now: float) -> SignalPhase:
+        """Return what the signal shows at drive time `now` [s], up to the next change."""
+        return SignalPhase(self.state, max(self.end - now, 0.0), self.coming)
 
 
 @fast_frozen
@@ -292,6 +300,32 @@ class Stations:
     uncertainty: Floats  #: radius in which the place is with 95 %, as the message has it [m]
     objects: ReportedObjects | None = None  #: that stations perceive; None where no station tells of any
     events: RoadEvents | None = None  #: that stations have warned of; None where no station warns
+
+
+@fast_frozen
+@dataclass(frozen=True, slots=True)
+class StopLines:
+    """The stop lines that a controller knows of, with what is shown there: one row for each way across a junction.
+
+    Places count from where the car is at `time`. A line from which ways lead to several lanes has a row for each.
+    """
+
+    time: float  #: drive time of the output [s]; -inf before the first
+    intersection: NDArray[np.int64]  #: number of the junction with the signal
+    group: NDArray[np.int64]  #: number of what is shown for this way at its junction; 0 unknown
+    x: Floats  #: of the line's middle, ahead of the front bumper [m]
+    y: Floats  #: of the line's middle, left of the car's axis [m]
+    heading: Floats  #: of the lane at the line from the car's axis [rad], counter-clockwise
+    width: Floats  #: of the lane [m]
+    exit_x: Floats  #: of where the way leads: begin of the lane beyond, ahead of the front bumper [m]
+    exit_y: Floats  #: as exit_x, left of the car's axis [m]
+    #: 0 unknown, 1 dark, 2 stop and go on, 3 red, 4 red and yellow, 5 green (others may have the right of way),
+    #: 6 green (nobody else may go), 7 and 8 yellow after them, 9 flashing yellow (J2735 MovementPhaseState)
+    phase: NDArray[np.int8]
+    age: Floats  #: from when that was shown to `time` [s]
+    remaining: Floats  #: from `time`, for which it is shown at least [s]; 0 where nothing is known
+    green_begin: Floats  #: from `time` to when the next green begins at the earliest [s]; 0 where nothing is known
+    green_end: Floats  #: from `time` to when that green ends at the earliest [s]; 0 where nothing is known
 
 
 #: first-order time constant from throttle to drive force, assumed for a car without calibration [s]

@@ -18,6 +18,7 @@ from tests.v2x import tshark
 from tests.v2x.packets import ADDRESS
 from vve_sumo.errors import ConfigError
 from vve_sumo.intersections import Intersection, IntersectionLane, IntersectionLink, SignalPhase
+from vve_sumo.sensors.roadside_messages import LANE_LENGTH
 from vve_sumo.v2x import geonetworking, its_time, mapem, spatem
 from vve_sumo.v2x.data_elements import StationType
 from vve_sumo.v2x.mapem import Direction, IntersectionGeometry
@@ -25,7 +26,7 @@ from vve_sumo.v2x.pdu_header import MessageId
 from vve_sumo.v2x.spatem import IntersectionState, Phase
 from vve_sumo.values import Actors, Point, Pose
 from vve_sumo.wire.outputs import Context, SignalsOutput
-from vve_sumo.wire.roadside import LANE_LENGTH, RANGE, RoadsideEncoder
+from vve_sumo.wire.roadside import RANGE, RoadsideEncoder
 from vve_sumo.wire.sample import NO_SCAN, Sample, SampleContent, no_fix
 from vve_sumo.world.intersections import intersections
 from vve_sumo.world.network import Network, read_network

@@ -86,7 +86,7 @@ def test_the_file_gives_back_what_was_written(driven: Any, tmp_path: Path) -> No
     (tmp_path / SIGNALS).write_text(signals_text(changes), encoding="utf-8")
     reported = read_signals(tmp_path)
     again = sorted((time, name, state) for name, pair in reported.items() for time, state in zip(*pair, strict=True))
-    assert again == sorted((round(time, 3), name, state) for time, name, state in changes)
+    assert again == sorted((round(one.time, 3), one.signal, one.state) for one in changes)
 
 
 @pytest.mark.parametrize("content", [None, "", "[1]", '{"a": 3}', '{"a": [["x"], ["r"]]}', "\ud800"])

@@ -38,6 +38,8 @@ PARTS: Final = {
     "PreviewTuning": "preview",
     "PurePursuit": "pure_pursuit",
     "RadarStop": "radar_stop",
+    "SignalStop": "signal_stop",
+    "SignalWatch": "signal_stop",
     "SpeedKeeper": "speed",
     "SpeedProfile": "speed",
     "Standstill": "approach",

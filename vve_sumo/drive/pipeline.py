@@ -17,6 +17,7 @@ from vve_sumo.commanded_path import curve
 from vve_sumo.controller import GuardedController
 from vve_sumo.frames import Placement, move_point
 from vve_sumo.frozen import fast_frozen
+from vve_sumo.intersections import SignalPhase
 from vve_sumo.lot.fallback import fallback_path
 from vve_sumo.lot.geofence import Geofence
 from vve_sumo.path import ReferencePath
@@ -56,6 +57,7 @@ Readings = Mapping[str, tuple[Column, ...]]
 FallbackRule = Callable[[Pose, float, ReferencePath, float, Vehicle], FallbackPath | DeferredFallbackPath | None]
 
 _NO_READINGS: Readings = MappingProxyType({})
+_NO_SIGNALS: Mapping[str, SignalPhase] = MappingProxyType({})
 
 
 @fast_frozen
@@ -192,14 +194,19 @@ class Pipeline:
         self._predictor.update(pose)
         return pose
 
-    def see(self, now: float, actors: Actors) -> None:
-        """Predict the pose to drive time `now` [s] and step every sensor on the `actors` of this tick."""
+    @property
+    def sees_signals(self) -> bool:
+        """Whether a sensor is to be handed what the signals of the virtual road show."""
+        return any(sensor.sees_signals for sensor in self._sensors.values())
+
+    def see(self, now: float, actors: Actors, signals: Mapping[str, SignalPhase] = _NO_SIGNALS) -> None:
+        """Predict the pose to drive time `now` [s] and step every sensor on the `actors` and `signals` of this tick."""
         faults = self._gate.stale(now) + self._gate.unsteady() if self._newest > -math.inf else ()
         if not self._gate.profile.may_arm:
             faults += ("profile_may_not_arm",)
         pose, readings = self._predictor.at(now), _NO_READINGS
         if pose is not None:
-            stepped = {name: sensor.step(now, pose, actors) for name, sensor in self._sensors.items()}
+            stepped = {name: sensor.step(now, pose, actors, signals) for name, sensor in self._sensors.items()}
             faults += tuple({code: None for sensor in self._sensors.values() for code in sensor.faults})
             readings = {name: reading for name, reading in stepped.items() if reading is not None}
             if readings:

@@ -49,6 +49,7 @@ from vve_sumo.record.layout import (
 )
 from vve_sumo.record.reader import holds_table, read_commanded, read_pose_chunks, read_table, sensor_tables
 from vve_sumo.record.rows import PersonReportRow, PersonRow
+from vve_sumo.record.signals import RecordedPlans
 from vve_sumo.scenario.load import parse
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import Actors, CommandedPath, Frame
@@ -85,6 +86,7 @@ class PipelineInputs:
     ticks: list[dict[str, Any]]  #: rows of the record, up to the last one whose inputs are complete
     torn: int  #: number of later rows, whose inputs did not reach the disk
     commanded: dict[int, CommandedPath]  #: paths that commands carry, by tick
+    signals: RecordedPlans  #: what the sensors were handed of the signals
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +180,13 @@ def read_pipeline_inputs(folder: Path) -> PipelineInputs:
     ticks, actors = (read_rows(folder, name) for name in ("ticks", "actors"))
     pose = read_pose_chunks(folder / "pose.bin")
     inputs = PipelineInputs(
-        pose, snapshots(actors), _readings(folder), ticks.to_pylist(), 0, by_tick(read_commanded(folder))
+        pose,
+        snapshots(actors),
+        _readings(folder),
+        ticks.to_pylist(),
+        0,
+        by_tick(read_commanded(folder)),
+        RecordedPlans.of_record(folder),
     )
     whole = _whole_ticks(inputs)
     return replace(inputs, ticks=inputs.ticks[:whole], torn=len(inputs.ticks) - whole)
@@ -239,7 +247,7 @@ def replayed_ticks(pipeline: Pipeline, inputs: PipelineInputs) -> Iterator[tuple
         for time, data in inputs.pose[taken : row["datagrams"]]:
             pipeline.receive(time, data)
         taken = row["datagrams"]
-        pipeline.see(now, inputs.actors.get(tick, NO_ACTORS))
+        pipeline.see(now, inputs.actors.get(tick, NO_ACTORS), inputs.signals.phases(now))
         yield row, pipeline.decide(tick, now, steering, reason_codes(row["shell_faults"]))
         pipeline.prepare(now + PERIOD, steering)
 

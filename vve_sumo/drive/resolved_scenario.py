@@ -50,6 +50,7 @@ from vve_sumo.vehicle.load import load as load_vehicle
 from vve_sumo.vehicle.model import VehicleModel
 from vve_sumo.version import __version__
 from vve_sumo.wire.outputs import KINDS
+from vve_sumo.world.intersections import intersections
 from vve_sumo.world.network import Network, NetworkLane, lanes_near, read_network
 
 if TYPE_CHECKING:
@@ -207,7 +208,9 @@ class ResolvedScenario:
             for lane in self.lanes
             if lane.kind in ("lane", "junction")
         ]
-        return Street(self._buildings(), lanes, self.map_frame)
+        signals = any(settings.sees_signals() for settings in self.sensors().values())
+        crossings = intersections(self.network.path) if signals else ()
+        return Street(self._buildings(), lanes, self.map_frame, crossings)
 
     def _buildings(self) -> tuple[Building, ...]:
         file = self.files.get(BUILDINGS)

@@ -32,7 +32,7 @@ from vve_sumo.metrics.per_drive import PER_DRIVE
 from vve_sumo.record.hashes import hash_files
 from vve_sumo.record.layout import COMMANDED, FURTHER_EGOS, PROVENANCE, ROADS, TICK_METRICS
 from vve_sumo.record.roads import roads_table
-from vve_sumo.record.signals import SIGNALS, signals_text
+from vve_sumo.record.signals import files_of
 from vve_sumo.record.tick_metrics import tick_metrics_table
 from vve_sumo.record.writer import MemoryRecorder, RecordWriter, claim, scenario_bytes
 from vve_sumo.scenario import overrides
@@ -165,9 +165,10 @@ def run(
             for record in reversed(records):
                 record.discard()
             raise
-        for done, record in zip(ends, records, strict=True):
-            if done.signals and keep_record:
-                record.attach(SIGNALS, signals_text(done.signals))
+        if keep_record:
+            for done, record in zip(ends, records, strict=True):
+                for name, text in files_of(done.signals).items():
+                    record.attach(name, text)
     finally:
         shell.close()
     others = {

@@ -39,9 +39,11 @@ def special_conditions(resolved: ResolvedScenario, working: Path) -> list[str]:
     conditions = descriptions.special_conditions(resolved.scenario)
     manoeuvre = _manoeuvre(resolved.scenario.controller, working)
     found = ", ".join(f"{at:.0f} m" for at in signals_along_path(resolved))
+    sensed = any(settings.sees_signals() for settings in resolved.sensors().values())
+    shown = "a sensor shows them" if sensed else "no sensor shows them"
     return [
         *([f"manoeuvre: {manoeuvre}"] if manoeuvre else []),
-        *([f"signals at {found} of the path: the traffic obeys, no sensor shows them"] if found else []),
+        *([f"signals at {found} of the path: the traffic obeys, {shown}"] if found else []),
         *conditions,
     ]
 

@@ -14,6 +14,7 @@ from typing import NamedTuple, Protocol
 from vve_sumo.drive.pipeline import Pipeline, TickResult
 from vve_sumo.drive.tick_rows import RecordedTick, tick_row
 from vve_sumo.drive.virtual_road import EgoSurroundings
+from vve_sumo.intersections import SignalPhase
 from vve_sumo.path import ReferencePath
 from vve_sumo.record.rows import TickRow
 from vve_sumo.sensors.port import Column
@@ -142,7 +143,7 @@ class EgoTick:
     def act(self, due: DueTick, car: CarInput, around: EgoSurroundings, clock: Callable[[], float]) -> CompletedTick:
         """Let the sensors see what is around the ego, decide, and hand the setpoint over."""
         actors = around.actors
-        self.pipeline.see(due.time, actors)
+        self.pipeline.see(due.time, actors, around.signals(due.time))
         seen = clock()
         result = self.pipeline.decide(due.number, due.time, car.steering, around.faults + self._shell.faults())
         decided = clock()
@@ -196,6 +197,10 @@ class Road(Protocol):
         """Place the front bumpers of the egos that have a pose, step once, and report the placements."""
         ...
 
+    def timed_signals(self) -> Callable[[float], Mapping[str, SignalPhase]]:
+        """Return what tells, for a drive time [s], what each signal shows and how long at least from then on."""
+        ...
+
 
 class Tick:
     """Runs one tick after the other, for one shell: all egos act, all are placed, SUMO steps once."""
@@ -204,6 +209,9 @@ class Tick:
         """`clock` [s] gives only the times `seen` and `decided` of a completed tick."""
         self._egos = tuple((ego, road.around[ego.id]) for ego in egos)
         self._road, self._clock = road, clock
+        for ego, around in self._egos:
+            if ego.pipeline.sees_signals:
+                around.signals = road.timed_signals()
 
     def step(self, due: DueTick, cars: Mapping[str, CarInput]) -> dict[str, CompletedTick]:
         """Run a tick of every ego, whose `cars` are given by the egos' ids, as are the completed ticks."""

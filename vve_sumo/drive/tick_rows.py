@@ -101,6 +101,7 @@ def tick_row(
         lane=found.lane,
         actors=len(around.actors.ids),
         contacts="+".join(around.contacts),
+        red_light=around.red_light,
         **result_columns(result),
         **status_columns(recorded.status),
     )

@@ -30,6 +30,11 @@ from vve_sumo.world.world import World
 MOVING_SPEED: Final = 0.5
 
 
+def no_signals(now: float) -> Mapping[str, SignalPhase]:
+    """Return what the signals show at a drive time [s], where there are none or nobody asks."""
+    return {}
+
+
 def egos_of(resolved: ResolvedScenario) -> tuple[Ego, ...]:
     """Return the scenario's egos."""
     return tuple(Ego(one.ego_id, one.vehicle, tuple(one.route)) for one in resolved.egos)
@@ -94,6 +99,9 @@ class EgoSurroundings:
     contacts: tuple[str, ...] = ()  #: actors that the ego touches
     faults: tuple[str, ...] = ()  #: reason codes for the next tick
     detail: str = ""  #: SUMO's last error message about the ego
+    red_light: str = ""  #: the signal whose stop line the front bumper passed on red in the last step; empty for none
+    #: returns what the signals show at a drive time [s], and how long at least; nothing where no sensor sees signals
+    signals: Callable[[float], Mapping[str, SignalPhase]] = no_signals
 
 
 class VirtualRoad:
@@ -207,4 +215,5 @@ class VirtualRoad:
             around.actors, around.contacts = self._world.actors(name), contacts
             around.faults = report.faults + (("virtual_contact",) if contacts else ()) + self._people_faults
             around.detail = report.detail or around.detail
+            around.red_light = self._world.red_light(name)
         return reports

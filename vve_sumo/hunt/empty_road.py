@@ -5,7 +5,7 @@ Must not know what drives on it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -13,8 +13,9 @@ import numpy as np
 
 from vve_sumo.body_kinds import TYPICAL, number_of
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
-from vve_sumo.drive.virtual_road import EgoSurroundings, obstacle_position
+from vve_sumo.drive.virtual_road import EgoSurroundings, no_signals, obstacle_position
 from vve_sumo.geometry import Box, behind_bumper, overlap
+from vve_sumo.intersections import SignalPhase
 from vve_sumo.values import EGO, Actors, Floats, Pose
 from vve_sumo.world.ego_sync import EgoSyncReport
 
@@ -56,6 +57,10 @@ class EmptyRoad:
             height=np.full(len(boxes), TYPICAL["car"].height),
             kind=np.full(len(boxes), number_of("car"), np.int8),
         )
+
+    def timed_signals(self) -> Callable[[float], Mapping[str, SignalPhase]]:
+        """Return what tells what the signals show: there are none."""
+        return no_signals
 
     def advance(self, poses: Mapping[str, Pose]) -> Mapping[str, EgoSyncReport]:
         """Place the ego's front bumper at a pose; without one, nothing is done. There is no report of a placement."""

@@ -20,9 +20,10 @@ from vve_sumo.live.spawn import receive_config
 from vve_sumo.live.summary import summarise
 from vve_sumo.messages import MalformedMessage
 from vve_sumo.record.layout import PROVENANCE
-from vve_sumo.record.signals import SIGNALS, signals_text
+from vve_sumo.record.signals import files_of
 from vve_sumo.record.summary import write_summary
 from vve_sumo.record.writer import LiveRecord
+from vve_sumo.values import SignalChange
 
 #: between two writes [s]; a kill loses at most the last 0.2 s, messages on their way included
 FLUSH_INTERVAL: Final = 0.1
@@ -81,8 +82,9 @@ class Recorder:
 def finish(record: LiveRecord, ended: dict[str, Any] | None, summarise: Summarise) -> None:
     """Finish a record's files and write its summary."""
     record.close()
-    if ended is not None and (changes := ended.pop("signals", ())):
-        record.attach(SIGNALS, signals_text(changes))
+    if ended is not None:
+        for name, text in files_of(SignalChange(*change) for change in ended.pop("signals", ())).items():
+            record.attach(name, text)
     write_summary(record.folder, summarise(record.folder, ended) | {"record_broken": sorted(record.broken)})
 
 

@@ -219,6 +219,21 @@ metric(
 )
 
 
+metric(
+    "red_lights_run",
+    "red lights run",
+    "how often the front bumper passed a stop line while its signal showed red for the ego's way, by what SUMO showed "
+    "in that step; red with yellow is red, none in records that hold no signals",
+    lambda drive: (
+        float(sum(1 for name in drive.ticks["red_light"].to_pylist() if name))
+        if "red_light" in drive.ticks.column_names
+        else math.nan
+    ),
+    worse="higher",
+    missing="the record is of an earlier layout",
+)
+
+
 def _max_lateral_deviation(drive: DriveData) -> float:
     deviation = drive.column("lateral_deviation_m")
     if not np.isfinite(deviation).any():

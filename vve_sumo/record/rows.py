@@ -68,6 +68,9 @@ class TickRow:
     lane: str = _column("lane that SUMO maps the ego to; empty off the road")
     actors: int = _column("actors in the snapshot that the next tick looks at")
     contacts: str = _column("actors whose rectangle overlaps the ego's, joined by +")
+    red_light: str = _column(
+        "signal that was red as the front bumper passed its stop line in the step to the next tick; empty for none"
+    )
 
 
 @dataclass(frozen=True, slots=True)

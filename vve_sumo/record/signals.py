@@ -1,15 +1,23 @@
-"""Writes and reads `signals.json`: what the signals showed over a drive. Knows nothing of what it is used for."""
+"""Writes and reads what the signals showed over a drive, and what was planned. Knows nothing of what it is used for.
+
+`signals.json` holds the states; `signal_plans.json`, where a sensor knew of plans, all that the sensor was handed.
+"""
 
 from __future__ import annotations
 
 import json
+from bisect import bisect_right
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from vve_sumo.intersections import SignalPhase
 from vve_sumo.values import SignalChange
 
 SIGNALS: Final = "signals.json"
+SIGNAL_PLANS: Final = "signal_plans.json"
+#: a tick's time in the file and that of a replay differ by less than this [s]
+TIME_TOLERANCE: Final = 1e-3
 
 #: of each signal by its name: drive times [s] at which its state changed, rising, and the states from then on
 Signals = Mapping[str, tuple[list[float], list[str]]]
@@ -18,10 +26,11 @@ Signals = Mapping[str, tuple[list[float], list[str]]]
 def signals_text(changes: Iterable[SignalChange]) -> str:
     """Return the content of the file."""
     found: dict[str, tuple[list[float], list[str]]] = {}
-    for time, signal, state in changes:
+    for time, signal, state, *_ in changes:
         times, states = found.setdefault(signal, ([], []))
-        times.append(round(time, 3))
-        states.append(state)
+        if states[-1:] != [state]:
+            times.append(round(time, 3))
+            states.append(state)
     return json.dumps(found, indent=1, sort_keys=True) + "\n"
 
 
@@ -35,3 +44,41 @@ def read_signals(folder: Path) -> Signals:
         }
     except (OSError, ValueError, TypeError, AttributeError):
         return {}
+
+
+def files_of(changes: Iterable[SignalChange]) -> dict[str, str]:
+    """Return the content of the files that a drive with these changes has, by their names."""
+    kept = tuple(changes)
+    if not kept:
+        return {}
+    planned = any(change.end for change in kept)
+    return {SIGNALS: signals_text(kept)} | ({SIGNAL_PLANS: json.dumps(kept) + "\n"} if planned else {})
+
+
+class RecordedPlans:
+    """What a drive's sensors were handed of the signals, by its record."""
+
+    def __init__(self, changes: Iterable[SignalChange]) -> None:
+        self._changes: dict[str, list[SignalChange]] = {}
+        for change in changes:
+            self._changes.setdefault(change.signal, []).append(change)
+        self._times = {name: [change.time for change in own] for name, own in self._changes.items()}
+
+    @classmethod
+    def of_record(cls, folder: Path) -> RecordedPlans:
+        """Return those of a record, none where it has no such file, or where the file is not of this kind."""
+        try:
+            rows: Any = json.loads((folder / SIGNAL_PLANS).read_text(encoding="utf-8"))
+            return cls(
+                SignalChange(
+                    float(time), str(name), str(state), float(end), tuple((str(at), float(for_)) for at, for_ in coming)
+                )
+                for time, name, state, end, coming in rows
+            )
+        except (OSError, ValueError, TypeError):
+            return cls(())
+
+    def phases(self, now: float) -> dict[str, SignalPhase]:
+        """Return what the signals showed at drive time `now` [s], and how long at least from then on."""
+        newest = {name: bisect_right(times, now + TIME_TOLERANCE) - 1 for name, times in self._times.items()}
+        return {name: self._changes[name][row].phase(now) for name, row in newest.items() if row >= 0}

@@ -379,10 +379,11 @@ class PassCriteria(Table):
     )
 
     @model_serializer(mode="wrap")
-    def _without_comfort_that_is_not_judged(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out criteria on comfort that are not stated: records of drives without them stay what they were."""
+    def _without_later_ones_that_are_not_judged(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out later criteria that are not stated: records of drives without them stay what they were."""
         written: dict[str, Any] = handler(self)
-        return {name: value for name, value in written.items() if value is not None or name not in OF_RIDE}
+        later = {*OF_RIDE, "red_lights_run"}
+        return {name: value for name, value in written.items() if value is not None or name not in later}
 
 
 def _criterion(metric: Metric) -> tuple[Any, Any]:

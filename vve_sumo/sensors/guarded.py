@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vve_sumo.coded_texts import CodedTexts
+from vve_sumo.intersections import SignalPhase
 from vve_sumo.ports import error_text
 from vve_sumo.sensors.port import Column, Reading, Sensor, SensorColumn, SensorSettings
 from vve_sumo.sensors.street import Street
@@ -26,6 +28,8 @@ _NUMBERS: Final[dict[str, type[np.generic]]] = {
 
 #: a street of which nothing is known
 NO_STREET: Final = Street()
+
+_NO_SIGNALS: Final[Mapping[str, SignalPhase]] = MappingProxyType({})
 
 _PLAIN: Final = "biufU"  # numpy's kinds of arrays that hold truth values, numbers or texts, and no objects
 
@@ -69,6 +73,8 @@ class GuardedSensor:
         self._name = name
         self._sensor: Sensor = settings.sensor_along(street, vehicle, generator)
         self._preparing: Callable[[], Reading | None] | None = getattr(self._sensor, "prepare", None)
+        self._show: Callable[[Mapping[str, SignalPhase]], None] | None = getattr(self._sensor, "show", None)
+        self.sees_signals = self._show is not None  #: whether it is to be handed what the signals show
         self._prepared = _NOTHING_PREPARED
         self._stepped = False  # and not prepared since
         self._columns, self._max_age = settings.table(), float(settings.max_age())
@@ -86,7 +92,9 @@ class GuardedSensor:
             raise ValueError(f"its output is dated {self.output.time} before the first reading, expected -inf")
         self._check(self.output)
 
-    def step(self, time: float, pose: Pose, actors: Actors) -> tuple[Column, ...] | None:
+    def step(
+        self, time: float, pose: Pose, actors: Actors, signals: Mapping[str, SignalPhase] = _NO_SIGNALS
+    ) -> tuple[Column, ...] | None:
         """Step at drive time `time` [s]; return the columns of the reading that comes out, None where none does."""
         self.prepare()
         self.faults, self._prepared, prepared = (), _NOTHING_PREPARED, self._prepared
@@ -94,6 +102,8 @@ class GuardedSensor:
         try:
             if prepared.error is not None:
                 raise prepared.error
+            if self._show is not None:
+                self._show(signals)
             reading = self._sensor.step(time, pose, actors)
             self._stepped = True
             if self._sensor.refused:

@@ -16,6 +16,7 @@ from pydantic import ValidationError
 
 from vve_sumo.config_file import Table, complaint
 from vve_sumo.errors import ConfigError
+from vve_sumo.intersections import SignalPhase
 from vve_sumo.ports import Port, error_text
 from vve_sumo.sensors.drawing import Drawing, wrong
 from vve_sumo.sensors.street import Street
@@ -26,7 +27,7 @@ PORT: Final = Port(
     "sensor",
     "vve_sumo.sensors",
     "()",
-    {kind: f"vve_sumo.sensors.{kind}_settings" for kind in ("radar", "lidar", "camera", "v2x")},
+    {kind: f"vve_sumo.sensors.{kind}_settings" for kind in ("radar", "lidar", "camera", "v2x", "signals")},
 )
 #: kind and name of the sensor that every scenario has; the scenario's table of that name sets it
 STANDARD: Final = "radar"
@@ -89,6 +90,14 @@ class PreparingSensor(Sensor, Protocol):
         ...
 
 
+class SignalSensor(Sensor, Protocol):
+    """A sensor that sees what the signals of the virtual road show."""
+
+    def show(self, signals: Mapping[str, SignalPhase]) -> None:
+        """Take what each signal shows, by SUMO's ids; called before each step, at the same tick."""
+        ...
+
+
 class SensorSettings(Table):
     """What a scenario says of a sensor: a kind's class adds its keys."""
 
@@ -118,6 +127,11 @@ class SensorSettings(Table):
     def sensor_along(self, street: Street, vehicle: Vehicle, generator: np.random.Generator, /) -> Sensor:
         """Return a sensor on a street; a kind that sees buildings or lanes overrides this."""
         return self.sensor(vehicle, generator)
+
+    @classmethod
+    def sees_signals(cls) -> bool:
+        """Whether the kind needs the intersections of the street; its sensors then have a method `show`."""
+        return False
 
     @classmethod
     def sees_street(cls) -> bool:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
+from vve_sumo.intersections import Intersection
 from vve_sumo.values import Floats
 
 if TYPE_CHECKING:
@@ -45,6 +46,7 @@ class Street(NamedTuple):
     buildings: Sequence[Building] = ()
     lanes: Sequence[LaneStrip] = ()
     map_frame: MapFrame | None = None  #: where on Earth the map lies; None: nobody says
+    intersections: Sequence[Intersection] = ()  #: those with signals, where a sensor sees signals
 
 
 class LaneBorders(NamedTuple):

@@ -22,6 +22,7 @@ from vve_sumo.world.loaded_road import LoadedRoad, RoadSource
 from vve_sumo.world.obstacles import OBSTACLE_PROXY_TYPE, Obstacle, Obstacles
 from vve_sumo.world.placed_ego import PlacedEgo
 from vve_sumo.world.proxies import EGO_PROXY_TYPE
+from vve_sumo.world.red_lights import RedLights
 from vve_sumo.world.scenario_actors import ScenarioActors, box_of
 from vve_sumo.world.signal_states import SignalStates
 from vve_sumo.world.simulation import SUMO_ERRORS
@@ -90,7 +91,7 @@ class World:
         self._removed_at_entry: tuple[str, ...] = ()
         self._removed_after_standoff: tuple[str, ...] = ()
         self._actor_states: Sequence[ActorState] = ()
-        self._signals = SignalStates()
+        self._signals, self._red_lights = SignalStates(), RedLights()
 
     @property
     def signals(self) -> tuple[SignalChange, ...]:
@@ -170,6 +171,7 @@ class World:
             if self._begun:
                 self._look(now)
                 self._signals.look(now)
+                self._look_for_red_lights()
             if self._clock and self._step_time_budget and self._begun:
                 places = [(ego.pose.x, ego.pose.y) for ego in self._egos if ego.pose is not None]
                 self._step_time_budget.step(self._clock() - begun, places, self._hidden())
@@ -203,6 +205,10 @@ class World:
             if max(abs(x - body.x), abs(y - body.y)) < reach + length + width
             and overlap(body, Box(x, y, heading, length, width))
         )
+
+    def red_light(self, ego: str) -> str:
+        """Return the signal whose line an ego's front bumper passed on red in the last step; empty for none."""
+        return self._by_id[ego].red_light
 
     def close(self) -> None:
         """End the simulation; the process may start another."""
@@ -275,6 +281,15 @@ class World:
             self._end_standoffs(ego)
             if ego.sync.entered():
                 self._surroundings.watch(ego.id)
+
+    def _look_for_red_lights(self) -> None:
+        """Note which egos passed a stop line on red in the step that was made."""
+        for ego in self._egos:
+            before, after = ego.looked_at, ego.pose
+            ego.red_light = ""
+            if before is not None and after is not None:
+                ego.red_light = self._red_lights.passed(before, after, ego.route, self._signals.shown)
+            ego.looked_at = after
 
     def _end_standoffs(self, ego: PlacedEgo) -> None:
         """Take drivers off the road whose standoff with an ego lasted too long; raises SUMO's errors."""
