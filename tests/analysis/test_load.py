@@ -122,7 +122,7 @@ RECORDS: list[tuple[Callable[[Path], None], str]] = [
     (holding("scenario.json", "[]"), r"scenario\.json: not what a drive writes"),
     (
         changed("scenario.json", layout=1),
-        r"scenario\.json: layout 1 of a record, expected 7 or 8 or 9: another vve-sumo",
+        r"scenario\.json: layout 1 of a record, expected 7 or 8 or 9 or 10: another vve-sumo",
     ),
     (holding("summary.json", "{}"), r"summary\.json: not what a drive writes"),
     (holding("summary.json", "{"), r"summary\.json: not what a drive writes"),

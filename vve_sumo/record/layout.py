@@ -35,10 +35,10 @@ from vve_sumo.values import EGO
 #: 4 added the actors' lateral speed and the time of measurement of a scan; 5 added, for live drives, the actors of
 #: SUMO's last step, under the tick after the last; 6 added the vehicle model; 7 added a table for each sensor in place
 #: of the radar's alone, and the hashes of the code of interface and receiver; 8 added the lanes around the path;
-#: 9 added the actors' height and kind.
-LAYOUT = 9
-#: layouts that can be read: what a record of 7 or 8 lacks follows from what it holds, or is left empty
-READABLE_LAYOUTS = (7, 8, 9)
+#: 9 added the actors' height and kind; 10 added the signals that the ego ran on red.
+LAYOUT = 10
+#: layouts that can be read: what a record of 7 to 9 lacks follows from what it holds, or is left out
+READABLE_LAYOUTS = (7, 8, 9, 10)
 #: numpy's type of each numeric column
 NUMPY_KINDS = {pa.int64(): np.int64, pa.int8(): np.int8, pa.float64(): np.float64, pa.bool_(): np.bool_}
 _ARROW: dict[str, pa.DataType] = {
@@ -171,7 +171,7 @@ def ego_folder(record: Path, ego: str) -> Path:
     if ego == EGO:
         return record
     if ego not in (known := further_egos(record)):
-        raise ConfigError(f"{record}: no ego {ego!r}, expected {' or '.join((EGO, *known))}")
+        raise ConfigError(f"{record}: no ego {ego!r}, expected {' or '.join(map(repr, (EGO, *known)))}")
     return record / FURTHER_EGOS / ego
 
 
