@@ -71,7 +71,7 @@ def test_every_ego_has_a_whole_record(string: Path) -> None:
         assert run.summary is not None
         assert run.summary["passed"] is True
     assert set(load(string).summary["egos"]) == {"last", "near"}
-    assert "no ego 'nobody', expected ego or last or near" in message(lambda: ego_folder(string, "nobody"))
+    assert "no ego 'nobody', expected 'ego' or 'last' or 'near'" in message(lambda: ego_folder(string, "nobody"))
 
 
 def test_each_sees_the_others_where_they_are(string: Path) -> None:
