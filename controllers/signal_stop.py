@@ -138,7 +138,12 @@ class SignalStop:
         if line.phase in GREEN:
             self._decided = -math.inf
         elif self._is_decided(line) and self._goes:
-            return False
+            # Red, and slower since: behind somebody who waits. What it can stop for now it stops for.
+            self._goes = line.phase in YELLOW or self.distance < yellow_stop_distance(
+                observation.pose.speed, self._answer
+            )
+            if self._goes:
+                return False
         return observation.time - line.known > LOST or line.phase in YELLOW | RED | STOP_AND_GO
 
     def _is_decided(self, line: Line) -> bool:

@@ -89,6 +89,17 @@ def test_who_decided_to_go_on_yellow_is_not_stopped_by_red() -> None:
     assert law.goal(seen(0.1, 1.3, 13.0, (13.7, 28.7, 0.0, 0.0, RED)), 1.3) is NOWHERE
 
 
+@pytest.mark.parametrize(("left", "speed"), [(8.0, 2.0), (0.5, 0.0)])
+def test_who_decided_to_go_but_was_held_up_does_not_go_on_red(left: float, speed: float) -> None:
+    """Somebody who waits ahead has slowed it down, or stopped it short of the line."""
+    law, s = SignalStop(CAR, PERIOD), 15.0 - left
+    assert law.goal(seen(0.0, 0.0, 13.0, (15.0, 30.0, 0.0, 0.0, YELLOW)), 0.0) is NOWHERE
+    assert law.goal(seen(2.0, s, speed, (left, left + 15.0, 0.0, 0.0, YELLOW)), s) is NOWHERE
+    for time in (4.0, 5.0):
+        goal = law.goal(seen(time, s, speed, (left, left + 15.0, 0.0, 0.0, RED)), s)
+        assert goal.distance == pytest.approx(left - MARGIN)
+
+
 def test_of_the_ways_across_a_junction_the_paths_own_counts() -> None:
     """Straight on is green; the left turn beside it, and a line of the other direction, are red."""
     rows = ((40.0, 55.0, 0.0, 0.0, GREEN), (40.0, 48.0, 9.0, 0.0, RED), (45.0, 30.0, 0.0, math.pi, RED))
