@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final, NamedTuple, Protocol
 
@@ -456,9 +456,9 @@ class CommandedPath:
     `vve_sumo.commanded_path` says what is checked of it. Any sequences of numbers will do; a checked one holds tuples.
     """
 
-    x: Sequence[float]  #: of the rear axle, map [m]; the first point is where the car is
-    y: Sequence[float]  #: as x [m]
-    speed: Sequence[float]  #: that the controller means to have at each point [m/s], not negative
+    x: tuple[float, ...]  #: of the rear axle, map [m]; the first point is where the car is
+    y: tuple[float, ...]  #: as x [m]
+    speed: tuple[float, ...]  #: that the controller means to have at each point [m/s], not negative
 
 
 @fast_frozen
