@@ -42,6 +42,8 @@ def rig(folder: Path, config: InterfaceConfig) -> Path:
         for file in Path(mapping).parent.glob("campus_shuttle.*"):
             shutil.copy(file, folder)
         settings["mapping_file"] = Path(mapping).name
+    # The rig says of its watchdog that it brakes.
+    settings |= {"when_commands_stop": "brakes"} if "when_commands_stop" in settings else {}
     said = ", ".join(f"{key} = {json.dumps(value)}" for key, value in settings.items())
     mine = f'interface = "{config.name}"\nsettings = {{ {said} }}'
     return own_rig(folder, ('settings = { variant = "dbw1_2024" }', mine))
@@ -56,6 +58,7 @@ def test_it_stops_behind_the_parked_car_and_replays(tmp_path: Path, name: str) -
         own = str(rig(folder, WIRES[name]))
         with witness(folder / "witness.txt"):
             done = vve_sumo("drive", str(scenario(folder)), "--rig", own, "--out", str(record), cwd=folder)
+        assert (record / "summary.json").exists(), done.stdout + done.stderr
         summary = json.loads((record / "summary.json").read_text(encoding="utf-8"))
         if summary["reasons"] != ["timer_gap"] or not stalls(folder / "witness.txt", 0.0, float("inf")):
             break
@@ -64,7 +67,7 @@ def test_it_stops_behind_the_parked_car_and_replays(tmp_path: Path, name: str) -
     assert summary["stop_gap_m"] == pytest.approx(5.0, abs=0.7)
     assert not summary["collision"]
     recorded = json.loads((record / "scenario.json").read_text(encoding="utf-8"))
-    assert recorded["vehicle"]["interface"]["name"] == WIRES[name].name
+    assert recorded["gateway"]["interface"]["name"] == WIRES[name].name
     assert len({frame.id for _time, _channel, frame in read_log(record / "can.log")}) > 6
     again = vve_sumo("replay", str(record), cwd=folder)
     assert again.returncode == 0, again.stdout + again.stderr
