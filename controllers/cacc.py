@@ -76,8 +76,8 @@ class CooperativeTimeGap:
         heard = message is not None and message.age <= LIFETIME and abs(message.gap - gap) <= SAME_CAR
         wanted = self.with_messages if heard else self.without
         self.time_gap = rate_limit(wanted, self.time_gap, GROWS if wanted > self.time_gap else FALLS, PERIOD)
-        told = self.share * message.acceleration if heard and message is not None else 0.0
-        self._fed += (told - self._fed) * PERIOD / (self.smoothing + PERIOD)
+        fed = self.share * message.acceleration if heard and message is not None else 0.0
+        self._fed += (fed - self._fed) * PERIOD / (self.smoothing + PERIOD)
         law = ConstantTimeGap(self.standstill_gap, self.time_gap, self.gap_gain, self.speed_gain)
         own = law.acceleration(speed, desired, gap, lead_speed)
         return own + self._fed if math.isfinite(own) else own

@@ -1,7 +1,7 @@
 """Says where beside its path the rear axle may go: what bodies leave of the road, when the car gets there.
 
-The road is a row of nodes, equally far from each other along the path. It must not know how a way is laid through them,
-nor what is done where there is none.
+The road is a row of nodes, equally far from each other along the path. It must not know how a way is planned through
+them, nor what is done where there is none.
 """
 
 from __future__ import annotations

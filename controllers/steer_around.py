@@ -1,4 +1,4 @@
-"""Decides when the car leaves its path for what is in its way, lays the way by a planner, and leads the car along it.
+"""Decides when the car leaves its path for what is in its way, plans the way around it, and leads the car along it.
 
 Two cases. What stands or is slow is gone around in comfort, where the road beside is seen to be free for as long as
 that takes: who comes the other way goes first. And where full braking would come too late, the car swerves, as hard as
@@ -74,7 +74,7 @@ RANGES: dict[str, tuple[float, float]] = {
 
 
 class _Line(NamedTuple):
-    """A way that was laid: its nodes lie at whole multiples of SPACING along the scenario's path."""
+    """The way that the car takes: its nodes lie at whole multiples of SPACING along the scenario's path."""
 
     first: int  #: number of the first node
     offsets: tuple[float, ...]  #: [m]

@@ -40,7 +40,7 @@ COLUMNS: Final = (
     SensorColumn("green_begin_s", "float", "time to the next green at the earliest; 0 where nothing is known"),
     SensorColumn("green_end_s", "float", "time to the end of that green at the earliest; 0 where nothing is known"),
 )
-#: a message that is older tells nothing any more [s]
+#: a message that is older counts no more [s]
 MAX_AGE: Final = 1.0
 #: a line so far behind the front bumper is listed no more [m]
 BEHIND: Final = 3.0
@@ -97,7 +97,7 @@ class _Shown(NamedTuple):
 
 
 class _Heard(NamedTuple):
-    time: float  #: of what is told, drive time [s]
+    time: float  #: of what is known, drive time [s]
     shown: Mapping[int, _Shown]  #: by group
 
 
@@ -148,15 +148,15 @@ class SignalSense:
         if time < self._next - 1e-9:
             return None
         self._next = max(self._next, time - PUNCTUAL) + 1.0 / self._config.rate
-        self._on_the_way.append((time, self._told(time, pose)))
+        self._on_the_way.append((time, self._sensed(time, pose)))
         while self._on_the_way and self._on_the_way[0][0] + self._config.latency <= time + 1e-9:
             self._known |= self._on_the_way.popleft()[1]
         rows = list(self._rows(time, pose))
         self.output = _lines(time, [row for _signal, row in rows])
         return SignalsReading([signal for signal, _row in rows], self.output)
 
-    def _told(self, time: float, pose: Pose) -> dict[int, _Heard]:
-        """Return what is told or seen now, by the junction's number."""
+    def _sensed(self, time: float, pose: Pose) -> dict[int, _Heard]:
+        """Return what is received or seen now, by the junction's number."""
         found = {}
         for one in self._junctions:
             phase = self._signals.get(one.intersection.signal)

@@ -41,12 +41,11 @@ class RedLights:
         `shown` are the signals' states in that time. Of the ways from the line's lane that count which the `route`
         takes; where it takes none of them, all must be red.
         """
-        pairs = set(pairwise(route))
         for name, lines in self._lines.items():
             if not lines or math.hypot(lines[0].x - after.x, lines[0].y - after.y) > REACH:
                 continue
             for line in lines:
-                if _crosses(line, before, after) and _is_red(line, pairs, shown.get(name, "")):
+                if _crosses(line, before, after) and _is_red(line, route, shown.get(name, "")):
                     return name
         return ""
 
@@ -73,7 +72,8 @@ def _crosses(line: _Line, before: Pose, after: Pose) -> bool:
     return behind < 0.0 <= beyond and abs(across) <= line.half
 
 
-def _is_red(line: _Line, pairs: set[tuple[str, str]], state: str) -> bool:
+def _is_red(line: _Line, route: Sequence[str], state: str) -> bool:
+    pairs = set(pairwise(route))
     indices = [index for index, edges in line.ways if edges in pairs] or [index for index, _edges in line.ways]
     letters = [state[index] for index in indices if index < len(state)]
     return bool(letters) and all(letter in RED for letter in letters)
