@@ -10,6 +10,9 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple, Protocol
 
+import numpy as np
+
+from vve_sumo.path import second_derivatives
 from vve_sumo.values import Vehicle
 
 from .free_space import Room
@@ -81,13 +84,17 @@ def times_at(speeds: Sequence[float], spacing: float, start: float = 0.0) -> lis
 
 
 def within_limits(task: Task, plan: LateralPlan, room: Room) -> bool:
-    """Tell whether a way keeps to the room and to the limits, from the head on."""
+    """Tell whether a way keeps to the room and to the limits, from the head on.
+
+    Limits are those of the curve that the car follows, a cubic spline through the nodes: where offsets of neighbours
+    go to and fro, its curvature is up to three times what their differences are.
+    """
     d, spacing, limits = plan.offsets, task.spacing, task.limits
     first = len(task.head)
     for node in range(first, len(d)):
         if not room.low[node] - INTRUSION <= d[node] <= room.high[node] + INTRUSION:
             return False
-    second = [0.0, *((d[i - 1] - 2.0 * d[i] + d[i + 1]) / spacing**2 for i in range(1, len(d) - 1)), 0.0]
+    second = second_derivatives(np.array(d), np.full(len(d) - 1, spacing)).tolist()
     for node in range(first - 1, len(d) - 1):
         v = plan.speeds[node]
         if abs(second[node] + task.curvature[node]) > EXCESS * max(limits.bend(v), abs(task.curvature[node])):

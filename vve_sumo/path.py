@@ -349,16 +349,17 @@ def _smoothed(x: Floats, y: Floats, noise: float) -> tuple[Floats, Floats]:
 
 def _pieces(values: Floats, spans: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Return the coefficients of the interpolating cubic spline, lowest power first."""
-    moments = _moments(values, spans)
+    moments = second_derivatives(values, spans)
     here, there = moments[:-1], moments[1:]
     slopes = np.diff(values) / spans - spans * (2.0 * here + there) / 6.0
     return values[:-1], slopes, here / 2.0, (there - here) / (6.0 * spans)
 
 
-def _moments(values: Floats, spans: Floats) -> Floats:
-    """Return second derivatives at the points: continuous slope inside, constant curvature over the end pieces.
+def second_derivatives(values: Floats, spans: Floats) -> Floats:
+    """Return a cubic spline's second derivatives at its points: continuous slope, constant over the end pieces.
 
-    The tridiagonal system is solved in plain floats (Thomas algorithm), so that every machine gives the same bits.
+    values: at the points, shape (n,); spans: from point to point in the parameter, shape (n - 1,). The tridiagonal
+    system is solved in plain floats (Thomas algorithm), so that every machine gives the same bits.
     """
     if values.size == 2:
         return np.zeros(2)

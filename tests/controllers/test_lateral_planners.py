@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from shapely.affinity import rotate, translate
 from shapely.geometry import Polygon, box
@@ -87,12 +87,13 @@ def task(
 
 
 @names
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=25)
 @given(
     st.floats(4.0, 12.0), st.floats(45.0, 60.0), st.floats(-1.4, 1.4), st.floats(-math.pi, math.pi),
     st.floats(0.5, 9.0), st.floats(0.4, 1.9), st.floats(-0.006, 0.006), st.sampled_from([LEFT, RIGHT]),
     st.floats(-0.2, 0.2),
 )  # fmt: skip
+@example(4.0, 58.0, 0.0, 0.75, 2.25, 1.5, 0.0, LEFT, 0.0)  # neighbours' offsets would go to and fro
 def test_the_body_keeps_clear_of_long_and_oblique_bodies_in_bends(
     planner: Planner, speed: float, at: float, aside: float, turn: float, length: float, width: float, bend: float,
     side: int, starts: float,
@@ -112,9 +113,8 @@ def test_the_body_keeps_clear_of_long_and_oblique_bodies_in_bends(
     dense = [way.at(float(s)).curvature for s in np.arange(3.0 * SPACING, way.length - 3.0 * SPACING, 0.3)]
     assert max(map(abs, dense)) <= EXCESS * max(COMFORT.bend(speed), abs(bend)) + 0.004
     if isinstance(planner, ElasticBand):
-        # Over a node's distance: between nodes the cubic pieces are what they are.
         steps = np.abs(np.array(dense[5:]) - np.array(dense[:-5])) / SPACING
-        assert steps.max() <= 1.6 * COMFORT.change(speed) + abs(bend) / 20.0 + 0.001
+        assert steps.max() <= EXCESS * COMFORT.change(speed) + abs(bend) / 20.0 + 0.001
 
 
 @names
