@@ -3,10 +3,8 @@
     HATCH_BUILD_HOOK_ENABLE_CUSTOM=1 pip install .    a wheel
     python hatch_build.py                             in place, for tests and benchmarks of a copy of the repository
 
-needs a C compiler and Python's headers. With `VVE_PROFILED=1` before either, GCC compiles twice: what it made first
-counts its branches in two lockstep drives, and by these counts it orders the code of the second. pyproject.toml lists
-the modules (`compiled`). They are compiled in one group, so that calls between them stay in C, and each lies beside
-its source. A build that is not asked for this is pure Python.
+needs a C compiler and Python's headers. pyproject.toml lists the modules (`compiled`). They are compiled in one group,
+so that calls between them stay in C, and each lies beside its source. A build that is not asked for this is pure Python.
 
 A frozen dataclass with slots is not what mypyc makes a native class of: slots make a second class, and fields are set
 one call each. Before it is compiled, the text of such a class gets the constructor and the pickling that it would have
@@ -22,7 +20,6 @@ declared raises; options in a class line are left out.
 from __future__ import annotations
 
 import ast
-import os
 import shutil
 import subprocess
 import sys
@@ -40,10 +37,6 @@ PACKAGE: Final = "vve_sumo"
 QUICK: Final = "fast_frozen"
 #: text of the decorator of protocols, which mypyc leaves plain Python classes
 PLAIN: Final = ("def _plain(made: type) -> type:", "    return made")
-#: environment variable that asks for a build by profile
-PROFILED: Final = "VVE_PROFILED"
-#: scenarios that a build by profile drives
-DRIVEN: Final = ("parked_car", "rush_hour")
 SETUP: Final = """
 from mypyc.build import mypycify
 from setuptools import setup
@@ -143,34 +136,12 @@ def compile_package(root: Path, folder: Path) -> dict[Path, str]:
     (folder / "mypy.ini").write_text(config, encoding="utf-8")
     named = [file.relative_to(folder).as_posix() for file in modules]
     (folder / "setup.py").write_text(SETUP.format(modules=named, package=PACKAGE), encoding="utf-8")
-    if not os.environ.get(PROFILED):
-        return _built(folder, "")
-    counts = folder / "counts"
-    for file, place in _built(folder, f"-fprofile-generate={counts} -fprofile-update=single").items():
-        shutil.copy(file, folder / place)
-    for scenario in DRIVEN:
-        drive = [sys.executable, "-P", "-m", f"{PACKAGE}.cli", "drive", scenario, "--out", str(folder / scenario)]
-        _run(drive, root, {"PYTHONPATH": str(folder)})
-    return _built(folder, f"-fprofile-use={counts} -fprofile-partial-training -Wno-missing-profile")
-
-
-def _built(folder: Path, flags: str) -> dict[Path, str]:
-    """Return the compiled files of a folder that is set up, and their places; `flags` are the C compiler's."""
     built = folder / "built"
-    shutil.rmtree(built, ignore_errors=True)
-    ask = [sys.executable, "setup.py", "--quiet", "build_ext", "--force", "--build-lib", str(built)]
-    _run(ask, folder, {"CFLAGS": f"{os.environ.get('CFLAGS', '')} {flags}"})
-    return {file: file.relative_to(built).as_posix() for file in sorted(built.rglob("*.so"))}
-
-
-def _run(command: list[str], folder: Path, variables: dict[str, str]) -> None:
-    """Run a command; raises CalledProcessError with what it wrote."""
-    done = subprocess.run(
-        command, check=False, cwd=folder, env=os.environ | variables, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-        text=True,
-    )  # fmt: skip
+    ask = [sys.executable, "setup.py", "--quiet", "build_ext", "--build-lib", str(built)]
+    done = subprocess.run(ask, check=False, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     if done.returncode:
-        raise subprocess.CalledProcessError(done.returncode, command, done.stdout)
+        raise subprocess.CalledProcessError(done.returncode, ask, done.stdout)
+    return {file: file.relative_to(built).as_posix() for file in sorted(built.rglob("*.so"))}
 
 
 class CompiledWheel(BuildHookInterface[Any]):
