@@ -4,7 +4,8 @@
     python hatch_build.py                             in place, for tests and benchmarks of a copy of the repository
 
 needs a C compiler and Python's headers. pyproject.toml lists the modules (`compiled`). They are compiled in one group,
-so that calls between them stay in C, and each lies beside its source. A build that is not asked for this is pure Python.
+so that calls between them stay in C, and each lies beside its source. A build that is not asked for this is pure
+Python.
 
 A frozen dataclass with slots is not what mypyc makes a native class of: slots make a second class, and fields are set
 one call each. Before it is compiled, the text of such a class gets the constructor and the pickling that it would have

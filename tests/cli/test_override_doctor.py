@@ -21,7 +21,8 @@ from vve_sumo.cli.live_drive import examined
 from vve_sumo.commissioning.doctor_result import keep
 from vve_sumo.commissioning.findings import Check, CheckResult
 from vve_sumo.errors import ConfigError, RigError
-from vve_sumo.live.session import DrivePlan, plan
+from vve_sumo.live.plan import DrivePlan
+from vve_sumo.live.session import plan
 from vve_sumo.live.wording import picture
 
 GO = [Check("bus", "fine")]

@@ -20,7 +20,8 @@ from vve_sumo.cli.live_drive import named
 from vve_sumo.commissioning import doctor_result
 from vve_sumo.commissioning.findings import Check, CheckResult
 from vve_sumo.errors import ConfigError
-from vve_sumo.live.session import DrivePlan, plan
+from vve_sumo.live.plan import DrivePlan
+from vve_sumo.live.session import plan
 
 #: prints who was named, of a drive that is never begun
 NAMES = """

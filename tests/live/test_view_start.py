@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from vve_sumo.errors import RigError
-from vve_sumo.live import session, spawn
+from vve_sumo.live import optional_processes, spawn
 from vve_sumo.live.messages import Ready, encode
 from vve_sumo.rig.schema import RigView
 
@@ -26,12 +26,14 @@ def test_a_stop_beside_the_word_that_the_page_is_ready_ends_the_start(
         return subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
 
     monkeypatch.setattr(spawn, "start", start)
-    plan: Any = SimpleNamespace(view=True, rig=SimpleNamespace(view=RigView()), folder=tmp_path, working=tmp_path)
+    rig = SimpleNamespace(view=RigView(), outputs=(), v2x=None)
+    nobody = SimpleNamespace(people=())
+    plan: Any = SimpleNamespace(view=True, rig=rig, resolved=nobody, folder=tmp_path, working=tmp_path)
     if stops:
         with pytest.raises(RigError, match="a page asked to stop before the drive began"):
-            session._view(plan, {}, lambda _: None)
+            optional_processes.start(plan, {}, {"vehicle": {}}, lambda _: None)
         return
-    process, _console, _feed = session._view(plan, {}, lambda _: None)
-    assert process is not None
-    with process:
+    started = optional_processes.start(plan, {}, {"vehicle": {}}, lambda _: None)
+    assert started.view is not None
+    with started.view as process:
         process.kill()

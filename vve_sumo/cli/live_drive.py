@@ -12,7 +12,7 @@ from vve_sumo.errors import ConfigError, RigError
 
 if TYPE_CHECKING:
     from vve_sumo.cli.parser import Parser
-    from vve_sumo.live.session import DrivePlan
+    from vve_sumo.live.plan import DrivePlan
 
 MAX_REASON_LENGTH: Final = 100  #: longest reason to override the doctor, one line of the screen [characters]
 

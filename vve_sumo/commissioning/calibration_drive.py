@@ -14,6 +14,7 @@ from vve_sumo import workspace
 from vve_sumo.drive.verify import alterations
 from vve_sumo.errors import ConfigError, RigError
 from vve_sumo.live import session
+from vve_sumo.live.plan import DrivePlan
 from vve_sumo.rig.schema import Brain
 
 SCENARIO: Final = "calibration"
@@ -35,7 +36,7 @@ def refuse_altered(record: Path) -> None:
         raise ConfigError(f"{record}: {altered[0]}: no car is calibrated by an altered record")
 
 
-def plan(rig: str, working: Path, out: Path | None) -> session.DrivePlan:
+def plan(rig: str, working: Path, out: Path | None) -> DrivePlan:
     """Return the plan of the calibration drive, driven by its own controller, without outgoing wires.
 
     Raises ConfigError or RigError as `session.plan`, and ConfigError for an external controller that commands the car.

@@ -8,40 +8,36 @@ from __future__ import annotations
 import contextlib
 import datetime
 import json
-import select
-import subprocess
 import time
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, TextIO
-
-from msgspec import to_builtins
 
 from vve_sumo import workspace
 from vve_sumo.drive import plugged_in, provenance
 from vve_sumo.drive.assembly import LotAlignment, sensors_of
 from vve_sumo.drive.gain_region import delay_of, refuse_outside
-from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.run import new_run_folder, resolve_by_name
 from vve_sumo.drive.several_egos import require_one_ego
 from vve_sumo.drive.summary import EXTERNAL_CONTROLLER, without_verdict
 from vve_sumo.drive.summary import summarise as summarise_drive
 from vve_sumo.drive.termination import DriveEnd, Outcome
 from vve_sumo.drive.virtual_road import pose_at_rest
-from vve_sumo.errors import ConfigError, RigError, SimulationError, VveError
-from vve_sumo.live import assembly, messages, spawn, start_simulated_vehicle
+from vve_sumo.errors import ConfigError, RigError, VveError
+from vve_sumo.live import assembly, optional_processes, spawn, start_simulated_vehicle
 from vve_sumo.live.alignment import lot_alignment
-from vve_sumo.live.brain_link import key_of, refuse_controller, tells_signals
-from vve_sumo.live.channel import Channel, pair
+from vve_sumo.live.brain_link import key_of, refuse_controller
+from vve_sumo.live.channel import pair
 from vve_sumo.live.console import Console, ProcessGroup
 from vve_sumo.live.keys import OperatorInput
+from vve_sumo.live.optional_processes import Notify
+from vve_sumo.live.plan import DrivePlan
 from vve_sumo.live.priority import Rights, lower_priority, rights
 from vve_sumo.live.screen import Screen
 from vve_sumo.live.summary import summarise
 from vve_sumo.live.view_token import certificate_of, token_of
 from vve_sumo.live.virtual_can import hardware_obstacle
-from vve_sumo.messages import MalformedMessage
 from vve_sumo.people import consent
 from vve_sumo.pose.sources import Source
 from vve_sumo.record.hashes import hash_file
@@ -52,45 +48,14 @@ from vve_sumo.record.writer import claim
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.lock import rig_lock
-from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.validation import PTY, arming_obstacle
 from vve_sumo.scenario.schema import EndTrigger
 from vve_sumo.view.words import verdict_of
-from vve_sumo.world.intersections import intersections
 
 #: time for a process to end by itself after the drive [s]; the recorder writes its tables in this time
 EXIT_TIMEOUT: Final = 60.0
-#: longest time for the process of the outgoing wires to open them, and for that of the page to be ready [s]
-OUTPUTS_TIMEOUT: Final = 20.0
-VIEW_TIMEOUT: Final = 20.0
-#: the same for the process of the people's pages [s]; it reads the scenario again
-PEOPLE_TIMEOUT: Final = 40.0
 #: characters of a person's name, at most
 MAX_NAME_LENGTH: Final = 100
-
-#: takes a line for the operator that needs no answer
-Notify = Callable[[str], None]
-
-
-@dataclass(frozen=True, slots=True)
-class DrivePlan:
-    """A live drive before any of its processes runs."""
-
-    resolved: ResolvedScenario
-    scenario_file: Path
-    rig: Rig
-    rig_file: Path
-    folder: Path
-    working: Path
-    shadow: bool
-    t0: float  #: monotonic second of drive time 0
-    operator: str | None = None  #: who is at the console; None where nobody said
-    driver: str | None = None  #: who sits behind the wheel
-    view: bool = False  #: whether a page in a browser shows the drive
-
-    def clock(self) -> float:
-        """Drive time [s]."""
-        return time.monotonic() - self.t0
 
 
 def plan(
@@ -181,7 +146,7 @@ def run(plan: DrivePlan, doctor: Mapping[str, Any], terminal: TextIO, notify: No
     with contextlib.ExitStack() as page:
         console = _driven(plan, doctor, permitted, terminal, notify, page)
         if console.refused is not None and not _drove(plan.folder):
-            raise _error_of(console.refused)
+            raise optional_processes.error_of(console.refused)
         summary = _summary(plan, console.why, notify)
         console.processes.end_view(verdict_of(summary))
         return summary
@@ -251,9 +216,6 @@ def _end_page(plan: DrivePlan, processes: ProcessGroup) -> None:
         (plan.folder / "people.json").unlink(missing_ok=True)
 
 
-_ERRORS: Final = {2: ConfigError, 3: RigError, 4: SimulationError}
-
-
 def _measure_alignment(plan: DrivePlan, source: Source, notify: Notify) -> LotAlignment:
     """Measure the alignment and GNSS time while the car stands; close `source`, for the drive's process to open it."""
     rig, resolved = plan.rig, plan.resolved
@@ -303,26 +265,7 @@ def _processes(
     folder, rig = plan.folder, plan.rig
     common = {"folder": str(folder), "t0": plan.t0, "epoch": ground.epoch}
     # Before the recorder: where the page or a wire cannot be opened, there is no record.
-    view, to_view, drive_view = _view(plan, scenario_content, notify)
-    try:
-        wires, drive_outputs = _outputs(plan, common, scenario_content["vehicle"])
-    except VveError:
-        _close_page(view, to_view)
-        raise
-    try:
-        people, drive_people = _people(plan, common, scenario_content, notify)
-    except VveError:
-        _close_page(view, to_view)
-        for end in drive_outputs.values():
-            end.close()  # with which the process of the wires ends
-        raise
-    try:
-        stations, drive_stations = _stations(plan, common)
-    except VveError:
-        _close_page(view, to_view)
-        for end in (drive_outputs | drive_people).values():
-            end.close()
-        raise
+    optional = optional_processes.start(plan, common, scenario_content, notify)
     recorder = spawn.start(
         "recorder",
         common | {"resolved": scenario_content, "provenance": provenance_text, "log": str(folder / "recorder.log")},
@@ -347,11 +290,7 @@ def _processes(
             "not_ready": _not_ready(plan, ground, notify),
             "log": str(folder / "drive.log"),
         },
-        {"gateway": drive_gateway, "console": drive_console, "recorder": drive_recorder}
-        | drive_outputs
-        | drive_view
-        | drive_people
-        | drive_stations,
+        {"gateway": drive_gateway, "console": drive_console, "recorder": drive_recorder} | optional.feeds,
         own_session=True,
     )
     process, to_car = (car.process, car.channel) if car is not None else (None, None)
@@ -360,158 +299,15 @@ def _processes(
         drive,
         recorder,
         process,
-        wires,
-        view,
-        people,
-        stations,
+        optional.outputs,
+        optional.view,
+        optional.people,
+        optional.stations,
         console_gateway,
         console_drive,
         to_car,
-        to_view,
+        optional.to_view,
     )
-
-
-def _close_page(view: subprocess.Popen[bytes] | None, to_view: Channel | None) -> None:
-    """End the page's process of a drive that does not begin."""
-    if view is not None and to_view is not None:
-        to_view.close()
-        view.wait(VIEW_TIMEOUT)
-
-
-def _outputs(
-    plan: DrivePlan, common: dict[str, Any], vehicle: dict[str, Any]
-) -> tuple[subprocess.Popen[bytes] | None, dict[str, Channel]]:
-    """Start the process of the outgoing wires; return it, and the drive's end of the channel to it.
-
-    None and nothing where the rig has no outputs. Raises VveError where one of them cannot be opened.
-    """
-    if not plan.rig.outputs:
-        return None, {}
-    drive_outputs, outputs_drive = pair()
-    ours, theirs = pair()
-    config = common | {
-        "outputs": [output.model_dump(mode="json") for output in plan.rig.outputs],
-        "vehicle": vehicle,
-        "projection": plan.resolved.map_frame.projection,
-        "map_offset": plan.resolved.map_frame.offset,
-        "intersections": to_builtins(intersections(plan.resolved.network.path) if tells_signals(plan.rig) else ()),
-        "key": key_of(plan.rig.brain, plan.working).hex(),
-        "log": str(plan.folder / "outputs.log"),
-    }
-    process = spawn.start("outputs", config, {"drive": outputs_drive, "console": theirs}, own_session=True)
-    select.select([ours], [], [], OUTPUTS_TIMEOUT)
-    first = messages.decode((ours.receive() or [b""])[0])
-    ours.close()
-    if not isinstance(first, messages.Ready):
-        drive_outputs.close()
-        process.kill()
-        process.wait()
-        raise _error_of(first, "outputs: the process did not start")
-    return process, {"outputs": drive_outputs}
-
-
-def _stations(plan: DrivePlan, common: dict[str, Any]) -> tuple[subprocess.Popen[bytes] | None, dict[str, Channel]]:
-    """Start the process of the real on-board unit; return it and the drive's end of its channel.
-
-    Neither where the rig has none. Raises VveError where its port cannot be had.
-    """
-    if (wanted := plan.rig.v2x) is None:
-        return None, {}
-    drive_stations, stations_drive = pair()
-    ours, theirs = pair()
-    config = common | {
-        "listen": wanted.listen,
-        "sender": wanted.sender,
-        "log": str(plan.folder / "stations.log"),
-    }
-    process = spawn.start("stations", config, {"drive": stations_drive, "console": theirs}, own_session=True)
-    select.select([ours], [], [], OUTPUTS_TIMEOUT)
-    first = messages.decode((ours.receive() or [b""])[0])
-    ours.close()
-    if not isinstance(first, messages.Ready):
-        drive_stations.close()
-        process.kill()
-        process.wait()
-        raise _error_of(first, "stations: the process did not start")
-    return process, {"stations": drive_stations}
-
-
-def _people(
-    plan: DrivePlan, common: dict[str, Any], scenario_content: dict[str, Any], notify: Notify
-) -> tuple[subprocess.Popen[bytes] | None, dict[str, Channel]]:
-    """Start the process of the people's pages and receivers; return it and the drive's end of its channel.
-
-    Neither where the scenario has no people. Raises VveError where a socket cannot be had.
-    """
-    if not plan.resolved.people:
-        return None, {}
-    drive_people, people_drive = pair()
-    ours, theirs = pair()
-    wanted = plan.rig.people_page
-    config = common | {
-        "resolved": scenario_content,
-        "working": str(plan.working),
-        "address": wanted.address,
-        "port": wanted.port,
-        "token": token_of(wanted, plan.working, "people_page"),
-        "certificate": certificate_of(wanted, plan.working),
-        "log": str(plan.folder / "people.log"),
-    }
-    process = spawn.start("people", config, {"drive": people_drive, "console": theirs}, own_session=True)
-    select.select([ours], [], [], PEOPLE_TIMEOUT)
-    first = messages.decode((ours.receive() or [b""])[0])
-    ours.close()
-    if not isinstance(first, messages.Ready):
-        drive_people.close()
-        process.kill()
-        process.wait()
-        raise _error_of(first, "people: the process did not start")
-    for address in first.address:
-        notify(f"people: {address}")
-    return process, {"people": drive_people}
-
-
-def _error_of(message: messages.ConsoleMessage | MalformedMessage, otherwise: str = "") -> VveError:
-    """Return the error of a process that refused its work; of one that said nothing, `otherwise`."""
-    if isinstance(message, messages.Refused):
-        return _ERRORS.get(message.exit_code, VveError)(message.text)
-    return RigError(otherwise)
-
-
-def _view(
-    plan: DrivePlan, scenario_content: dict[str, Any], notify: Notify
-) -> tuple[subprocess.Popen[bytes] | None, Channel | None, dict[str, Channel]]:
-    """Start the process of the page; return it, the console's channel to it, and the drive's end of the feed.
-
-    Nothing where the drive is not to be shown. Raises VveError where the page's address cannot be served.
-    """
-    if not plan.view:
-        return None, None, {}
-    drive_view, view_drive = pair()
-    ours, theirs = pair()
-    wanted = plan.rig.view
-    config = {
-        "folder": str(plan.folder),
-        "resolved": scenario_content,
-        "address": wanted.address,
-        "port": wanted.port,
-        "token": token_of(wanted, plan.working),
-        "certificate": certificate_of(wanted, plan.working),
-        "log": str(plan.folder / "view.log"),
-    }
-    process = spawn.start("view", config, {"drive": view_drive, "console": theirs}, own_session=True)
-    select.select([ours], [], [], VIEW_TIMEOUT)
-    data, *stops = ours.receive() or [b""]
-    first = messages.decode(data)
-    if not isinstance(first, messages.Ready) or stops:
-        drive_view.close()
-        process.kill()
-        process.wait()
-        if stops:
-            raise RigError("view: a page asked to stop before the drive began; close it, or begin again")
-        raise _error_of(first, "view: the process did not start")
-    notify(f"view: {first.address[0]}")
-    return process, ours, {"view": drive_view}
 
 
 def _write_roads(plan: DrivePlan, notify: Notify) -> None:
