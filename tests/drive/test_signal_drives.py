@@ -35,6 +35,7 @@ def bumper(folder: Path) -> tuple[Any, Any]:
     return ticks["time_s"].to_numpy(), ticks["true_x_m"].to_numpy() + FUSION.vehicle.rear_axle_to_bumper
 
 
+@pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("by", ["v2x", "sight"])
 def test_it_stops_at_the_line_goes_on_by_itself_at_green_and_replays(tmp_path: Path, by: str) -> None:
     folder = tmp_path / "drive"

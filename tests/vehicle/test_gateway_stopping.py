@@ -270,9 +270,9 @@ def test_after_parking_another_controller_may_count_from_zero():
     assert rig.car.speed > 0.3
 
 
-def _torques(fault: str) -> list[float]:
-    """Brake torques of a stop by a fault [N m], on a car that brakes harder than is believed of it."""
-    rig, torques = Rig(Car(brake_gain=1.6)), []
+def _torques(fault: str, brake_gain: float = 1.6) -> list[float]:
+    """Brake torques of a stop by a fault [N m], on a car that brakes so many times as hard as is believed of it."""
+    rig, torques = Rig(Car(brake_gain=brake_gain)), []
     rig.cruise(12.0)
     rig.step(0.0, process_faults=(fault,))
     for _ in range(60):
@@ -288,6 +288,11 @@ def test_where_the_speed_is_in_doubt_the_car_that_seems_to_brake_too_hard_is_bra
     assert min(known[30:]) < 0.8 * max(known)
     assert doubted == sorted(doubted)
     assert all(mine >= its for mine, its in zip(doubted, known, strict=True))
+
+
+@pytest.mark.parametrize("fault", ["reports_inconsistent", "speed_mismatch", "wheel_speeds_frozen"])
+def test_where_the_speed_is_in_doubt_the_car_that_seems_to_brake_too_little_is_braked_harder(fault):
+    assert max(_torques(fault, 0.7)) > 1.1 * max(_torques(fault, 1.0))
 
 
 def test_wheels_that_are_heard_again_do_not_soften_a_stop():
