@@ -45,6 +45,7 @@ from vve_sumo.record.layout import (
     PEOPLE_REPORTS,
     ROADS,
     ROADS_SCHEMA,
+    SIGNAL_PLANS,
     STATION_DATAGRAMS,
     STATIONS,
 )
@@ -224,6 +225,7 @@ GENERATED = {
     ("record.md", "people report columns"): lambda: _schema(PEOPLE_REPORTS),
     ("record.md", "people columns"): lambda: _schema(PEOPLE),
     ("record.md", "station datagram columns"): lambda: _schema(STATION_DATAGRAMS),
+    ("record.md", "signal plan columns"): lambda: _schema(SIGNAL_PLANS),
     ("record.md", "station columns"): lambda: _schema(STATIONS),
     ("record.md", "road columns"): lambda: _schema("roads"),
     ("record.md", "gateway columns"): lambda: _schema("gateway"),

@@ -11,13 +11,14 @@ import pyarrow.parquet as pq
 
 from tests.record.declared import LIVE_TABLES
 from vve_sumo.record.hashes import hash_files, hash_parts, whole
+from vve_sumo.record.layout import OPTIONAL_SCHEMAS
 from vve_sumo.record.summary import write_summary
 
 
 def cut_off(folder: Path) -> None:
     """Leave of a record what a kill under way leaves: open tables, and no summary."""
     (folder / "summary.json").unlink()
-    for file in [file for name in LIVE_TABLES if (file := folder / f"{name}.parquet").exists()]:
+    for file in [file for name in LIVE_TABLES | OPTIONAL_SCHEMAS if (file := folder / f"{name}.parquet").exists()]:
         table = pq.read_table(file)
         stream = str(file.with_suffix(".arrows"))
         with pa.OSFile(stream, "wb") as sink, pa.ipc.new_stream(sink, table.schema) as open_table:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.drive.forge import cut_off
 from tests.drive.street import REPOSITORY
 from tests.drive.test_replay import replayed
 from tests.isolated import isolated
@@ -49,6 +50,10 @@ def test_it_stops_at_the_line_goes_on_by_itself_at_green_and_replays(tmp_path: P
     assert 0.5 < LINE_X - waiting[0] < 1.5
     assert time[np.flatnonzero(x > LINE_X)[0]] < RED[1] + 5.0
     assert replayed(folder) is None
+    # What the sensor was handed is written as it comes: a kill loses no more of it than of the rest.
+    cut_off(folder)
+    assert replayed(folder) is None
+    assert (folder / "signal_plans.arrows").exists()
 
 
 def test_one_that_heeds_no_signal_runs_it_and_is_counted(tmp_path: Path) -> None:

@@ -7,12 +7,15 @@ import math
 
 import pytest
 
+from tests import vehicles
 from tests.vehicle.car import FUSION, PERIOD, Car, Rig, enabled
 from tests.vehicle.forged_reports import ENABLED_BRAKE, forged
 from vve_sumo.values import ArmingState, Frame
 from vve_sumo.vehicle.arming_machine import OperatorCommand
 from vve_sumo.vehicle.dataspeed import codec, layout
-from vve_sumo.vehicle.interface import Gear
+from vve_sumo.vehicle.dataspeed.interface import DataspeedDbw1
+from vve_sumo.vehicle.gateway import Gateway
+from vve_sumo.vehicle.interface import ActuationCommand, Gear
 from vve_sumo.vehicle.standstill import REST_TIME
 
 S = ArmingState
@@ -293,6 +296,31 @@ def test_where_the_speed_is_in_doubt_the_car_that_seems_to_brake_too_hard_is_bra
 @pytest.mark.parametrize("fault", ["reports_inconsistent", "speed_mismatch", "wheel_speeds_frozen"])
 def test_where_the_speed_is_in_doubt_the_car_that_seems_to_brake_too_little_is_braked_harder(fault):
     assert max(_torques(fault, 0.7)) > 1.1 * max(_torques(fault, 1.0))
+
+
+class Asking(DataspeedDbw1):
+    """An interface that keeps the newest acceleration that it is asked for [m/s2]."""
+
+    acceleration = math.nan
+
+    def encode(self, command: ActuationCommand) -> tuple[Frame, ...]:
+        self.acceleration = command.acceleration
+        return super().encode(command)
+
+
+@pytest.mark.parametrize(("brake_gain", "harder"), [(0.7, 1.1), (1.6, 1.0)])
+def test_where_the_speed_is_in_doubt_an_acceleration_is_asked_for_that_is_the_lesser_of_both(brake_gain, harder):
+    """Of a car that takes accelerations: the stop's without a speed, or that which the wheels ask for."""
+    asking = Asking()
+    rig = Rig(Car(brake_gain=brake_gain), Gateway(FUSION, vehicles.FUSION.calibration, period=PERIOD, interface=asking))
+    rig.cruise(12.0)
+    rig.step(0.0, process_faults=("speed_mismatch",))
+    ratios = []
+    for _ in range(60):
+        status = rig.step(0.0)
+        assert asking.acceleration <= status.acceleration
+        ratios.append(asking.acceleration / status.acceleration)
+    assert max(ratios[10:]) == pytest.approx(harder, abs=1e-9) if harder == 1.0 else max(ratios) > harder
 
 
 def test_wheels_that_are_heard_again_do_not_soften_a_stop():

@@ -44,6 +44,7 @@ from vve_sumo.record.layout import (
     PEOPLE,
     PEOPLE_REPORTS,
     SCHEMAS,
+    SIGNAL_PLANS,
     recorded_brain,
     sensor_table,
 )
@@ -186,7 +187,7 @@ def read_pipeline_inputs(folder: Path) -> PipelineInputs:
         ticks.to_pylist(),
         0,
         by_tick(read_commanded(folder)),
-        RecordedPlans.of_record(folder),
+        RecordedPlans.of_rows(read_rows(folder, SIGNAL_PLANS).to_pylist() if holds_table(folder, SIGNAL_PLANS) else ()),
     )
     whole = _whole_ticks(inputs)
     return replace(inputs, ticks=inputs.ticks[:whole], torn=len(inputs.ticks) - whole)

@@ -16,10 +16,11 @@ from vve_sumo.drive.tick_rows import RecordedTick, tick_row
 from vve_sumo.drive.virtual_road import EgoSurroundings
 from vve_sumo.intersections import SignalPhase
 from vve_sumo.path import ReferencePath
-from vve_sumo.record.rows import TickRow
+from vve_sumo.record import signals
+from vve_sumo.record.rows import SignalRow, TickRow
 from vve_sumo.sensors.port import Column
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import Actors, CommandedPath, Fix, Frame, GatewayStatus, Pose, Setpoint
+from vve_sumo.values import Actors, CommandedPath, Fix, Frame, GatewayStatus, Pose, Setpoint, SignalChange
 from vve_sumo.world.ego_sync import EgoSyncReport
 
 
@@ -80,6 +81,10 @@ class TickRecorder(Protocol):
         """Record the path that the command of a tick carries; not called for a command without one."""
         ...
 
+    def signal_changed(self, row: SignalRow) -> None:
+        """Record a change of a traffic signal, of which the ego's sensors are told."""
+        ...
+
     def ticked(self, row: TickRow) -> None:
         """Record the row of a tick."""
         ...
@@ -101,6 +106,9 @@ class NoRecord:
         """Keep nothing."""
 
     def commanded(self, tick: int, path: CommandedPath) -> None:
+        """Keep nothing."""
+
+    def signal_changed(self, row: SignalRow) -> None:
         """Keep nothing."""
 
     def ticked(self, row: TickRow) -> None:
@@ -139,6 +147,11 @@ class EgoTick:
     def _received(self, received: float, data: bytes) -> None:
         self._record.received_pose(received, data)
         self._portions += 1
+
+    def signals_changed(self, changes: Sequence[SignalChange]) -> None:
+        """Record changes of the traffic signals, of which the sensors are told at the next tick."""
+        for change in changes:
+            self._record.signal_changed(signals.row_of(change))
 
     def act(self, due: DueTick, car: CarInput, around: EgoSurroundings, clock: Callable[[], float]) -> CompletedTick:
         """Let the sensors see what is around the ego, decide, and hand the setpoint over."""
@@ -201,6 +214,10 @@ class Road(Protocol):
         """Return what tells, for a drive time [s], what each signal shows and how long at least from then on."""
         ...
 
+    def signal_changes(self, since: int) -> Sequence[SignalChange]:
+        """Return what the signals showed from their change number `since` on, counted from 0."""
+        ...
+
 
 class Tick:
     """Runs one tick after the other, for one shell: all egos act, all are placed, SUMO steps once."""
@@ -209,13 +226,19 @@ class Tick:
         """`clock` [s] gives only the times `seen` and `decided` of a completed tick."""
         self._egos = tuple((ego, road.around[ego.id]) for ego in egos)
         self._road, self._clock = road, clock
+        self._sees_signals = tuple(ego for ego, _ in self._egos if ego.pipeline.sees_signals)
+        self._changes = 0  # of the signals that are recorded
         for ego, around in self._egos:
-            if ego.pipeline.sees_signals:
+            if ego in self._sees_signals:
                 around.signals = road.timed_signals()
 
     def step(self, due: DueTick, cars: Mapping[str, CarInput]) -> dict[str, CompletedTick]:
         """Run a tick of every ego, whose `cars` are given by the egos' ids, as are the completed ticks."""
         done = {}
+        if self._sees_signals and (changes := self._road.signal_changes(self._changes)):
+            self._changes += len(changes)
+            for ego in self._sees_signals:
+                ego.signals_changed(changes)
         for ego, around in self._egos:
             done[ego.id] = ego.act(due, cars[ego.id], around, self._clock)
         # The setpoints are on their way: the rest runs in the slack.

@@ -6,7 +6,7 @@ The lockstep, playback and live shells use it; it knows no car and no controller
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -138,6 +138,10 @@ class VirtualRoad:
     def signals_now(self) -> Mapping[str, str]:
         """What each traffic signal shows, SUMO's letter for each of its links."""
         return self._world.signals_now
+
+    def signal_changes(self, since: int) -> Sequence[SignalChange]:
+        """Return what the signals showed from their change number `since` on, counted from 0."""
+        return self._world.signal_changes(since)
 
     def timed_signals(self) -> Callable[[float], Mapping[str, SignalPhase]]:
         """Return what tells, for a drive time [s], what each signal shows and how long at least from then on."""

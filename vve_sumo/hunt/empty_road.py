@@ -5,7 +5,7 @@ Must not know what drives on it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -16,7 +16,7 @@ from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.virtual_road import EgoSurroundings, no_signals, obstacle_position
 from vve_sumo.geometry import Box, behind_bumper, overlap
 from vve_sumo.intersections import SignalPhase
-from vve_sumo.values import EGO, Actors, Floats, Pose
+from vve_sumo.values import EGO, Actors, Floats, Pose, SignalChange
 from vve_sumo.world.ego_sync import EgoSyncReport
 
 #: radar cross section of a parked car at 77 GHz [m2], the same as on the virtual road with SUMO
@@ -57,6 +57,10 @@ class EmptyRoad:
             height=np.full(len(boxes), TYPICAL["car"].height),
             kind=np.full(len(boxes), number_of("car"), np.int8),
         )
+
+    def signal_changes(self, since: int) -> Sequence[SignalChange]:
+        """Return none."""
+        return ()
 
     def timed_signals(self) -> Callable[[float], Mapping[str, SignalPhase]]:
         """Return what tells what the signals show: there are none."""

@@ -19,6 +19,7 @@ from vve_sumo.record.rows import (
     LatencyRow,
     PersonReportRow,
     PersonRow,
+    SignalRow,
     StationDatagramRow,
     StationRow,
     TickRow,
@@ -47,6 +48,7 @@ class RecordBatch(Struct, array_like=True, forbid_unknown_fields=True):
     person_placed: list[tuple[PersonRow]] = field(default_factory=list)
     station_received: list[tuple[StationDatagramRow]] = field(default_factory=list)
     station_placed: list[tuple[StationRow]] = field(default_factory=list)
+    signal_changed: list[tuple[SignalRow]] = field(default_factory=list)
     ticked: list[tuple[TickRow]] = field(default_factory=list)
     stepped: list[tuple[GatewayRow]] = field(default_factory=list)
     timed: list[tuple[LatencyRow]] = field(default_factory=list)
@@ -123,6 +125,11 @@ class RecorderClient:
     def station_placed(self, row: StationRow) -> None:
         """Keep a real station's body at one step of the virtual road."""
         self._batch.station_placed.append((row,))
+        self._empty = False
+
+    def signal_changed(self, row: SignalRow) -> None:
+        """Keep what a sensor was handed of a traffic signal that changed."""
+        self._batch.signal_changed.append((row,))
         self._empty = False
 
     def ticked(self, row: TickRow) -> None:

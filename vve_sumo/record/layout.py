@@ -24,6 +24,7 @@ from vve_sumo.record.rows import (
     LatencyRow,
     PersonReportRow,
     PersonRow,
+    SignalRow,
     StationDatagramRow,
     StationRow,
     TickRow,
@@ -47,7 +48,9 @@ _ARROW: dict[str, pa.DataType] = {
 }  # fmt: skip
 
 
-_Row: TypeAlias = TickRow | GatewayRow | LatencyRow | PersonReportRow | PersonRow | StationDatagramRow | StationRow
+_Row: TypeAlias = (
+    TickRow | GatewayRow | LatencyRow | PersonReportRow | PersonRow | SignalRow | StationDatagramRow | StationRow
+)
 
 
 def _row_schema(row: type[_Row]) -> pa.Schema:
@@ -98,9 +101,12 @@ COMMANDED: Final = "commanded_paths"
 PEOPLE_REPORTS, PEOPLE = "people_reports", "people"
 #: names of the tables of real stations: what the on-board unit received, and the bodies that came of it
 STATION_DATAGRAMS, STATIONS = "station_datagrams", "stations"
+#: name of the table of what sensors were handed of the traffic signals
+SIGNAL_PLANS: Final = "signal_plans"
 #: Tables of records of which not every drive writes any row; such a drive's record has no file of theirs and no hash.
 #: They are flushed in this order and before all others: a kill between two flushes never leaves a tick whose commanded
-#: path is missing, nor a person or a station without the reports behind them.
+#: path is missing, nor a person or a station without the reports behind
+#: them, nor what a signal showed.
 OPTIONAL_SCHEMAS: Final[dict[str, pa.Schema]] = {
     COMMANDED: described_schema(
         [
@@ -114,6 +120,7 @@ OPTIONAL_SCHEMAS: Final[dict[str, pa.Schema]] = {
     PEOPLE: _row_schema(PersonRow),
     STATION_DATAGRAMS: _row_schema(StationDatagramRow),
     STATIONS: _row_schema(StationRow),
+    SIGNAL_PLANS: _row_schema(SignalRow),
 }
 
 #: name of the table of the lanes around the path

@@ -137,6 +137,19 @@ class StationDatagramRow:
 
 
 @dataclass(frozen=True, slots=True)
+class SignalRow:
+    """A traffic signal that began to show another state, or whose plan changed."""
+
+    time_s: float = _column("drive time of the tick that is the first to know of it")
+    signal: str = _column("name in SUMO")
+    state: str = _column("what it shows from then on: SUMO's letter for each of its links")
+    end_s: float = _column("drive time up to which it shows this at least")
+    coming: str = _column(
+        "what it shows then, and for how long at least [s]: a JSON list of pairs, as far as it is fixed"
+    )
+
+
+@dataclass(frozen=True, slots=True)
 class StationRow:
     """A real station that has a body, at one step of the virtual road."""
 

@@ -1,6 +1,6 @@
 """Writes and reads what the signals showed over a drive, and what was planned. Knows nothing of what it is used for.
 
-`signals.json` holds the states; `signal_plans.json`, where a sensor knew of plans, all that the sensor was handed.
+`signals.json` holds the states; the table `signal_plans`, where a sensor sees signals, all that the sensor was handed.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from vve_sumo.intersections import SignalPhase
+from vve_sumo.record.rows import SignalRow
 from vve_sumo.values import SignalChange
 
 SIGNALS: Final = "signals.json"
-SIGNAL_PLANS: Final = "signal_plans.json"
 #: a tick's time in the file and that of a replay differ by less than this [s]
 TIME_TOLERANCE: Final = 1e-3
 
@@ -51,8 +51,17 @@ def files_of(changes: Iterable[SignalChange]) -> dict[str, str]:
     kept = tuple(changes)
     if not kept:
         return {}
-    planned = any(change.end for change in kept)
-    return {SIGNALS: signals_text(kept)} | ({SIGNAL_PLANS: json.dumps(kept) + "\n"} if planned else {})
+    return {SIGNALS: signals_text(kept)}
+
+
+def row_of(change: SignalChange) -> SignalRow:
+    """Return a change as a row of the record."""
+    return SignalRow(change.time, change.signal, change.state, change.end, json.dumps(change.coming))
+
+
+def _change_of(row: Mapping[str, Any]) -> SignalChange:
+    coming = tuple((str(state), float(duration)) for state, duration in json.loads(row["coming"]))
+    return SignalChange(row["time_s"], row["signal"], row["state"], row["end_s"], coming)
 
 
 class RecordedPlans:
@@ -65,18 +74,9 @@ class RecordedPlans:
         self._times = {name: [change.time for change in own] for name, own in self._changes.items()}
 
     @classmethod
-    def of_record(cls, folder: Path) -> RecordedPlans:
-        """Return those of a record, none where it has no such file, or where the file is not of this kind."""
-        try:
-            rows: Any = json.loads((folder / SIGNAL_PLANS).read_text(encoding="utf-8"))
-            return cls(
-                SignalChange(
-                    float(time), str(name), str(state), float(end), tuple((str(at), float(for_)) for at, for_ in coming)
-                )
-                for time, name, state, end, coming in rows
-            )
-        except (OSError, ValueError, TypeError):
-            return cls(())
+    def of_rows(cls, rows: Iterable[Mapping[str, Any]]) -> RecordedPlans:
+        """Return those of the rows of a record's table."""
+        return cls(_change_of(row) for row in rows)
 
     def phases(self, now: float) -> dict[str, SignalPhase]:
         """Return what the signals showed at drive time `now` [s], and how long at least from then on."""

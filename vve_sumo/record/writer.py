@@ -39,6 +39,7 @@ from vve_sumo.record.layout import (
     PEOPLE_REPORTS,
     RAW_PARTS,
     SCHEMAS,
+    SIGNAL_PLANS,
     STATION_DATAGRAMS,
     STATIONS,
     UNHASHED,
@@ -50,6 +51,7 @@ from vve_sumo.record.rows import (
     LatencyRow,
     PersonReportRow,
     PersonRow,
+    SignalRow,
     StationDatagramRow,
     StationRow,
     TickRow,
@@ -365,6 +367,11 @@ class MemoryRecorder:
         if (table := self._optional(STATIONS)) is not None:
             table.append(_station_tuple(row))
 
+    def signal_changed(self, row: SignalRow) -> None:
+        """Record what a sensor was handed of a traffic signal that changed."""
+        if (table := self._optional(SIGNAL_PLANS)) is not None:
+            table.append(_signal_tuple(row))
+
     def _optional(self, name: str) -> _Table | None:
         """Return one of the tables that not every drive has, which is opened with its first row.
 
@@ -541,4 +548,5 @@ _report_tuple: Callable[[PersonReportRow], tuple[Any, ...]] = operator.attrgette
 _person_tuple: Callable[[PersonRow], tuple[Any, ...]] = operator.attrgetter(*PersonRow.__slots__)
 _latency_tuple: Callable[[LatencyRow], tuple[Any, ...]] = operator.attrgetter(*LatencyRow.__slots__)
 _datagram_tuple: Callable[[StationDatagramRow], tuple[Any, ...]] = operator.attrgetter(*StationDatagramRow.__slots__)
+_signal_tuple: Callable[[SignalRow], tuple[Any, ...]] = operator.attrgetter(*SignalRow.__slots__)
 _station_tuple: Callable[[StationRow], tuple[Any, ...]] = operator.attrgetter(*StationRow.__slots__)

@@ -103,6 +103,10 @@ class World:
         """What each signal shows, SUMO's letter for each of its links; nothing before the first pose."""
         return self._signals.shown
 
+    def signal_changes(self, since: int) -> Sequence[SignalChange]:
+        """Return what the signals showed from their change number `since` on, counted from 0."""
+        return self._signals.changes[since:]
+
     def timed_signals(self) -> Callable[[float], Mapping[str, SignalPhase]]:
         """Return what tells, for a drive time [s], what each signal shows and how long at least from then on."""
         self._signals.timed = True
