@@ -46,6 +46,30 @@ def test_a_steering_report_that_jumps_does_not_turn_the_wheels_at_once():
         before = status.steering
 
 
+def test_wheels_that_say_far_too_little_do_not_let_them_turn_faster():
+    """The same lie at 10 m/s, while the wheels seem to creep: the limits are those at the receiver's speed."""
+    rig = Rig()
+    rig.cruise(10.0)
+    before = rig.step().steering
+    rig.car.forged = forged(codec.SteeringReport(8.0, 0.0, 10.0, 0.0, enabled=True))
+    rig.car.forged |= forged(codec.WheelSpeeds(6.0, 6.0, 6.0, 6.0))
+    statuses = [rig.step(command=OperatorCommand.STOP), *rig.run(0.1)]
+    for status in statuses:
+        assert abs(status.steering - before) <= 1.1 * 10.0 * FUSION.wheelbase / rig.car.speed**2 * PERIOD
+        before = status.steering
+
+
+@pytest.mark.parametrize("less", [-0.4, 0.4])
+def test_a_receiver_that_says_a_little_else_changes_nothing_of_the_limits(less):
+    angles = []
+    for wrong in (0.0, less):
+        rig = Rig()
+        rig.cruise(10.0)
+        rig.run(0.04)
+        angles.append([rig.step(steering=0.3, speed=rig.car.speed - wrong).steering for _ in range(20)])
+    assert angles[0] == angles[1]
+
+
 def test_stopping_never_releases_brakes_that_are_on():
     rig = Rig()
     rig.cruise(12.0)
