@@ -88,8 +88,8 @@ def build_network(
 
     `speeds` is a SUMO type map that overrides the stock one (such as `networks/us_speeds.typ.xml`). `rules` are those
     of the streets. `origin` is the latitude, longitude [deg] of the centre of the transverse Mercator projection, by
-    default the middle of the extract's bounds. `signals` are OSM nodes with a traffic signal that the extract lacks. Raises ConfigError when a file or netconvert
-    is missing, or netconvert fails.
+    default the middle of the extract's bounds. `signals` are OSM nodes with a traffic signal that the extract lacks.
+    Raises ConfigError when a file or netconvert is missing, or netconvert fails.
     """
     for file in (osm, speeds):
         if not file.is_file():
