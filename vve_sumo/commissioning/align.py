@@ -27,6 +27,7 @@ from vve_sumo.live import assembly, start_simulated_vehicle
 from vve_sumo.live.alignment import lot_alignment
 from vve_sumo.lot.fit import CorridorExcess, Fit, corridor_excess, fit, measured, shortened
 from vve_sumo.lot.geofence import Geofence
+from vve_sumo.network_tools.path_file import write_part
 from vve_sumo.path import ReferencePath
 from vve_sumo.path_feasibility import refuse_tight_bend
 from vve_sumo.rig import edit
@@ -40,7 +41,6 @@ RESIDUAL_LIMIT: Final = 0.20
 LOT_COLUMNS: Final = ("lot_latitude_deg", "lot_longitude_deg")
 STREET_COLUMNS: Final = ("street_x_m", "street_y_m")
 GEODETIC_COLUMNS: Final = ("street_latitude_deg", "street_longitude_deg")
-DECIMALS: Final = 10  #: of degrees in a path's file: 0.01 mm
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,18 +218,8 @@ def cut(site: AlignmentSite, result: AlignmentResult, out: Path) -> ReferencePat
     short = shortened(site.resolved.path, geofence, site.speed, result.fit.station, site.resolved.corridor)
     source = site.resolved.files["path"]
     refuse_tight_bend(short, site.resolved.vehicle.tightest_curvature, f"{source}: its first {short.length:.0f} m")
-    comments = [line for line in source.read_text(encoding="utf-8-sig").splitlines() if line.startswith("#")]
-    points = (short.at(s) for s in np.linspace(0.0, short.length, round(short.length) + 1).tolist())
-    rows = [
-        [math.degrees(angle) for angle in site.resolved.map_frame.to_geodetic(point.x, point.y)] for point in points
-    ]
-    lines = [
-        *comments,
-        f"# The first {short.length:.0f} m of {source.name}, cut by vve-sumo align for {site.rig_file.name}.",
-        "latitude_deg,longitude_deg",
-        *(f"{latitude:.{DECIMALS}f},{longitude:.{DECIMALS}f}" for latitude, longitude in rows),
-    ]
-    out.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    note = f"The first {short.length:.0f} m of {source.name}, cut by vve-sumo align for {site.rig_file.name}."
+    write_part(short, site.resolved.map_frame, source, note, out)
     return short
 
 

@@ -21,6 +21,7 @@ from vve_sumo.lot.corridor import DeclaredCorridor
 from vve_sumo.lot.geofence import DrivenPlace, Geofence
 from vve_sumo.lot.polygon import Raster
 from vve_sumo.path import ReferencePath
+from vve_sumo.path_feasibility import MIN_PATH_LENGTH
 from vve_sumo.values import Floats
 
 SWEPT_SPACING: Final = 3  #: path stations per swept place in the search [m]
@@ -32,7 +33,6 @@ POINTS: Final = 400  #: number of points with the least clearance, which decide 
 ROUNDS: Final = 40  #: maximum of a refinement
 STILL: Final = 0.01  #: a refinement that moves less is done [m]
 CUT_RESOLUTION: Final = 2.0  #: the cut of a path that doesn't fit is found to this [m]
-MIN_PATH_LENGTH: Final = 5.0  #: a path cut shorter than this is refused [m]
 
 
 @dataclass(frozen=True, slots=True)
