@@ -11,7 +11,7 @@ from vve_sumo import progress_bar
 from vve_sumo.cli import live_drive
 from vve_sumo.cli.console import INTERRUPTED, complain, note, notify
 from vve_sumo.cli.drive_result import draw_and_show
-from vve_sumo.cli.parser import Parser, add_json, setting, values_of
+from vve_sumo.cli.parser import Parser, add_json, add_speed, setting, values_of
 from vve_sumo.errors import ConfigError, SimulationError
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ examples:
   vve-sumo drive                                the paper's drive: a car parked in the middle of the road
   vve-sumo drive parked_car --seed 7 --out a    another seed, record in folder a
   vve-sumo drive --set 'ego.speed=25 mph' --set controller.tuning.gap_m=8   other values of any key
+  vve-sumo drive --speed '25 km/h'              another speed of the ego
   vve-sumo drive --controller mine.py:make      your own controller
   vve-sumo drive --vehicle lincoln_mkz          another car
   vve-sumo drive --rig rigs/ours.toml --lockstep   the simulated vehicle as the rig calibrates it
@@ -58,6 +59,7 @@ def arguments(parser: Parser) -> None:
         help="override a value of the scenario: a dotted key such as ego.speed_mps, or a parameter that it declares; "
         "a number may have a unit, such as 'ego.speed=25 mph'; may be given several times",
     )
+    add_speed(parser)
     parser.add_argument("--controller", metavar="NAME", help="shipped name, file.py:make or entry point")
     parser.add_argument(
         "--vehicle", metavar="NAME", help="override the scenario's vehicle: a name under vehicles/ or a .toml file"
@@ -122,6 +124,7 @@ def _lockstep(arguments: argparse.Namespace) -> int:
         controller=arguments.controller,
         vehicle=arguments.vehicle,
         rig=arguments.rig,
+        speed=arguments.speed,
         values=values_of(arguments.values),
     )
     for fault in resolved.faults if arguments.pose is None else ():
@@ -185,6 +188,7 @@ def _live(arguments: argparse.Namespace) -> int:
         seed=arguments.seed,
         controller=arguments.controller,
         shadow=arguments.shadow,
+        speed=arguments.speed,
         values=values_of(arguments.values),
         view=arguments.view,
     )

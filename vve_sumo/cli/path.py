@@ -61,8 +61,8 @@ def _add_cut(inner: Commands) -> None:
         "example:\n  vve-sumo path cut linden_17th --from 540 --to 660 --out part.csv\n",
     )
     cut.add_argument("path", help="name under routes/ or a .csv file")
-    cut.add_argument("--from", dest="start", type=float, required=True, metavar="M", help="distance of the new start")
-    cut.add_argument("--to", dest="end", type=float, required=True, metavar="M", help="distance of the new end")
+    cut.add_argument("--from", dest="start", type=float, required=True, metavar="N", help="distance of the new start")
+    cut.add_argument("--to", dest="end", type=float, required=True, metavar="N", help="distance of the new end")
     cut.add_argument("--out", type=Path, required=True, metavar="CSV", help="file to write")
     cut.set_defaults(run=_cut)
 

@@ -74,6 +74,7 @@ class AlignmentResult:
     residual: float  #: worst error of the points that it was made from [m]
     fit: Fit | None
     evidence: tuple[str, ...] = ()  #: what the alignment is based on, a line each
+    searched: bool = False  #: whether a search chose the place, so that nobody stands there yet
 
     @property
     def whole(self) -> bool:
@@ -81,11 +82,14 @@ class AlignmentResult:
         return self.fit is not None and self.fit.whole
 
 
-def site_of(scenario: str, rig: str, working: Path) -> AlignmentSite:
-    """Find rig and scenario by name; raises ConfigError for what is missing, wrong or too fast for the lot."""
+def site_of(scenario: str, rig: str, working: Path, speed: float | None = None) -> AlignmentSite:
+    """Find rig and scenario by name; raises ConfigError for what is missing, wrong or too fast for the lot.
+
+    `speed` [m/s] takes the place of the scenario's, as `overrides.with_speed` says.
+    """
     rig_file = workspace.find("rig", rig, working)
-    loaded = rigs.load(rig_file, working)
-    resolved = resolve_by_name(scenario, working)
+    resolved = resolve_by_name(scenario, working, speed=speed)
+    loaded = meaning.with_alignment_for(rigs.load(rig_file, working), resolved.name)
     try:
         resolved = assembly.scenario_with_rig(resolved, loaded, working)
     except ConfigError as error:
@@ -167,7 +171,7 @@ def searched(site: AlignmentSite) -> AlignmentResult:
     evidence = (
         f"most room: the lot turned by {turn:.3f} deg, its origin at ({shift[0]:.2f}, {shift[1]:.2f}) m on the road"
     )
-    return AlignmentResult(found.alignment, 0.0, found, (evidence,))
+    return AlignmentResult(found.alignment, 0.0, found, (evidence,), searched=True)
 
 
 def description(site: AlignmentSite, result: AlignmentResult) -> Iterator[str]:
@@ -241,19 +245,45 @@ def beyond(site: AlignmentSite, length: float) -> list[str]:
     ]
 
 
-def store(site: AlignmentSite, result: AlignmentResult, today: datetime.date) -> None:
-    """Write an alignment into the rig file; raises ConfigError where it would not load or ships with the package."""
+def store(site: AlignmentSite, result: AlignmentResult, today: datetime.date, name: str | None = None) -> None:
+    """Write an alignment into the rig file; raises ConfigError where it would not load or ships with the package.
+
+    With a `name` it becomes the alignment of the scenario of that name alone. What was found by a search is also where
+    the rig's simulated vehicle stands, if it has one.
+    """
     shipped = workspace.shipped_root()
     if site.rig_file.resolve().parent == shipped / "rigs" and Path.cwd().resolve() != shipped:
         raise ConfigError(f"{site.rig_file} ships with the package: vve-sumo init lays out one of your own")
+    table = "alignment" if name is None else f"alignments.{name}"
+    origin = site.rig.alignment.origin or site.rig.lot.outline[0]
     values: dict[str, Any] = {
         "kind": "stored",
         "network": site.resolved.scenario.road.network,
         "date": today,
-        "origin": list(site.rig.alignment.origin or site.rig.lot.outline[0]),
+        "origin": list(origin),
         "rotation_deg": round(math.degrees(result.alignment.rotation), 9),
         "x_m": round(result.alignment.x, 5),
         "y_m": round(result.alignment.y, 5),
         "residual_m": round(result.residual, 4),
     }
-    edit.put(site.rig_file, {("alignment", key): value for key, value in values.items()}, emptied=("alignment",))
+    start = start_values(site, result) if result.searched and site.rig.car == "simulated" else {}
+    if start and name is not None:
+        values["start"], start = list(start.values()), {}
+    changed = {(table, key): value for key, value in values.items()}
+    changed |= {("car_start", key): value for key, value in start.items()}
+    edit.put(site.rig_file, changed, emptied=(table,))
+
+
+def start_values(site: AlignmentSite, result: AlignmentResult) -> dict[str, float]:
+    """Return where the rear axle stands at the path's start, by the keys of `[car_start]`."""
+    if result.fit is None:
+        return {}
+    frame = meaning.frame_of(site.rig)
+    x, y, heading = result.fit.start
+    latitude, longitude = frame.to_geodetic(x, y)
+    bearing = (90.0 - math.degrees(heading - frame.convergence(latitude, longitude))) % 360.0
+    return {
+        "latitude_deg": round(math.degrees(latitude), 9),
+        "longitude_deg": round(math.degrees(longitude), 9),
+        "heading_deg": round(bearing, 4) % 360.0,
+    }

@@ -67,6 +67,7 @@ def plan(
     seed: int | None,
     controller: str | None,
     shadow: bool,
+    speed: float | None = None,
     values: Mapping[str, Any] | None = None,
     view: bool = False,
 ) -> DrivePlan:
@@ -92,7 +93,8 @@ def plan(
     if loaded.people:
         token_of(loaded.people_page, working, "people_page")
         certificate_of(loaded.people_page, working)
-    resolved = resolve_by_name(scenario, working, seed=seed, controller=controller, values=values)
+    resolved = resolve_by_name(scenario, working, seed=seed, controller=controller, speed=speed, values=values)
+    loaded = meaning.with_alignment_for(loaded, resolved.name)
     require_one_ego(resolved, "a live drive has one real car, which is [ego]'s, and no simulated ones beside it")
     try:
         resolved = assembly.scenario_with_rig(resolved, loaded, working)

@@ -157,6 +157,21 @@ def alignment_of(rig: Rig, network: str) -> Alignment | None:
     return _stored(rig) if wanted.kind == "stored" else _surveyed(rig)
 
 
+def with_alignment_for(rig: Rig, scenario: str) -> Rig:
+    """Return a rig with the alignment that it has for a scenario of this name, and else as it is.
+
+    A simulated vehicle then stands where that alignment has the path's start.
+    """
+    wanted = rig.alignments.get(scenario)
+    if wanted is None:
+        return rig
+    changed: dict[str, object] = {"alignment": wanted}
+    if rig.car_start is not None and wanted.start is not None:
+        keys = ("latitude_deg", "longitude_deg", "heading_deg")
+        changed["car_start"] = rig.car_start.model_copy(update=dict(zip(keys, wanted.start, strict=True)))
+    return rig.model_copy(update=changed)
+
+
 def _stored(rig: Rig) -> Alignment:
     wanted = rig.alignment
     rotation, x, y = wanted.rotation_deg, wanted.x_m, wanted.y_m
