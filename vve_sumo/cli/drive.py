@@ -17,7 +17,9 @@ from vve_sumo.errors import ConfigError, SimulationError
 if TYPE_CHECKING:
     from vve_sumo.drive.brain import ExternalController
     from vve_sumo.drive.resolved_scenario import ResolvedScenario
+
     from vve_sumo.drive.run import Drive
+
 
 SUMMARY = "drive a scenario: in lockstep, live on a rig, or with a recorded drive"
 TEXT = """\
@@ -37,6 +39,7 @@ examples:
   vve-sumo drive --pose drive.csv               a recorded drive through the same pipeline; no car is commanded
   vve-sumo drive --rig simulated                live, with the simulated vehicle as a process of its own
   vve-sumo drive --rig simulated --view         the same with a page in a browser, which has a stop button
+  vve-sumo drive parked_car --rig rigs/ours.toml --rehearse   live, the real car's rig on simulated wires
   vve-sumo drive parked_car --rig rigs/ours.toml --shadow   live, with every enable bit off
 
 live keys: e engages, g starts, any other key stops; so do Ctrl-C and closing the terminal. The emergency stop is
@@ -81,6 +84,12 @@ def arguments(parser: Parser) -> None:
     parser.add_argument(
         "--shadow", action="store_true", help="live, with every enable bit off: the car is not commanded"
     )
+    parser.add_argument(
+        "--rehearse",
+        action="store_true",
+        help="live, with the rig of a real car on simulated wires: emulated bus, simulated receiver of the rig's kind, "
+        "the rig's car, calibration, mounting, lot and alignment; no hardware can be opened",
+    )
     parser.add_argument("--view", action="store_true", help="live, with a page in a browser; its address is printed")
     parser.add_argument("--operator", metavar="NAME", help="live, for the record: name of the operator at the console")
     parser.add_argument("--driver", metavar="NAME", help="live, for the record: name of the safety driver")
@@ -99,6 +108,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigError(
             "--lockstep: expected --rig with the rig whose car is simulated; without a rig every drive is in lockstep"
         )
+    if arguments.rehearse:
+        raise ConfigError("--rehearse: only a live drive has wires; name the rig with --rig, without --lockstep")
     if arguments.shadow:
         raise ConfigError("--shadow: only a live drive sets enable bits; name the rig with --rig")
     if arguments.view:
@@ -176,6 +187,19 @@ def _exit_code(done: Drive) -> int:
 def _live(arguments: argparse.Namespace) -> int:
     if arguments.pose is not None:
         raise ConfigError("--pose: a live drive has its pose from the rig; leave out one of --pose and --rig")
+    if not arguments.rehearse:
+        return _driven(arguments, None)
+    import tempfile
+
+    from vve_sumo.live.simulated_wires import forbid_hardware
+
+    forbid_hardware()
+    with tempfile.TemporaryDirectory(prefix="vve_sumo_rehearsal_") as links:
+        return _driven(arguments, Path(links))
+
+
+def _driven(arguments: argparse.Namespace, rehearse: Path | None) -> int:
+    """Drive live to the end; `rehearse` is the folder of a rehearsal's links."""
     from vve_sumo.drive.run import Drive
     from vve_sumo.drive.termination import Outcome
     from vve_sumo.live import session
@@ -191,7 +215,10 @@ def _live(arguments: argparse.Namespace) -> int:
         speed=arguments.speed,
         values=values_of(arguments.values),
         view=arguments.view,
+        rehearse=rehearse,
     )
+    for line in plan.rehearsal:
+        notify(line)
     doctor = live_drive.examined(plan, arguments.override_doctor)  # before names are asked for
     if plan.resolved.note:
         note(plan.resolved.note)

@@ -278,12 +278,5 @@ def start_values(site: AlignmentSite, result: AlignmentResult) -> dict[str, floa
     """Return where the rear axle stands at the path's start, by the keys of `[car_start]`."""
     if result.fit is None:
         return {}
-    frame = meaning.frame_of(site.rig)
-    x, y, heading = result.fit.start
-    latitude, longitude = frame.to_geodetic(x, y)
-    bearing = (90.0 - math.degrees(heading - frame.convergence(latitude, longitude))) % 360.0
-    return {
-        "latitude_deg": round(math.degrees(latitude), 9),
-        "longitude_deg": round(math.degrees(longitude), 9),
-        "heading_deg": round(bearing, 4) % 360.0,
-    }
+    place = meaning.place_in_degrees(meaning.frame_of(site.rig), *result.fit.start)
+    return dict(zip(("latitude_deg", "longitude_deg", "heading_deg"), place, strict=True))

@@ -66,8 +66,8 @@ class EventSite:
         self._resolved = resolved.with_rig(self.rig, working, live=True)
         self._geofence = meaning.geofence_of(self.rig, Alignment())
         bounds = overrides.speed_bounds(self._table)
-        self.slowest = max(MIN_SPEED, bounds.get("min", MIN_SPEED))
-        self.fastest_allowed = min(self.rig.limits.speed_mps, bounds.get("max", math.inf))
+        self.slowest = max(MIN_SPEED, float(bounds.get("min", MIN_SPEED)))
+        self.fastest_allowed = min(self.rig.limits.speed_mps, float(bounds.get("max", math.inf)))
         if self.slowest > self.fastest_allowed:
             raise ConfigError(
                 f"{self.file}: drives at {self.slowest:g} m/s or faster, but limits.speed_mps of {self.rig_file} is "

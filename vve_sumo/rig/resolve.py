@@ -123,6 +123,17 @@ def frame_of(rig: Rig) -> MapFrame:
     return local_frame(math.radians(latitude), math.radians(longitude))
 
 
+def place_in_degrees(frame: MapFrame, x: float, y: float, heading: float) -> tuple[float, float, float]:
+    """Return latitude, longitude [deg], WGS84, and heading [deg], clockwise from true north, of a pose in a map.
+
+    `x` and `y` are in metres, `heading` in radians, counter-clockwise from the map's +x.
+    """
+    latitude, longitude = frame.to_geodetic(x, y)
+    bearing = 90.0 - math.degrees(heading - frame.convergence(latitude, longitude))
+    # Rounded first: what rounds to 360 is 0.
+    return round(math.degrees(latitude), 9), round(math.degrees(longitude), 9), round(bearing % 360.0, 4) % 360.0
+
+
 def lot_of(rig: Rig) -> Lot:
     """Return the ground that the car may cover, in the lot's map."""
     frame = frame_of(rig)
