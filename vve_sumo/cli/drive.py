@@ -17,7 +17,6 @@ from vve_sumo.errors import ConfigError, SimulationError
 if TYPE_CHECKING:
     from vve_sumo.drive.brain import ExternalController
     from vve_sumo.drive.resolved_scenario import ResolvedScenario
-
     from vve_sumo.drive.run import Drive
 
 

@@ -133,6 +133,29 @@ def outline(shapes: Floats) -> Floats:
     return np.asarray(shapely.get_coordinates(line), np.float64)
 
 
+def simplified_ring(points: Floats, tolerance: float) -> Floats:
+    """Return the corners of a closed line through points (n, 2) [m], no point farther than `tolerance` [m] from it.
+
+    The first point is a corner only where the line turns there. The last one is not repeated (Douglas, Peucker, 1973).
+    """
+    closed = np.vstack((points, points[:1]))
+    corners = np.asarray(shapely.get_coordinates(shapely.simplify(shapely.LineString(closed), tolerance)), np.float64)
+    corners = corners[:-1]
+    if len(corners) > 3:
+        across = shapely.LineString((corners[-1], corners[1]))
+        if shapely.distance(across, shapely.Point(corners[0])) <= tolerance:
+            corners = corners[1:]
+    return corners
+
+
+def distances_outside(outline: Floats, points: Floats) -> Floats:
+    """Return how far points (n, 2) lie outside a closed line [m]; inside negative."""
+    polygon = Polygon(outline)
+    distance = shapely.distance(polygon.exterior, shapely.points(points))
+    inside = shapely.contains_xy(polygon, points)
+    return np.asarray(np.where(inside, -distance, distance), np.float64)
+
+
 class Raster:
     """Clearance on a grid [m]: positive inside the lot less its margin, negative outside; good to a cell."""
 
