@@ -1,4 +1,4 @@
-"""The meeting with an obstacle or actor laid into a small lot: room to get to speed, room to stop, and a drive of it."""
+"""The meeting with an obstacle or actor laid into a small lot: room to get to speed, room to stop; and its drive."""
 
 from __future__ import annotations
 

@@ -120,7 +120,7 @@ def test_it_stands_where_the_stored_alignment_has_the_start(tmp_path: Path) -> N
 
 def test_an_external_controller_is_not_rehearsed(tmp_path: Path) -> None:
     brain = '[brain]\nkind = "external"\n[[outputs]]\nkind = "ncom"\nudp = "127.0.0.1:5001"\n\n[alignment]'
-    with pytest.raises(ConfigError, match="brain.kind of .* is 'external'"):
+    with pytest.raises(ConfigError, match=r"brain\.kind of .* is 'external'"):
         on_simulated_wires(tmp_path, ("[alignment]", brain))
 
 

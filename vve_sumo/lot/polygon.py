@@ -136,16 +136,11 @@ def outline(shapes: Floats) -> Floats:
 def simplified_ring(points: Floats, tolerance: float) -> Floats:
     """Return the corners of a closed line through points (n, 2) [m], no point farther than `tolerance` [m] from it.
 
-    The first point is a corner only where the line turns there. The last one is not repeated (Douglas, Peucker, 1973).
+    Corners are points; the last one is not repeated (Douglas, Peucker, 1973).
     """
-    closed = np.vstack((points, points[:1]))
-    corners = np.asarray(shapely.get_coordinates(shapely.simplify(shapely.LineString(closed), tolerance)), np.float64)
-    corners = corners[:-1]
-    if len(corners) > 3:
-        across = shapely.LineString((corners[-1], corners[1]))
-        if shapely.distance(across, shapely.Point(corners[0])) <= tolerance:
-            corners = corners[1:]
-    return corners
+    closed = shapely.LineString(np.vstack((points, points[:1])))
+    line = shapely.simplify(closed, tolerance, preserve_topology=False)
+    return np.asarray(shapely.get_coordinates(line), np.float64)[:-1]
 
 
 def distances_outside(outline: Floats, points: Floats) -> Floats:

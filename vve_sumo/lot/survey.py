@@ -23,6 +23,8 @@ MIN_TOLERANCE: Final = 0.15  #: by which the outline's corners may cut a line th
 #: a radius that holds a place with 95 %, over the standard deviation of either of its coordinates: sqrt(-2 ln 0.05)
 RADIUS_95: Final = 2.448
 BODY_MARGIN: Final = 1.0  #: for mirrors and errors of stopping, a rig's own default [m]
+CUT_CORNER: Final = 2.0  #: length of the short sides between two long ones that still are one corner [m]
+CUT_REACH: Final = 0.5  #: from such a side's ends to the corner that its neighbours make, at most [m]
 AROUND_CORNER: Final = 1.0  #: places nearer to a corner than this say nothing of a side's line [m]
 MIN_SIDE_PLACES: Final = 8  #: fewer leave a side as its corners have it
 MIN_TURN: Final = math.radians(15.0)  #: between two sides whose lines make a corner
@@ -60,7 +62,7 @@ def survey(x: Floats, y: Floats, sigma: Floats) -> SurveyedOutline:
         raise ConfigError(f"a place has a standard deviation of {worst_sigma:.2f} m, expected at most {MAX_SIGMA:g} m")
     ring, overlap = _closed(points)
     tolerance = max(MIN_TOLERANCE, 3.0 * worst_sigma)
-    rough = simplified_ring(ring, tolerance)
+    rough = _needed(ring, simplified_ring(ring, tolerance), 2.0 * tolerance)
     Lot([(px, py) for px, py in rough.tolist()], margin=0.0)  # raises where it crosses itself
     corners = _refined(ring, rough, tolerance)
     lot = Lot([(px, py) for px, py in corners.tolist()], margin=0.0)
@@ -111,16 +113,57 @@ def _closed(points: Floats) -> tuple[Floats, float]:
     return ring, float(from_begin[end])
 
 
+def _needed(ring: Floats, corners: Floats, tolerance: float) -> Floats:
+    """Leave out corners without which every place between their neighbours is within `tolerance` [m] of the line.
+
+    The first place is a corner of every simplified line, and where both ends of a side miss its corners, so is a place
+    in its middle.
+    """
+    at = [int(np.argmin(((ring - corner) ** 2).sum(axis=1))) for corner in corners]
+    number = 0
+    while number < len(at) and len(at) > 3:
+        before, after = at[number - 1], at[(number + 1) % len(at)]
+        between = np.arange(before, after + 1 if after > before else after + 1 + len(ring)) % len(ring)
+        if _off(ring[between]) <= tolerance:
+            at.pop(number)
+            number = max(number - 1, 0)
+        else:
+            number += 1
+    return ring[at]
+
+
+def _off(places: Floats) -> float:
+    """Return the greatest distance of places from the line through the first and the last [m]."""
+    along = places[-1] - places[0]
+    long = math.hypot(*along.tolist())
+    if long < STANDING:
+        return math.inf
+    apart = places - places[0]
+    return float(np.abs(along[0] * apart[:, 1] - along[1] * apart[:, 0]).max()) / long
+
+
 def _refined(ring: Floats, rough: Floats, tolerance: float) -> Floats:
-    """Move the corners to where the sides' lines meet, where that is near; others stay."""
+    """Return the corners where two sides' lines meet, where that is near the rough ones; others stay.
+
+    Rough corners that lie within CUT_CORNER of each other along the line, such as where the places miss the corner
+    itself, become one.
+    """
     count = len(rough)
     lines = [_line(ring, rough[number], rough[(number + 1) % count], tolerance) for number in range(count)]
-    corners = []
-    for number, corner in enumerate(rough):
-        before, after = lines[number - 1], lines[number]
-        met = None if before is None or after is None else _met(before, after)
-        near = met is not None and math.dist(met, corner) <= 3.0 * tolerance
-        corners.append(met if met is not None and near else (float(corner[0]), float(corner[1])))
+    sides = [number for number in range(count) if lines[number] is not None]
+    if len(sides) < 3:
+        return rough
+    corners: list[tuple[float, float]] = []
+    for before, after in zip(sides, [*sides[1:], sides[0] + count], strict=True):
+        between = [rough[number % count] for number in range(before + 1, after + 1)]
+        one, other = lines[before], lines[after % count]
+        assert one is not None  # of a side with a line
+        assert other is not None
+        met = _met(one, other) if _walked(np.array(between)) <= CUT_CORNER else None
+        if met is not None and min(math.dist(met, corner) for corner in between) <= max(3.0 * tolerance, CUT_REACH):
+            corners.append(met)
+        else:
+            corners += [(float(corner[0]), float(corner[1])) for corner in between]
     return np.array(corners)
 
 
