@@ -77,3 +77,14 @@ def test_a_day_to_come_is_refused(tmp_path: Path) -> None:
     put(rig, "mine", date=datetime.date(2999, 1, 1))
     with pytest.raises(ConfigError, match=r"alignments\.mine\.date"):
         rigs.load(rig)
+
+
+def test_a_record_of_a_drive_holds_the_one_that_was_driven(tmp_path: Path) -> None:
+    rig = own_rig(tmp_path)
+    put(rig, "east", start=STANDS)
+    put(rig, "west")
+    chosen = meaning.with_alignment_for(rigs.load(rig), "east")
+    again = rigs.parse_json(chosen.model_dump(mode="json", exclude_unset=True), rig)
+    assert again.alignments == {}
+    assert meaning.alignment_of(again, "linden") == meaning.alignment_of(chosen, "linden")
+    assert meaning.frame_of(again).projection == meaning.frame_of(rigs.load(rig)).projection

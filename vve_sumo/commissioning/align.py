@@ -88,8 +88,8 @@ def site_of(scenario: str, rig: str, working: Path, speed: float | None = None) 
     `speed` [m/s] takes the place of the scenario's, as `overrides.with_speed` says.
     """
     rig_file = workspace.find("rig", rig, working)
+    loaded = rigs.load(rig_file, working)
     resolved = resolve_by_name(scenario, working, speed=speed)
-    loaded = meaning.with_alignment_for(rigs.load(rig_file, working), resolved.name)
     try:
         resolved = assembly.scenario_with_rig(resolved, loaded, working)
     except ConfigError as error:

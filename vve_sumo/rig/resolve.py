@@ -169,14 +169,15 @@ def alignment_of(rig: Rig, network: str) -> Alignment | None:
 
 
 def with_alignment_for(rig: Rig, scenario: str) -> Rig:
-    """Return a rig with the alignment that it has for a scenario of this name, and else as it is.
+    """Return a rig with the one alignment that it has for a scenario of this name, and else as it is.
 
-    A simulated vehicle then stands where that alignment has the path's start.
+    A simulated vehicle then stands where that alignment has the path's start. The lot's map may be about another place
+    than the whole rig's: it is that of the alignment.
     """
     wanted = rig.alignments.get(scenario)
     if wanted is None:
         return rig
-    changed: dict[str, object] = {"alignment": wanted}
+    changed: dict[str, object] = {"alignment": wanted, "alignments": {}}
     if rig.car_start is not None and wanted.start is not None:
         keys = ("latitude_deg", "longitude_deg", "heading_deg")
         changed["car_start"] = rig.car_start.model_copy(update=dict(zip(keys, wanted.start, strict=True)))
