@@ -6,11 +6,14 @@ import json
 import math
 import re
 from pathlib import Path
+from typing import Final
 
+import pyproj
 import pytest
 
 from tests.conftest import REPOSITORY
-from tests.live.command_line import free_port, vve_sumo
+from tests.live.command_line import free_port
+from tests.live.terminal import desk
 from vve_sumo.drive.run import resolve_by_name
 from vve_sumo.errors import ConfigError
 from vve_sumo.live import start_simulated_vehicle
@@ -31,10 +34,27 @@ RECEIVERS = {
 SIGMAS = "velocity_sigma_mps = 0.03\nheading_sigma_deg = 0.1\n"
 
 
+#: where the path begins in the lot: metres east and north of its first corner, driving east
+STANDS: Final = (60.0, 100.0)
+SCENARIO: Final = "small_lot_parked_car"
+MATCHED: Final = '[alignment]\nkind = "matched_start"\n'
+
+
+def stored() -> tuple[str, str]:
+    """The change of the template to an alignment that has the path's start at STANDS, by arithmetic of its own."""
+    begin = resolve_by_name(SCENARIO, REPOSITORY).path.at(0.0)
+    cosine, sine = math.cos(begin.heading), math.sin(begin.heading)
+    x = begin.x - cosine * STANDS[0] + sine * STANDS[1]
+    y = begin.y - sine * STANDS[0] - cosine * STANDS[1]
+    lines = ['kind = "stored"', 'network = "linden"', "date = 2026-05-01", "origin = [40.0030, -83.0200]"]
+    lines += [f"rotation_deg = {math.degrees(begin.heading)!r}", f"x_m = {x!r}", f"y_m = {y!r}", "residual_m = 0.0"]
+    return MATCHED, "[alignment]\n" + "\n".join(lines) + "\n"
+
+
 def real_rig(folder: Path, *changes: tuple[str, str], kind: str = "ncom_udp") -> Path:
-    """The shipped template of a real car, surveyed, with passages changed."""
+    """The shipped template of a real car, surveyed and aligned, with passages changed."""
     text = TEMPLATE
-    for old, new in (SURVEYED, *changes):
+    for old, new in (SURVEYED, *changes, stored()):
         assert old in text, old
         text = text.replace(old, new)
     own = RECEIVERS[kind].replace("SIGMAS", SIGMAS).replace("PORT", str(free_port()))
@@ -47,7 +67,7 @@ def real_rig(folder: Path, *changes: tuple[str, str], kind: str = "ncom_udp") ->
 
 def on_simulated_wires(folder: Path, *changes: tuple[str, str], kind: str = "ncom_udp") -> Rehearsal:
     file = real_rig(folder, *changes, kind=kind)
-    resolved = resolve_by_name("calibration", REPOSITORY)
+    resolved = resolve_by_name(SCENARIO, REPOSITORY)
     return rehearsed(rigs.load(file), file, resolved, folder)
 
 
@@ -106,16 +126,25 @@ def test_lot_limits_and_geofence_are_those_of_the_file(tmp_path: Path) -> None:
 
 
 def test_it_stands_where_the_stored_alignment_has_the_start(tmp_path: Path) -> None:
-    frame = (
-        '[alignment]\nkind = "stored"\nnetwork = "proving_ground"\ndate = 2026-05-01\norigin = [40.0030, -83.0200]\n'
-    )
-    stored = frame + "rotation_deg = 0.0\nx_m = -60.0\ny_m = -80.0\nresidual_m = 0.0\n"
-    found = on_simulated_wires(tmp_path, ('[alignment]\nkind = "matched_start"\n', stored))
-    resolved = resolve_by_name("calibration", REPOSITORY)
-    begin, start = resolved.path.at(0.0), found.rig.car_start
-    x, y = meaning.frame_of(found.rig).to_map(math.radians(start.latitude_deg), math.radians(start.longitude_deg))
-    assert (x - 60.0, y - 80.0) == pytest.approx((begin.x, begin.y), abs=1e-3)
-    assert start.heading_deg == pytest.approx(90.0 - math.degrees(begin.heading), abs=0.1)
+    start = on_simulated_wires(tmp_path).rig.car_start
+    flat = pyproj.Proj("+proj=aeqd +lat_0=40.0030 +lon_0=-83.0200 +datum=WGS84")
+    assert flat(start.longitude_deg, start.latitude_deg) == pytest.approx(STANDS, abs=0.01)
+    assert start.heading_deg == pytest.approx(90.0, abs=0.01)
+
+
+@pytest.mark.thorough
+def test_without_an_alignment_it_stands_where_a_search_lays_the_path(tmp_path: Path) -> None:
+    file = real_rig(tmp_path)
+    file.write_text(file.read_text(encoding="utf-8").replace(stored()[1], MATCHED), encoding="utf-8")
+    resolved = resolve_by_name(SCENARIO, REPOSITORY)
+    found = rehearsed(rigs.load(file), file, resolved, tmp_path).rig  # which refuses a car outside its lot
+    assert found.alignment.kind == "matched_start"
+    start = found.car_start
+    flat = pyproj.Proj("+proj=aeqd +lat_0=40.0030 +lon_0=-83.0200 +datum=WGS84")
+    x, y = flat(start.longitude_deg, start.latitude_deg)
+    # A path of 75 m in the middle of a lot of 340 m x 222 m is far from every edge.
+    assert 40.0 < x < 300.0
+    assert 40.0 < y < 182.0
 
 
 def test_an_external_controller_is_not_rehearsed(tmp_path: Path) -> None:
@@ -127,7 +156,7 @@ def test_an_external_controller_is_not_rehearsed(tmp_path: Path) -> None:
 def test_a_simulated_rig_is_not_rehearsed() -> None:
     file = REPOSITORY / "rigs" / "simulated.toml"
     with pytest.raises(ConfigError, match="is simulated already"):
-        rehearsed(rigs.load(file), file, resolve_by_name("calibration", REPOSITORY), Path())
+        rehearsed(rigs.load(file), file, resolve_by_name(SCENARIO, REPOSITORY), Path())
 
 
 def test_a_recorded_receiver_is_not_rehearsed(tmp_path: Path, monkeypatch) -> None:
@@ -144,18 +173,23 @@ def test_outputs_are_left_out_and_said(tmp_path: Path) -> None:
     assert re.search(r"bus socketcan:can0 is emulated", found.notes[0])
 
 
+@pytest.mark.thorough
 @pytest.mark.live
-def test_without_keys_the_car_is_not_engaged(tmp_path: Path) -> None:
-    """The whole stack comes up on the template of a real car and ends in READY's hand: nobody is at the keyboard."""
-    file, record = real_rig(tmp_path, kind="nmea_serial"), tmp_path / "record"
-    short = (REPOSITORY / "scenarios" / "calibration.toml").read_text(encoding="utf-8")
-    scenario = tmp_path / "short.toml"
-    scenario.write_text(re.sub(r"duration_s = [\d.]+", "duration_s = 4.0", short), encoding="utf-8")
-    done = vve_sumo("drive", str(scenario), "--rig", str(file), "--rehearse", "--out", str(record), cwd=tmp_path)
-    assert "no hardware is opened" in done.stderr
+def test_the_rig_of_a_real_car_is_driven_by_keys_on_simulated_wires(tmp_path: Path) -> None:
+    """An NMEA receiver on a serial line, a bus that is a card: neither is there, and the car stops before the other."""
+    file, record = real_rig(tmp_path, ("speed_mps = 8.0", "speed_mps = 9.0"), kind="nmea_serial"), tmp_path / "record"
+    arguments = (SCENARIO, "--rig", str(file), "--rehearse")
+    with desk(*arguments, record=record, program=("-m", "vve_sumo.cli", "drive")) as at:
+        at.shows("READY: E ENGAGES")
+        assert "no hardware is opened" in at.text
+        at.press("e")
+        at.shows("ENGAGED AND HELD: G GOES")
+        at.press("g")
+        assert at.ends(120.0) == 0, at.text[-3000:]
     summary = json.loads((record / "summary.json").read_text(encoding="utf-8"))
     assert summary["rehearsal"] is True
-    assert (record / "truth.csv").stat().st_size > 1000
+    assert summary["outcome"] == "stopped"
+    assert summary["stop_gap_m"] == pytest.approx(5.0, abs=0.7)
     recorded = json.loads((record / "scenario.json").read_text(encoding="utf-8"))["rig"]
     assert (recorded["car"], recorded["bus"]["channel"]) == ("simulated", "pty")
     assert recorded["pose"]["device"].startswith("pty:")
