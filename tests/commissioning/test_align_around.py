@@ -186,6 +186,14 @@ def test_what_is_no_event_is_refused(options: list[str], words: str, tmp_path: P
     assert rig.read_text(encoding="utf-8") == before
 
 
+def test_a_shipped_rig_stays_and_no_scenario_is_written(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    options = ["--around", "parked_car", "--write-scenario", "mine.toml", "--write"]
+    assert dispatch.main(["align", "small_lot_parked_car", "--rig", "small_lot", *options]) == 2
+    assert "ships with the package" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_car_that_is_never_caught_up_is_no_meeting(tmp_path: Path) -> None:
     """At 5 m/s nobody comes up to who cuts in at 5.1 m/s."""
     text = (REPOSITORY / "scenarios" / "small_lot_cut_in.toml").read_text(encoding="utf-8")

@@ -131,6 +131,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _around(arguments: argparse.Namespace) -> int:
     """Lay an event of the scenario into the lot; return the exit code, 0."""
+    from vve_sumo.commissioning import align
     from vve_sumo.commissioning.align_around import EventSite, refuse_unknown_event, write_scenario
 
     out: Path | None = arguments.write_scenario
@@ -141,6 +142,8 @@ def _around(arguments: argparse.Namespace) -> int:
             "--write: with --around expected --write-scenario, for the scenario's whole path does not lie in the lot"
         )
     site = EventSite(arguments.scenario, arguments.rig, Path.cwd())
+    if arguments.write:
+        align.refuse_shipped(site.rig_file)
     refuse_unknown_event(site, arguments.around)
     found = _fastest(site, arguments.around, arguments.speed)
     stretch = found.stretch
@@ -172,7 +175,8 @@ def _fastest(site: EventSite, event: str, asked: float | None) -> EventInLot:
         raise ConfigError(f"--speed: {event}: {why}")
     notify(f"searching at {wanted:.2f} m/s")
     found = site.tried(event, wanted)
-    fastest = site.fastest(event, site.fastest_allowed, notify)
+    at_limit = found is not None and wanted >= site.fastest_allowed
+    fastest = found if at_limit else site.fastest(event, site.fastest_allowed, notify)
     if fastest is None:
         raise RigError(f"{site.rig_file}: the lot takes {event!r} at no speed from {site.slowest:g} m/s on")
     print(f"fastest that fits: {_spoken(fastest.speed)}")

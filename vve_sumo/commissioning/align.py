@@ -245,15 +245,20 @@ def beyond(site: AlignmentSite, length: float) -> list[str]:
     ]
 
 
+def refuse_shipped(rig_file: Path) -> None:
+    """Raise ConfigError for a rig file that ships with the package, unless its own folder is the working one."""
+    shipped = workspace.shipped_root()
+    if rig_file.resolve().parent == shipped / "rigs" and Path.cwd().resolve() != shipped:
+        raise ConfigError(f"{rig_file} ships with the package: vve-sumo init lays out one of your own")
+
+
 def store(site: AlignmentSite, result: AlignmentResult, today: datetime.date, name: str | None = None) -> None:
     """Write an alignment into the rig file; raises ConfigError where it would not load or ships with the package.
 
     With a `name` it becomes the alignment of the scenario of that name alone. What was found by a search is also where
     the rig's simulated vehicle stands, if it has one.
     """
-    shipped = workspace.shipped_root()
-    if site.rig_file.resolve().parent == shipped / "rigs" and Path.cwd().resolve() != shipped:
-        raise ConfigError(f"{site.rig_file} ships with the package: vve-sumo init lays out one of your own")
+    refuse_shipped(site.rig_file)
     table = "alignment" if name is None else f"alignments.{name}"
     origin = site.rig.alignment.origin or site.rig.lot.outline[0]
     values: dict[str, Any] = {

@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from vve_sumo import workspace
+from vve_sumo.commissioning.align import refuse_shipped
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import local_frame
 from vve_sumo.lot.survey import SurveyedOutline, survey
@@ -93,8 +94,7 @@ def store(found: LotSurvey, rig: str, working: Path, today: datetime.date) -> Pa
     Raises ConfigError where the rig would not load with it, such as with holes outside the new outline.
     """
     file = workspace.find("rig", rig, working)
-    if file.resolve().parent == workspace.shipped_root() / "rigs" and working.resolve() != workspace.shipped_root():
-        raise ConfigError(f"{file} ships with the package: vve-sumo init lays out one of your own")
+    refuse_shipped(file)
     margin = max(found.outline.margin, rigs.load(file, working).lot.margin_m)
     values: dict[tuple[str, str], Any] = {
         ("lot", "surveyed"): found.day or today,

@@ -80,7 +80,8 @@ def plan(
     Raises ConfigError for what is wrong in a file, RigError for a rig that may not command a car.
     """
     rig_file = workspace.find("rig", rig, working)
-    loaded, notes = rigs.load(rig_file, working), ()
+    loaded = rigs.load(rig_file, working)
+    notes: tuple[str, ...] = ()
     if rehearse is not None:
         whole = resolve_by_name(scenario, working, speed=speed, values=values)
         loaded, notes = rehearsed(meaning.with_alignment_for(loaded, whole.name), rig_file, whole, rehearse)
