@@ -104,7 +104,7 @@ def test_the_twin_shows_every_change_of_the_file(tmp_path: Path) -> None:
     assert (other.vehicle.mass, other.vehicle.wheelbase) == (2100.0, 3.1)
     assert one.vehicle.mass != 2100.0
     assert one.vehicle.wheelbase != 3.1
-    assert (other.mounting.forward, other.mounting.left) == (1.25, -0.4)
+    assert (other.receiver.mounting.forward, other.receiver.mounting.left) == (1.25, -0.4)
     assert car_of(changed).receiver["kind"] == "nmea_serial"
     assert car_of(usual).receiver["kind"] == "ncom_udp"
     start = changed.rig.car_start
