@@ -39,8 +39,8 @@ examples:
   vve-sumo align --rig ours --fit --picture lot.png   no car needed: the alignment with the largest clearance
   vve-sumo align --rig ours --fit --write-shortened-path short.csv   write the part of the path that fits
   vve-sumo align cut_in --rig ours --around cutter   how fast the meeting with the actor `cutter` can be driven here
-  vve-sumo align cut_in --rig ours --around cutter --speed '27 km/h' --write-scenario scenarios/short.toml --write
-  vve-sumo drive short --rig ours               drives it, by the alignment that the rig has for this scenario
+  vve-sumo align cut_in --rig ours --around cutter --speed '27 km/h' --write-scenario scenarios/mine.toml --write
+  vve-sumo drive mine --rig ours                drives it, by the alignment that the rig has for this scenario
 """
 
 
