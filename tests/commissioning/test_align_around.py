@@ -123,7 +123,7 @@ def test_a_variant_is_laid_into_the_small_lot_and_driven(scenario: str, tmp_path
     # Met at the same place of the street as in the whole scenario.
     whole, part = preview_without_braking(own).contact, preview_without_braking(mine).contact
     assert whole.id == part.id == event
-    assert math.dist((whole.ego.x, whole.ego.y), (part.ego.x, part.ego.y)) < 0.5
+    assert math.dist((whole.ego.x, whole.ego.y), (part.ego.x, part.ego.y)) < 1.0
     summary = isolated.isolated(drive, written, rig, tmp_path / "record")
     assert summary["passed"], summary
     assert not summary["collision"]
@@ -225,7 +225,7 @@ def test_the_list_says_what_fits(tmp_path: Path) -> None:
     fits, loop, empty = rows
     assert (fits.event, fits.why_not) == ("cutter", "")
     assert fits.speed_mps == pytest.approx(8.333)
-    assert fits.end_m - fits.begin_m == pytest.approx(78.0, abs=2.0)
+    assert fits.end_m - fits.begin_m == pytest.approx(82.5, abs=1.0)
     assert fits.clearance_m > 5.0
     assert loop.speed_mps is None
     assert empty.why_not == "no obstacle and no actor is met"

@@ -12,7 +12,6 @@ from typing import Final, NamedTuple
 from vve_sumo.drive.no_brake_preview import ACCELERATION, BRAKING, NoBrakePreview, preview_without_braking
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.errors import ConfigError, did_you_mean
-from vve_sumo.path import ReferencePath
 from vve_sumo.scenario.part import bound_to_the_start
 
 #: driven at speed before the meeting begins: the speed's controller has settled, and its jerk has built up [s]
@@ -106,12 +105,14 @@ def _of_obstacle(resolved: ResolvedScenario, event: str) -> tuple[float, float, 
 def _of_actor(resolved: ResolvedScenario, event: str) -> tuple[float, float, bool]:
     """Return where the meeting with an actor begins and the path may end, and whether it is touched."""
     preview = preview_without_braking(_alone(resolved, event))
-    touched = _touched(preview, resolved.path, event)
-    if touched is None:
+    found = _touched(preview, event)
+    if found is None:
         raise ConfigError(f"{resolved.file}: the ego never comes to actor {event!r} on its path; name another event")
+    touched, length = found
     triggers = [one.s for one in preview.events]
     meeting = min([*triggers, _braking_begins(resolved, touched)])
-    return meeting, max([touched, *triggers]) + RUN_ON, preview.contact is not None
+    # An actor leaves the road at the end of its path: the whole of it has to be on it when it is touched.
+    return meeting, max([touched + length, *triggers]) + RUN_ON, preview.contact is not None
 
 
 def _in_the_way(resolved: ResolvedScenario, obstacle: str) -> bool:
@@ -130,15 +131,16 @@ def _alone(resolved: ResolvedScenario, event: str) -> ResolvedScenario:
     return replace(resolved, scenario=scenario.model_copy(update=alone))
 
 
-def _touched(preview: NoBrakePreview, path: ReferencePath, event: str) -> float | None:
-    """Return where the front bumper touches an actor [m], or else is nearest to it along the path; None for never."""
-    if preview.contact is not None:
-        return preview.contact.s
-    nearest: tuple[float, float] | None = None
+def _touched(preview: NoBrakePreview, event: str) -> tuple[float, float] | None:
+    """Return where the front bumper touches an actor, or else is nearest to it, and the actor's length [m]."""
+    contact = preview.contact
+    if contact is not None and contact.actor_state is not None:
+        return contact.s, contact.actor_state.length
+    nearest: tuple[float, float, float] | None = None
     for sample in preview.samples:
         for actor in sample.actors:
             if actor.id == event:
                 apart = (actor.x - sample.ego.x) ** 2 + (actor.y - sample.ego.y) ** 2
                 if nearest is None or apart < nearest[0]:
-                    nearest = apart, sample.s
-    return None if nearest is None else nearest[1]
+                    nearest = apart, sample.s, actor.length
+    return None if nearest is None else nearest[1:]
