@@ -42,6 +42,7 @@ def test_devices_that_lead_to_hardware(kind: int, major: int, minor: int, harmle
         ("socket.__new__", (None, 29, socket.SOCK_RAW, 1), "family 29"),  # AF_CAN
         ("socket.__new__", (None, 17, socket.SOCK_RAW, 3), "family 17"),  # AF_PACKET
         ("socket.__new__", (None, socket.AF_INET, socket.SOCK_DGRAM, 0), ""),
+        ("socket.__new__", (None, -1, -1, -1), ""),  # of a descriptor
         ("socket.bind", (None, ("0.0.0.0", 3000)), "0.0.0.0"),
         ("socket.bind", (None, ("", 3000)), "every network"),
         ("socket.bind", (None, ("127.0.0.1", 3000)), ""),

@@ -24,7 +24,8 @@ MARK: Final = "VVE_SUMO_SIMULATED_WIRES"
 HARMLESS_MAJORS: Final = frozenset({1, 5, *range(136, 144)})
 #: minor of /dev/console, which may be a serial line, among those of major 5
 CONSOLE: Final = (5, 1)
-FAMILIES: Final = frozenset({socket.AF_UNIX, socket.AF_INET, socket.AF_INET6})
+#: of sockets; -1 is Python's word for internet, and for that of a descriptor that is open already
+FAMILIES: Final = frozenset({socket.AF_UNIX, socket.AF_INET, socket.AF_INET6, -1})
 ADDRESS_EVENTS: Final = frozenset({"socket.bind", "socket.connect", "socket.sendto", "socket.sendmsg"})
 #: of names of libraries through which python-can's drivers reach cards
 DRIVER_LIBRARIES: Final = (
