@@ -1,0 +1,64 @@
+"""Counts the messages of a receiver that sends several kinds of them: which came, how often and in which order.
+
+It knows names and arrivals; it must not know what a message says.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import Final, NamedTuple
+
+NOTED: Final = 200  #: newest messages of which the order is kept: some epochs
+MAX_NAMES: Final = 64  #: names that are counted; a damaged line could make up any number
+
+
+class Needed(NamedTuple):
+    """A quantity that no fix is complete without, and the messages that may bring it."""
+
+    what: str  #: the quantity
+    names: tuple[str, ...]  #: of messages, any one of which is enough
+    every_fix: bool = True  #: whether each fix needs one; otherwise now and then one is enough
+
+
+class MessageCensus:
+    """Notes messages with a right checksum by their names."""
+
+    def __init__(self, needed: tuple[Needed, ...], first: tuple[str, ...] = ()) -> None:
+        """Begin with no message. Where `first` is not empty, an epoch has to begin with one of these."""
+        self.needed, self.first = needed, first
+        self.counts: Counter[str] = Counter()
+        self._newest: deque[tuple[float, str]] = deque(maxlen=NOTED)
+
+    def note(self, name: str, received: float) -> None:
+        """Count a message that arrived at `received` [s]."""
+        if name in self.counts or len(self.counts) < MAX_NAMES:
+            self.counts[name] += 1
+            self._newest.append((received, name))
+
+    def epoch(self) -> tuple[str, ...]:
+        """Return the names of the newest whole epoch in the order of arrival; empty before there is one.
+
+        An epoch lasts from one message to the next of the same name, and begins after the longest pause therein.
+        """
+        newest = list(self._newest)
+        often = max(self.counts, key=lambda name: self.counts[name], default="")
+        places = [place for place, (_received, name) in enumerate(newest) if name == often]
+        if len(places) < 2:
+            return ()
+        begin, end = places[-2:]
+        pauses = [after - before for (before, _), (after, _) in pairwise(newest[begin : end + 1])]
+        turn = (pauses.index(max(pauses)) + 1) % len(pauses)
+        names = [name for _received, name in newest[begin:end]]
+        return (*names[turn:], *names[:turn])
+
+    def missing(self, counts: Counter[str], least: float) -> Iterator[str]:
+        """Yield, in words, what is needed and did not come, or in less than `least` messages; `counts` are by name."""
+        for need in self.needed:
+            came = sum(counts[name] for name in need.names)
+            names = " or ".join(need.names)
+            if not came:
+                yield f"no {names} ({need.what})"
+            elif need.every_fix and came < least:
+                yield f"{names} ({need.what}) too seldom"
