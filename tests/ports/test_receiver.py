@@ -70,6 +70,16 @@ def as_frames() -> Portions:
 
 
 @cache
+def encoded(kind: str) -> Portions:
+    """A drive as a kind's own encoder writes it."""
+    encoder = configured(
+        {"kind": kind, "device": "/dev/null", **CAR} if "serial" in kind else {"kind": kind, **CAR}
+    ).encoder()
+    assert encoder is not None
+    return [(fix.time - EPOCH + DELAY, encoder.encode(fix)) for fix in drive(250)]
+
+
+@cache
 def as_lines() -> Portions:
     rows = []
     for fix in drive(250):
@@ -104,6 +114,24 @@ OF_FRAMES = {
     "velocity_east": 0.01, "velocity_down": 0.01, "yaw_rate": math.radians(0.01), "position_sigma": 1e-3,
     "velocity_sigma": 1e-3, "heading_sigma": 1e-5, "differential_age": 1e-2,
 }  # fmt: skip
+#: of UBX: 1e-7 degrees, mm, mm/s, hundred-thousandths of a degree; ages of corrections are classes
+OF_UBX = {
+    "time": 1e-3, "latitude": math.radians(1e-7), "longitude": math.radians(1e-7), "altitude": 1e-3,
+    "heading": math.radians(1e-5), "velocity_north": 1e-3, "velocity_east": 1e-3, "velocity_down": 1e-3,
+    "position_sigma": 1e-3, "velocity_sigma": 1e-3, "heading_sigma": math.radians(1e-5),
+}  # fmt: skip
+#: of SBF: position and height are doubles, of the rest a float has 24 bits: of 360 degrees 3e-5, of 64 m/s 4e-6
+OF_SBF = {
+    "time": 1e-3, "latitude": 1e-12, "longitude": 1e-12, "altitude": 1e-6, "heading": math.radians(3.1e-5),
+    "pitch": math.radians(2e-6), "roll": math.radians(2e-6), "velocity_north": 4e-6, "velocity_east": 4e-6,
+    "velocity_down": 4e-6, "yaw_rate": math.radians(8e-6), "position_sigma": 1e-6, "velocity_sigma": 1e-6,
+    "heading_sigma": 1e-7, "differential_age": 1e-2,
+}  # fmt: skip
+#: of NovAtel's logs: all are doubles but the sigmas and the age of the corrections, which are floats
+OF_NOVATEL = {
+    **dict.fromkeys({*OF_NCOM} - {"yaw_rate", "acceleration"}, 1e-9), "time": 1e-3, "position_sigma": 1e-6,
+    "velocity_sigma": 1e-6, "heading_sigma": 1e-8, "differential_age": 4e-6,
+}  # fmt: skip
 #: lines hold all digits of a double
 OF_LINES = dict.fromkeys({*OF_NCOM} - {"roll", "heading_sigma"}, 1e-9)
 
@@ -134,17 +162,8 @@ class TestNmeaTcp(ReceiverConformance):
     def portions(self) -> Portions:
         return as_nmea()
 
-    @contextmanager
-    def far_end(self, _folder: Path) -> Iterator[FarEnd]:
-        with socket.create_server(("127.0.0.1", 0)) as server, contextlib.ExitStack() as stack:
-            peers: list[socket.socket] = []
-
-            def write(data: bytes) -> None:
-                if not peers:
-                    peers.append(stack.enter_context(server.accept()[0]))
-                peers[0].sendall(data)
-
-            yield FarEnd({"port": server.getsockname()[1]}, write, no_bus)
+    def far_end(self, _folder: Path) -> AbstractContextManager[FarEnd]:
+        return tcp_far_end()
 
 
 class TestNmeaSerial(ReceiverConformance):
@@ -157,15 +176,70 @@ class TestNmeaSerial(ReceiverConformance):
     def portions(self) -> Portions:
         return as_nmea()
 
-    @contextmanager
-    def far_end(self, _folder: Path) -> Iterator[FarEnd]:
-        near, far = pty.openpty()
-        tty.setraw(far)
-        try:
-            yield FarEnd({"device": os.ttyname(far)}, lambda data: os.write(near, data), no_bus)
-        finally:
-            os.close(near)
-            os.close(far)
+    def far_end(self, _folder: Path) -> AbstractContextManager[FarEnd]:
+        return serial_far_end()
+
+
+@contextmanager
+def serial_far_end() -> Iterator[FarEnd]:
+    """Write to a pseudo-terminal of the test's own."""
+    near, far = pty.openpty()
+    tty.setraw(far)
+    try:
+        yield FarEnd({"device": os.ttyname(far)}, lambda data: os.write(near, data), no_bus)
+    finally:
+        os.close(near)
+        os.close(far)
+
+
+@contextmanager
+def tcp_far_end() -> Iterator[FarEnd]:
+    """Serve a port of the test's own to one client."""
+    with socket.create_server(("127.0.0.1", 0)) as server, contextlib.ExitStack() as stack:
+        peers: list[socket.socket] = []
+
+        def write(data: bytes) -> None:
+            if not peers:
+                peers.append(stack.enter_context(server.accept()[0]))
+            peers[0].sendall(data)
+
+        yield FarEnd({"port": server.getsockname()[1]}, write, no_bus)
+
+
+class TestUbxSerial(ReceiverConformance):
+    table: ClassVar[dict[str, Any]] = {"kind": "ubx_serial", "device": "/dev/ttyACM0", **CAR}
+    resolution = OF_UBX
+
+    def simulated(self, folder: Path, _port: int) -> dict[str, Any]:
+        return {"device": f"pty:{folder / 'gnss.pty'}"}
+
+    def portions(self) -> Portions:
+        return encoded("ubx_serial")
+
+    def far_end(self, _folder: Path) -> AbstractContextManager[FarEnd]:
+        return serial_far_end()
+
+
+class TestSbfTcp(ReceiverConformance):
+    table: ClassVar[dict[str, Any]] = {"kind": "sbf_tcp", **CAR}
+    resolution = OF_SBF
+
+    def portions(self) -> Portions:
+        return encoded("sbf_tcp")
+
+    def far_end(self, _folder: Path) -> AbstractContextManager[FarEnd]:
+        return tcp_far_end()
+
+
+class TestNovatelUdp(ReceiverConformance):
+    table: ClassVar[dict[str, Any]] = {"kind": "novatel_udp", **CAR}
+    resolution = OF_NOVATEL
+
+    def portions(self) -> Portions:
+        return encoded("novatel_udp")
+
+    def far_end(self, _folder: Path) -> AbstractContextManager[FarEnd]:
+        return udp_far_end()
 
 
 class Wire:
@@ -261,7 +335,10 @@ class TestToy(ReceiverConformance):
 
 
 def test_the_shipped_kinds_are_known_and_each_is_a_receiver() -> None:
-    assert set(PORT.shipped) == {"ncom_udp", "nmea_udp", "nmea_tcp", "nmea_serial", "oxts_can", "file"}
+    wired = {"nmea": ("udp", "tcp", "serial"), "ubx": ("udp", "serial")}
+    wired |= dict.fromkeys(("sbf", "novatel"), ("udp", "tcp", "serial"))
+    expected = {f"{what}_{wire}" for what, wires in wired.items() for wire in wires}
+    assert set(PORT.shipped) == {*expected, "ncom_udp", "oxts_can", "file"}
     assert set(PORT.shipped) <= set(PORT.known())
     for suite in ReceiverConformance.__subclasses__():
         assert isinstance(suite().configured(), Receiver)

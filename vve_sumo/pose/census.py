@@ -40,21 +40,26 @@ class MessageCensus:
     def epoch(self) -> tuple[str, ...]:
         """Return the names of the newest whole epoch in the order of arrival; empty before there is one.
 
-        An epoch lasts from one message to the next of the same name, and begins after the longest pause therein.
+        An epoch lasts from one message that is needed to the next of the same name, and begins after the longest pause
+        therein.
         """
         newest = list(self._newest)
-        often = max(self.counts, key=lambda name: self.counts[name], default="")
+        names = [name for need in self.needed for name in need.names]
+        often = max(names, key=lambda name: self.counts[name], default="")
         places = [place for place, (_received, name) in enumerate(newest) if name == often]
         if len(places) < 2:
             return ()
         begin, end = places[-2:]
         pauses = [after - before for (before, _), (after, _) in pairwise(newest[begin : end + 1])]
         turn = (pauses.index(max(pauses)) + 1) % len(pauses)
-        names = [name for _received, name in newest[begin:end]]
-        return (*names[turn:], *names[:turn])
+        lap = [name for _received, name in newest[begin:end]]
+        return (*lap[turn:], *lap[:turn])
 
     def missing(self, counts: Counter[str], least: float) -> Iterator[str]:
-        """Yield, in words, what is needed and did not come, or in less than `least` messages; `counts` are by name."""
+        """Yield, in words, what of the needed messages did not come, or seldom, or at a wrong place of the epoch.
+
+        `counts` are those of a while, by name, in which `least` of a message that every fix needs should have come.
+        """
         for need in self.needed:
             came = sum(counts[name] for name in need.names)
             names = " or ".join(need.names)
@@ -62,3 +67,6 @@ class MessageCensus:
                 yield f"no {names} ({need.what})"
             elif need.every_fix and came < least:
                 yield f"{names} ({need.what}) too seldom"
+        epoch = self.epoch()
+        if self.first and epoch and epoch[0] not in self.first:
+            yield f"an epoch begins with {epoch[0]}, which carries no time: send {' or '.join(self.first)} first"

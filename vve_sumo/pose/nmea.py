@@ -236,6 +236,11 @@ class Decoder:
         """How many sentences had a right checksum."""
         return sum(self.counts[one] for one in (Outcome.READ, Outcome.OTHER, Outcome.MALFORMED, Outcome.STRAY))
 
+    @property
+    def recognised(self) -> int:
+        """How many of them are of a type that is read."""
+        return self.counts[Outcome.READ] + self.counts[Outcome.STRAY]
+
     def feed(self, data: bytes, time_received: float) -> list[Fix]:
         """Return the fixes that `data` completes, all stamped with `time_received` [s, the drive's clock]."""
         buffer, fixes, end = self._buffer + data, [], 0

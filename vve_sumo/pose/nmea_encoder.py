@@ -30,8 +30,8 @@ TALKER: Final = "GP"
 def encode(fix: Fix, *, dated: bool = False, heading_status: bool = False) -> bytes:
     """Return the sentences of a fix, each with its checksum, in the order in which receivers send them.
 
-    `dated` adds ZDA; `heading_status` puts THS in the place of HDT. A fix that is not `locked`, or has no position, is sent with quality 0 and status V. Raises
-    ValueError for a time that is not finite.
+    `dated` adds ZDA; `heading_status` puts THS in the place of HDT. A fix that is not `locked`, or has no position, is
+    sent with quality 0 and status V. Raises ValueError for a time that is not finite.
     """
     utc = EPOCH + datetime.timedelta(milliseconds=round(1000.0 * fix.time) - 1000 * LEAP_SECONDS)
     quality = QUALITIES.get(fix.quality, 0) if fix.locked and _placed(fix) else 0

@@ -21,9 +21,3 @@ class NovatelReceiver(ReceiverTable):
     def encoder(self) -> novatel_encoder.Encoder:
         """Return a fresh encoder."""
         return novatel_encoder.Encoder()
-
-    def recognises(self, datagram: bytes) -> bool:
-        """Return whether a datagram holds a whole message that is read."""
-        decoder = self.decoder()
-        decoder.feed(datagram, 0.0)
-        return decoder.recognised > 0

@@ -16,6 +16,7 @@ from pydantic import Field, model_validator
 from vve_sumo.config_file import Name, Table
 from vve_sumo.errors import ConfigError
 from vve_sumo.ports import Port
+from vve_sumo.pose.census import MessageCensus
 from vve_sumo.pose.sources import Source
 from vve_sumo.pose.trust import TrustProfile
 from vve_sumo.values import Fix, Frame
@@ -47,6 +48,13 @@ class FixDecoder(Protocol):
         what the receiver does not report is NaN. The trust gate refuses a fix that is not newer than those before it.
         """
         ...
+
+
+@runtime_checkable
+class CountedDecoder(FixDecoder, Protocol):
+    """A decoder of a receiver that sends several kinds of messages: it notes which came."""
+
+    census: MessageCensus
 
 
 class FixEncoder(Protocol):

@@ -21,9 +21,3 @@ class SbfReceiver(ReceiverTable):
     def encoder(self) -> sbf_encoder.Encoder:
         """Return a fresh encoder."""
         return sbf_encoder.Encoder()
-
-    def recognises(self, datagram: bytes) -> bool:
-        """Return whether a datagram holds a whole message that is read."""
-        decoder = self.decoder()
-        decoder.feed(datagram, 0.0)
-        return decoder.recognised > 0

@@ -15,8 +15,8 @@ class UbxReceiver(ReceiverTable):
     profile: ClassVar[TrustProfile] = UBX
 
     not_fixed_hint: ClassVar[str] = (
-        "see that the moving base gets the corrections of a base station and sends NAV-PVT, the antennas, their view of the "
-        "sky"
+        "see that the moving base sends NAV-PVT and gets the corrections of a base station; the antennas, their view "
+        "of the sky"
     )
 
     def decoder(self) -> ubx.Decoder:
@@ -26,9 +26,3 @@ class UbxReceiver(ReceiverTable):
     def encoder(self) -> ubx_encoder.Encoder:
         """Return a fresh encoder."""
         return ubx_encoder.Encoder()
-
-    def recognises(self, datagram: bytes) -> bool:
-        """Return whether a datagram holds a whole message that is read."""
-        decoder = self.decoder()
-        decoder.feed(datagram, 0.0)
-        return decoder.recognised > 0
