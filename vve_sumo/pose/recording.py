@@ -73,7 +73,7 @@ def read_log(path: Path) -> tuple[bytes, LogFormat]:
     raw = _bytes(path)
     of = format_of(raw)
     if of is None:
-        raise _no_message(path, raw)
+        raise _no_message(path)
     return raw, of
 
 
@@ -107,7 +107,7 @@ def _ncom_portions(path: Path, raw: bytes) -> Iterator[tuple[float, bytes]]:
             yield made[-1].time - first, raw[begin:end]
             begin = end
     if math.isnan(first):
-        raise _no_message(path, raw)
+        raise _no_message(path)
 
 
 def _log_portions(raw: bytes, of: LogFormat) -> Iterator[tuple[float, bytes]]:
@@ -118,9 +118,10 @@ def _log_portions(raw: bytes, of: LogFormat) -> Iterator[tuple[float, bytes]]:
         yield fix.time - first, encoder.encode(fix)
 
 
-def _no_message(path: Path, raw: bytes) -> ConfigError:
+def _no_message(path: Path) -> ConfigError:
     *messages, last = (one.message for one in FORMATS)
-    return ConfigError(f"{path}: no {', '.join(messages)} or {last} with a right checksum in {len(raw)} bytes")
+    size = path.stat().st_size
+    return ConfigError(f"{path}: no {', '.join(messages)} or {last} with a right checksum in {size} bytes")
 
 
 def _bytes(path: Path) -> bytes:
