@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import functools
 import json
 import math
 import os
@@ -43,6 +44,7 @@ from vve_sumo.values import Fix, FixQuality, Frame
 
 TODAY = datetime.date(2026, 5, 1)
 TOY = Path(__file__).parent / "toy" / "csv_udp.py"
+RECEIVERS = (REPOSITORY / "docs" / "receivers.md").read_text(encoding="utf-8")
 DELAY = 0.01
 CAR = {"minimum_delay_ms": 10.0}
 SIGMAS = {"velocity_sigma_mps": 0.05, "heading_sigma_deg": 0.2}
@@ -76,7 +78,7 @@ def encoded(kind: str) -> Portions:
         {"kind": kind, "device": "/dev/null", **CAR} if "serial" in kind else {"kind": kind, **CAR}
     ).encoder()
     assert encoder is not None
-    return [(fix.time - EPOCH + DELAY, encoder.encode(fix)) for fix in drive(250)]
+    return [(fix.time - EPOCH + DELAY, encoder.encode(fix)) for fix in drive(80)]
 
 
 @cache
@@ -400,7 +402,11 @@ def test_what_is_no_receiver_is_one_line(tmp_path: Path, lines: str, said: str) 
     assert "\n" not in str(refused.value)
 
 
-@pytest.mark.parametrize(("kind", "portions"), [("ncom_udp", as_ncom), ("nmea_udp", as_nmea)])
+STRAYS = [("ncom_udp", as_ncom), ("nmea_udp", as_nmea)]
+STRAYS += [(kind, functools.partial(encoded, kind)) for kind in ("ubx_udp", "sbf_udp", "novatel_udp")]
+
+
+@pytest.mark.parametrize(("kind", "portions"), STRAYS)
 def test_a_stray_datagram_before_the_receiver_does_not_lock_it_out(kind: str, portions: Any) -> None:
     with udp_far_end() as far:
         more = SIGMAS if kind == "nmea_udp" else {}
@@ -421,6 +427,16 @@ def test_a_stray_datagram_before_the_receiver_does_not_lock_it_out(kind: str, po
             source.close()
 
 
+@pytest.mark.parametrize("block", re.findall(r"```toml\n(.*?)```", RECEIVERS, flags=re.DOTALL))
+def test_the_page_s_examples_are_receivers(block: str) -> None:
+    table = tomllib.loads(block)["pose"]
+    assert parse(a_rig(**table), Path("mine.toml")).pose.kind == table["kind"]
+
+
+def test_the_page_names_every_kind() -> None:
+    assert {kind for kind in PORT.shipped if f"`{kind}`" not in RECEIVERS} == {"file"}
+
+
 # --- the simulated vehicle speaks as the receiver of its rig ----------------------------------------------------------
 
 LOT = "+proj=tmerc +lat_0=40 +lon_0=-81 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs"
@@ -428,6 +444,9 @@ PLACE = (40.002, -82.98, 300.0)
 SPOKEN = [
     {"kind": "ncom_udp"},
     {"kind": "nmea_udp", **SIGMAS},
+    {"kind": "ubx_udp"},
+    {"kind": "sbf_udp"},
+    {"kind": "novatel_udp"},
     {"kind": f"{TOY}:make", "heading_sigma_deg": 0.2},
 ]
 

@@ -93,7 +93,7 @@ def test_of_nmea_whose_heading_comes_first(heading: bytes) -> None:
         (novatel.Decoder, novatel_encoder.Encoder().encode, ("BESTPOS", "INSPVAX")),
     ],
 )
-def test_of_what_the_simulated_receivers_send(make, encode, names) -> None:  # type: ignore[no-untyped-def]
+def test_of_what_the_simulated_receivers_send(make, encode, names) -> None:
     decoder = make()
     fed(decoder, sent(encode, 20))
     assert decoder.census.epoch() == names

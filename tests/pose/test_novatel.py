@@ -94,7 +94,7 @@ def test_logs_as_edie_reads_them(fix: Fix) -> None:
     milliseconds=st.integers(1_000_000_000_000, 1_640_000_000_000),
     as_binary=st.booleans(),
 )
-def test_logs_that_edie_wrote(latitude, longitude, azimuth, speeds, milliseconds, as_binary) -> None:  # type: ignore[no-untyped-def]
+def test_logs_that_edie_wrote(latitude, longitude, azimuth, speeds, milliseconds, as_binary) -> None:
     """Binary and ASCII, which has eleven decimals of a degree."""
     seconds, texts = 1e-3 * milliseconds, [f"{number:.4f}" for number in speeds]
     changes = dict(zip(("north", "east", "up"), texts, strict=True))
@@ -144,7 +144,7 @@ STATUSES = [
 
 @pytest.mark.parametrize("status", STATUSES)
 @pytest.mark.parametrize("form", [binary, bytes])
-def test_only_a_good_solution_of_the_ins_is_locked(status: str, form) -> None:  # type: ignore[no-untyped-def]
+def test_only_a_good_solution_of_the_ins_is_locked(status: str, form) -> None:
     fix = one(form(inspvax(status=status)))
     assert "status_not_locked" in TrustGate(NOVATEL, NOON).step(0.0, fix).reasons
     assert one(form(inspvax())).locked
@@ -164,13 +164,13 @@ def test_only_a_good_solution_of_the_ins_is_locked(status: str, form) -> None:  
     ],
 )
 @pytest.mark.parametrize("form", [binary, bytes])
-def test_types_of_position(kind: str, quality: FixQuality, form) -> None:  # type: ignore[no-untyped-def]
+def test_types_of_position(kind: str, quality: FixQuality, form) -> None:
     assert one(form(inspvax(kind=kind))).quality is quality
 
 
 @pytest.mark.parametrize("time_status", ["UNKNOWN", "APPROXIMATE", "COARSE", "COARSESTEERING", "FREEWHEELING"])
 @pytest.mark.parametrize("form", [binary, bytes])
-def test_a_coarse_time_is_none(time_status: str, form) -> None:  # type: ignore[no-untyped-def]
+def test_a_coarse_time_is_none(time_status: str, form) -> None:
     good = inspvax()
     body = good[1 : good.index(b"*")].replace(b"FINESTEERING", time_status.encode())
     decoder = novatel.Decoder()
@@ -197,7 +197,7 @@ def test_what_is_no_fix(changes: dict[str, object], outcome: Outcome) -> None:
 
 
 @pytest.mark.parametrize("form", [binary, bytes])
-def test_the_age_of_the_corrections_grows_from_bestpos_to_bestpos(form) -> None:  # type: ignore[no-untyped-def]
+def test_the_age_of_the_corrections_grows_from_bestpos_to_bestpos(form) -> None:
     decoder, ages = novatel.Decoder(), []
     for k in range(40):
         seconds = NOON + 0.1 * k

@@ -102,7 +102,7 @@ def test_blocks_as_pysbf2_reads_them(fix: Fix) -> None:
     speeds=st.tuples(*[st.floats(-60.0, 60.0, width=32)] * 3),
     milliseconds=st.integers(1_000_000_000_000, 1_640_000_000_000),
 )
-def test_blocks_that_pysbf2_wrote(latitude, longitude, heading, speeds, milliseconds) -> None:  # type: ignore[no-untyped-def]
+def test_blocks_that_pysbf2_wrote(latitude, longitude, heading, speeds, milliseconds) -> None:
     seconds, (north, east, up) = 1e-3 * milliseconds, speeds
     place = {"Latitude": latitude, "Longitude": longitude, "Vn": north, "Ve": east, "Vu": up}
     fix = one(

@@ -77,7 +77,7 @@ def test_messages_as_pyubx2_reads_them(fix: Fix) -> None:
     carrier=st.sampled_from([0, 1, 2]),
     milliseconds=st.integers(1_000_000_000_000, 1_640_000_000_000),
 )
-def test_messages_that_pyubx2_wrote(latitude, longitude, heading, speeds, carrier, milliseconds) -> None:  # type: ignore[no-untyped-def]
+def test_messages_that_pyubx2_wrote(latitude, longitude, heading, speeds, carrier, milliseconds) -> None:
     seconds, (north, east, down) = 1e-3 * milliseconds, speeds
     position = pvt(
         seconds, lat=latitude, lon=longitude, velN=north, velE=east, velD=down, carrSoln=carrier, diffSoln=carrier > 0
@@ -103,7 +103,7 @@ def test_a_bad_line_makes_no_wrong_fix_and_costs_no_whole_one(seed: int) -> None
 
 
 @pytest.mark.parametrize("first", [pvt, relposned])
-def test_the_messages_of_one_time_belong_together_in_either_order(first) -> None:  # type: ignore[no-untyped-def]
+def test_the_messages_of_one_time_belong_together_in_either_order(first) -> None:
     second = relposned if first is pvt else pvt
     decoder = ubx.Decoder()
     assert decoder.feed(first(WEEK_2000), 0.0) == []
@@ -194,7 +194,7 @@ def test_the_course_is_no_heading_and_that_of_the_vehicle_counts_where_there_is_
         (3, 1, 3, 1, True, FixQuality.UNKNOWN),
     ],
 )
-def test_types_of_fix(fix_type, ok, carrier, differential, locked, quality) -> None:  # type: ignore[no-untyped-def]
+def test_types_of_fix(fix_type, ok, carrier, differential, locked, quality) -> None:
     message = pvt(WEEK_2000, fixType=fix_type, gnssFixOk=ok, carrSoln=carrier, diffSoln=differential)
     (fix,) = ubx.Decoder().feed(message + relposned(WEEK_2000), 0.0)
     assert (fix.locked, fix.quality) == (locked, quality)

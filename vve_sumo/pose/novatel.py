@@ -146,7 +146,7 @@ def _binary_length(head: bytes) -> int | None:
 
 def _intact(log: bytes) -> bool:
     if log[0] == SYNC[0]:
-        return checksum(log[: -CHECKSUM.size]) == CHECKSUM.unpack_from(log, len(log) - CHECKSUM.size)[0]
+        return checksum(log[: -CHECKSUM.size]) == int.from_bytes(log[-CHECKSUM.size :], "little")
     body, _star, stated = log[1:].rpartition(b"*")
     return checksum(body) == int(stated, 16)
 

@@ -60,12 +60,17 @@ def _inspvax(fix: Fix, kind: int) -> bytes:
     known = math.isfinite(fix.heading)
     moving = math.isfinite(fix.velocity_north) and math.isfinite(fix.velocity_east)
     good = fix.locked and known and moving
+    latitude, longitude, height = _place(fix, kind)
+    position, speed, angle = _sigma(fix.position_sigma), _sigma(fix.velocity_sigma), math.degrees(fix.heading_sigma)
     ins = novatel.Inspvax(
-        novatel.SOLUTION_GOOD if good else ALIGNING, kind, *_place(fix, kind), 0.0,
-        *(_number(one) for one in (fix.velocity_north, fix.velocity_east, -fix.velocity_down)),
-        *(_number(math.degrees(one)) for one in (fix.roll, fix.pitch)), to_compass(fix.heading) if known else 0.0,
-        *[_sigma(fix.position_sigma)] * 3, *[_sigma(fix.velocity_sigma)] * 3,
-        *[_sigma(math.degrees(fix.heading_sigma))] * 3, extended_status=0, since_update=0,
+        status=novatel.SOLUTION_GOOD if good else ALIGNING, kind=kind, latitude=latitude, longitude=longitude,
+        height=height, undulation=0.0, velocity_north=_number(fix.velocity_north),
+        velocity_east=_number(fix.velocity_east), velocity_up=_number(-fix.velocity_down),
+        roll=_number(math.degrees(fix.roll)), pitch=_number(math.degrees(fix.pitch)),
+        azimuth=to_compass(fix.heading) if known else 0.0, latitude_sigma=position, longitude_sigma=position,
+        height_sigma=position, velocity_north_sigma=speed, velocity_east_sigma=speed, velocity_up_sigma=speed,
+        roll_sigma=_sigma(angle), pitch_sigma=_sigma(angle), azimuth_sigma=_sigma(angle), extended_status=0,
+        since_update=0,
     )  # fmt: skip
     return novatel.INSPVAX_CONTENT.pack(*ins)
 
