@@ -33,6 +33,14 @@ def test_datagrams_that_hold_whole_epochs_show_the_order_too(order: str) -> None
     assert census_of(*rows).epoch() == tuple(order)
 
 
+def test_a_reader_that_was_busy_does_not_change_the_order() -> None:
+    """Of every third epoch the second message is read with the next one's."""
+    rows = []
+    for k in range(20):
+        rows += [(0.1 * k, "A"), (0.1 * k + (0.095 if k % 3 == 1 else 0.002), "B")]
+    assert census_of(*rows).epoch() == ("A", "B")
+
+
 def test_there_is_no_epoch_before_a_needed_message_came_twice() -> None:
     assert census_of((0.0, "A"), (0.1, "X"), (0.2, "X")).epoch() == ()
 

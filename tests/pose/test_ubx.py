@@ -255,3 +255,22 @@ def test_a_fix_worth_nothing_says_so() -> None:
     for change in ({"latitude": math.nan}, {"quality": FixQuality.NONE}, {"locked": False}):
         position, _baseline = UBXReader(io.BytesIO(Encoder().encode(replace(drive(1)[0], **change))))
         assert position[1].gnssFixOk == 0
+
+
+@pytest.mark.parametrize("lag", [0, 1])
+def test_two_receivers_that_both_send_a_position_lock_no_fix(lag: int) -> None:
+    """Moving base and rover both send NAV-PVT, the rover a metre ahead, at once or an epoch later."""
+    decoder, fixes = ubx.Decoder(), []
+    for k in range(10):
+        t, late = WEEK_2000 + 0.1 * k, WEEK_2000 + 0.1 * (k - lag)
+        fixes += decoder.feed(pvt(t) + pvt(late, lat=40.00001) + relposned(late), 0.1 * k)
+    assert [fix.locked for fix in fixes[2:]] == [False] * len(fixes[2:])
+    assert len(fixes) >= 9
+    assert decoder.census.counts[ubx.SECOND_NAME] == 10 - lag
+
+
+def test_a_message_that_comes_twice_is_no_second_receiver() -> None:
+    decoder, fixes = ubx.Decoder(), []
+    for k in range(10):
+        fixes += decoder.feed(2 * pvt(WEEK_2000 + 0.1 * k) + relposned(WEEK_2000 + 0.1 * k), 0.1 * k)
+    assert [fix.locked for fix in fixes] == [True] * 10

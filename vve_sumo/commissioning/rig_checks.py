@@ -27,7 +27,6 @@ from vve_sumo.frames import Alignment, Placement
 from vve_sumo.live import assembly, start_pose, start_simulated_vehicle
 from vve_sumo.live.alignment import AVERAGING_TIME, MAX_STANDSTILL_SPEED, average_fixes, lot_alignment
 from vve_sumo.lot.fit import corridor_excess, measured
-from vve_sumo.pose.census import MessageCensus
 from vve_sumo.pose.clock import AgeKind
 from vve_sumo.pose.dating import FixDater, Undated
 from vve_sumo.pose.receivers.port import CountedDecoder, Receiver
@@ -56,6 +55,7 @@ POLL_INTERVAL: Final = 0.01  #: between two reads of them [s]
 MAX_AGE_DAYS: Final = 365  #: an older test or calibration is noted
 RATE_SHARE: Final = 0.9  #: lowest share of the declared fixes that must arrive
 MAX_SHOWN: Final = 12  #: kinds of messages that are named, the most frequent first
+IN_ORDER: Final = frozenset({"read", "fix", "other_message", "other_sentence"})  #: outcomes of messages and epochs
 NO_COMMAND: Final = 0x7FE  #: identifier of the echo test: no shipped interface, receiver or radar uses it
 ECHO_TIMEOUT: Final = 0.2  #: [s]
 
@@ -83,7 +83,7 @@ class Observed:
     stale: list[str]  #: reports that were missing at the end
     reports: CarReports
     facts: InterfaceFacts  #: of the drive-by-wire interface
-    census: MessageCensus | None  #: of a receiver that sends several kinds of messages
+    counted: CountedDecoder | None  #: of a receiver that sends several kinds of messages
 
     @property
     def standing(self) -> list[Fix]:
@@ -230,8 +230,8 @@ def listen(rig: Rig, source: Source | None, bus: Bus | None, t0: float) -> Obser
     wall = assembly.wall_epoch(t0)
     receiver = meaning.receiver_of(rig)
     decoder = receiver.decoder()
-    census = decoder.census if isinstance(decoder, CountedDecoder) else None
-    observed = Observed(dater, wall, [], Counter(), {}, Counter(), [], reports, interface.facts, census)
+    counted = decoder if isinstance(decoder, CountedDecoder) else None
+    observed = Observed(dater, wall, [], Counter(), {}, Counter(), [], reports, interface.facts, counted)
     gate: TrustGate | None = None
     last: dict[int, float] = {}
     if source is not None:
@@ -331,8 +331,8 @@ def sender_checks(report: Mapping[str, Any]) -> Iterator[Check]:
 
 def pose_checks(rig: Rig, observed: Observed) -> Iterator[Check]:
     """Judge the receiver's messages and fixes."""
-    if observed.census is not None:
-        yield message_check(observed.census, rig.pose.rate_hz)
+    if observed.counted is not None:
+        yield message_check(observed.counted, rig.pose.rate_hz)
     rate = len(observed.fixes) / LISTENING_TIME
     receiver, found = meaning.receiver_of(rig), f"{rate:.0f} fixes/s, the rig says {rig.pose.rate_hz:g}"
     if not observed.fixes:
@@ -344,14 +344,16 @@ def pose_checks(rig: Rig, observed: Observed) -> Iterator[Check]:
     yield _age(rig, observed)
 
 
-def message_check(census: MessageCensus, rate: float) -> Check:
+def message_check(decoder: CountedDecoder, rate: float) -> Check:
     """Check which messages came, how often and in which order, and which of the needed ones are missing.
 
-    `rate` is that of fixes, by the rig [1/s].
+    `rate` is that of fixes, by the rig [1/s]. What went wrong with messages and epochs is counted by its outcome.
     """
+    census = decoder.census
     rates = ", ".join(f"{name} {count / LISTENING_TIME:.3g}/s" for name, count in census.counts.most_common(MAX_SHOWN))
     order = " ".join(dict.fromkeys(census.epoch()))
-    found = f"{rates or 'none'}{f'; in the order {order}' if order else ''}"
+    wrong = ", ".join(f"{count} {one}" for one, count in decoder.counts.items() if count and one not in IN_ORDER)
+    found = "; ".join([rates or "none", *([f"in the order {order}"] if order else []), *([wrong] if wrong else [])])
     missing = list(census.missing(census.counts, RATE_SHARE * rate * LISTENING_TIME))
     return judged("messages", found, not missing, "; ".join(missing))
 

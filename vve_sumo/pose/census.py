@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Iterator
 from itertools import pairwise
+from statistics import median
 from typing import Final, NamedTuple
 
 NOTED: Final = 200  #: newest messages of which the order is kept: some epochs
@@ -40,19 +41,21 @@ class MessageCensus:
     def epoch(self) -> tuple[str, ...]:
         """Return the names of the newest whole epoch in the order of arrival; empty before there is one.
 
-        An epoch lasts from one message that is needed to the next of the same name, and begins after the longest pause
-        therein.
+        An epoch lasts from one message that is needed to the next of the same name, and begins after the pause therein
+        that is usually the longest: a reader that was busy sees some messages late.
         """
         newest = list(self._newest)
         names = [name for need in self.needed for name in need.names]
         often = max(names, key=lambda name: self.counts[name], default="")
         places = [place for place, (_received, name) in enumerate(newest) if name == often]
-        if len(places) < 2:
+        laps = [newest[begin : end + 1] for begin, end in pairwise(places)]
+        if not laps:
             return ()
-        begin, end = places[-2:]
-        pauses = [after - before for (before, _), (after, _) in pairwise(newest[begin : end + 1])]
-        turn = (pauses.index(max(pauses)) + 1) % len(pauses)
-        lap = [name for _received, name in newest[begin:end]]
+        lap = [name for _received, name in laps[-1][:-1]]
+        alike = [one for one in laps if [name for _received, name in one[:-1]] == lap]
+        pauses = [[after - before for (before, _), (after, _) in pairwise(one)] for one in alike]
+        usual = [median(column) for column in zip(*pauses, strict=True)]
+        turn = (usual.index(max(usual)) + 1) % len(lap)
         return (*lap[turn:], *lap[:turn])
 
     def missing(self, counts: Counter[str], least: float) -> Iterator[str]:

@@ -28,11 +28,12 @@ MAX_OPEN: Final = 8  #: epochs of which messages are awaited
 
 
 class Outcome(enum.StrEnum):
-    """Outcome of a message (first three) or of an epoch, which is all messages of one time (the rest)."""
+    """Outcome of a message (first four) or of an epoch, which is all messages of one time (the rest)."""
 
     READ = "read"
     OTHER = "other_message"  #: a kind of message that is not read
     MALFORMED = "malformed"  #: right checksum, wrong content
+    WRONG_CHECKSUM = "wrong_checksum"  #: a message, or what began like one
     FIX = "fix"
     INCOMPLETE = "incomplete"  #: a later epoch was complete before all of this one had arrived
     NO_TIME = "time_unknown"  #: the receiver does not know the time yet
@@ -177,11 +178,6 @@ class StreamDecoder:
         return self._cutter.discarded
 
     @property
-    def damaged(self) -> int:
-        """How many messages, or what began like one, had a wrong checksum."""
-        return self._cutter.damaged
-
-    @property
     def held(self) -> int:
         """How many bytes wait for the rest of their message."""
         return self._cutter.held
@@ -189,7 +185,9 @@ class StreamDecoder:
     def feed(self, data: bytes, time_received: float) -> list[Fix]:
         """Return the fixes that `data` completes, all stamped with `time_received` [s, the drive's clock]."""
         fixes = []
-        for message in self._cutter.cut(data):
+        messages = self._cutter.cut(data)
+        self.counts[Outcome.WRONG_CHECKSUM] = self._cutter.damaged
+        for message in messages:
             outcome, fix = self._read(message, time_received)
             self.counts[outcome] += 1
             if fix is not None:

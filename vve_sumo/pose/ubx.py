@@ -11,13 +11,14 @@ import datetime
 import math
 import re
 import struct
+from collections import deque
 from dataclasses import dataclass
 from itertools import accumulate
 from typing import Final, NamedTuple
 
 from vve_sumo.pose.census import MessageCensus, Needed
 from vve_sumo.pose.gnss_time import DAY, GPS_EPOCH, WEEK, clock_by_date
-from vve_sumo.pose.stream import Framing, Measured, OpenEpochs, Outcome, StreamDecoder, from_compass
+from vve_sumo.pose.stream import MAX_OPEN, Framing, Measured, OpenEpochs, Outcome, StreamDecoder, from_compass
 from vve_sumo.values import Fix, FixQuality
 
 SYNC: Final = b"\xb5\x62"
@@ -59,6 +60,7 @@ BASELINE_BITS: Final = BASELINE | 0b11 << 3
 PVT_NAME: Final = "NAV-PVT"
 RELPOSNED_NAME: Final = "NAV-RELPOSNED"
 OF_STILL_BASE: Final = "NAV-RELPOSNED to a base that stands still"
+SECOND_NAME: Final = "NAV-PVT of a second receiver"
 VEHICLE_NAME: Final = "NAV-PVT with headVeh"
 NEEDED: Final = (
     Needed("position, velocity", (PVT_NAME, VEHICLE_NAME)),
@@ -165,13 +167,17 @@ class Decoder(StreamDecoder):
     from the moving base to the rover, where its ambiguities are fixed; otherwise it is NaN. NAV-RELPOSNED to a base
     that stands still is no heading of the car and is not read. A receiver that never sent one to a moving base and has
     sensors of its own gives the heading of the vehicle in NAV-PVT. The course is never taken for a heading. The week
-    follows from the date. Corrections are as old as the upper end of the class that the receiver states.
+    follows from the date. Corrections are as old as the upper end of the class that the receiver states. Where two
+    different NAV-PVT come of one time, two receivers send them and nothing tells whose is right: no fix of this decoder
+    is locked from then on.
     """
 
     def __init__(self) -> None:
         super().__init__(FRAMING, MessageCensus(NEEDED))
         self._epochs = OpenEpochs(_Epoch, self.counts)  # by time of week [ms]
         self._has_baseline = False
+        self._positions: deque[Pvt] = deque(maxlen=MAX_OPEN)
+        self._two_receivers = False
 
     def _read(self, message: bytes, received: float) -> tuple[Outcome, Fix | None]:
         _sync, kind, _length = HEADER.unpack_from(message)
@@ -186,13 +192,17 @@ class Decoder(StreamDecoder):
     def _read_pvt(self, payload: bytes, received: float) -> tuple[Outcome, Fix | None]:
         pvt = Pvt._make(PVT_PAYLOAD.unpack(payload))
         of_vehicle = bool(pvt.flags & HEADING_OF_VEHICLE)
-        self.census.note(VEHICLE_NAME if of_vehicle else PVT_NAME, received)
+        second = any(pvt.time_of_week == one.time_of_week and pvt != one for one in self._positions)
+        self.census.note(SECOND_NAME if second else VEHICLE_NAME if of_vehicle else PVT_NAME, received)
+        self._positions.append(pvt)
+        self._two_receivers |= second
         try:
             clock = _clock(pvt)
         except ValueError:
             return Outcome.MALFORMED, None
         epoch = self._epochs.at(pvt.time_of_week)
         epoch.clock, epoch.measured = clock, _measured(pvt)
+        epoch.measured.locked &= not self._two_receivers
         if of_vehicle and not self._has_baseline:
             epoch.heading = from_compass(1e-5 * pvt.vehicle_heading), ANGLE * pvt.heading_accuracy
         return Outcome.READ, self._completed(pvt.time_of_week, epoch, received)

@@ -56,6 +56,11 @@ class CountedDecoder(FixDecoder, Protocol):
 
     census: MessageCensus
 
+    @property
+    def counts(self) -> Mapping[Any, int]:
+        """What became of messages and epochs, by outcome."""
+        ...
+
 
 class FixEncoder(Protocol):
     """The other direction of a decoder, for the simulated vehicle; each object starts afresh and has no clock."""
