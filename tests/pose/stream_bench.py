@@ -94,3 +94,15 @@ def hold_in_noise(make: Callable[[], StreamDecoder], encode: Encode, seed: int) 
     assert {expected[k] for k in whole} <= set(found)
     assert found == sorted(found, key=expected.index), "in the order of their times"
     assert decoder.held == 0
+
+
+def hold_without_delay(make: Callable[[], StreamDecoder], encode: Encode) -> None:
+    """Hold a decoder to giving every whole portion's fix at once, however much of the one before it was lost."""
+    (first, one), (second, other) = sent(encode, 2)
+    for kept in range(len(one)):
+        decoder = make()
+        before = decoder.feed(one[:kept], first)
+        fixes = decoder.feed(other, second)
+        assert [fix.time_received for fix in fixes] == [second], kept
+        assert [content(fix) for fix in fixes] == [content(fix) for fix in make().feed(other, second)]
+        assert len(before) <= 1

@@ -6,6 +6,7 @@ import csv
 import math
 import random
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,7 @@ from vve_sumo.pose import ncom, nmea_encoder, novatel_encoder, sbf_encoder, ubx_
 from vve_sumo.pose.log_formats import FORMATS, format_of
 from vve_sumo.pose.receivers.port import FixEncoder
 from vve_sumo.pose.recording import fixes
+from vve_sumo.pose.sources import open_file
 from vve_sumo.pose.table import COLUMNS, rows, write_csv
 
 ENCODERS: dict[str, Callable[[], FixEncoder]] = {
@@ -102,3 +104,12 @@ def test_a_file_that_is_no_log_names_every_format(tmp_path: Path) -> None:
         list(rows(path))
     messages = "NCOM packet, UBX message, SBF block, NovAtel log or NMEA sentence"
     assert str(refused.value) == f"{path}: no {messages} with a right checksum in 19 bytes"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_log_without_a_position_plays_nothing(name: str, tmp_path: Path) -> None:
+    encoder, path = ENCODERS[name](), tmp_path / "drive.log"
+    path.write_bytes(b"".join(encoder.encode(replace(fix, latitude=math.nan)) for fix in drive(20)))
+    with pytest.raises(ConfigError, match="no fix with a time and a position"):
+        open_file(path)
+    assert list(rows(path)) == []

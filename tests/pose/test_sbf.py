@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pysbf2 import SBFMessage, SBFReader
 
-from tests.pose.stream_bench import FIXES, fed, hold_in_noise, sent
+from tests.pose.stream_bench import FIXES, fed, hold_in_noise, hold_without_delay, sent
 from tests.pose.test_trust import EPOCH
 from vve_sumo.frames import wrap_angle
 from vve_sumo.pose import sbf
@@ -126,6 +126,10 @@ def test_blocks_that_pysbf2_wrote(latitude, longitude, heading, speeds, millisec
 @pytest.mark.parametrize("seed", range(20))
 def test_a_bad_line_makes_no_wrong_fix_and_costs_no_whole_one(seed: int) -> None:
     hold_in_noise(sbf.Decoder, Encoder().encode, seed)
+
+
+def test_what_was_cut_short_delays_no_whole_message_after_it() -> None:
+    hold_without_delay(sbf.Decoder, Encoder().encode)
 
 
 def test_the_blocks_of_one_time_belong_together_in_either_order() -> None:

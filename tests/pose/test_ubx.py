@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyubx2 import GET, UBXMessage, UBXReader
 
-from tests.pose.stream_bench import DELAY, FIXES, fed, hold_in_noise, sent
+from tests.pose.stream_bench import DELAY, FIXES, fed, hold_in_noise, hold_without_delay, sent
 from tests.pose.test_trust import EPOCH, drive
 from vve_sumo.frames import wrap_angle
 from vve_sumo.pose import ubx
@@ -100,6 +100,10 @@ def test_messages_that_pyubx2_wrote(latitude, longitude, heading, speeds, carrie
 @pytest.mark.parametrize("seed", range(20))
 def test_a_bad_line_makes_no_wrong_fix_and_costs_no_whole_one(seed: int) -> None:
     hold_in_noise(ubx.Decoder, Encoder().encode, seed)
+
+
+def test_what_was_cut_short_delays_no_whole_message_after_it() -> None:
+    hold_without_delay(ubx.Decoder, Encoder().encode)
 
 
 @pytest.mark.parametrize("first", [pvt, relposned])

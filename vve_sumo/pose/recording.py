@@ -85,7 +85,7 @@ def portions(path: Path) -> Iterator[tuple[float, bytes]]:
     if path.suffix.lower() == ".csv":
         return _csv_portions(path)
     raw, of = read_log(path)
-    return _ncom_portions(path, raw) if of.decoder is Decoder else _log_portions(raw, of)
+    return _ncom_portions(path, raw) if of.decoder is Decoder else _log_portions(path, raw, of)
 
 
 def _csv_portions(path: Path) -> Iterator[tuple[float, bytes]]:
@@ -107,15 +107,21 @@ def _ncom_portions(path: Path, raw: bytes) -> Iterator[tuple[float, bytes]]:
             yield made[-1].time - first, raw[begin:end]
             begin = end
     if math.isnan(first):
-        raise _no_message(path)
+        raise _no_fix(path)
 
 
-def _log_portions(raw: bytes, of: LogFormat) -> Iterator[tuple[float, bytes]]:
+def _log_portions(path: Path, raw: bytes, of: LogFormat) -> Iterator[tuple[float, bytes]]:
     """The bytes that an OXTS unit would have sent in place of the receiver."""
     encoder, first = Encoder(), math.nan
     for fix in decode(raw, of.decoder()):
         first = fix.time if math.isnan(first) else first
         yield fix.time - first, encoder.encode(fix)
+    if math.isnan(first):
+        raise _no_fix(path)
+
+
+def _no_fix(path: Path) -> ConfigError:
+    return ConfigError(f"{path}: no fix with a time and a position; vve-sumo pose decode says what is in it")
 
 
 def _no_message(path: Path) -> ConfigError:

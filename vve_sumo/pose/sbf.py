@@ -24,6 +24,7 @@ PROTECTED: Final = 4  #: the checksum is over all from this byte on
 NUMBER: Final = 0x1FFF  #: bits of the number; above are those of the revision
 REVISION: Final = 13
 MAX_LENGTH: Final = 4096  #: of a block [bytes]; what seems longer is taken for a false beginning
+MAX_MORE: Final = 64  #: what revisions to come may add to a block that is read [bytes]
 ALIGNMENT: Final = 4  #: lengths are multiples of it [bytes]
 
 PVT: Final = 4007  #: PVTGeodetic
@@ -134,8 +135,11 @@ def _length(buffer: bytes, at: int) -> int | None:
     if len(head) < HEADER.size:
         return None
     _sync, _checksum, kind, length = HEADER.unpack(head)
-    least = HEADER.size + TIME.size + LENGTHS.get(kind & NUMBER, 0)
-    return length if least <= length <= MAX_LENGTH and length % ALIGNMENT == 0 else 0
+    least, most = HEADER.size + TIME.size, MAX_LENGTH
+    if kind & NUMBER in LENGTHS:
+        least += LENGTHS[kind & NUMBER]
+        most = least + MAX_MORE
+    return length if least <= length <= most and length % ALIGNMENT == 0 else 0
 
 
 def _intact(block: bytes) -> bool:

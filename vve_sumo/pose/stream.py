@@ -8,7 +8,7 @@ from __future__ import annotations
 import enum
 import math
 import re
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Generic, NamedTuple, TypeVar
@@ -56,7 +56,8 @@ class MessageCutter:
     """Cuts a byte stream, however it arrives in pieces, into messages with right checksums.
 
     After a wrong checksum the search goes on behind the first byte, so that a message that was cut short or a false
-    beginning costs none of the whole messages after it.
+    beginning costs none of the whole messages after it. Nor does it delay them: what waits for its rest is no message
+    where a whole one begins within.
     """
 
     def __init__(self, framing: Framing) -> None:
@@ -72,26 +73,40 @@ class MessageCutter:
 
     def cut(self, data: bytes) -> list[bytes]:
         """Return the messages that `data` completes."""
-        (begin, length_of, intact), buffer, messages = self._framing, self._buffer + data, []
+        buffer, messages = self._buffer + data, []
         start = at = 0
-        while (found := begin.search(buffer, at)) is not None:
-            at = found.start()
-            length = length_of(buffer, at)
-            if length is None or at + length > len(buffer):
+        while (at := self._begin(buffer, at)) < len(buffer):
+            length = self._framing.length(buffer, at)
+            if length is None:
                 break
-            message = buffer[at : at + length]
-            if length == 0 or not intact(message):
+            if at + length > len(buffer):
+                if not self._holds_a_whole_one(buffer, at + 1):
+                    break
+                length = 0
+                self.damaged += 1
+            if length == 0 or not self._framing.intact(buffer[at : at + length]):
                 self.damaged += length > 0
                 at += 1
                 continue
             self.discarded += at - start
+            messages.append(buffer[at : at + length])
             start = at = at + length
-            messages.append(message)
-        else:
-            at = len(buffer)
         self.discarded += at - start
         self._buffer = buffer[at:]
         return messages
+
+    def _begin(self, buffer: bytes, at: int) -> int:
+        """Return where a message may begin from `at` on; the buffer's length where none does."""
+        found = self._framing.begin.search(buffer, at)
+        return len(buffer) if found is None else found.start()
+
+    def _holds_a_whole_one(self, buffer: bytes, at: int) -> bool:
+        while (at := self._begin(buffer, at)) < len(buffer):
+            length = self._framing.length(buffer, at)
+            if length and at + length <= len(buffer) and self._framing.intact(buffer[at : at + length]):
+                return True
+            at += 1
+        return False
 
 
 class OpenEpochs(Generic[Epoch]):
@@ -146,7 +161,7 @@ class Measured:
     differential_age: float = math.nan  #: [s]
 
 
-class StreamDecoder:
+class StreamDecoder(ABC):
     """Turns a byte stream into fixes; never raises on any bytes.
 
     A kind reads its messages in `_read` and hands a complete epoch to `_complete`. Emitted times increase strictly; a
