@@ -233,6 +233,16 @@ def test_accuracies_may_come_once_a_second_and_grow_old() -> None:
     assert known == [True] * 31 + [False] * 9
 
 
+def test_an_accuracy_of_the_same_time_counts_more_than_an_older_one() -> None:
+    decoder = sbf.Decoder()
+    (fix,) = decoder.feed(position_covariance() + pvt() + attitude(), 0.0)
+    assert fix.position_sigma == pytest.approx(0.03)
+    (fix,) = decoder.feed(pvt(NOON + 0.1, HAccuracy=0.8) + attitude(NOON + 0.1), 0.1)
+    assert fix.position_sigma == pytest.approx(0.4)
+    (fix,) = decoder.feed(pvt(NOON + 0.2, HAccuracy=655.35) + attitude(NOON + 0.2), 0.2)
+    assert fix.position_sigma == pytest.approx(0.03), "the only one that is known"
+
+
 def test_missing_corrections_and_velocities_are_not_known() -> None:
     fix = one(pvt(MeanCorrAge=655.35, Vn=NO_NUMBER), attitude())
     assert math.isnan(fix.differential_age)

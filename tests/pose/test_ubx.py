@@ -278,3 +278,12 @@ def test_a_message_that_comes_twice_is_no_second_receiver() -> None:
     for k in range(10):
         fixes += decoder.feed(2 * pvt(WEEK_2000 + 0.1 * k) + relposned(WEEK_2000 + 0.1 * k), 0.1 * k)
     assert [fix.locked for fix in fixes] == [True] * 10
+
+
+def test_a_receiver_without_a_fix_may_set_its_clock_back() -> None:
+    decoder, fixes = ubx.Decoder(), []
+    for k in (0, 1, 2, 1, 2, 3):
+        decoder.feed(pvt(WEEK_2000 + 0.1 * k, gnssFixOk=0, fixType=0, tAcc=k), 0.1 * k)
+    for k in range(4, 8):
+        fixes += decoder.feed(pvt(WEEK_2000 + 0.1 * k) + relposned(WEEK_2000 + 0.1 * k), 0.1 * k)
+    assert [fix.locked for fix in fixes] == [True] * 4

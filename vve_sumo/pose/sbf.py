@@ -169,9 +169,9 @@ class Decoder(StreamDecoder):
     """Decodes a stream of SBF; see `StreamDecoder`.
 
     A fix is complete with PVTGeodetic and AttEuler of one time, in either order. The newest covariances count for
-    `SLOW_LIFETIME`; where no PosCovGeodetic came, PVTGeodetic's own horizontal accuracy counts (revision 2). Heading
-    and pitch are those of fixed ambiguities; otherwise they are NaN, as is a roll that was not measured. The yaw rate
-    is AttEuler's where the receiver gives it.
+    `SLOW_LIFETIME`; where PosCovGeodetic is not of the same time, PVTGeodetic's own horizontal accuracy counts
+    (revision 2). Heading and pitch are those of fixed ambiguities; otherwise they are NaN, as is a roll that was not
+    measured. The yaw rate is AttEuler's where the receiver gives it.
     """
 
     def __init__(self) -> None:
@@ -208,14 +208,17 @@ class Decoder(StreamDecoder):
             return None
         self._epochs.close(clock)
         _turn(measured, epoch.attitude)
-        if not math.isnan(sigma := self._accuracy(POSITION_COVARIANCE, clock)):
+        of, sigma = self._accuracies.get(POSITION_COVARIANCE, NO_ACCURACY)
+        if of == clock:
             measured.position_sigma = sigma
+        elif math.isnan(measured.position_sigma):
+            measured.position_sigma = self._accuracy(POSITION_COVARIANCE, clock)
         measured.velocity_sigma = self._accuracy(VELOCITY_COVARIANCE, clock)
         measured.heading_sigma = self._accuracy(ATTITUDE_COVARIANCE, clock)
         return self._complete(clock, measured, received)
 
     def _accuracy(self, number: int, clock: int) -> float:
-        """Return the newest 1 sigma of a covariance block; NaN where there is none, or it is too old or of later."""
+        """Return the newest 1 sigma of a covariance block at a time [ms GPS]; NaN where it is too old, or later."""
         of, sigma = self._accuracies.get(number, NO_ACCURACY)
         return sigma if 0 <= clock - of <= SLOW_LIFETIME else math.nan
 

@@ -176,7 +176,7 @@ class Decoder(StreamDecoder):
         super().__init__(FRAMING, MessageCensus(NEEDED))
         self._epochs = OpenEpochs(_Epoch, self.counts)  # by time of week [ms]
         self._has_baseline = False
-        self._positions: deque[Pvt] = deque(maxlen=MAX_OPEN)
+        self._positions: deque[Pvt] = deque(maxlen=MAX_OPEN)  # the newest with a fix
         self._two_receivers = False
 
     def _read(self, message: bytes, received: float) -> tuple[Outcome, Fix | None]:
@@ -192,9 +192,8 @@ class Decoder(StreamDecoder):
     def _read_pvt(self, payload: bytes, received: float) -> tuple[Outcome, Fix | None]:
         pvt = Pvt._make(PVT_PAYLOAD.unpack(payload))
         of_vehicle = bool(pvt.flags & HEADING_OF_VEHICLE)
-        second = any(pvt.time_of_week == one.time_of_week and pvt != one for one in self._positions)
+        second = self._is_second(pvt)
         self.census.note(SECOND_NAME if second else VEHICLE_NAME if of_vehicle else PVT_NAME, received)
-        self._positions.append(pvt)
         self._two_receivers |= second
         try:
             clock = _clock(pvt)
@@ -206,6 +205,14 @@ class Decoder(StreamDecoder):
         if of_vehicle and not self._has_baseline:
             epoch.heading = from_compass(1e-5 * pvt.vehicle_heading), ANGLE * pvt.heading_accuracy
         return Outcome.READ, self._completed(pvt.time_of_week, epoch, received)
+
+    def _is_second(self, pvt: Pvt) -> bool:
+        """Whether another receiver said its position of the same time; one without a fix may set its clock back."""
+        if pvt.valid & DATED != DATED or not pvt.flags & FIX_OK:
+            return False
+        second = any(pvt.time_of_week == one.time_of_week and pvt != one for one in self._positions)
+        self._positions.append(pvt)
+        return second
 
     def _read_relposned(self, payload: bytes, received: float) -> tuple[Outcome, Fix | None]:
         baseline = RelPosNed._make(RELPOSNED_PAYLOAD.unpack(payload))
