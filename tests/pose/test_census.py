@@ -41,6 +41,12 @@ def test_a_reader_that_was_busy_does_not_change_the_order() -> None:
     assert census_of(*rows).epoch() == ("A", "B")
 
 
+@pytest.mark.parametrize("order", ["ABX", "BAX"])
+def test_several_epochs_in_one_portion_show_the_order_too(order: str) -> None:
+    rows = [(0.03 * (k // 3), name) for k in range(30) for name in order]
+    assert census_of(*rows).epoch() == tuple(order)
+
+
 def test_there_is_no_epoch_before_a_needed_message_came_twice() -> None:
     assert census_of((0.0, "A"), (0.1, "X"), (0.2, "X")).epoch() == ()
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Iterator
 from itertools import pairwise
-from statistics import median
 from typing import Final, NamedTuple
 
 NOTED: Final = 200  #: newest messages of which the order is kept: some epochs
@@ -42,7 +41,7 @@ class MessageCensus:
         """Return the names of the newest whole epoch in the order of arrival; empty before there is one.
 
         An epoch lasts from one message that is needed to the next of the same name, and begins after the pause therein
-        that is usually the longest: a reader that was busy sees some messages late.
+        that is the longest in sum: a reader that was busy sees some messages late, and some epochs at once.
         """
         newest = list(self._newest)
         names = [name for need in self.needed for name in need.names]
@@ -54,8 +53,8 @@ class MessageCensus:
         lap = [name for _received, name in laps[-1][:-1]]
         alike = [one for one in laps if [name for _received, name in one[:-1]] == lap]
         pauses = [[after - before for (before, _), (after, _) in pairwise(one)] for one in alike]
-        usual = [median(column) for column in zip(*pauses, strict=True)]
-        turn = (usual.index(max(usual)) + 1) % len(lap)
+        sums = [sum(column) for column in zip(*pauses, strict=True)]
+        turn = (sums.index(max(sums)) + 1) % len(lap)
         return (*lap[turn:], *lap[:turn])
 
     def missing(self, counts: Counter[str], least: float) -> Iterator[str]:
