@@ -52,7 +52,9 @@ def _box(name: str, x: int, y: int, title: str, kind: str) -> str:
     lines = textwrap.wrap(title, WORDS_IN_LINE)
     first = y + 4 - 7 * (len(lines) - 1)
     words = "".join(f'<tspan x="{x}" y="{first + 14 * row}">{line}</tspan>' for row, line in enumerate(lines))
-    box = f'<rect class="{kind}" x="{x - BOX[0] // 2}" y="{y - BOX[1] // 2}" width="{BOX[0]}" height="{BOX[1]}" rx="6"/>'
+    box = (
+        f'<rect class="{kind}" x="{x - BOX[0] // 2}" y="{y - BOX[1] // 2}" width="{BOX[0]}" height="{BOX[1]}" rx="6"/>'
+    )
     return f'<g id="{name}">{box}<text>{words}</text></g>'
 
 

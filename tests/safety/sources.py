@@ -45,7 +45,9 @@ def is_test(node: str) -> bool:
     """Whether a node of pytest, `tests/FILE.py::TEST` or `tests/FILE.py::Class::TEST`, is there."""
     file, _, name = node.partition("::")
     there = REPOSITORY / file
-    return there.is_file() and name.rpartition("::")[2].startswith("test_") and name.replace("::", ".") in defined(there)
+    return (
+        there.is_file() and name.rpartition("::")[2].startswith("test_") and name.replace("::", ".") in defined(there)
+    )
 
 
 def has_anchor(place: str) -> bool:

@@ -14,8 +14,8 @@ from vve_sumo.certify import cases
 from vve_sumo.drive import reasons
 from vve_sumo.hunt import invariants
 from vve_sumo.people import report_gate
-from vve_sumo.safety.hazard_trace import CAR, PERSON, SHOWN_BY, HazardTrace, UnsafeAction, hazard_trace
 from vve_sumo.safety.briefing import briefing
+from vve_sumo.safety.hazard_trace import CAR, PERSON, SHOWN_BY, HazardTrace, UnsafeAction, hazard_trace
 from vve_sumo.stations import reports, station_gate
 
 TRACE = hazard_trace()
