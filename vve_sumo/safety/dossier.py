@@ -107,6 +107,7 @@ def dossier(wanted: DossierInput) -> ReportPage:
                 for one in day.checklists
             ],
             "hazards": hazard_tables.hazards(),
+            "constraints": hazard_tables.constraints(),
             "actions": hazard_tables.actions(),
             "residuals": hazard_tables.residual_risks(),
             "versions": versions(_versions()),
@@ -178,7 +179,7 @@ def _days(rig: Rig, today: datetime.date) -> ReportTable:
     rows = []
     for stated in stated_days(rig):
         expired = stated.has_expired(today) or stated.is_to_come(today)
-        until = NONE
+        until = "does not expire"
         if stated.valid_days is not None:
             until = f"{stated.day + datetime.timedelta(days=stated.valid_days)}"
         age = f"{(today - stated.day).days} days ago"
@@ -216,9 +217,9 @@ def _limits(rig: Rig) -> ReportTable:
         ("speed", rig.limits.speed_mps, "m/s"),
         ("acceleration", comfort.acceleration, "m/s²"),
         ("braking of every setpoint", comfort.deceleration, "m/s²"),
-        ("jerk of it", comfort.jerk, "m/s³"),
+        ("jerk of a pedal pressed further", comfort.jerk, "m/s³"),
         ("emergency braking, where asked for", emergency.deceleration, "m/s²"),
-        ("jerk of it", emergency.jerk, "m/s³"),
+        ("jerk of emergency braking", emergency.jerk, "m/s³"),
         ("lateral acceleration", limits.lateral_acceleration, "m/s²"),
         ("lateral jerk", comfort.lateral_jerk, "m/s³"),
         ("the gateway's stop", limits.stop_deceleration, "m/s²"),

@@ -10,7 +10,7 @@ from vve_sumo.safety.hazard_trace import PERSON, UnsafeAction, hazard_trace
 
 
 def hazards() -> ReportTable:
-    """Return the hazards with the losses that they lead to, and what has to hold against them."""
+    """Return the hazards with the losses that they lead to, and the constraints that hold against them."""
     trace = hazard_trace()
     losses = {one.id: one.text for one in trace.losses}
     rows = [
@@ -18,11 +18,17 @@ def hazards() -> ReportTable:
             hazard.id,
             hazard.text,
             " ".join(losses[name] for name in hazard.losses),
-            " ".join(f"{one.id}: {one.text}" for one in trace.constraints if hazard.id in one.hazards),
+            ", ".join(one.id for one in trace.constraints if hazard.id in one.hazards),
         )
         for hazard in trace.hazards
     ]
-    return ReportTable("hazards", ("", "hazard", "may come to", "what has to hold"), rows)
+    return ReportTable("hazards", ("", "hazard", "may come to", "held by"), rows)
+
+
+def constraints() -> ReportTable:
+    """Return what the whole system has to hold."""
+    rows = [(one.id, one.text, ", ".join(one.hazards)) for one in hazard_trace().constraints]
+    return ReportTable("constraints", ("", "what has to hold", "against"), rows)
 
 
 def actions() -> ReportTable:
@@ -57,7 +63,7 @@ def _shown(action: UnsafeAction) -> str:
 
 def residual_risks() -> ReportTable:
     """Return the residual risks."""
-    rows = [(one.id, one.text, _plain(one.remains)) for one in hazard_trace().residuals]
+    rows = [(one.id, _plain(one.text), _plain(one.remains)) for one in hazard_trace().residuals]
     return ReportTable("residual risks", ("", "what is known", "what remains"), rows)
 
 
