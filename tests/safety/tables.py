@@ -43,13 +43,8 @@ def actions() -> str:
     heads = ("", "action", "unsafe when", "leads to", "held by", "shown by", "reason codes")
     for controller in trace.controllers:
         rows = [_row(one) for one in trace.actions if one.controller == controller.id]
-        parts += [
-            f"### {controller.name}",
-            f"It is a {controller.kind}; it {controller.does}.".replace(
-                "It is a the maker's; it", "It is the maker's; it"
-            ),
-            _table(heads, rows),
-        ]
+        who = "A person, who" if controller.kind == "person" else f"A {controller.kind}, which"
+        parts += [f"### {controller.name}", f"{who} {controller.does}.", _table(heads, rows)]
     return "\n\n".join(parts)
 
 
