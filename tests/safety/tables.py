@@ -7,9 +7,6 @@ from collections.abc import Iterable, Sequence
 from vve_sumo.safety.briefing import Conditional, Item, briefing
 from vve_sumo.safety.hazard_trace import PERSON, SHOWN_BY, UnsafeAction, hazard_trace
 
-#: from docs/safety/ to the repository
-ROOT = "../../"
-
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     lines = [heads, ["---"] * len(heads), *rows]
@@ -64,16 +61,14 @@ def _row(action: UnsafeAction) -> tuple[str, ...]:
 def _holder(name: str) -> str:
     if name.startswith(PERSON):
         return f"[{name.removeprefix(PERSON)}](roles.md)"
-    module, _, member = name.partition(":")
-    return f"[`{module.removeprefix('vve_sumo.')}:{member}`]({ROOT}{module.replace('.', '/')}.py)"
+    return f"`{name.removeprefix('vve_sumo.')}`"
 
 
 def _shown(name: str) -> str:
     for word, page in SHOWN_BY.items():
         if name.startswith(word):
             return f"[{word.rstrip(':')}](../{page}) `{name.removeprefix(word)}`"
-    file, _, test = name.partition("::")
-    return f"[`{test.removeprefix('test_')}`]({ROOT}{file})"
+    return f"`{name}`"
 
 
 def _drill(place: str) -> str:
