@@ -28,8 +28,9 @@ from vve_sumo.safety.dossier import DossierInput, dossier
 from vve_sumo.safety.rig_features import features_of
 
 NOW = datetime.datetime(2026, 11, 28, 12, 0, tzinfo=datetime.UTC)
-#: faster than any of the rigs here allows: there is no picture to be searched for
-TOO_FAST = "pedestrian_910_expressway"
+#: a drive with a rig starts from rest: there is no picture to be searched for
+ROLLING = (REPOSITORY / "scenarios" / "delay_probe.toml").read_text(encoding="utf-8")
+ROLLING = ROLLING.replace("[ego]\n", "[ego]\ninitial_speed_mps = 5.0\n", 1)
 TEMPLATE = (REPOSITORY / "rigs" / "fusion_example.toml").read_text(encoding="utf-8")
 SURVEYED = TEMPLATE.replace("# surveyed = 2026-05-01", "surveyed = 2026-05-01")
 WATCHDOG = "\n[watchdog_test]\ndate = 2026-05-01\narmed = {}\ndeceleration_mps2 = {}\ndelay_s = 0.2\n"
@@ -50,7 +51,12 @@ def rig_file(folder: Path, content: str) -> Path:
 
 
 def made(folder: Path, rig: str = "ours", **given: Any) -> ReportPage:
-    return dossier(DossierInput(rig=rig, scenario=TOO_FAST, working=folder, now=NOW, **given))
+    (folder / "scenarios").mkdir(exist_ok=True)
+    (folder / "scenarios" / "rolling.toml").write_text(ROLLING, encoding="utf-8")
+    page = dossier(DossierInput(rig=rig, scenario="rolling", working=folder, now=NOW, **given))
+    (line,) = page.content["lot_lines"]  # type: ignore[misc]
+    assert "starts from rest" in line
+    return page
 
 
 def cells(table: Any) -> list[list[str]]:

@@ -146,7 +146,7 @@ def _key_figures(rig: Rig) -> list[KeyFigure]:
         return number(stop.distance(speed, 0.0, stops.downhill), "m", 1)
 
     test = rig.watchdog_test
-    watchdog = "armed" if test is not None and test.armed else "not armed" if test is not None else "never tested"
+    watchdog = "never tested" if test is None else "armed" if test.armed else "not armed: the car rolls"
     return [
         KeyFigure("speed limit of the rig", number(speed, "m/s", 1), note=f"{3.6 * speed:.0f} km/h"),
         KeyFigure("gateway's stop from there", distance(stops.gateway)),

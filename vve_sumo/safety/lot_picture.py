@@ -6,15 +6,20 @@ Searches, where nobody has said where the path lies; opens no receiver and write
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+from vve_sumo import workspace
 from vve_sumo.commissioning import align
 from vve_sumo.commissioning.align import AlignmentSite
+from vve_sumo.drive.run import resolve_by_name
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment
+from vve_sumo.live import assembly
 from vve_sumo.plotting.alignment import PathInLot, path_in_lot
 from vve_sumo.report.picture import DrawnPlot, picture_of
+from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
 
 
@@ -28,7 +33,7 @@ class LotPicture(NamedTuple):
 def lot_picture(scenario: str, rig: str, working: Path) -> LotPicture:
     """Return the lot of a rig with the path of a scenario; without a picture where the two do not go together."""
     try:
-        site = align.site_of(scenario, rig, working)
+        site = _site(scenario, rig, working)
         result, how = _placed(site)
     except ConfigError as error:
         return LotPicture(None, (f"No picture: {error}.",))
@@ -49,6 +54,17 @@ def lot_picture(scenario: str, rig: str, working: Path) -> LotPicture:
     )
     picture = picture_of(path_in_lot(shown), "lot", "the lot from above, with fence and path", caption)
     return LotPicture(picture, (how, *align.description(site, result)))
+
+
+def _site(scenario: str, rig: str, working: Path) -> AlignmentSite:
+    """Return path and lot; a scenario that is too fast for the lot is taken at the rig's own limit."""
+    rig_file = workspace.find("rig", rig, working)
+    loaded, resolved = rigs.load(rig_file, working), resolve_by_name(scenario, working)
+    ego = resolved.scenario.ego
+    slowed = ego.model_copy(update={"speed_mps": min(ego.speed_mps, loaded.limits.speed_mps)})
+    resolved = replace(resolved, scenario=resolved.scenario.model_copy(update={"ego": slowed}))
+    resolved = assembly.scenario_with_rig(resolved, loaded, working)
+    return AlignmentSite(resolved, loaded, rig_file, meaning.geofence_of(loaded, Alignment()))
 
 
 def _placed(site: AlignmentSite) -> tuple[align.AlignmentResult, str]:
