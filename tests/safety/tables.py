@@ -35,27 +35,27 @@ def constraints() -> str:
 
 
 def actions() -> str:
-    """The unsafe control actions, a table a controller."""
+    """The unsafe control actions, a section a controller."""
     trace, parts = hazard_trace(), []
-    heads = ("", "action", "unsafe when", "leads to", "held by", "shown by", "reason codes")
     for controller in trace.controllers:
-        rows = [_row(one) for one in trace.actions if one.controller == controller.id]
         who = "A person, who" if controller.kind == "person" else f"A {controller.kind}, which"
-        parts += [f"### {controller.name}", f"{who} {controller.does}.", _table(heads, rows)]
+        own = [one for one in trace.actions if one.controller == controller.id]
+        parts += [f"### {controller.name}", f"{who} {controller.does}.", *map(_block, own)]
     return "\n\n".join(parts)
 
 
-def _row(action: UnsafeAction) -> tuple[str, ...]:
+def _block(action: UnsafeAction) -> str:
     leads = f"{', '.join(action.hazards)} ({', '.join(action.constraints)})"
-    return (
-        action.id,
-        f"{action.action}, {action.way}",
-        action.text,
-        leads,
-        "<br>".join(_holder(name) for name in action.held),
-        "<br>".join([*map(_shown, action.shown), *([_drill(action.drill)] if action.drill else [])]),
-        " ".join(f"`{code}`" for code in action.codes),
-    )
+    shown = [*map(_shown, action.shown), *([_drill(action.drill)] if action.drill else [])]
+    lines = [
+        f"**{action.id}** · {action.action}, *{action.way}*: {action.text} Leads to {leads}.",
+        "",
+        f"* held by {', '.join(map(_holder, action.held))}",
+        f"* shown by {', '.join(shown)}",
+    ]
+    if action.codes:
+        lines.append(f"* reason codes {', '.join(f'`{code}`' for code in action.codes)}")
+    return "\n".join(lines)
 
 
 def _holder(name: str) -> str:
