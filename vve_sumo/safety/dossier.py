@@ -111,7 +111,7 @@ def dossier(wanted: DossierInput) -> ReportPage:
             "actions": hazard_tables.actions(),
             "residuals": hazard_tables.residual_risks(),
             "versions": versions(_versions()),
-            "file_hashes": hashes(_hashes(wanted, rig, rig_sha256), "files"),
+            "file_hashes": hashes(list(_hashes(wanted, rig, rig_sha256)), "files"),
             "again": _command(wanted),
             "made": f"{wanted.now:%Y-%m-%d %H:%M} UTC",
         },
