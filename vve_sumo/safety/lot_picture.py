@@ -1,6 +1,6 @@
 """The lot of a rig with a scenario's path in it, as the dossier shows it.
 
-Searches, where nobody has said where the path lies; opens no receiver and writes nothing.
+Lays the path lengthwise into the lot where nobody has said where it lies; opens no receiver and writes nothing.
 """
 
 from __future__ import annotations
@@ -8,7 +8,9 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
+
+import numpy as np
 
 from vve_sumo import workspace
 from vve_sumo.commissioning import align
@@ -21,6 +23,9 @@ from vve_sumo.plotting.alignment import PathInLot, path_in_lot
 from vve_sumo.report.picture import DrawnPlot, picture_of
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
+from vve_sumo.values import Floats
+
+POINTS: Final = 200  #: of a path whose axis is looked for
 
 
 class LotPicture(NamedTuple):
@@ -75,8 +80,9 @@ def _placed(site: AlignmentSite) -> tuple[align.AlignmentResult, str]:
     elif site.rig.car_start is not None:
         stored, how = _from_the_start(site), "The path begins where the simulated vehicle stands."
     else:
-        return align.searched(site), (
-            "The path begins where the car will stand; shown is the place that leaves most room."
+        return _lengthwise(site), (
+            "The path begins where the car will stand; here it is laid lengthwise into the lot. vve-sumo align --fit "
+            "searches for the place with most room."
         )
     return align.AlignmentResult(stored, max(stored.residuals, default=0.0), site.fits(stored)), how
 
@@ -91,3 +97,31 @@ def _from_the_start(site: AlignmentSite) -> Alignment:
     turn = begin.heading - heading
     cos, sin = math.cos(turn), math.sin(turn)
     return Alignment(turn, begin.x - (cos * x - sin * y), begin.y - (sin * x + cos * y))
+
+
+def _lengthwise(site: AlignmentSite) -> align.AlignmentResult:
+    """Return the path along the longer axis of the lot, middle on middle, in the direction that takes more of it.
+
+    A search for the best place takes minutes where there is none.
+    """
+    path = site.resolved.path
+    points = np.array([(one.x, one.y) for one in map(path.at, np.linspace(0.0, path.length, POINTS).tolist())])
+    (lot_angle, lot_middle), (path_angle, path_middle) = _axis(site.geofence.lot.outline), _axis(points)
+    results = []
+    for turn in (path_angle - lot_angle, path_angle - lot_angle + math.pi):
+        x, y = path_middle - _rotation(turn) @ lot_middle
+        alignment = Alignment(turn, float(x), float(y))
+        results.append(align.AlignmentResult(alignment, 0.0, site.fits(alignment)))
+    return max(results, key=lambda one: (-1.0, 0.0) if one.fit is None else (one.fit.station, one.fit.clearance))
+
+
+def _rotation(angle: float) -> Floats:
+    return np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+
+
+def _axis(points: Floats) -> tuple[float, Floats]:
+    """Return the direction of the longer axis of points [rad], and the middle of their extent along both axes [m]."""
+    axes = np.linalg.svd(points - points.mean(axis=0))[2]
+    angle = math.atan2(axes[0, 1], axes[0, 0])
+    along = points @ _rotation(angle)
+    return angle, _rotation(angle) @ (0.5 * (along.min(axis=0) + along.max(axis=0)))
