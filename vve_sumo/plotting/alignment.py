@@ -123,8 +123,10 @@ def _path(axes: Axes, shown: PathInLot) -> None:
     for swept, colour, name in ((inside, EGO_PALE, "swept, stops included"), (outside, ALARM, "no stop inside")):
         if swept:
             every = list(np.concatenate(swept))
-            # Thousands of shapes: as dots, where the picture is drawn as lines.
-            axes.add_collection(PolyCollection(every, facecolor=colour, edgecolor=colour, label=name, rasterized=True))
+            # Thousands of shapes: as dots, where the picture is drawn as lines. What would roll on for ever reaches out
+            # of the picture.
+            shapes_of = PolyCollection(every, facecolor=colour, edgecolor=colour, label=name, rasterized=True)
+            axes.add_collection(shapes_of, autolim=False)
     axes.plot(*np.array(line).T, color=EGO, linewidth=1.2, label="path of the rear axle")
 
 
