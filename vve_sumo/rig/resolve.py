@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from vve_sumo.config_file import in_si
 from vve_sumo.errors import ConfigError
@@ -202,12 +202,16 @@ def _surveyed(rig: Rig) -> Alignment:
         raise ConfigError(f"alignment: {error}") from None
 
 
-def geofence_of(rig: Rig, alignment: Alignment) -> Geofence:
-    """Return the geofence of the lot, which `alignment` maps to the virtual road.
+class RigStops(NamedTuple):
+    """How each layer stops the rig's car; no stop is stronger than the lot's friction allows."""
 
-    Where the watchdog was never tried (then the car cannot be armed), the gateway's own stop stands for it. No stop is
-    stronger than the lot's friction allows.
-    """
+    gateway: StopModel
+    watchdog: StopModel  #: the gateway's where the watchdog was never tried: then the car cannot be armed
+    downhill: float  #: sine of the lot's worst slope, positive
+
+
+def stops_of(rig: Rig) -> RigStops:
+    """Return how the gateway and the DBW controller's watchdog stop the car, as the geofence reckons with them."""
     vehicle, limits, lag = vehicle_of(rig), limits_of(rig), calibration_of(rig).drive_lag
     comfort = limits.comfort
     slope = math.atan(rig.lot.grade_percent / 100.0)
@@ -226,13 +230,19 @@ def geofence_of(rig: Rig, alignment: Alignment) -> Geofence:
     watchdog = gateway
     if test is not None and strength is not None:
         watchdog = replace(gateway, deceleration=min(strength, grip), delay=SETPOINT_LIFETIME + test.delay_s, rise=0.0)
+    return RigStops(gateway, watchdog, math.sin(slope))
+
+
+def geofence_of(rig: Rig, alignment: Alignment) -> Geofence:
+    """Return the geofence of the lot, which `alignment` maps to the virtual road."""
+    vehicle, comfort, stops = vehicle_of(rig), limits_of(rig).comfort, stops_of(rig)
     return Geofence(
         lot_of(rig),
         vehicle,
         alignment,
-        gateway=gateway,
-        watchdog=watchdog,
-        downhill=math.sin(slope),
+        gateway=stops.gateway,
+        watchdog=stops.watchdog,
+        downhill=stops.downhill,
         turning=Turning.of(vehicle, comfort.lateral_jerk, SETPOINT_LIFETIME + NOTICED, comfort.acceleration),
         drift=unseen_drift,
     )
