@@ -121,6 +121,7 @@ def test_time_out_is_a_truncation_and_a_stop_a_termination(
     assert seen[-1][law.PLACE["speed_mps"]] > 0.5
 
 
+@pytest.mark.thorough
 def test_vectors_of_processes_drive_as_one_does(short: DriveEnvironment) -> None:
     made = {"scenario": "delay_probe", "values": SHORT}
     vector = gymnasium.make_vec(PARKED_CAR, num_envs=2, vectorization_mode="async", **made)

@@ -71,6 +71,7 @@ def test_one_that_heeds_no_signal_runs_it_and_is_counted(tmp_path: Path) -> None
     assert float(time[row]) == pytest.approx(passed, abs=0.05)
 
 
+@pytest.mark.thorough
 def test_pass_at_green_does_not_stop(tmp_path: Path) -> None:
     folder = tmp_path / "drive"
     summary = isolated(_drive, str(folder), {"duration_s": 45.0}, "pass_at_green")
