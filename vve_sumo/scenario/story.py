@@ -133,14 +133,16 @@ class StoryActor:
         self._offset, slope = self._side.at(gone)
         self._rate = slope * self._speed if self._side_by_way else slope
         of_line = self._of_line
-        if of_line is not None and gone >= self._side.over and not self._on_trajectory(of_line):
+        if of_line is not None and gone >= self._side.over and not self._on_its_way(of_line):
             of_line.done("line")
             self._of_line = None
 
-    def _on_trajectory(self, running: RunningAction) -> bool:
-        """Whether an action follows a path of its own that is not over yet."""
+    def _on_its_way(self, running: RunningAction) -> bool:
+        """Whether an action goes on until a place that the actor has not come to yet."""
         line = running.action.line
-        return line is not None and line.trajectory and not self.at_end
+        if line is None or line.until_m is None or self.at_end:
+            return False
+        return self._station < line.until_m - AT_END
 
     def begin_due(self, scene: Scene) -> list[RunningAction]:
         """Begin the actions whose triggers fire at this tick and return them."""
@@ -208,7 +210,7 @@ class StoryActor:
             self._of_line.done("line")
         if change.path is not None:
             self._go_over(change)
-        before, target = self._offset, self._offset if change.keeps_offset else change.offset_m
+        before, target = self._offset, change.offset_m
         over = change.over_s or change.over_m or 0.0
         if change.rate_mps is not None:
             over = length(change.shape, target - before, change.rate_mps)

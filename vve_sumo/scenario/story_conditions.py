@@ -98,7 +98,7 @@ class ConditionMonitor:
     def step(self, scene: Scene) -> bool:
         """Return whether it holds at a tick; call it at every tick from the first on."""
         condition = self._condition
-        holds = self._edge(raw(condition, scene))
+        holds = scene.now >= condition.from_s - TIME_TOLERANCE and self._edge(raw(condition, scene))
         if condition.delay_s > 0.0:
             self._held.append((scene.now, holds))
             holds, due = False, scene.now - condition.delay_s + TIME_TOLERANCE

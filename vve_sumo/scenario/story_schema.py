@@ -66,6 +66,7 @@ class StoryCondition(Table):
         default="none", description="holds always, or only at the tick at which it begins or ceases to hold"
     )
     delay_s: NotNegative = Field(default=0.0, description="holds so much later")
+    from_s: NotNegative = Field(default=0.0, description="holds not before this time since the drive began")
     latched: bool = Field(default=False, description="once it held, it holds for good")
 
     @property
@@ -175,7 +176,9 @@ class LineChange(Table):
         default=None, description="begins at this place of it; left out: where on it the actor is beside it"
     )
     from_here: bool = Field(default=False, description="the path is moved so that it begins at the actor, as it heads")
-    keeps_offset: bool = Field(default=False, description="the actor stays as far beside the path as it is")
+    until_m: NotNegative | None = Field(
+        default=None, description="is over where the actor has come so far on the path; left out: at its `offset_m`"
+    )
     offset_m: Finite = Field(default=0.0, description="distance beside the path that it ends at, left positive")
     shape: Shape = Field(default="step", description="of that distance over time or way")
     over_s: Positive | None = Field(default=None, description="time that it takes")
@@ -183,16 +186,13 @@ class LineChange(Table):
     rate_mps: Positive | None = Field(default=None, description="greatest speed sidewards")
     timing: tuple[TimedPlace, ...] = Field(default=(), strict=False, description="when the actor is where on the path")
 
-    @property
-    def trajectory(self) -> bool:
-        """Whether it goes on until the path's end."""
-        return self.at_m is not None or self.from_here or bool(self.timing)
-
     @model_validator(mode="after")
     def _whole(self) -> Self:
         _how_it_is_reached(self, "over_s", "over_m", "rate_mps")
-        if self.path is None and (self.at_m is not None or self.from_here or self.timing):
-            raise ValueError("at_m, from_here and timing are about another path, expected path beside them")
+        if self.path is None and (
+            self.at_m is not None or self.from_here or self.timing or self.until_m is not None
+        ):
+            raise ValueError("at_m, from_here, until_m and timing are about another path, expected path beside them")
         if any(
             later.time_s <= one.time_s or later.at_m < one.at_m
             for one, later in zip(self.timing, self.timing[1:], strict=False)
