@@ -126,7 +126,6 @@ def _import(arguments: argparse.Namespace) -> int:
     return 0
 
 
-
 def run(arguments: argparse.Namespace) -> int:
     """Print every scenario with its title, network, other road users and pass criteria."""
     from rich.console import Console

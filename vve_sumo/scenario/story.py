@@ -175,8 +175,18 @@ class StoryActor:
         if motion is not None:
             running.parts.add("speed")
             self._take(motion, running)
+            if isinstance(motion, Following) and motion.at_once:
+                self._jump(scene)
         if not running.parts:
             running.state = "ended"
+
+    def _jump(self, scene: Scene) -> None:
+        """Be where a distance without limits puts it in the tick in which the action begins."""
+        moved = self._moved(0.0, 0.0, scene)
+        self._advance(moved.way)
+        self._speed = moved.speed
+        if moved.over:
+            self._take(Change([Transition(self._speed, self._speed)]), None)
 
     def _motion_of(self, action: StoryAction, scene: Scene) -> Motion | Following | None:
         if action.speed is not None:

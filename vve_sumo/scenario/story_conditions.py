@@ -240,9 +240,7 @@ def _straight(freespace: bool, body: Body, other: Body) -> Between:
     size = math.hypot(dx, dy)
     if size == 0.0:
         return Between(0.0, 0.0, False)
-    apart = [
-        one.speed * (math.cos(one.heading) * dx + math.sin(one.heading) * dy) / size for one in (body, other)
-    ]
+    apart = [one.speed * (math.cos(one.heading) * dx + math.sin(one.heading) * dy) / size for one in (body, other)]
     gap = size
     if freespace:
         gap = 0.0 if overlap(body.box, other.box) else min(_to_box(body.box, other.box), _to_box(other.box, body.box))

@@ -189,9 +189,7 @@ class LineChange(Table):
     @model_validator(mode="after")
     def _whole(self) -> Self:
         _how_it_is_reached(self, "over_s", "over_m", "rate_mps")
-        if self.path is None and (
-            self.at_m is not None or self.from_here or self.timing or self.until_m is not None
-        ):
+        if self.path is None and (self.at_m is not None or self.from_here or self.timing or self.until_m is not None):
             raise ValueError("at_m, from_here, until_m and timing are about another path, expected path beside them")
         if any(
             later.time_s <= one.time_s or later.at_m < one.at_m

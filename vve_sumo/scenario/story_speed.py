@@ -140,6 +140,11 @@ class Following:
         """The id of the other body."""
         return self._action.to
 
+    @property
+    def at_once(self) -> bool:
+        """Whether nothing limits how the distance is taken up."""
+        return self._action.acceleration_mps2 is None
+
     def missing(self, station: float, other: Body, other_station: float, turned: float, speed: float) -> float:
         """Return how far along its line the actor is behind where it shall be [m]."""
         action = self._action
@@ -197,7 +202,9 @@ class Arriving:
             return Moved(speed * dt, speed, True)
         if ego.speed < WAITING_SPEED:
             return Moved(speed * dt, speed, False)
-        now = max(speed + self._acceleration(left / ego.speed, meeting.at_m - station, speed) * dt, 0.0)
+        # The ego is where it is at the end of the tick, the actor where it was at its beginning.
+        due = left / ego.speed + dt
+        now = max(speed + self._acceleration(due, meeting.at_m - station, speed) * dt, 0.0)
         return Moved(0.5 * (speed + now) * dt, now, False)
 
     def _acceleration(self, due: float, way: float, speed: float) -> float:

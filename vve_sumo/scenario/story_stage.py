@@ -29,9 +29,7 @@ class StoryStage:
         end: Groups = (),
     ) -> None:
         """`path` is the ego's, `lines` what the actors' names of paths mean, `end` the trigger that ends the drive."""
-        self.actors = {
-            one.id: StoryActor(one, path if one.path is None else lines[one.path], lines) for one in actors
-        }
+        self.actors = {one.id: StoryActor(one, path if one.path is None else lines[one.path], lines) for one in actors}
         self._order = _dependents_last(list(self.actors.values()))
         self._path, self._vehicle = path, vehicle
         self._end = TriggerMonitor(end) if end else None

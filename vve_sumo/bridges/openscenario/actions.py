@@ -286,4 +286,3 @@ def _visibility(of: Element, scope: Scope, who: str, stage: Stage) -> Action | N
     if not (scope.flag(of, "traffic", True) and scope.flag(of, "sensors", True)):
         raise NotTaken(of, "an entity that traffic or sensors do not see is not taken")
     return None
-

@@ -65,7 +65,9 @@ def _choices(of: Element, scope: Scope) -> Iterator[Values]:
     if of.tag == "DeterministicMultiParameterDistribution":
         holder = of.child("ValueSetDistribution")
         for one in [] if holder is None else holder.all("ParameterValueSet"):
-            yield {scope.text(pair, "parameterRef").removeprefix("$"): scope.text(pair, "value") for pair in one.children}
+            yield {
+                scope.text(pair, "parameterRef").removeprefix("$"): scope.text(pair, "value") for pair in one.children
+            }
         return
     if of.tag != "DeterministicSingleParameterDistribution" or not of.children:
         raise NotTaken(of, "this distribution is not taken")

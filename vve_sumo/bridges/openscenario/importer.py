@@ -22,6 +22,7 @@ from vve_sumo.bridges.openscenario.storyboard import Problems, Storyboard
 from vve_sumo.bridges.openscenario.triggers import Context, Groups
 from vve_sumo.bridges.openscenario.xml_tree import Element
 from vve_sumo.errors import ConfigError
+from vve_sumo.scenario.schema import Weather
 from vve_sumo.values import EGO
 
 #: where the real car stands at the start, where a scenario here has to say it: as in the documentation's scenarios
@@ -63,7 +64,12 @@ def roads_of(document: Document) -> RoadMap:
 
 
 def read_scenario(
-    file: Path, name: str, *, ego: str | None = None, given: Mapping[str, str] | None = None, roads: RoadMap | None = None
+    file: Path,
+    name: str,
+    *,
+    ego: str | None = None,
+    given: Mapping[str, str] | None = None,
+    roads: RoadMap | None = None,
 ) -> Imported:
     """Return what a scenario file comes to; `given` are values for parameters that it declares.
 
@@ -83,6 +89,7 @@ class _Reader:
             Places(document, roads), LineFiles(name), {one.name: one.id for one in self._entities.values()}
         )
         self._first: dict[str, list[Action]] = {}
+        self._friction: float | None = None
         self._inits = self._init_actions()
 
     def read(self) -> Imported:
@@ -124,9 +131,11 @@ class _Reader:
 
     def _variables(self) -> dict[str, str]:
         holder = self._document.root.child("VariableDeclarations")
-        declared = {} if holder is None else {
-            one.attributes.get("name", ""): self._document.scope.text(one, "value") for one in holder.children
-        }
+        declared = (
+            {}
+            if holder is None
+            else {one.attributes.get("name", ""): self._document.scope.text(one, "value") for one in holder.children}
+        )
         return declared
 
     def _init_actions(self) -> list[tuple[str, Element]]:
@@ -148,10 +157,18 @@ class _Reader:
         return found
 
     def _global(self, one: Element) -> None:
-        if one.child("EnvironmentAction") is None:
-            self._problems.add(NotTaken(one.children[0] if one.children else one, "this action is not taken"))
-        else:
+        holder = one.child("EnvironmentAction")
+        try:
+            if holder is None:
+                raise NotTaken(one.children[0] if one.children else one, "this action is not taken")
+            environment, scope = self._document.resolved(holder, self._document.scope, "Environment")
+            road = environment.child("RoadCondition")
+            if road is not None and (scale := scope.number(road, "frictionScaleFactor", 1.0)) != 1.0:
+                usual: float = Weather.model_fields["friction"].default
+                self._friction = round(scale * usual, 4)
             self._problems.note(f"{one.where}: sun, clouds, fog and rain change nothing here")
+        except NotTaken as error:
+            self._problems.add(error)
 
     def _place_all(self) -> None:
         """Place the entities, those after others whose places are relative to them."""
@@ -256,6 +273,8 @@ class _Reader:
         }
         if stop:
             table["after_stop_s"] = REST
+        if self._friction is not None:
+            table["weather"] = {"friction": self._friction}
         table["ego"] = self._ego_table(ego)
         others = [one for one in self._entities.values() if one.id != EGO]
         table["actors"] = [
@@ -275,7 +294,9 @@ class _Reader:
             self._refuse(
                 NotTaken(self._ego.element, f"the ego's speed: expected {SLOWEST:g} to {FASTEST:g} m/s, got {speed:g}")
             )
-        self._problems.note("the ego is the car of the scenario here; where it begins, its rear axle is at the file's place")
+        self._problems.note(
+            "the ego is the car of the scenario here; where it begins, its rear axle is at the file's place"
+        )
         if abs(track.offset) > 1e-3:
             beside = _beside(track)
             track = replace(track, points=beside, path=self._stage.files.named("ego_beside", beside), offset=0.0)

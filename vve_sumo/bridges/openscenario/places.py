@@ -231,9 +231,7 @@ class Places:
         rough = sum(math.dist(one[:2], other[:2]) for one, other in zip(places, places[1:], strict=False))
         count = max(8, math.ceil(rough / SPACING))
         low, high = knots[order - 1], knots[len(places)]
-        points = [
-            _of_nurbs(order, knots, places, weights, low + (high - low) * n / count) for n in range(count + 1)
-        ]
+        points = [_of_nurbs(order, knots, places, weights, low + (high - low) * n / count) for n in range(count + 1)]
         return Line(points, None, (0.0, _length(points)), True)
 
 
@@ -243,9 +241,7 @@ def _of_nurbs(
     """Return a point of a rational B-spline by de Boor's algorithm."""
     degree = order - 1
     last = max(n for n in range(degree, len(places)) if knots[n] <= u)
-    found = [
-        (places[n].x * weights[n], places[n].y * weights[n], weights[n]) for n in range(last - degree, last + 1)
-    ]
+    found = [(places[n].x * weights[n], places[n].y * weights[n], weights[n]) for n in range(last - degree, last + 1)]
     for level in range(1, degree + 1):
         for j in range(degree, level - 1, -1):
             left, right = knots[j + last - degree], knots[j + 1 + last - level]

@@ -162,7 +162,9 @@ class Storyboard:
 
     def _triggers(self, event: Event) -> tuple[Groups | None, Groups | None]:
         armed = self._act(event)
-        return armed, None if armed is None else compiled(event.element.child("StartTrigger"), event.scope, self._context)
+        return armed, None if armed is None else compiled(
+            event.element.child("StartTrigger"), event.scope, self._context
+        )
 
     def _markers(self, event: Event) -> None:
         """Take in an event that sets variables: what it sets, and when."""
@@ -232,7 +234,9 @@ class Storyboard:
     def _of_ego(self, event: Event, kind: Element) -> None:
         """Take down that the controller drives in place of an action of the ego; refuse what leads it elsewhere."""
         if not longitudinal(kind):
-            raise NotTaken(kind, "the ego's path is the one that it begins on: an action that leads it off is not taken")
+            raise NotTaken(
+                kind, "the ego's path is the one that it begins on: an action that leads it off is not taken"
+            )
         why = f"{event.element.where} {event.name!r}: the ego's controller drives in place of its {kind.tag}"
         self._problems.note(why)
         self._forget(event, why)

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 #: keys that are tables of their own, and keys that are arrays of such
-TABLES: Final = frozenset({"road", "ego", "lot", "story", "end_trigger", "parameters"})
+TABLES: Final = frozenset({"road", "ego", "lot", "story", "end_trigger", "parameters", "weather"})
 ARRAYS: Final = frozenset({"actors", "actions"})
 #: a line that is longer has one group of conditions in each line [characters]
 WIDE: Final = 120

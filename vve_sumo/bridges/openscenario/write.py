@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -70,16 +70,17 @@ def import_file(
         more = f" (and {len(left_out) - 1} more)" if len(left_out) > 1 else ""
         raise ConfigError(f"{left_out[0]}{more}; --partial leaves out what is not taken, and says so")
 
-    def again(number: int) -> Callable[[Mapping[str, str]], Imported]:
-        return lambda values: read_scenario(varied.file, name, ego=ego, given=sets[number] | dict(values), roads=roads)
+    def again(values: Mapping[str, str]) -> Imported:
+        return read_scenario(varied.file, name, ego=ego, given=sets[0] | dict(values), roads=roads)
 
     with tempfile.TemporaryDirectory() as made:
         aside = Path(made)
         built = _network(roads, aside / "networks" / f"{name}.net.xml", origin)
         lines: dict[str, Points] = {}
-        for number, (one, own) in enumerate(zip(found, names, strict=True)):
+        for one, own in zip(found, names, strict=True):
             table = _with_road(_shared(one, lines), name)
-            if parameters := parameters_of(one, again(number)):
+            # Of many sets, each scenario is one; what a sweep would vary is varied already.
+            if len(sets) == 1 and (parameters := parameters_of(one, again)):
                 table["parameters"] = parameters
             _write(aside / "scenarios" / f"{own}.toml", _text(table, varied.file))
         for line, points in lines.items():
