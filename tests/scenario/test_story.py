@@ -52,7 +52,7 @@ def test_free_space_is_the_distance_of_the_boxes(x: float, y: float, one: float,
     path = ReferencePath.from_points([0.0, 10.0], [0.0, 0.0])
     found = distance_between("straight", True, bodies[0], bodies[1], path).signed
     arrays = [
-        Boxes(*(np.array([value]) for value in (box.x, box.y, box.heading, 0.0, box.length, box.width)))
+        Boxes(*(np.array([value]) for value in (box.x, box.y, box.heading, box.length, box.width, 0.0)))
         for box in (first, second)
     ]
     assert found == pytest.approx(max(float(separation(*arrays)[0]), 0.0), abs=1e-6)

@@ -64,7 +64,8 @@ class StoryActor:
 
     def __init__(self, actor: Actor, path: ReferencePath, lines: Mapping[str, ReferencePath]) -> None:
         """`path` is the one that it is on at first; `lines` are the paths that its actions name."""
-        assert actor.story is not None and actor.at_m is not None
+        assert actor.story is not None
+        assert actor.at_m is not None
         self.id, self._actor, self._lines = actor.id, actor, lines
         size = TYPICAL[actor.kind]
         self._length = size.length if actor.length_m is None else actor.length_m

@@ -5,6 +5,7 @@ Knows nothing of files of OpenSCENARIO, nor of how an actor is moved.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Annotated, Final, Literal, Self
 
 from pydantic import Field, model_validator
@@ -191,10 +192,7 @@ class LineChange(Table):
         _how_it_is_reached(self, "over_s", "over_m", "rate_mps")
         if self.path is None and (self.at_m is not None or self.from_here or self.timing or self.until_m is not None):
             raise ValueError("at_m, from_here, until_m and timing are about another path, expected path beside them")
-        if any(
-            later.time_s <= one.time_s or later.at_m < one.at_m
-            for one, later in zip(self.timing, self.timing[1:], strict=False)
-        ):
+        if any(later.time_s <= one.time_s or later.at_m < one.at_m for one, later in pairwise(self.timing)):
             raise ValueError("timing: expected later times at places that are no farther back")
         return self
 

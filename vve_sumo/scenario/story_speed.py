@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Final, NamedTuple, Protocol
 
 from vve_sumo.scenario.story_conditions import Body, Scene
@@ -121,7 +122,7 @@ class Timed:
             return Moved(max(last.at_m - station, 0.0) + speed * min(time - last.time_s, dt), speed, True)
         if time <= first.time_s:
             return Moved(max(first.at_m - station, 0.0), 0.0, False)
-        for one, later in zip(self._timing, self._timing[1:], strict=False):
+        for one, later in pairwise(self._timing):
             if time < later.time_s:
                 rate = (later.at_m - one.at_m) / (later.time_s - one.time_s)
                 return Moved(max(one.at_m + rate * (time - one.time_s) - station, 0.0), rate, False)

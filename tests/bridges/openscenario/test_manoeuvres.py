@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -56,7 +57,7 @@ def test_a_rate_is_the_greatest_one(tmp_path: Path, shape: str, steepest: float)
     text = scenario(event("e", speed_action(shape, "rate", "-2", "4"), after("1")))
     moments = played(imported(tmp_path, text), 8.0)
     speeds = [other(moments, tick * PERIOD)[2] for tick in range(len(moments))]
-    greatest = max(abs(one - two) for one, two in zip(speeds, speeds[1:], strict=False)) / PERIOD
+    greatest = max(abs(one - two) for one, two in pairwise(speeds)) / PERIOD
     assert greatest == pytest.approx(2.0, rel=0.01)
     lasted = sum(4.0 + 1e-6 < speed < 10.0 - 1e-6 for speed in speeds) * PERIOD
     assert lasted == pytest.approx(6.0 * steepest / 2.0, abs=3 * PERIOD)
@@ -94,8 +95,7 @@ def test_a_lane_changes_over_a_distance(tmp_path: Path) -> None:
 
 def first(moments: list[Moment]) -> float:
     """When the other entity's speed first differs from 10 m/s [s]."""
-    found = next((m.time for m in moments if abs(m.actors["Other"].speed - 10.0) > 1e-6), math.inf)
-    return found
+    return next((m.time for m in moments if abs(m.actors["Other"].speed - 10.0) > 1e-6), math.inf)
 
 
 BRAKE = speed_action("step", "time", "0", "9")
@@ -146,7 +146,8 @@ def test_an_event_waits_for_the_end_of_another(tmp_path: Path) -> None:
 
 
 def test_a_stop_trigger_ends_the_drive(tmp_path: Path) -> None:
-    stop = f'<ConditionGroup><Condition name="c" delay="1" conditionEdge="rising">{after("2")}</Condition></ConditionGroup>'
+    condition = f'<Condition name="c" delay="1" conditionEdge="rising">{after("2")}</Condition>'
+    stop = f"<ConditionGroup>{condition}</ConditionGroup>"
     moments = played(imported(tmp_path, scenario("", stop=stop)), 5.0)
     assert next(m.time for m in moments if m.ended) == pytest.approx(3.0, abs=2 * PERIOD)
 

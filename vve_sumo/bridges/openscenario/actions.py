@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 from vve_sumo.bridges.openscenario.lines import LineFiles, Track, lane_track, reference, track_of, trajectory_track
-from vve_sumo.bridges.openscenario.parameters import NotTaken, Scope
+from vve_sumo.bridges.openscenario.parameters import NotTakenError, Scope
 from vve_sumo.bridges.openscenario.places import Line, Places, neighbour
 from vve_sumo.bridges.openscenario.xml_tree import Element
 
@@ -35,9 +35,9 @@ class Stage:
     controlled: set[str] = field(default_factory=set)  #: entities that have a controller of their own
 
     def id(self, element: Element, name: str) -> str:
-        """Return an entity's id; raises NotTaken for none."""
+        """Return an entity's id; raises NotTakenError for none."""
         if name not in self.ids:
-            raise NotTaken(element, f"no entity {name!r}")
+            raise NotTakenError(element, f"no entity {name!r}")
         return self.ids[name]
 
 
@@ -46,7 +46,7 @@ def kind_of(action: Element) -> Element:
     inner = action
     while inner.tag in ("PrivateAction", "LongitudinalAction", "LateralAction", "RoutingAction", "ControllerAction"):
         if not inner.children:
-            raise NotTaken(inner, "expected an action in it")
+            raise NotTakenError(inner, "expected an action in it")
         inner = inner.children[0]
     return inner
 
@@ -59,14 +59,14 @@ def longitudinal(of: Element) -> bool:
 def read_action(of: Element, scope: Scope, who: str, stage: Stage) -> Action | None:
     """Return what an entity does by an action; None where the action changes nothing that moves.
 
-    Raises NotTaken for an action that no story can say.
+    Raises NotTakenError for an action that no story can say.
     """
     if of.tag in ("ActivateControllerAction", "AssignControllerAction", "OverrideControllerValueAction"):
         idle = who not in stage.controlled and of.tag == "ActivateControllerAction"
         off = not any(scope.flag(of, key, False) for key in ("lateral", "longitudinal")) and bool(of.attributes)
         if stage.ids[who] == "ego" or idle or (off and of.tag == "ActivateControllerAction"):
             return None
-        raise NotTaken(of, "an entity that a controller of its own drives is not taken")
+        raise NotTakenError(of, "an entity that a controller of its own drives is not taken")
     if of.tag in LOOKS:
         return None
     reader = {
@@ -81,7 +81,7 @@ def read_action(of: Element, scope: Scope, who: str, stage: Stage) -> Action | N
         "VisibilityAction": _visibility,
     }.get(of.tag)
     if reader is None:
-        raise NotTaken(of, "this action is not taken")
+        raise NotTakenError(of, "this action is not taken")
     return reader(of, scope, who, stage)
 
 
@@ -89,20 +89,20 @@ def _dynamics(of: Element, scope: Scope, time: str, distance: str, rate: str) ->
     """Return shape and length of a change, by the keys that are given for its dimensions."""
     shape, value = scope.text(of, "dynamicsShape"), abs(scope.number(of, "value"))
     if shape not in SHAPES:
-        raise NotTaken(of, f"dynamicsShape: expected {', '.join(SHAPES)}, got {shape!r}")
+        raise NotTakenError(of, f"dynamicsShape: expected {', '.join(SHAPES)}, got {shape!r}")
     if shape == "step" or value == 0.0:
         return {}
     keys = {"time": time, "distance": distance, "rate": rate}
     dimension = scope.text(of, "dynamicsDimension")
     if dimension not in keys:
-        raise NotTaken(of, f"dynamicsDimension: expected {', '.join(keys)}, got {dimension!r}")
+        raise NotTakenError(of, f"dynamicsDimension: expected {', '.join(keys)}, got {dimension!r}")
     return {"shape": shape, keys[dimension]: value}
 
 
 def _needed(of: Element, *tags: str) -> Element:
     found = of.child(*tags)
     if found is None:
-        raise NotTaken(of, f"expected <{'/'.join(tags)}>")
+        raise NotTakenError(of, f"expected <{'/'.join(tags)}>")
     return found
 
 
@@ -113,14 +113,14 @@ def speed_target(of: Element, scope: Scope, stage: Stage) -> dict[str, Any]:
     if absolute is not None:
         value = scope.number(absolute, "value")
         if not 0.0 <= value <= 100.0:
-            raise NotTaken(absolute, f"value: expected 0 to 100 m/s, got {value:g}")
+            raise NotTakenError(absolute, f"value: expected 0 to 100 m/s, got {value:g}")
         return {"to_mps": value}
     relative = _needed(target, "RelativeTargetSpeed")
     other = stage.id(relative, scope.text(relative, "entityRef"))
     value, kind = scope.number(relative, "value"), scope.text(relative, "speedTargetValueType", "delta")
     found: dict[str, Any] = {"of": other} | ({"factor": value} if kind == "factor" else {"to_mps": value})
     if kind not in ("factor", "delta") or (kind == "factor" and value < 0.0):
-        raise NotTaken(relative, "expected a delta, or a factor of at least 0")
+        raise NotTakenError(relative, "expected a delta, or a factor of at least 0")
     return found | ({"continuous": True} if scope.flag(relative, "continuous", False) else {})
 
 
@@ -128,21 +128,21 @@ def _speed(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
     reached = _dynamics(_needed(of, "SpeedActionDynamics"), scope, "over_s", "over_m", "acceleration_mps2")
     target = speed_target(of, scope, stage)
     if target.get("continuous") and reached:
-        raise NotTaken(of, "a continuous relative speed is taken with the shape step alone")
+        raise NotTakenError(of, "a continuous relative speed is taken with the shape step alone")
     return {"speed": target | reached}
 
 
 def _profile(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
     if scope.text(of, "followingMode", "position") != "position":
-        raise NotTaken(of, "followingMode: expected position, whose speeds are straight lines")
+        raise NotTakenError(of, "followingMode: expected position, whose speeds are straight lines")
     if "entityRef" in of.attributes:
-        raise NotTaken(of, "a profile relative to another entity is not taken")
+        raise NotTakenError(of, "a profile relative to another entity is not taken")
     entries = of.all("SpeedProfileEntry")
     if not entries or any("time" not in one.attributes for one in entries):
-        raise NotTaken(of, "expected entries, each with a time")
+        raise NotTakenError(of, "expected entries, each with a time")
     points = [{"over_s": scope.number(one, "time"), "speed_mps": scope.number(one, "speed")} for one in entries]
     if any(not 0.0 <= one["speed_mps"] <= 100.0 or one["over_s"] < 0.0 for one in points):
-        raise NotTaken(of, "expected times from 0 on and speeds of 0 to 100 m/s")
+        raise NotTakenError(of, "expected times from 0 on and speeds of 0 to 100 m/s")
     return {"profile": points}
 
 
@@ -150,7 +150,7 @@ def _distance(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
     sides = {"leadingReferencedEntity": "ahead", "trailingReferencedEntity": "behind"}
     displacement = scope.text(of, "displacement", "trailingReferencedEntity")
     if displacement not in sides:
-        raise NotTaken(of, f"displacement: expected {' or '.join(sides)}, got {displacement!r}")
+        raise NotTakenError(of, f"displacement: expected {' or '.join(sides)}, got {displacement!r}")
     keeps: dict[str, Any] = {
         "to": stage.id(of, scope.text(of, "entityRef")),
         "side": sides[displacement],
@@ -158,7 +158,7 @@ def _distance(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
     }
     stated = [key for key in ("distance", "timeGap") if key in of.attributes]
     if len(stated) != 1:
-        raise NotTaken(of, "expected one of distance and timeGap")
+        raise NotTakenError(of, "expected one of distance and timeGap")
     keeps["gap_m" if stated[0] == "distance" else "headway_s"] = scope.number(of, stated[0])
     if not scope.flag(of, "continuous", False):
         keeps["once"] = True
@@ -171,7 +171,7 @@ def _distance(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
         }
         keeps |= {key: scope.number(limits, name) for name, key in keys.items() if name in limits.attributes}
         if ("acceleration_mps2" in keeps) != ("deceleration_mps2" in keeps):
-            raise NotTaken(limits, "expected both maxAcceleration and maxDeceleration")
+            raise NotTakenError(limits, "expected both maxAcceleration and maxDeceleration")
     return {"keeps": keeps}
 
 
@@ -179,7 +179,7 @@ def _lane_change(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
     reached = _dynamics(_needed(of, "LaneChangeActionDynamics"), scope, "over_s", "over_m", "rate_mps")
     track = stage.tracks[who]
     if track.road is None or track.lane is None:
-        raise NotTaken(of, f"{who} is in no lane of a road")
+        raise NotTakenError(of, f"{who} is in no lane of a road")
     target = _needed(of, "LaneChangeTarget")
     absolute, relative = target.child("AbsoluteTargetLane"), target.child("RelativeTargetLane")
     if absolute is not None:
@@ -189,7 +189,7 @@ def _lane_change(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
         name = scope.text(relative, "entityRef")
         other = stage.tracks.get(name)
         if other is None or other.lane is None or other.road != track.road:
-            raise NotTaken(relative, f"the lane of {name!r} on the road of {who} is not known")
+            raise NotTakenError(relative, f"the lane of {name!r} on the road of {who} is not known")
         lane = neighbour(other.lane, scope.whole(relative, "value") * other.sense)
     own = stage.ids[who]
     moved = lane_track(
@@ -202,7 +202,8 @@ def _lane_change(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
 
 def _t(track: Track, stage: Stage) -> float:
     """Return t of a track's lane where it began [m]."""
-    assert track.road is not None and track.lane is not None
+    assert track.road is not None
+    assert track.lane is not None
     return stage.places.roads.roads[track.road].middle(track.lane, track.s) or 0.0
 
 
@@ -210,13 +211,13 @@ def _lane_offset(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
     track = stage.tracks[who]
     absolute = _needed(of, "LaneOffsetTarget").child("AbsoluteTargetLaneOffset")
     if absolute is None:
-        raise NotTaken(of, "an offset relative to another entity is not taken")
+        raise NotTakenError(of, "an offset relative to another entity is not taken")
     target = scope.number(absolute, "value") * track.sense
     dynamics = _needed(of, "LaneOffsetActionDynamics")
     shape, change = scope.text(dynamics, "dynamicsShape"), abs(target - track.offset)
     line: dict[str, Any] = {"offset_m": target}
     if shape not in SHAPES or (shape == "linear" and change > 0.0):
-        raise NotTaken(dynamics, f"dynamicsShape: expected cubic, sinusoidal or step, got {shape!r}")
+        raise NotTakenError(dynamics, f"dynamicsShape: expected cubic, sinusoidal or step, got {shape!r}")
     if shape != "step" and change > 0.0:
         # The greatest lateral acceleration is the one that is stated: pi^2 / 2 or 6 of change over time squared.
         factor = 6.0 if shape == "cubic" else 0.5 * math.pi**2
@@ -242,9 +243,9 @@ def _follow_trajectory(of: Element, scope: Scope, who: str, stage: Stage) -> Act
 
 def _timing(of: Element, scope: Scope, line: Line) -> list[dict[str, float]]:
     if line.times is None:
-        raise NotTaken(of, "the trajectory's vertices have no times")
+        raise NotTakenError(of, "the trajectory's vertices have no times")
     if scope.text(of, "domainAbsoluteRelative") != "relative":
-        raise NotTaken(of, "domainAbsoluteRelative: expected relative, to when the action begins")
+        raise NotTakenError(of, "domainAbsoluteRelative: expected relative, to when the action begins")
     scale, offset = scope.number(of, "scale"), scope.number(of, "offset")
     return [
         {"time_s": round(time * scale + offset, 6), "at_m": round(station, 4)}
@@ -255,7 +256,7 @@ def _timing(of: Element, scope: Scope, line: Line) -> list[dict[str, float]]:
 def _synchronize(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
     master = scope.text(of, "masterEntityRef")
     if stage.id(of, master) != "ego":
-        raise NotTaken(of, f"masterEntityRef: expected the ego, got {master!r}")
+        raise NotTakenError(of, f"masterEntityRef: expected the ego, got {master!r}")
     at, _offset = stage.ego_place(_needed(of, "TargetPositionMaster"), scope)
     there = stage.places.spot(_needed(of, "TargetPosition"), scope).pose
     foot = reference(stage.tracks[who].points).project(there.x, there.y)
@@ -264,7 +265,7 @@ def _synchronize(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
     if final is not None and final.children:
         absolute = final.children[0]
         if absolute.tag != "AbsoluteSpeed":
-            raise NotTaken(absolute, "expected an AbsoluteSpeed")
+            raise NotTakenError(absolute, "expected an AbsoluteSpeed")
         meets["speed_mps"] = scope.number(absolute, "value")
         for tag, name, key in (
             ("TargetDistanceSteadyState", "distance", "steady_m"),
@@ -284,5 +285,5 @@ def _teleport(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
 
 def _visibility(of: Element, scope: Scope, who: str, stage: Stage) -> Action | None:
     if not (scope.flag(of, "traffic", True) and scope.flag(of, "sensors", True)):
-        raise NotTaken(of, "an entity that traffic or sensors do not see is not taken")
+        raise NotTakenError(of, "an entity that traffic or sensors do not see is not taken")
     return None

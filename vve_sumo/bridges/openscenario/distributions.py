@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from vve_sumo.bridges.openscenario.document import read_openscenario
-from vve_sumo.bridges.openscenario.parameters import NotTaken, Scope
+from vve_sumo.bridges.openscenario.parameters import NotTakenError, Scope
 from vve_sumo.bridges.openscenario.xml_tree import Element
 from vve_sumo.errors import ConfigError
 
@@ -41,18 +41,18 @@ def read_variation(file: Path) -> Variation:
     try:
         reference = varied.child("ScenarioFile")
         if reference is None:
-            raise NotTaken(varied, "expected a <ScenarioFile>")
+            raise NotTakenError(varied, "expected a <ScenarioFile>")
         scenario = file.parent / scope.text(reference, "filepath")
         if not scenario.is_file():
-            raise NotTaken(reference, f"{scenario} does not exist")
+            raise NotTakenError(reference, f"{scenario} does not exist")
         stochastic = varied.child("Stochastic")
         if stochastic is not None:
-            raise NotTaken(stochastic, "stochastic distributions are not taken")
+            raise NotTakenError(stochastic, "stochastic distributions are not taken")
         choices = [list(_choices(one, scope)) for one in (varied.child("Deterministic") or varied).children]
         count = math.prod(map(len, choices))
         if not 1 <= count <= MAX_SETS:
-            raise NotTaken(varied, f"expected 1 to {MAX_SETS} sets of values, got {count}")
-    except NotTaken as error:
+            raise NotTakenError(varied, f"expected 1 to {MAX_SETS} sets of values, got {count}")
+    except NotTakenError as error:
         raise ConfigError(str(error)) from None
     sets = [{name: value for one in chosen for name, value in one.items()} for chosen in itertools.product(*choices)]
     return Variation(scenario, sets)
@@ -70,7 +70,7 @@ def _choices(of: Element, scope: Scope) -> Iterator[Values]:
             }
         return
     if of.tag != "DeterministicSingleParameterDistribution" or not of.children:
-        raise NotTaken(of, "this distribution is not taken")
+        raise NotTakenError(of, "this distribution is not taken")
     name, inner = scope.text(of, "parameterName").removeprefix("$"), of.children[0]
     if inner.tag == "DistributionSet":
         for one in inner.all("Element"):
@@ -78,12 +78,12 @@ def _choices(of: Element, scope: Scope) -> Iterator[Values]:
     elif inner.tag == "DistributionRange":
         limits, step = inner.child("Range"), scope.number(inner, "stepWidth")
         if limits is None or step <= 0.0:
-            raise NotTaken(inner, "expected a <Range> and a stepWidth above 0")
+            raise NotTakenError(inner, "expected a <Range> and a stepWidth above 0")
         low, high = scope.number(limits, "lowerLimit"), scope.number(limits, "upperLimit")
         count = math.floor((high - low) / step + 1e-9) + 1
         if not 1 <= count <= MAX_SETS:
-            raise NotTaken(inner, f"expected 1 to {MAX_SETS} values, got {count}")
+            raise NotTakenError(inner, f"expected 1 to {MAX_SETS} values, got {count}")
         for n in range(count):
             yield {name: f"{round(low + n * step, 9):g}"}
     else:
-        raise NotTaken(inner, "this distribution is not taken")
+        raise NotTakenError(inner, "this distribution is not taken")

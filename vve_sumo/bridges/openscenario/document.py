@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from vve_sumo.bridges.openscenario.parameters import NotTaken, Scope
+from vve_sumo.bridges.openscenario.parameters import NotTakenError, Scope
 from vve_sumo.bridges.openscenario.xml_tree import Element, read_xml
 from vve_sumo.errors import ConfigError
 
@@ -44,7 +44,7 @@ class Document:
             raise ConfigError(f"{file}: parameter {unknown!r} is not declared, expected {known}")
         try:
             self.scope = Scope().declared(declarations, given)
-        except NotTaken as error:
+        except NotTakenError as error:
             raise ConfigError(str(error)) from None
         self.numbers = _numbers(self.scope, names)
         self._catalogs: dict[str, list[Element]] | None = None
@@ -52,18 +52,18 @@ class Document:
     def resolved(self, holder: Element, scope: Scope, *tags: str) -> Entry:
         """Return the element with one of the names that a holder holds, or refers to in a catalog.
 
-        Raises NotTaken where it is neither there nor in a catalog.
+        Raises NotTakenError where it is neither there nor in a catalog.
         """
         direct = next((one for one in holder.children if one.tag in tags), None)
         if direct is not None:
             return Entry(direct, scope.declared(direct.child("ParameterDeclarations")))
         reference = holder.child("CatalogReference")
         if reference is None:
-            raise NotTaken(holder, f"expected {' or '.join(tags)} or a CatalogReference")
+            raise NotTakenError(holder, f"expected {' or '.join(tags)} or a CatalogReference")
         return self.entry(reference, scope, *tags)
 
     def entry(self, reference: Element, scope: Scope, *tags: str) -> Entry:
-        """Return the entry of a catalog that a CatalogReference names; raises NotTaken where there is none."""
+        """Return the entry of a catalog that a CatalogReference names; raises NotTakenError where there is none."""
         catalog, name = scope.text(reference, "catalogName"), scope.text(reference, "entryName")
         for one in self._known(reference).get(catalog, []):
             if one.tag in tags and one.attributes.get("name") == name:
@@ -73,7 +73,7 @@ class Document:
                     for pair in ([] if assigned is None else assigned.children)
                 }
                 return Entry(one, scope.declared(one.child("ParameterDeclarations"), given))
-        raise NotTaken(reference, f"no entry {name!r} in a catalog {catalog!r}")
+        raise NotTakenError(reference, f"no entry {name!r} in a catalog {catalog!r}")
 
     def _known(self, reference: Element) -> dict[str, list[Element]]:
         if self._catalogs is None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from vve_sumo.bridges.openscenario.document import Document
-from vve_sumo.bridges.openscenario.parameters import NotTaken
+from vve_sumo.bridges.openscenario.parameters import NotTakenError
 from vve_sumo.bridges.openscenario.xml_tree import Element
 from vve_sumo.errors import ConfigError
 from vve_sumo.values import EGO
@@ -96,7 +96,7 @@ def _entity(document: Document, element: Element, name: str, own: str) -> Entity
         if of.tag == "Vehicle":
             category = scope.text(of, "vehicleCategory", "car")
             if category not in KINDS:
-                raise NotTaken(of, f"vehicleCategory: expected {', '.join(KINDS)}, got {category!r}")
+                raise NotTakenError(of, f"vehicleCategory: expected {', '.join(KINDS)}, got {category!r}")
             kind = KINDS[category]
         elif of.tag == "Pedestrian":
             height = 1.8 if size is None else scope.number(size, "height", 1.8)
@@ -104,5 +104,5 @@ def _entity(document: Document, element: Element, name: str, own: str) -> Entity
         length = 4.6 if size is None else scope.number(size, "length")
         width = 1.8 if size is None else scope.number(size, "width")
         return Entity(name, own, element, kind, length, width, 0.0 if centre is None else scope.number(centre, "x"))
-    except NotTaken as error:
+    except NotTakenError as error:
         raise ConfigError(str(error)) from None

@@ -15,7 +15,7 @@ from vve_sumo.bridges.openscenario.actions import Action, Stage, kind_of, longit
 from vve_sumo.bridges.openscenario.document import Document
 from vve_sumo.bridges.openscenario.entities import Entity, read_entities
 from vve_sumo.bridges.openscenario.lines import LineFiles, Track, reference, track_of, trajectory_track
-from vve_sumo.bridges.openscenario.parameters import NotTaken, Scope
+from vve_sumo.bridges.openscenario.parameters import NotTakenError, Scope
 from vve_sumo.bridges.openscenario.places import Line, Places, Points
 from vve_sumo.bridges.openscenario.road_map import Pose2, RoadMap
 from vve_sumo.bridges.openscenario.storyboard import Problems, Storyboard
@@ -56,7 +56,7 @@ def roads_of(document: Document) -> RoadMap:
         raise ConfigError(f"{document.root.where}: expected a RoadNetwork with a LogicFile")
     try:
         file = document.file.parent / document.scope.text(logic, "filepath")
-    except NotTaken as error:
+    except NotTakenError as error:
         raise ConfigError(str(error)) from None
     if not file.is_file():
         raise ConfigError(f"{logic.where}: {file} does not exist")
@@ -97,7 +97,7 @@ class _Reader:
         starts = dict(self._stage.tracks)
         if self._ego.name not in starts:
             why = "; ".join(["the ego has no place at the start", *self._problems.found[:1]])
-            self._refuse(NotTaken(self._ego.element, why))
+            self._refuse(NotTakenError(self._ego.element, why))
         ego_track = starts[self._ego.name]
         path = reference(ego_track.points)
 
@@ -105,7 +105,7 @@ class _Reader:
             there = self._stage.places.spot(position, scope).pose
             foot = path.project(there.x, there.y)
             if not -1.0 <= foot.s <= path.length + 1.0:
-                raise NotTaken(position, "a place behind or beyond the ego's path is not taken")
+                raise NotTakenError(position, "a place behind or beyond the ego's path is not taken")
             return round(foot.s, 4), round(foot.offset, 4) + 0.0
 
         self._stage.ego_place = place
@@ -126,17 +126,13 @@ class _Reader:
             self._document.numbers,
         )
 
-    def _refuse(self, error: NotTaken) -> None:
+    def _refuse(self, error: NotTakenError) -> None:
         raise ConfigError(str(error)) from None
 
     def _variables(self) -> dict[str, str]:
         holder = self._document.root.child("VariableDeclarations")
-        declared = (
-            {}
-            if holder is None
-            else {one.attributes.get("name", ""): self._document.scope.text(one, "value") for one in holder.children}
-        )
-        return declared
+        declared = [] if holder is None else holder.children
+        return {one.attributes.get("name", ""): self._document.scope.text(one, "value") for one in declared}
 
     def _init_actions(self) -> list[tuple[str, Element]]:
         """Return the private actions at the start with their entities' names, in the file's order."""
@@ -148,11 +144,11 @@ class _Reader:
                 continue
             name = self._document.scope.text(one, "entityRef")
             if name not in self._entities:
-                self._refuse(NotTaken(one, f"no entity {name!r}"))
+                self._refuse(NotTakenError(one, f"no entity {name!r}"))
             for action in one.all("PrivateAction"):
                 try:
                     found.append((name, kind_of(action)))
-                except NotTaken as error:
+                except NotTakenError as error:
                     self._problems.add(error)
         return found
 
@@ -160,14 +156,14 @@ class _Reader:
         holder = one.child("EnvironmentAction")
         try:
             if holder is None:
-                raise NotTaken(one.children[0] if one.children else one, "this action is not taken")
+                raise NotTakenError(one.children[0] if one.children else one, "this action is not taken")
             environment, scope = self._document.resolved(holder, self._document.scope, "Environment")
             road = environment.child("RoadCondition")
             if road is not None and (scale := scope.number(road, "frictionScaleFactor", 1.0)) != 1.0:
                 usual: float = Weather.model_fields["friction"].default
                 self._friction = round(scale * usual, 4)
             self._problems.note(f"{one.where}: sun, clouds, fog and rain change nothing here")
-        except NotTaken as error:
+        except NotTakenError as error:
             self._problems.add(error)
 
     def _place_all(self) -> None:
@@ -179,16 +175,16 @@ class _Reader:
                 try:
                     position = kind.child("Position")
                     if position is None:
-                        raise NotTaken(kind, "expected a <Position>")
+                        raise NotTakenError(kind, "expected a <Position>")
                     spot = self._stage.places.spot(position, self._document.scope)
-                except NotTaken as error:
+                except NotTakenError as error:
                     left.append((name, kind, error))
                     continue
                 self._stage.places.entities[name] = spot
                 own = self._entities[name].id
                 try:
                     self._stage.tracks[name] = track_of(self._roads, self._stage.files, own, spot, kind)
-                except NotTaken as error:
+                except NotTakenError as error:
                     self._problems.add(error)
             if len(left) == len(waiting):
                 for _name, _kind, error in left:
@@ -206,7 +202,7 @@ class _Reader:
             holder = kind.child("TrajectoryRef") or kind
             line: Line = self._stage.places.trajectory(holder, scope)
             if not line.anchored and name not in self._stage.places.entities:
-                raise NotTaken(holder, "the trajectory does not say where it begins, nor is the entity placed")
+                raise NotTakenError(holder, "the trajectory does not say where it begins, nor is the entity placed")
             if kind.child("TimeReference", "Timing") is not None or not line.anchored:
                 return  # an action of its story says the rest
             begin = scope.number(kind, "initialDistanceOffset", 0.0)
@@ -214,7 +210,7 @@ class _Reader:
             at = reference(track.points).at(begin)
             self._stage.tracks[name] = track
             self._stage.places.entities[name] = self._stage.places.at(Pose2(at.x, at.y, at.heading))
-        except NotTaken as error:
+        except NotTakenError as error:
             self._problems.add(error)
 
     def _start_all(self) -> None:
@@ -226,25 +222,28 @@ class _Reader:
             try:
                 if kind.tag == "SpeedAction" and self._speed_at_start(name, kind):
                     continue
-                if kind.tag == "FollowTrajectoryAction" and self._stage.tracks[name].road is None:
-                    if kind.child("TimeReference", "Timing") is None:
-                        continue
+                if kind.tag == "FollowTrajectoryAction" and self._begins_on_it(name, kind):
+                    continue
                 if name == self._ego.name:
                     self._of_ego(kind)
                     continue
                 action = read_action(kind, scope, name, self._stage)
-            except NotTaken as error:
+            except NotTakenError as error:
                 self._problems.add(error)
                 continue
             if action is not None:
                 own = self._first.setdefault(name, [])
                 own.append({"name": f"start_{len(own) + 1}"} | action)
 
+    def _begins_on_it(self, name: str, kind: Element) -> bool:
+        """Whether an entity's line is the trajectory that it follows from the start on."""
+        return self._stage.tracks[name].road is None and kind.child("TimeReference", "Timing") is None
+
     def _of_ego(self, kind: Element) -> None:
         if longitudinal(kind):
             self._problems.note(f"{kind.where}: the ego's controller drives in place of it")
         elif read_action(kind, self._document.scope, self._ego.name, self._stage) is not None:
-            raise NotTaken(kind, "the ego's path is the one that it begins on")
+            raise NotTakenError(kind, "the ego's path is the one that it begins on")
 
     def _speed_at_start(self, name: str, kind: Element) -> bool:
         """Take the speed that an entity begins with; whether the action says no more than that."""
@@ -292,7 +291,9 @@ class _Reader:
         speed = initial if initial >= SLOWEST else self._greatest_speed()
         if not SLOWEST <= speed <= FASTEST:
             self._refuse(
-                NotTaken(self._ego.element, f"the ego's speed: expected {SLOWEST:g} to {FASTEST:g} m/s, got {speed:g}")
+                NotTakenError(
+                    self._ego.element, f"the ego's speed: expected {SLOWEST:g} to {FASTEST:g} m/s, got {speed:g}"
+                )
             )
         self._problems.note(
             "the ego is the car of the scenario here; where it begins, its rear axle is at the file's place"

@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Final
 
-from vve_sumo.bridges.openscenario.parameters import NotTaken
+from vve_sumo.bridges.openscenario.parameters import NotTakenError
 from vve_sumo.bridges.openscenario.places import Line, Points, Spot
 from vve_sumo.bridges.openscenario.road_map import RoadMap
 from vve_sumo.bridges.openscenario.xml_tree import Element
@@ -94,10 +94,10 @@ def lane_track(
     if road.middle(lane, begin) is None or road.section(begin) is not road.section(s):
         begin = road.section(s).start if sense > 0 else s
     if road.middle(lane, s) is None:
-        raise NotTaken(element, f"no lane {lane} on road {road_name} at s {s:.2f}")
+        raise NotTakenError(element, f"no lane {lane} on road {road_name} at s {s:.2f}")
     points = roads.lane_line(road_name, lane, begin, sense, LONGEST)
     if len(points) < 2:
-        raise NotTaken(element, f"lane {lane} of road {road_name} leads nowhere from s {s:.2f} on")
+        raise NotTakenError(element, f"lane {lane} of road {road_name} leads nowhere from s {s:.2f} on")
     path = reference(points)
     here = road.at(s, t)
     foot = path.project(here.x, here.y, abs(s - begin))

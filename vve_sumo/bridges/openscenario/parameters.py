@@ -50,7 +50,7 @@ _CONSTANTS: Final = {"pi": math.pi, "e": math.e, "true": True, "false": False}
 _BOOLEANS: Final = {"true": True, "1": True, "false": False, "0": False}
 
 
-class NotTaken(Exception):
+class NotTakenError(Exception):
     """What a scenario here cannot say: the element, and why."""
 
     def __init__(self, element: Element, reason: str) -> None:
@@ -73,10 +73,10 @@ class Scope:
         return inner
 
     def text(self, element: Element, name: str, default: str | None = None) -> str:
-        """Return an attribute's value; raises NotTaken where it is missing or its expression is none."""
+        """Return an attribute's value; raises NotTakenError where it is missing or its expression is none."""
         raw = element.attributes.get(name, default)
         if raw is None:
-            raise NotTaken(element, f"expected an attribute {name}")
+            raise NotTakenError(element, f"expected an attribute {name}")
         if not raw.startswith("$"):
             return raw
         if raw.startswith("${"):
@@ -84,46 +84,46 @@ class Scope:
             return str(value).lower() if isinstance(value, bool) else repr(float(value))
         key = raw[1:]
         if key not in self.values:
-            raise NotTaken(element, f"{name}: no parameter {raw} is declared")
+            raise NotTakenError(element, f"{name}: no parameter {raw} is declared")
         return self.values[key]
 
     def number(self, element: Element, name: str, default: float | None = None) -> float:
-        """Return an attribute's number; raises NotTaken for what is none, infinity and NaN included."""
+        """Return an attribute's number; raises NotTakenError for what is none, infinity and NaN included."""
         text = self.text(element, name, None if default is None else repr(default))
         try:
             value = float(text)
         except ValueError:
             value = math.nan
         if not math.isfinite(value):
-            raise NotTaken(element, f"{name}: expected a number, got {text[:80]!r}")
+            raise NotTakenError(element, f"{name}: expected a number, got {text[:80]!r}")
         return value
 
     def whole(self, element: Element, name: str, default: int | None = None) -> int:
         """Return an attribute's whole number."""
         value = self.number(element, name, None if default is None else float(default))
         if value != round(value):
-            raise NotTaken(element, f"{name}: expected a whole number, got {value:g}")
+            raise NotTakenError(element, f"{name}: expected a whole number, got {value:g}")
         return round(value)
 
     def flag(self, element: Element, name: str, default: bool) -> bool:
         """Return an attribute's boolean."""
         text = self.text(element, name, str(default).lower())
         if text not in _BOOLEANS:
-            raise NotTaken(element, f"{name}: expected true or false, got {text[:80]!r}")
+            raise NotTakenError(element, f"{name}: expected true or false, got {text[:80]!r}")
         return _BOOLEANS[text]
 
     def _evaluated(self, element: Element, name: str, raw: str) -> float | bool:
         inner = raw[2:-1] if raw.endswith("}") else ""
         missing = next((key for key in _NAME.findall(inner) if key not in self.values), None)
         if missing is not None:
-            raise NotTaken(element, f"{name}: no parameter ${missing} is declared")
+            raise NotTakenError(element, f"{name}: no parameter ${missing} is declared")
         try:
             if not inner or len(inner) > MAX_LENGTH:
                 raise ValueError
             python = _NAME.sub(lambda found: f"({self.values[found[1]]})", inner)
             value = _value(ast.parse(python.strip(), mode="eval").body)
         except (SyntaxError, ValueError, TypeError, ArithmeticError, RecursionError, MemoryError):
-            raise NotTaken(element, f"{name}: expected an expression, got {raw[:80]!r}") from None
+            raise NotTakenError(element, f"{name}: expected an expression, got {raw[:80]!r}") from None
         return value
 
 

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 from vve_sumo.bridges.openscenario.document import Document
-from vve_sumo.bridges.openscenario.parameters import NotTaken, Scope
+from vve_sumo.bridges.openscenario.parameters import NotTakenError, Scope
 from vve_sumo.bridges.openscenario.road_map import Pose2, Road, RoadMap, RoadPlace, advanced
 from vve_sumo.bridges.openscenario.xml_tree import Element
 
@@ -44,9 +45,9 @@ class Places:
         self.entities: dict[str, Spot] = {}  #: where each entity is at the start
 
     def spot(self, position: Element, scope: Scope) -> Spot:
-        """Return the place of a <Position>; raises NotTaken for a kind that is not known and for no place."""
+        """Return the place of a <Position>; raises NotTakenError for a kind that is not known and for no place."""
         if not position.children:
-            raise NotTaken(position, "expected a position in it")
+            raise NotTakenError(position, "expected a position in it")
         of = position.children[0]
         reader = {
             "WorldPosition": self._world,
@@ -59,7 +60,7 @@ class Places:
             "TrajectoryPosition": self._trajectory,
         }.get(of.tag)
         if reader is None:
-            raise NotTaken(of, "this kind of position is not taken")
+            raise NotTakenError(of, "this kind of position is not taken")
         return reader(of, scope)
 
     def _world(self, of: Element, scope: Scope) -> Spot:
@@ -74,10 +75,10 @@ class Places:
 
     def _known(self, of: Element, road: str, s: float) -> Road:
         if road not in self.roads.roads:
-            raise NotTaken(of, f"no road {road!r} in {self.roads.file.name}")
+            raise NotTakenError(of, f"no road {road!r} in {self.roads.file.name}")
         found = self.roads.roads[road]
         if not -1e-6 <= s <= found.length + 1e-6:
-            raise NotTaken(of, f"s {s:.2f} lies off road {road}, which is {found.length:.2f} m long")
+            raise NotTakenError(of, f"s {s:.2f} lies off road {road}, which is {found.length:.2f} m long")
         return found
 
     def _lane(self, of: Element, scope: Scope) -> Spot:
@@ -86,14 +87,14 @@ class Places:
         try:
             lane = round(float(text))
         except ValueError:
-            raise NotTaken(of, f"laneId: expected a lane's number, got {text[:80]!r}") from None
+            raise NotTakenError(of, f"laneId: expected a lane's number, got {text[:80]!r}") from None
         return self.in_lane(of, self._known(of, road, s), lane, s, offset, scope)
 
     def in_lane(self, of: Element, road: Road, lane: int, s: float, offset: float, scope: Scope) -> Spot:
         """Return a place beside a lane's middle, which faces as the lane's traffic drives."""
         t = road.middle(lane, s)
         if t is None:
-            raise NotTaken(of, f"no lane {lane} on road {road.name} at s {s:.2f}")
+            raise NotTakenError(of, f"no lane {lane} on road {road.name} at s {s:.2f}")
         pose = road.at(s, t + offset)
         base = pose.heading + (math.pi if lane > 0 else 0.0)
         return Spot(pose._replace(heading=_heading(of, base, scope)), RoadPlace(road.name, s, t + offset), lane)
@@ -110,7 +111,7 @@ class Places:
     def _reference(self, of: Element, scope: Scope) -> Spot:
         name = scope.text(of, "entityRef")
         if name not in self.entities:
-            raise NotTaken(of, f"the entity {name!r} has no place of its own yet")
+            raise NotTakenError(of, f"the entity {name!r} has no place of its own yet")
         return self.entities[name]
 
     def _relative_world(self, of: Element, scope: Scope) -> Spot:
@@ -127,14 +128,14 @@ class Places:
     def _relative_road(self, of: Element, scope: Scope) -> Spot:
         on = self._reference(of, scope).on
         if on is None:
-            raise NotTaken(of, "the other entity is on no road")
+            raise NotTakenError(of, "the other entity is on no road")
         s, t = on.s + scope.number(of, "ds"), on.t + scope.number(of, "dt")
         return self._on_road(of, self._known(of, on.road, s), s, t, scope)
 
     def _relative_lane(self, of: Element, scope: Scope) -> Spot:
         there = self._reference(of, scope)
         if there.on is None or there.lane is None:
-            raise NotTaken(of, "the other entity is in no lane")
+            raise NotTakenError(of, "the other entity is in no lane")
         along = "ds" if "ds" in of.attributes else "dsLane"
         # Both count along the road's reference line; so do the lanes, without the centre.
         s = there.on.s + scope.number(of, along)
@@ -158,11 +159,11 @@ class Places:
         """Return the trajectory that an element holds or refers to in a catalog."""
         element, inner = self._document.resolved(holder, scope, "Trajectory")
         if inner.flag(element, "closed", False):
-            raise NotTaken(element, "a closed trajectory is not taken")
+            raise NotTakenError(element, "a closed trajectory is not taken")
         shape = element.child("Shape")
         of = None if shape is None or not shape.children else shape.children[0]
         if of is None:
-            raise NotTaken(element, "expected a <Shape>")
+            raise NotTakenError(element, "expected a <Shape>")
         if of.tag == "Polyline":
             return self._polyline(of, inner)
         if of.tag == "Clothoid":
@@ -171,18 +172,18 @@ class Places:
             return self._spline(of, inner)
         if of.tag == "Nurbs":
             return self._nurbs(of, inner)
-        raise NotTaken(of, "this shape of a trajectory is not taken")
+        raise NotTakenError(of, "this shape of a trajectory is not taken")
 
     def _polyline(self, of: Element, scope: Scope) -> Line:
         vertices = of.all("Vertex")
         spots = [self.spot(_position(one), scope).pose for one in vertices]
         if len(spots) < 2:
-            raise NotTaken(of, "expected two vertices or more")
+            raise NotTakenError(of, "expected two vertices or more")
         timed = all("time" in one.attributes for one in vertices)
         times = tuple(scope.number(one, "time") for one in vertices) if timed else None
         points: Points = [(spots[0].x, spots[0].y)]
         stations = [0.0]
-        for start, end in zip(spots, spots[1:], strict=False):
+        for start, end in pairwise(spots):
             way = math.dist(start[:2], end[:2])
             count = max(1, math.ceil(way / SPACING)) if way > 0.0 else 0
             points += [
@@ -197,17 +198,17 @@ class Places:
         rate = "curvaturePrime" if "curvaturePrime" in of.attributes else "curvatureDot"
         parts = [(scope.number(of, "curvature"), scope.number(of, rate), scope.number(of, "length"))]
         if "stopTime" in of.attributes:
-            raise NotTaken(of, "startTime and stopTime are not taken")
+            raise NotTakenError(of, "startTime and stopTime are not taken")
         return _clothoids(start, parts, True)
 
     def _spline(self, of: Element, scope: Scope) -> Line:
         if "timeEnd" in of.attributes:
-            raise NotTaken(of, "timeEnd is not taken")
+            raise NotTakenError(of, "timeEnd is not taken")
         start, parts, anchored = Pose2(0.0, 0.0, 0.0), [], False
         for number, one in enumerate(of.all("ClothoidSplineSegment")):
             placed = one.child("PositionStart")
             if "timeStart" in one.attributes or (placed is not None and number):
-                raise NotTaken(one, "timeStart, and PositionStart of a later segment, are not taken")
+                raise NotTakenError(one, "timeStart, and PositionStart of a later segment, are not taken")
             if placed is not None:
                 start, anchored = self.spot(placed, scope).pose, True
                 if one.attributes.get("hOffset"):
@@ -225,10 +226,10 @@ class Places:
         places = [self.spot(_position(one), scope).pose for one in controls]
         weights = [scope.number(one, "weight", 1.0) for one in controls]
         if any("time" in one.attributes for one in controls):
-            raise NotTaken(of, "times of control points are not taken")
+            raise NotTakenError(of, "times of control points are not taken")
         if not 2 <= order <= len(places) or len(knots) != len(places) + order:
-            raise NotTaken(of, f"expected {len(places) + order} knots for {len(places)} points of order {order}")
-        rough = sum(math.dist(one[:2], other[:2]) for one, other in zip(places, places[1:], strict=False))
+            raise NotTakenError(of, f"expected {len(places) + order} knots for {len(places)} points of order {order}")
+        rough = sum(math.dist(one[:2], other[:2]) for one, other in pairwise(places))
         count = max(8, math.ceil(rough / SPACING))
         low, high = knots[order - 1], knots[len(places)]
         points = [_of_nurbs(order, knots, places, weights, low + (high - low) * n / count) for n in range(count + 1)]
@@ -274,7 +275,7 @@ def neighbour(lane: int, by: int) -> int:
 def _position(holder: Element) -> Element:
     found = holder.child("Position")
     if found is None:
-        raise NotTaken(holder, "expected a <Position>")
+        raise NotTakenError(holder, "expected a <Position>")
     return found
 
 
@@ -288,12 +289,12 @@ def _heading(of: Element, base: float, scope: Scope) -> float:
 
 
 def _length(points: Points) -> float:
-    return sum(math.dist(one, other) for one, other in zip(points, points[1:], strict=False))
+    return sum(math.dist(one, other) for one, other in pairwise(points))
 
 
 def _along(points: Points, way: float) -> Pose2:
     """Return the place so far along a line of points; beyond its end straight on."""
-    for start, end in zip(points, points[1:], strict=False):
+    for start, end in pairwise(points):
         part = math.dist(start, end)
         if way <= part or end is points[-1]:
             heading = math.atan2(end[1] - start[1], end[0] - start[0])

@@ -12,7 +12,7 @@ from typing import Any, Final
 from vve_sumo.bridges.openscenario.actions import Action, Stage, kind_of, longitudinal, read_action
 from vve_sumo.bridges.openscenario.document import Document
 from vve_sumo.bridges.openscenario.entities import slug
-from vve_sumo.bridges.openscenario.parameters import NotTaken, Scope
+from vve_sumo.bridges.openscenario.parameters import NotTakenError, Scope
 from vve_sumo.bridges.openscenario.triggers import Context, ElementState, Groups, compiled
 from vve_sumo.bridges.openscenario.xml_tree import Element
 from vve_sumo.values import EGO
@@ -51,7 +51,7 @@ class Problems:
         self.found: list[str] = []
         self.notes: list[str] = []  #: what is taken otherwise than it stands there
 
-    def add(self, error: NotTaken) -> None:
+    def add(self, error: NotTakenError) -> None:
         """Take down one thing that is not taken."""
         if (text := str(error)) not in self.found:
             self.found.append(text)
@@ -93,7 +93,7 @@ class Storyboard:
                     group_state = self._state("maneuverGroup", group)
                     try:
                         found = list(self._maneuvers(group, in_story))
-                    except NotTaken as error:
+                    except NotTakenError as error:
                         self._problems.add(error)
                         for one in (group_state, act_state, whole):
                             one.unknown = str(error)
@@ -113,7 +113,7 @@ class Storyboard:
 
     def _maneuvers(self, group: Element, scope: Scope) -> Iterator[tuple[Element, Scope]]:
         if scope.whole(group, "maximumExecutionCount", 1) != 1:
-            raise NotTaken(group, "maximumExecutionCount: expected 1")
+            raise NotTakenError(group, "maximumExecutionCount: expected 1")
         for one in group.children:
             if one.tag == "CatalogReference":
                 yield self._document.entry(one, scope, "Maneuver")
@@ -126,9 +126,9 @@ class Storyboard:
             return []
         try:
             if scope.flag(actors, "selectTriggeringEntities", False):
-                raise NotTaken(actors, "selectTriggeringEntities: expected false")
+                raise NotTakenError(actors, "selectTriggeringEntities: expected false")
             return [scope.text(one, "entityRef") for one in actors.all("EntityRef")]
-        except NotTaken as error:
+        except NotTakenError as error:
             self._problems.add(error)
             return []
 
@@ -155,7 +155,7 @@ class Storyboard:
         if id(event.act) not in self._acts:
             stop = event.act.child("StopTrigger")
             if stop is not None and stop.children:
-                raise NotTaken(stop, "an act that is stopped is not taken")
+                raise NotTakenError(stop, "an act that is stopped is not taken")
             self._acts[id(event.act)] = compiled(event.act.child("StartTrigger"), event.act_scope, self._context)
             event.states[-2].start = self._acts[id(event.act)]
         return self._acts[id(event.act)]
@@ -178,23 +178,23 @@ class Storyboard:
                 key = event.scope.text(kind, name).removeprefix("$")
                 setter = kind.child("SetAction")
                 if setter is None:
-                    raise NotTaken(kind, "expected a SetAction")
+                    raise NotTakenError(kind, "expected a SetAction")
                 self._context.variables.setdefault(key, []).append((event.scope.text(setter, "value"), groups))
             if groups is not None:
                 for state in event.states:
                     state.markers.append(groups)
-        except NotTaken as error:
+        except NotTakenError as error:
             self._leave_out(event, error)
 
     def _event(self, event: Event) -> None:
         try:
             if event.scope.whole(event.element, "maximumExecutionCount", 1) != 1:
-                raise NotTaken(event.element, "maximumExecutionCount: expected 1")
+                raise NotTakenError(event.element, "maximumExecutionCount: expected 1")
             self._read_event(event)
-        except NotTaken as error:
+        except NotTakenError as error:
             self._leave_out(event, error)
 
-    def _leave_out(self, event: Event, error: NotTaken) -> None:
+    def _leave_out(self, event: Event, error: NotTakenError) -> None:
         self._problems.add(error)
         self._forget(event, f"{event.element.where} {event.name!r} is not taken")
 
@@ -234,7 +234,7 @@ class Storyboard:
     def _of_ego(self, event: Event, kind: Element) -> None:
         """Take down that the controller drives in place of an action of the ego; refuse what leads it elsewhere."""
         if not longitudinal(kind):
-            raise NotTaken(
+            raise NotTakenError(
                 kind, "the ego's path is the one that it begins on: an action that leads it off is not taken"
             )
         why = f"{event.element.where} {event.name!r}: the ego's controller drives in place of its {kind.tag}"
@@ -244,7 +244,7 @@ class Storyboard:
     def _ended_by(self, event: Event) -> list[str]:
         priority = event.scope.text(event.element, "priority", "parallel")
         if priority in ("skip",):
-            raise NotTaken(event.element, f"priority: {priority!r} is not taken")
+            raise NotTakenError(event.element, f"priority: {priority!r} is not taken")
         if priority not in OVERRIDING:
             return []
         others = [one for one in self._events if one.maneuver == event.maneuver and one is not event]
@@ -256,13 +256,13 @@ class Storyboard:
         if inner.tag == "EntityAction" and delete is not None:
             name = event.scope.text(inner, "entityRef")
             if self._stage.id(inner, name) == EGO:
-                raise NotTaken(inner, "the ego stays until the drive is over")
+                raise NotTakenError(inner, "the ego stays until the drive is over")
             armed, when = self._triggers(event)
             if armed is not None and when is not None:
                 story = self.stories[name]
                 story.append({"name": f"leaves_{len(story)}"} | _when(armed, when, []) | {"leaves": True})
             return
-        raise NotTaken(inner, "this global action is not taken")
+        raise NotTakenError(inner, "this global action is not taken")
 
     def _stop(self) -> Groups:
         board = self._document.root.child("Storyboard")
@@ -273,9 +273,9 @@ class Storyboard:
             try:
                 found = compiled(alone, self._document.scope, self._context)
                 if found == []:
-                    raise NotTaken(one, "it ends the drive as it begins")
+                    raise NotTakenError(one, "it ends the drive as it begins")
                 groups += found or []
-            except NotTaken as error:
+            except NotTakenError as error:
                 self._problems.add(error)
         return groups
 
@@ -286,7 +286,7 @@ def _not_before(event: Event, armed: Groups, when: Groups) -> Groups:
         return armed or when
     times = [group[0].get("time_s") for group in armed if len(group) == 1 and group[0].get("rule", ">") in (">", ">=")]
     if len(times) != len(armed) or None in times or any("delay_s" in group[0] for group in armed):
-        raise NotTaken(event.element, "an event of variables in an act that other than a time starts is not taken")
+        raise NotTakenError(event.element, "an event of variables in an act that other than a time starts is not taken")
     first = min(time for time in times if time is not None)
     return [[condition | {"from_s": first} for condition in group] for group in when]
 

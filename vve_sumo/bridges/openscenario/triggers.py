@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from vve_sumo.bridges.openscenario.parameters import NotTaken, Scope
+from vve_sumo.bridges.openscenario.parameters import NotTakenError, Scope
 from vve_sumo.bridges.openscenario.xml_tree import Element
 
 Condition = dict[str, Any]
@@ -58,7 +58,7 @@ class Context:
 
 
 def compiled(trigger: Element | None, scope: Scope, context: Context) -> Groups | None:
-    """Return a trigger's groups; [] fires at once, None never. Raises NotTaken for what no story can say."""
+    """Return a trigger's groups; [] fires at once, None never. Raises NotTakenError for what no story can say."""
     groups: Groups = []
     stated = [] if trigger is None else trigger.all("ConditionGroup")
     if not stated:
@@ -73,7 +73,7 @@ def compiled(trigger: Element | None, scope: Scope, context: Context) -> Groups 
             return []
         groups += alternatives
         if len(groups) > MAX_GROUPS:
-            raise NotTaken(one, f"more than {MAX_GROUPS} combinations of conditions")
+            raise NotTakenError(one, f"more than {MAX_GROUPS} combinations of conditions")
     return groups or None
 
 
@@ -88,12 +88,12 @@ def _both(first: Groups | None, second: Groups | None) -> Groups | None:
 def _condition(element: Element, scope: Scope, context: Context) -> Groups | None:
     edge, delay = scope.text(element, "conditionEdge", "none"), scope.number(element, "delay", 0.0)
     if edge not in EDGES:
-        raise NotTaken(element, f"conditionEdge: expected {', '.join(EDGES)}, got {edge!r}")
+        raise NotTakenError(element, f"conditionEdge: expected {', '.join(EDGES)}, got {edge!r}")
     of_value, of_entity = element.child("ByValueCondition"), element.child("ByEntityCondition")
     if of_value is not None and of_value.children:
         return _by_value(of_value.children[0], scope, context, EDGES[edge], delay)
     if of_entity is None:
-        raise NotTaken(element, "expected a ByValueCondition or a ByEntityCondition")
+        raise NotTakenError(element, "expected a ByValueCondition or a ByEntityCondition")
     return _by_entity(of_entity, scope, context, {"edge": EDGES[edge], "delay_s": delay})
 
 
@@ -106,7 +106,7 @@ def _short(condition: Condition) -> Condition:
 def _rule(element: Element, scope: Scope) -> str:
     rule = scope.text(element, "rule")
     if rule not in RULES:
-        raise NotTaken(element, f"rule: expected {', '.join(RULES)}, got {rule!r}")
+        raise NotTakenError(element, f"rule: expected {', '.join(RULES)}, got {rule!r}")
     return RULES[rule]
 
 
@@ -119,13 +119,13 @@ def _by_value(of: Element, scope: Scope, context: Context, edge: str, delay: flo
     if of.tag == "ParameterCondition":
         name = scope.text(of, "parameterRef").removeprefix("$")
         if name not in scope.values:
-            raise NotTaken(of, f"no parameter {name!r} is declared")
+            raise NotTakenError(of, f"no parameter {name!r} is declared")
         return [] if _holds(scope.values[name], _rule(of, scope), scope.text(of, "value")) else None
     if of.tag == "VariableCondition":
         return _variable(of, scope, context, delay)
     if of.tag == "StoryboardElementStateCondition":
         return _state(of, scope, context, edge, delay)
-    raise NotTaken(of, "this condition is not taken")
+    raise NotTakenError(of, "this condition is not taken")
 
 
 def _holds(value: str, rule: str, wanted: str) -> bool:
@@ -142,10 +142,10 @@ def _holds(value: str, rule: str, wanted: str) -> bool:
 def _variable(of: Element, scope: Scope, context: Context, delay: float) -> Groups | None:
     name, rule, wanted = scope.text(of, "variableRef"), _rule(of, scope), scope.text(of, "value")
     if name not in context.initial:
-        raise NotTaken(of, f"no variable {name!r} is declared")
+        raise NotTakenError(of, f"no variable {name!r} is declared")
     if _holds(context.initial[name], rule, wanted):
         if any(not _holds(value, rule, wanted) for value, _ in context.variables.get(name, [])):
-            raise NotTaken(of, f"the variable {name!r} ceases to meet it")
+            raise NotTakenError(of, f"the variable {name!r} ceases to meet it")
         return []
     groups: Groups = []
     for value, trigger in context.variables.get(name, []):
@@ -157,7 +157,7 @@ def _variable(of: Element, scope: Scope, context: Context, delay: float) -> Grou
 def latched(of: Element, trigger: Groups, delay: float = 0.0) -> Groups:
     """Return a trigger that holds for good once another has fired, so much later [s]."""
     if any(len(group) > 1 for group in trigger):
-        raise NotTaken(of, "it depends on an event that several conditions start together")
+        raise NotTakenError(of, "it depends on an event that several conditions start together")
     return [
         [condition | {"latched": True} | ({"delay_s": condition.get("delay_s", 0.0) + delay} if delay else {})]
         for group in trigger
@@ -171,7 +171,7 @@ def _state(of: Element, scope: Scope, context: Context, edge: str, delay: float)
     known = context.elements.get((kind, name))
     if known is None or state not in STATES:
         what = f"no {kind} {name!r} in the storyboard" if known is None else f"the state {state!r} is not taken"
-        raise NotTaken(of, what)
+        raise NotTakenError(of, what)
     if known.start is None:
         return None
     wanted = STATES[state]
@@ -179,10 +179,10 @@ def _state(of: Element, scope: Scope, context: Context, edge: str, delay: float)
         if known.actions and kind in ("event", "action"):
             return [[_short({"actions": known.actions, "state": wanted, "edge": edge, "delay_s": delay})]]
         if wanted == "running":
-            raise NotTaken(of, f"the state {state!r} of this {kind} is not taken")
+            raise NotTakenError(of, f"the state {state!r} of this {kind} is not taken")
         return latched(of, known.start, delay)
     if known.unknown:
-        raise NotTaken(of, known.unknown)
+        raise NotTakenError(of, known.unknown)
     groups: Groups = [[]]
     if known.actions:
         condition = _short({"actions": known.actions, "edge": edge, "delay_s": delay})
@@ -196,18 +196,18 @@ def _state(of: Element, scope: Scope, context: Context, edge: str, delay: float)
 def _by_entity(of: Element, scope: Scope, context: Context, when: Condition) -> Groups:
     who, inner = of.child("TriggeringEntities"), of.child("EntityCondition")
     if who is None or inner is None or not inner.children:
-        raise NotTaken(of, "expected TriggeringEntities and an EntityCondition")
+        raise NotTakenError(of, "expected TriggeringEntities and an EntityCondition")
     asked = _asked(inner.children[0], scope, context)
     names = [scope.text(one, "entityRef") for one in who.all("EntityRef")]
     conditions = [_short({"of": _id(who, name, context), **asked, **when}) for name in names]
     if not conditions:
-        raise NotTaken(who, "expected an EntityRef")
+        raise NotTakenError(who, "expected an EntityRef")
     return [conditions] if scope.text(who, "triggeringEntitiesRule") == "all" else [[one] for one in conditions]
 
 
 def _id(element: Element, name: str, context: Context) -> str:
     if name not in context.ids:
-        raise NotTaken(element, f"no entity {name!r}")
+        raise NotTakenError(element, f"no entity {name!r}")
     return context.ids[name]
 
 
@@ -218,7 +218,7 @@ def _to(of: Element, scope: Scope, context: Context) -> Condition:
 def _at(of: Element, scope: Scope, context: Context) -> Condition:
     position = of.child("Position")
     if position is None:
-        raise NotTaken(of, "expected a <Position>")
+        raise NotTakenError(of, "expected a <Position>")
     at, offset = context.place(position, scope)
     return {"at_m": at, "offset_m": offset}
 
@@ -226,7 +226,7 @@ def _at(of: Element, scope: Scope, context: Context) -> Condition:
 def _asked(of: Element, scope: Scope, context: Context) -> Condition:
     """Return what a condition on an entity asks for."""
     if of.tag in ("SpeedCondition", "AccelerationCondition", "RelativeSpeedCondition") and "direction" in of.attributes:
-        raise NotTaken(of, "direction is not taken")
+        raise NotTakenError(of, "direction is not taken")
     if of.tag == "EndOfRoadCondition":
         return {"end_of_road_s": scope.number(of, "duration")}
     if of.tag == "StandStillCondition":
@@ -234,7 +234,7 @@ def _asked(of: Element, scope: Scope, context: Context) -> Condition:
     if of.tag == "CollisionCondition":
         other = of.child("EntityRef")
         if other is None:
-            raise NotTaken(of, "expected an EntityRef")
+            raise NotTakenError(of, "expected an EntityRef")
         return {"to": _id(of, scope.text(other, "entityRef"), context), "touches": True}
     if of.tag == "SpeedCondition":
         return {"speed_mps": scope.number(of, "value"), "rule": _rule(of, scope)}
@@ -260,7 +260,7 @@ def _of_distance(of: Element, scope: Scope, context: Context) -> Condition:
         other = target.child("EntityRef")
         condition = _at(target, scope, context) if other is None else _to(other, scope, context)
     else:
-        raise NotTaken(of, "this condition is not taken")
+        raise NotTakenError(of, "this condition is not taken")
     keys = {"TimeHeadwayCondition": "headway_s", "TimeToCollisionCondition": "ttc_s"}
     return condition | {
         keys.get(of.tag, "distance_m"): scope.number(of, "value"),
@@ -279,7 +279,7 @@ def _axis(of: Element, scope: Scope) -> str:
     if system not in ("entity", "lane", "road", "trajectory") or kind not in (
         *("longitudinal", "lateral", "euclidianDistance", "cartesianDistance"),
     ):
-        raise NotTaken(of, f"a distance {kind!r} in the coordinates {system!r} is not taken")
+        raise NotTakenError(of, f"a distance {kind!r} in the coordinates {system!r} is not taken")
     if kind in ("euclidianDistance", "cartesianDistance"):
         return "straight"
     axis = "heading" if system == "entity" else "path"

@@ -109,7 +109,7 @@ def _network(roads: RoadMap, out: Path, origin: tuple[float, float] | None) -> _
 
 
 def _shared(one: Imported, lines: dict[str, Points]) -> dict[str, Any]:
-    """Return a scenario's table, its lines taken into those of all scenarios of the file; the same line has one name."""
+    """Return a scenario's table, its lines taken into those of all scenarios; the same line has one name."""
     names: dict[str, str] = {}
     for name in _paths(one.table):
         wanted, number = name, 1
