@@ -88,6 +88,9 @@ def quartic_speeds(begins: float, ends: float, time: float, places: Sequence[flo
 class FrenetSampling:
     """Draws the ways and takes the cheapest within the limits."""
 
+    #: Its ways are far within the limits but for a few places, and a kept one is not laid anew.
+    setting_out_share = 1.0
+
     def plan(self, task: Task) -> LateralPlan | None:
         """Return the way, None where none that is drawn is within the limits."""
         best, least = _kept(task)

@@ -19,6 +19,8 @@ from .free_space import Room
 
 #: what a way may exceed its limits by, and come nearer to a body by [m], to be taken for one within them
 EXCESS, INTRUSION = 1.15, 0.1
+#: the same of a change of curvature from one node to the next, which lasts for a fraction of a second
+CHANGE_EXCESS: Final = 1.5
 SLOWEST: Final = 2.0  #: limits in time become limits in space at this speed at least [m/s]
 CURVATURE_SHARE: Final = 0.8  #: of the car's tightest curvature that a way may have
 TURNING_SHARE: Final = 0.8  #: of the rate at which the wheel can be turned that a way may take
@@ -36,6 +38,10 @@ class LateralLimits(NamedTuple):
     def of(cls, vehicle: Vehicle, acceleration: float, jerk: float) -> LateralLimits:
         """Return the limits of a car with a lateral acceleration [m/s2] and jerk [m/s3]."""
         return cls(acceleration, jerk, vehicle.tightest_curvature, vehicle.steering_rate_limit / vehicle.wheelbase)
+
+    def share(self, of: float) -> LateralLimits:
+        """Return the limits of which a way asks for a share only."""
+        return LateralLimits(of * self.acceleration, of * self.jerk, of * self.tightest, of * self.turning)
 
     def bend(self, speed: float) -> float:
         """Return the greatest curvature at a speed [1/m]."""
@@ -70,6 +76,9 @@ class LateralPlan(NamedTuple):
 class Planner(Protocol):
     """Whatever lays a way through the nodes."""
 
+    setting_out_share: float
+    """Of the limits, before the car has left its path. The rest is for what is seen better from nearer."""
+
     def plan(self, task: Task) -> LateralPlan | None:
         """Return the way, None where there is none within the limits."""
         ...
@@ -99,6 +108,6 @@ def within_limits(task: Task, plan: LateralPlan, room: Room) -> bool:
         v = plan.speeds[node]
         if abs(second[node] + task.curvature[node]) > EXCESS * max(limits.bend(v), abs(task.curvature[node])):
             return False
-        if node >= first and abs(second[node] - second[node - 1]) / spacing > EXCESS * limits.change(v):
+        if node >= first and abs(second[node] - second[node - 1]) / spacing > CHANGE_EXCESS * limits.change(v):
             return False
     return all(map(math.isfinite, d))

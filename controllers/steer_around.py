@@ -205,6 +205,7 @@ class SteerAround:
         """Return a way in comfort that is seen to be free; the car sets out on one once it was free for some turns."""
         limits = LateralLimits.of(self._vehicle, min(COMFORT_ACCELERATION, self._lateral), COMFORT_JERK)
         keeps = COMFORT if self._is_out(sight) else SETTING_OUT
+        limits = limits if self._is_out(sight) else limits.share(self._planner.setting_out_share)
         for cap in CAPS:
             if cap < sight.speeds[0]:
                 break

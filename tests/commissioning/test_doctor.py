@@ -20,11 +20,13 @@ from tests.conftest import REPOSITORY
 from tests.fixes import GOOD
 from tests.live.bench import LiveCar
 from tests.live.command_line import WATCHDOG, begun, outline, own_rig, vve_sumo
+from tests.pose import nmea_sentences
 from vve_sumo.bus import Bus
 from vve_sumo.commissioning import align, machine_checks, rig_checks
 from vve_sumo.commissioning.findings import Check, CheckReport, CheckResult
 from vve_sumo.live import assembly
 from vve_sumo.live.slcan import Adapter
+from vve_sumo.pose import nmea
 from vve_sumo.pose.ncom import Encoder
 from vve_sumo.rig import load as rigs
 from vve_sumo.values import Fix, FixQuality, Frame
@@ -267,6 +269,26 @@ def test_a_rate_below_what_the_rig_promises_is_no_go(tmp_path: Path) -> None:
 
 def documents(rig: Path, today: datetime.date = DAY) -> dict[str, Check]:
     return {check.name: check for check in rig_checks.documents(rigs.load(rig), today)}
+
+
+def test_the_messages_of_a_receiver_are_listed_and_what_is_missing_is_named() -> None:
+    """At 10 fixes a second, in the 3 s in which the doctor listens; HDT comes at 2 Hz, and nothing says the date."""
+    decoder = nmea_sentences.decoder()
+    census = decoder.census
+    for k in range(30):
+        names = ["GGA", "GST", *(["HDT"] if k % 5 == 0 else []), "VTG"]
+        for n, name in enumerate(names):
+            census.note(name, 0.1 * k + 0.005 * n)
+    check = rig_checks.message_check(decoder, 10.0)
+    assert check.finding is CheckResult.NO_GO
+    assert check.observed == "GGA 10/s, GST 10/s, VTG 10/s, HDT 2/s; in the order GGA GST VTG"
+    decoder.counts[nmea.Outcome.READ], decoder.counts[nmea.Outcome.INCOMPLETE] = 96, 24
+    assert rig_checks.message_check(decoder, 10.0).observed == f"{check.observed}; 24 incomplete"
+    assert check.advice == "HDT or THS or PASHR (heading) too seldom; no RMC or ZDA (date)"
+    for k in range(30):
+        census.note("THS", 10.0 + 0.1 * k)
+    census.note("ZDA", 10.0)
+    assert rig_checks.message_check(decoder, 10.0).finding is CheckResult.GO
 
 
 def test_the_papers_of_a_real_car(tmp_path: Path) -> None:

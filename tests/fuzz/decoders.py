@@ -1,12 +1,13 @@
 """Random bytes, and messages spoilt at random, against everything that decodes.
 
-A run is 1000 inputs to one decoder: NCOM, NMEA 0183 and OXTS CAN with the trust gate behind them, the drive-by-wire
-codec, and the link's setpoints, acts and feedback. Inputs are valid, cut short, run together, changed in some bytes,
-with something in between, or random from the first byte. Invariants, at every input:
+A run is 1000 inputs to one decoder: NCOM, NMEA 0183, OXTS CAN, UBX, SBF and NovAtel's logs with the trust gate behind
+them, the drive-by-wire codec, and the link's setpoints, acts and feedback. Inputs are valid, cut short, run together,
+changed in some bytes, with something in between, or random from the first byte. Invariants, at every input:
 
  1. No exception, whatever comes in.
- 2. A decoder of fixes holds less than one message of the bytes that it was fed (72 of NCOM, 256 of NMEA); every byte of
-    NCOM and every OXTS frame is counted once; an input takes less than a second of processor time on average.
+ 2. A decoder of fixes holds less than one message of the bytes that it was fed (72 of NCOM, 256 of NMEA, 4100 of UBX,
+    SBF and NovAtel's logs); every byte of NCOM and every OXTS frame is counted once; an input takes less than a second
+    of processor time on average.
  3. A fix has a finite time, position and time of arrival, latitude within 90 degrees, longitude within 360, heading
     within 180 or NaN; what is not known is NaN, nothing is infinite. Times increase strictly, but where the sender's
     clock was set back, which shows by more than half a minute.
@@ -32,7 +33,8 @@ from typing import Any, Final
 from tests.fixes import GOOD
 from tests.fuzz.invariant import Violation, hold
 from vve_sumo.messages import MalformedMessage
-from vve_sumo.pose import ncom, nmea, oxts_can
+from vve_sumo.pose import ncom, nmea, novatel, novatel_encoder, oxts_can, sbf, sbf_encoder, ubx, ubx_encoder
+from vve_sumo.pose.stream import MessageCutter
 from vve_sumo.pose.trust import DRIVE, TrustGate
 from vve_sumo.values import ArmingState, FallbackPath, Fix, FixQuality, Frame, GatewayStatus, Setpoint
 from vve_sumo.vehicle import link
@@ -58,6 +60,9 @@ MAY_BE_NAN: Final = {
     "wheel_angle", "command", "speed", "torque", "front_left", "front_right", "rear_left", "rear_right", "longitudinal",
     "lateral", "vertical", "roll", "yaw", "torque_requested", "torque_actual", "acceleration_over_ground",
 }  # fmt: skip
+#: bytes at the ends of a message that stay: what marks it, and its checksum
+HEADS: Final = {ubx: 6, sbf: 8, novatel: 12}
+TAILS: Final = {ubx: 2, sbf: 0, novatel: 4}
 LEAST: Final = str(-1 << 63)  # is sent as the number next to it: a count that low is no count
 REPORTS: Final = (0x061, 0x063, 0x065, 0x067, 0x06A, 0x06B, 0x06C, 0x074)
 LENGTHS: Final = {
@@ -236,6 +241,39 @@ def _oxts_can(chance: random.Random, reported: list[object]) -> None:
         hold(2, sum(decoder.counts.values()) + decoder.discarded == fed, decoder.counts)
 
 
+def _streams(chance: random.Random, reported: list[object]) -> None:
+    module, encoder = chance.choice(
+        ((ubx, ubx_encoder.Encoder()), (sbf, sbf_encoder.Encoder()), (novatel, novatel_encoder.Encoder()))
+    )
+    decoder, gate, now = module.Decoder(), _Gate(), 0.0
+    for _ in range(INPUTS):
+        now += 0.01
+        messages = encoder.encode(_fix(chance, now))
+        if chance.random() < 0.3:
+            messages = _resealed_stream(chance, module, messages)
+        data = _spoilt(chance, messages, messages[:-1]) if chance.random() < 0.5 else messages
+        reported[:] = [module.__name__, now, data]
+        gate.judge(now, decoder.feed(data, now))
+        hold(2, decoder.held < 4100, decoder.held)
+
+
+def _resealed_stream(chance: random.Random, module: Any, messages: bytes) -> bytes:
+    """The same messages with changed contents under right checksums."""
+    changed = []
+    for message in MessageCutter(module.FRAMING).cut(messages):
+        content = bytearray(message)
+        for _ in range(chance.choice((1, 4, 30))):
+            content[chance.randrange(HEADS[module], len(content) - TAILS[module])] = chance.getrandbits(8)
+        if module is ubx:
+            content[-2:] = ubx.checksum(bytes(content[2:-2]))
+        elif module is sbf:
+            content[2:4] = sbf.checksum(bytes(content[4:])).to_bytes(2, "little")
+        else:
+            content[-4:] = novatel.checksum(bytes(content[:-4])).to_bytes(4, "little")
+        changed.append(bytes(content))
+    return b"".join(changed)
+
+
 # The drive-by-wire codec.
 
 
@@ -312,7 +350,7 @@ def _links(chance: random.Random, reported: list[object]) -> None:
             hold(6, repr(decode(encode(taken))) == repr(taken), taken)
 
 
-DECODERS: Final = (_ncom, _nmea, _oxts_can, _dbw, _links)
+DECODERS: Final = (_ncom, _nmea, _oxts_can, _dbw, _links, _streams)
 
 
 def run(seed: int) -> int:

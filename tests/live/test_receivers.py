@@ -22,9 +22,19 @@ KINDS = {
     "nmea_tcp": f"port = PORT\n{SIGMAS}",
     "nmea_serial": f'device = "pty:FOLDER/gnss.pty"\n{SIGMAS}',
     "oxts_can": 'interface = "slcan"\nchannel = "pty:FOLDER/oxts.pty"\n',
+    "ubx_serial": 'device = "pty:FOLDER/gnss.pty"\n',
+    "sbf_tcp": "port = PORT\n",
+    "novatel_udp": "port = PORT\n",
 }
 
-#: one of NMEA's three wires, and the one that is not NMEA
+#: messages of an epoch as the simulated vehicle sends them
+ORDERS = {
+    "nmea_tcp": "GGA RMC VTG HDT GST",
+    "ubx_serial": "NAV-PVT NAV-RELPOSNED",
+    "sbf_tcp": "PVTGeodetic PosCovGeodetic VelCovGeodetic AttEuler AttCovEuler",
+}
+
+#: one of NMEA's three wires, and the one that is a CAN bus
 USUAL = ("nmea_serial", "oxts_can")
 
 
@@ -60,7 +70,7 @@ heading_deg = 85.0
 
 @pytest.mark.thorough
 @pytest.mark.live
-@pytest.mark.parametrize("kind", with_slow(["nmea_udp", "nmea_tcp", "nmea_serial", "oxts_can"], USUAL.__contains__))
+@pytest.mark.parametrize("kind", with_slow([*KINDS], USUAL.__contains__))
 def test_a_drive_by_its_bytes_over_its_wire(kind: str, tmp_path: Path) -> None:
     rig, record = rig_of(kind, tmp_path, free_port()), tmp_path / "record"
     done = vve_sumo("drive", str(short(tmp_path)), "--rig", str(rig), "--out", str(record), cwd=tmp_path)
@@ -79,7 +89,7 @@ def test_a_drive_by_its_bytes_over_its_wire(kind: str, tmp_path: Path) -> None:
 
 @pytest.mark.thorough
 @pytest.mark.live
-@pytest.mark.parametrize("kind", with_slow(["nmea_tcp", "oxts_can"], USUAL.__contains__))
+@pytest.mark.parametrize("kind", with_slow(["nmea_tcp", "oxts_can", "ubx_serial", "sbf_tcp"], USUAL.__contains__))
 def test_the_doctor_finds_it_fit(kind: str, tmp_path: Path) -> None:
     """An OXTS unit on CAN is believed to be locking for its first 12 s, which the doctor waits for."""
     run = vve_sumo("doctor", str(short(tmp_path)), "--rig", str(rig_of(kind, tmp_path, free_port())), cwd=tmp_path)
@@ -87,6 +97,8 @@ def test_the_doctor_finds_it_fit(kind: str, tmp_path: Path) -> None:
     assert reported(run, "receiver")[1].startswith(kind)
     assert reported(run, "fix")[1].startswith("locked, RTK fixed")
     assert float(reported(run, "fixes")[1].split()[0]) == pytest.approx(100.0, rel=0.1)
+    if kind in ORDERS:
+        assert reported(run, "messages")[1].split("; ")[1] == f"in the order {ORDERS[kind]}"
     assert float(reported(run, "reports")[1].split("brake ")[1].split(",")[0]) == pytest.approx(50.0, rel=0.1)
 
 

@@ -15,7 +15,7 @@ import sumolib
 
 from tests.isolated import isolated
 from vve_sumo.errors import ConfigError
-from vve_sumo.network_tools.build import ATTRIBUTION, build_network
+from vve_sumo.network_tools.build import ATTRIBUTION, RULES, build_network
 from vve_sumo.world.network import read_network
 
 SIGNALS = ("229685447", "229810925")  # Cleveland x 17th and Cleveland x Hudson
@@ -165,6 +165,28 @@ def test_a_town_of_ones_own_is_built(town, speeds, tmp_path):
         ("Main Street", 35),
         ("Side Street", 25),
     }
+
+
+#: whether two equal streets cross by priority to the right, and the limit [km/h] of both, by the rules
+RULES_OF = {"us": (False, 25.0 * 1.609344), "eu": (True, 50.0), "uk": (False, 30.0 * 1.609344)}
+
+
+@pytest.mark.parametrize("name", RULES_OF)
+def test_the_rules_of_a_country_are_built(town, repository, tmp_path, name):
+    """Who goes first where two equal streets cross, how fast one may be there, and on which side traffic keeps."""
+    pytest.importorskip("sumo", reason="eclipse-sumo (netconvert) is not installed")
+    town.write_text(town.read_text().replace('v="tertiary"', 'v="residential"'))
+    rules = RULES[name]
+    speeds = repository / "networks" / rules.speeds
+    file = build_network(town, tmp_path / "town.net.xml", speeds=speeds, rules=rules).network.path
+    net = sumolib.net.readNet(str(file))
+    to_the_right, limit = RULES_OF[name]
+    assert (net.getNode("2").getType() == "right_before_left") is to_the_right
+    eastward = next(edge for edge in net.getEdges() if edge.getName() == "Main Street" and "-" not in edge.getID())
+    assert eastward.getSpeed() * 3.6 == pytest.approx(limit, abs=0.02)
+    (_, lane_y), (_, node_y) = eastward.getLane(0).getShape()[0], eastward.getFromNode().getCoord()
+    assert (lane_y > node_y + 1.0) is (name == "uk")
+    assert (lane_y < node_y - 1.0) is (name != "uk")
 
 
 def test_a_node_is_given_a_signal_on_request(town, speeds, tmp_path):

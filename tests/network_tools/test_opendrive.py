@@ -266,7 +266,7 @@ def test_packed_files_and_files_with_a_namespace_are_read(tmp_path: Path) -> Non
     assert other.replace("town.xodr.gz", "town.xodr") == plain
 
 
-@pytest.mark.parametrize("option", [("--signals", "1"), ("--speeds", "x.typ.xml")])
+@pytest.mark.parametrize("option", [("--signals", "1"), ("--speeds", "x.typ.xml"), ("--rules", "eu")])
 def test_options_of_street_maps_are_refused(option: tuple[str, str], tmp_path: Path) -> None:
     (tmp_path / "town.xodr").write_text(road())
     said = command("network", "build", "town.xodr", "--out", "town.net.xml", *option, cwd=tmp_path)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import functools
 import json
 import math
 import os
@@ -43,6 +44,7 @@ from vve_sumo.values import Fix, FixQuality, Frame
 
 TODAY = datetime.date(2026, 5, 1)
 TOY = Path(__file__).parent / "toy" / "csv_udp.py"
+RECEIVERS = (REPOSITORY / "docs" / "receivers.md").read_text(encoding="utf-8")
 DELAY = 0.01
 CAR = {"minimum_delay_ms": 10.0}
 SIGMAS = {"velocity_sigma_mps": 0.05, "heading_sigma_deg": 0.2}
@@ -67,6 +69,16 @@ def as_frames() -> Portions:
         (fix.time - EPOCH + DELAY, b"".join(FRAME.pack(frame.id, len(frame.data), frame.data) for frame in frames))
         for fix, frames in ((fix, encoder.encode(fix)) for fix in drive(700, period=0.02))
     ]
+
+
+@cache
+def encoded(kind: str) -> Portions:
+    """A drive as a kind's own encoder writes it."""
+    encoder = configured(
+        {"kind": kind, "device": "/dev/null", **CAR} if "serial" in kind else {"kind": kind, **CAR}
+    ).encoder()
+    assert encoder is not None
+    return [(fix.time - EPOCH + DELAY, encoder.encode(fix)) for fix in drive(80)]
 
 
 @cache
@@ -104,6 +116,24 @@ OF_FRAMES = {
     "velocity_east": 0.01, "velocity_down": 0.01, "yaw_rate": math.radians(0.01), "position_sigma": 1e-3,
     "velocity_sigma": 1e-3, "heading_sigma": 1e-5, "differential_age": 1e-2,
 }  # fmt: skip
+#: of UBX: 1e-7 degrees, mm, mm/s, hundred-thousandths of a degree; ages of corrections are classes
+OF_UBX = {
+    "time": 1e-3, "latitude": math.radians(1e-7), "longitude": math.radians(1e-7), "altitude": 1e-3,
+    "heading": math.radians(1e-5), "velocity_north": 1e-3, "velocity_east": 1e-3, "velocity_down": 1e-3,
+    "position_sigma": 1e-3, "velocity_sigma": 1e-3, "heading_sigma": math.radians(1e-5),
+}  # fmt: skip
+#: of SBF: position and height are doubles, of the rest a float has 24 bits: of 360 degrees 3e-5, of 64 m/s 4e-6
+OF_SBF = {
+    "time": 1e-3, "latitude": 1e-12, "longitude": 1e-12, "altitude": 1e-6, "heading": math.radians(3.1e-5),
+    "pitch": math.radians(2e-6), "roll": math.radians(2e-6), "velocity_north": 4e-6, "velocity_east": 4e-6,
+    "velocity_down": 4e-6, "yaw_rate": math.radians(8e-6), "position_sigma": 1e-6, "velocity_sigma": 1e-6,
+    "heading_sigma": 1e-7, "differential_age": 1e-2,
+}  # fmt: skip
+#: of NovAtel's logs: all are doubles but the sigmas and the age of the corrections, which are floats
+OF_NOVATEL = {
+    **dict.fromkeys({*OF_NCOM} - {"yaw_rate", "acceleration"}, 1e-9), "time": 1e-3, "position_sigma": 1e-6,
+    "velocity_sigma": 1e-6, "heading_sigma": 1e-8, "differential_age": 4e-6,
+}  # fmt: skip
 #: lines hold all digits of a double
 OF_LINES = dict.fromkeys({*OF_NCOM} - {"roll", "heading_sigma"}, 1e-9)
 
@@ -134,17 +164,8 @@ class TestNmeaTcp(ReceiverConformance):
     def portions(self) -> Portions:
         return as_nmea()
 
-    @contextmanager
-    def far_end(self, _folder: Path) -> Iterator[FarEnd]:
-        with socket.create_server(("127.0.0.1", 0)) as server, contextlib.ExitStack() as stack:
-            peers: list[socket.socket] = []
-
-            def write(data: bytes) -> None:
-                if not peers:
-                    peers.append(stack.enter_context(server.accept()[0]))
-                peers[0].sendall(data)
-
-            yield FarEnd({"port": server.getsockname()[1]}, write, no_bus)
+    def far_end(self, _folder: Path) -> AbstractContextManager[FarEnd]:
+        return tcp_far_end()
 
 
 class TestNmeaSerial(ReceiverConformance):
@@ -157,15 +178,70 @@ class TestNmeaSerial(ReceiverConformance):
     def portions(self) -> Portions:
         return as_nmea()
 
-    @contextmanager
-    def far_end(self, _folder: Path) -> Iterator[FarEnd]:
-        near, far = pty.openpty()
-        tty.setraw(far)
-        try:
-            yield FarEnd({"device": os.ttyname(far)}, lambda data: os.write(near, data), no_bus)
-        finally:
-            os.close(near)
-            os.close(far)
+    def far_end(self, _folder: Path) -> AbstractContextManager[FarEnd]:
+        return serial_far_end()
+
+
+@contextmanager
+def serial_far_end() -> Iterator[FarEnd]:
+    """Write to a pseudo-terminal of the test's own."""
+    near, far = pty.openpty()
+    tty.setraw(far)
+    try:
+        yield FarEnd({"device": os.ttyname(far)}, lambda data: os.write(near, data), no_bus)
+    finally:
+        os.close(near)
+        os.close(far)
+
+
+@contextmanager
+def tcp_far_end() -> Iterator[FarEnd]:
+    """Serve a port of the test's own to one client."""
+    with socket.create_server(("127.0.0.1", 0)) as server, contextlib.ExitStack() as stack:
+        peers: list[socket.socket] = []
+
+        def write(data: bytes) -> None:
+            if not peers:
+                peers.append(stack.enter_context(server.accept()[0]))
+            peers[0].sendall(data)
+
+        yield FarEnd({"port": server.getsockname()[1]}, write, no_bus)
+
+
+class TestUbxSerial(ReceiverConformance):
+    table: ClassVar[dict[str, Any]] = {"kind": "ubx_serial", "device": "/dev/ttyACM0", **CAR}
+    resolution = OF_UBX
+
+    def simulated(self, folder: Path, _port: int) -> dict[str, Any]:
+        return {"device": f"pty:{folder / 'gnss.pty'}"}
+
+    def portions(self) -> Portions:
+        return encoded("ubx_serial")
+
+    def far_end(self, _folder: Path) -> AbstractContextManager[FarEnd]:
+        return serial_far_end()
+
+
+class TestSbfTcp(ReceiverConformance):
+    table: ClassVar[dict[str, Any]] = {"kind": "sbf_tcp", **CAR}
+    resolution = OF_SBF
+
+    def portions(self) -> Portions:
+        return encoded("sbf_tcp")
+
+    def far_end(self, _folder: Path) -> AbstractContextManager[FarEnd]:
+        return tcp_far_end()
+
+
+class TestNovatelUdp(ReceiverConformance):
+    table: ClassVar[dict[str, Any]] = {"kind": "novatel_udp", **CAR}
+    resolution = OF_NOVATEL
+
+    def portions(self) -> Portions:
+        return encoded("novatel_udp")
+
+    def far_end(self, _folder: Path) -> AbstractContextManager[FarEnd]:
+        return udp_far_end()
 
 
 class Wire:
@@ -261,7 +337,10 @@ class TestToy(ReceiverConformance):
 
 
 def test_the_shipped_kinds_are_known_and_each_is_a_receiver() -> None:
-    assert set(PORT.shipped) == {"ncom_udp", "nmea_udp", "nmea_tcp", "nmea_serial", "oxts_can", "file"}
+    wired = {"nmea": ("udp", "tcp", "serial"), "ubx": ("udp", "serial")}
+    wired |= dict.fromkeys(("sbf", "novatel"), ("udp", "tcp", "serial"))
+    expected = {f"{what}_{wire}" for what, wires in wired.items() for wire in wires}
+    assert set(PORT.shipped) == {*expected, "ncom_udp", "oxts_can", "file"}
     assert set(PORT.shipped) <= set(PORT.known())
     for suite in ReceiverConformance.__subclasses__():
         assert isinstance(suite().configured(), Receiver)
@@ -323,7 +402,11 @@ def test_what_is_no_receiver_is_one_line(tmp_path: Path, lines: str, said: str) 
     assert "\n" not in str(refused.value)
 
 
-@pytest.mark.parametrize(("kind", "portions"), [("ncom_udp", as_ncom), ("nmea_udp", as_nmea)])
+STRAYS = [("ncom_udp", as_ncom), ("nmea_udp", as_nmea)]
+STRAYS += [(kind, functools.partial(encoded, kind)) for kind in ("ubx_udp", "sbf_udp", "novatel_udp")]
+
+
+@pytest.mark.parametrize(("kind", "portions"), STRAYS)
 def test_a_stray_datagram_before_the_receiver_does_not_lock_it_out(kind: str, portions: Any) -> None:
     with udp_far_end() as far:
         more = SIGMAS if kind == "nmea_udp" else {}
@@ -344,6 +427,16 @@ def test_a_stray_datagram_before_the_receiver_does_not_lock_it_out(kind: str, po
             source.close()
 
 
+@pytest.mark.parametrize("block", re.findall(r"```toml\n(.*?)```", RECEIVERS, flags=re.DOTALL))
+def test_the_page_s_examples_are_receivers(block: str) -> None:
+    table = tomllib.loads(block)["pose"]
+    assert parse(a_rig(**table), Path("mine.toml")).pose.kind == table["kind"]
+
+
+def test_the_page_names_every_kind() -> None:
+    assert {kind for kind in PORT.shipped if f"`{kind}`" not in RECEIVERS} == {"file"}
+
+
 # --- the simulated vehicle speaks as the receiver of its rig ----------------------------------------------------------
 
 LOT = "+proj=tmerc +lat_0=40 +lon_0=-81 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs"
@@ -351,6 +444,9 @@ PLACE = (40.002, -82.98, 300.0)
 SPOKEN = [
     {"kind": "ncom_udp"},
     {"kind": "nmea_udp", **SIGMAS},
+    {"kind": "ubx_udp"},
+    {"kind": "sbf_udp"},
+    {"kind": "novatel_udp"},
     {"kind": f"{TOY}:make", "heading_sigma_deg": 0.2},
 ]
 

@@ -51,6 +51,11 @@ def hdt(compass=65.0) -> bytes:
     return f"{pynmea2.HDT('GP', 'HDT', (f'{compass % 360:.3f}', 'T'))}\r\n".encode()
 
 
+def ths(compass: float | str = 65.0, status="A") -> bytes:
+    heading = compass if isinstance(compass, str) else f"{compass % 360:.3f}"
+    return sealed(f"GPTHS,{heading},{status}")
+
+
 def vtg(course: float | None = 65.0, speed=10.0) -> bytes:
     track = "" if course is None else f"{course % 360:.3f}"
     fields = (track, "T", "", "M", f"{speed * 3600 / 1852:.4f}", "N", f"{speed * 3.6:.4f}", "K", "R")

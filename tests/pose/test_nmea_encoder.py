@@ -116,3 +116,19 @@ def test_the_date_is_sent_with_the_first_fix_of_every_second(begin: float) -> No
     assert len(fixes) == 50
     assert [sentence.timestamp.replace(microsecond=0) for sentence in dates] == sorted(set(fixes))
     assert {(sentence.day, sentence.month, sentence.year) for sentence in dates} == {(17, 5, 2024)}
+
+
+def test_a_receiver_of_ths_is_heard_as_one_of_hdt() -> None:
+    """pynmea2 does not know the sentence: its fields are read here by the standard's order."""
+    heard, plain = (Decoder(velocity_sigma=0.05, heading_sigma=0.004) for _ in range(2))
+    encoder, other = nmea.Encoder(heading_status=True), nmea.Encoder()
+    for step in range(3):
+        fix = _fix(BEGIN + 0.1 * step)
+        lines = encoder.encode(fix)
+        (sentence,) = (line for line in lines.splitlines() if line.startswith(b"$GPTHS"))
+        assert b"HDT" not in lines
+        heading, status = sentence.partition(b"*")[0].split(b",")[1:]
+        assert float(heading) == pytest.approx(90.0 - math.degrees(fix.heading), abs=6e-4)
+        assert status == b"A"
+        assert repr(heard.feed(lines, 0.1 * step)) == repr(plain.feed(other.encode(fix), 0.1 * step))
+    assert b"$GPTHS,,V*" in encoder.encode(_fix(BEGIN + 1.0, heading=math.nan))

@@ -20,6 +20,7 @@ from tests.pose.nmea_sentences import (
     pashr,
     rmc,
     sealed,
+    ths,
     vtg,
 )
 from vve_sumo.pose.nmea import Outcome
@@ -178,3 +179,57 @@ def test_sentences_of_real_receivers():
     assert to.counts[Outcome.OTHER] == 1
     assert to.counts[Outcome.MALFORMED] == 0
     assert to.discarded == 0
+
+
+# --- THS --------------------------------------------------------------------------------------------------------------
+
+
+def epochs_with(*headings, count=4):
+    """Fixes of some epochs with these sentences in the place of HDT, after the date."""
+    rows = drive(1)[:2]
+    for k in range(count):
+        first, accuracy, _hdt, velocity = epoch(NOON + k * PERIOD)
+        sentences = (first, accuracy, *headings, velocity)
+        rows += [(NOON + k * PERIOD + 0.005 * n, one) for n, one in enumerate(sentences)]
+    return fed(rows)
+
+
+def test_ths_is_a_heading_where_it_is_valid():
+    fixes = epochs_with(ths(40.0))
+    assert [math.degrees(fix.heading) for fix in fixes] == pytest.approx([50.0] * 4)
+    assert fixes[-1].heading_sigma == 0.004
+
+
+@pytest.mark.parametrize(
+    ("compass", "status"), [(40.0, "V"), (40.0, "E"), (40.0, "M"), (40.0, "S"), ("", "A"), (40.0, "")]
+)
+def test_a_heading_that_ths_calls_estimated_or_not_valid_is_none(compass, status):
+    gate, fixes = TrustGate(NMEA, MIDNIGHT_GPS), epochs_with(ths(compass, status))
+    assert len(fixes) == 4
+    assert all(math.isnan(fix.heading) for fix in fixes)
+    assert "heading_invalid" in gate.step(fixes[-1].time_received, fixes[-1]).reasons
+
+
+@pytest.mark.parametrize("order", [(hdt(10.0), ths(40.0)), (ths(40.0), hdt(10.0))])
+def test_ths_counts_more_than_hdt_because_it_says_whether_it_is_valid(order):
+    assert [math.degrees(fix.heading) for fix in epochs_with(*order)] == pytest.approx([50.0] * 4)
+    invalid = [ths(40.0, "V") if b"THS" in one else one for one in order]
+    assert all(math.isnan(fix.heading) for fix in epochs_with(*invalid))
+
+
+def test_a_receiver_whose_ths_comes_last_is_waited_for_from_the_second_epoch_on():
+    rows = drive(1)[:2]
+    for k in range(3):
+        first, accuracy, _hdt, velocity = epoch(NOON + k * PERIOD)
+        for n, one in enumerate((first, accuracy, velocity, hdt(10.0), ths(40.0))):
+            rows.append((NOON + k * PERIOD + 0.005 * n, one))
+    assert [math.degrees(fix.heading) for fix in fed(rows)] == pytest.approx([80.0, 50.0, 50.0])
+
+
+def test_pashr_counts_more_than_ths():
+    rows = drive(1)[:2]
+    for seconds in (NOON, NOON + PERIOD, NOON + 2 * PERIOD):
+        rows += [(seconds, one) for one in (gga(seconds), ths(40.0), pashr(seconds), vtg())]
+    fixes = fed(rows)
+    assert math.degrees(fixes[-1].heading) == pytest.approx(25.0)
+    assert math.degrees(fixes[-1].pitch) == pytest.approx(1.5)

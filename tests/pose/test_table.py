@@ -66,7 +66,7 @@ def test_only_packets_with_navigation_give_rows(tmp_path):
     packets += [pack(fix_at(START + 0.5, latitude=math.nan), 16, NOTHING)]
     path, out = tmp_path / "mixed.ncom", tmp_path / "table.csv"
     path.write_bytes(b"junk\xe7junk".join(packets))
-    decoder = write_csv(path, out)
+    decoder = write_csv(path, out).decoder
     with out.open(newline="") as file:
         table = list(csv.DictReader(file))
     assert [row["nav_status"] for row in table] == ["4", "2", "3", "4"]

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from tests.fixes import GOOD as STANDING
 from tests.pose.test_trust_figures import RADIUS, STEP, fixes, judged
-from vve_sumo.pose.trust import DRIVE, NMEA, OXTS_CAN, TrustProfile
+from vve_sumo.pose.trust import DRIVE, NMEA, OXTS_CAN, UBX, TrustProfile
 from vve_sumo.values import Fix
 
 
@@ -32,9 +32,10 @@ def test_a_pose_is_frozen_when_both_fixes_say_that_the_car_moves(before, after, 
 
 #: 1e-7 degrees, and the fifth decimal of a minute, along a meridian [m]
 STEPS = {"oxts_can": math.radians(1e-7) * 6_378_137.0, "nmea": math.radians(1e-5 / 60.0) * 6_378_137.0}
+STEPS["ubx"] = STEPS["oxts_can"]
 
 DRIVES = {
-    "profile": st.sampled_from([OXTS_CAN, NMEA]),
+    "profile": st.sampled_from([OXTS_CAN, NMEA, UBX]),
     "course": st.floats(-math.pi, math.pi),
     "rate": st.sampled_from([10.0, 20.0, 50.0, 100.0]),
     "seed": st.integers(0, 2**32 - 1),
@@ -42,7 +43,7 @@ DRIVES = {
 
 
 def test_a_step_of_positions_is_that_of_the_wire():
-    assert {profile.name: profile.position_step for profile in (OXTS_CAN, NMEA)} == pytest.approx(STEPS, abs=1e-4)
+    assert {profile.name: profile.position_step for profile in (OXTS_CAN, NMEA, UBX)} == pytest.approx(STEPS, abs=1e-4)
     assert replace(OXTS_CAN, name="drive", position_step=0.0) == DRIVE
 
 

@@ -222,7 +222,8 @@ def test_a_rig_survives_its_record() -> None:
         (
             put("pose.kind", "ncom"),
             "pose.kind: receiver ncom: unknown, did you mean 'ncom_udp'?; known are file, ncom_udp, nmea_serial, "
-            "nmea_tcp, nmea_udp, oxts_can",
+            "nmea_tcp, nmea_udp, novatel_serial, novatel_tcp, novatel_udp, oxts_can, sbf_serial, sbf_tcp, sbf_udp, "
+            "ubx_serial, ubx_udp",
         ),
         (put("pose.kind", "nowhere/mine.py:make"), "nowhere/mine.py:make: there is no file"),
         (put("pose", {"kind": "oxts_can", "interface": "pcan"}), "key 'pose.channel' is missing"),

@@ -38,9 +38,9 @@ def drive(
     `scenario` is a name under scenarios/, a .toml file or a `Scenario`. Instead of the scenario's own: `speed` to keep
     where nothing forbids it ([m/s], or a text such as "25 mph"), `seed`, `controller` (a shipped name, "file.py:make"
     or an entry point) and `vehicle` (a name under vehicles/ or a .toml file), or a `rig` (a name under rigs/ or a .toml
-    file) with whose vehicle and injected faults the simulated vehicle drives. `pose` is a recorded drive (NCOM bytes or
-    CSV) to play instead of driving; then commands are computed and nobody obeys. `out` is the folder of the record,
-    absent or empty; by default it is a new one under runs/. `progress` shows a bar meanwhile.
+    file) with whose vehicle and injected faults the simulated vehicle drives. `pose` is a recorded drive (a receiver's
+    log or CSV) to play instead of driving; then commands are computed and nobody obeys. `out` is the folder of the
+    record, absent or empty; by default it is a new one under runs/. `progress` shows a bar meanwhile.
 
     Raises ConfigError, before anything is driven, for what is wrong; SimulationError for a drive that crashed or broke.
 

@@ -66,8 +66,9 @@ def arguments(parser: Parser) -> None:
         "--pose",
         type=Path,
         metavar="FILE",
-        help="feed a recorded drive to the pipeline, its start aligned with the path's start: NCOM bytes, or CSV with "
-        "time_s,latitude_deg,longitude_deg,heading_deg,speed_mps; commands are computed and recorded, not sent",
+        help="feed a recorded drive to the pipeline, its start aligned with the path's start: a receiver's log (NCOM, "
+        "UBX, SBF, NovAtel, NMEA), or CSV with time_s,latitude_deg,longitude_deg,heading_deg,speed_mps; commands are "
+        "computed and recorded, not sent",
     )
     parser.add_argument("--rig", metavar="NAME", help="drive live on this rig: a name under rigs/ or a .toml file")
     parser.add_argument(

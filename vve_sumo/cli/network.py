@@ -13,8 +13,8 @@ EXIT_CODES = OF_FILES
 
 SUMMARY = "build networks and their traffic"
 BUILD_TEXT = """\
-Turn an OpenStreetMap extract into a SUMO network with a projection of its own centre and US rules, or an OpenDRIVE
-file (.xodr) into one with the file's lanes, speed limits, signals and place.
+Turn an OpenStreetMap extract into a SUMO network with a projection of its own centre and the rules of a country, or an
+OpenDRIVE file (.xodr) into one with the file's lanes, speed limits, signals and place.
 Needs netconvert: pip install 'vve-sumo[network]'.
 """
 EDGES_TEXT = "List the edges whose street name contains a text: name, length, lanes, and start and end in the map [m]."
@@ -52,7 +52,15 @@ def _add_build(inner: Commands) -> None:
         metavar="NODE,NODE",
         help="OpenStreetMap nodes with a traffic signal that the extract does not contain",
     )
-    build.add_argument("--speeds", type=Path, metavar="TYP", help="SUMO type map of speed limits (default: US ones)")
+    build.add_argument(
+        "--rules",
+        choices=("us", "eu", "uk"),
+        help="of the streets, of OpenStreetMap: us: minor roads yield to major ones; eu: of equal streets who comes "
+        "from the right goes first; uk: traffic on the left; with the usual speed limits of a town (default: us)",
+    )
+    build.add_argument(
+        "--speeds", type=Path, metavar="TYP", help="SUMO type map of speed limits (default: those of the rules)"
+    )
     build.set_defaults(run=_build)
 
 
@@ -106,15 +114,21 @@ def latitude_longitude(text: str) -> tuple[float, float]:
 
 def _build(arguments: argparse.Namespace) -> int:
     """Build a network from a map; return the exit code, 0."""
-    from vve_sumo.network_tools.build import build_network
+    from vve_sumo.network_tools.build import RULES, build_network
     from vve_sumo.network_tools.opendrive import is_opendrive
     from vve_sumo.workspace import shared_file
 
     if is_opendrive(arguments.source):
         return _build_opendrive(arguments)
-    speeds = arguments.speeds or shared_file("networks", "us_speeds.typ.xml", Path.cwd())
+    rules = RULES[arguments.rules or "us"]
+    speeds = arguments.speeds or shared_file("networks", rules.speeds, Path.cwd())
     built = build_network(
-        arguments.source, arguments.out, speeds=speeds, origin=arguments.origin, signals=arguments.signals
+        arguments.source,
+        arguments.out,
+        speeds=speeds,
+        rules=rules,
+        origin=arguments.origin,
+        signals=arguments.signals,
     )
     for warning in built.warnings:
         print(f"netconvert: {warning}", file=sys.stderr)
@@ -126,7 +140,8 @@ def _build_opendrive(arguments: argparse.Namespace) -> int:
     """Build a network from an OpenDRIVE file and say what of it the network has; return the exit code, 0."""
     from vve_sumo.network_tools.opendrive import build_opendrive
 
-    for option, given in (("--signals", arguments.signals), ("--speeds", arguments.speeds)):
+    refused = {"--signals": arguments.signals, "--speeds": arguments.speeds, "--rules": arguments.rules}
+    for option, given in refused.items():
         if given:
             raise ConfigError(f"{option}: is for OpenStreetMap extracts; {arguments.source} states its own")
     built = build_opendrive(arguments.source, arguments.out, arguments.origin)

@@ -18,21 +18,25 @@ def arguments(parser: Parser) -> None:
     decode = add_command(
         add_subcommands(parser),
         "decode",
-        "convert an NCOM file to CSV",
-        "Write one CSV row for every accepted fix of an OXTS NCOM file, and whether it is good enough to drive on.",
+        "convert a receiver's log to CSV",
+        "Write one CSV row for every accepted fix of a receiver's log, and whether it is good enough to drive on. The "
+        "format is found by the content: OXTS NCOM, u-blox UBX, Septentrio SBF, NovAtel OEM7 or NMEA 0183.",
     )
-    decode.add_argument("file", type=Path, metavar="FILE", help="raw NCOM bytes as received")
+    decode.add_argument("file", type=Path, metavar="FILE", help="bytes as the receiver sent them")
     decode.add_argument("--csv", type=Path, required=True, metavar="OUT", help="CSV file to write")
     decode.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write every accepted fix of an NCOM file as a CSV row; return the exit code, 0."""
+    """Write every accepted fix of a receiver's log as a CSV row; return the exit code, 0."""
     from vve_sumo.pose.table import write_csv
 
-    decoder = write_csv(arguments.file, arguments.csv)
+    log = write_csv(arguments.file, arguments.csv)
+    name, message, decoder = log.format.name, log.format.message, log.decoder
     counts = ", ".join(f"{count} {outcome}" for outcome, count in decoder.counts.items() if count)
-    print(f"{arguments.file}: {decoder.packets} packets ({counts}), {decoder.discarded} bytes outside any packet")
+    print(
+        f"{arguments.file}: {name}, {decoder.recognised} {message}s ({counts}), {decoder.discarded} bytes outside any"
+    )
     with arguments.csv.open(encoding="utf-8", newline="") as file:
         trusted = [row["trusted"] == "true" for row in csv.DictReader(file)]
     print(f"a car could drive on {sum(trusted)} of {len(trusted)} fixes; rows written to {arguments.csv}")

@@ -29,7 +29,7 @@ from vve_sumo.live.alignment import AVERAGING_TIME, MAX_STANDSTILL_SPEED, averag
 from vve_sumo.lot.fit import corridor_excess, measured
 from vve_sumo.pose.clock import AgeKind
 from vve_sumo.pose.dating import FixDater, Undated
-from vve_sumo.pose.receivers.port import Receiver
+from vve_sumo.pose.receivers.port import CountedDecoder, Receiver
 from vve_sumo.pose.sources import Source
 from vve_sumo.pose.trust import Trust, TrustGate
 from vve_sumo.rig import resolve as meaning
@@ -54,6 +54,8 @@ LISTENING_TIME: Final = 3.0  #: to receiver and bus [s]
 POLL_INTERVAL: Final = 0.01  #: between two reads of them [s]
 MAX_AGE_DAYS: Final = 365  #: an older test or calibration is noted
 RATE_SHARE: Final = 0.9  #: lowest share of the declared fixes that must arrive
+MAX_SHOWN: Final = 12  #: kinds of messages that are named, the most frequent first
+IN_ORDER: Final = frozenset({"read", "fix", "other_message", "other_sentence"})  #: outcomes of messages and epochs
 NO_COMMAND: Final = 0x7FE  #: identifier of the echo test: no shipped interface, receiver or radar uses it
 ECHO_TIMEOUT: Final = 0.2  #: [s]
 
@@ -81,6 +83,7 @@ class Observed:
     stale: list[str]  #: reports that were missing at the end
     reports: CarReports
     facts: InterfaceFacts  #: of the drive-by-wire interface
+    counted: CountedDecoder | None  #: of a receiver that sends several kinds of messages
 
     @property
     def standing(self) -> list[Fix]:
@@ -225,9 +228,10 @@ def listen(rig: Rig, source: Source | None, bus: Bus | None, t0: float) -> Obser
     reports = CarReports(meaning.vehicle_of(rig).wheel_radius, interface)
     dater = FixDater(delay, math.nan if absolute is None else absolute, absolute=absolute is not None)
     wall = assembly.wall_epoch(t0)
-    observed = Observed(dater, wall, [], Counter(), {}, Counter(), [], reports, interface.facts)
     receiver = meaning.receiver_of(rig)
     decoder = receiver.decoder()
+    counted = decoder if isinstance(decoder, CountedDecoder) else None
+    observed = Observed(dater, wall, [], Counter(), {}, Counter(), [], reports, interface.facts, counted)
     gate: TrustGate | None = None
     last: dict[int, float] = {}
     if source is not None:
@@ -326,7 +330,9 @@ def sender_checks(report: Mapping[str, Any]) -> Iterator[Check]:
 
 
 def pose_checks(rig: Rig, observed: Observed) -> Iterator[Check]:
-    """Judge the receiver's fixes."""
+    """Judge the receiver's messages and fixes."""
+    if observed.counted is not None:
+        yield message_check(observed.counted, rig.pose.rate_hz)
     rate = len(observed.fixes) / LISTENING_TIME
     receiver, found = meaning.receiver_of(rig), f"{rate:.0f} fixes/s, the rig says {rig.pose.rate_hz:g}"
     if not observed.fixes:
@@ -336,6 +342,20 @@ def pose_checks(rig: Rig, observed: Observed) -> Iterator[Check]:
     yield judged("fixes", found, rate >= RATE_SHARE * rig.pose.rate_hz, advice)
     yield from _quality(receiver, observed)
     yield _age(rig, observed)
+
+
+def message_check(decoder: CountedDecoder, rate: float) -> Check:
+    """Check which messages came, how often and in which order, and which of the needed ones are missing.
+
+    `rate` is that of fixes, by the rig [1/s]. What went wrong with messages and epochs is counted by its outcome.
+    """
+    census = decoder.census
+    rates = ", ".join(f"{name} {count / LISTENING_TIME:.3g}/s" for name, count in census.counts.most_common(MAX_SHOWN))
+    order = " ".join(dict.fromkeys(census.epoch()))
+    wrong = ", ".join(f"{count} {one}" for one, count in decoder.counts.items() if count and one not in IN_ORDER)
+    found = "; ".join([rates or "none", *([f"in the order {order}"] if order else []), *([wrong] if wrong else [])])
+    missing = list(census.missing(census.counts, RATE_SHARE * rate * LISTENING_TIME))
+    return judged("messages", found, not missing, "; ".join(missing))
 
 
 def _quality(receiver: Receiver, observed: Observed) -> Iterator[Check]:

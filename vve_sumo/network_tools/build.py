@@ -1,4 +1,4 @@
-"""Builds a SUMO network from an OpenStreetMap extract, with the rules and speeds of a US city.
+"""Builds a SUMO network from an OpenStreetMap extract, with the rules and speeds of a country's cities.
 
 Runs netconvert (from the optional `eclipse-sumo` wheel) and tidies its output, so that the same extract gives the same
 bytes anywhere. Knows nothing of drives; `networks/README.md` lists the assumptions about the streets and their reasons.
@@ -15,7 +15,7 @@ import xml.etree.ElementTree as ET
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.world.network import Network, read_network
@@ -36,8 +36,6 @@ OPTIONS = (
     *("--keep-edges.by-vclass", "passenger", "--keep-edges.components", "1", "--geometry.remove"),
     # streets that cross an arterial with a lateral jog get one junction
     *("--junctions.join", "--junctions.join-dist", "12"),
-    # no right-before-left anywhere: a US minor road yields to the major one
-    *("--junctions.right-before-left.speed-threshold", "0"),
     # corners of 25 ft radius; SUMO's 4 m cannot be turned by a car that keeps to its lane
     *("--default.junctions.radius", "7.6"),
     # a car that waits to turn left keeps the oncoming lane free; with SUMO's 1.8 m, cars touched in jogged crossings
@@ -48,6 +46,27 @@ OPTIONS = (
     *("--no-turnarounds.except-deadend", "--output.street-names", "--output.original-names"),
 )
 
+NO_PRIORITY_TO_THE_RIGHT = ("--junctions.right-before-left.speed-threshold", "0")
+
+
+class StreetRules(NamedTuple):
+    """What of the streets' rules a map does not say."""
+
+    speeds: str  #: file of the speed limits, in `networks/`
+    options: tuple[str, ...]  #: of netconvert
+
+
+#: by the name of the rules
+RULES: Final = {
+    # The minor road yields to the major one everywhere.
+    "us": StreetRules("us_speeds.typ.xml", NO_PRIORITY_TO_THE_RIGHT),
+    # Equal streets that meet at up to 50 km/h: who comes from the right goes first (Vienna Convention on Road Traffic,
+    # article 18).
+    "eu": StreetRules("eu_speeds.typ.xml", ("--junctions.right-before-left.speed-threshold", "13.9")),
+    # Traffic keeps to the left. No road user has priority by the side from which he comes.
+    "uk": StreetRules("uk_speeds.typ.xml", ("--lefthand", *NO_PRIORITY_TO_THE_RIGHT)),
+}
+
 
 class Built(NamedTuple):
     """A network that was just built."""
@@ -57,14 +76,20 @@ class Built(NamedTuple):
 
 
 def build_network(
-    osm: Path, out: Path, *, speeds: Path, origin: tuple[float, float] | None = None, signals: Sequence[str] = ()
+    osm: Path,
+    out: Path,
+    *,
+    speeds: Path,
+    rules: StreetRules = RULES["us"],
+    origin: tuple[float, float] | None = None,
+    signals: Sequence[str] = (),
 ) -> Built:
     """Build the network of an OSM extract (`.osm` or `.osm.xml`, plain or gzipped) and write it to `out`.
 
-    `speeds` is a SUMO type map that overrides the stock one (`networks/us_speeds.typ.xml`). `origin` is the latitude,
-    longitude [deg] of the centre of the transverse Mercator projection, by default the middle of the extract's bounds.
-    `signals` are OSM nodes with a traffic signal that the extract lacks. Raises ConfigError when a file or netconvert
-    is missing, or netconvert fails.
+    `speeds` is a SUMO type map that overrides the stock one (such as `networks/us_speeds.typ.xml`). `rules` are those
+    of the streets. `origin` is the latitude, longitude [deg] of the centre of the transverse Mercator projection, by
+    default the middle of the extract's bounds. `signals` are OSM nodes with a traffic signal that the extract lacks.
+    Raises ConfigError when a file or netconvert is missing, or netconvert fails.
     """
     for file in (osm, speeds):
         if not file.is_file():
@@ -72,7 +97,7 @@ def build_network(
     centre = origin if origin is not None else _middle(osm)
     with tempfile.TemporaryDirectory() as folder:
         raw = Path(folder) / "raw.net.xml"
-        warnings = _convert(osm, raw, speeds, projection(centre), signals)
+        warnings = _convert(osm, raw, speeds, projection(centre), rules, signals)
         written = tidy(raw, ATTRIBUTION)
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_bytes(written)
@@ -115,9 +140,11 @@ def _sumo_home() -> Path:
     return home
 
 
-def _convert(osm: Path, out: Path, speeds: Path, projected: str, signals: Sequence[str]) -> tuple[str, ...]:
+def _convert(
+    osm: Path, out: Path, speeds: Path, projected: str, rules: StreetRules, signals: Sequence[str]
+) -> tuple[str, ...]:
     types = f"{_sumo_home() / 'data' / 'typemap' / 'osmNetconvert.typ.xml'},{speeds}"
-    options = ["--osm-files", str(osm), "--type-files", types, "--proj", projected, *OPTIONS]
+    options = ["--osm-files", str(osm), "--type-files", types, "--proj", projected, *OPTIONS, *rules.options]
     options += ["--tls.set", ",".join(signals)] if signals else []
     return netconvert(options, osm, out)
 

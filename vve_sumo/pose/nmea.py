@@ -12,7 +12,6 @@ import enum
 import math
 import operator
 import re
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import reduce
@@ -22,11 +21,11 @@ import pynmea2
 
 from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.pose.arrivals import Arrivals, JudgedArrival, Repeated
+from vve_sumo.pose.census import MessageCensus, Needed
+from vve_sumo.pose.gnss_time import DAY, GPS_EPOCH, GPS_MINUS_UTC
+from vve_sumo.pose.rates import DifferencedRates
 from vve_sumo.values import Fix, FixQuality
 
-GPS_MINUS_UTC: Final = 18_000  #: leap seconds since 2017-01-01 (IERS Bulletin C 52 and all since) [ms]
-GPS_EPOCH: Final = datetime.date(1980, 1, 6)
-DAY: Final = 86_400_000  #: [ms]
 SENTENCE: Final = re.compile(rb"\$([^$*\r\n]{1,250})\*([0-9A-Fa-f]{2})")
 BEGUN: Final = re.compile(rb"\$[^$*\r\n]{0,250}(?:\*[0-9A-Fa-f]?)?")  #: the possible beginning of a sentence
 SLOW_LIFETIME: Final = 2_500  #: accuracies are often sent once a second; one may be lost [ms]
@@ -34,8 +33,6 @@ MIN_EARLINESS: Final = 0.01  #: an epoch earlier than the fastest by less counts
 MAX_JUMP: Final = 1.5  #: from epoch to epoch of one arrival, as a file is [s]
 DATED: Final = 2_000  #: a date counts if its time of day is this near to the epoch's [ms]
 MAX_PERIOD_SHARE: Final = 0.7  #: of a period; a later sentence without a time no longer belongs to the open epoch
-RATE_WINDOW: Final = 100  #: over which yaw rate and acceleration are differenced [ms]
-RATE_GAP: Final = 500  #: fixes further apart give no rate [ms]
 COURSE_LOST: Final = 0.2  #: receivers leave the course empty when slower than about this [m/s]
 KNOT: Final = 1852.0 / 3600.0  #: [m/s]
 
@@ -43,6 +40,24 @@ KNOT: Final = 1852.0 / 3600.0  #: [m/s]
 QUALITIES: Final = {1: FixQuality.SINGLE, 2: FixQuality.DIFFERENTIAL, 4: FixQuality.RTK_FIXED, 5: FixQuality.RTK_FLOAT}
 NEW: Final = frozenset({JudgedArrival.NEWER, JudgedArrival.CHANGED})
 NOT_MEASURED: Final = frozenset("NESM")  #: mode indicators: not valid, estimated, simulated, manual
+MEASURED: Final = "A"  #: status of THS; E, M, S and V are estimated, manual, simulated and not valid
+#: rank of the sentences that state the heading: THS says what HDT does, and whether it is valid
+HEADINGS: Final = {"HDT": 1, "THS": 2, "PASHR": 3}
+#: sentences that carry the time: one of these opens an epoch
+TIMED: Final = ("GGA", "RMC", "PASHR", "GST")
+NEEDED: Final = (
+    Needed("position", ("GGA",)),
+    Needed("heading", ("HDT", "THS", "PASHR")),
+    Needed("velocity", ("VTG", "RMC")),
+    Needed("accuracy of the position", ("GST",), every_fix=False),
+    Needed("date", ("RMC", "ZDA"), every_fix=False),
+)
+
+
+class THS(pynmea2.TalkerSentence):  # type: ignore[misc]
+    """True heading and status, which pynmea2 does not know; it finds the class by its name."""
+
+    fields = (("True heading", "true_heading"), ("Status", "status"))
 
 
 class Outcome(enum.StrEnum):
@@ -80,12 +95,6 @@ class _Motion(NamedTuple):
     course: float  #: counter-clockwise from east
 
 
-class _Past(NamedTuple):
-    clock: int
-    heading: float
-    speed: float
-
-
 @dataclass(slots=True)
 class _Epoch:
     """The sentences of one time of day that have arrived so far."""
@@ -93,7 +102,7 @@ class _Epoch:
     time_of_day: int  #: UTC [ms]
     received: float
     open: bool = True
-    has_pashr: bool = False
+    heading_from: int = 0  #: rank in `HEADINGS` of the best sentence that has stated the heading; 0 is none
     position: _Position | None = None
     attitude: _Attitude | None = None
     motion: _Motion | None = None
@@ -168,23 +177,25 @@ def _motion_of_rmc(sentence: Any) -> _Motion:
 class Decoder:
     """Turns a byte stream, however it is cut, into fixes; never raises on any bytes.
 
-    A fix is complete with GGA (position), HDT or PASHR (heading; PASHR also has pitch, roll and the heading's
-    accuracy, and is awaited where the epoch before had one) and VTG or RMC (velocity), and is emitted at once. GST
-    (accuracy) and the date (ZDA or RMC) may come less often, the date once before the first fix. Only sentences with a
-    right checksum count. Emitted times are strictly increasing, except where the day was set back; a receiver whose
-    clock goes back by less needs a new decoder. A time of day ahead of what arrivals allow (`arrivals.Arrivals`) and a
-    date on another day than the known one (`arrivals.Repeated`) are ignored until a run of them lasts.
+    A fix is complete with GGA (position), HDT, THS or PASHR (heading) and VTG or RMC (velocity), and is emitted at
+    once. THS also says whether the heading is valid, PASHR has pitch, roll and the heading's accuracy; the best of the
+    three that the epoch before had is awaited. GST (accuracy) and the date (ZDA or RMC) may come less often, the date
+    once before the first fix. Only sentences with a right checksum count. Emitted times are strictly increasing, except
+    where the day was set back; a receiver whose clock goes back by less needs a new decoder. A time of day ahead of
+    what arrivals allow (`arrivals.Arrivals`) and a date on another day than the known one (`arrivals.Repeated`) are
+    ignored until a run of them lasts.
 
-    HDT and VTG carry no time. They belong to the epoch that the last sentence with a new time opened (GGA, RMC, PASHR
-    or GST), if they arrive within `MAX_PERIOD_SHARE` of a period. The receiver must therefore send one of those first.
-    A receiver that sends HDT first gives no fix at all, rather than headings of the wrong epoch; `counts` then shows
-    INCOMPLETE and STRAY.
+    HDT, THS and VTG carry no time. They belong to the epoch that the last sentence with a new time opened (GGA, RMC,
+    PASHR or GST), if they arrive within `MAX_PERIOD_SHARE` of a period. The receiver must therefore send one of those
+    first. A receiver that sends HDT or THS first gives no fix at all, rather than headings of the wrong epoch; `counts`
+    then shows INCOMPLETE and STRAY.
 
     NMEA has no yaw rate and acceleration: they are differences of heading and of speed along it over the last
-    `RATE_WINDOW` (late by half of it, and blind where both are wrong together), NaN for the first fix and after a gap,
-    which the trust gate refuses; gravity's share of the acceleration is added where the pitch is known. The accuracies
-    of velocity and heading are those that the rig declares (1 sigma, [m/s] and [rad]); PASHR's heading accuracy counts
-    where it is larger or none is declared. An unknown accuracy is NaN and refused. Altitude is above mean sea level.
+    `rates.RATE_WINDOW` (late by half of it, and blind where both are wrong together), NaN for the first fix and after a
+    gap, which the trust gate refuses; gravity's share of the acceleration is added where the pitch is known. The
+    accuracies of velocity and heading are those that the rig declares (1 sigma, [m/s] and [rad]); PASHR's heading
+    accuracy counts where it is larger or none is declared. An unknown accuracy is NaN and refused. Altitude is above
+    mean sea level.
     Where `needs_attitude` is false, a fix is complete without a heading, which is then NaN, as are the rates. That is
     enough for a person and too little for a car.
     """
@@ -194,6 +205,7 @@ class Decoder:
     ) -> None:
         self.counts: dict[Outcome, int] = dict.fromkeys(Outcome, 0)
         self.discarded = 0  #: bytes that belonged to no sentence, line ends aside
+        self.census = MessageCensus(NEEDED, TIMED)  #: which sentences came
         self._velocity_sigma, self._heading_sigma = velocity_sigma, heading_sigma
         self._needs_attitude = needs_attitude
         self._buffer = b""
@@ -202,17 +214,18 @@ class Decoder:
         self._begun = 0  #: time of day of the epoch, counted on beyond midnight [ms]
         self._day = Repeated()
         self._period = 0.0  #: between the last two epochs [s]
-        self._await_pashr = False
+        self._awaited = 0  #: rank of the sentence by which the epoch before had its heading
         self._dated: int | None = None  #: a UTC time that is known with its date [ms since 1980-01-06]
         self._located = False  #: the newest GGA had a position; without one a receiver's date is only a guess
         self._emitted = 0  #: time of the newest fix [ms GPS]
         self._accuracy = (-DAY, math.nan)  #: time of day [ms] and 1 sigma [m] of the last GST
-        self._past: deque[_Past] = deque()
+        self._rates = DifferencedRates()
         self._readers: dict[bytes, Callable[[Any, float], bool]] = {
             b"GGA": self._read_gga,
             b"RMC": self._read_rmc,
             b"VTG": self._read_vtg,
             b"HDT": self._read_hdt,
+            b"THS": self._read_ths,
             b"GST": self._read_gst,
             b"ZDA": self._read_zda,
             b"PASHR": self._read_pashr,
@@ -222,6 +235,11 @@ class Decoder:
     def sentences(self) -> int:
         """How many sentences had a right checksum."""
         return sum(self.counts[one] for one in (Outcome.READ, Outcome.OTHER, Outcome.MALFORMED, Outcome.STRAY))
+
+    @property
+    def recognised(self) -> int:
+        """How many of them are of a type that is read."""
+        return self.counts[Outcome.READ] + self.counts[Outcome.STRAY]
 
     def feed(self, data: bytes, time_received: float) -> list[Fix]:
         """Return the fixes that `data` completes, all stamped with `time_received` [s, the drive's clock]."""
@@ -248,7 +266,9 @@ class Decoder:
         if reduce(operator.xor, body) != checksum:
             return Outcome.WRONG_CHECKSUM
         head = body.split(b",", 1)[0]
-        reader = self._readers.get(head if head.startswith(b"P") else head[2:])
+        kind = head if head.startswith(b"P") else head[2:]
+        self.census.note(kind.decode("ascii", "replace"), received)
+        reader = self._readers.get(kind)
         if reader is None or (head == b"PASHR" and not body[6:7].isdigit()):  # Ashtech's own have a name there
             return Outcome.OTHER
         try:
@@ -270,17 +290,15 @@ class Decoder:
         self._begun += step
         if epoch is not None:
             self._period = step / 1000.0
-            self._await_pashr = epoch.has_pashr
+            self._awaited = epoch.heading_from
             self.counts[Outcome.INCOMPLETE] += epoch.open
         self._epoch = _Epoch(time_of_day, received)
         return self._epoch
 
-    def _current(self, received: float) -> _Epoch | None:
-        """The epoch of a sentence without a time that arrived at `received`."""
+    def _newest(self, received: float) -> _Epoch | None:
+        """The epoch of a sentence without a time that arrived at `received`, open or not."""
         epoch = self._epoch
-        if epoch is None or not epoch.open or not received - epoch.received <= MAX_PERIOD_SHARE * self._period:
-            return None
-        return epoch
+        return epoch if epoch is not None and received - epoch.received <= MAX_PERIOD_SHARE * self._period else None
 
     # --- sentences: each reader returns whether the sentence belongs to an epoch ----------------------------------
 
@@ -302,26 +320,26 @@ class Decoder:
         return epoch is not None
 
     def _read_vtg(self, sentence: Any, received: float) -> bool:
-        motion, epoch = _motion_of_vtg(sentence), self._current(received)
-        if epoch is not None:
-            epoch.motion = motion
-        return epoch is not None
+        motion, epoch = _motion_of_vtg(sentence), self._newest(received)
+        if epoch is None or not epoch.open:
+            return False
+        epoch.motion = motion
+        return True
 
     def _read_hdt(self, sentence: Any, received: float) -> bool:
         heading = _number(sentence.heading) if sentence.hdg_true == "T" else math.nan
-        epoch = self._current(received)
-        if epoch is not None and not self._await_pashr and not epoch.has_pashr:
-            epoch.attitude = _Attitude(_from_compass(heading))
-        return epoch is not None
+        return _turned(self._newest(received), HEADINGS["HDT"], self._awaited, _Attitude(_from_compass(heading)))
+
+    def _read_ths(self, sentence: Any, received: float) -> bool:
+        heading = _number(sentence.true_heading) if sentence.status == MEASURED else math.nan
+        return _turned(self._newest(received), HEADINGS["THS"], self._awaited, _Attitude(_from_compass(heading)))
 
     def _read_pashr(self, sentence: Any, received: float) -> bool:
         time_of_day, attitude = _time_of_day(sentence), _attitude(sentence)
-        epoch = self._enter(time_of_day, received)
-        if self._epoch is not None and self._epoch.time_of_day == time_of_day:
-            self._epoch.has_pashr = True  # even where it came too late: the next epoch is to wait for its own
-        if epoch is not None:
-            epoch.attitude = attitude
-        return epoch is not None
+        self._enter(time_of_day, received)
+        epoch = self._epoch
+        ours = epoch if epoch is not None and epoch.time_of_day == time_of_day else None
+        return _turned(ours, HEADINGS["PASHR"], self._awaited, attitude)
 
     def _read_gst(self, sentence: Any, received: float) -> bool:
         time_of_day = _time_of_day(sentence)
@@ -387,7 +405,7 @@ class Decoder:
         lost = math.isnan(motion.course) and motion.speed < COURSE_LOST
         course = attitude.heading if lost else motion.course
         ahead = motion.speed * math.cos(course - attitude.heading)
-        yaw_rate, acceleration = self._rates(_Past(clock, attitude.heading, ahead))
+        yaw_rate, acceleration = self._rates.step(clock, attitude.heading, ahead)
         quality = QUALITIES.get(position.quality, FixQuality.UNKNOWN)
         heard, position_sigma = self._accuracy
         return Fix(
@@ -413,19 +431,18 @@ class Decoder:
             differential_age=position.differential_age,
         )
 
-    def _rates(self, now: _Past) -> tuple[float, float]:
-        """Yaw rate and acceleration since the oldest fix of the window, which holds at least the previous fix."""
-        past = self._past
-        if past and now.clock - past[-1].clock > RATE_GAP:
-            past.clear()
-        while len(past) > 1 and past[0].clock < now.clock - RATE_WINDOW:
-            past.popleft()
-        then = past[0] if past else _Past(now.clock - 1, math.nan, math.nan)
-        past.append(now)
-        step = (now.clock - then.clock) / 1000.0
-        turned = now.heading - then.heading
-        yaw_rate = math.remainder(turned, math.tau) / step if math.isfinite(turned) else math.nan
-        return yaw_rate, (now.speed - then.speed) / step
+
+def _turned(epoch: _Epoch | None, rank: int, awaited: int, attitude: _Attitude) -> bool:
+    """Take the attitude of a sentence, unless a better one came or is awaited; return whether its epoch is open.
+
+    A sentence that came too late for its epoch still lets the next one wait for its own.
+    """
+    if epoch is None:
+        return False
+    epoch.heading_from = max(epoch.heading_from, rank)
+    if epoch.open and rank >= max(epoch.heading_from, awaited):
+        epoch.attitude = attitude
+    return epoch.open
 
 
 def _worse(declared: float, reported: float) -> float:

@@ -1,4 +1,4 @@
-"""Encoder of NMEA 0183 sentences: a fix as GGA, RMC, VTG, HDT and GST, and as ZDA; `pose.nmea` decodes them.
+"""Encoder of NMEA 0183 sentences: a fix as GGA, RMC, VTG, HDT or THS, GST, ZDA; `pose.nmea` decodes them.
 
 Knows sentences; it must not know where they go. The speed along the ground has no sign in NMEA: a car that reverses
 has a course opposite to its heading.
@@ -27,11 +27,11 @@ QUALITIES: Final = {
 TALKER: Final = "GP"
 
 
-def encode(fix: Fix, *, dated: bool = False) -> bytes:
+def encode(fix: Fix, *, dated: bool = False, heading_status: bool = False) -> bytes:
     """Return the sentences of a fix, each with its checksum, in the order in which receivers send them.
 
-    `dated` adds ZDA. A fix that is not `locked`, or has no position, is sent with quality 0 and status V. Raises
-    ValueError for a time that is not finite.
+    `dated` adds ZDA; `heading_status` puts THS in the place of HDT. A fix that is not `locked`, or has no position, is
+    sent with quality 0 and status V. Raises ValueError for a time that is not finite.
     """
     utc = EPOCH + datetime.timedelta(milliseconds=round(1000.0 * fix.time) - 1000 * LEAP_SECONDS)
     quality = QUALITIES.get(fix.quality, 0) if fix.locked and _placed(fix) else 0
@@ -39,7 +39,7 @@ def encode(fix: Fix, *, dated: bool = False) -> bytes:
         _gga(fix, utc, quality),
         _rmc(fix, utc, quality),
         _vtg(fix, quality),
-        _hdt(fix, quality),
+        _ths(fix, quality) if heading_status else _hdt(fix, quality),
         _gst(fix, utc),
     ]
     if dated:
@@ -82,6 +82,11 @@ def _vtg(fix: Fix, quality: int) -> str:
 def _hdt(fix: Fix, quality: int) -> str:
     heading = f"{_compass(fix.heading):.3f}" if quality and math.isfinite(fix.heading) else ""
     return f"HDT,{heading},T"
+
+
+def _ths(fix: Fix, quality: int) -> str:
+    known = quality and math.isfinite(fix.heading)
+    return f"THS,{_compass(fix.heading):.3f},A" if known else "THS,,V"
 
 
 def _gst(fix: Fix, utc: datetime.datetime) -> str:
@@ -132,6 +137,10 @@ def _compass(heading: float) -> float:
 class Encoder:
     """Writes fixes as a receiver would: the sentences of each, whose RMC holds the date."""
 
+    def __init__(self, *, heading_status: bool = False) -> None:
+        """Begin; `heading_status` puts THS in the place of HDT."""
+        self._heading_status = heading_status
+
     def encode(self, fix: Fix) -> bytes:
         """Return the sentences of a fix."""
-        return encode(fix)
+        return encode(fix, heading_status=self._heading_status)

@@ -1,4 +1,4 @@
-"""Reads recorded drives as fixes: CSV files of positions, and raw NCOM bytes.
+"""Reads recorded drives as fixes: CSV files of positions, and logs of receivers in any of `log_formats.FORMATS`.
 
 It knows files, not trust, maps or the drive that plays them. A CSV needs a header with `time_s`, `latitude_deg`,
 `longitude_deg`, `heading_deg` (compass, clockwise from true north) and `speed_mps` (along the heading, reversing
@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from vve_sumo.errors import ConfigError
+from vve_sumo.pose.log_formats import FORMATS, PORTION, LogDecoder, LogFormat, format_of
 from vve_sumo.pose.ncom import LENGTH, MINUTE, MINUTES_SET, SYNC, Decoder, Encoder
 from vve_sumo.values import Fix
 
@@ -38,34 +39,42 @@ TIMES_SENT: Final = (MINUTES_SET * MINUTE / 1000.0, 4e9)  #: GNSS seconds that N
 
 
 def fixes(path: Path) -> Iterator[Fix]:
-    """Yield the fixes of a recorded drive: a file named .csv is read as CSV, any other as raw NCOM bytes.
+    """Yield the fixes of a recorded drive: a file named .csv is read as CSV, any other as the log of a receiver.
 
     `time_received` is the time since the whole second of the first fix, as if each had arrived when it was made. Raises
-    ConfigError naming file, line and column, or the byte count of a file without a single NCOM packet.
+    ConfigError naming file, line and column, or the byte count of a file without a single message.
     """
-    return _csv_fixes(path) if path.suffix.lower() == ".csv" else _ncom_fixes(path)
+    return _csv_fixes(path) if path.suffix.lower() == ".csv" else _log_fixes(path)
 
 
-def _ncom_fixes(path: Path) -> Iterator[Fix]:
-    decoder, epoch = Decoder(), math.nan
-    for fix in decode(path, decoder):
+def _log_fixes(path: Path) -> Iterator[Fix]:
+    (raw, of), epoch = read_log(path), math.nan
+    for fix in decode(raw, of.decoder()):
         if math.isnan(epoch):
             epoch = math.floor(fix.time)
         yield replace(fix, time_received=fix.time - epoch)
 
 
-def decode(path: Path, decoder: Decoder) -> Iterator[Fix]:
-    """Yield the fixes of a file of NCOM bytes, or of the same as hexadecimal text; arrival is taken as 0.
+def decode(raw: bytes, decoder: LogDecoder) -> Iterator[Fix]:
+    """Yield the fixes of a log; arrival is taken as 0.
 
-    The bytes are fed a packet's length at a time, so `decoder.codes` are those of the fix that was yielded last.
+    The bytes are fed an NCOM packet's length at a time, so `codes` of an NCOM decoder are those of the fix that was
+    yielded last.
+    """
+    for start in range(0, len(raw), PORTION):
+        yield from decoder.feed(raw[start : start + PORTION], 0.0)
 
-    Raises ConfigError when the file cannot be read or, at its end, held no packet.
+
+def read_log(path: Path) -> tuple[bytes, LogFormat]:
+    """Return the bytes of a log, or those that its hexadecimal text says, and its format.
+
+    Raises ConfigError when the file cannot be read, or holds no message of any format.
     """
     raw = _bytes(path)
-    for start in range(0, len(raw), LENGTH):
-        yield from decoder.feed(raw[start : start + LENGTH], 0.0)
-    if decoder.packets == 0:
-        raise _no_packet(path)
+    of = format_of(raw)
+    if of is None:
+        raise _no_message(path)
+    return raw, of
 
 
 def portions(path: Path) -> Iterator[tuple[float, bytes]]:
@@ -73,7 +82,10 @@ def portions(path: Path) -> Iterator[tuple[float, bytes]]:
 
     Times count from the first fix, by the fixes' own times. Raises ConfigError as `fixes` does.
     """
-    return _csv_portions(path) if path.suffix.lower() == ".csv" else _ncom_portions(path)
+    if path.suffix.lower() == ".csv":
+        return _csv_portions(path)
+    raw, of = read_log(path)
+    return _ncom_portions(path, raw) if of.decoder is Decoder else _log_portions(path, raw, of)
 
 
 def _csv_portions(path: Path) -> Iterator[tuple[float, bytes]]:
@@ -86,9 +98,8 @@ def _csv_portions(path: Path) -> Iterator[tuple[float, bytes]]:
         yield fix.time - first, encoder.encode(replace(fix, time=fix.time + moved, locked=True))
 
 
-def _ncom_portions(path: Path) -> Iterator[tuple[float, bytes]]:
-    raw, decoder = _bytes(path), Decoder()
-    first, begin = math.nan, 0
+def _ncom_portions(path: Path, raw: bytes) -> Iterator[tuple[float, bytes]]:
+    decoder, first, begin = Decoder(), math.nan, 0
     for end in range(LENGTH, len(raw) + LENGTH, LENGTH):
         made = decoder.feed(raw[end - LENGTH : end], 0.0)
         if made:
@@ -96,12 +107,27 @@ def _ncom_portions(path: Path) -> Iterator[tuple[float, bytes]]:
             yield made[-1].time - first, raw[begin:end]
             begin = end
     if math.isnan(first):
-        raise _no_packet(path)
+        raise _no_fix(path)
 
 
-def _no_packet(path: Path) -> ConfigError:
+def _log_portions(path: Path, raw: bytes, of: LogFormat) -> Iterator[tuple[float, bytes]]:
+    """The bytes that an OXTS unit would have sent in place of the receiver."""
+    encoder, first = Encoder(), math.nan
+    for fix in decode(raw, of.decoder()):
+        first = fix.time if math.isnan(first) else first
+        yield fix.time - first, encoder.encode(fix)
+    if math.isnan(first):
+        raise _no_fix(path)
+
+
+def _no_fix(path: Path) -> ConfigError:
+    return ConfigError(f"{path}: no fix with a time and a position; vve-sumo pose decode says what is in it")
+
+
+def _no_message(path: Path) -> ConfigError:
+    *messages, last = (one.message for one in FORMATS)
     size = path.stat().st_size
-    return ConfigError(f"{path}: no NCOM packet ({LENGTH} bytes with three right checksums) in {size} bytes")
+    return ConfigError(f"{path}: no {', '.join(messages)} or {last} with a right checksum in {size} bytes")
 
 
 def _bytes(path: Path) -> bytes:

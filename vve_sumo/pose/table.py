@@ -1,9 +1,9 @@
-"""Writes the table of `vve-sumo pose decode`: one row for each fix of an NCOM file, with the trust gate's verdict.
+"""Writes the table of `vve-sumo pose decode`: one row for each fix of a receiver's log, with the trust gate's verdict.
 
-It knows the decoder, the gate and text; it must not know maps. A row is a packet with three right checksums, navigation
-status 2, 3 or 4, a known GNSS minute, a valid position, and a time later than the row before. Packets of status 1 and
-below (no time), 10 (status only), 11 (structure B) and 20 to 22 (triggers) give no row, nor do those before the first
-status channel 0, which alone carries the minute.
+It knows decoders, the gate and text; it must not know maps. A row of NCOM is a packet with three right checksums,
+navigation status 2, 3 or 4, a known GNSS minute, a valid position, and a time later than the row before. Packets of
+status 1 and below (no time), 10 (status only), 11 (structure B) and 20 to 22 (triggers) give no row, nor do those
+before the first status channel 0, which alone carries the minute. Of the other formats a row is a complete epoch.
 """
 
 from __future__ import annotations
@@ -12,17 +12,18 @@ import csv
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from vve_sumo.errors import ConfigError
+from vve_sumo.pose.log_formats import LogDecoder, LogFormat
 from vve_sumo.pose.ncom import Decoder
-from vve_sumo.pose.recording import decode
-from vve_sumo.pose.trust import DRIVE, Trust, TrustGate
+from vve_sumo.pose.recording import decode, read_log
+from vve_sumo.pose.trust import Trust, TrustGate
 from vve_sumo.values import Fix
 
 COLUMNS: Final = (
     "time_gps_s",  #: since 1980-01-06, no leap seconds
-    "nav_status",  #: NCOM code
+    "nav_status",  #: NCOM code, empty of other formats
     "latitude_deg",  #: WGS84
     "longitude_deg",  #: WGS84
     "altitude_m",
@@ -30,39 +31,53 @@ COLUMNS: Final = (
     "velocity_north_mps",
     "velocity_east_mps",
     "velocity_down_mps",
-    "position_mode",  #: NCOM code, empty where not known
+    "position_mode",  #: NCOM code, empty where not known and of other formats
+    "quality",  #: of the position, as `FixQuality`
     "trusted",  #: whether a car may drive on it, had it arrived at once
     "reason",  #: codes of `trust.REASONS`, separated by blanks
 )
 
 
-def rows(path: Path, decoder: Decoder | None = None) -> Iterator[dict[str, str]]:
-    """Yield the rows of an NCOM file, texts by the names of `COLUMNS`.
+class Log(NamedTuple):
+    """What was found in a log."""
 
-    `decoder` is used if given, so that its counts can be read afterwards. A fix is judged as if it had arrived the
-    moment it was made, as a file does not hold arrivals. Raises ConfigError for a file without a packet.
+    format: LogFormat
+    decoder: LogDecoder  #: its counts show what gave no row
+
+
+def rows(path: Path) -> Iterator[dict[str, str]]:
+    """Yield the rows of a log, texts by the names of `COLUMNS`.
+
+    A fix is judged as if it had arrived the moment it was made, as a file does not hold arrivals, and as strictly as
+    that of a live receiver. Raises ConfigError for a file without a message.
     """
+    raw, of = read_log(path)
+    return _rows(raw, Log(of, of.decoder()))
+
+
+def _rows(raw: bytes, log: Log) -> Iterator[dict[str, str]]:
     gate: TrustGate | None = None
     epoch = 0.0
-    decoder = decoder or Decoder()
-    for fix in decode(path, decoder):
+    for fix in decode(raw, log.decoder):
         if gate is None:
             epoch = math.floor(fix.time)
-            gate = TrustGate(DRIVE, epoch)
-        yield _row(fix, decoder.codes, gate.step(fix.time - epoch, fix))
+            gate = TrustGate(log.format.profile, epoch)
+        codes = log.decoder.codes if isinstance(log.decoder, Decoder) else None
+        yield _row(fix, codes, gate.step(fix.time - epoch, fix))
 
 
-def write_csv(path: Path, out: Path) -> Decoder:
-    """Write the rows of the NCOM file `path` to `out`; return the decoder, whose counts show what gave no row."""
-    decoder = Decoder()
-    table = list(rows(path, decoder))
+def write_csv(path: Path, out: Path) -> Log:
+    """Write the rows of the log `path` to `out`; return what was found. Raises ConfigError as `rows` does."""
+    raw, of = read_log(path)
+    log = Log(of, of.decoder())
+    table = list(_rows(raw, log))
     if out.exists() and out.samefile(path):
         raise ConfigError(f"{out}: this is the recording itself, expected another file to write to")
     with out.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
         writer.writeheader()
         writer.writerows(table)
-    return decoder
+    return log
 
 
 def _text(value: float, digits: int) -> str:
@@ -74,11 +89,11 @@ def _compass(heading: float) -> str:
     return "" if math.isnan(heading) else f"{round(90.0 - math.degrees(heading), 6) % 360.0:.6f}"
 
 
-def _row(fix: Fix, codes: tuple[int, int], trust: Trust) -> dict[str, str]:
-    status, mode = codes
+def _row(fix: Fix, codes: tuple[int, int] | None, trust: Trust) -> dict[str, str]:
+    status, mode = (-1, -1) if codes is None else codes
     cells = (
         f"{fix.time:.3f}",
-        str(status),
+        "" if status < 0 else str(status),
         _text(math.degrees(fix.latitude), 10),
         _text(math.degrees(fix.longitude), 10),
         _text(fix.altitude, 3),
@@ -87,6 +102,7 @@ def _row(fix: Fix, codes: tuple[int, int], trust: Trust) -> dict[str, str]:
         _text(fix.velocity_east, 4),
         _text(fix.velocity_down, 4),
         "" if mode < 0 else str(mode),
+        str(fix.quality),
         "true" if trust.trusted else "false",
         " ".join(trust.reasons),
     )

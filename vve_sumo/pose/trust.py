@@ -148,6 +148,15 @@ NMEA: Final = replace(
     position_step=0.0186,
 )
 
+#: u-blox: judged as NMEA, whose rates it shares; its accuracies are the receiver's own. Positions in steps of 1e-7
+#: degrees.
+UBX: Final = replace(NMEA, name="ubx", position_step=0.0112)
+
+#: Septentrio and NovAtel: likewise, with positions as doubles. The yaw rate is differenced, or the receiver's own
+#: difference, and the acceleration is differenced speed with gravity's share by the pitch: no pitch is needed.
+SBF: Final = replace(NMEA, name="sbf", position_step=0.0)
+NOVATEL: Final = replace(SBF, name="novatel")
+
 #: CAN output of an OXTS unit: as NCOM, with positions in steps of 1e-7 degrees.
 OXTS_CAN: Final = replace(DRIVE, name="oxts_can", position_step=0.0112)
 

@@ -185,7 +185,8 @@ def test_variations_are_every_set_of_values(tmp_path: Path) -> None:
     <DeterministicSingleParameterDistribution parameterName="a"><DistributionRange stepWidth="5">
     <Range lowerLimit="10" upperLimit="20"/></DistributionRange></DeterministicSingleParameterDistribution>
     <DeterministicSingleParameterDistribution parameterName="b"><DistributionSet><Element value="x"/>
-    <Element value="y"/></DistributionSet></DeterministicSingleParameterDistribution></Deterministic></ParameterValueDistribution>
+    <Element value="y"/></DistributionSet></DeterministicSingleParameterDistribution></Deterministic>
+    </ParameterValueDistribution>
     </OpenSCENARIO>""",
         encoding="utf-8",
     )

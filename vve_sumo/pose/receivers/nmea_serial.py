@@ -2,50 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
-from pydantic import Field
-
-from vve_sumo.config_file import Name
-from vve_sumo.pose import sources
-from vve_sumo.pose.far_ends import PtyFarEnd
 from vve_sumo.pose.receivers.nmea import NmeaReceiver
-from vve_sumo.pose.receivers.port import OpenBus, OpenFarBus, Receiver
-from vve_sumo.pty_link import PREFIX
+from vve_sumo.pose.receivers.port import Receiver
+from vve_sumo.pose.receivers.serial_line import SerialReceiver
 
 
-class NmeaSerial(NmeaReceiver):
+class NmeaSerial(SerialReceiver, NmeaReceiver):
     """NMEA 0183 over a serial line."""
 
     silent_hint: ClassVar[str] = (
-        "see pose.device and pose.baud, and the receiver's serial output: GGA, HDT, VTG, RMC, GST"
+        "see pose.device and pose.baud, and the receiver's serial output: GGA, HDT or THS, VTG, RMC, GST"
     )
-
-    far_end_first: ClassVar[bool] = True
-
-    device: Name = Field(
-        description="serial port; of the simulated vehicle `pty:FILE`: FILE becomes a link to a line of its own"
-    )
-    baud: Annotated[int, Field(ge=4800, le=921_600)] = Field(default=115_200, description="of the serial port")
-
-    def open(self, _open_bus: OpenBus) -> sources.Source:
-        """Open the port; raises RigError naming the key."""
-        return sources.open_serial(self.device.removeprefix(PREFIX), self.baud)
-
-    def far_end(self, _open_far_bus: OpenFarBus) -> PtyFarEnd:
-        """Make the pseudo-terminal that the device is a link to."""
-        return PtyFarEnd(self.device)
-
-    def not_simulated(self) -> str:
-        """Return why the simulated vehicle cannot send as this receiver: it writes to no device of this machine."""
-        if why := super().not_simulated():
-            return why
-        expected = f"device: the simulated vehicle makes its own line, expected '{PREFIX}FILE'"
-        return "" if self.device.startswith(PREFIX) else f"{expected}, got {self.device!r}"
-
-    def place(self) -> str:
-        """Return device and baud rate."""
-        return f"{self.device} at {self.baud} baud"
 
 
 def make() -> type[Receiver]:

@@ -16,19 +16,23 @@ from pydantic import Field, model_validator
 from vve_sumo.config_file import Name, Table
 from vve_sumo.errors import ConfigError
 from vve_sumo.ports import Port
+from vve_sumo.pose.census import MessageCensus
 from vve_sumo.pose.sources import Source
 from vve_sumo.pose.trust import TrustProfile
 from vve_sumo.values import Fix, Frame
 
 _HERE: Final = "vve_sumo.pose.receivers"
+_SHIPPED: Final = (
+    "ncom_udp", "nmea_udp", "nmea_tcp", "nmea_serial", "ubx_udp", "ubx_serial", "sbf_udp", "sbf_tcp", "sbf_serial",
+    "novatel_udp", "novatel_tcp", "novatel_serial", "oxts_can", "file",
+)  # fmt: skip
 #: A kind is found by its name in this table, as `file.py:function` or by entry point; `make()` returns its class.
 PORT: Final = Port(
     "receiver",
     "vve_sumo.receivers",
     "()",
-    {kind: f"{_HERE}.{kind}" for kind in ("ncom_udp", "nmea_udp", "nmea_tcp", "nmea_serial", "oxts_can", "file")},
+    {kind: f"{_HERE}.{kind}" for kind in _SHIPPED},
 )
-
 
 #: kind of the simulated vehicle's receiver in lockstep, and of recordings
 STANDARD: Final = "ncom_udp"
@@ -43,6 +47,18 @@ class FixDecoder(Protocol):
         The fixes do not depend on how the stream is cut (a CAN frame never is). Time and position of a fix are finite;
         what the receiver does not report is NaN. The trust gate refuses a fix that is not newer than those before it.
         """
+        ...
+
+
+@runtime_checkable
+class CountedDecoder(FixDecoder, Protocol):
+    """A decoder of a receiver that sends several kinds of messages: it notes which came."""
+
+    census: MessageCensus
+
+    @property
+    def counts(self) -> Mapping[Any, int]:
+        """What became of messages and epochs, by outcome."""
         ...
 
 
@@ -171,8 +187,8 @@ class ReceiverTable(Table):
     not_fixed_hint: ClassVar[str] = "see the receiver's antennas, its view of the sky and its link to the base station"
 
     kind: Name = Field(
-        description="`ncom_udp`, `nmea_udp`, `nmea_tcp`, `nmea_serial`, `oxts_can`, `file`, a `file.py:make`, or an "
-        "installed package's entry point; the keys of each are below"
+        description=f"{', '.join(f'`{kind}`' for kind in _SHIPPED)}, a `file.py:make`, or an installed package's entry "
+        "point; the keys of each are below"
     )
     rate_hz: Annotated[float, Field(ge=10.0, le=250.0)] = Field(default=100.0, description="fixes a second")
     clock: Literal["arrival", "absolute"] = Field(

@@ -1,0 +1,22 @@
+"""Receivers that send NovAtel OEM7 logs in UDP datagrams."""
+
+from __future__ import annotations
+
+from vve_sumo.pose.receivers.novatel import NovatelReceiver
+from vve_sumo.pose.receivers.port import Receiver
+from vve_sumo.pose.receivers.udp import UdpReceiver
+
+
+class NovatelUdp(UdpReceiver, NovatelReceiver):
+    """NovAtel OEM7 logs in UDP datagrams."""
+
+    def recognises(self, datagram: bytes) -> bool:
+        """Return whether a datagram holds a whole log that is read."""
+        decoder = self.decoder()
+        decoder.feed(datagram, 0.0)
+        return decoder.recognised > 0
+
+
+def make() -> type[Receiver]:
+    """Return the kind's class."""
+    return NovatelUdp
