@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from vve_sumo.geometry import Box, Boxes, separation
+from vve_sumo.geometry import Box, Boxes, distance
 from vve_sumo.path import ReferencePath
 from vve_sumo.scenario.schema import Actor, EndTrigger
 from vve_sumo.scenario.story_conditions import Body, distance_between
@@ -55,7 +55,7 @@ def test_free_space_is_the_distance_of_the_boxes(x: float, y: float, one: float,
         Boxes(*(np.array([value]) for value in (box.x, box.y, box.heading, box.length, box.width, 0.0)))
         for box in (first, second)
     ]
-    assert found == pytest.approx(max(float(separation(*arrays)[0]), 0.0), abs=1e-6)
+    assert found == pytest.approx(float(distance(*arrays)[0]), abs=1e-6)
 
 
 def test_along_a_path_and_across_it() -> None:

@@ -23,7 +23,7 @@ FOLDER = SHARED_DATA / "openscenario"
 #: files of others that are not taken: the line and the element that say why
 REFUSED = {
     "highway_merge.xosc": (23, "LogicFile"),  # its roads are not beside it
-    "slow-lead-vehicle.xosc": (14, "LogicFile"),  # likewise
+    "slow-lead-vehicle.xosc": (19, "LogicFile"),  # likewise
     "ltap-od.xosc": (38, "ScenarioObject"),  # the ego's place counts along a route
     "pedestrian.xosc": (29, "ScenarioObject"),  # likewise
     "lane_change_simple.xosc": (65, "Event"),  # repeats its events

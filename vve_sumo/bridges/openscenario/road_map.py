@@ -259,7 +259,8 @@ def _distance(road: Road, s: float, x: float, y: float) -> float:
 
 def _along(road: Road, lane: int, s: float, sense: int, length: float) -> tuple[list[tuple[float, float]], int]:
     """Return a lane's middle on one road, and the lane's number at the end of it."""
-    points, step = [], SPACING * sense
+    points: list[tuple[float, float]] = []
+    step = SPACING * sense
     end = road.length if sense > 0 else 0.0
     section = road.section(s)
     while True:
@@ -332,7 +333,8 @@ def _piece(element: Element) -> _Piece:
     shape = next(iter(element.children))
     pose, length = Pose2(numbers["x"], numbers["y"], numbers["hdg"]), numbers["length"]
     of = shape.attributes
-    curvature, polynomial = (0.0, 0.0), None
+    curvature = 0.0, 0.0
+    polynomial: tuple[tuple[float, ...], tuple[float, ...], float] | None = None
     if shape.tag == "arc":
         curvature = float(of["curvature"]), float(of["curvature"])
     elif shape.tag == "spiral":
