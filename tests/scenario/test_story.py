@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,8 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from vve_sumo.errors import ConfigError
 from vve_sumo.geometry import Box, Boxes, distance
 from vve_sumo.path import ReferencePath
+from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Actor, EndTrigger
 from vve_sumo.scenario.story_conditions import Body, distance_between
 from vve_sumo.scenario.story_schema import LineChange, SpeedAction, StoryCondition
@@ -94,3 +98,24 @@ def test_what_says_too_much_or_too_little_is_refused(
 ) -> None:
     with pytest.raises(ValidationError, match=why):
         model.model_validate(table)
+
+
+@pytest.mark.parametrize(
+    ("story", "why"),
+    [
+        ({"name": "a", "when": [[{"of": "nobody", "speed_mps": 1.0}]]}, "no actor 'nobody', expected b or ego"),
+        ({"name": "a", "when": [[{"actions": ["b.c"]}]]}, "no action 'b.c', expected b.a"),
+        ({"name": "a", "ends": ["c.a"]}, "no action 'c.a'"),
+        ({"name": "a", "keeps": {"to": "c", "gap_m": 1.0, "side": "ahead"}}, "no actor 'c'"),
+    ],
+)
+def test_names_of_bodies_and_actions_that_there_are_not_are_one_line(story: dict[str, object], why: str) -> None:
+    lot = {"latitude_deg": 0.0, "longitude_deg": 0.0, "heading_deg": 0.0}
+    table = {
+        "title": "t",
+        "road": {"network": "n"},
+        "ego": {"path": "p", "speed_mps": 9.0, "lot": lot},
+        "actors": [{"id": "b", "at_m": 1.0, "story": {"actions": [story]}}],
+    }
+    with pytest.raises(ConfigError, match=re.escape(why)):
+        parse(table, Path("made.toml"))

@@ -79,7 +79,17 @@ class Storyboard:
             self._markers(event)
         for event in self._events:
             self._event(event)
+        self._drop_ends()
         return self._stop()
+
+    def _drop_ends(self) -> None:
+        """Take actions that are left out, or that never begin, off the lists of what others end."""
+        kept = {f"{self._stage.ids[name]}.{action['name']}" for name, story in self.stories.items() for action in story}
+        for story in self.stories.values():
+            for action in story:
+                ends = [name for name in action.pop("ends", []) if name in kept]
+                if ends:
+                    action["ends"] = ends
 
     def _read(self) -> Iterator[Event]:
         board = self._document.root.child("Storyboard")
