@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.bridges.openscenario.stage import after, event, scenario, speed_action, step, write
-from tests.conftest import SHARED_DATA
+from tests.conftest import REPOSITORY, SHARED_DATA
 from tests.isolated import command
 from vve_sumo.bridges.openscenario.distributions import read_variation
 from vve_sumo.bridges.openscenario.importer import Imported, read_scenario
@@ -224,3 +224,15 @@ def test_what_is_refused_leaves_nothing_behind(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert "<WarpAction>: this action is not taken" in done.stderr
     assert sorted(file.name for file in tmp_path.iterdir()) == ["made.xosc", "road.xodr"]
+
+
+def test_the_page_shows_a_scenario_that_is_taken_whole(tmp_path: Path) -> None:
+    page = (REPOSITORY / "docs" / "openscenario.md").read_text(encoding="utf-8")
+    road, text = re.findall(r"```xml\n(.*?)```", page, re.DOTALL)
+    (tmp_path / "road.xodr").write_text(road, encoding="utf-8")
+    file = tmp_path / "braking.xosc"
+    file.write_text(text, encoding="utf-8")
+    found = read_scenario(file, "braking")
+    assert not found.problems
+    assert found.table["actors"][0]["at_m"] == 60.0
+    assert found.table["ego"]["initial_speed_mps"] == 12.0
