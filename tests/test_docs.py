@@ -1,6 +1,7 @@
 """What the documents say is what the program does; tables that come from code are written from it.
 
-`python -m tests.test_docs` rewrites the generated tables, and the picture of the arming machine.
+`python -m tests.test_docs` rewrites the generated tables, and the pictures of the arming machine and of the control
+structure.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from tests import commands_page
 from tests.conftest import REPOSITORY
 from tests.live import matrix
 from tests.record.declared import LIVE_TABLES
+from tests.safety import control_structure
+from tests.safety import tables as safety_tables
 from tests.vehicle import arming_diagram
 from vve_sumo.analysis.latency import PERCENTILES
 from vve_sumo.analysis.sensing import STATISTICS
@@ -256,6 +259,13 @@ GENERATED = {
     ("people.md", "person reasons"): lambda: _codes(person.REASONS),
     ("people.md", "report reasons"): lambda: _codes(report_gate.REASONS),
     ("v2x.md", "station reasons"): lambda: _codes(station_gate.REASONS),
+    ("safety/hazards.md", "losses"): safety_tables.losses,
+    ("safety/hazards.md", "hazards"): safety_tables.hazards,
+    ("safety/hazards.md", "constraints"): safety_tables.constraints,
+    ("safety/hazards.md", "actions"): safety_tables.actions,
+    ("safety/residual_risks.md", "residual risks"): safety_tables.residual_risks,
+    ("safety/roles.md", "roles"): safety_tables.roles,
+    ("safety/roles.md", "checklists"): safety_tables.checklists,
 }
 
 
@@ -285,7 +295,8 @@ def test_the_page_of_commands_holds_every_option_that_a_help_names() -> None:
 
 def test_the_list_of_pages_leaves_none_out() -> None:
     page = (DOCS / "pages.md").read_text(encoding="utf-8")
-    assert {file.name for file in DOCS.glob("*.md")} - {*re.findall(r"\]\((\w+\.md)\)", page)} == {"pages.md"}
+    pages = {str(file.relative_to(DOCS)) for file in DOCS.rglob("*.md")}
+    assert pages - {*re.findall(r"\]\(([\w/]+\.md)\)", page)} == {"pages.md"}
 
 
 def test_the_front_page_is_one_page_with_both_commands_and_five_doors() -> None:
@@ -350,7 +361,9 @@ def test_the_rig_in_the_documentation_is_one_that_may_be_armed() -> None:
     assert arming_obstacle(rig, rig.watchdog_test.date) is None
 
 
-@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", *(f"docs/{p.name}" for p in DOCS.glob("*.md"))])
+@pytest.mark.parametrize(
+    "page", ["README.md", "CONTRIBUTING.md", *(str(p.relative_to(REPOSITORY)) for p in DOCS.rglob("*.md"))]
+)
 def test_links_lead_somewhere(page: str) -> None:
     text = (REPOSITORY / page).read_text(encoding="utf-8")
     for target in re.findall(r"\]\(([^)#]+)", text):
@@ -363,6 +376,7 @@ def _rewrite() -> None:
         head, _old, tail = _parts(DOCS / page, name)
         (DOCS / page).write_text(f"{head}\n{table()}\n\n{tail}", encoding="utf-8")
     (DOCS / "arming.svg").write_text(arming_diagram.svg(), encoding="utf-8")
+    (DOCS / "safety" / "control_structure.svg").write_text(control_structure.svg(), encoding="utf-8")
 
 
 if __name__ == "__main__":

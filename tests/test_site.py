@@ -68,7 +68,8 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Page]:
 
 @pytest.mark.thorough
 def test_every_page_of_the_repository_is_on_it(site: dict[str, Page]) -> None:
-    wanted = {f"{file.stem}.html" for file in (REPOSITORY / "docs").glob("*.md")}
+    docs = REPOSITORY / "docs"
+    wanted = {str(file.relative_to(docs).with_suffix(".html")) for file in docs.rglob("*.md")}
     wanted |= {f"notebooks/{file.stem}.html" for file in (REPOSITORY / "notebooks").glob("*.ipynb")}
     wanted |= {"index.html", "contributing.html", "changelog.html", "networks.html", "routes.html"}
     assert {place for place in site if place.endswith(".html")} == wanted

@@ -160,7 +160,7 @@ def test_the_command_line_says_in_one_line_what_is_wrong(arguments, why, tmp_pat
 
 def test_every_hint_to_install_names_an_extra_that_there_is():
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    files = [*(REPOSITORY / "vve_sumo").rglob("*.py"), *(REPOSITORY / "docs").glob("*.md"), REPOSITORY / "README.md"]
+    files = [*(REPOSITORY / "vve_sumo").rglob("*.py"), *(REPOSITORY / "docs").rglob("*.md"), REPOSITORY / "README.md"]
     files += [*(REPOSITORY / "notebooks").glob("*.ipynb"), *(REPOSITORY / "sweeps").glob("*.toml")]
     hints = [
         (file.name, extra)

@@ -20,6 +20,7 @@ MAX_DEPARTURE: Final = 1.5
 #: parts of a piece of the path between two points that are looked at one by one: across a corner the curvature of a
 #: cubic piece changes by a multiple
 PARTS: Final = 8
+MIN_PATH_LENGTH: Final = 5.0  #: a path cut shorter than this is refused [m]
 #: a path that turns by more than this at a point goes back [rad]
 MAX_TURN: Final = 0.5 * math.pi
 

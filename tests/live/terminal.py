@@ -12,7 +12,7 @@ import subprocess
 import sys
 import termios
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -89,12 +89,12 @@ drive(plan(scenario, rig, Path.cwd(), out=Path(out), seed=None, controller=None,
 
 
 @contextlib.contextmanager
-def desk(*arguments: str, record: Path) -> Iterator[Desk]:
+def desk(*arguments: str, record: Path, program: Sequence[str] = tuple(DRIVES)) -> Iterator[Desk]:
     """Drive with these arguments on a terminal of its own; what still runs afterwards is killed."""
     master, slave = pty.openpty()
     termios.tcsetwinsize(slave, (40, 160))
     process = subprocess.Popen(
-        [sys.executable, *DRIVES, *arguments, "--out", str(record)],
+        [sys.executable, *program, *arguments, "--out", str(record)],
         cwd=REPOSITORY,
         stdin=slave,
         stdout=slave,

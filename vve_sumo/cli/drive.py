@@ -11,13 +11,14 @@ from vve_sumo import progress_bar
 from vve_sumo.cli import live_drive
 from vve_sumo.cli.console import INTERRUPTED, complain, note, notify
 from vve_sumo.cli.drive_result import draw_and_show
-from vve_sumo.cli.parser import Parser, add_json, setting, values_of
+from vve_sumo.cli.parser import Parser, add_json, add_speed, setting, values_of
 from vve_sumo.errors import ConfigError, SimulationError
 
 if TYPE_CHECKING:
     from vve_sumo.drive.brain import ExternalController
     from vve_sumo.drive.resolved_scenario import ResolvedScenario
     from vve_sumo.drive.run import Drive
+
 
 SUMMARY = "drive a scenario: in lockstep, live on a rig, or with a recorded drive"
 TEXT = """\
@@ -29,6 +30,7 @@ examples:
   vve-sumo drive                                the paper's drive: a car parked in the middle of the road
   vve-sumo drive parked_car --seed 7 --out a    another seed, record in folder a
   vve-sumo drive --set 'ego.speed=25 mph' --set controller.tuning.gap_m=8   other values of any key
+  vve-sumo drive --speed '25 km/h'              another speed of the ego
   vve-sumo drive --controller mine.py:make      your own controller
   vve-sumo drive --vehicle lincoln_mkz          another car
   vve-sumo drive --rig rigs/ours.toml --lockstep   the simulated vehicle as the rig calibrates it
@@ -36,6 +38,7 @@ examples:
   vve-sumo drive --pose drive.csv               a recorded drive through the same pipeline; no car is commanded
   vve-sumo drive --rig simulated                live, with the simulated vehicle as a process of its own
   vve-sumo drive --rig simulated --view         the same with a page in a browser, which has a stop button
+  vve-sumo drive parked_car --rig rigs/ours.toml --rehearse   live, the real car's rig on simulated wires
   vve-sumo drive parked_car --rig rigs/ours.toml --shadow   live, with every enable bit off
 
 live keys: e engages, g starts, any other key stops; so do Ctrl-C and closing the terminal. The emergency stop is
@@ -58,6 +61,7 @@ def arguments(parser: Parser) -> None:
         help="override a value of the scenario: a dotted key such as ego.speed_mps, or a parameter that it declares; "
         "a number may have a unit, such as 'ego.speed=25 mph'; may be given several times",
     )
+    add_speed(parser)
     parser.add_argument("--controller", metavar="NAME", help="shipped name, file.py:make or entry point")
     parser.add_argument(
         "--vehicle", metavar="NAME", help="override the scenario's vehicle: a name under vehicles/ or a .toml file"
@@ -80,6 +84,12 @@ def arguments(parser: Parser) -> None:
     parser.add_argument(
         "--shadow", action="store_true", help="live, with every enable bit off: the car is not commanded"
     )
+    parser.add_argument(
+        "--rehearse",
+        action="store_true",
+        help="live, with the rig of a real car on simulated wires: emulated bus, simulated receiver of the rig's kind, "
+        "the rig's car, calibration, mounting, lot and alignment; no hardware can be opened",
+    )
     parser.add_argument("--view", action="store_true", help="live, with a page in a browser; its address is printed")
     parser.add_argument("--operator", metavar="NAME", help="live, for the record: name of the operator at the console")
     parser.add_argument("--driver", metavar="NAME", help="live, for the record: name of the safety driver")
@@ -98,6 +108,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigError(
             "--lockstep: expected --rig with the rig whose car is simulated; without a rig every drive is in lockstep"
         )
+    if arguments.rehearse:
+        raise ConfigError("--rehearse: only a live drive has wires; name the rig with --rig, without --lockstep")
     if arguments.shadow:
         raise ConfigError("--shadow: only a live drive sets enable bits; name the rig with --rig")
     if arguments.view:
@@ -123,6 +135,7 @@ def _lockstep(arguments: argparse.Namespace) -> int:
         controller=arguments.controller,
         vehicle=arguments.vehicle,
         rig=arguments.rig,
+        speed=arguments.speed,
         values=values_of(arguments.values),
     )
     for fault in resolved.faults if arguments.pose is None else ():
@@ -174,6 +187,19 @@ def _exit_code(done: Drive) -> int:
 def _live(arguments: argparse.Namespace) -> int:
     if arguments.pose is not None:
         raise ConfigError("--pose: a live drive has its pose from the rig; leave out one of --pose and --rig")
+    if not arguments.rehearse:
+        return _driven(arguments, None)
+    import tempfile
+
+    from vve_sumo.live.simulated_wires import forbid_hardware
+
+    forbid_hardware()
+    with tempfile.TemporaryDirectory(prefix="vve_sumo_rehearsal_") as links:
+        return _driven(arguments, Path(links))
+
+
+def _driven(arguments: argparse.Namespace, rehearse: Path | None) -> int:
+    """Drive live to the end; `rehearse` is the folder of a rehearsal's links."""
     from vve_sumo.drive.run import Drive
     from vve_sumo.drive.termination import Outcome
     from vve_sumo.live import session
@@ -186,9 +212,13 @@ def _live(arguments: argparse.Namespace) -> int:
         seed=arguments.seed,
         controller=arguments.controller,
         shadow=arguments.shadow,
+        speed=arguments.speed,
         values=values_of(arguments.values),
         view=arguments.view,
+        rehearse=rehearse,
     )
+    for line in plan.rehearsal:
+        notify(line)
     doctor = live_drive.examined(plan, arguments.override_doctor)  # before names are asked for
     if plan.resolved.note:
         note(plan.resolved.note)

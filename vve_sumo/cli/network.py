@@ -26,6 +26,7 @@ def arguments(parser: Parser) -> None:
     inner = add_subcommands(parser)
     _add_build(inner)
     _add_edges(inner)
+    _add_picture(inner)
     _add_demand(inner)
 
 
@@ -69,6 +70,23 @@ def _add_edges(inner: Commands) -> None:
     edges.add_argument("network", help="name or .net.xml file")
     edges.add_argument("street", nargs="?", default="", help="part of a street's name (default: all)")
     edges.set_defaults(run=_edges)
+
+
+def _add_picture(inner: Commands) -> None:
+    picture = add_command(
+        inner,
+        "picture",
+        "draw a network with its edges' names, to choose those of a path",
+        "Draw the network from above. The name of every edge stands on the right of its lanes, with an arrow in the\n"
+        "driving direction; vve-sumo path record takes these names. Print the names for which there was no room.\n\n"
+        "examples:\n"
+        "  vve-sumo network picture linden --out linden.svg\n"
+        "  vve-sumo network picture linden 'Cleveland' --out cleveland.png   the part with these streets, larger\n",
+    )
+    picture.add_argument("network", help="name or .net.xml file")
+    picture.add_argument("street", nargs="?", default="", help="part of a street's name: draw what is around it")
+    picture.add_argument("--out", type=Path, required=True, metavar="FILE", help=".png, .svg or .pdf file to write")
+    picture.set_defaults(run=_picture)
 
 
 def _add_demand(inner: Commands) -> None:
@@ -173,6 +191,29 @@ def _edges(arguments: argparse.Namespace) -> int:
     if not matching:
         print(f"no street of {arguments.network} has {arguments.street!r} in its name", file=sys.stderr)
     return 0 if matching else 1
+
+
+def _picture(arguments: argparse.Namespace) -> int:
+    """Draw a network with its edges' names; return the exit code, 0."""
+    from vve_sumo.plotting.network import DrawnEdge, around_street, draw
+    from vve_sumo.workspace import find
+    from vve_sumo.world.network import Roads
+
+    file = find("network", arguments.network, Path.cwd())
+    edges = [
+        DrawnEdge(edge.getID(), edge.getName(), shape, edge.getLaneNumber(), edge.allows("passenger"))
+        for edge, shape in Roads(file).shapes()
+    ]
+    if arguments.street:
+        edges = around_street(edges, arguments.street)
+        if not edges:
+            raise ConfigError(f"no street of {arguments.network} has {arguments.street!r} in its name")
+    what = f"{file.name}: {arguments.street}" if arguments.street else file.name
+    unnamed = draw(edges, arguments.out, f"{what}, names of edges")
+    print(f"{len(edges)} edges drawn into {arguments.out}")
+    if unnamed:
+        print(f"no room for the names of {len(unnamed)} short edges: {' '.join(unnamed)}")
+    return 0
 
 
 def _demand(arguments: argparse.Namespace) -> int:

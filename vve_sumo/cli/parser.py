@@ -107,6 +107,30 @@ def setting(text: str) -> tuple[str, Any]:
         return key.strip(), value.strip()
 
 
+def speed(text: str) -> float:
+    """Return the speed [m/s] of a number or of a quantity such as 25 km/h."""
+    from vve_sumo.units import DIMENSIONS, converted, is_quantity
+
+    try:
+        found = converted(text, DIMENSIONS["_mps"]) if is_quantity(text) else float(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"expected m/s or a speed such as '25 km/h': {error}") from None
+    if not 0.0 < found < 100.0:
+        raise argparse.ArgumentTypeError(f"expected more than 0 and less than 100 m/s, got {text!r}")
+    return found
+
+
+def add_speed(parser: Parser) -> None:
+    """Add `--speed`, the ego's in place of the scenario's."""
+    parser.add_argument(
+        "--speed",
+        type=speed,
+        metavar="SPEED",
+        help="speed of the ego in place of the scenario's: m/s, or with a unit such as '25 km/h'; the scenario's "
+        "parameter `speed` takes it where it has one",
+    )
+
+
 def values_of(settings: Sequence[tuple[str, Any]]) -> dict[str, Any]:
     """Return the settings by key; raises ConfigError for a key that is set twice."""
     keys = [key for key, _value in settings]

@@ -1,4 +1,4 @@
-"""`vve-sumo path`: the ego's path, recorded in a network."""
+"""`vve-sumo path`: the ego's path, recorded in a network or cut from a longer one."""
 
 from __future__ import annotations
 
@@ -6,17 +6,19 @@ import argparse
 import sys
 from pathlib import Path
 
-from vve_sumo.cli.parser import OF_FILES, Parser, add_command, add_subcommands, names
+from vve_sumo.cli.parser import OF_FILES, Commands, Parser, add_command, add_subcommands, names
 
 EXIT_CODES = OF_FILES
 
-SUMMARY = "record the ego's path"
+SUMMARY = "record the ego's path, or cut a part of one"
 
 
 def arguments(parser: Parser) -> None:
     """Add the command's arguments."""
+    inner = add_subcommands(parser)
+    _add_cut(inner)
     record = add_command(
-        add_subcommands(parser),
+        inner,
         "record",
         "record a path from edge to edge as latitude and longitude",
         "Let a SUMO car drive through the network and write its smoothed track as CSV for the ego's rear axle.\n"
@@ -47,6 +49,33 @@ def arguments(parser: Parser) -> None:
     )
     record.add_argument("--out", type=Path, required=True, metavar="CSV", help="file to write")
     record.set_defaults(run=run)
+
+
+def _add_cut(inner: Commands) -> None:
+    cut = add_command(
+        inner,
+        "cut",
+        "cut a part of a path into a path file of its own",
+        "Write the part of a path between two distances along it, in metres on the ground, as a path file of its own.\n"
+        "What a scenario places by distances along the path then counts from the new start.\n\n"
+        "example:\n  vve-sumo path cut linden_17th --from 540 --to 660 --out part.csv\n",
+    )
+    cut.add_argument("path", help="name under routes/ or a .csv file")
+    cut.add_argument("--from", dest="start", type=float, required=True, metavar="N", help="distance of the new start")
+    cut.add_argument("--to", dest="end", type=float, required=True, metavar="N", help="distance of the new end")
+    cut.add_argument("--out", type=Path, required=True, metavar="CSV", help="file to write")
+    cut.set_defaults(run=_cut)
+
+
+def _cut(arguments: argparse.Namespace) -> int:
+    """Cut a part of a path and write it; return the exit code, 0."""
+    from vve_sumo.network_tools.path_file import cut_path
+    from vve_sumo.workspace import find
+
+    source = find("path", arguments.path, Path.cwd())
+    part = cut_path(source, arguments.start, arguments.end, arguments.out)
+    print(f"{part.length:.2f} m of {source.name} written to {arguments.out}")
+    return 0
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -24,10 +24,13 @@ EXIT_CODES = OF_FILES
 
 SUMMARY = "list the scenarios, draw one as a picture, write their schema"
 TEXT = """\
-List every scenario: its title, network, other road users and pass criteria.
+List every scenario: its title, network, other road users and pass criteria. With --fit-lot: whether the meeting with
+whom an ego that never brakes would touch first fits into the lot of a rig, at which speed, and on which part of the
+path; vve-sumo align --around lays it there. That takes some seconds a scenario.
 
 examples:
   vve-sumo scenarios                            the list
+  vve-sumo scenarios --fit-lot ours             which of them fit into the lot of the rig `ours`
   vve-sumo scenarios show cut_in --out cut.png   a picture: the road, the actors' motion, the triggers
   vve-sumo scenarios schema --out scenario.schema.json   for editors that complete and check
   vve-sumo scenarios import cut-in.xosc         a scenario of OpenSCENARIO, into this folder
@@ -44,6 +47,9 @@ Needs netconvert: pip install 'vve-sumo[network]'.
 def arguments(parser: Parser) -> None:
     """Add the command's arguments."""
     add_json(parser, "the list")
+    parser.add_argument(
+        "--fit-lot", metavar="RIG", help="list what fits into the lot of this rig: a name under rigs/ or a .toml file"
+    )
     inner = add_subcommands(parser, required=False)
     show = add_command(
         inner,
@@ -128,6 +134,8 @@ def _import(arguments: argparse.Namespace) -> int:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print every scenario with its title, network, other road users and pass criteria."""
+    if arguments.fit_lot is not None:
+        return _fit_lot(arguments.fit_lot, as_json=arguments.json)
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -150,6 +158,29 @@ def run(arguments: argparse.Namespace) -> int:
     if len(columns) < len(COLUMNS):
         console.print(f"a terminal of {WIDE_ENOUGH} columns also shows network, other road users and pass criteria")
     return _print_errors(errors)
+
+
+def _fit_lot(rig: str, *, as_json: bool) -> int:
+    """Print which scenarios fit into a rig's lot; return the exit code."""
+    from vve_sumo.commissioning.lot_fits import lot_fits
+
+    fits = []
+    for one in lot_fits(rig, Path.cwd()):
+        fits.append(one)
+        notify(f"{one.scenario}: {'fits' if one.speed_mps is not None else one.why_not}")
+    if as_json:
+        print(json.dumps([one.to_dict() for one in fits], ensure_ascii=False))
+        return 0
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    console = Console() if sys.stdout.isatty() else Console(width=UNLIMITED)
+    table = Table("name", "event", "its speed", "fits at", "metres of path", "clearance", box=None, pad_edge=False)
+    for one in fits:
+        table.add_row(*(Text(cell) for cell in one.cells()))
+    console.print(table)
+    return 0
 
 
 def _print_errors(errors: Sequence[str]) -> int:

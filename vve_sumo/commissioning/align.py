@@ -27,6 +27,7 @@ from vve_sumo.live import assembly, start_simulated_vehicle
 from vve_sumo.live.alignment import lot_alignment
 from vve_sumo.lot.fit import CorridorExcess, Fit, corridor_excess, fit, measured, shortened
 from vve_sumo.lot.geofence import Geofence
+from vve_sumo.network_tools.path_file import write_part
 from vve_sumo.path import ReferencePath
 from vve_sumo.path_feasibility import refuse_tight_bend
 from vve_sumo.rig import edit
@@ -40,7 +41,6 @@ RESIDUAL_LIMIT: Final = 0.20
 LOT_COLUMNS: Final = ("lot_latitude_deg", "lot_longitude_deg")
 STREET_COLUMNS: Final = ("street_x_m", "street_y_m")
 GEODETIC_COLUMNS: Final = ("street_latitude_deg", "street_longitude_deg")
-DECIMALS: Final = 10  #: of degrees in a path's file: 0.01 mm
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +74,7 @@ class AlignmentResult:
     residual: float  #: worst error of the points that it was made from [m]
     fit: Fit | None
     evidence: tuple[str, ...] = ()  #: what the alignment is based on, a line each
+    searched: bool = False  #: whether a search chose the place, so that nobody stands there yet
 
     @property
     def whole(self) -> bool:
@@ -81,11 +82,14 @@ class AlignmentResult:
         return self.fit is not None and self.fit.whole
 
 
-def site_of(scenario: str, rig: str, working: Path) -> AlignmentSite:
-    """Find rig and scenario by name; raises ConfigError for what is missing, wrong or too fast for the lot."""
+def site_of(scenario: str, rig: str, working: Path, speed: float | None = None) -> AlignmentSite:
+    """Find rig and scenario by name; raises ConfigError for what is missing, wrong or too fast for the lot.
+
+    `speed` [m/s] takes the place of the scenario's, as `overrides.with_speed` says.
+    """
     rig_file = workspace.find("rig", rig, working)
     loaded = rigs.load(rig_file, working)
-    resolved = resolve_by_name(scenario, working)
+    resolved = resolve_by_name(scenario, working, speed=speed)
     try:
         resolved = assembly.scenario_with_rig(resolved, loaded, working)
     except ConfigError as error:
@@ -167,7 +171,7 @@ def searched(site: AlignmentSite) -> AlignmentResult:
     evidence = (
         f"most room: the lot turned by {turn:.3f} deg, its origin at ({shift[0]:.2f}, {shift[1]:.2f}) m on the road"
     )
-    return AlignmentResult(found.alignment, 0.0, found, (evidence,))
+    return AlignmentResult(found.alignment, 0.0, found, (evidence,), searched=True)
 
 
 def description(site: AlignmentSite, result: AlignmentResult) -> Iterator[str]:
@@ -218,18 +222,8 @@ def cut(site: AlignmentSite, result: AlignmentResult, out: Path) -> ReferencePat
     short = shortened(site.resolved.path, geofence, site.speed, result.fit.station, site.resolved.corridor)
     source = site.resolved.files["path"]
     refuse_tight_bend(short, site.resolved.vehicle.tightest_curvature, f"{source}: its first {short.length:.0f} m")
-    comments = [line for line in source.read_text(encoding="utf-8-sig").splitlines() if line.startswith("#")]
-    points = (short.at(s) for s in np.linspace(0.0, short.length, round(short.length) + 1).tolist())
-    rows = [
-        [math.degrees(angle) for angle in site.resolved.map_frame.to_geodetic(point.x, point.y)] for point in points
-    ]
-    lines = [
-        *comments,
-        f"# The first {short.length:.0f} m of {source.name}, cut by vve-sumo align for {site.rig_file.name}.",
-        "latitude_deg,longitude_deg",
-        *(f"{latitude:.{DECIMALS}f},{longitude:.{DECIMALS}f}" for latitude, longitude in rows),
-    ]
-    out.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    note = f"The first {short.length:.0f} m of {source.name}, cut by vve-sumo align for {site.rig_file.name}."
+    write_part(short, site.resolved.map_frame, source, note, out)
     return short
 
 
@@ -251,19 +245,43 @@ def beyond(site: AlignmentSite, length: float) -> list[str]:
     ]
 
 
-def store(site: AlignmentSite, result: AlignmentResult, today: datetime.date) -> None:
-    """Write an alignment into the rig file; raises ConfigError where it would not load or ships with the package."""
+def refuse_shipped(rig_file: Path) -> None:
+    """Raise ConfigError for a rig file that ships with the package, unless its own folder is the working one."""
     shipped = workspace.shipped_root()
-    if site.rig_file.resolve().parent == shipped / "rigs" and Path.cwd().resolve() != shipped:
-        raise ConfigError(f"{site.rig_file} ships with the package: vve-sumo init lays out one of your own")
+    if rig_file.resolve().parent == shipped / "rigs" and Path.cwd().resolve() != shipped:
+        raise ConfigError(f"{rig_file} ships with the package: vve-sumo init lays out one of your own")
+
+
+def store(site: AlignmentSite, result: AlignmentResult, today: datetime.date, name: str | None = None) -> None:
+    """Write an alignment into the rig file; raises ConfigError where it would not load or ships with the package.
+
+    With a `name` it becomes the alignment of the scenario of that name alone. What was found by a search is also where
+    the rig's simulated vehicle stands, if it has one.
+    """
+    refuse_shipped(site.rig_file)
+    table = "alignment" if name is None else f"alignments.{name}"
+    origin = site.rig.alignment.origin or site.rig.lot.outline[0]
     values: dict[str, Any] = {
         "kind": "stored",
         "network": site.resolved.scenario.road.network,
         "date": today,
-        "origin": list(site.rig.alignment.origin or site.rig.lot.outline[0]),
+        "origin": list(origin),
         "rotation_deg": round(math.degrees(result.alignment.rotation), 9),
         "x_m": round(result.alignment.x, 5),
         "y_m": round(result.alignment.y, 5),
         "residual_m": round(result.residual, 4),
     }
-    edit.put(site.rig_file, {("alignment", key): value for key, value in values.items()}, emptied=("alignment",))
+    start = start_values(site, result) if result.searched and site.rig.car == "simulated" else {}
+    if start and name is not None:
+        values["start"], start = list(start.values()), {}
+    changed = {(table, key): value for key, value in values.items()}
+    changed |= {("car_start", key): value for key, value in start.items()}
+    edit.put(site.rig_file, changed, emptied=(table,))
+
+
+def start_values(site: AlignmentSite, result: AlignmentResult) -> dict[str, float]:
+    """Return where the rear axle stands at the path's start, by the keys of `[car_start]`."""
+    if result.fit is None:
+        return {}
+    place = meaning.place_in_degrees(meaning.frame_of(site.rig), *result.fit.start)
+    return dict(zip(("latitude_deg", "longitude_deg", "heading_deg"), place, strict=True))

@@ -50,6 +50,7 @@ def examine(
         advice = "correct the rig file, or name another one"
         loaded = report.attempt("rig", advice, lambda: rigs.load(workspace.find("rig", rig, working), working))
     if loaded is not None:
+        loaded = loaded if resolved is None else meaning.with_alignment_for(loaded, resolved.name)
         report.add([Check("rig", f"{loaded.title} ({loaded.car})")])
     _examine_dbc(report, resolved, loaded)
     if resolved is not None:

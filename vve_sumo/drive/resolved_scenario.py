@@ -30,6 +30,7 @@ from vve_sumo.frames import MapFrame
 from vve_sumo.lot.corridor import CorridorStretch, DeclaredCorridor
 from vve_sumo.metrics.own import OwnMetrics, load_own
 from vve_sumo.network_tools.buildings import buildings_file, buildings_near
+from vve_sumo.network_tools.path_file import PATH_COLUMNS
 from vve_sumo.path import ReferencePath
 from vve_sumo.path_feasibility import find_reversal, refuse_tight_bend
 from vve_sumo.people.setup import PersonSetup
@@ -61,7 +62,6 @@ if TYPE_CHECKING:
 DEFAULT_EPOCH = 1_451_260_818.0
 #: libraries whose version is recorded beside our own, because a drive may go differently with another version
 DECISIVE_LIBRARIES = ("libsumo", "numpy", "scipy", "pyproj")
-PATH_COLUMNS = ("latitude_deg", "longitude_deg")
 #: a path's point that is farther than this from every lane is a mistake in the coordinates [m]
 MAX_DISTANCE_FROM_LANES = 50.0
 #: successive points of a path that are farther apart than this need a lane between them, along which the path runs [m]:

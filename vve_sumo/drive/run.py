@@ -79,17 +79,21 @@ def resolve_by_name(
     controller: str | None = None,
     vehicle: str | None = None,
     rig: str | None = None,
+    speed: float | str | None = None,
     values: Mapping[str, Any] | None = None,
 ) -> ResolvedScenario:
     """Resolve a scenario by name or file, with another seed, controller or vehicle model where one is given.
 
-    `values` are those of further dotted keys, or of parameters that the scenario declares.
+    `speed` is that of the ego, as `overrides.with_speed` sets it. `values` are those of further dotted keys, or of
+    parameters that the scenario declares.
 
     With a `rig`, the rig's car is simulated.
 
     Raises ConfigError for anything that is missing or wrong.
     """
-    file, table = table_by_name(name, working, seed=seed, controller=controller, vehicle=vehicle, values=values)
+    file, table = table_by_name(
+        name, working, seed=seed, controller=controller, vehicle=vehicle, speed=speed, values=values
+    )
     scenario = parse(table, file)
     resolved = resolve_scenario(file.name.removesuffix(".toml"), scenario, file, working)
     if rig is not None:
@@ -106,6 +110,7 @@ def table_by_name(
     seed: int | None = None,
     controller: str | None = None,
     vehicle: str | None = None,
+    speed: float | str | None = None,
     values: Mapping[str, Any] | None = None,
 ) -> tuple[Path, dict[str, Any]]:
     """Return the file and the table of a scenario, altered as `resolve_by_name` says."""
@@ -113,6 +118,8 @@ def table_by_name(
     table = read_as(file, "scenario", Scenario)
     parse(table, file)
     chosen = overrides.choose(table, seed=seed, controller=controller, vehicle=vehicle)
+    if speed is not None:
+        chosen = overrides.with_speed(chosen, speed)
     return file, overrides.checked(chosen, values or {}, "--set ")
 
 

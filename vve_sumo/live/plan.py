@@ -25,6 +25,7 @@ class DrivePlan:
     operator: str | None = None  #: who is at the console; None where nobody said
     driver: str | None = None  #: who sits behind the wheel
     view: bool = False  #: whether a page in a browser shows the drive
+    rehearsal: tuple[str, ...] = ()  #: of a rig on simulated wires, what differs from its file; empty for none
 
     def clock(self) -> float:
         """Drive time [s]."""

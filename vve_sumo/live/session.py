@@ -34,6 +34,7 @@ from vve_sumo.live.keys import OperatorInput
 from vve_sumo.live.optional_processes import Notify
 from vve_sumo.live.plan import DrivePlan
 from vve_sumo.live.priority import Rights, lower_priority, rights
+from vve_sumo.live.rehearsal import rehearsed
 from vve_sumo.live.screen import Screen
 from vve_sumo.live.summary import summarise
 from vve_sumo.live.view_token import certificate_of, token_of
@@ -67,15 +68,23 @@ def plan(
     seed: int | None,
     controller: str | None,
     shadow: bool,
+    speed: float | None = None,
     values: Mapping[str, Any] | None = None,
     view: bool = False,
+    rehearse: Path | None = None,
 ) -> DrivePlan:
     """Find scenario and rig by name and refuse what nobody should drive with; opens no device and writes nothing.
+
+    With `rehearse` a real car's rig is put on simulated wires, links to which are made in that folder.
 
     Raises ConfigError for what is wrong in a file, RigError for a rig that may not command a car.
     """
     rig_file = workspace.find("rig", rig, working)
     loaded = rigs.load(rig_file, working)
+    notes: tuple[str, ...] = ()
+    if rehearse is not None:
+        whole = resolve_by_name(scenario, working, speed=speed, values=values)
+        loaded, notes = rehearsed(meaning.with_alignment_for(loaded, whole.name), rig_file, whole, rehearse)
     if shadow and loaded.brain.kind == "external":
         raise ConfigError(
             f"--shadow: brain.kind of {rig_file} is 'external': it alone sets the enable bits; leave it out"
@@ -92,7 +101,8 @@ def plan(
     if loaded.people:
         token_of(loaded.people_page, working, "people_page")
         certificate_of(loaded.people_page, working)
-    resolved = resolve_by_name(scenario, working, seed=seed, controller=controller, values=values)
+    resolved = resolve_by_name(scenario, working, seed=seed, controller=controller, speed=speed, values=values)
+    loaded = loaded if rehearse is not None else meaning.with_alignment_for(loaded, resolved.name)
     require_one_ego(resolved, "a live drive has one real car, which is [ego]'s, and no simulated ones beside it")
     try:
         resolved = assembly.scenario_with_rig(resolved, loaded, working)
@@ -103,7 +113,9 @@ def plan(
     folder = (out if out is not None else new_run_folder(resolved.name, working)).absolute()
     claim(folder)
     scenario_file = workspace.find("scenario", scenario, working).absolute()
-    return DrivePlan(resolved, scenario_file, loaded, rig_file, folder, working, shadow, time.monotonic(), view=view)
+    return DrivePlan(
+        resolved, scenario_file, loaded, rig_file, folder, working, shadow, time.monotonic(), view=view, rehearsal=notes
+    )
 
 
 def named(plan: DrivePlan, operator: str | None, driver: str | None) -> DrivePlan:
@@ -361,6 +373,7 @@ def _summary(plan: DrivePlan, why: tuple[str, ...], notify: Notify) -> dict[str,
     parts, own = summary.get("record_parts_sha256", {}), plan.resolved.own_metrics()
     full = summarise_drive(plan.resolved, done, plan.folder, parts, own)
     extra = {key: summary[key] for key in summary if key not in full and key not in ("warnings", SUMMARY_HASH_KEY)}
+    extra |= {"rehearsal": True} if plan.rehearsal else {}
     summary = full | extra | {"rig": plan.rig_file.stem, "shadow": plan.shadow, "brain": plan.rig.brain.kind}
     if plan.rig.brain.kind != "own":
         summary["controller"] = EXTERNAL_CONTROLLER

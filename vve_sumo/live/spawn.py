@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from vve_sumo.live.channel import Channel, adopt
+from vve_sumo.live.simulated_wires import forbid_hardware_in_rehearsal
 
 
 def start(
@@ -59,7 +60,11 @@ def end(process: subprocess.Popen[bytes], timeout: float) -> None:
 
 
 def receive_config() -> tuple[dict[str, Any], dict[str, Channel]]:
-    """Return what `start` handed to this process; to be called once, before anything else."""
+    """Return what `start` handed to this process; to be called once, before anything else.
+
+    A process of a rehearsal can open no hardware from then on.
+    """
+    forbid_hardware_in_rehearsal()
     handed = json.load(sys.stdin.buffer)
     return handed["config"], {name: adopt(descriptor) for name, descriptor in handed["channels"].items()}
 

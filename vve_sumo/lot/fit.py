@@ -21,6 +21,7 @@ from vve_sumo.lot.corridor import DeclaredCorridor
 from vve_sumo.lot.geofence import DrivenPlace, Geofence
 from vve_sumo.lot.polygon import Raster
 from vve_sumo.path import ReferencePath
+from vve_sumo.path_feasibility import MIN_PATH_LENGTH
 from vve_sumo.values import Floats
 
 SWEPT_SPACING: Final = 3  #: path stations per swept place in the search [m]
@@ -32,7 +33,6 @@ POINTS: Final = 400  #: number of points with the least clearance, which decide 
 ROUNDS: Final = 40  #: maximum of a refinement
 STILL: Final = 0.01  #: a refinement that moves less is done [m]
 CUT_RESOLUTION: Final = 2.0  #: the cut of a path that doesn't fit is found to this [m]
-MIN_PATH_LENGTH: Final = 5.0  #: a path cut shorter than this is refused [m]
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,21 +90,36 @@ class _Ground:
         return Alignment(wrap_angle(placement.rotation), *shift).inverse()
 
 
+@dataclass(frozen=True, slots=True)
+class _Search:
+    """A drive whose ground is laid into the lot again and again."""
+
+    geofence: Geofence
+    drive: list[DrivenPlace]
+    ground: _Ground
+    tables: tuple[Raster, Raster]  #: of the lot, coarse and fine
+
+    @classmethod
+    def of(cls, path: ReferencePath, geofence: Geofence, speed: float, corridor: DeclaredCorridor) -> _Search:
+        drive = geofence.driven(path, speed, corridor)
+        tables = geofence.lot.raster(COARSE_ROWS), geofence.lot.raster(FINE_ROWS)
+        return cls(geofence, drive, _ground(geofence, drive), tables)
+
+    def tried(self, station: float) -> Fit | None:
+        """Return how the drive lies where the ground up to a station has most clearance; None for an unfit start."""
+        placement = _best(self.ground.until(station), *self.tables)
+        return None if placement is None else _measured(self.geofence, self.drive, self.ground.alignment(placement))
+
+
 def fit(path: ReferencePath, geofence: Geofence, speed: float, corridor: DeclaredCorridor = ()) -> Fit:
     """Return the alignment under which a drive of the path at `speed` [m/s] has most clearance in the lot.
 
     The ground that has to fit is that of the path and of its declared `corridor`. Where the whole path fits nowhere, it
     is the alignment that fits most of it, to about `CUT_RESOLUTION`. Raises ConfigError where not even the start fits.
     """
-    drive = geofence.driven(path, speed, corridor)
-    ground = _ground(geofence, drive)
-    tables = geofence.lot.raster(COARSE_ROWS), geofence.lot.raster(FINE_ROWS)
-
-    def tried(station: float) -> Fit | None:
-        placement = _best(ground.until(station), *tables)
-        return None if placement is None else _measured(geofence, drive, ground.alignment(placement))
-
-    whole = drive[-1].station
+    search = _Search.of(path, geofence, speed, corridor)
+    tried = search.tried
+    whole = search.drive[-1].station
     best = tried(whole)
     if best is not None and best.whole:
         return best
@@ -118,6 +133,16 @@ def fit(path: ReferencePath, geofence: Geofence, speed: float, corridor: Declare
     if best is None:
         raise ConfigError("the lot has no place for the start of the path and the fallback path from there")
     return best
+
+
+def fit_whole(path: ReferencePath, geofence: Geofence, speed: float, corridor: DeclaredCorridor = ()) -> Fit | None:
+    """Return the alignment under which a drive of the whole path has most clearance; None where none is found.
+
+    As `fit`, without the search for how much of the path fits.
+    """
+    search = _Search.of(path, geofence, speed, corridor)
+    best = search.tried(search.drive[-1].station)
+    return best if best is not None and best.whole else None
 
 
 def measured(

@@ -133,6 +133,24 @@ def outline(shapes: Floats) -> Floats:
     return np.asarray(shapely.get_coordinates(line), np.float64)
 
 
+def simplified_ring(points: Floats, tolerance: float) -> Floats:
+    """Return the corners of a closed line through points (n, 2) [m], no point farther than `tolerance` [m] from it.
+
+    Corners are points; the last one is not repeated (Douglas, Peucker, 1973).
+    """
+    closed = shapely.LineString(np.vstack((points, points[:1])))
+    line = shapely.simplify(closed, tolerance, preserve_topology=False)
+    return np.asarray(shapely.get_coordinates(line), np.float64)[:-1]
+
+
+def distances_outside(outline: Floats, points: Floats) -> Floats:
+    """Return how far points (n, 2) lie outside a closed line [m]; inside negative."""
+    polygon = Polygon(outline)
+    distance = shapely.distance(polygon.exterior, shapely.points(points))
+    inside = shapely.contains_xy(polygon, points)
+    return np.asarray(np.where(inside, -distance, distance), np.float64)
+
+
 class Raster:
     """Clearance on a grid [m]: positive inside the lot less its margin, negative outside; good to a cell."""
 

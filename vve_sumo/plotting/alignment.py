@@ -24,6 +24,7 @@ from vve_sumo.values import Floats, Vehicle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 WIDTH: Final = 12.0  #: of the page [inch]
 TALLEST, FLATTEST = 8.0, 3.0  #: of the lot on it [inch]
@@ -51,6 +52,14 @@ class PathInLot:
 def draw(shown: PathInLot, file: Path) -> None:
     """Write the picture as a PNG file, in the lot's map: metres east and north of its origin."""
     import matplotlib as mpl
+
+    with mpl.rc_context(STYLE):
+        path_in_lot(shown).savefig(file)
+
+
+def path_in_lot(shown: PathInLot) -> Figure:
+    """Return the picture, in the lot's map: metres east and north of its origin."""
+    import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -72,7 +81,7 @@ def draw(shown: PathInLot, file: Path) -> None:
         title = f"{shown.path_name} in the lot of {shown.lot_name}"
         figure.text(0.02, 1.0 - 0.38 / height, title, fontsize=14, fontweight="bold")
         figure.text(0.02, 1.0 - 0.68 / height, _subtitle(shown), fontsize=12)
-        figure.savefig(file)
+        return figure
 
 
 def _subtitle(shown: PathInLot) -> str:
@@ -114,7 +123,10 @@ def _path(axes: Axes, shown: PathInLot) -> None:
     for swept, colour, name in ((inside, EGO_PALE, "swept, stops included"), (outside, ALARM, "no stop inside")):
         if swept:
             every = list(np.concatenate(swept))
-            axes.add_collection(PolyCollection(every, facecolor=colour, edgecolor=colour, label=name))
+            # Thousands of shapes: as dots, where the picture is drawn as lines. What would roll on for ever reaches out
+            # of the picture.
+            shapes_of = PolyCollection(every, facecolor=colour, edgecolor=colour, label=name, rasterized=True)
+            axes.add_collection(shapes_of, autolim=False)
     axes.plot(*np.array(line).T, color=EGO, linewidth=1.2, label="path of the rear axle")
 
 

@@ -35,7 +35,7 @@ class Cell:
 
     text: str
     meaning: str = ""  #: what the text means, which the reader unfolds
-    kind: Literal["", "code", "hash", "yes", "no", "quiet"] = ""  #: how the text is set
+    kind: Literal["", "code", "hash", "yes", "no", "quiet", "blank"] = ""  #: how the text is set
 
 
 Row = Sequence[Cell | str]

@@ -20,7 +20,9 @@ from vve_sumo.report.formatting import SPACE, number
 from vve_sumo.vehicle.arming import DRIVER_REASONS
 
 #: the verdict itself
-Word = Literal["passed", "FAILED", "explored", "not judged", "broken off", "altered", "INCOMPLETE"]
+Word = Literal[
+    "passed", "FAILED", "explored", "not judged", "broken off", "altered", "INCOMPLETE", "GO", "NO-GO", "not examined"
+]
 #: gaps that differ by less are the same to a reader [m]
 SAME = 0.005
 

@@ -55,12 +55,12 @@ def save(report: ReportPage, folder: Path) -> Path:
         if old.name not in wanted:
             old.unlink()
     for picture in report.pictures:
-        _replace(folder / PICTURES / f"{picture.name}.png", picture.png)
-    _replace(folder / PAGE, page)
+        replace_file(folder / PICTURES / f"{picture.name}.png", picture.png)
+    replace_file(folder / PAGE, page)
     return folder / PAGE
 
 
-def _replace(file: Path, content: bytes) -> None:
+def replace_file(file: Path, content: bytes) -> None:
     """Replace a file; a reader finds the old one or the new one, never half of it."""
     beside = file.with_name(f".{file.name}.tmp")
     try:

@@ -44,7 +44,8 @@ def stated_days(rig: Rig) -> Iterator[StatedDay]:
         ("mounting.calibrated", "the calibration", rig.mounting.calibrated),
         ("alignment.date", "the alignment", rig.alignment.date),
     )
-    yield from (StatedDay(key, what, day) for key, what, day in others if day is not None)
+    named = ((f"alignments.{name}.date", "the alignment", one.date) for name, one in rig.alignments.items())
+    yield from (StatedDay(key, what, day) for key, what, day in (*others, *named) if day is not None)
 
 
 def day_to_come(rig: Rig, today: datetime.date) -> str | None:

@@ -15,7 +15,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.rig import load
 from vve_sumo.rig.schema import Rig
 
-#: table and key to value; a day is a `datetime.date`
+#: table, such as `lot` or `alignments.east`, and key to value; a day is a `datetime.date`
 Values = Mapping[tuple[str, str], Any]
 
 
@@ -24,7 +24,11 @@ def lay(document: Any, values: Values) -> None:
     import tomlkit
 
     for (table, key), value in values.items():
-        document.setdefault(table, tomlkit.table())[key] = value
+        inner = document
+        *parents, last = table.split(".")
+        for parent in parents:
+            inner = inner.setdefault(parent, tomlkit.table(is_super_table=True))
+        inner.setdefault(last, tomlkit.table())[key] = value
 
 
 def put(file: Path, values: Values, emptied: Collection[str] = ()) -> Rig:
@@ -38,14 +42,23 @@ def put(file: Path, values: Values, emptied: Collection[str] = ()) -> Rig:
     load.load(file)  # reports errors that the file already has
     document = tomlkit.parse(file.read_text(encoding="utf-8"))
     for table in emptied:
-        for key in list(document.get(table, {})):
+        inner = _within(document, table)
+        for key in list(inner):
             if (table, key) not in values:
-                document[table].remove(key)
+                inner.remove(key)
     lay(document, values)
     text = tomlkit.dumps(document)
     rig = load.parse(tomllib.loads(text), file)
     _replace(file.resolve(), text)
     return rig
+
+
+def _within(document: Any, table: str) -> Any:
+    """Return a table of a document by its dotted name; an empty one where it is missing."""
+    inner = document
+    for part in table.split("."):
+        inner = inner.get(part, {})
+    return inner
 
 
 def _replace(file: Path, text: str) -> None:

@@ -19,6 +19,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.pose.receivers import port as receivers
 from vve_sumo.rig.dates import day_to_come
 from vve_sumo.rig.schema import Rig, rig_with
+from vve_sumo.rig.unknown import UNKNOWN, first_unknown
 from vve_sumo.rig.validation import refuse
 from vve_sumo.scenario.schema import DEFAULT_VEHICLE
 from vve_sumo.vehicle import load as vehicles
@@ -37,6 +38,8 @@ def parse(table: dict[str, Any], file: Path, working: Path | None = None) -> Rig
     The model is looked up from the folder of `file` and from `working`, by default the current one; `file` is named in
     the ConfigError of a wrong rig.
     """
+    if (unknown := first_unknown(table)) is not None:
+        raise ConfigError(f"{file}: {unknown}: is still {UNKNOWN!r}; find it out on this car or lot and write it down")
     whole = _over_model(numbers_of(table, file, Rig), file, working or Path.cwd())
     return _judged(whole, file, lambda model, rig: model.model_validate(rig))
 

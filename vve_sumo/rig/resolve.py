@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from vve_sumo.config_file import in_si
 from vve_sumo.errors import ConfigError
@@ -123,6 +123,17 @@ def frame_of(rig: Rig) -> MapFrame:
     return local_frame(math.radians(latitude), math.radians(longitude))
 
 
+def place_in_degrees(frame: MapFrame, x: float, y: float, heading: float) -> tuple[float, float, float]:
+    """Return latitude, longitude [deg], WGS84, and heading [deg], clockwise from true north, of a pose in a map.
+
+    `x` and `y` are in metres, `heading` in radians, counter-clockwise from the map's +x.
+    """
+    latitude, longitude = frame.to_geodetic(x, y)
+    bearing = 90.0 - math.degrees(heading - frame.convergence(latitude, longitude))
+    # Rounded first: what rounds to 360 is 0.
+    return round(math.degrees(latitude), 9), round(math.degrees(longitude), 9), round(bearing % 360.0, 4) % 360.0
+
+
 def lot_of(rig: Rig) -> Lot:
     """Return the ground that the car may cover, in the lot's map."""
     frame = frame_of(rig)
@@ -157,6 +168,22 @@ def alignment_of(rig: Rig, network: str) -> Alignment | None:
     return _stored(rig) if wanted.kind == "stored" else _surveyed(rig)
 
 
+def with_alignment_for(rig: Rig, scenario: str) -> Rig:
+    """Return a rig with the one alignment that it has for a scenario of this name, and else as it is.
+
+    A simulated vehicle then stands where that alignment has the path's start. The lot's map may be about another place
+    than the whole rig's: it is that of the alignment.
+    """
+    wanted = rig.alignments.get(scenario)
+    if wanted is None:
+        return rig
+    changed: dict[str, object] = {"alignment": wanted, "alignments": {}}
+    if rig.car_start is not None and wanted.start is not None:
+        keys = ("latitude_deg", "longitude_deg", "heading_deg")
+        changed["car_start"] = rig.car_start.model_copy(update=dict(zip(keys, wanted.start, strict=True)))
+    return rig.model_copy(update=changed)
+
+
 def _stored(rig: Rig) -> Alignment:
     wanted = rig.alignment
     rotation, x, y = wanted.rotation_deg, wanted.x_m, wanted.y_m
@@ -175,12 +202,16 @@ def _surveyed(rig: Rig) -> Alignment:
         raise ConfigError(f"alignment: {error}") from None
 
 
-def geofence_of(rig: Rig, alignment: Alignment) -> Geofence:
-    """Return the geofence of the lot, which `alignment` maps to the virtual road.
+class RigStops(NamedTuple):
+    """How each layer stops the rig's car; no stop is stronger than the lot's friction allows."""
 
-    Where the watchdog was never tried (then the car cannot be armed), the gateway's own stop stands for it. No stop is
-    stronger than the lot's friction allows.
-    """
+    gateway: StopModel
+    watchdog: StopModel  #: the gateway's where the watchdog was never tried: then the car cannot be armed
+    downhill: float  #: sine of the lot's worst slope, positive
+
+
+def stops_of(rig: Rig) -> RigStops:
+    """Return how the gateway and the DBW controller's watchdog stop the car, as the geofence reckons with them."""
     vehicle, limits, lag = vehicle_of(rig), limits_of(rig), calibration_of(rig).drive_lag
     comfort = limits.comfort
     slope = math.atan(rig.lot.grade_percent / 100.0)
@@ -199,13 +230,19 @@ def geofence_of(rig: Rig, alignment: Alignment) -> Geofence:
     watchdog = gateway
     if test is not None and strength is not None:
         watchdog = replace(gateway, deceleration=min(strength, grip), delay=SETPOINT_LIFETIME + test.delay_s, rise=0.0)
+    return RigStops(gateway, watchdog, math.sin(slope))
+
+
+def geofence_of(rig: Rig, alignment: Alignment) -> Geofence:
+    """Return the geofence of the lot, which `alignment` maps to the virtual road."""
+    vehicle, comfort, stops = vehicle_of(rig), limits_of(rig).comfort, stops_of(rig)
     return Geofence(
         lot_of(rig),
         vehicle,
         alignment,
-        gateway=gateway,
-        watchdog=watchdog,
-        downhill=math.sin(slope),
+        gateway=stops.gateway,
+        watchdog=stops.watchdog,
+        downhill=stops.downhill,
         turning=Turning.of(vehicle, comfort.lateral_jerk, SETPOINT_LIFETIME + NOTICED, comfort.acceleration),
         drift=unseen_drift,
     )

@@ -48,6 +48,15 @@ Jerk = Annotated[float, Field(gt=0.0, le=100.0, allow_inf_nan=False)]
 Days = Annotated[int, Field(ge=1, le=3650)]
 #: largest deceleration of a car that rolls freely in drive [m/s2]: rolling, air and engine drag at 5 m/s
 MAX_ROLLING_DECELERATION: Final = 0.6
+#: where a car stands: latitude, longitude [deg], WGS84, and heading [deg], clockwise from true north
+CarPlace = Annotated[
+    tuple[
+        Annotated[float, Field(ge=-75.0, le=75.0)],
+        Annotated[float, Field(ge=-180.0, le=180.0)],
+        Annotated[float, Field(ge=0.0, lt=360.0)],
+    ],
+    Field(strict=False),
+]
 MapPoint = Annotated[tuple[Finite, Finite], Field(strict=False)]
 
 
@@ -165,11 +174,19 @@ class RigAlignment(Table):
         default=None, description="`surveyed_pairs`: the same places on the virtual road's map, `[[x, y], …]`"
     )
 
+    start: CarPlace | None = Field(
+        default=None,
+        description="`stored`: `[latitude_deg, longitude_deg, heading_deg]` of the rear axle at the path's start; a "
+        "simulated vehicle stands there",
+    )
+
     @model_validator(mode="after")
     def _of_its_kind(self) -> Self:
         made, stored, pairs = ("stored", "surveyed_pairs"), ("stored",), ("surveyed_pairs",)
         keys: dict[str, tuple[str, ...]] = dict.fromkeys(("network", "date", "residual_m"), made)
         keys |= dict.fromkeys(("origin", "rotation_deg", "x_m", "y_m"), stored)
+        if self.start is not None and self.kind != "stored":
+            raise ValueError(f"start says nothing for kind {self.kind!r}, it is for stored")
         _only(self, self.kind, keys | dict.fromkeys(("lot_points", "street_points_m"), pairs))
         return self
 
@@ -535,6 +552,9 @@ class Rig(Table):
     limits: RigLimits
     lot: RigLot
     alignment: RigAlignment = RigAlignment()
+    alignments: dict[Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")], RigAlignment] = Field(
+        default={}, description="in place of `[alignment]`, each for the scenario of its name"
+    )
     watchdog_test: WatchdogTest | None = None
     latency: Latency = Latency()
     operator: Operator = Operator()

@@ -33,6 +33,7 @@ from vve_sumo.rig.resolve import (
     outline_in,
     receiver_of,
     vehicle_of,
+    with_alignment_for,
 )
 from vve_sumo.rig.schema import Corner, Rig
 from vve_sumo.sensors.port import STANDARD
@@ -95,8 +96,28 @@ def _complaints(rig: Rig) -> Iterator[str]:
     alignment_of(rig, rig.alignment.network or "")
     if rig.car_start is not None:
         yield from _outside(rig)
+    yield from _of_named_alignments(rig)
     yield from _of_the_watchdog(rig)
     yield from _of_people(rig)
+
+
+def _of_named_alignments(rig: Rig) -> Iterator[str]:
+    """Alignments of scenarios about another origin than the lot's map, which would lay the lot elsewhere."""
+    origin = rig.alignment.origin or rig.lot.outline[0]
+    for name, wanted in rig.alignments.items():
+        if wanted.origin is not None and wanted.origin != origin:
+            yield (
+                f"alignments.{name}.origin: expected {list(origin)}, that of [alignment] or else the outline's first "
+                "corner: the lot was surveyed anew, or [alignment] made elsewhere; align this scenario again"
+            )
+            return
+        chosen = with_alignment_for(rig, name)
+        try:
+            alignment_of(chosen, wanted.network or "")
+        except ConfigError as error:
+            raise ConfigError(f"alignments.{name}: {error}") from None
+        if wanted.start is not None and rig.car_start is not None:
+            yield from (f"alignments.{name}.start: {complaint}" for complaint in _outside(chosen))
 
 
 def _of_people(rig: Rig) -> Iterator[str]:

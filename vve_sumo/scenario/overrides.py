@@ -14,6 +14,8 @@ from vve_sumo.config_file import alternatives, inside, is_table, key_and_number
 from vve_sumo.errors import ConfigError, did_you_mean
 from vve_sumo.scenario.schema import Control, Scenario
 
+#: key of the ego's speed, and the parameter by which scenarios declare it
+EGO_SPEED, SPEED = "ego.speed_mps", "speed"
 #: what a parameter may be set to
 Value = bool | int | float | str
 
@@ -102,6 +104,24 @@ def checked(table: Mapping[str, Any], values: Mapping[str, Any], where: str) -> 
         numbers = [numbered(place, value)[1] for place in places(table, key)]
         check_bounds(f"{where}{key}", numbers, table.get("parameters", {}).get(key, {}))
     return apply_overrides(table, values)
+
+
+def speed_bounds(table: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the scenario's parameter of the ego's speed, with the bounds that it declares; empty for none.
+
+    Where a scenario declares one, it sets whatever else has to go at that speed, such as the car ahead.
+    """
+    found: Mapping[str, Any] = table.get("parameters", {}).get(SPEED, {})
+    return found if EGO_SPEED in found.get("sets", ()) else {}
+
+
+def with_speed(table: Mapping[str, Any], speed: float | str) -> dict[str, Any]:
+    """Return a scenario's table at another speed of the ego [m/s], which may be a text such as "25 km/h".
+
+    The scenario's parameter `speed` takes it where it sets the ego's speed, else the ego's speed alone. Raises
+    ConfigError for a speed outside the bounds that the scenario declares.
+    """
+    return checked(table, {SPEED if speed_bounds(table) else EGO_SPEED: speed}, "--speed: ")
 
 
 def refuse_unknown(where: str, name: str, table: Mapping[str, Any]) -> None:

@@ -208,6 +208,14 @@ class Roads:
         """Every edge outside junctions, as sumolib's objects, in file order."""
         return tuple(self._net.getEdges(withInternal=False))
 
+    def shapes(self) -> Iterator[tuple[Any, Floats]]:
+        """Yield every edge outside junctions, as sumolib's object, with the middle of its lanes (n, 2), map [m]."""
+        for edge in self.edges:
+            lanes = edge.getLanes()
+            shape = np.array([point[:2] for point in lanes[len(lanes) // 2].getShape()], dtype=np.float64)
+            other = np.array([point[:2] for point in lanes[(len(lanes) - 1) // 2].getShape()], dtype=np.float64)
+            yield edge, 0.5 * (shape + other) if shape.shape == other.shape else shape
+
     def edge(self, name: str) -> Any:
         """Return sumolib's edge of a name; raises ConfigError when there is none."""
         if not self._net.hasEdge(name):

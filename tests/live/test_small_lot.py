@@ -1,0 +1,26 @@
+"""A drive in a lot of 150 m x 80 m, live, inside the geofence that is checked at every tick."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import REPOSITORY
+from tests.live.command_line import free_port, vve_sumo
+
+
+@pytest.mark.thorough
+@pytest.mark.live
+def test_the_meeting_with_the_parked_car_live(tmp_path: Path) -> None:
+    text = (REPOSITORY / "rigs" / "small_lot.toml").read_text(encoding="utf-8")
+    rig, record = tmp_path / "yard.toml", tmp_path / "record"
+    rig.write_text(text.replace("port = 3000", f"port = {free_port()}"), encoding="utf-8")
+    done = vve_sumo("drive", "small_lot_parked_car", "--rig", str(rig), "--out", str(record), cwd=tmp_path)
+    assert (record / "summary.json").exists(), done.stdout + done.stderr
+    summary = json.loads((record / "summary.json").read_text(encoding="utf-8"))
+    assert summary["reasons"] == []
+    assert summary["outcome"] == "stopped"
+    assert summary["max_speed_mps"] == pytest.approx(8.333, abs=0.5)
+    assert summary["stop_gap_m"] == pytest.approx(5.0, abs=0.7)
