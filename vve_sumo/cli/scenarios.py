@@ -1,4 +1,4 @@
-"""`vve-sumo scenarios`: lists and draws the scenarios, and writes the schema of a scenario file."""
+"""`vve-sumo scenarios`: lists, draws and imports scenarios, and writes the schema of a scenario file."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ UNLIMITED = 400
 
 EXIT_CODES = OF_FILES
 
-SUMMARY = "list the scenarios, draw one as a picture, write their schema"
+SUMMARY = "list the scenarios, draw one, import one of OpenSCENARIO, write their schema"
 TEXT = """\
 List every scenario: its title, network, other road users and pass criteria. With --fit-lot: whether the meeting with
 whom an ego that never brakes would touch first fits into the lot of a rig, at which speed, and on which part of the
