@@ -60,6 +60,7 @@ from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.validation import arming_obstacle
 from vve_sumo.scenario.load import parse
 from vve_sumo.scenario.schema import Scenario, When
+from vve_sumo.scenario.story_schema import StoryCondition
 from vve_sumo.sensors.camera_settings import CameraSettings
 from vve_sumo.sensors.lidar_settings import LidarSettings
 from vve_sumo.sensors.signals_settings import SignalsSettings
@@ -239,6 +240,7 @@ GENERATED = {
     ("measures.md", "exposure metrics"): lambda: markdown(EXPOSURE.values()),
     ("scenarios.md", "keys"): lambda: keys(Scenario),
     ("scenarios.md", "triggers"): lambda: keys(When),
+    ("scenarios.md", "story conditions"): lambda: keys(StoryCondition),
     ("rigs.md", "keys"): _rig_keys,
     ("rigs.md", "receivers"): _receivers,
     ("camera.md", "camera keys"): lambda: keys(CameraSettings),

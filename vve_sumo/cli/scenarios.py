@@ -1,4 +1,4 @@
-"""`vve-sumo scenarios`: lists and draws the scenarios, and writes the schema of a scenario file."""
+"""`vve-sumo scenarios`: lists, draws and imports scenarios, and writes the schema of a scenario file."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from vve_sumo.cli.console import notify
-from vve_sumo.cli.parser import OF_FILES, Parser, add_command, add_json, add_subcommands
+from vve_sumo.cli.network import latitude_longitude
+from vve_sumo.cli.parser import OF_FILES, Commands, Parser, add_command, add_json, add_subcommands, values_of
 from vve_sumo.errors import ConfigError
 
 #: line width below which a terminal shows name and title alone [characters]
@@ -21,7 +22,7 @@ UNLIMITED = 400
 
 EXIT_CODES = OF_FILES
 
-SUMMARY = "list the scenarios, draw one as a picture, write their schema"
+SUMMARY = "list the scenarios, draw one, import one of OpenSCENARIO, write their schema"
 TEXT = """\
 List every scenario: its title, network, other road users and pass criteria. With --fit-lot: whether the meeting with
 whom an ego that never brakes would touch first fits into the lot of a rig, at which speed, and on which part of the
@@ -32,6 +33,14 @@ examples:
   vve-sumo scenarios --fit-lot ours             which of them fit into the lot of the rig `ours`
   vve-sumo scenarios show cut_in --out cut.png   a picture: the road, the actors' motion, the triggers
   vve-sumo scenarios schema --out scenario.schema.json   for editors that complete and check
+  vve-sumo scenarios import cut-in.xosc         a scenario of OpenSCENARIO, into this folder
+"""
+IMPORT_TEXT = """\
+Write a scenario of OpenSCENARIO XML 1.x into the working folder: scenarios/NAME.toml, its paths under routes/, and the
+network of its OpenDRIVE roads under networks/. Then `vve-sumo drive NAME` drives it, the file's ego by a controller.
+A file that varies the parameters of another gives a scenario for each set of values. What is not taken is named with
+file, line and element, and nothing is written; with --partial it is left out. docs/openscenario.md says what is taken.
+Needs netconvert: pip install 'vve-sumo[network]'.
 """
 
 
@@ -59,6 +68,68 @@ def arguments(parser: Parser) -> None:
     )
     schema.add_argument("--out", type=Path, metavar="FILE", help="write it into a file instead")
     schema.set_defaults(run=_schema)
+    _add_import(inner)
+
+
+def _add_import(inner: Commands) -> None:
+    imported = add_command(inner, "import", "write a scenario of OpenSCENARIO into this folder", IMPORT_TEXT, OF_FILES)
+    imported.add_argument("file", type=Path, metavar="XOSC", help="scenario, or variation of one, of OpenSCENARIO 1.x")
+    imported.add_argument("--out", metavar="NAME", help="name of the scenario (default: the file's)")
+    imported.add_argument("--ego", metavar="NAME", help="entity that a controller drives (default: the one named Ego)")
+    imported.add_argument("--partial", action="store_true", help="leave out what is not taken, and say so")
+    imported.add_argument(
+        "--set",
+        type=_value_of_parameter,
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="another value of a parameter that the file declares; may be given several times",
+    )
+    imported.add_argument(
+        "--origin",
+        type=latitude_longitude,
+        metavar="LAT,LON",
+        help="where the middle of the roads lies, in degrees (default: the file's georeference, else a place in Ohio)",
+    )
+    imported.set_defaults(run=_import)
+
+
+def _value_of_parameter(text: str) -> tuple[str, str]:
+    """Return name and value of NAME=VALUE."""
+    name, equals, value = text.partition("=")
+    if not name or not equals or not value:
+        raise argparse.ArgumentTypeError(f"expected NAME=VALUE such as EgoSpeed=12, got {text!r}")
+    return name, value
+
+
+def _import(arguments: argparse.Namespace) -> int:
+    """Import a scenario of OpenSCENARIO; return the exit code, 0."""
+    from vve_sumo.bridges.openscenario.entities import slug
+    from vve_sumo.bridges.openscenario.write import import_file
+
+    file = arguments.file
+    name = slug(file.stem, "scenario") if arguments.out is None else arguments.out
+    if name != slug(name):
+        raise ConfigError(f"--out {name}: expected a letter, then letters, digits, - and _")
+    written = import_file(
+        file,
+        Path.cwd(),
+        name,
+        ego=arguments.ego,
+        partial=arguments.partial,
+        given=values_of(arguments.set),
+        origin=arguments.origin,
+    )
+    for line in written.warnings:
+        notify(f"netconvert: {line}")
+    for line in written.notes:
+        notify(f"note: {line}")
+    for line in written.left_out:
+        notify(f"left out: {line}")
+    first, more = written.scenarios[0], len(written.scenarios) - 1
+    print(f"{file} written to scenarios/{first}.toml" + (f" and {more} more" if more else ""))
+    print(f"drive it: vve-sumo drive {first}")
+    return 0
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -54,6 +54,12 @@ def find_actor_paths(
         path = ego_path if actor.path is None else found.lines[actor.path]
         if actor.at_m is not None and actor.at_m > path.length:
             raise ConfigError(f"{file}: {where}: at_m {actor.at_m:g} lies beyond the path's {path.length:.1f} m")
+        for action in actor.story.actions if actor.story is not None else ():
+            if action.line is not None and (name := action.line.path) is not None:
+                key = f"{where}.story.actions.{action.name}.line.path"
+                found.files[key] = source = find("path", name, key)
+                if name not in found.lines:
+                    found.lines[name] = read(source)
         for number, event in enumerate(actor.events):
             if event.speeds is not None:
                 key = f"{where}.events.{number}.speeds"

@@ -256,14 +256,19 @@ class LockstepEgo:
             self._tick.receive(time, data)
 
     def end(
-        self, now: float, ticked: LockstepTick, contact: bool, last: bool
+        self, now: float, ticked: LockstepTick, contact: bool, story: bool, last: bool
     ) -> tuple[Outcome, tuple[str, ...]] | None:
-        """Return outcome and reason codes if the ego's drive is over at a tick, which may be the `last` allowed."""
+        """Return outcome and reason codes if the ego's drive is over at a tick, which may be the `last` allowed.
+
+        `story`: whether the trigger of the scenario's stories that ends the drive has fired.
+        """
         truth, s, status = ticked.truth, ticked.result.s, ticked.output.status
         ahead = partial(self._standstill_classifier.classify, truth, s, ticked.actors)
         outcome = self._termination.step(now, truth.speed, s, status.state, status.reasons, contact, ahead)
         if self._end_trigger is not None and (why := self._end_reason(self._end_trigger, ticked, contact)):
             return self._termination.unless_contact(Outcome.COMPLETED), (why, *status.reasons)
+        if story:
+            return self._termination.unless_contact(Outcome.COMPLETED), ("end_story", *status.reasons)
         if outcome is None and last:
             outcome = self._termination.unless_contact(Outcome.TIMEOUT)
         return None if outcome is None else (outcome, status.reasons)
@@ -368,7 +373,8 @@ class Lockstep:
                 if place in self.ended:
                     continue
                 around = self.road.around[ego.id]
-                end = ego.end(now, ticked[ego.id], bool(around.contacts), number >= self._last)
+                story = ego.id == EGO and self.road.story_ended
+                end = ego.end(now, ticked[ego.id], bool(around.contacts), story, number >= self._last)
                 if end is not None:
                     failure = ego.pipeline.failure or ego.gateway.interface_error
                     self.ended[place] = drive_end(ego.id, *end, failure, self.road)

@@ -131,6 +131,8 @@ def _events(
 ) -> Iterator[TriggeredEvent]:
     here = {state.id: state for state in moment.actors}
     for number, actor in enumerate(resolved.scenario.actors):
+        if actor.story is not None:
+            continue  # its actions begin in any order: how many have begun says not which
         for event in range(before[number], after[number]):
             actor_state = here.get(actor.id)
             if actor_state is not None and (event >= 0 or moment.time > 0.0):

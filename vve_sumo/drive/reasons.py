@@ -34,6 +34,7 @@ DRIVE_REASONS: Final[dict[str, str]] = {
     "end_contact": "the car touched something, and the scenario ends the drive for that",
     "end_deviation": "the car was farther off its path than the scenario goes on with",
     "end_ego_at": "the car has come as far as the scenario lets it",
+    "end_story": "the scenario's own trigger ended the drive",
     "end_ttc": "the time to collision fell below what the scenario goes on with",
     "gateway_gone": "the gateway's process is gone: the DBW controller's watchdog brakes",
     "gateway_silent": "the gateway's process says nothing: nobody could stop the drive",

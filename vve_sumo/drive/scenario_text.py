@@ -90,4 +90,8 @@ def _of_actor(actor: Actor) -> list[str]:
         f"{name}: {descriptions.condition(event.when) or 'at once'}, {descriptions.action(event)}"
         for event in actor.events
     )
-    return [entered, *events]
+    actions = (
+        f"{name}: {descriptions.trigger(action.when) or 'at once'}, {descriptions.story_action(action)}"
+        for action in (actor.story.actions if actor.story is not None else ())
+    )
+    return [entered, *events, *actions]

@@ -26,6 +26,11 @@ Fork = Callable[[tuple[int, ...]], bool]
 class ActorEngine(Protocol):
     """The actors of a scenario, as `vve_sumo.scenario.engine.ScenarioEngine` is."""
 
+    @property
+    def ended(self) -> bool:
+        """Whether the trigger that ends the drive has fired."""
+        ...
+
     def step(self, now: float, pose: Pose | None) -> tuple[ActorState, ...]:
         """Advance to a time [s] since the drive began; `pose` is that of the ego's front bumper."""
         ...
@@ -123,6 +128,10 @@ class _Engines:
 
     def __init__(self, asked: _Asked[ScenarioEngine]) -> None:
         self._asked = asked
+
+    @property
+    def ended(self) -> bool:
+        return self._asked.answer(lambda one: one.ended)
 
     def step(self, now: float, pose: Pose | None) -> tuple[ActorState, ...]:
         return self._asked.answer(lambda one: one.step(now, pose))

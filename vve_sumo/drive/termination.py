@@ -63,7 +63,7 @@ class DriveEnd:
 
 
 #: reason codes of end triggers, of which the first of a drive's reasons is one where a trigger ended it
-END_REASONS: Final = frozenset({"end_contact", "end_ego_at", "end_deviation", "end_ttc"})
+END_REASONS: Final = frozenset({"end_contact", "end_ego_at", "end_deviation", "end_ttc", "end_story"})
 
 
 def end_reason(end_trigger: EndTrigger, contact: bool, bumper: float, deviation: float, ttc: float) -> str:

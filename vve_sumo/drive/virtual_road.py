@@ -56,7 +56,14 @@ def obstacle_position(obstacle: schema.ParkedObstacle, path: ReferencePath) -> M
 def scenario_engine(resolved: ResolvedScenario) -> ScenarioEngine:
     """Return the engine of the scenario's actors, none of which is on the virtual road yet."""
     scenario = resolved.scenario
-    return ScenarioEngine(scenario.actors, resolved.path, resolved.actor_paths, resolved.recordings, resolved.vehicle)
+    return ScenarioEngine(
+        scenario.actors,
+        resolved.path,
+        resolved.actor_paths,
+        resolved.recordings,
+        resolved.vehicle,
+        scenario.end_trigger.when,
+    )
 
 
 def pose_at_rest(x: float, y: float, heading: float) -> Pose:
@@ -128,6 +135,11 @@ class VirtualRoad:
     def removed_after_standoff(self) -> tuple[str, ...]:
         """Vehicles taken off the road because they and an ego waited for each other."""
         return self._world.removed_after_standoff
+
+    @property
+    def story_ended(self) -> bool:
+        """Whether the trigger of the scenario's stories that ends the drive has fired."""
+        return self._engine.ended
 
     @property
     def signals(self) -> tuple[SignalChange, ...]:

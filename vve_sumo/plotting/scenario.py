@@ -446,6 +446,10 @@ def _texts(page: Page, special_conditions: Sequence[str]) -> Iterator[tuple[str,
         yield _happening(page, event), str(number)
     for text in _still_to_come(page):
         yield text, "-"
+    for actor in page.resolved.scenario.actors:
+        for action in actor.story.actions if actor.story is not None else ():
+            when = descriptions.trigger(action.when) or "at once"
+            yield f"{descriptions.name(actor)}, {when}, {descriptions.story_action(action)}", "-"
     if page.seen.contact is not None:
         contact = page.seen.contact
         yield f"{contact.time:.1f} s: contact with {contact.id!r} if the ego never braked", "o"

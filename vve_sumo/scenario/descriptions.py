@@ -10,6 +10,7 @@ from vve_sumo.config_file import alternatives, inside, is_table
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.table import label_of
 from vve_sumo.scenario.schema import Actor, ActorEvent, Criteria, CriterionBand, Scenario, When
+from vve_sumo.scenario.story_schema import COMPARED, Groups, StoryAction, StoryCondition
 
 CONDITIONS = {
     "drive_s": "{:g} s into the drive",
@@ -84,6 +85,42 @@ def action(event: ActorEvent) -> str:
     if event.leaves:
         parts.append("leaves")
     return ", ".join(parts) or "goes on"
+
+
+def trigger(groups: Groups) -> str:
+    """Return when a trigger of a story fires; empty where it fires at once."""
+    return ", or ".join(" and ".join(map(story_condition, group)) for group in groups)
+
+
+def story_condition(condition: StoryCondition) -> str:
+    """Return what one condition of a story asks for."""
+    key, other = condition.asked, condition.to or (f"{condition.at_m:g} m" if condition.at_m is not None else "")
+    if condition.actions is not None:
+        return f"{', '.join(condition.actions)} {condition.state}"
+    wanted = getattr(condition, key)
+    of = "the drive" if key == "time_s" else condition.of
+    words = f"{of} {label_of(key)}" + (f" to {other}" if other else "")
+    if isinstance(wanted, float):
+        words += f" {condition.rule if key in COMPARED else 'of'} {wanted:g} {unit_of(key)}"
+    return words + (f", {condition.delay_s:g} s before" if condition.delay_s else "")
+
+
+def story_action(action: StoryAction) -> str:
+    """Return what an actor does in an action of its story."""
+    parts = []
+    if action.speed is not None:
+        other = "" if action.speed.of is None else f" beyond {action.speed.factor:g} times that of {action.speed.of}"
+        parts.append(f"changes its speed to {action.speed.to_mps:g} m/s{other}, {action.speed.shape}")
+    if action.profile:
+        parts.append(f"changes its speed piece by piece to {action.profile[-1].speed_mps:g} m/s")
+    if action.keeps is not None:
+        parts.append(f"takes up a distance {action.keeps.side} {action.keeps.to}")
+    if action.meets is not None:
+        parts.append("arrives when the ego arrives")
+    if action.line is not None:
+        path = "" if action.line.path is None else f"the path {action.line.path}, "
+        parts.append(f"goes over to {path}{action.line.offset_m:g} m beside it, {action.line.shape}")
+    return ", ".join([*parts, *(["leaves"] if action.leaves else [])]) or "does nothing"
 
 
 def beside(offset: float) -> str:
@@ -179,6 +216,7 @@ def _end(scenario: Scenario) -> str:
     if end.lateral_deviation_m is not None:
         conditions.append(f"when the ego is more than {end.lateral_deviation_m:g} m off its path")
     conditions += [f"when the time to collision is below {end.ttc_s:g} s"] if end.ttc_s is not None else []
+    conditions += [f"when {trigger(end.when)}"] if end.when else []
     return f"ends {' or '.join(conditions)}" if conditions else ""
 
 

@@ -16,6 +16,8 @@ from vve_sumo.body_kinds import TYPICAL
 from vve_sumo.laws import clamp
 from vve_sumo.path import ReferencePath
 from vve_sumo.scenario.schema import Actor, ActorEvent, Kind, When
+from vve_sumo.scenario.story_schema import Groups
+from vve_sumo.scenario.story_stage import StoryStage
 from vve_sumo.values import ActorState, Pose, Vehicle
 
 #: Acceleration of people who set off or stop on foot [m/s2], where a scenario states none and asks for measured ones:
@@ -403,17 +405,23 @@ class ScenarioEngine:
         lines: Mapping[str, ReferencePath],
         recordings: Mapping[str, tuple[Sequence[float], Sequence[float]]],
         vehicle: Vehicle,
+        end: Groups = (),
     ) -> None:
         """Have the actors wait; nothing moves before the first step.
 
         `path` is the ego's; `lines` and `recordings` (times [s], speeds [m/s]) are what the actors' names of paths
-        and recorded speeds mean. Stations lie on their paths, sizes and times are as the schema allows.
+        and recorded speeds mean. Stations lie on their paths, sizes and times are as the schema allows. `end` is the
+        trigger that ends the drive.
         """
         courses = {name: RecordedSpeed(*columns) for name, columns in recordings.items()}
+        self._stage = StoryStage([one for one in actors if one.story is not None], path, lines, vehicle, end)
         self._parts = [
-            ActorController(one, path, path if one.path is None else lines[one.path], courses) for one in actors
+            self._stage.actors.get(one.id)
+            or ActorController(one, path, path if one.path is None else lines[one.path], courses)
+            for one in actors
         ]
         self._path, self._vehicle = path, vehicle
+        self._ids = [one.id for one in actors]
         self._station: float | None = None
         self._now = -math.inf
         self._states: tuple[ActorState, ...] = ()
@@ -429,13 +437,23 @@ class ScenarioEngine:
         `pose` is that of the ego's front bumper at the same moment; where it is None or not finite the actors move
         on and no trigger that asks for the ego fires. A time that is not later than the last moves nobody.
         """
-        if not self._parts or not math.isfinite(now):
+        if not (self._parts or self._stage.watches) or not math.isfinite(now):
             return self._states
         self._now = max(self._now, now)
         ego = self._ego(pose)
-        stepped = [part.step(self._now, ego) for part in self._parts if not part.gone]
-        self._states = tuple(state for state in stepped if state is not None)
-        return self._states
+        plain = [part for part in self._parts if isinstance(part, ActorController)]
+        stepped = [part.step(self._now, ego) for part in plain if not part.gone]
+        states = tuple(state for state in stepped if state is not None)
+        if self._stage.watches:
+            found = {state.id: state for state in (*states, *self._stage.step(self._now, ego and pose, states))}
+            states = tuple(found[name] for name in self._ids if name in found)
+        self._states = states
+        return states
+
+    @property
+    def ended(self) -> bool:
+        """Whether the trigger that ends the drive has fired."""
+        return self._stage.ended
 
     def _ego(self, pose: Pose | None) -> EgoMotion | None:
         if pose is None or not all(map(math.isfinite, (pose.x, pose.y, pose.speed))):

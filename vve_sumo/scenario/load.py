@@ -24,6 +24,7 @@ from vve_sumo.metrics import port as metrics
 from vve_sumo.metrics.own import DeclaredMetrics
 from vve_sumo.scenario.egos import alone
 from vve_sumo.scenario.schema import Criteria, CriterionBand, EgoSettings, Scenario, SensorSettings
+from vve_sumo.scenario.story_schema import Groups
 from vve_sumo.sensors import port as sensors
 from vve_sumo.units import is_quantity
 from vve_sumo.values import EGO
@@ -50,6 +51,7 @@ def parse(table: dict[str, Any], file: Path) -> Scenario:
             raise ConfigError(f"{file}: {where}: id {name!r} stands twice, expected each once")
         if name == EGO:
             raise ConfigError(f"{file}: {where}: id {EGO!r} is the car's that is tested, expected another")
+    _check_stories(scenario, file)
     _check_sensors(scenario.sensors, file, "sensors")
     for one in scenario.egos:
         _check_sensors(one.sensors or (), file, f"egos.{one.id}.sensors")
@@ -63,6 +65,30 @@ def parse(table: dict[str, Any], file: Path) -> Scenario:
             if not _takes_a_value(scenario, place):
                 raise ConfigError(f"{file}: parameters.{name}.sets: no key {short_repr(place)} that takes a value")
     return scenario
+
+
+def _check_stories(scenario: Scenario, file: Path) -> None:
+    """Raise ConfigError where a story, or the end trigger, names a body or an action that there is not."""
+    bodies = {EGO, *(actor.id for actor in scenario.actors)}
+    stories = {actor.id: actor.story.actions for actor in scenario.actors if actor.story is not None}
+    known = {f"{actor}.{action.name}" for actor, actions in stories.items() for action in actions}
+    named: list[tuple[str, Groups, Sequence[str | None], Sequence[str]]]
+    named = [("end_trigger.when", scenario.end_trigger.when, (), ())]
+    for actor, actions in stories.items():
+        for one in actions:
+            others = (one.keeps.to if one.keeps else None, one.speed.of if one.speed else None)
+            named.append((f"actors.{actor}.story.actions.{one.name}", (*one.armed, *one.when), others, one.ends))
+    for where, groups, others, ends in named:
+        conditions = [condition for group in groups for condition in group]
+        asked = [name for condition in conditions for name in (condition.of, condition.to)]
+        for name in (*asked, *others):
+            if name is not None and name not in bodies:
+                raise ConfigError(f"{file}: {where}: no actor {name!r}, expected {' or '.join(sorted(bodies))}")
+        for name in (*ends, *(name for condition in conditions for name in condition.actions or ())):
+            if name not in known:
+                raise ConfigError(
+                    f"{file}: {where}: no action {name!r}, expected {' or '.join(sorted(known)) or 'none'}"
+                )
 
 
 def _check_sensors(wanted: Sequence[SensorSettings], file: Path, where: str) -> None:

@@ -22,6 +22,7 @@ from pydantic import (
 from vve_sumo.config_file import Finite, Name, NotNegative, Positive, Table
 from vve_sumo.metrics.metric import Metric
 from vve_sumo.metrics.per_drive import OF_RIDE, PER_DRIVE
+from vve_sumo.scenario.story_schema import Groups, Story
 from vve_sumo.sensors.radar_settings import RadarSettings
 
 #: the vehicle model of whoever names none
@@ -274,6 +275,21 @@ class Actor(Table):
     )
     enters: When = Field(default=When(), description="it is on the virtual road from then on; left out: from the start")
     events: tuple[ActorEvent, ...] = Field(default=(), strict=False)
+    story: Story | None = Field(default=None, description="instead of events: actions with triggers of their own")
+
+    @model_serializer(mode="wrap")
+    def _without_a_story_that_there_is_not(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out the story of who has none: such records stay what they were."""
+        written: dict[str, Any] = handler(self)
+        if self.story is None:
+            written.pop("story", None)
+        return written
+
+    @model_validator(mode="after")
+    def _moves_one_way(self) -> Self:
+        if self.story is not None and (self.events or self.enters != When() or self.turned_deg or self.at_m is None):
+            raise ValueError(f"actor {self.id}: story: expected at_m beside it, no events, enters or turned_deg")
+        return self
 
     @model_validator(mode="after")
     def _placed_once(self) -> Self:
@@ -414,6 +430,17 @@ class EndTrigger(Table):
     ego_at_m: NotNegative | None = Field(default=None, description="the ego's front bumper has come so far on its path")
     lateral_deviation_m: Positive | None = Field(default=None, description="the ego is farther off its path")
     ttc_s: Positive | None = Field(default=None, description="the time to collision has fallen below this")
+    when: Groups = Field(
+        default=(), strict=False, description="groups of conditions as in an actor's story, of one of which all hold"
+    )
+
+    @model_serializer(mode="wrap")
+    def _without_groups_that_there_are_not(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out groups of conditions where there are none: such records stay what they were."""
+        written: dict[str, Any] = handler(self)
+        if not self.when:
+            written.pop("when", None)
+        return written
 
 
 class SensorSettings(Table):

@@ -1,0 +1,289 @@
+"""Private actions of OpenSCENARIO as the actions of a scenario's stories.
+
+Knows places, lines and the schema's keys; it must not know triggers or files.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+from vve_sumo.bridges.openscenario.lines import LineFiles, Track, lane_track, reference, track_of, trajectory_track
+from vve_sumo.bridges.openscenario.parameters import NotTakenError, Scope
+from vve_sumo.bridges.openscenario.places import Line, Places, neighbour
+from vve_sumo.bridges.openscenario.xml_tree import Element
+
+Action = dict[str, Any]
+
+SHAPES: Final = ("linear", "cubic", "sinusoidal", "step")
+#: what changes how something looks, and not what happens
+LOOKS: Final = ("AppearanceAction",)
+
+
+@dataclass(slots=True)
+class Stage:
+    """What is known of the entities while their actions are read in the file's order."""
+
+    places: Places
+    files: LineFiles
+    ids: Mapping[str, str]  #: of entities, by their names
+    tracks: dict[str, Track] = field(default_factory=dict)  #: where each moves, by its name, as the story goes on
+    speeds: dict[str, float] = field(default_factory=dict)  #: at the start [m/s], by name
+    ego_place: Callable[[Element, Scope], tuple[float, float]] = lambda _element, _scope: (0.0, 0.0)
+    controlled: set[str] = field(default_factory=set)  #: entities that have a controller of their own
+
+    def id(self, element: Element, name: str) -> str:
+        """Return an entity's id; raises NotTakenError for none."""
+        if name not in self.ids:
+            raise NotTakenError(element, f"no entity {name!r}")
+        return self.ids[name]
+
+
+def kind_of(action: Element) -> Element:
+    """Return the element that says what a private action does."""
+    inner = action
+    while inner.tag in ("PrivateAction", "LongitudinalAction", "LateralAction", "RoutingAction", "ControllerAction"):
+        if not inner.children:
+            raise NotTakenError(inner, "expected an action in it")
+        inner = inner.children[0]
+    return inner
+
+
+def longitudinal(of: Element) -> bool:
+    """Whether an action is about speed alone."""
+    return of.tag in ("SpeedAction", "SpeedProfileAction", "LongitudinalDistanceAction")
+
+
+def read_action(of: Element, scope: Scope, who: str, stage: Stage) -> Action | None:
+    """Return what an entity does by an action; None where the action changes nothing that moves.
+
+    Raises NotTakenError for an action that no story can say.
+    """
+    if of.tag in ("ActivateControllerAction", "AssignControllerAction", "OverrideControllerValueAction"):
+        idle = who not in stage.controlled and of.tag == "ActivateControllerAction"
+        off = not any(scope.flag(of, key, False) for key in ("lateral", "longitudinal")) and bool(of.attributes)
+        if stage.ids[who] == "ego" or idle or (off and of.tag == "ActivateControllerAction"):
+            return None
+        raise NotTakenError(of, "an entity that a controller of its own drives is not taken")
+    if of.tag in LOOKS:
+        return None
+    reader = {
+        "SpeedAction": _speed,
+        "SpeedProfileAction": _profile,
+        "LongitudinalDistanceAction": _distance,
+        "LaneChangeAction": _lane_change,
+        "LaneOffsetAction": _lane_offset,
+        "FollowTrajectoryAction": _follow_trajectory,
+        "SynchronizeAction": _synchronize,
+        "TeleportAction": _teleport,
+        "VisibilityAction": _visibility,
+    }.get(of.tag)
+    if reader is None:
+        raise NotTakenError(of, "this action is not taken")
+    return reader(of, scope, who, stage)
+
+
+def _dynamics(of: Element, scope: Scope, time: str, distance: str, rate: str) -> dict[str, Any]:
+    """Return shape and length of a change, by the keys that are given for its dimensions."""
+    shape, value = scope.text(of, "dynamicsShape"), abs(scope.number(of, "value"))
+    if shape not in SHAPES:
+        raise NotTakenError(of, f"dynamicsShape: expected {', '.join(SHAPES)}, got {shape!r}")
+    if shape == "step" or value == 0.0:
+        return {}
+    keys = {"time": time, "distance": distance, "rate": rate}
+    dimension = scope.text(of, "dynamicsDimension")
+    if dimension not in keys:
+        raise NotTakenError(of, f"dynamicsDimension: expected {', '.join(keys)}, got {dimension!r}")
+    return {"shape": shape, keys[dimension]: value}
+
+
+def _needed(of: Element, *tags: str) -> Element:
+    found = of.child(*tags)
+    if found is None:
+        raise NotTakenError(of, f"expected <{'/'.join(tags)}>")
+    return found
+
+
+def speed_target(of: Element, scope: Scope, stage: Stage) -> dict[str, Any]:
+    """Return the target of a SpeedAction: `to_mps`, with `of` and `factor` where it is another's."""
+    target = _needed(of, "SpeedActionTarget")
+    absolute = target.child("AbsoluteTargetSpeed")
+    if absolute is not None:
+        value = scope.number(absolute, "value")
+        if not 0.0 <= value <= 100.0:
+            raise NotTakenError(absolute, f"value: expected 0 to 100 m/s, got {value:g}")
+        return {"to_mps": value}
+    relative = _needed(target, "RelativeTargetSpeed")
+    other = stage.id(relative, scope.text(relative, "entityRef"))
+    value, kind = scope.number(relative, "value"), scope.text(relative, "speedTargetValueType", "delta")
+    found: dict[str, Any] = {"of": other} | ({"factor": value} if kind == "factor" else {"to_mps": value})
+    if kind not in ("factor", "delta") or (kind == "factor" and value < 0.0):
+        raise NotTakenError(relative, "expected a delta, or a factor of at least 0")
+    return found | ({"continuous": True} if scope.flag(relative, "continuous", False) else {})
+
+
+def _speed(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
+    reached = _dynamics(_needed(of, "SpeedActionDynamics"), scope, "over_s", "over_m", "acceleration_mps2")
+    target = speed_target(of, scope, stage)
+    if target.get("continuous") and reached:
+        raise NotTakenError(of, "a continuous relative speed is taken with the shape step alone")
+    return {"speed": target | reached}
+
+
+def _profile(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
+    if scope.text(of, "followingMode", "position") != "position":
+        raise NotTakenError(of, "followingMode: expected position, whose speeds are straight lines")
+    if "entityRef" in of.attributes:
+        raise NotTakenError(of, "a profile relative to another entity is not taken")
+    entries = of.all("SpeedProfileEntry")
+    if not entries or any("time" not in one.attributes for one in entries):
+        raise NotTakenError(of, "expected entries, each with a time")
+    points = [{"over_s": scope.number(one, "time"), "speed_mps": scope.number(one, "speed")} for one in entries]
+    if any(not 0.0 <= one["speed_mps"] <= 100.0 or one["over_s"] < 0.0 for one in points):
+        raise NotTakenError(of, "expected times from 0 on and speeds of 0 to 100 m/s")
+    return {"profile": points}
+
+
+def _distance(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
+    sides = {"leadingReferencedEntity": "ahead", "trailingReferencedEntity": "behind"}
+    displacement = scope.text(of, "displacement", "trailingReferencedEntity")
+    if displacement not in sides:
+        raise NotTakenError(of, f"displacement: expected {' or '.join(sides)}, got {displacement!r}")
+    keeps: dict[str, Any] = {
+        "to": stage.id(of, scope.text(of, "entityRef")),
+        "side": sides[displacement],
+        "freespace": scope.flag(of, "freespace", False),
+    }
+    stated = [key for key in ("distance", "timeGap") if key in of.attributes]
+    if len(stated) != 1:
+        raise NotTakenError(of, "expected one of distance and timeGap")
+    keeps["gap_m" if stated[0] == "distance" else "headway_s"] = scope.number(of, stated[0])
+    if not scope.flag(of, "continuous", False):
+        keeps["once"] = True
+    limits = of.child("DynamicConstraints")
+    if limits is not None:
+        keys = {
+            "maxAcceleration": "acceleration_mps2",
+            "maxDeceleration": "deceleration_mps2",
+            "maxSpeed": "speed_limit_mps",
+        }
+        keeps |= {key: scope.number(limits, name) for name, key in keys.items() if name in limits.attributes}
+        if ("acceleration_mps2" in keeps) != ("deceleration_mps2" in keeps):
+            raise NotTakenError(limits, "expected both maxAcceleration and maxDeceleration")
+    return {"keeps": keeps}
+
+
+def _lane_change(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
+    reached = _dynamics(_needed(of, "LaneChangeActionDynamics"), scope, "over_s", "over_m", "rate_mps")
+    track = stage.tracks[who]
+    if track.road is None or track.lane is None:
+        raise NotTakenError(of, f"{who} is in no lane of a road")
+    target = _needed(of, "LaneChangeTarget")
+    absolute, relative = target.child("AbsoluteTargetLane"), target.child("RelativeTargetLane")
+    if absolute is not None:
+        lane = scope.whole(absolute, "value")
+    else:
+        relative = relative or _needed(target, "RelativeTargetLane")
+        name = scope.text(relative, "entityRef")
+        other = stage.tracks.get(name)
+        if other is None or other.lane is None or other.road != track.road:
+            raise NotTakenError(relative, f"the lane of {name!r} on the road of {who} is not known")
+        lane = neighbour(other.lane, scope.whole(relative, "value") * other.sense)
+    own = stage.ids[who]
+    moved = lane_track(
+        stage.places.roads, stage.files, own, track.road, lane, track.s, _t(track, stage), track.sense, of
+    )
+    offset = scope.number(of, "targetLaneOffset", 0.0) * track.sense
+    stage.tracks[who] = replace(moved, offset=offset)
+    return {"line": {"path": moved.path, "offset_m": offset} | reached}
+
+
+def _t(track: Track, stage: Stage) -> float:
+    """Return t of a track's lane where it began [m]."""
+    assert track.road is not None
+    assert track.lane is not None
+    return stage.places.roads.roads[track.road].middle(track.lane, track.s) or 0.0
+
+
+def _lane_offset(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
+    track = stage.tracks[who]
+    absolute = _needed(of, "LaneOffsetTarget").child("AbsoluteTargetLaneOffset")
+    if absolute is None:
+        raise NotTakenError(of, "an offset relative to another entity is not taken")
+    target = scope.number(absolute, "value") * track.sense
+    dynamics = _needed(of, "LaneOffsetActionDynamics")
+    shape, change = scope.text(dynamics, "dynamicsShape"), abs(target - track.offset)
+    line: dict[str, Any] = {"offset_m": target}
+    if shape not in SHAPES or (shape == "linear" and change > 0.0):
+        raise NotTakenError(dynamics, f"dynamicsShape: expected cubic, sinusoidal or step, got {shape!r}")
+    if shape != "step" and change > 0.0:
+        # The greatest lateral acceleration is the one that is stated: pi^2 / 2 or 6 of change over time squared.
+        factor = 6.0 if shape == "cubic" else 0.5 * math.pi**2
+        line |= {"shape": shape, "over_s": math.sqrt(factor * change / scope.number(dynamics, "maxLateralAcc"))}
+    track.offset = target
+    return {"line": line}
+
+
+def _follow_trajectory(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
+    holder = of if of.child("Trajectory") is not None or of.child("CatalogReference") is not None else None
+    line = stage.places.trajectory(holder or _needed(of, "TrajectoryRef"), scope)
+    begin = scope.number(of, "initialDistanceOffset", 0.0)
+    track = trajectory_track(stage.files, stage.ids[who], line, begin)
+    action: dict[str, Any] = {"path": track.path}
+    action |= {"at_m": begin} if line.anchored else {"from_here": True}
+    action["until_m"] = round(line.stations[-1], 4)
+    timing = of.child("TimeReference", "Timing")
+    if timing is not None:
+        action["timing"] = _timing(timing, scope, line)
+    stage.tracks[who] = track
+    return {"line": action}
+
+
+def _timing(of: Element, scope: Scope, line: Line) -> list[dict[str, float]]:
+    if line.times is None:
+        raise NotTakenError(of, "the trajectory's vertices have no times")
+    if scope.text(of, "domainAbsoluteRelative") != "relative":
+        raise NotTakenError(of, "domainAbsoluteRelative: expected relative, to when the action begins")
+    scale, offset = scope.number(of, "scale"), scope.number(of, "offset")
+    return [
+        {"time_s": round(time * scale + offset, 6), "at_m": round(station, 4)}
+        for time, station in zip(line.times, line.stations, strict=True)
+    ]
+
+
+def _synchronize(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
+    master = scope.text(of, "masterEntityRef")
+    if stage.id(of, master) != "ego":
+        raise NotTakenError(of, f"masterEntityRef: expected the ego, got {master!r}")
+    at, _offset = stage.ego_place(_needed(of, "TargetPositionMaster"), scope)
+    there = stage.places.spot(_needed(of, "TargetPosition"), scope).pose
+    foot = reference(stage.tracks[who].points).project(there.x, there.y)
+    meets: dict[str, Any] = {"ego_at_m": at, "at_m": round(max(foot.s, 0.0), 4)}
+    final = of.child("FinalSpeed")
+    if final is not None and final.children:
+        absolute = final.children[0]
+        if absolute.tag != "AbsoluteSpeed":
+            raise NotTakenError(absolute, "expected an AbsoluteSpeed")
+        meets["speed_mps"] = scope.number(absolute, "value")
+        for tag, name, key in (
+            ("TargetDistanceSteadyState", "distance", "steady_m"),
+            ("TargetTimeSteadyState", "time", "steady_s"),
+        ):
+            if (steady := absolute.child(tag)) is not None:
+                meets[key] = scope.number(steady, name)
+    return {"meets": meets}
+
+
+def _teleport(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
+    spot = stage.places.spot(_needed(of, "Position"), scope)
+    track = track_of(stage.places.roads, stage.files, stage.ids[who], spot, of)
+    stage.tracks[who] = track
+    return {"line": {"path": track.path, "at_m": track.station, "offset_m": track.offset}}
+
+
+def _visibility(of: Element, scope: Scope, who: str, stage: Stage) -> Action | None:
+    if not (scope.flag(of, "traffic", True) and scope.flag(of, "sensors", True)):
+        raise NotTakenError(of, "an entity that traffic or sensors do not see is not taken")
+    return None

@@ -1,0 +1,358 @@
+"""Makes of an OpenSCENARIO file the table of a scenario, with the lines that its bodies move along.
+
+Reads files; writes none, and builds no network.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Final
+
+from vve_sumo.bridges.openscenario.actions import Action, Stage, kind_of, longitudinal, read_action, speed_target
+from vve_sumo.bridges.openscenario.document import Document
+from vve_sumo.bridges.openscenario.entities import Entity, read_entities
+from vve_sumo.bridges.openscenario.lines import LineFiles, Track, reference, track_of, trajectory_track
+from vve_sumo.bridges.openscenario.parameters import NotTakenError, Scope
+from vve_sumo.bridges.openscenario.places import Line, Places, Points
+from vve_sumo.bridges.openscenario.road_map import Pose2, RoadMap
+from vve_sumo.bridges.openscenario.storyboard import Problems, Storyboard
+from vve_sumo.bridges.openscenario.triggers import Context, Groups
+from vve_sumo.bridges.openscenario.xml_tree import Element
+from vve_sumo.errors import ConfigError
+from vve_sumo.scenario.schema import Weather
+from vve_sumo.values import EGO
+
+#: where the real car stands at the start, where a scenario here has to say it: as in the documentation's scenarios
+LOT: Final = {"latitude_deg": 40.0041, "longitude_deg": -83.0186, "heading_deg": 85.0}
+#: a drive that no stop trigger ends by time ends after so long [s]
+LONGEST: Final = 180.0
+#: a drive goes on this long after its stop trigger would have to have fired [s]
+MARGIN: Final = 10.0
+#: how long the ego may stand before the drive is over, where a stop trigger ends it otherwise [s]
+REST: Final = 30.0
+#: the ego's speeds [m/s]: slower it begins from rest, faster none is driven
+SLOWEST, FASTEST = 1.0, 40.0
+
+
+@dataclass(slots=True)
+class Imported:
+    """What a file came to."""
+
+    table: dict[str, Any]  #: of the scenario
+    lines: dict[str, Points]  #: by the names of their files, in the coordinates of the roads [m]
+    problems: list[str]  #: what is left out, each with file, line and element
+    notes: list[str]  #: what is taken otherwise than it stands there
+    roads: RoadMap
+    numbers: dict[str, float] = field(default_factory=dict)  #: the file's parameters that are numbers
+
+
+def roads_of(document: Document) -> RoadMap:
+    """Return the roads of a scenario; raises ConfigError naming the element where there are none."""
+    logic = document.root.child("RoadNetwork", "LogicFile")
+    if logic is None:
+        raise ConfigError(f"{document.root.where}: expected a RoadNetwork with a LogicFile")
+    try:
+        file = document.file.parent / document.scope.text(logic, "filepath")
+    except NotTakenError as error:
+        raise ConfigError(str(error)) from None
+    if not file.is_file():
+        raise ConfigError(f"{logic.where}: {file} does not exist")
+    return RoadMap(file)
+
+
+def read_scenario(
+    file: Path,
+    name: str,
+    *,
+    ego: str | None = None,
+    given: Mapping[str, str] | None = None,
+    roads: RoadMap | None = None,
+) -> Imported:
+    """Return what a scenario file comes to; `given` are values for parameters that it declares.
+
+    Raises ConfigError for what is no OpenSCENARIO, for an ego that cannot drive, and where roads are missing. All else
+    that is not taken is left out and stands in `problems`.
+    """
+    document = Document(file, given or {})
+    return _Reader(document, name, ego, roads or roads_of(document)).read()
+
+
+class _Reader:
+    def __init__(self, document: Document, name: str, ego: str | None, roads: RoadMap) -> None:
+        self._document, self._roads, self._problems = document, roads, Problems()
+        self._entities = {one.name: one for one in read_entities(document, ego, self._problems.notes)}
+        self._ego = next(one for one in self._entities.values() if one.id == EGO)
+        self._stage = Stage(
+            Places(document, roads), LineFiles(name), {one.name: one.id for one in self._entities.values()}
+        )
+        self._first: dict[str, list[Action]] = {}
+        self._friction: float | None = None
+        self._inits = self._init_actions()
+
+    def read(self) -> Imported:
+        self._place_all()
+        starts = dict(self._stage.tracks)
+        if self._ego.name not in starts:
+            why = "; ".join(["the ego has no place at the start", *self._problems.found[:1]])
+            self._refuse(NotTakenError(self._ego.element, why))
+        ego_track = starts[self._ego.name]
+        path = reference(ego_track.points)
+
+        def place(position: Element, scope: Scope) -> tuple[float, float]:
+            there = self._stage.places.spot(position, scope).pose
+            foot = path.project(there.x, there.y)
+            if not -1.0 <= foot.s <= path.length + 1.0:
+                raise NotTakenError(position, "a place behind or beyond the ego's path is not taken")
+            return round(foot.s, 4), round(foot.offset, 4) + 0.0
+
+        self._stage.ego_place = place
+        self._stage.controlled = {
+            one.name for one in self._entities.values() if one.element.child("ObjectController") is not None
+        }
+        self._start_all()
+        context = Context(self._stage.ids, place, {}, {}, self._variables())
+        board = Storyboard(self._document, self._stage, context, self._problems)
+        stop = board.compile()
+        table = self._table(ego_track, starts, board.stories, stop)
+        return Imported(
+            table,
+            self._stage.files.points,
+            self._problems.found,
+            self._problems.notes,
+            self._roads,
+            self._document.numbers,
+        )
+
+    def _refuse(self, error: NotTakenError) -> None:
+        raise ConfigError(str(error)) from None
+
+    def _variables(self) -> dict[str, str]:
+        holder = self._document.root.child("VariableDeclarations")
+        declared = [] if holder is None else holder.children
+        return {one.attributes.get("name", ""): self._document.scope.text(one, "value") for one in declared}
+
+    def _init_actions(self) -> list[tuple[str, Element]]:
+        """Return the private actions at the start with their entities' names, in the file's order."""
+        found: list[tuple[str, Element]] = []
+        holder = self._document.root.child("Storyboard", "Init", "Actions")
+        for one in [] if holder is None else holder.children:
+            if one.tag != "Private":
+                self._global(one)
+                continue
+            name = self._document.scope.text(one, "entityRef")
+            if name not in self._entities:
+                self._refuse(NotTakenError(one, f"no entity {name!r}"))
+            for action in one.all("PrivateAction"):
+                try:
+                    found.append((name, kind_of(action)))
+                except NotTakenError as error:
+                    self._problems.add(error)
+        return found
+
+    def _global(self, one: Element) -> None:
+        holder = one.child("EnvironmentAction")
+        try:
+            if holder is None:
+                raise NotTakenError(one.children[0] if one.children else one, "this action is not taken")
+            environment, scope = self._document.resolved(holder, self._document.scope, "Environment")
+            road = environment.child("RoadCondition")
+            if road is not None and (scale := scope.number(road, "frictionScaleFactor", 1.0)) != 1.0:
+                usual: float = Weather.model_fields["friction"].default
+                self._friction = round(scale * usual, 4)
+            self._problems.note(f"{one.where}: sun, clouds, fog and rain change nothing here")
+        except NotTakenError as error:
+            self._problems.add(error)
+
+    def _place_all(self) -> None:
+        """Place the entities, those after others whose places are relative to them."""
+        waiting = [(name, kind) for name, kind in self._inits if kind.tag == "TeleportAction"]
+        while waiting:
+            left = []
+            for name, kind in waiting:
+                try:
+                    position = kind.child("Position")
+                    if position is None:
+                        raise NotTakenError(kind, "expected a <Position>")
+                    spot = self._stage.places.spot(position, self._document.scope)
+                except NotTakenError as error:
+                    left.append((name, kind, error))
+                    continue
+                self._stage.places.entities[name] = spot
+                own = self._entities[name].id
+                try:
+                    self._stage.tracks[name] = track_of(self._roads, self._stage.files, own, spot, kind)
+                except NotTakenError as error:
+                    self._problems.add(error)
+            if len(left) == len(waiting):
+                for _name, _kind, error in left:
+                    self._problems.add(error)
+                break
+            waiting = [(name, kind) for name, kind, _error in left]
+        for name, kind in self._inits:
+            if kind.tag == "FollowTrajectoryAction":
+                self._place_on_trajectory(name, kind)
+
+    def _place_on_trajectory(self, name: str, kind: Element) -> None:
+        """Place an entity that follows a trajectory from the start on: its line is the trajectory."""
+        scope = self._document.scope
+        try:
+            holder = kind.child("TrajectoryRef") or kind
+            line: Line = self._stage.places.trajectory(holder, scope)
+            if not line.anchored and name not in self._stage.places.entities:
+                raise NotTakenError(holder, "the trajectory does not say where it begins, nor is the entity placed")
+            if kind.child("TimeReference", "Timing") is not None or not line.anchored:
+                return  # an action of its story says the rest
+            begin = scope.number(kind, "initialDistanceOffset", 0.0)
+            track = trajectory_track(self._stage.files, self._entities[name].id, line, begin)
+            at = reference(track.points).at(begin)
+            self._stage.tracks[name] = track
+            self._stage.places.entities[name] = self._stage.places.at(Pose2(at.x, at.y, at.heading))
+        except NotTakenError as error:
+            self._problems.add(error)
+
+    def _start_all(self) -> None:
+        """Take the speeds at the start, and what begins at once."""
+        scope = self._document.scope
+        for name, kind in self._inits:
+            if kind.tag == "TeleportAction" or name not in self._stage.tracks:
+                continue
+            try:
+                if kind.tag == "SpeedAction" and self._speed_at_start(name, kind):
+                    continue
+                if kind.tag == "FollowTrajectoryAction" and self._begins_on_it(name, kind):
+                    continue
+                if name == self._ego.name:
+                    self._of_ego(kind)
+                    continue
+                action = read_action(kind, scope, name, self._stage)
+            except NotTakenError as error:
+                self._problems.add(error)
+                continue
+            if action is not None:
+                own = self._first.setdefault(name, [])
+                own.append({"name": f"start_{len(own) + 1}"} | action)
+
+    def _begins_on_it(self, name: str, kind: Element) -> bool:
+        """Whether an entity's line is the trajectory that it follows from the start on."""
+        return self._stage.tracks[name].road is None and kind.child("TimeReference", "Timing") is None
+
+    def _of_ego(self, kind: Element) -> None:
+        if longitudinal(kind):
+            self._problems.note(f"{kind.where}: the ego's controller drives in place of it")
+        elif read_action(kind, self._document.scope, self._ego.name, self._stage) is not None:
+            raise NotTakenError(kind, "the ego's path is the one that it begins on")
+
+    def _speed_at_start(self, name: str, kind: Element) -> bool:
+        """Take the speed that an entity begins with; whether the action says no more than that."""
+        scope = self._document.scope
+        dynamics = kind.child("SpeedActionDynamics")
+        target = speed_target(kind, scope, self._stage)
+        speed = target.get("to_mps", 0.0)
+        if "of" in target:
+            other = next(one.name for one in self._entities.values() if one.id == target["of"])
+            speed += target.get("factor", 1.0) * self._stage.speeds.get(other, 0.0)
+        step = dynamics is None or scope.text(dynamics, "dynamicsShape") == "step" or name == self._ego.name
+        if step:
+            self._stage.speeds[name] = max(speed, 0.0)
+        return step and not target.get("continuous")
+
+    def _table(
+        self, ego: Track, starts: Mapping[str, Track], stories: Mapping[str, list[Action]], stop: Groups
+    ) -> dict[str, Any]:
+        header = self._document.root.child("FileHeader")
+        said = "" if header is None else " ".join(header.attributes.get("description", "").split())
+        times = [group[0]["time_s"] for group in stop if len(group) == 1 and "time_s" in group[0]]
+        table: dict[str, Any] = {
+            "title": said or self._document.file.stem,
+            "description": f"Imported from {self._document.file.name}, OpenSCENARIO.",
+            "duration_s": min(times) + MARGIN if times else LONGEST,
+        }
+        if stop:
+            table["after_stop_s"] = REST
+        if self._friction is not None:
+            table["weather"] = {"friction": self._friction}
+        table["ego"] = self._ego_table(ego)
+        others = [one for one in self._entities.values() if one.id != EGO]
+        table["actors"] = [
+            self._actor(one, starts[one.name], stories[one.name]) for one in others if one.name in starts
+        ]
+        for one in others:
+            if one.name not in starts:
+                self._problems.note(f"{one.element.where} {one.name!r} is never placed: it is not there")
+        if stop:
+            table["end_trigger"] = {"when": stop}
+        return table
+
+    def _ego_table(self, track: Track) -> dict[str, Any]:
+        initial = self._stage.speeds.get(self._ego.name, 0.0)
+        speed = initial if initial >= SLOWEST else self._greatest_speed()
+        if not SLOWEST <= speed <= FASTEST:
+            self._refuse(
+                NotTakenError(
+                    self._ego.element, f"the ego's speed: expected {SLOWEST:g} to {FASTEST:g} m/s, got {speed:g}"
+                )
+            )
+        self._problems.note(
+            "the ego is the car of the scenario here; where it begins, its rear axle is at the file's place"
+        )
+        if abs(track.offset) > 1e-3:
+            beside = _beside(track)
+            track = replace(track, points=beside, path=self._stage.files.named("ego_beside", beside), offset=0.0)
+        table: dict[str, Any] = {"path": track.path, "speed_mps": speed}
+        if initial >= SLOWEST:
+            table |= {"initial_speed_mps": initial, "initial_s_m": track.station}
+        else:
+            points = _from(track)
+            table["path"] = self._stage.files.named("ego_from_rest", points)
+        return table | {"lot": dict(LOT)}
+
+    def _greatest_speed(self) -> float:
+        """Return the greatest speed that the file's own actions have the ego drive [m/s]; 0 for none."""
+        found = [0.0]
+        scope = self._document.scope
+        for one in self._document.root.walk():
+            if one.tag != "ManeuverGroup":
+                continue
+            actors = [reference.attributes.get("entityRef") for reference in one.walk() if reference.tag == "EntityRef"]
+            if self._ego.name in actors[:1]:
+                for inner in one.walk():
+                    key = {"AbsoluteTargetSpeed": "value", "SpeedProfileEntry": "speed"}.get(inner.tag)
+                    if key is not None:
+                        found.append(scope.number(inner, key))
+        return max(found)
+
+    def _actor(self, entity: Entity, track: Track, story: list[Action]) -> dict[str, Any]:
+        actions = self._first.get(entity.name, []) + story
+        table: dict[str, Any] = {
+            "id": entity.id,
+            "kind": entity.kind,
+            "length_m": entity.length,
+            "width_m": entity.width,
+            "path": track.path,
+            "at_m": track.station,
+        }
+        if track.offset:
+            table["offset_m"] = track.offset
+        if speed := self._stage.speeds.get(entity.name, 0.0):
+            table["speed_mps"] = speed
+        table["story"] = {"reference_m": entity.reference, "actions": actions}
+        return table
+
+
+def _beside(track: Track) -> Points:
+    """Return the line of an ego that begins beside its lane's middle and stays there."""
+    path = reference(track.points)
+    found = []
+    for n in range(math.floor(path.length) + 1):
+        at = path.at(float(n))
+        found.append((at.x - track.offset * math.sin(at.heading), at.y + track.offset * math.cos(at.heading)))
+    return found
+
+
+def _from(track: Track) -> Points:
+    """Return the line from where the ego is on: from rest a drive begins at its path's start."""
+    path = reference(track.points)
+    return [path.at(track.station + n)[:2] for n in range(math.floor(path.length - track.station) + 1)]

@@ -1,0 +1,143 @@
+"""The lines that entities of a scenario move along: which lane, which way, and the files of points that say so.
+
+Knows roads and places; it must not know triggers or speeds.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Final
+
+from vve_sumo.bridges.openscenario.parameters import NotTakenError
+from vve_sumo.bridges.openscenario.places import Line, Points, Spot
+from vve_sumo.bridges.openscenario.road_map import RoadMap
+from vve_sumo.bridges.openscenario.xml_tree import Element
+from vve_sumo.path import ReferencePath
+
+#: an entity that faces farther from its lane than this goes straight on instead [rad]
+ALONG_LANE: Final = math.radians(40.0)
+#: line of an entity that faces across the road [m]: it has to stay near the lanes
+ACROSS: Final = 30.0
+#: line along lanes at most [m]
+LONGEST: Final = 4000.0
+#: a trajectory goes straight on behind its end [m], so that who comes there need not stop
+RUN_OUT: Final = 20.0
+
+
+@dataclass(slots=True)
+class Track:
+    """Where an entity moves at a stage of the story."""
+
+    path: str  #: name of the file of its line
+    points: Points
+    station: float  #: where it is on the line at the start [m]
+    offset: float  #: left of it [m]
+    road: str | None  #: of the lane, None off lanes
+    lane: int | None
+    s: float  #: on that road [m]
+    sense: int  #: 1 along the road's reference line, -1 against it
+
+
+@dataclass(slots=True)
+class LineFiles:
+    """The lines of a scenario by the names of their files; the same line has one file."""
+
+    prefix: str
+    points: dict[str, Points] = field(default_factory=dict)
+
+    def named(self, name: str, points: Points) -> str:
+        """Return the name of the file of a line, a new one where no file has the line yet."""
+        if len(points) < 2:
+            raise ValueError("a line of less than two points")
+        wanted, number = f"{self.prefix}_{name}", 1
+        while wanted in self.points and self.points[wanted] != points:
+            number += 1
+            wanted = f"{self.prefix}_{name}_{number}"
+        self.points[wanted] = points
+        return wanted
+
+
+def reference(points: Points) -> ReferencePath:
+    """Return the cubic path through points, as a drive will lay it."""
+    return ReferencePath.from_points([x for x, _ in points], [y for _, y in points])
+
+
+def track_of(roads: RoadMap, files: LineFiles, name: str, spot: Spot, element: Element) -> Track:
+    """Return where an entity moves that is only placed: along its lane, or straight on where it faces across."""
+    pose, on = spot.pose, spot.on
+    if on is not None:
+        road = roads.roads[on.road]
+        turned = math.remainder(pose.heading - road.at(on.s, 0.0).heading, math.tau)
+        sense = 1 if abs(turned) <= 0.5 * math.pi else -1
+        if abs(math.remainder(turned - (0.0 if sense > 0 else math.pi), math.tau)) <= ALONG_LANE:
+            lane = spot.lane if spot.lane is not None else 0
+            return lane_track(roads, files, f"{name}", on.road, lane, on.s, on.t, sense, element)
+    points = straight(pose.x, pose.y, pose.heading, ACROSS)
+    return Track(files.named(f"{name}_straight", points), points, 0.0, 0.0, None, None, 0.0, 1)
+
+
+def lane_track(
+    roads: RoadMap,
+    files: LineFiles,
+    name: str,
+    road_name: str,
+    lane: int,
+    s: float,
+    t: float,
+    sense: int,
+    element: Element,
+) -> Track:
+    """Return the track along a lane from where the road begins, with the place of road coordinates s, t on it."""
+    road = roads.roads[road_name]
+    begin = 0.0 if sense > 0 else road.length
+    if road.middle(lane, begin) is None or road.section(begin) is not road.section(s):
+        begin = road.section(s).start if sense > 0 else s
+    if road.middle(lane, s) is None:
+        raise NotTakenError(element, f"no lane {lane} on road {road_name} at s {s:.2f}")
+    points = roads.lane_line(road_name, lane, begin, sense, LONGEST)
+    if len(points) < 2:
+        raise NotTakenError(element, f"lane {lane} of road {road_name} leads nowhere from s {s:.2f} on")
+    path = reference(points)
+    here = road.at(s, t)
+    foot = path.project(here.x, here.y, abs(s - begin))
+    station = _rounded(foot.s)
+    return Track(
+        files.named(f"{name}_lane_{'' if lane >= 0 else 'm'}{abs(lane)}", points),
+        points,
+        max(station, 0.0),
+        _rounded(foot.offset),
+        road_name,
+        lane,
+        s,
+        sense,
+    )
+
+
+def trajectory_track(files: LineFiles, name: str, line: Line, station: float) -> Track:
+    """Return the track along a trajectory, which goes straight on at its end."""
+    points = extended(line.points)
+    return Track(files.named(f"{name}_trajectory", points), points, station, 0.0, None, None, 0.0, 1)
+
+
+def extended(points: Points) -> Points:
+    """Return the points of a trajectory without those that repeat another, and a straight line at its end."""
+    kept = [points[0]]
+    for one in points[1:]:
+        if math.dist(one, kept[-1]) > 0.05:
+            kept.append(one)
+    if len(kept) < 2:
+        return kept
+    (x, y), (before_x, before_y) = kept[-1], kept[-2]
+    heading = math.atan2(y - before_y, x - before_x)
+    return kept + straight(x, y, heading, RUN_OUT)[1:]
+
+
+def straight(x: float, y: float, heading: float, length: float) -> Points:
+    """Return points of a straight line, a metre apart."""
+    return [(x + n * math.cos(heading), y + n * math.sin(heading)) for n in range(round(length) + 1)]
+
+
+def _rounded(value: float) -> float:
+    """Return a length to a tenth of a millimetre: what is written reads as it was stated."""
+    return round(value, 4) + 0.0

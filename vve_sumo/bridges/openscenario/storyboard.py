@@ -1,0 +1,314 @@
+"""The storyboard of a scenario: which event does what when, as actions of the actors' stories.
+
+Knows actions, triggers and places; it must not know files that are written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from vve_sumo.bridges.openscenario.actions import Action, Stage, kind_of, longitudinal, read_action
+from vve_sumo.bridges.openscenario.document import Document
+from vve_sumo.bridges.openscenario.entities import slug
+from vve_sumo.bridges.openscenario.parameters import NotTakenError, Scope
+from vve_sumo.bridges.openscenario.triggers import Context, ElementState, Groups, compiled
+from vve_sumo.bridges.openscenario.xml_tree import Element
+from vve_sumo.values import EGO
+
+OVERRIDING: Final = ("override", "overwrite")
+
+
+@dataclass(slots=True)
+class Event:
+    """One event of the storyboard."""
+
+    element: Element
+    scope: Scope
+    act: Element
+    act_scope: Scope
+    actors: list[str]  #: names of entities
+    maneuver: int  #: number of its manoeuvre
+    states: list[ElementState] = field(default_factory=list)  #: of itself and what it is in, innermost first
+    names: list[str] = field(default_factory=list)  #: of its actions, ACTOR.NAME
+
+    @property
+    def name(self) -> str:
+        """Its name in the file."""
+        return self.element.attributes.get("name", "")
+
+    @property
+    def actions(self) -> list[Element]:
+        """The elements that say what it does."""
+        return self.element.all("Action")
+
+
+class Problems:
+    """What is not taken, in the file's order, each once."""
+
+    def __init__(self) -> None:
+        self.found: list[str] = []
+        self.notes: list[str] = []  #: what is taken otherwise than it stands there
+
+    def add(self, error: NotTakenError) -> None:
+        """Take down one thing that is not taken."""
+        if (text := str(error)) not in self.found:
+            self.found.append(text)
+
+    def note(self, text: str) -> None:
+        """Take down what somebody who imports should know."""
+        if text not in self.notes:
+            self.notes.append(text)
+
+
+class Storyboard:
+    """Reads a storyboard into the actions of each entity's story, and the trigger that ends the drive."""
+
+    def __init__(self, document: Document, stage: Stage, context: Context, problems: Problems) -> None:
+        self._document, self._stage, self._context, self._problems = document, stage, context, problems
+        self.stories: dict[str, list[Action]] = {name: [] for name in stage.ids}  #: by entity's name
+        self._events = list(self._read())
+        self._acts: dict[int, Groups | None] = {}
+
+    def compile(self) -> Groups:
+        """Fill `stories` and return the groups of the trigger that ends the drive; [] where nothing ends it."""
+        for event in self._events:
+            self._name_actions(event)
+        for event in self._events:
+            self._markers(event)
+        for event in self._events:
+            self._event(event)
+        self._drop_ends()
+        return self._stop()
+
+    def _drop_ends(self) -> None:
+        """Take actions that are left out, or that never begin, off the lists of what others end."""
+        kept = {f"{self._stage.ids[name]}.{action['name']}" for name, story in self.stories.items() for action in story}
+        for story in self.stories.values():
+            for action in story:
+                ends = [name for name in action.pop("ends", []) if name in kept]
+                if ends:
+                    action["ends"] = ends
+
+    def _read(self) -> Iterator[Event]:
+        board = self._document.root.child("Storyboard")
+        number = 0
+        for story in [] if board is None else board.all("Story"):
+            in_story = self._document.scope.declared(story.child("ParameterDeclarations"))
+            whole = self._state("story", story)
+            for act in story.all("Act"):
+                act_state = self._state("act", act)
+                for group in act.all("ManeuverGroup"):
+                    group_state = self._state("maneuverGroup", group)
+                    try:
+                        found = list(self._maneuvers(group, in_story))
+                    except NotTakenError as error:
+                        self._problems.add(error)
+                        for one in (group_state, act_state, whole):
+                            one.unknown = str(error)
+                        continue
+                    for maneuver, scope in found:
+                        number += 1
+                        outer = [self._state("maneuver", maneuver), group_state, act_state, whole]
+                        for event in maneuver.all("Event"):
+                            states = [self._state("event", event), *outer]
+                            actors = self._actors(group, in_story)
+                            yield Event(event, scope, act, in_story, actors, number, states)
+
+    def _state(self, kind: str, element: Element) -> ElementState:
+        state = ElementState()
+        self._context.elements[kind, element.attributes.get("name", "")] = state
+        return state
+
+    def _maneuvers(self, group: Element, scope: Scope) -> Iterator[tuple[Element, Scope]]:
+        if scope.whole(group, "maximumExecutionCount", 1) != 1:
+            raise NotTakenError(group, "maximumExecutionCount: expected 1")
+        for one in group.children:
+            if one.tag == "CatalogReference":
+                yield self._document.entry(one, scope, "Maneuver")
+            elif one.tag == "Maneuver":
+                yield one, scope.declared(one.child("ParameterDeclarations"))
+
+    def _actors(self, group: Element, scope: Scope) -> list[str]:
+        actors = group.child("Actors")
+        if actors is None:
+            return []
+        try:
+            if scope.flag(actors, "selectTriggeringEntities", False):
+                raise NotTakenError(actors, "selectTriggeringEntities: expected false")
+            return [scope.text(one, "entityRef") for one in actors.all("EntityRef")]
+        except NotTakenError as error:
+            self._problems.add(error)
+            return []
+
+    def _name_actions(self, event: Event) -> None:
+        """Name the actions that others than the ego will have of an event, so that conditions may ask for them."""
+        for actor in event.actors:
+            own = self._stage.ids.get(actor)
+            if own is None or own == EGO:
+                continue
+            for number, action in enumerate(event.actions):
+                if action.child("PrivateAction") is None:
+                    continue
+                taken = [name for other in self._events for name in other.names]
+                wanted = f"{own}.{slug(event.name, 'event')}" + (f"_{number + 1}" if number else "")
+                name, copy = wanted, 2
+                while name in taken:
+                    name, copy = f"{wanted}_{copy}", copy + 1
+                event.names.append(name)
+                for state in event.states:
+                    state.actions.append(name)
+
+    def _act(self, event: Event) -> Groups | None:
+        """Return the trigger of an event's act, which counts for every event in it."""
+        if id(event.act) not in self._acts:
+            stop = event.act.child("StopTrigger")
+            if stop is not None and stop.children:
+                raise NotTakenError(stop, "an act that is stopped is not taken")
+            self._acts[id(event.act)] = compiled(event.act.child("StartTrigger"), event.act_scope, self._context)
+            event.states[-2].start = self._acts[id(event.act)]
+        return self._acts[id(event.act)]
+
+    def _triggers(self, event: Event) -> tuple[Groups | None, Groups | None]:
+        armed = self._act(event)
+        return armed, None if armed is None else compiled(
+            event.element.child("StartTrigger"), event.scope, self._context
+        )
+
+    def _markers(self, event: Event) -> None:
+        """Take in an event that sets variables: what it sets, and when."""
+        of_variables = [kind for one in event.actions for kind in _variable_actions(one)]
+        if not of_variables:
+            return
+        try:
+            armed, when = self._triggers(event)
+            groups = None if armed is None or when is None else _not_before(event, armed, when)
+            for kind, name in of_variables:
+                key = event.scope.text(kind, name).removeprefix("$")
+                setter = kind.child("SetAction")
+                if setter is None:
+                    raise NotTakenError(kind, "expected a SetAction")
+                self._context.variables.setdefault(key, []).append((event.scope.text(setter, "value"), groups))
+            if groups is not None:
+                for state in event.states:
+                    state.markers.append(groups)
+        except NotTakenError as error:
+            self._leave_out(event, error)
+
+    def _event(self, event: Event) -> None:
+        try:
+            if event.scope.whole(event.element, "maximumExecutionCount", 1) != 1:
+                raise NotTakenError(event.element, "maximumExecutionCount: expected 1")
+            self._read_event(event)
+        except NotTakenError as error:
+            self._leave_out(event, error)
+
+    def _leave_out(self, event: Event, error: NotTakenError) -> None:
+        self._problems.add(error)
+        self._forget(event, f"{event.element.where} {event.name!r} is not taken")
+
+    def _forget(self, event: Event, why: str) -> None:
+        """Note that nobody knows when an event ends, nor what it is in."""
+        for state in event.states:
+            state.unknown = state.unknown or why
+            state.actions[:] = [name for name in state.actions if name not in event.names]
+
+    def _read_event(self, event: Event) -> None:
+        private = [one for one in event.actions if one.child("PrivateAction") is not None]
+        for one in event.actions:
+            if one.child("GlobalAction") is not None and not list(_variable_actions(one)):
+                self._global(event, one)
+        if not private:
+            return
+        armed, when = self._triggers(event)
+        if armed is None or when is None:
+            self._problems.note(f"{event.element.where} {event.name!r} never begins")
+            event.states[0].start = None
+            self._forget(event, f"the event {event.name!r} never begins")
+            return
+        event.states[0].start = armed + when if not (armed and when) else when
+        ends = self._ended_by(event)
+        names, taken = iter(event.names), list[tuple[str, Action]]()
+        for actor in event.actors:
+            for one in private:
+                kind = kind_of(one.children[0])
+                if self._stage.id(one, actor) == EGO:
+                    self._of_ego(event, kind)
+                    continue
+                action, name = read_action(kind, event.scope, actor, self._stage), next(names)
+                taken.append((actor, {"name": name.partition(".")[2]} | _when(armed, when, ends) | (action or {})))
+        for actor, action in taken:
+            self.stories[actor].append(action)
+
+    def _of_ego(self, event: Event, kind: Element) -> None:
+        """Take down that the controller drives in place of an action of the ego; refuse what leads it elsewhere."""
+        if not longitudinal(kind):
+            raise NotTakenError(
+                kind, "the ego's path is the one that it begins on: an action that leads it off is not taken"
+            )
+        why = f"{event.element.where} {event.name!r}: the ego's controller drives in place of its {kind.tag}"
+        self._problems.note(why)
+        self._forget(event, why)
+
+    def _ended_by(self, event: Event) -> list[str]:
+        priority = event.scope.text(event.element, "priority", "parallel")
+        if priority in ("skip",):
+            raise NotTakenError(event.element, f"priority: {priority!r} is not taken")
+        if priority not in OVERRIDING:
+            return []
+        others = [one for one in self._events if one.maneuver == event.maneuver and one is not event]
+        return [name for one in others for name in one.names]
+
+    def _global(self, event: Event, action: Element) -> None:
+        inner = action.children[0].children[0] if action.children[0].children else action
+        delete = inner.child("DeleteEntityAction")
+        if inner.tag == "EntityAction" and delete is not None:
+            name = event.scope.text(inner, "entityRef")
+            if self._stage.id(inner, name) == EGO:
+                raise NotTakenError(inner, "the ego stays until the drive is over")
+            armed, when = self._triggers(event)
+            if armed is not None and when is not None:
+                story = self.stories[name]
+                story.append({"name": f"leaves_{len(story)}"} | _when(armed, when, []) | {"leaves": True})
+            return
+        raise NotTakenError(inner, "this global action is not taken")
+
+    def _stop(self) -> Groups:
+        board = self._document.root.child("Storyboard")
+        trigger = None if board is None else board.child("StopTrigger")
+        groups: Groups = []
+        for one in [] if trigger is None else trigger.all("ConditionGroup"):
+            alone = Element("StopTrigger", {}, one.file, one.line, [one])
+            try:
+                found = compiled(alone, self._document.scope, self._context)
+                if found == []:
+                    raise NotTakenError(one, "it ends the drive as it begins")
+                groups += found or []
+            except NotTakenError as error:
+                self._problems.add(error)
+        return groups
+
+
+def _not_before(event: Event, armed: Groups, when: Groups) -> Groups:
+    """Return an event's trigger as it is once its act's has fired, where that is a time."""
+    if not armed or not when:
+        return armed or when
+    times = [group[0].get("time_s") for group in armed if len(group) == 1 and group[0].get("rule", ">") in (">", ">=")]
+    if len(times) != len(armed) or None in times or any("delay_s" in group[0] for group in armed):
+        raise NotTakenError(event.element, "an event of variables in an act that other than a time starts is not taken")
+    first = min(time for time in times if time is not None)
+    return [[condition | {"from_s": first} for condition in group] for group in when]
+
+
+def _when(armed: Groups, when: Groups, ends: Sequence[str]) -> dict[str, Any]:
+    stated: dict[str, Any] = {"armed": armed, "when": when, "ends": list(ends)}
+    return {key: value for key, value in stated.items() if value}
+
+
+def _variable_actions(action: Element) -> Iterator[tuple[Element, str]]:
+    """Yield the elements of an action that set a variable or a parameter, and the attribute that names it."""
+    for tag, name in (("VariableAction", "variableRef"), ("ParameterAction", "parameterRef")):
+        found = action.child("GlobalAction", tag)
+        if found is not None:
+            yield found, name

@@ -1,0 +1,286 @@
+"""Triggers of OpenSCENARIO as the triggers of a scenario's stories.
+
+A trigger is a list of groups, a group a list of conditions; [] fires at once, None never. Knows no places but through
+what it is handed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from vve_sumo.bridges.openscenario.parameters import NotTakenError, Scope
+from vve_sumo.bridges.openscenario.xml_tree import Element
+
+Condition = dict[str, Any]
+Groups = list[list[Condition]]
+
+RULES: Final = {
+    "greaterThan": ">",
+    "lessThan": "<",
+    "equalTo": "==",
+    "greaterOrEqual": ">=",
+    "lessOrEqual": "<=",
+    "notEqualTo": "!=",
+}
+EDGES: Final = {"none": "none", "rising": "rising", "falling": "falling", "risingOrFalling": "any"}
+#: states of elements, and what they are of actions here
+STATES: Final = {
+    "startTransition": "began",
+    "runningState": "running",
+    "endTransition": "ended",
+    "completeState": "ended",
+}
+#: groups that a trigger may multiply to where variables and several entities stand in it
+MAX_GROUPS: Final = 64
+
+
+@dataclass(slots=True)
+class ElementState:
+    """What is known of one element of the storyboard for conditions about it."""
+
+    start: Groups | None = field(default_factory=list)  #: that of its act or event; None where it never begins
+    actions: list[str] = field(default_factory=list)  #: in it, ACTOR.NAME
+    markers: list[Groups] = field(default_factory=list)  #: triggers of events in it that only set variables
+    unknown: str = ""  #: why nobody knows when it ends; empty where it is known
+
+
+@dataclass(slots=True)
+class Context:
+    """What conditions may ask for beside their own element."""
+
+    ids: Mapping[str, str]  #: of entities, by their names
+    place: Callable[[Element, Scope], tuple[float, float]]  #: of a <Position>: station and offset on the ego's path
+    elements: dict[tuple[str, str], ElementState]  #: of the storyboard, by type and name
+    variables: dict[str, list[tuple[str, Groups | None]]]  #: values that events set, with their triggers
+    initial: Mapping[str, str]  #: values of variables at the start
+
+
+def compiled(trigger: Element | None, scope: Scope, context: Context) -> Groups | None:
+    """Return a trigger's groups; [] fires at once, None never. Raises NotTakenError for what no story can say."""
+    groups: Groups = []
+    stated = [] if trigger is None else trigger.all("ConditionGroup")
+    if not stated:
+        return []
+    for one in stated:
+        alternatives: Groups | None = [[]]
+        for condition in one.all("Condition"):
+            alternatives = _both(alternatives, _condition(condition, scope, context))
+        if alternatives is None:
+            continue
+        if any(not group for group in alternatives):
+            return []
+        groups += alternatives
+        if len(groups) > MAX_GROUPS:
+            raise NotTakenError(one, f"more than {MAX_GROUPS} combinations of conditions")
+    return groups or None
+
+
+def _both(first: Groups | None, second: Groups | None) -> Groups | None:
+    if first is None or second is None:
+        return None
+    if not second:
+        return first
+    return [[*one, *other] for one in first for other in second]
+
+
+def _condition(element: Element, scope: Scope, context: Context) -> Groups | None:
+    edge, delay = scope.text(element, "conditionEdge", "none"), scope.number(element, "delay", 0.0)
+    if edge not in EDGES:
+        raise NotTakenError(element, f"conditionEdge: expected {', '.join(EDGES)}, got {edge!r}")
+    of_value, of_entity = element.child("ByValueCondition"), element.child("ByEntityCondition")
+    if of_value is not None and of_value.children:
+        return _by_value(of_value.children[0], scope, context, EDGES[edge], delay)
+    if of_entity is None:
+        raise NotTakenError(element, "expected a ByValueCondition or a ByEntityCondition")
+    return _by_entity(of_entity, scope, context, {"edge": EDGES[edge], "delay_s": delay})
+
+
+def _short(condition: Condition) -> Condition:
+    """Return a condition without the keys that say what is so anyway."""
+    usual = {"edge": "none", "delay_s": 0.0, "freespace": False, "rule": ">", "of": "ego"}
+    return {key: value for key, value in condition.items() if usual.get(key, ...) != value}
+
+
+def _rule(element: Element, scope: Scope) -> str:
+    rule = scope.text(element, "rule")
+    if rule not in RULES:
+        raise NotTakenError(element, f"rule: expected {', '.join(RULES)}, got {rule!r}")
+    return RULES[rule]
+
+
+def _by_value(of: Element, scope: Scope, context: Context, edge: str, delay: float) -> Groups | None:
+    if of.tag == "SimulationTimeCondition":
+        value, rule = scope.number(of, "value"), _rule(of, scope)
+        if value <= 0.0 and rule in (">", ">=") and delay == 0.0:
+            return []  # it holds from the first step after the start on
+        return [[_short({"time_s": value, "rule": rule, "edge": edge, "delay_s": delay})]]
+    if of.tag == "ParameterCondition":
+        name = scope.text(of, "parameterRef").removeprefix("$")
+        if name not in scope.values:
+            raise NotTakenError(of, f"no parameter {name!r} is declared")
+        return [] if _holds(scope.values[name], _rule(of, scope), scope.text(of, "value")) else None
+    if of.tag == "VariableCondition":
+        return _variable(of, scope, context, delay)
+    if of.tag == "StoryboardElementStateCondition":
+        return _state(of, scope, context, edge, delay)
+    raise NotTakenError(of, "this condition is not taken")
+
+
+def _holds(value: str, rule: str, wanted: str) -> bool:
+    """Return whether a parameter or variable compares as a rule says: as numbers where both are."""
+    try:
+        one, other = float(value), float(wanted)
+    except ValueError:
+        same = value.lower() == wanted.lower()
+        return same if rule == "==" else rule == "!=" and not same
+    compared = {">": one > other, "<": one < other, "==": one == other}
+    return compared.get(rule, {">=": one >= other, "<=": one <= other, "!=": one != other}.get(rule, False))
+
+
+def _variable(of: Element, scope: Scope, context: Context, delay: float) -> Groups | None:
+    name, rule, wanted = scope.text(of, "variableRef"), _rule(of, scope), scope.text(of, "value")
+    if name not in context.initial:
+        raise NotTakenError(of, f"no variable {name!r} is declared")
+    if _holds(context.initial[name], rule, wanted):
+        if any(not _holds(value, rule, wanted) for value, _ in context.variables.get(name, [])):
+            raise NotTakenError(of, f"the variable {name!r} ceases to meet it")
+        return []
+    groups: Groups = []
+    for value, trigger in context.variables.get(name, []):
+        if trigger is not None and _holds(value, rule, wanted):
+            groups += latched(of, trigger, delay)
+    return groups or None
+
+
+def latched(of: Element, trigger: Groups, delay: float = 0.0) -> Groups:
+    """Return a trigger that holds for good once another has fired, so much later [s]."""
+    if any(len(group) > 1 for group in trigger):
+        raise NotTakenError(of, "it depends on an event that several conditions start together")
+    return [
+        [condition | {"latched": True} | ({"delay_s": condition.get("delay_s", 0.0) + delay} if delay else {})]
+        for group in trigger
+        for condition in group
+    ]
+
+
+def _state(of: Element, scope: Scope, context: Context, edge: str, delay: float) -> Groups | None:
+    kind, state = scope.text(of, "storyboardElementType"), scope.text(of, "state")
+    name = scope.text(of, "storyboardElementRef").rpartition("::")[2].rpartition("/")[2]
+    known = context.elements.get((kind, name))
+    if known is None or state not in STATES:
+        what = f"no {kind} {name!r} in the storyboard" if known is None else f"the state {state!r} is not taken"
+        raise NotTakenError(of, what)
+    if known.start is None:
+        return None
+    wanted = STATES[state]
+    if wanted != "ended":
+        if known.actions and kind in ("event", "action"):
+            return [[_short({"actions": known.actions, "state": wanted, "edge": edge, "delay_s": delay})]]
+        if wanted == "running":
+            raise NotTakenError(of, f"the state {state!r} of this {kind} is not taken")
+        return latched(of, known.start, delay)
+    if known.unknown:
+        raise NotTakenError(of, known.unknown)
+    groups: Groups = [[]]
+    if known.actions:
+        condition = _short({"actions": known.actions, "edge": edge, "delay_s": delay})
+        # Where other events count as well, an edge of this part would be none of the whole.
+        groups = [[condition if not known.markers else condition | {"edge": "none"}]]
+    for marker in known.markers:
+        groups = _both(groups, latched(of, marker, delay)) or []
+    return groups
+
+
+def _by_entity(of: Element, scope: Scope, context: Context, when: Condition) -> Groups:
+    who, inner = of.child("TriggeringEntities"), of.child("EntityCondition")
+    if who is None or inner is None or not inner.children:
+        raise NotTakenError(of, "expected TriggeringEntities and an EntityCondition")
+    asked = _asked(inner.children[0], scope, context)
+    names = [scope.text(one, "entityRef") for one in who.all("EntityRef")]
+    conditions = [_short({"of": _id(who, name, context), **asked, **when}) for name in names]
+    if not conditions:
+        raise NotTakenError(who, "expected an EntityRef")
+    return [conditions] if scope.text(who, "triggeringEntitiesRule") == "all" else [[one] for one in conditions]
+
+
+def _id(element: Element, name: str, context: Context) -> str:
+    if name not in context.ids:
+        raise NotTakenError(element, f"no entity {name!r}")
+    return context.ids[name]
+
+
+def _to(of: Element, scope: Scope, context: Context) -> Condition:
+    return {"to": _id(of, scope.text(of, "entityRef"), context)}
+
+
+def _at(of: Element, scope: Scope, context: Context) -> Condition:
+    position = of.child("Position")
+    if position is None:
+        raise NotTakenError(of, "expected a <Position>")
+    at, offset = context.place(position, scope)
+    return {"at_m": at, "offset_m": offset}
+
+
+def _asked(of: Element, scope: Scope, context: Context) -> Condition:
+    """Return what a condition on an entity asks for."""
+    if of.tag in ("SpeedCondition", "AccelerationCondition", "RelativeSpeedCondition") and "direction" in of.attributes:
+        raise NotTakenError(of, "direction is not taken")
+    if of.tag == "EndOfRoadCondition":
+        return {"end_of_road_s": scope.number(of, "duration")}
+    if of.tag == "StandStillCondition":
+        return {"stands_s": scope.number(of, "duration")}
+    if of.tag == "CollisionCondition":
+        other = of.child("EntityRef")
+        if other is None:
+            raise NotTakenError(of, "expected an EntityRef")
+        return {"to": _id(of, scope.text(other, "entityRef"), context), "touches": True}
+    if of.tag == "SpeedCondition":
+        return {"speed_mps": scope.number(of, "value"), "rule": _rule(of, scope)}
+    if of.tag == "AccelerationCondition":
+        return {"acceleration_mps2": scope.number(of, "value"), "rule": _rule(of, scope)}
+    if of.tag == "RelativeSpeedCondition":
+        return {"relative_speed_mps": scope.number(of, "value"), "rule": _rule(of, scope), **_to(of, scope, context)}
+    if of.tag == "TraveledDistanceCondition":
+        return {"travelled_m": scope.number(of, "value"), "rule": ">="}
+    if of.tag == "ReachPositionCondition":
+        return {"within_m": scope.number(of, "tolerance"), **_at(of, scope, context)}
+    return _of_distance(of, scope, context)
+
+
+def _of_distance(of: Element, scope: Scope, context: Context) -> Condition:
+    condition: Condition
+    if of.tag in ("TimeHeadwayCondition", "RelativeDistanceCondition"):
+        condition = _to(of, scope, context)
+    elif of.tag == "DistanceCondition":
+        condition = _at(of, scope, context)
+    elif of.tag == "TimeToCollisionCondition":
+        target = of.child("TimeToCollisionConditionTarget") or of
+        other = target.child("EntityRef")
+        condition = _at(target, scope, context) if other is None else _to(other, scope, context)
+    else:
+        raise NotTakenError(of, "this condition is not taken")
+    keys = {"TimeHeadwayCondition": "headway_s", "TimeToCollisionCondition": "ttc_s"}
+    return condition | {
+        keys.get(of.tag, "distance_m"): scope.number(of, "value"),
+        "rule": _rule(of, scope),
+        "freespace": scope.flag(of, "freespace", False),
+        "along": _axis(of, scope),
+    }
+
+
+def _axis(of: Element, scope: Scope) -> str:
+    """Return along what a distance is measured."""
+    if "alongRoute" in of.attributes:
+        return "path" if scope.flag(of, "alongRoute", False) else "straight"
+    kind = scope.text(of, "relativeDistanceType", "euclidianDistance")
+    system = scope.text(of, "coordinateSystem", "entity")
+    if system not in ("entity", "lane", "road", "trajectory") or kind not in (
+        *("longitudinal", "lateral", "euclidianDistance", "cartesianDistance"),
+    ):
+        raise NotTakenError(of, f"a distance {kind!r} in the coordinates {system!r} is not taken")
+    if kind in ("euclidianDistance", "cartesianDistance"):
+        return "straight"
+    axis = "heading" if system == "entity" else "path"
+    return f"{axis}_lateral" if kind == "lateral" else axis
