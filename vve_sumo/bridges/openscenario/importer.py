@@ -187,10 +187,10 @@ class _Reader:
                 except NotTakenError as error:
                     self._problems.add(error)
             if len(left) == len(waiting):
-                for _name, _kind, error in left:
-                    self._problems.add(error)
+                for _name, _kind, problem in left:
+                    self._problems.add(problem)
                 break
-            waiting = [(name, kind) for name, kind, _error in left]
+            waiting = [(name, kind) for name, kind, _problem in left]
         for name, kind in self._inits:
             if kind.tag == "FollowTrajectoryAction":
                 self._place_on_trajectory(name, kind)
