@@ -183,6 +183,29 @@ def test_a_coarse_time_is_none(time_status: str, form) -> None:
 
 
 @pytest.mark.parametrize(
+    ("week", "seconds"),
+    [
+        ("2400", "inf"),
+        ("2400", "1e400"),
+        ("2400", "nan"),
+        ("2400", "-1"),
+        ("2400", "604800"),
+        ("-5", "1"),
+        ("9" * 99, "1"),
+    ],
+)
+def test_a_time_that_is_none_is_malformed(week: str, seconds: str) -> None:
+    """With a right checksum, as of a receiver gone wrong or of somebody who sends one's own."""
+    good = inspvax()
+    *head, _week, _seconds, status, reserved, version = good[1 : good.index(b";")].split(b",")
+    body = b",".join([*head, week.encode(), seconds.encode(), status, reserved, version])
+    body += good[good.index(b";") : good.index(b"*")]
+    decoder = novatel.Decoder()
+    assert decoder.feed(b"#%b*%08x\r\n" % (body, edie.calculate_crc(body)), 0.0) == []
+    assert decoder.counts[Outcome.MALFORMED] == 1
+
+
+@pytest.mark.parametrize(
     ("changes", "outcome"),
     [
         ({"kind": "NONE"}, Outcome.NO_POSITION),

@@ -71,6 +71,7 @@ QUALITIES: Final = {
     79: FixQuality.PPP,
     80: FixQuality.PPP,
 }
+LAST_WEEK: Final = 0xFFFF  #: that a binary header can state
 UNKNOWN_CODE: Final = -1  #: of a name that is not listed
 
 NEEDED: Final = (
@@ -208,7 +209,7 @@ class Decoder(StreamDecoder):
         _port, _sequence, _idle, status, week, seconds, *_rest = head.split(b",")
         if status not in FINE_NAMES:
             return Outcome.NO_TIME
-        return _Log(number, _clock(int(week), round(1000.0 * float(seconds))), content.split(b","))
+        return _Log(number, _clock(int(week), 1000.0 * float(seconds)), content.split(b","))
 
 
 def _groups(message: bytes) -> tuple[bytes, bytes, bytes, bytes]:
@@ -219,10 +220,11 @@ def _groups(message: bytes) -> tuple[bytes, bytes, bytes, bytes]:
     return name, head, content, stated
 
 
-def _clock(week: int, time_of_week: int) -> int:
-    if not 0 <= time_of_week < WEEK:
+def _clock(week: int, time_of_week: float) -> int:
+    """Return the time of a week and a time of week [ms]; raises ValueError."""
+    if not (0 <= week <= LAST_WEEK and 0.0 <= time_of_week < WEEK):
         raise ValueError("no time of week")
-    return clock_of_week(week, time_of_week)
+    return clock_of_week(week, round(time_of_week))
 
 
 def _correction_age(content: bytes | list[bytes]) -> float:
