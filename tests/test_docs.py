@@ -326,8 +326,8 @@ def test_the_scenarios_in_the_documentation_are_some() -> None:
     *whole, rolling_ego, several, story = (tomllib.loads(block) for block in blocks)
     standing, moving = (parse(table, DOCS / "scenarios.md") for table in whole)
     assert [ego.id for ego in parse(several, DOCS / "scenarios.md").egos] == ["second", "third"]
-    told = parse(whole[0] | story, DOCS / "scenarios.md")
-    assert [action.name for action in told.actors[0].story.actions] == ["brake", "aside"]
+    staged = parse(whole[0] | story, DOCS / "scenarios.md")
+    assert [action.name for action in staged.actors[0].story.actions] == ["brake", "aside"]
     rolling = parse(whole[0] | {"ego": whole[0]["ego"] | rolling_ego["ego"]}, DOCS / "scenarios.md")
     assert rolling.ego.initial_speed_mps == rolling.ego.speed_mps
     assert len(standing.obstacles) == 2

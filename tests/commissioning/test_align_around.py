@@ -73,7 +73,7 @@ def test_a_motion_that_counts_from_the_start_needs_the_whole_approach() -> None:
     assert event_stretch(resolved, "walker").begin == 0.0
 
 
-def laid(scenario: str, event: str, rig: Path, speed: float) -> tuple[EventSite, EventInLot]:
+def aligned(scenario: str, event: str, rig: Path, speed: float) -> tuple[EventSite, EventInLot]:
     site = EventSite(scenario, str(rig), REPOSITORY)
     found = site.tried(event, speed)
     assert found is not None
@@ -110,7 +110,7 @@ def test_a_variant_is_laid_into_the_small_lot_and_driven(scenario: str, tmp_path
     speed = own.scenario.ego.speed_mps
     assert speed >= LEAST_SPEED
     assert main_event(own) == event
-    site, found = laid(scenario, event, rig, speed)
+    site, found = aligned(scenario, event, rig, speed)
     in_the_yard(found, rig)
     written = tmp_path / "mine.toml"
     write_scenario(found, site.resolved, written)
@@ -205,7 +205,7 @@ def test_a_car_that_is_never_caught_up_is_no_meeting(tmp_path: Path) -> None:
 
 
 def test_a_scenario_is_not_written_over_another(tmp_path: Path) -> None:
-    site, found = laid("small_lot_parked_car", "parked_car", yard(tmp_path), 7.0)
+    site, found = aligned("small_lot_parked_car", "parked_car", yard(tmp_path), 7.0)
     for name in ("no.csv", "no/where.toml", "a b.toml"):
         with pytest.raises(ConfigError, match="--write-scenario"):
             write_scenario(found, site.resolved, tmp_path / name)

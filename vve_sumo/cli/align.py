@@ -218,20 +218,9 @@ def _alignment_result(site: AlignmentSite, arguments: argparse.Namespace) -> Ali
 
 
 def _draw(site: AlignmentSite, result: AlignmentResult, file: Path) -> None:
-    from vve_sumo.plotting.alignment import PathInLot, draw
+    from vve_sumo.plotting.alignment import draw
 
-    drawn = PathInLot(
-        path_name=site.resolved.scenario.ego.path,
-        lot_name=site.rig_file.stem,
-        path=site.resolved.path,
-        speed=site.speed,
-        vehicle=site.resolved.vehicle,
-        geofence=site.geofence,
-        alignment=result.alignment,
-        fit=result.fit,
-        corridor=site.resolved.corridor,
-    )
-    draw(drawn, file)
+    draw(site.path_in_lot(result), file)
     print(f"picture: {file}")
 
 

@@ -30,6 +30,7 @@ from vve_sumo.lot.geofence import Geofence
 from vve_sumo.network_tools.path_file import write_part
 from vve_sumo.path import ReferencePath
 from vve_sumo.path_feasibility import refuse_tight_bend
+from vve_sumo.plotting.alignment import PathInLot
 from vve_sumo.rig import edit
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
@@ -64,6 +65,20 @@ class AlignmentSite:
     def excess(self, alignment: Alignment) -> CorridorExcess | None:
         """Return where the declared corridor leaves the lot under an alignment, up to where the path itself does."""
         return corridor_excess(self.resolved.path, self.geofence, self.speed, alignment, self.resolved.corridor)
+
+    def path_in_lot(self, result: AlignmentResult) -> PathInLot:
+        """Return how the path lies in the lot under an alignment, for a picture."""
+        return PathInLot(
+            path_name=self.resolved.scenario.ego.path,
+            lot_name=self.rig_file.stem,
+            path=self.resolved.path,
+            speed=self.speed,
+            vehicle=self.resolved.vehicle,
+            geofence=self.geofence,
+            alignment=result.alignment,
+            fit=result.fit,
+            corridor=self.resolved.corridor,
+        )
 
 
 @dataclass(frozen=True, slots=True)

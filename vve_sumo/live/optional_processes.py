@@ -101,13 +101,13 @@ def _start_outputs(
 ) -> None:
     if not plan.rig.outputs:
         return
-    told = intersections(plan.resolved.network.path) if tells_signals(plan.rig) else ()
+    known = intersections(plan.resolved.network.path) if tells_signals(plan.rig) else ()
     config = common | {
         "outputs": [output.model_dump(mode="json") for output in plan.rig.outputs],
         "vehicle": vehicle,
         "projection": plan.resolved.map_frame.projection,
         "map_offset": plan.resolved.map_frame.offset,
-        "intersections": to_builtins(told),
+        "intersections": to_builtins(known),
         "key": key_of(plan.rig.brain, plan.working).hex(),
         "log": str(plan.folder / "outputs.log"),
     }

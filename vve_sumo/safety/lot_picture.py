@@ -19,7 +19,7 @@ from vve_sumo.drive.run import resolve_by_name
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment
 from vve_sumo.live import assembly
-from vve_sumo.plotting.alignment import PathInLot, path_in_lot
+from vve_sumo.plotting.alignment import path_in_lot
 from vve_sumo.report.picture import DrawnPlot, picture_of
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
@@ -42,22 +42,13 @@ def lot_picture(scenario: str, rig: str, working: Path) -> LotPicture:
         result, how = _placed(site)
     except ConfigError as error:
         return LotPicture(None, (f"No picture: {error}.",))
-    shown = PathInLot(
-        path_name=site.resolved.scenario.ego.path,
-        lot_name=site.rig_file.stem,
-        path=site.resolved.path,
-        speed=site.speed,
-        vehicle=site.resolved.vehicle,
-        geofence=site.geofence,
-        alignment=result.alignment,
-        fit=result.fit,
-        corridor=site.resolved.corridor,
-    )
     caption = (
         f"The lot as it was surveyed, the margin that is kept, and the ground that the car may cover on the path of "
         f"{scenario}, stops included. {how}"
     )
-    picture = picture_of(path_in_lot(shown), "lot", "the lot from above, with fence and path", caption)
+    picture = picture_of(
+        path_in_lot(site.path_in_lot(result)), "lot", "the lot from above, with fence and path", caption
+    )
     return LotPicture(picture, (how, *align.description(site, result)))
 
 

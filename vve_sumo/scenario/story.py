@@ -71,7 +71,7 @@ class StoryActor:
         self._length = size.length if actor.length_m is None else actor.length_m
         self._width = size.width if actor.width_m is None else actor.width_m
         self._reference = actor.story.reference_m
-        self._path, self._station, self._speed = path, actor.at_m, actor.speed_mps
+        self._path, self._s, self._speed = path, actor.at_m, actor.speed_mps
         self._side, self._offset, self._rate = Transition(actor.offset_m, actor.offset_m), actor.offset_m, 0.0
         self._side_by_way = False
         self._side_began = self._speed_began = 0.0  # drive time [s], or way gone [m] for a change over a way
@@ -90,7 +90,7 @@ class StoryActor:
     @property
     def at_end(self) -> bool:
         """Whether it is at the end of its path."""
-        return self._station >= self._path.length - AT_END
+        return self._s >= self._path.length - AT_END
 
     def depends_on(self) -> set[str]:
         """Return the ids of the actors whose motion its own follows in the same tick."""
@@ -112,21 +112,21 @@ class StoryActor:
 
     def _moved(self, time: float, dt: float, scene: Scene) -> Moved:
         if not isinstance(self._motion, Following):
-            return self._motion.step(time, dt, self._speed, self._station, scene)
+            return self._motion.step(time, dt, self._speed, self._s, scene)
         other = scene.bodies.get(self._motion.other)
         if other is None:
             return Moved(self._speed * dt, self._speed, False)
         foot = self._path.project(other.x, other.y)
         along = other.speed * math.cos(other.heading - foot.heading)
-        missing = self._motion.missing(self._station, other, foot.s, other.heading - foot.heading, self._speed)
+        missing = self._motion.missing(self._s, other, foot.s, other.heading - foot.heading, self._speed)
         return self._motion.follow(missing, self._speed, max(along, 0.0), dt)
 
     def _advance(self, way: float) -> None:
         """Go a way [m] along the line at the present offset: on the inside of a bend that is more of the path."""
-        bend = 1.0 - self._offset * self._path.at(self._station).curvature
-        middle = self._path.at(self._station + 0.5 * way / max(bend, 0.2))
+        bend = 1.0 - self._offset * self._path.at(self._s).curvature
+        middle = self._path.at(self._s + 0.5 * way / max(bend, 0.2))
         step = way / max(1.0 - self._offset * middle.curvature, 0.2)
-        self._station = min(self._station + step, self._path.length)
+        self._s = min(self._s + step, self._path.length)
         self._gone += way
 
     def _step_aside(self, now: float) -> None:
@@ -143,7 +143,7 @@ class StoryActor:
         line = running.action.line
         if line is None or line.until_m is None or self.at_end:
             return False
-        return self._station < line.until_m - AT_END
+        return self._s < line.until_m - AT_END
 
     def begin_due(self, scene: Scene) -> list[RunningAction]:
         """Begin the actions whose triggers fire at this tick and return them."""
@@ -238,15 +238,15 @@ class StoryActor:
         if change.from_here:
             path = _moved_to(path, x, y, heading)
         foot = path.project(x, y)
-        self._path, self._station, self._offset = path, min(max(foot.s, 0.0), path.length), foot.offset
+        self._path, self._s, self._offset = path, min(max(foot.s, 0.0), path.length), foot.offset
         if change.at_m is not None:
-            self._station = min(change.at_m, path.length)
+            self._s = min(change.at_m, path.length)
         elif change.from_here:
-            self._station, self._offset = 0.0, 0.0
+            self._s, self._offset = 0.0, 0.0
 
     def _spot(self) -> tuple[float, float, float]:
         """Reference point x, y [m] and heading of the line there [rad]."""
-        point = self._path.at(self._station)
+        point = self._path.at(self._s)
         sin, cos = math.sin(point.heading), math.cos(point.heading)
         return point.x - self._offset * sin, point.y + self._offset * cos, point.heading
 

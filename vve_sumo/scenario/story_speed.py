@@ -34,8 +34,8 @@ class Moved(NamedTuple):
 class Motion(Protocol):
     """What says how fast an actor goes until another motion takes its place."""
 
-    def step(self, time: float, dt: float, speed: float, station: float, scene: Scene) -> Moved:
-        """Advance by `dt` [s] to a time [s] since it began; `speed` [m/s] and `station` [m] are those before."""
+    def step(self, time: float, dt: float, speed: float, s: float, scene: Scene) -> Moved:
+        """Advance by `dt` [s] to a time [s] since it began; `speed` [m/s] and `s` [m] are those before."""
         ...
 
 
@@ -52,7 +52,7 @@ class Change:
         piece = next((piece for piece in self._pieces if piece.over > 0.0), None)
         return Moved(0.0, self._pieces[-1].after if piece is None else piece.before, piece is None)
 
-    def step(self, time: float, dt: float, speed: float, station: float, scene: Scene) -> Moved:
+    def step(self, time: float, dt: float, speed: float, s: float, scene: Scene) -> Moved:
         """As in Motion; exact at any tick."""
         total, rest = 0.0, time
         for piece in self._pieces[:-1]:
@@ -103,7 +103,7 @@ class FollowedSpeed:
     def __init__(self, action: SpeedAction) -> None:
         self._action = action
 
-    def step(self, time: float, dt: float, speed: float, station: float, scene: Scene) -> Moved:
+    def step(self, time: float, dt: float, speed: float, s: float, scene: Scene) -> Moved:
         """As in Motion; the way is by the mean of both speeds."""
         now = max(_of_another(self._action, speed, scene), 0.0)
         return Moved(0.5 * (speed + now) * dt if time > dt else now * dt, now, False)
@@ -115,17 +115,17 @@ class Timed:
     def __init__(self, change: LineChange) -> None:
         self._timing = change.timing
 
-    def step(self, time: float, dt: float, speed: float, station: float, scene: Scene) -> Moved:
+    def step(self, time: float, dt: float, speed: float, s: float, scene: Scene) -> Moved:
         """As in Motion; before the first place it stands there, after the last one it keeps its speed."""
         first, last = self._timing[0], self._timing[-1]
         if time >= last.time_s:
-            return Moved(max(last.at_m - station, 0.0) + speed * min(time - last.time_s, dt), speed, True)
+            return Moved(max(last.at_m - s, 0.0) + speed * min(time - last.time_s, dt), speed, True)
         if time <= first.time_s:
-            return Moved(max(first.at_m - station, 0.0), 0.0, False)
+            return Moved(max(first.at_m - s, 0.0), 0.0, False)
         for one, later in pairwise(self._timing):
             if time < later.time_s:
                 rate = (later.at_m - one.at_m) / (later.time_s - one.time_s)
-                return Moved(max(one.at_m + rate * (time - one.time_s) - station, 0.0), rate, False)
+                return Moved(max(one.at_m + rate * (time - one.time_s) - s, 0.0), rate, False)
         return Moved(0.0, speed, True)
 
 
@@ -146,16 +146,16 @@ class Following:
         """Whether nothing limits how the distance is taken up."""
         return self._action.acceleration_mps2 is None
 
-    def missing(self, station: float, other: Body, other_station: float, turned: float, speed: float) -> float:
+    def missing(self, s: float, other: Body, other_s: float, turned: float, speed: float) -> float:
         """Return how far along its line the actor is behind where it shall be [m]."""
         action = self._action
         gap = action.gap_m if action.gap_m is not None else (action.headway_s or 0.0) * speed
         back, front = _reach_along(other, turned) if action.freespace else (0.0, 0.0)
         own_back, own_front = self._reach if action.freespace else (0.0, 0.0)
-        wanted = other_station + back - gap - own_front
+        wanted = other_s + back - gap - own_front
         if action.side == "ahead":
-            wanted = other_station + front + gap - own_back
-        return wanted - station
+            wanted = other_s + front + gap - own_back
+        return wanted - s
 
     def follow(self, missing: float, speed: float, other_speed: float, dt: float) -> Moved:
         """Return one tick of taking the distance up, and keeping it."""
@@ -193,7 +193,7 @@ class Arriving:
     def __init__(self, meeting: Meeting) -> None:
         self._meeting = meeting
 
-    def step(self, time: float, dt: float, speed: float, station: float, scene: Scene) -> Moved:
+    def step(self, time: float, dt: float, speed: float, s: float, scene: Scene) -> Moved:
         """As in Motion."""
         meeting, ego = self._meeting, scene.bodies.get(EGO)
         if ego is None:
@@ -205,7 +205,7 @@ class Arriving:
             return Moved(speed * dt, speed, False)
         # The ego is where it is at the end of the tick, the actor where it was at its beginning.
         due = left / ego.speed + dt
-        now = max(speed + self._acceleration(due, meeting.at_m - station, speed) * dt, 0.0)
+        now = max(speed + self._acceleration(due, meeting.at_m - s, speed) * dt, 0.0)
         return Moved(0.5 * (speed + now) * dt, now, False)
 
     def _acceleration(self, due: float, way: float, speed: float) -> float:

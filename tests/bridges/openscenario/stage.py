@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from vve_sumo.bridges.openscenario.importer import Imported, read_scenario
-from vve_sumo.bridges.openscenario.lines import reference
+from vve_sumo.path import ReferencePath
 from vve_sumo.scenario.engine import ScenarioEngine
 from vve_sumo.scenario.load import parse
 from vve_sumo.timing import PERIOD
@@ -118,16 +118,16 @@ class Moment(NamedTuple):
 def played(found: Imported, duration: float, speed: float | None = None) -> list[Moment]:
     """Return what happens beside an ego that keeps its speed on its path [m/s]."""
     table = {**found.table, "road": {"network": "none"}}
-    told = parse(table, Path("made.toml"))
-    lines = {name: reference(points) for name, points in found.lines.items()}
+    parsed = parse(table, Path("made.toml"))
+    lines = {name: ReferencePath.from_points(*zip(*points, strict=True)) for name, points in found.lines.items()}
     vehicle = load(find("vehicle", "ford_fusion", Path.cwd())).vehicle
-    path = lines[told.ego.path]
-    engine = ScenarioEngine(told.actors, path, lines, {}, vehicle, told.end_trigger.when)
-    keeps = told.ego.speed_mps if speed is None else speed
+    path = lines[parsed.ego.path]
+    engine = ScenarioEngine(parsed.actors, path, lines, {}, vehicle, parsed.end_trigger.when)
+    keeps = parsed.ego.speed_mps if speed is None else speed
     moments = []
     for tick in range(round(duration / PERIOD) + 1):
         time = tick * PERIOD
-        s = told.ego.initial_s_m + keeps * time
+        s = parsed.ego.initial_s_m + keeps * time
         here = path.at(s)
         reach = vehicle.rear_axle_to_bumper
         x, y = here.x + reach * math.cos(here.heading), here.y + reach * math.sin(here.heading)

@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
+from collections.abc import Iterator
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pyarrow.parquet as pq
 import pytest
 
-from tests.bridges.openscenario.stage import after, event, scenario, speed_action, step, write
+from tests.bridges.openscenario.stage import (
+    ROAD,
+    after,
+    event,
+    lane_change,
+    of_entity,
+    scenario,
+    speed_action,
+    step,
+    write,
+)
 from tests.conftest import REPOSITORY, SHARED_DATA
 from tests.isolated import command
 from vve_sumo.bridges.openscenario.distributions import read_variation
@@ -34,6 +47,49 @@ def files() -> list[Path]:
     """Every scenario, and variation of one, beside this checkout."""
     found = [*FOLDER.glob("esmini/xosc/*.xosc"), *FOLDER.glob("ncap/OpenSCENARIO/NCAP/AEB_C2C_2023/**/*.xosc")]
     return sorted(found)
+
+
+def damaged(text: str) -> Iterator[str]:
+    """Yield an XML text with one attribute after the other missing or wrong, one element after the other gone."""
+    root = ElementTree.fromstring(text)
+    for element in list(root.iter()):
+        for name, value in list(element.attrib.items()):
+            for other in (None, "", "x", "nan", "-1", "1e999"):
+                del element.attrib[name]
+                if other is not None:
+                    element.set(name, other)
+                yield ElementTree.tostring(root, encoding="unicode")
+                element.attrib[name] = value
+        for place, child in enumerate(list(element)):
+            element.remove(child)
+            yield ElementTree.tostring(root, encoding="unicode")
+            element.insert(place, child)
+
+
+@pytest.mark.parametrize("every", [11, pytest.param(1, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("which", ["scenario", "road"])
+def test_a_file_that_is_damaged_anywhere_is_taken_or_refused_in_one_line(
+    which: str, every: int, tmp_path: Path
+) -> None:
+    events = event("slow", speed_action("linear", "rate", "2", "$to"), after("2"))
+    events += event("aside", lane_change("sinusoidal", "time", "3", "1"), after("4"))
+    headway = '<TimeHeadwayCondition entityRef="Other" value="1" freespace="true" rule="lessThan" alongRoute="false"/>'
+    events += event("near", step("5"), of_entity(headway), edge="rising")
+    declared = '<ParameterDeclaration name="to" parameterType="double" value="4"/>'
+    stop = (
+        f'<ConditionGroup><Condition name="e" delay="0" conditionEdge="none">{after("20")}</Condition></ConditionGroup>'
+    )
+    text = scenario(events, parameters=declared, stop=stop)
+    file = write(tmp_path, text)
+    assert not read_scenario(file, "made").problems
+    other, whole = (file, text) if which == "scenario" else (tmp_path / "road.xodr", ROAD)
+    for changed in itertools.islice(damaged(whole), None, None, every):
+        other.write_text(changed, encoding="utf-8")
+        try:
+            said = read_scenario(file, "made").problems
+        except ConfigError as error:
+            said = [str(error)]
+        assert all(line and "\n" not in line for line in said)
 
 
 def come_to(file: Path) -> list[Imported]:

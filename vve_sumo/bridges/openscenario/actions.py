@@ -40,6 +40,12 @@ class Stage:
             raise NotTakenError(element, f"no entity {name!r}")
         return self.ids[name]
 
+    def track(self, element: Element, name: str) -> Track:
+        """Return where an entity moves; raises NotTakenError for one that was never placed."""
+        if name not in self.tracks:
+            raise NotTakenError(element, f"{name} has no place at the start")
+        return self.tracks[name]
+
 
 def kind_of(action: Element) -> Element:
     """Return the element that says what a private action does."""
@@ -177,7 +183,7 @@ def _distance(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
 
 def _lane_change(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
     reached = _dynamics(_needed(of, "LaneChangeActionDynamics"), scope, "over_s", "over_m", "rate_mps")
-    track = stage.tracks[who]
+    track = stage.track(of, who)
     if track.road is None or track.lane is None:
         raise NotTakenError(of, f"{who} is in no lane of a road")
     target = _needed(of, "LaneChangeTarget")
@@ -208,7 +214,7 @@ def _t(track: Track, stage: Stage) -> float:
 
 
 def _lane_offset(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
-    track = stage.tracks[who]
+    track = stage.track(of, who)
     absolute = _needed(of, "LaneOffsetTarget").child("AbsoluteTargetLaneOffset")
     if absolute is None:
         raise NotTakenError(of, "an offset relative to another entity is not taken")
@@ -259,7 +265,7 @@ def _synchronize(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
         raise NotTakenError(of, f"masterEntityRef: expected the ego, got {master!r}")
     at, _offset = stage.ego_place(_needed(of, "TargetPositionMaster"), scope)
     there = stage.places.spot(_needed(of, "TargetPosition"), scope).pose
-    foot = reference(stage.tracks[who].points).project(there.x, there.y)
+    foot = reference(stage.track(of, who).points, of).project(there.x, there.y)
     meets: dict[str, Any] = {"ego_at_m": at, "at_m": round(max(foot.s, 0.0), 4)}
     final = of.child("FinalSpeed")
     if final is not None and final.children:

@@ -77,7 +77,11 @@ def read_scenario(
     that is not taken is left out and stands in `problems`.
     """
     document = Document(file, given or {})
-    return _Reader(document, name, ego, roads or roads_of(document)).read()
+    try:
+        return _Reader(document, name, ego, roads or roads_of(document)).read()
+    except NotTakenError as error:
+        # What stands outside of all that can be left out.
+        raise ConfigError(str(error)) from None
 
 
 class _Reader:
@@ -99,7 +103,7 @@ class _Reader:
             why = "; ".join(["the ego has no place at the start", *self._problems.found[:1]])
             self._refuse(NotTakenError(self._ego.element, why))
         ego_track = starts[self._ego.name]
-        path = reference(ego_track.points)
+        path = reference(ego_track.points, self._ego.element)
 
         def place(position: Element, scope: Scope) -> tuple[float, float]:
             there = self._stage.places.spot(position, scope).pose
@@ -207,7 +211,7 @@ class _Reader:
                 return  # an action of its story says the rest
             begin = scope.number(kind, "initialDistanceOffset", 0.0)
             track = trajectory_track(self._stage.files, self._entities[name].id, line, begin)
-            at = reference(track.points).at(begin)
+            at = reference(track.points, holder).at(begin)
             self._stage.tracks[name] = track
             self._stage.places.entities[name] = self._stage.places.at(Pose2(at.x, at.y, at.heading))
         except NotTakenError as error:
@@ -299,13 +303,13 @@ class _Reader:
             "the ego is the car of the scenario here; where it begins, its rear axle is at the file's place"
         )
         if abs(track.offset) > 1e-3:
-            beside = _beside(track)
+            beside = _beside(track, self._ego.element)
             track = replace(track, points=beside, path=self._stage.files.named("ego_beside", beside), offset=0.0)
         table: dict[str, Any] = {"path": track.path, "speed_mps": speed}
         if initial >= SLOWEST:
             table |= {"initial_speed_mps": initial, "initial_s_m": track.station}
         else:
-            points = _from(track)
+            points = _from(track, self._ego.element)
             table["path"] = self._stage.files.named("ego_from_rest", points)
         return table | {"lot": dict(LOT)}
 
@@ -342,9 +346,9 @@ class _Reader:
         return table
 
 
-def _beside(track: Track) -> Points:
+def _beside(track: Track, of: Element) -> Points:
     """Return the line of an ego that begins beside its lane's middle and stays there."""
-    path = reference(track.points)
+    path = reference(track.points, of)
     found = []
     for n in range(math.floor(path.length) + 1):
         at = path.at(float(n))
@@ -352,7 +356,7 @@ def _beside(track: Track) -> Points:
     return found
 
 
-def _from(track: Track) -> Points:
+def _from(track: Track, of: Element) -> Points:
     """Return the line from where the ego is on: from rest a drive begins at its path's start."""
-    path = reference(track.points)
+    path = reference(track.points, of)
     return [path.at(track.station + n)[:2] for n in range(math.floor(path.length - track.station) + 1)]

@@ -21,6 +21,8 @@ ALONG_LANE: Final = math.radians(40.0)
 ACROSS: Final = 30.0
 #: line along lanes at most [m]
 LONGEST: Final = 4000.0
+#: any line at most [m]: roads of wrong numbers have lines of any length
+MAX_LENGTH: Final = 100_000.0
 #: a trajectory goes straight on behind its end [m], so that who comes there need not stop
 RUN_OUT: Final = 20.0
 
@@ -58,9 +60,14 @@ class LineFiles:
         return wanted
 
 
-def reference(points: Points) -> ReferencePath:
-    """Return the cubic path through points, as a drive will lay it."""
-    return ReferencePath.from_points([x for x, _ in points], [y for _, y in points])
+def reference(points: Points, of: Element) -> ReferencePath:
+    """Return the cubic path through the points of an element, as a drive has it; raises NotTakenError for none."""
+    if not sum(map(math.dist, points, points[1:])) <= MAX_LENGTH:
+        raise NotTakenError(of, f"its line is longer than {MAX_LENGTH / 1000.0:g} km")
+    try:
+        return ReferencePath.from_points([x for x, _ in points], [y for _, y in points])
+    except ValueError as error:
+        raise NotTakenError(of, f"no body can follow its line: {error}") from None
 
 
 def track_of(roads: RoadMap, files: LineFiles, name: str, spot: Spot, element: Element) -> Track:
@@ -98,7 +105,7 @@ def lane_track(
     points = roads.lane_line(road_name, lane, begin, sense, LONGEST)
     if len(points) < 2:
         raise NotTakenError(element, f"lane {lane} of road {road_name} leads nowhere from s {s:.2f} on")
-    path = reference(points)
+    path = reference(points, element)
     here = road.at(s, t)
     foot = path.project(here.x, here.y, abs(s - begin))
     station = _rounded(foot.s)

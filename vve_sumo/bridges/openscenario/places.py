@@ -83,11 +83,7 @@ class Places:
 
     def _lane(self, of: Element, scope: Scope) -> Spot:
         road, s = scope.text(of, "roadId"), scope.number(of, "s")
-        text, offset = scope.text(of, "laneId"), scope.number(of, "offset", 0.0)
-        try:
-            lane = round(float(text))
-        except ValueError:
-            raise NotTakenError(of, f"laneId: expected a lane's number, got {text[:80]!r}") from None
+        lane, offset = scope.whole(of, "laneId"), scope.number(of, "offset", 0.0)
         return self.in_lane(of, self._known(of, road, s), lane, s, offset, scope)
 
     def in_lane(self, of: Element, road: Road, lane: int, s: float, offset: float, scope: Scope) -> Spot:

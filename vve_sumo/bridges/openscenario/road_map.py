@@ -175,11 +175,13 @@ class RoadMap:
         self.georeferenced = root.child("header", "geoReference") is not None
         offset = root.child("header", "offset")
         shift = {} if offset is None else offset.attributes
-        self.shift = (float(shift.get("x", "0")), float(shift.get("y", "0"))) if self.georeferenced else (0.0, 0.0)
+        self.shift = 0.0, 0.0
         try:
+            if self.georeferenced:
+                self.shift = _number(shift.get("x", "0")), _number(shift.get("y", "0"))
             self.roads = {one.attributes["id"]: _road(one) for one in root.all("road")}
             self._connections = {one.attributes["id"]: list(_connections(one)) for one in root.all("junction")}
-        except (KeyError, ValueError, ZeroDivisionError) as error:
+        except (KeyError, ValueError, ArithmeticError, StopIteration) as error:
             raise ConfigError(f"{file}: expected OpenDRIVE, a road cannot be read: {error}") from None
 
     def locate(self, x: float, y: float) -> RoadPlace | None:
@@ -286,9 +288,17 @@ def _value(cubics: list[_Cubic], s: float) -> float:
     return cubics[max(bisect_right([one.start for one in cubics], s) - 1, 0)].at(s)
 
 
+def _number(text: str) -> float:
+    """Return a number; raises ValueError for what is none, infinity and NaN included."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"expected a number, got {text[:80]!r}")
+    return value
+
+
 def _cubics(elements: list[Element], start: str) -> list[_Cubic]:
     found = [
-        _Cubic(float(one.attributes[start]), *(float(one.attributes.get(key, "0")) for key in "abcd"))
+        _Cubic(_number(one.attributes[start]), *(_number(one.attributes.get(key, "0")) for key in "abcd"))
         for one in elements
     ]
     return sorted(found, key=lambda one: one.start)
@@ -296,11 +306,11 @@ def _cubics(elements: list[Element], start: str) -> list[_Cubic]:
 
 def _road(element: Element) -> Road:
     view, lanes = element.child("planView"), element.child("lanes")
-    if view is None or lanes is None:
+    if view is None or lanes is None or not view.all("geometry") or not lanes.all("laneSection"):
         raise ValueError(f"line {element.line}: no planView or lanes")
     road = Road(
         name=element.attributes["id"],
-        length=float(element.attributes["length"]),
+        length=_number(element.attributes["length"]),
         junction=element.attributes.get("junction", "-1"),
         pieces=[_piece(one) for one in view.all("geometry")],
         offsets=_cubics(lanes.all("laneOffset"), "s"),
@@ -325,24 +335,24 @@ def _section(element: Element) -> _Section:
                 numbers["predecessor"],
                 numbers["successor"],
             )
-    return _Section(float(element.attributes["s"]), lanes)
+    return _Section(_number(element.attributes["s"]), lanes)
 
 
 def _piece(element: Element) -> _Piece:
-    numbers = {key: float(element.attributes[key]) for key in ("s", "x", "y", "hdg", "length")}
+    numbers = {key: _number(element.attributes[key]) for key in ("s", "x", "y", "hdg", "length")}
     shape = next(iter(element.children))
     pose, length = Pose2(numbers["x"], numbers["y"], numbers["hdg"]), numbers["length"]
     of = shape.attributes
     curvature = 0.0, 0.0
     polynomial: tuple[tuple[float, ...], tuple[float, ...], float] | None = None
     if shape.tag == "arc":
-        curvature = float(of["curvature"]), float(of["curvature"])
+        curvature = _number(of["curvature"]), _number(of["curvature"])
     elif shape.tag == "spiral":
-        curvature = float(of["curvStart"]), float(of["curvEnd"])
+        curvature = _number(of["curvStart"]), _number(of["curvEnd"])
     elif shape.tag == "poly3":
-        polynomial = (0.0, 1.0), tuple(float(of[key]) for key in "abcd"), 1.0
+        polynomial = (0.0, 1.0), tuple(_number(of[key]) for key in "abcd"), 1.0
     elif shape.tag == "paramPoly3":
-        us, vs = (tuple(float(of[f"{key}{axis}"]) for key in "abcd") for axis in "UV")
+        us, vs = (tuple(_number(of[f"{key}{axis}"]) for key in "abcd") for axis in "UV")
         polynomial = us, vs, 1.0 if of.get("pRange") == "arcLength" else 1.0 / length
     elif shape.tag != "line":
         raise ValueError(f"line {shape.line}: <{shape.tag}>")
