@@ -2,7 +2,8 @@
 
 python benchmarks/latency.py [--seconds S] [--rounds N] [--smoke]
 The whole live stack with the simulated vehicle (UDP loopback, slcan on a pty). Twenty boxes stand in the radar's range;
-the network holds 500 vehicles besides, or none; the rig has no outputs, or GNSS (NCOM) and radar datagrams over UDP.
+the network holds 500 vehicles besides, or none; the rig has no outputs, or GNSS (NCOM) and radar datagrams over UDP;
+the car has its radar, or a lidar and a camera's list of objects besides.
 Drives of all kinds alternate, so that a noisy machine disturbs them alike; the figures are of all ticks of all rounds.
 A command's latency, to the return of the last command frame's send, is from the drives' own latency tables; that of a
 datagram is from the fix's stamp there to the kernel's stamp of the datagram at its receiver. `--smoke` drives for
@@ -46,22 +47,23 @@ class Case(NamedTuple):
     """One kind of drive."""
 
     vehicles: int
-    outputs: bool
+    outputs: bool = False
+    senses: bool = False
 
     def __str__(self) -> str:
-        return f"{self.vehicles} vehicles{', outputs' * self.outputs}"
+        return f"{self.vehicles} vehicles{', outputs' * self.outputs}{', lidar and camera' * self.senses}"
 
 
-CASES = (Case(0, False), Case(0, True), Case(500, False))
-SMOKE = (Case(0, False), Case(0, True))
+CASES = (Case(0), Case(0, outputs=True), Case(500), Case(0, senses=True))
+SMOKE = (Case(0), Case(0, outputs=True))
 WIRES = ("ncom", "radar")
 
 
-def scenario(folder: Path, vehicles: int, seconds: float) -> Path:
+def scenario(folder: Path, case: Case, seconds: float) -> Path:
     """Write a slow drive towards parked boxes, all of them ahead and none in the way, and return its file."""
     table: Any = tomlkit.parse((REPOSITORY / "scenarios" / "parked_car.toml").read_text(encoding="utf-8"))
     table["duration_s"] = seconds
-    table["road"]["demand"] = [str(demand(folder, vehicles))] if vehicles else []
+    table["road"]["demand"] = [str(demand(folder, case.vehicles))] if case.vehicles else []
     table["road"]["warm_up_s"] = 5.0
     table["ego"]["speed_mps"] = 0.6
     table["obstacles"] = [
@@ -69,11 +71,17 @@ def scenario(folder: Path, vehicles: int, seconds: float) -> Path:
         | {"length_m": 2.2, "width_m": 1.2}
         for n in range(BOXES)
     ]
+    if case.senses:
+        table["sensors"] = [{"name": "roof", "kind": "lidar"}, {"name": "front", "kind": "camera"}]
     table["criteria"] = {"collision": False}
     table.pop("parameters", None)  # they vary the obstacle that has gone
-    file = folder / f"latency_{vehicles}.toml"
+    file = folder / f"{_file_name(case)}.toml"
     file.write_text(tomlkit.dumps(table), encoding="utf-8")
     return file
+
+
+def _file_name(case: Case) -> str:
+    return f"latency_{case.vehicles}_{int(case.outputs)}_{int(case.senses)}"
 
 
 def rig(folder: Path, ports: dict[str, int]) -> Path:
@@ -162,10 +170,10 @@ class Driven(NamedTuple):
 
 def drive(folder: Path, case: Case, seconds: float, number: int) -> Driven:
     """Drive once in processes of its own."""
-    record = folder / f"record_{case.vehicles}_{int(case.outputs)}_{number}"
+    record = folder / f"{_file_name(case)}_record_{number}"
     receivers = Receivers()
     file = rig(folder, receivers.ports if case.outputs else {})
-    command = [sys.executable, "-m", "vve_sumo.cli", "drive", str(scenario(folder, case.vehicles, seconds))]
+    command = [sys.executable, "-m", "vve_sumo.cli", "drive", str(scenario(folder, case, seconds))]
     command += ["--rig", str(file), "--out", str(record)]
     with receivers.listening():
         done = subprocess.run(

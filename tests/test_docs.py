@@ -16,6 +16,7 @@ from typing import Any, get_origin
 import pyarrow as pa
 import pytest
 from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 
 from tests import commands_page
 from tests.conftest import REPOSITORY
@@ -96,9 +97,16 @@ def _keys(model: type[BaseModel], prefix: str) -> Iterator[str]:
                 yield f"| `{key}` |  | {field.description} |"
             yield from _keys(nested, key + {tuple: "[].", dict: ".NAME."}.get(get_origin(inner) or inner, "."))
             continue
-        default = "required" if field.is_required() else _said(field.default)
+        default = _default(field)
         meanings = (EVERYWHERE[nested.__name__] if nested else "", field.description or "")
         yield f"| `{key}` | {default} | {', '.join(filter(None, meanings))} |"
+
+
+def _default(field: FieldInfo) -> str:
+    """What a field is where it is left out: a value of a factory depends on the others, and the meaning tells it."""
+    if field.is_required():
+        return "required"
+    return "" if field.default_factory is not None else _said(field.default)
 
 
 def _said(value: Any) -> str:
@@ -149,7 +157,7 @@ def _receivers() -> str:
         what = (receiver.__doc__ or "").rstrip(".")
         for name, field in receiver.model_fields.items():
             if name not in ReceiverTable.model_fields:
-                default = "required" if field.is_required() else _said(field.default)
+                default = _default(field)
                 lines.append(f"| `{kind}` | {what} | `pose.{name}` | {default} | {field.description} |")
     return "\n".join(lines)
 

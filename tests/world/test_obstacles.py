@@ -11,6 +11,7 @@ from shapely import Polygon
 
 from tests.isolated import isolated
 from tests.world.streets import ALONE, PERIOD, crossing, demand, pose, street
+from vve_sumo.body_kinds import BODY_KINDS
 from vve_sumo.errors import ConfigError
 from vve_sumo.geometry import Box
 from vve_sumo.values import EGO
@@ -109,6 +110,23 @@ def test_an_obstacle_inside_a_junction_is_stopped_for(tmp_path):
     furthest, room = isolated(_in_a_junction, str(tmp_path))
     assert furthest > -30.0
     assert room > 0.5
+
+
+def _seen(folder: str, kind: str) -> tuple[float, float, str]:
+    obstacle = Obstacle("first", MapSpot(300.0, -1.6, 0.0), 7.1, 2.4, kind)
+    with World(
+        street(Path(folder)), seed=1, period=PERIOD, egos=ALONE, obstacles=[obstacle], range_of_interest=900.0
+    ) as world:
+        world.step({EGO: pose(0.0, 100.0, -1.6, 0.0, 0.0)})
+        seen = world.actors(EGO)
+        return float(seen.height[0]), float(seen.radar_cross_section[0]), BODY_KINDS[seen.kind[0]]
+
+
+@pytest.mark.parametrize(
+    ("kind", "height", "cross_section"), [("car", 1.5, 10.0), ("truck", 3.5, 100.0), ("van", 2.3, 30.0)]
+)
+def test_an_obstacle_is_of_its_kind_for_every_sensor(tmp_path, kind, height, cross_section):
+    assert isolated(_seen, str(tmp_path), kind) == (height, cross_section, kind)
 
 
 def _refused(folder: str, obstacles: list[Obstacle]) -> str:

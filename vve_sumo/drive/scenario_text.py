@@ -13,7 +13,7 @@ from vve_sumo.controller import origin
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.errors import ConfigError
 from vve_sumo.scenario import descriptions
-from vve_sumo.scenario.schema import Actor, Control
+from vve_sumo.scenario.schema import Actor, Control, ParkedObstacle
 from vve_sumo.world.network import signals
 
 #: a junction whose middle is this near to the path lies on it [m]
@@ -28,7 +28,7 @@ def lines(resolved: ResolvedScenario, working: Path) -> list[str]:
         f"{road}, ego at {scenario.ego.speed_mps:g} m/s, seed {scenario.seed}",
         *special_conditions(resolved, working),
         *map(_further, resolved.others),
-        *(_standing(one.id, one.at_m, one.offset_m) for one in scenario.obstacles),
+        *map(_standing, scenario.obstacles),
         *(line for actor in scenario.actors for line in _of_actor(actor)),
         f"passes if: {descriptions.passes(scenario.criteria)}",
     ]
@@ -77,9 +77,10 @@ def _further(other: ResolvedScenario) -> str:
     return f"ego {other.ego_id!r}: {ego.vehicle}, {path}, {ego.speed_mps:g} m/s, {other.scenario.controller.name}"
 
 
-def _standing(name: str, at: float, offset: float) -> str:
-    beside = f", {descriptions.beside(offset)}" if offset else ""
-    return f"{name!r} stands at {at:g} m{beside}"
+def _standing(one: ParkedObstacle) -> str:
+    what = f"{one.id!r}" if one.kind == "car" else f"{one.kind} {one.id!r}"
+    beside = f", {descriptions.beside(one.offset_m)}" if one.offset_m else ""
+    return f"{what} stands at {one.at_m:g} m{beside}"
 
 
 def _of_actor(actor: Actor) -> list[str]:

@@ -42,8 +42,10 @@ def egos_of(resolved: ResolvedScenario) -> tuple[Ego, ...]:
 
 def obstacles_of(resolved: ResolvedScenario) -> tuple[Obstacle, ...]:
     """Return the scenario's obstacles with their places in the map."""
-    wanted = resolved.scenario.obstacles
-    return tuple(Obstacle(one.id, obstacle_position(one, resolved.path), one.length_m, one.width_m) for one in wanted)
+    return tuple(
+        Obstacle(one.id, obstacle_position(one, resolved.path), one.length_m, one.width_m, one.kind)
+        for one in resolved.scenario.obstacles
+    )
 
 
 def obstacle_position(obstacle: schema.ParkedObstacle, path: ReferencePath) -> MapSpot:

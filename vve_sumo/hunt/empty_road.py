@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 
@@ -18,9 +17,6 @@ from vve_sumo.geometry import Box, behind_bumper, overlap
 from vve_sumo.intersections import SignalPhase
 from vve_sumo.values import EGO, Actors, Floats, Pose, SignalChange
 from vve_sumo.world.ego_sync import EgoSyncReport
-
-#: radar cross section of a parked car at 77 GHz [m2], the same as on the virtual road with SUMO
-CROSS_SECTION: Final = 10.0
 
 
 class EmptyRoad:
@@ -33,6 +29,7 @@ class EmptyRoad:
             one.id: Box(place.x, place.y, place.heading, one.length_m, one.width_m)
             for one, place in zip(obstacles, places, strict=True)
         }
+        self._kinds = [one.kind for one in obstacles]
         self._length, self._width = vehicle.length, vehicle.width
         self.around = {EGO: EgoSurroundings(self._standing())}  #: of the only ego
 
@@ -52,10 +49,10 @@ class EmptyRoad:
             speed=zeros,
             length=column("length"),
             width=column("width"),
-            radar_cross_section=np.full(len(boxes), CROSS_SECTION),
+            radar_cross_section=np.array([TYPICAL[kind].radar_cross_section for kind in self._kinds], dtype=np.float64),
             lateral_speed=zeros,
-            height=np.full(len(boxes), TYPICAL["car"].height),
-            kind=np.full(len(boxes), number_of("car"), np.int8),
+            height=np.array([TYPICAL[kind].height for kind in self._kinds], dtype=np.float64),
+            kind=np.array([number_of(kind) for kind in self._kinds], dtype=np.int8),
         )
 
     def signal_changes(self, since: int) -> Sequence[SignalChange]:

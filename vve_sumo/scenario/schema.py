@@ -19,6 +19,7 @@ from pydantic import (
     model_validator,
 )
 
+from vve_sumo.body_kinds import TYPICAL
 from vve_sumo.config_file import Finite, Name, NotNegative, Positive, Table
 from vve_sumo.metrics.metric import Metric
 from vve_sumo.metrics.per_drive import OF_RIDE, PER_DRIVE
@@ -29,6 +30,8 @@ from vve_sumo.sensors.radar_settings import RadarSettings
 DEFAULT_VEHICLE = "ford_fusion"
 #: controlled cars of a scenario at most, that of [ego] among them
 MAX_EGOS = 8
+#: of a parked car for which no length is declared [m]
+PARKED_CAR_LENGTH = 4.6
 RoadSpeed = Annotated[float, Field(ge=0.0, le=100.0)]
 
 
@@ -166,8 +169,21 @@ class Control(Table):
     tuning: dict[str, bool | Finite | int | str] = Field(default={}, description="handed to make(vehicle, tuning)")
 
 
+Kind = Literal["car", "van", "truck", "bus", "motorcycle", "bicycle", "pedestrian", "child"]
+
+
+def _standing_size(which: Literal["length", "width"]) -> Any:
+    """Return the field of an obstacle's size: its kind's, but for a car a little longer than the usual one."""
+
+    def of_its_kind(given: dict[str, Any]) -> float:
+        kind = given.get("kind", "car")
+        return PARKED_CAR_LENGTH if (kind, which) == ("car", "length") else float(getattr(TYPICAL[kind], which))
+
+    return Field(default_factory=of_its_kind, description="left out: that of its kind")
+
+
 class ParkedObstacle(Table):
-    """A parked vehicle on the ego's path."""
+    """What stands on the ego's path for the whole drive, such as a parked car."""
 
     id: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
     at_m: NotNegative = Field(description="distance along the path of the middle of the obstacle")
@@ -175,8 +191,9 @@ class ParkedObstacle(Table):
     turned_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = Field(
         default=0.0, description="heading against the path's, counter-clockwise"
     )
-    length_m: Annotated[float, Field(gt=0.2, le=25.0)] = 4.6
-    width_m: Annotated[float, Field(gt=0.2, le=4.0)] = 1.8
+    kind: Kind = Field(default="car", description="decides its size and its height, and how radar and lidar see it")
+    length_m: Annotated[float, Field(gt=0.2, le=25.0)] = _standing_size("length")
+    width_m: Annotated[float, Field(gt=0.2, le=4.0)] = _standing_size("width")
 
 
 class When(Table):
@@ -236,9 +253,6 @@ class ActorEvent(Table):
             if getattr(self, key) and getattr(self, beside) is None:
                 raise ValueError(f"{key} says how {beside} is reached, expected {beside} beside it")
         return self
-
-
-Kind = Literal["car", "van", "truck", "bus", "motorcycle", "bicycle", "pedestrian", "child"]
 
 
 class Actor(Table):

@@ -1,4 +1,4 @@
-"""Puts obstacles on the virtual road: cars that stand for the whole drive exactly where they were declared.
+"""Puts obstacles on the virtual road: what stands for the whole drive exactly where they were declared.
 
 Radar and contact tests see the declared box itself. Traffic sees a proxy vehicle on each lane that the box cuts. The
 proxy has a declared stop, the only representation to which SUMO's drivers react early (they change lanes ahead of it
@@ -50,13 +50,13 @@ class LaneSpot:
 
 @dataclass(frozen=True, slots=True)
 class Obstacle:
-    """A standing car, declared before the drive."""
+    """What stands on the road, declared before the drive."""
 
     id: str  #: different from any other actor's
     at: MapSpot | LaneSpot  #: where it stands
     length: float = 4.5  #: [m]
     width: float = 1.8  #: [m]
-    kind: str = "passenger"  #: SUMO vehicle class; decides how well radar sees it
+    kind: str = "car"  #: one of BODY_KINDS; decides its height, and how radar and lidar see it
 
 
 def body(obstacle: Obstacle, lanes: Lanes) -> Box:

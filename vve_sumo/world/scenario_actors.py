@@ -11,16 +11,12 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from vve_sumo.body_kinds import TYPICAL, number_of
 from vve_sumo.geometry import Box
 from vve_sumo.values import ActorState
 from vve_sumo.world.ego_sync import MAX_SPEED
 from vve_sumo.world.lanes import Cut, Lanes, cuts
 from vve_sumo.world.proxies import EGO_PROXY_TYPE, ProxyVehicles
-from vve_sumo.world.surroundings import ActorBody, cross_section
-
-#: From a scenario's kind of actor to SUMO's vehicle class, where their names differ; for the radar cross section.
-SUMO_CLASSES: Final = {"car": "passenger", "van": "delivery"}
+from vve_sumo.world.surroundings import ActorBody, body_of_kind
 
 #: Half the Earth's circumference [m]: no map is larger.
 MAX_COORDINATE: Final = 2e7
@@ -67,9 +63,7 @@ class ScenarioActors:
     def seen(self) -> Iterator[tuple[ActorState, ActorBody]]:
         """Yield the actors on the road, each with its body."""
         for actor in self._on:
-            section = cross_section(SUMO_CLASSES.get(actor.kind, actor.kind))
-            height = TYPICAL[actor.kind].height
-            yield actor, ActorBody(actor.length, actor.width, section, height, number_of(actor.kind))
+            yield actor, body_of_kind(actor.kind, actor.length, actor.width)
 
 
 class ActorProxies:

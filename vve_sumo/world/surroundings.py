@@ -19,29 +19,8 @@ from vve_sumo.world.ego_sync import heading_of
 from vve_sumo.world.obstacles import Obstacle
 from vve_sumo.world.standoff import STANDING
 
-#: Mean radar cross section at 77 GHz by SUMO vehicle class [m2]. Assumptions of the usual order of magnitude:
-#: car 10, lorry 100 (Skolnik, "Introduction to Radar Systems", 3rd ed., table 2.1: car 100, pickup truck 200 at
-#: microwaves; at 77 GHz and close range cars are measured near 10), two-wheelers and people as in Euro NCAP targets.
-RADAR_CROSS_SECTIONS = {
-    "passenger": 10.0,
-    "taxi": 10.0,
-    "evehicle": 10.0,
-    "emergency": 20.0,
-    "delivery": 30.0,
-    "bus": 100.0,
-    "coach": 100.0,
-    "truck": 100.0,
-    "trailer": 100.0,
-    "tram": 100.0,
-    "motorcycle": 5.0,
-    "moped": 3.0,
-    "bicycle": 2.0,
-    "scooter": 1.0,
-    "wheelchair": 1.0,
-    "pedestrian": 0.5,
-    "child": 0.25,  # not a class of SUMO, but a kind of scenario actor: half the surface of an adult
-}
-OTHER_CROSS_SECTION: Final = 10.0
+#: Mean radar cross section at 77 GHz of SUMO's vehicle classes that reflect otherwise than their kind of body [m2].
+OWN_CROSS_SECTIONS: Final = {"emergency": 20.0, "moped": 3.0, "scooter": 1.0, "wheelchair": 1.0}
 
 #: Kind of body by SUMO vehicle class; any other is a car.
 BODY_KIND_OF_CLASS: Final = {
@@ -96,9 +75,16 @@ Row = tuple[str, float, float, float, float, float, float, float, float, float, 
 Place = tuple[float, float, float]  #: centre x, centre y, heading
 
 
-def cross_section(kind: str) -> float:
+def cross_section(vehicle_class: str) -> float:
     """Return the radar cross section of a SUMO vehicle class [m2]."""
-    return RADAR_CROSS_SECTIONS.get(kind, OTHER_CROSS_SECTION)
+    own = OWN_CROSS_SECTIONS.get(vehicle_class)
+    return TYPICAL[BODY_KIND_OF_CLASS.get(vehicle_class, "car")].radar_cross_section if own is None else own
+
+
+def body_of_kind(kind: str, length: float, width: float) -> ActorBody:
+    """Return the body of a kind, one of BODY_KINDS, with a size of its own [m]."""
+    typical = TYPICAL[kind]
+    return ActorBody(length, width, typical.radar_cross_section, typical.height, number_of(kind))
 
 
 def body_of(name: str, vehicle_class: str, length: float, width: float, height: float) -> ActorBody:
@@ -120,7 +106,8 @@ class Surroundings:
         self._egos: list[str] = []  # whose surroundings SUMO reports
         self._rows: list[Row] = []
         self._obstacles: list[Row] = [
-            row_of(one.id, (box.x, box.y, box.heading), 0.0, _body_of_obstacle(one, box), 0.0) for one, box in obstacles
+            row_of(one.id, (box.x, box.y, box.heading), 0.0, body_of_kind(one.kind, box.length, box.width), 0.0)
+            for one, box in obstacles
         ]
         self._bodies: dict[str, ActorBody] = {}
         self._before: dict[str, Place] = {}
@@ -206,10 +193,6 @@ def _persons() -> Iterator[Row]:
             x, y = person.getPosition(name)
             place = _centre(x, y, heading_of(person.getAngle(name)), body)
             yield row_of(name, place, person.getSpeed(name), body, 0.0)
-
-
-def _body_of_obstacle(obstacle: Obstacle, box: Box) -> ActorBody:
-    return body_of("", obstacle.kind, box.length, box.width, TYPICAL["car"].height)
 
 
 def row_of(name: str, place: Place, speed: float, body: ActorBody, lateral_speed: float) -> Row:
