@@ -20,7 +20,7 @@ from tests.live.command_line import outline, own_rig, vve_sumo
 from vve_sumo.commissioning import align, rig_checks
 from vve_sumo.commissioning.findings import CheckResult
 from vve_sumo.drive.assembly import LotAlignment
-from vve_sumo.drive.resolved_scenario import read_path
+from vve_sumo.drive.path_in_network import read_path
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment
 from vve_sumo.live import assembly

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from vve_sumo.drive.resolved_scenario import DISTANCE_BATCH, within_distance
+from vve_sumo.drive.path_in_network import DISTANCE_BATCH, within_distance
 
 
 @pytest.mark.parametrize("count", [0, 1, DISTANCE_BATCH, 5 * DISTANCE_BATCH + 3])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.drive.street import REPOSITORY, altered
-from vve_sumo.drive.resolved_scenario import LoadedPath, read_path
+from vve_sumo.drive.path_in_network import LoadedPath, read_path
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import ReferencePath
 from vve_sumo.path_feasibility import find_reversal, refuse_tight_bend

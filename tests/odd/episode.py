@@ -12,7 +12,7 @@ from typing import Final
 from tests.odd.ego import Manoeuvre, OddEgo, plan
 from tests.odd.judge import Memory, judge
 from tests.vehicles import FUSION
-from vve_sumo.drive.resolved_scenario import read_path
+from vve_sumo.drive.path_in_network import read_path
 from vve_sumo.geometry import Box
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import EGO

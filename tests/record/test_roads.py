@@ -11,7 +11,7 @@ import sumolib
 
 from tests.analysis.made import moving, write
 from vve_sumo.analysis.run import Run
-from vve_sumo.drive.resolved_scenario import MAX_DISTANCE_FROM_PATH, read_path
+from vve_sumo.drive.path_in_network import MAX_DISTANCE_FROM_PATH, read_path
 from vve_sumo.record.layout import ROADS_SCHEMA
 from vve_sumo.record.roads import write_roads
 from vve_sumo.world.network import read_network

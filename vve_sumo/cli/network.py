@@ -238,7 +238,7 @@ def _edges_of(path: str | None) -> tuple[str, ...]:
     """Return the edges that a path's file names."""
     if path is None:
         return ()
-    from vve_sumo.drive.resolved_scenario import EDGES_PREFIX
+    from vve_sumo.drive.path_in_network import EDGES_PREFIX
     from vve_sumo.workspace import find
 
     file = find("path", path, Path.cwd())

@@ -10,7 +10,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from vve_sumo.drive.resolved_scenario import LoadedPath, ResolvedScenario, read_path, resolve_scenario
+from vve_sumo.drive.path_in_network import LoadedPath, read_path
+from vve_sumo.drive.resolved_scenario import ResolvedScenario, resolve_scenario
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import MapFrame
 from vve_sumo.scenario.load import parse
