@@ -139,3 +139,11 @@ while time.monotonic() < until:
         time.sleep(0.001)
 """
     assert run(code).returncode == expected
+
+
+def test_what_a_lowered_process_starts_stays_low() -> None:
+    child = f"import os\ntry:\n os.setpriority(os.PRIO_PROCESS, 0, -8)\nexcept PermissionError:\n pass\n{REPORT}"
+    started = f"import subprocess, sys\npriority.keep_low(19)\nsubprocess.run([sys.executable, '-c', {child!r}])"
+    done = run(started)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split()[:2] == [f"{os.SCHED_OTHER}", "19"]

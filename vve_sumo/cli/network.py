@@ -18,7 +18,13 @@ OpenDRIVE file (.xodr) into one with the file's lanes, speed limits, signals and
 Needs netconvert: pip install 'vve-sumo[network]'.
 """
 EDGES_TEXT = "List the edges whose street name contains a text: name, length, lanes, and start and end in the map [m]."
-DEMAND_TEXT = "Write a SUMO route file with seeded random traffic that starts immediately and does not run out."
+DEMAND_TEXT = """Write a SUMO route file with seeded traffic: random traffic that starts immediately and does not run
+out, or traffic that passes counting places as often as vehicles were counted there. Counts are a CSV file with the
+columns edge, begin_s, end_s, vehicles; vve-sumo network picture shows the edges' names.
+
+examples:
+  vve-sumo network demand linden --level light --out light.rou.xml
+  vve-sumo network demand linden --counts counts.csv --path linden_loop --out counted.rou.xml"""
 
 
 def arguments(parser: Parser) -> None:
@@ -92,7 +98,14 @@ def _add_picture(inner: Commands) -> None:
 def _add_demand(inner: Commands) -> None:
     demand = add_command(inner, "demand", "write seeded traffic for a network", DEMAND_TEXT)
     demand.add_argument("network", help="name or .net.xml file")
-    demand.add_argument("--level", choices=("light", "moderate", "heavy"), required=True, help="how much traffic")
+    how = demand.add_mutually_exclusive_group(required=True)
+    how.add_argument("--level", choices=("light", "moderate", "heavy"), help="how much random traffic")
+    how.add_argument(
+        "--counts",
+        type=Path,
+        metavar="CSV",
+        help="file of counts; needs SUMO's tools: pip install 'vve-sumo[network]'",
+    )
     demand.add_argument(
         "--seed", type=int, default=43211, metavar="N", help="seed of the random traffic (default: 43211)"
     )
@@ -221,6 +234,8 @@ def _demand(arguments: argparse.Namespace) -> int:
     from vve_sumo.network_tools.demand import write_demand
     from vve_sumo.workspace import find
 
+    if arguments.counts is not None:
+        return _counted_demand(arguments)
     drawn = write_demand(
         find("network", arguments.network, Path.cwd()),
         arguments.out,
@@ -231,6 +246,29 @@ def _demand(arguments: argparse.Namespace) -> int:
         drivers=arguments.drivers,
     )
     print(f"{arguments.level} traffic of {drawn.vehicles} vehicles written to {arguments.out}")
+    return 0
+
+
+def _counted_demand(arguments: argparse.Namespace) -> int:
+    """Write traffic by counts, and say what it has where they were made; return the exit code, 0."""
+    from vve_sumo.network_tools.counted_demand import CLOSE, write_counted_demand
+    from vve_sumo.workspace import find
+
+    reached = write_counted_demand(
+        find("network", arguments.network, Path.cwd()),
+        arguments.counts,
+        arguments.out,
+        seed=arguments.seed,
+        clear=(*arguments.clear, *_edges_of(arguments.path)),
+        unhindered=_edges_of(arguments.unhindered),
+        drivers=arguments.drivers,
+    )
+    print(f"{'edge':<20} {'from [s]':>9} {'to [s]':>9} {'counted':>8} {'written':>8} {'GEH':>6}")
+    for one in reached:
+        edge, begin, end, vehicles = one.counted
+        print(f"{edge:<20} {begin:>9g} {end:>9g} {vehicles:>8} {one.vehicles:>8} {one.geh:>6.2f}")
+    close = sum(one.geh < CLOSE for one in reached)
+    print(f"{close} of {len(reached)} counts have a GEH below {CLOSE:g}; traffic written to {arguments.out}")
     return 0
 
 

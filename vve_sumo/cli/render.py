@@ -277,7 +277,7 @@ def _serve(port: int, plan: RenderPlan, pictures: CameraPictures) -> None:
 def _run_live(arguments: argparse.Namespace) -> int:
     """Serve the pictures of a camera of a drive that goes on, until it is over; return the exit code, 0."""
     from vve_sumo.cli.view import live_address
-    from vve_sumo.live.priority import OOM_PICTURES, PICTURES_NICE, lower_priority, set_oom_score
+    from vve_sumo.live.priority import OOM_PICTURES, PICTURES_NICE, keep_low, set_oom_score
     from vve_sumo.record.declared import read_resolved
     from vve_sumo.view import live_pictures
     from vve_sumo.view.camera_pictures import Look
@@ -290,7 +290,7 @@ def _run_live(arguments: argparse.Namespace) -> int:
     camera = find_camera(arguments.camera, read_resolved(arguments.folder, "settings"))
     look = Look(arguments.light or TIMES_OF_DAY[0], arguments.rain, not arguments.bare)
     # The browser that draws takes over both: it gets what the drive leaves of processor and memory.
-    lower_priority(PICTURES_NICE)
+    keep_low(PICTURES_NICE)
     set_oom_score(OOM_PICTURES)
     with LivePage(address) as page, PictureStream(arguments.mjpeg, _token_in(address)) as stream:
         try:

@@ -51,6 +51,8 @@ TIME_SLICE: Final = 500_000
 
 MCL_CURRENT, MCL_FUTURE = 1, 2  # Linux, asm-generic/mman.h
 CAP_IPC_LOCK: Final = 14  # Linux, linux/capability.h
+CAP_SYS_NICE: Final = 23  # Linux, linux/capability.h
+_PR_CAPBSET_DROP: Final = 24  # Linux, linux/prctl.h
 _SCHED_SETATTR: Final = {"x86_64": 314, "aarch64": 274}  # Linux's numbers of the system call
 _SCHED_ATTR_SIZE: Final = 48  # SCHED_ATTR_SIZE_VER0, linux/sched/types.h
 
@@ -59,6 +61,22 @@ def lower_priority(nice: int = BACKGROUND_NICE) -> None:
     """Let this process, and those that it starts, wait for more urgent ones: raise its nice value to `nice`."""
     with contextlib.suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, 0, max(os.getpriority(os.PRIO_PROCESS, 0), nice))
+
+
+def keep_low(nice: int) -> None:
+    """Lower this process as `lower_priority` does, and take the right to rise from the programs that it starts.
+
+    Chromium gives its own processes and threads nice values of down to -8 wherever it may: root's always, and those of
+    a user whose limits were raised for live drives.
+    """
+    lower_priority(nice)
+    # The kernel counts nice values from 20 downwards; a limit is never raised.
+    limits = (limit for limit in resource.getrlimit(resource.RLIMIT_NICE) if limit != resource.RLIM_INFINITY)
+    lowest = min(20 - nice, *limits)
+    resource.setrlimit(resource.RLIMIT_NICE, (lowest, lowest))
+    resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
+    # Refused to those who have no such right to give up.
+    ctypes.CDLL(None).prctl(_PR_CAPBSET_DROP, CAP_SYS_NICE, 0, 0, 0)
 
 
 def set_oom_score(badness: int) -> str:

@@ -132,18 +132,19 @@ def _middle(osm: Path) -> tuple[float, float]:
     raise ConfigError(f"{osm}: expected a <bounds> element, found none; give an origin")
 
 
-def _sumo_home() -> Path:
+def sumo_home() -> Path:
+    """Return where the wheel `eclipse-sumo` has SUMO's programs and tools; raises ConfigError where it is missing."""
     found = importlib.util.find_spec("sumo")  # looked up, not imported: the import changes the environment
     home = Path(found.origin).parent if found is not None and found.origin is not None else None
     if home is None or not (home / "bin" / "netconvert").is_file():
-        raise ConfigError("building a network takes netconvert: pip install 'vve-sumo[network]'")
+        raise ConfigError("this takes SUMO's tools: pip install 'vve-sumo[network]'")
     return home
 
 
 def _convert(
     osm: Path, out: Path, speeds: Path, projected: str, rules: StreetRules, signals: Sequence[str]
 ) -> tuple[str, ...]:
-    types = f"{_sumo_home() / 'data' / 'typemap' / 'osmNetconvert.typ.xml'},{speeds}"
+    types = f"{sumo_home() / 'data' / 'typemap' / 'osmNetconvert.typ.xml'},{speeds}"
     options = ["--osm-files", str(osm), "--type-files", types, "--proj", projected, *OPTIONS, *rules.options]
     options += ["--tls.set", ",".join(signals)] if signals else []
     return netconvert(options, osm, out)
@@ -154,7 +155,7 @@ def netconvert(options: Sequence[str], source: Path, out: Path) -> tuple[str, ..
 
     Raises ConfigError where netconvert is missing or fails.
     """
-    home = _sumo_home()
+    home = sumo_home()
     command = [str(home / "bin" / "netconvert"), *options, "--output-file", str(out)]
     environment = os.environ | {"SUMO_HOME": str(home), "PROJ_LIB": str(home / "data" / "proj")}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)

@@ -137,8 +137,7 @@ def write_demand(
     """
     if level not in LEVELS:
         raise ConfigError(f"no traffic level {level!r}; known: {', '.join(LEVELS)}")
-    if drivers not in DRIVERS:
-        raise ConfigError(f"no drivers {drivers!r}; known: {', '.join(DRIVERS)}")
+    types = vehicle_types(drivers)
     if not (math.isfinite(duration) and duration > 0.0):
         raise ConfigError(f"duration {duration}: expected a time above zero [s]")
     drawn = random.Random(f"{seed} {level}")
@@ -146,18 +145,17 @@ def write_demand(
     for name in clear:
         roads.edge(name)  # raises for an edge that the network does not have
     roads.close(roads.prior(unhindered))
-    places = _Places(roads, frozenset(clear))
+    places = Places(roads, frozenset(clear))
     samples = [places.trip(drawn) for _ in range(SAMPLES)]
-    mean = sum(_travel_time(edges) for edges, _kerb in samples) / len(samples)
+    mean = sum(travel_time(edges) for edges, _kerb in samples) / len(samples)
     trips = list(_trips(places, drawn, mean / LEVELS[level], MAX_TRIP_FACTOR * mean, duration))
     spares = ", nobody with right of way over the ego's path" if unhindered else ""
     driver_note = "" if drivers == DRIVERS[0] else f", {drivers} drivers"
-    types = [_type(name, drivers) for name in TYPES]
     drawn_as = f"{level} traffic, seed {seed}{spares}{driver_note}: drawn trips, no counts of real traffic."
-    return _write(out, trips, types, " ".join((drawn_as, *attribution(network))), frozenset(clear), mean)
+    return write_trips(out, trips, types, " ".join((drawn_as, *attribution(network))), frozenset(clear), mean)
 
 
-class _Choice:
+class Choice:
     """A weighted random choice among items."""
 
     def __init__(self, items: Sequence[Any], weights: Sequence[float]) -> None:
@@ -168,7 +166,7 @@ class _Choice:
         return self.items[bisect(self._sums, drawn.random() * self._sums[-1], 0, len(self.items) - 1)]
 
 
-class _Places:
+class Places:
     """The places where trips begin and end, with their weights."""
 
     def __init__(self, roads: Roads, clear: frozenset[str]) -> None:
@@ -179,7 +177,7 @@ class _Places:
         if not (kerbs or ends):
             # A network of other data than OpenStreetMap's knows no classes: every street is one like another.
             kerbs = ends = cars
-        self.kerbs = _Choice(kerbs, [edge.getLength() for edge in kerbs])
+        self.kerbs = Choice(kerbs, [edge.getLength() for edge in kerbs])
         self.entries = _through([edge for edge in ends if edge.is_fringe(edge.getIncoming())])
         self.exits = _through([edge for edge in ends if edge.is_fringe(edge.getOutgoing())])
         if ends is kerbs and not (self.entries.items and self.exits.items):
@@ -208,8 +206,8 @@ class _Places:
         return self.roads.fastest(start, end)
 
 
-def _through(edges: Sequence[Any]) -> _Choice:
-    return _Choice(edges, [THROUGH_WEIGHTS.get(_class(edge), 1.0) for edge in edges])
+def _through(edges: Sequence[Any]) -> Choice:
+    return Choice(edges, [THROUGH_WEIGHTS.get(_class(edge), 1.0) for edge in edges])
 
 
 def _class(edge: Any) -> str:
@@ -221,21 +219,22 @@ def _edge_time(edge: Any) -> float:
     return DELAY * float(edge.getLength()) / float(edge.getSpeed())
 
 
-def _travel_time(edges: Sequence[Any]) -> float:
+def travel_time(edges: Sequence[Any]) -> float:
+    """Return the expected time along sumolib's edges [s]."""
     return sum(_edge_time(edge) for edge in edges)
 
 
-def _trips(places: _Places, drawn: random.Random, headway: float, before: float, duration: float) -> Iterator[Trip]:
+def _trips(places: Places, drawn: random.Random, headway: float, before: float, duration: float) -> Iterator[Trip]:
     """Yield trips in order of departure, one in every `headway` [s], from `before` [s] ahead of time 0 to `duration`.
 
     A trip that would have ended before time 0 is left out.
     """
-    kinds = _Choice(list(TYPES), [kind.share for kind in TYPES.values()])
+    kinds = Choice(list(TYPES), [kind.share for kind in TYPES.values()])
     for slot in range(-math.ceil(before / headway), math.ceil(duration / headway)):
         depart = (slot + drawn.random()) * headway
         edges, kerb = places.trip(drawn)
         kind = kinds.draw(drawn)
-        if depart + _travel_time(edges) > 0.0:
+        if depart + travel_time(edges) > 0.0:
             yield Trip(depart, kind, edges, kerb)
 
 
@@ -265,6 +264,13 @@ def _vehicle(name: str, trip: Trip, clear: frozenset[str]) -> ET.Element | None:
     return element
 
 
+def vehicle_types(drivers: str) -> list[ET.Element]:
+    """Return SUMO's elements of all of TYPES, for one of DRIVERS; raises ConfigError for others."""
+    if drivers not in DRIVERS:
+        raise ConfigError(f"no drivers {drivers!r}; known: {', '.join(DRIVERS)}")
+    return [_type(name, drivers) for name in TYPES]
+
+
 def _type(name: str, drivers: str) -> ET.Element:
     kind = TYPES[name]
     braking = {"decel": f"{kind.decel}"}
@@ -276,9 +282,10 @@ def _type(name: str, drivers: str) -> ET.Element:
     return ET.Element("vType", {"id": name, "accel": f"{kind.accel}"} | braking | size | looks | DRIVER)
 
 
-def _write(
+def write_trips(
     out: Path, trips: Sequence[Trip], types: Sequence[ET.Element], said: str, clear: frozenset[str], mean: float
 ) -> Demand:
+    """Write trips as a SUMO route file with a line that says what they are; `mean` is their travel time [s]."""
     root = ET.Element("routes")
     root.extend(types)
     named = ((f"{trip.kind}.{i}", trip) for i, trip in enumerate(trips))
