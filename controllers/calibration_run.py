@@ -2,7 +2,8 @@
 
 A plan of short phases along a straight path: creep, speed up, coast, brake, keep the speed, steer left and right. It
 sees no traffic and stops for none: it is for an empty street. The phase is the setpoint's note. It must not know what
-is fitted, or how. Where the path is too short for the plan, the stop at its end cuts the plan short.
+is fitted, or how. Where the path is too short for the plan, the stop at its end cuts the plan short; where a lot is too
+short for the whole, it is driven in parts.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from vve_sumo.controller import Tuning, settle
+from vve_sumo.errors import ConfigError
 from vve_sumo.laws import clamp
 from vve_sumo.values import ControlCommand, Observation, Pose, Vehicle
 
@@ -29,7 +31,10 @@ TUNING: dict[str, float | str | bool] = {
     "top_deceleration_m_s2": 3.2,  #: the gateway's comfort ends at 3.5
     "steering_speed_m_s": 6.0,  #: at which is steered, where the desired speed is not less
     "wheel_angle_deg": 30.0,  #: of the steering wheel, to each side
+    "part": "whole",  #: or "pedals" or "steering": what is driven of it
 }
+#: what `part` may be
+PARTS: Final = ("whole", "pedals", "steering")
 
 #: what a tuning key may be; what lies outside is a slip of the unit, or teaches nothing
 RANGES: dict[str, tuple[float, float]] = {
@@ -63,26 +68,36 @@ class Manoeuvre:
     steer: Callable[[float], float] | None = None  #: road-wheel angle [rad] at a time [s]; None keeps to the path
 
 
-def plan(vehicle: Vehicle, tuning: dict[str, float], top: float) -> tuple[Manoeuvre, ...]:
-    """Lay out all phases but the last stop, none faster than `top` [m/s]."""
-    pull, brake, steering_speed, wheel_angle = (tuning[key] for key in TUNING)
-    steady, angle = min(steering_speed, top), math.radians(wheel_angle) / vehicle.steering_ratio
+def plan(vehicle: Vehicle, tuning: dict[str, float], top: float, part: str) -> tuple[Manoeuvre, ...]:
+    """Lay out all phases of one of PARTS but the last stop, none faster than `top` [m/s]."""
+    pedals, steering = _pedals(tuning, top), _steering(vehicle, tuning, top)
+    straight = (
+        _faster(f"accelerate_{len(PULLS) + 2}", 0.75 * tuning["top_acceleration_m_s2"], top),
+        _keep("straight", top, STRAIGHT_TIME),
+    )
+    return {"whole": (*pedals, *steering, *straight), "pedals": pedals, "steering": steering}[part]
+
+
+def _pedals(tuning: dict[str, float], top: float) -> tuple[Manoeuvre, ...]:
+    pull, brake = tuning["top_acceleration_m_s2"], tuning["top_deceleration_m_s2"]
     phases = [_faster("creep", CREEP, CREEP_SPEED)]
     for number, (share, speed_share, brake_share, coast) in enumerate(PULLS, 1):
         phases.append(_faster(f"accelerate_{number}", share * pull, speed_share * top))
         phases += [Manoeuvre(f"coast_{number}", lambda _speed: COAST, _after(coast))] if coast else []
         phases.append(_slower(f"brake_{number}", brake_share * brake))
-    last = len(PULLS) + 1
+    return tuple(phases)
+
+
+def _steering(vehicle: Vehicle, tuning: dict[str, float], top: float) -> tuple[Manoeuvre, ...]:
+    steady = min(tuning["steering_speed_m_s"], top)
+    angle = math.radians(tuning["wheel_angle_deg"]) / vehicle.steering_ratio
     return (
-        *phases,
-        _faster(f"accelerate_{last}", 0.75 * pull, steady),
+        _faster(f"accelerate_{len(PULLS) + 1}", 0.75 * tuning["top_acceleration_m_s2"], steady),
         _keep("settle_1", steady, SETTLE_TIME),
         _keep("steer_steps", steady, 4.0 * STEP_TIME, lambda time: angle * _steps(time)),
         _keep("settle_2", steady, SETTLE_TIME),
         _keep("steer_sines", steady, 2.0 * SINE_TIME, lambda time: angle * _sines(time)),
         _keep("settle_3", steady, SETTLE_TIME),
-        _faster(f"accelerate_{last + 1}", 0.75 * pull, top),
-        _keep("straight", top, STRAIGHT_TIME),
     )
 
 
@@ -148,9 +163,9 @@ class Excursion:
 class CalibrationRun:
     """Goes through the plan; the path is followed as everywhere, steering manoeuvres come on top."""
 
-    def __init__(self, vehicle: Vehicle, tuning: dict[str, float]) -> None:
+    def __init__(self, vehicle: Vehicle, tuning: dict[str, float], part: str) -> None:
         self.preview_tuning = preview = PreviewTuning()  # for the gain design
-        self._vehicle, self._tuning = vehicle, tuning
+        self._vehicle, self._tuning, self._part = vehicle, tuning, part
         self._phases: tuple[Manoeuvre, ...] | None = None
         self._steering_limit = vehicle.steering_limit
         self._observer = DeviationObserver(vehicle)
@@ -184,7 +199,8 @@ class CalibrationRun:
     def _phase(self, observation: Observation) -> tuple[Manoeuvre | None, float]:
         """The phase of this tick, None after the last, and the time since its start [s]."""
         if self._phases is None:
-            self._phases, self._since = plan(self._vehicle, self._tuning, observation.desired_speed), observation.time
+            self._phases = plan(self._vehicle, self._tuning, observation.desired_speed, self._part)
+            self._since = observation.time
         now, speed = observation.time, observation.pose.speed
         while self._number < len(self._phases) and self._phases[self._number].over(now - self._since, speed):
             self._number, self._since = self._number + 1, now
@@ -206,5 +222,8 @@ class CalibrationRun:
 
 def make(vehicle: Vehicle, tuning: Tuning) -> CalibrationRun:
     """Make the controller; raises ConfigError on a tuning key or value that it cannot take."""
-    numbers = {key: float(value) for key, value in settle(tuning, TUNING, RANGES).items()}
-    return CalibrationRun(vehicle, numbers)
+    settled = settle(tuning, TUNING, RANGES)
+    part = str(settled.pop("part"))
+    if part not in PARTS:
+        raise ConfigError(f"tuning key 'part' must be {', '.join(PARTS[:-1])} or {PARTS[-1]}, got {part!r}")
+    return CalibrationRun(vehicle, {key: float(value) for key, value in settled.items()}, part)

@@ -18,6 +18,7 @@ from tests import vehicles
 from tests.conftest import REPOSITORY
 from tests.isolated import isolated
 from tests.vehicle.calibration_drive import SPEED, CalibrationDrive
+from vve_sumo.cli import main
 from vve_sumo.cli.calibrate import conclude
 from vve_sumo.commissioning import calibrate
 from vve_sumo.controller import load
@@ -109,7 +110,7 @@ def test_finds_the_parameters_that_the_car_was_given(geometry: dict[str, float],
     end = drive.path.project(*drive.position)
     assert 250.0 < end.s < 300.0
     assert drive.speeds[-1] == 0.0
-    found = calibrate.calibrate(drive.write(tmp_path)).identified.estimates
+    found = calibrate.calibrate([drive.write(tmp_path)]).identified.estimates
     wanted = truth(parameters)
     assert found.keys() == wanted.keys() == calibrate.QUANTITIES.keys()
     for name, estimate in found.items():
@@ -131,12 +132,49 @@ def test_a_lot_that_is_too_short_cuts_the_plan_short_and_not_the_stop(tmp_path: 
     drive.run()
     assert drive.path.project(*drive.position).s < 120.0
     assert "steer_steps" not in drive.notes
-    poor = calibrate.calibrate(drive.write(tmp_path)).poor
+    poor = calibrate.calibrate([drive.write(tmp_path)]).poor
     assert "steering_ratio" in poor
     assert "brake_gain" not in poor
 
 
-@pytest.mark.parametrize("tuning", [{"wheel_angle_deg": 90.0}, {"top_acceleration_m_s2": 3.0}, {"top_speed": 8.0}])
+@pytest.mark.thorough
+def test_two_parts_in_a_short_lot_tell_together_what_the_whole_does(tmp_path: Path) -> None:
+    parameters, folders = car(), []
+    for part, seed in (("pedals", 4), ("steering", 5)):
+        drive = CalibrationDrive(parameters, seed, length=120.0, part=part)
+        drive.run()
+        assert drive.path.project(*drive.position).s < 120.0
+        assert max(map(abs, drive.offsets)) < 0.5
+        folders.append(drive.write(tmp_path / part))
+    assert "steering_ratio" in calibrate.calibrate(folders[:1]).poor
+    both = calibrate.calibrate(folders)
+    assert both.poor == {}
+    wanted = truth(parameters)
+    for found in (both, calibrate.calibrate(folders[::-1])):
+        for name, estimate in found.identified.estimates.items():
+            assert estimate.value == pytest.approx(wanted[name], abs=WITHIN[name]), name
+
+
+@pytest.mark.thorough
+def test_drives_of_cars_that_are_declared_otherwise_are_not_fitted_together(copy: Path, record: Path) -> None:
+    file = copy / "scenario.json"
+    other = json.loads(file.read_text())
+    other["vehicle"]["wheelbase"] += 0.1
+    file.write_text(json.dumps(other))
+    with pytest.raises(ConfigError, match="declared otherwise"):
+        calibrate.calibrate([record, copy])
+
+
+def test_a_part_is_driven_and_no_record_is(rig: Path, capsys: Any, monkeypatch: Any) -> None:
+    monkeypatch.chdir(rig.parent)
+    assert main(["calibrate", "--rig", "ours.toml", "--part", "pedals", "--record", "runs/a"]) == 2
+    assert "--part: is driven, and --record is not" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "tuning",
+    [{"wheel_angle_deg": 90.0}, {"top_acceleration_m_s2": 3.0}, {"top_speed": 8.0}, {"part": "wheels"}],
+)
 def test_a_tuning_that_nobody_should_drive_is_refused(tuning: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match="tuning key"):
         load("calibration_run", vehicles.parameters().vehicle, tuning, [REPOSITORY / "controllers"])
@@ -155,7 +193,7 @@ def test_the_shipped_scenario_passes_and_calibrates(tmp_path: Path) -> None:
     summary = isolated(shipped, str(tmp_path / "record"))
     assert summary["failed"] == []
     assert summary["outcome"] == "stopped"
-    calibrated = calibrate.calibrate(tmp_path / "record")
+    calibrated = calibrate.calibrate([tmp_path / "record"])
     assert calibrated.poor == {}
     wanted = truth(replace(car(), imperfections=vehicles.FUSION.measured))
     for name, estimate in calibrated.identified.estimates.items():
@@ -182,7 +220,7 @@ def record(driven: CalibrationDrive, tmp_path_factory: pytest.TempPathFactory) -
 @pytest.fixture(scope="module")
 def calibrated(record: Path) -> calibrate.Calibrated:
     """What the whole record tells."""
-    return calibrate.calibrate(record)
+    return calibrate.calibrate([record])
 
 
 @pytest.fixture
@@ -199,7 +237,7 @@ def rig(tmp_path: Path) -> Path:
 @pytest.mark.thorough
 def test_the_command_draws_tells_and_writes_into_the_rig(copy: Path, rig: Path, capsys: Any) -> None:
     before = rig.read_text()
-    assert conclude(copy, rig, DATE) == 0
+    assert conclude([copy], rig, DATE) == 0
     reported = capsys.readouterr().out
     assert "brake torque for 1 m/s²" in reported
     assert "poor" not in reported
@@ -248,12 +286,12 @@ def test_a_drive_that_was_cut_off_is_poor_and_stays_out_of_the_rig(copy: Path, r
     """After 25 s there was no bend yet: the ratio is not known; the rest may be written where that is left."""
     cut(copy, 25.0)
     before = rig.read_bytes()
-    calibrated = calibrate.calibrate(copy)
+    calibrated = calibrate.calibrate([copy])
     assert "steering_ratio" in calibrated.poor
     assert "brake_gain" not in calibrated.poor
-    assert conclude(copy, None, DATE) == 1
+    assert conclude([copy], None, DATE) == 1
     with pytest.raises(ConfigError, match=r"steering_ratio is poor \(.*\): drive again, or leave it"):
-        conclude(copy, rig, DATE)
+        conclude([copy], rig, DATE)
     assert rig.read_bytes() == before
     calibrate.put_into(rig, calibrated, DATE, leave=tuple(calibrated.poor))
     said = tomllib.loads(rig.read_text())
@@ -313,7 +351,7 @@ def test_the_rig_of_a_live_record_is_what_was_declared(copy: Path, rig: Path) ->
     declared = {"rig": ours.model_dump(mode="json", exclude_unset=True), "rig_name": "ours", "vehicle_model": model}
     file = copy / "scenario.json"
     file.write_text(json.dumps(json.loads(file.read_text()) | declared | {"vehicle": model.pop("vehicle")}))
-    found = calibrate.calibrate(copy)
+    found = calibrate.calibrate([copy])
     assert found.declared.vehicle.mass == 1859.0
     # The car's true mass, 1.1 times the Fusion's: now the forces are the true ones.
     assert found.identified.estimates["drive_force_limit"].value == pytest.approx(6500.0, rel=0.005)
@@ -342,4 +380,4 @@ def spoil(folder: Path, name: str, text: str | None) -> None:
 def test_what_is_no_record_is_named(copy: Path, name: str, text: str | None, complaint: str) -> None:
     spoil(copy, name, text)
     with pytest.raises(ConfigError, match=complaint):
-        calibrate.calibrate(copy)
+        calibrate.calibrate([copy])

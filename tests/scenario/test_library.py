@@ -18,10 +18,19 @@ from vve_sumo.scenario.overrides import apply_overrides
 FOLDER = REPOSITORY / "scenarios"
 NAMES = sorted(file.stem for file in FOLDER.glob("*.toml"))
 #: nobody stands or moves in the ego's way in these: there is nothing to run into
-WITHOUT_CONFLICT = {"calibration", "leap_hard_stop", "leap_loop", "rush_hour", "steering_probe"}
+WITHOUT_CONFLICT = {"calibration", "calibration_short", "leap_hard_stop", "leap_loop", "rush_hour", "steering_probe"}
 #: tests of their own (calibration, both probes, parked car), and minutes of driving (`benchmarks/library.py` drives
 #: these too)
-LEFT_OUT = {"calibration", "delay_probe", "parked_car", "seen_late", "leap_loop", "rush_hour", "steering_probe"}
+LEFT_OUT = {
+    "calibration",
+    "calibration_short",
+    "delay_probe",
+    "parked_car",
+    "seen_late",
+    "leap_loop",
+    "rush_hour",
+    "steering_probe",
+}
 DRIVEN = sorted(set(NAMES) - LEFT_OUT)
 STAND_FOR_ALL = ["crossing_at_signal", "cut_in", "leap_hard_stop", "pedestrian_910_expressway"]
 OTHERS = [name for name in DRIVEN if name not in STAND_FOR_ALL]
@@ -63,8 +72,8 @@ def test_every_bound_of_a_parameter_is_a_scenario_too(name: str) -> None:
             assert {at(varied, place) for place in stated["sets"]} == {value}
 
 
-def test_every_scenario_but_the_calibration_has_parameters_to_vary() -> None:
-    assert [name for name in NAMES if "parameters" not in table_of(name)] == ["calibration"]
+def test_every_scenario_but_the_calibrations_has_parameters_to_vary() -> None:
+    assert [name for name in NAMES if "parameters" not in table_of(name)] == ["calibration", "calibration_short"]
 
 
 def _foreseen() -> dict[str, str | None]:

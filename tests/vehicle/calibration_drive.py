@@ -35,7 +35,7 @@ NOTHING = Detections(0.0, *(np.empty(0) for _ in range(3)), np.empty(0, np.int8)
 class CalibrationDrive:
     """Drives `calibration_run` on a straight and writes pose.bin, can.log and scenario.json as it goes."""
 
-    def __init__(self, parameters: CarParameters, seed: int, length: float = 300.0) -> None:
+    def __init__(self, parameters: CarParameters, seed: int, length: float = 300.0, part: str = "whole") -> None:
         lot = MapFrame("+proj=tmerc +lat_0=40 +lon_0=-83 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs")
         heading = math.radians(20.0)
         along = np.array([0.0, length])
@@ -45,7 +45,7 @@ class CalibrationDrive:
         self._placement = Placement(lot, Alignment(), vehicles.FUSION.mounting, EPOCH)
         vehicle = vehicles.FUSION.vehicle
         self._gateway = Gateway(vehicle, vehicles.FUSION.calibration, period=PERIOD)
-        self._controller = load("calibration_run", vehicle, {}, [REPOSITORY / "controllers"])
+        self._controller = load("calibration_run", vehicle, {"part": part}, [REPOSITORY / "controllers"])
         self._act: OperatorCommand | None = None
         self._chunks: list[bytes] = []
         self._lines: list[str] = []

@@ -110,8 +110,7 @@ def simulate(true=TRUE, *, noise=1.0, seed=0, brakes=1.0, wheel=1.0, rate=math.i
         yaw_rate=sampled(yaw_rate, 0.01, 5e-4),
         acceleration=sampled(acceleration + true["acceleration_bias"], 0.01, 0.02),
         grade=sampled(np.full_like(time, pitch), 0.01, 0.0),
-        begin=1.5,
-        end=END - 0.5,
+        obedient=((1.5, END - 0.5),),
     )
 
 
@@ -186,14 +185,14 @@ def test_a_steering_motor_that_cannot_keep_up_is_no_lag():
 def test_air_drag_that_does_not_show_is_left_as_declared():
     """At parking speeds the fit of all else must not suffer from what it cannot tell."""
     noisy = simulate(noise=3.0)
-    slow = replace(noisy, end=12.0)
+    slow = replace(noisy, obedient=((1.5, 12.0),))
     found = identification.identify(slow, FUSION, DECLARED).estimates
     assert not found["drag_area"].good
     assert found["brake_gain"].value == pytest.approx(TRUE["brake_gain"], rel=0.05)
 
 
 def test_a_drive_that_holds_nothing_is_all_poor():
-    empty = replace(simulate(), begin=0.0, end=0.1)
+    empty = replace(simulate(), obedient=((0.0, 0.1),))
     estimates = identification.identify(empty, FUSION, DECLARED).estimates
     assert {name for name, found in estimates.items() if found.good} == {"acceleration_bias"}
 

@@ -1,7 +1,7 @@
-"""Calibrates a car from the record of a drive: reads the folder, runs the fits, writes the numbers.
+"""Calibrates a car from the records of one or several drives: reads the folders, runs the fits, writes the numbers.
 
-Any record will do, in lockstep or live, if the car was driven with enough variety. This module handles files and texts;
-the fits are those of `vehicle.identification`.
+Any records will do, in lockstep or live, if the car was driven with enough variety. This module handles files and
+texts; the fits are those of `vehicle.identification`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from vve_sumo.rig import edit
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig.resolve import model_of, receiver_of
 from vve_sumo.values import Fix, Floats
-from vve_sumo.vehicle.identification import Estimate, Identified, Log, Series, identify
+from vve_sumo.vehicle.identification import Estimate, Identified, Log, Series, identify, joined
 from vve_sumo.vehicle.interface import (
     BrakeState,
     Commanded,
@@ -126,9 +126,9 @@ EARNED_TOLERANCE: Final = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Calibrated:
-    """Result of a calibration: the numbers that a drive gave of its car."""
+    """Result of a calibration: the numbers that drives gave of their car."""
 
-    folder: Path
+    folders: tuple[Path, ...]
     declared: VehicleModel
     identified: Identified
 
@@ -142,15 +142,26 @@ class Calibrated:
         }
 
 
-def calibrate(folder: Path) -> Calibrated:
-    """Return the car's numbers by the drive recorded in `folder`; raises ConfigError where it is no such record."""
+def calibrate(folders: Sequence[Path]) -> Calibrated:
+    """Return the car's numbers by the drives recorded in the folders, all together.
+
+    Raises ConfigError for a folder that is no such record, and for drives that were not of one car, declared alike.
+    """
+    drives = [_resolved(folder) for folder in folders]
+    models = [declared_in(resolved) for resolved in drives]
+    for folder, model in zip(folders, models, strict=True):
+        if model != models[0]:
+            raise ConfigError(f"{folder}: its car is declared otherwise than in {folders[0]}, expected one car")
+    log = joined([read(folder, resolved, models[0]) for folder, resolved in zip(folders, drives, strict=True)])
+    return Calibrated(tuple(folders), models[0], identify(log, models[0].vehicle, models[0].calibration))
+
+
+def _resolved(folder: Path) -> dict[str, Any]:
     file = folder / "scenario.json"
     resolved = read_json(file, "a drive", "epoch_gnss_s")
     if not isinstance(resolved["epoch_gnss_s"], float):
         raise ConfigError(f"{file}: epoch_gnss_s: expected a number, got {resolved['epoch_gnss_s']!r}")
-    declared = declared_in(resolved)
-    log = read(folder, resolved, declared)
-    return Calibrated(folder, declared, identify(log, declared.vehicle, declared.calibration))
+    return resolved
 
 
 def read(folder: Path, resolved: dict[str, Any], declared: VehicleModel) -> Log:
@@ -165,8 +176,8 @@ def read(folder: Path, resolved: dict[str, Any], declared: VehicleModel) -> Log:
             "expected a car that is commanded pedals"
         )
     messages_by_kind = _messages(folder / "can.log", float(resolved["epoch_gnss_s"]), declared.interface)
+    obedient = (_obedient(folder, messages_by_kind),)
     fixes = _fixes(folder / "pose.bin")
-    begin, end = _obedient(folder, messages_by_kind)
 
     def series(kind: type, value: Callable[[Any], float]) -> Series:
         if kind not in messages_by_kind:
@@ -180,8 +191,7 @@ def read(folder: Path, resolved: dict[str, Any], declared: VehicleModel) -> Log:
         wheel_angle=series(SteeringState, attrgetter("wheel_angle")),
         wheels=series(WheelSpeeds, lambda wheels: 0.5 * (wheels.rear_left + wheels.rear_right)),
         **_motion(folder, fixes, declared.mounting),
-        begin=begin,
-        end=end,
+        obedient=obedient,
     )
 
 
@@ -309,7 +319,7 @@ def _values(calibrated: Calibrated, leave: Sequence[str]) -> dict[tuple[str, str
     for name, estimate in calibrated.poor.items():
         if name not in leave:
             raise ConfigError(
-                f"{calibrated.folder}: {name} is poor ({estimate.problem}): drive again, or leave it as it is"
+                f"{calibrated.folders[0]}: {name} is poor ({estimate.problem}): drive again, or leave it as it is"
             )
     found = calibrated.identified.estimates
     values = {
@@ -355,11 +365,12 @@ def _dated(values: dict[tuple[str, str], float], date: str) -> dict[tuple[str, s
 
 
 def draw(calibrated: Calibrated) -> Path:
-    """Write `calibration.png` into the record and return its place."""
+    """Write `calibration.png` into the first record and return its place."""
     from vve_sumo.plotting.calibration import draw as paint
 
     poor = list(calibrated.poor)
     subtitle = f"poor: {', '.join(poor)}" if poor else "every number that a rig needs is good"
-    file = calibrated.folder / PICTURE
-    paint(calibrated.identified.curves, f"Calibration from {calibrated.folder.name}", subtitle, file)
+    file = calibrated.folders[0] / PICTURE
+    names = ", ".join(folder.name for folder in calibrated.folders)
+    paint(calibrated.identified.curves, f"Calibration from {names}", subtitle, file)
     return file

@@ -18,6 +18,8 @@ from vve_sumo.live.plan import DrivePlan
 from vve_sumo.rig.schema import Brain
 
 SCENARIO: Final = "calibration"
+#: of a part, and where that is chosen
+SHORT_SCENARIO, PART = "calibration_short", "controller.tuning.part"
 
 
 def rig_file_of(rig: str, working: Path, *, write: bool) -> Path:
@@ -36,12 +38,13 @@ def refuse_altered(record: Path) -> None:
         raise ConfigError(f"{record}: {altered[0]}: no car is calibrated by an altered record")
 
 
-def plan(rig: str, working: Path, out: Path | None) -> DrivePlan:
-    """Return the plan of the calibration drive, driven by its own controller, without outgoing wires.
+def plan(rig: str, working: Path, out: Path | None, part: str | None = None) -> DrivePlan:
+    """Return the plan of the calibration drive or of a part, driven by its own controller, without outgoing wires.
 
     Raises ConfigError or RigError as `session.plan`, and ConfigError for an external controller that commands the car.
     """
-    plan = session.plan(SCENARIO, rig, working, out=out, seed=None, controller=None, shadow=False)
+    scenario, values = (SCENARIO, None) if part is None else (SHORT_SCENARIO, {PART: part})
+    plan = session.plan(scenario, rig, working, out=out, seed=None, controller=None, shadow=False, values=values)
     if plan.rig.brain.kind == "external":
         raise ConfigError(
             f"{plan.rig_file}: brain.kind is 'external', expected 'own': the gateway has to command the car"

@@ -1,4 +1,4 @@
-"""Identifies a car's response to its commands from one recorded drive: the pure fits.
+"""Identifies a car's response to its commands from recorded drives: the pure fits.
 
 Arrays in, numbers with their uncertainty out. Each fit is least squares on a model of a few parameters: dead time,
 first-order lag, forces along the car, a steered axle. The module knows no file, no bus frame and no rig.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -31,6 +31,7 @@ RESIDUAL_CORRELATION_TIME = 1.0  #: residuals farther apart than this count as i
 DIFFERENCE_BASE = 0.1  #: over which the wheels' acceleration is computed [s]
 SLEW_STEP = 0.005  #: time step of a command that moves at the DBW controller's largest rate [s]
 MAX_DRAG_UNCERTAINTY = 0.25  #: air drag known worse than to this share is left as declared
+BETWEEN_DRIVES = 10.0  #: between drives that are fitted together: longer than any response [s]
 MAX_STEPS = 20  #: of a fit; a good drive takes 7 at most, a drive without excitation would take very long
 MIN_LAG = 1e-3  #: the exponential needs a positive lag [s]
 
@@ -56,7 +57,7 @@ class Series(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Log:
-    """A record's signals on one clock: commands as sent, measurements as received."""
+    """The signals of a drive, or of several, on one clock: commands as sent, measurements as received."""
 
     brake_torque: Series  #: commanded, all wheels [N m]
     throttle: Series  #: commanded, 0 to 1
@@ -68,12 +69,34 @@ class Log:
     yaw_rate: Series  #: by the receiver [rad/s], counter-clockwise
     acceleration: Series  #: by the receiver, along the car, gravity's share by pitch taken out [m/s2]
     grade: Series  #: the receiver's pitch, nose up positive [rad]
-    begin: float  #: the car is in drive and obeys commands from here ... [s]
-    end: float  #: ... to here [s]
+    obedient: tuple[tuple[float, float], ...]  #: from when to when the car is in drive and obeys commands [s], in order
 
     def usable(self, time: Floats, radius: float = 1.0, least: float = -math.inf) -> Mask:
-        """Which times lie between, with the car moving forward at `least` [m/s] or more on wheels of `radius` [m]."""
-        return (time >= self.begin) & (time <= self.end) & (radius * self.wheels.at(time) >= least)
+        """Which times lie in these, with the car moving forward at `least` [m/s] or more on wheels of `radius` [m]."""
+        within = [(time >= begin) & (time <= end) for begin, end in self.obedient]
+        obeys: Mask = np.logical_or.reduce(within)
+        return obeys & (radius * self.wheels.at(time) >= least)
+
+
+#: names of a log's signals
+SIGNALS: Final = tuple(one.name for one in fields(Log) if one.name != "obedient")
+
+
+def joined(logs: Sequence[Log]) -> Log:
+    """Return the logs of several drives of one car as one, each BETWEEN_DRIVES after the end of the one before."""
+    shifted: list[Log] = []
+    free = 0.0
+    for log in logs:
+        every = [getattr(log, name) for name in SIGNALS]
+        by = free - min(float(series.time[0]) for series in every)
+        moved = {name: Series(series.time + by, series.value) for name, series in zip(SIGNALS, every, strict=True)}
+        shifted.append(Log(**moved, obedient=tuple((begin + by, end + by) for begin, end in log.obedient)))
+        free = BETWEEN_DRIVES + max(float(series.time[-1]) for series in moved.values())
+    whole = {
+        name: Series(*(np.concatenate(parts) for parts in zip(*(getattr(log, name) for log in shifted), strict=True)))
+        for name in SIGNALS
+    }
+    return Log(**whole, obedient=tuple(span for log in shifted for span in log.obedient))
 
 
 @dataclass(frozen=True, slots=True)
