@@ -21,7 +21,9 @@ class At:
         view, self.view = pair()
         drive, self.drive = pair()
         self.said: list[str] = []
-        processes: Any = SimpleNamespace(to_gateway=gateway, to_drive=drive, to_view=view, to_car=None)
+        processes: Any = SimpleNamespace(
+            to_gateway=gateway, gateway=None, to_drive=drive, to_view=view, to_car=None, further=()
+        )
         screen: Any = SimpleNamespace(say=self.said.append)
         keys: Any = SimpleNamespace(filenos=list, commands=list)
         self.console = Console(processes, keys, screen, automatic=False)

@@ -38,6 +38,7 @@ examples:
   vve-sumo drive --pose drive.csv               a recorded drive through the same pipeline; no car is commanded
   vve-sumo drive --rig simulated                live, with the simulated vehicle as a process of its own
   vve-sumo drive --rig simulated --view         the same with a page in a browser, which has a stop button
+  vve-sumo drive two_cars --rig a.toml --rig second=b.toml   live, two real cars in two lots on one street
   vve-sumo drive parked_car --rig rigs/ours.toml --rehearse   live, the real car's rig on simulated wires
   vve-sumo drive parked_car --rig rigs/ours.toml --shadow   live, with every enable bit off
 
@@ -74,7 +75,14 @@ def arguments(parser: Parser) -> None:
         "UBX, SBF, NovAtel, NMEA), or CSV with time_s,latitude_deg,longitude_deg,heading_deg,speed_mps; commands are "
         "computed and recorded, not sent",
     )
-    parser.add_argument("--rig", metavar="NAME", help="drive live on this rig: a name under rigs/ or a .toml file")
+    parser.add_argument(
+        "--rig",
+        action="append",
+        metavar="NAME",
+        dest="rigs",
+        help="drive live on this rig: a name under rigs/ or a .toml file. Given again as ID=NAME, the rig of a further "
+        "real car, that of the scenario's ego with this id",
+    )
     parser.add_argument(
         "--lockstep",
         action="store_true",
@@ -100,6 +108,7 @@ def arguments(parser: Parser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Drive, draw, show; return the exit code."""
+    arguments.rig, arguments.further_rigs = _rigs_of(arguments.rigs or [])
     if arguments.rig is not None and arguments.vehicle is not None:
         raise ConfigError("--vehicle: a rig brings its own vehicle; leave out one of --vehicle and --rig")
     if arguments.rig is not None and not arguments.lockstep:
@@ -122,11 +131,24 @@ def run(arguments: argparse.Namespace) -> int:
     return _lockstep(arguments)
 
 
+def _rigs_of(given: list[str]) -> tuple[str | None, dict[str, str]]:
+    """Return the rig of [ego], and those of further egos by their ids."""
+    further: dict[str, str] = {}
+    for one in given[1:]:
+        ego, equals, name = one.partition("=")
+        if not (equals and ego and name) or ego in further:
+            raise ConfigError(f"--rig {one}: expected ID=NAME with the id of another one of the scenario's [[egos]]")
+        further[ego] = name
+    return (given[0] if given else None), further
+
+
 def _lockstep(arguments: argparse.Namespace) -> int:
     from vve_sumo.drive.progress import progress_callback
     from vve_sumo.drive.run import new_run_folder, resolve_by_name, run
     from vve_sumo.drive.termination import Outcome
 
+    if arguments.further_rigs:
+        raise ConfigError("--lockstep: takes one --rig, that of [ego]; further egos have the scenario's cars")
     working = Path.cwd()
     resolved = resolve_by_name(
         arguments.scenario,
@@ -216,15 +238,17 @@ def _driven(arguments: argparse.Namespace, rehearse: Path | None) -> int:
         values=values_of(arguments.values),
         view=arguments.view,
         rehearse=rehearse,
+        further=arguments.further_rigs,
     )
     for line in plan.rehearsal:
         notify(line)
-    doctor = live_drive.examined(plan, arguments.override_doctor)  # before names are asked for
+    # Before names are asked for.
+    doctors = {one.ego: live_drive.examined(one, arguments.override_doctor) for one in plan.cars}
     if plan.resolved.note:
         note(plan.resolved.note)
     plan = live_drive.named(plan, arguments.operator, arguments.driver)
     with session.removed_when_empty(plan.folder):
-        done = Drive(plan.folder, live_drive.drive(plan, doctor))
+        done = Drive(plan.folder, live_drive.drive(plan, doctors))
     draw_and_show(plan.resolved, done, as_json=arguments.json)
     if done.summary["outcome"] == Outcome.BROKEN:
         return SimulationError.exit_code

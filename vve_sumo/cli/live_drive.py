@@ -86,11 +86,12 @@ def _reason(typed: str) -> str:
     return reason
 
 
-def drive(plan: DrivePlan, doctor: Mapping[str, Any] | None = None) -> dict[str, Any]:
+def drive(plan: DrivePlan, doctors: Mapping[str, Mapping[str, Any]] | None = None) -> dict[str, Any]:
     """Drive a plan to its end and return its summary; raises VveError where the drive did not begin.
 
-    `doctor` is the result of `examined`; None calls it here.
+    `doctors` are the results of `examined` for each real car, by the ids of their egos; None calls it here.
     """
     from vve_sumo.live import session
 
-    return session.run(plan, examined(plan, None) if doctor is None else doctor, sys.stderr, notify)
+    results = {one.ego: examined(one, None) for one in plan.cars} if doctors is None else dict(doctors)
+    return session.run(plan, results.pop(plan.ego), sys.stderr, notify, results)

@@ -7,13 +7,13 @@ sends pose bytes and CAN frames, and the gateway answers with CAN frames.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import Final
+from typing import Final, Protocol
 
 from vve_sumo.drive.assembly import LotAlignment, PoseInput, build_pipeline, seed_of
 from vve_sumo.drive.brain import ExternalController
@@ -25,7 +25,7 @@ from vve_sumo.drive.shared_prefix import Variants
 from vve_sumo.drive.simulated_people import everybody_simulated
 from vve_sumo.drive.standstill_cause import StandstillClassifier
 from vve_sumo.drive.termination import DriveEnd, Outcome, TerminationMonitor, end_reason
-from vve_sumo.drive.tick import CarInput, CompletedTick, DueTick, EgoTick, NoRecord, Tick
+from vve_sumo.drive.tick import CarInput, CompletedTick, DueTick, EgoTick, NoRecord, Tick, TickRecorder
 from vve_sumo.drive.virtual_road import EgoSurroundings, VirtualRoad, open_world, pose_at_rest, scenario_engine
 from vve_sumo.frames import Alignment, MapFrame, Placement, local_frame
 from vve_sumo.frozen import fast_frozen
@@ -192,6 +192,23 @@ class LockstepTick:
     actors: Actors  #: that the tick's sensors saw
 
 
+def lone_steps(tick: int, time: float, next_tick: int, next_time: float) -> list[tuple[int, float]]:
+    """Return number and drive time [s] of the ticks that were skipped between two that were not.
+
+    In lockstep none is. At a skipped tick the gateway steps without a setpoint, as a real one does by its own timer.
+    """
+    skipped = [(number, time + (number - tick) * PERIOD) for number in range(tick + 1, next_tick)]
+    return [step for step in skipped if step[1] < next_time]
+
+
+class LockstepRecorder(TickRecorder, Protocol):
+    """What records an ego of a lockstep drive: a record, or a client that sends to one."""
+
+    def saw_frames(self, time: float, channel: str, frames: Iterable[Frame]) -> None:
+        """Record CAN frames received or sent at one drive time [s]."""
+        ...
+
+
 class LockstepEgo:
     """One ego of a lockstep drive: its simulated vehicle, pipeline and gateway, and what ends its drive."""
 
@@ -217,13 +234,14 @@ class LockstepEgo:
         )
         self._end_trigger = None if resolved.scenario.end_trigger == EndTrigger() else resolved.scenario.end_trigger
         self._operator = ScriptedOperator()
+        self.held: tuple[str, ...] = ()  #: reason codes that keep the ego from driving; the shell's, none in lockstep
         self._bus: _Bus
         self._tick: EgoTick
         self._truth: Pose  # at the tick under way
 
-    def begin(self, record: MemoryRecorder) -> EgoTick:
+    def begin(self, record: LockstepRecorder) -> EgoTick:
         """Return what runs the ego's part of every tick, into a record."""
-        self._bus = _Bus(self.gateway, self._operator, record, self.brain)
+        self._bus = _Bus(self, self.gateway, self._operator, record)
         self._tick = EgoTick(self.id, self.pipeline, self._path, self._bus, record)
         return self._tick
 
@@ -239,6 +257,14 @@ class LockstepEgo:
     def drive(self, until: float, ticked: LockstepTick) -> None:
         """Let the simulated vehicle drive to a drive time [s] by the gateway's frames, and take in what it sent."""
         self._take(self._car.step(until, ticked.output.frames))
+
+    def drive_alone(self, until: float) -> None:
+        """Let the simulated vehicle drive to a drive time [s] by the newest frames, if any, and take in what it sent."""
+        self._take(self._car.step(until, self._bus.frames))
+
+    def step_alone(self, now: float) -> None:
+        """Run one gateway step without a setpoint at a drive time [s]."""
+        self._bus.hand_over(now, None)
 
     def roll(self) -> None:
         """Bring the ego to drive time 0 where the scenario begins at speed; call it once, before the first tick."""
@@ -390,11 +416,16 @@ class _Bus:
     output: GatewayOutput  #: of the gateway's newest step
 
     def __init__(
-        self, gateway: Gateway, operator: ScriptedOperator, record: MemoryRecorder, brain: ExternalController | None
+        self, ego: LockstepEgo, gateway: Gateway, operator: ScriptedOperator, record: LockstepRecorder
     ) -> None:
-        self._gateway, self._operator, self._brain = gateway, operator, brain
-        self._record: MemoryRecorder | NoRecord = record
+        self._ego, self._gateway, self._operator, self._brain = ego, gateway, operator, ego.brain
+        self._record: LockstepRecorder | NoRecord = record
         self._reports: list[Frame] = []
+
+    @property
+    def frames(self) -> tuple[Frame, ...]:
+        """The frames of the gateway's newest step; none before the first."""
+        return self.output.frames if hasattr(self, "output") else ()
 
     def finish(self) -> None:
         """Record no more frames."""
@@ -410,12 +441,12 @@ class _Bus:
         self._reports = [frame for _time, frame in reports]
 
     def faults(self) -> tuple[str, ...]:
-        """Return the external controller's faults; any other failure of this shell ends the drive.
+        """Return what holds the ego, or the external controller's faults; any other failure of this shell ends the drive.
 
         Raises RigError where the brain is not there.
         """
         if self._brain is None:
-            return ()
+            return self._ego.held
         self._brain.require_answer()
         return self._brain.faults
 

@@ -6,7 +6,7 @@ actors, the steering angle that the car had reported, the shell's faults) and al
 
 from __future__ import annotations
 
-import math
+from bisect import bisect_left
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
@@ -20,7 +20,7 @@ import pyarrow as pa
 from vve_sumo import bus
 from vve_sumo.commanded_path import by_tick
 from vve_sumo.drive import plugged_in, provenance
-from vve_sumo.drive.lockstep import ScriptedOperator, assemble
+from vve_sumo.drive.lockstep import ScriptedOperator, assemble, lone_steps
 from vve_sumo.drive.people_on_road import PeopleOnRoad
 from vve_sumo.drive.persons import recorded_people
 from vve_sumo.drive.pipeline import Pipeline, TickResult
@@ -210,16 +210,31 @@ def _whole_ticks(inputs: PipelineInputs) -> int:
 def read_car_frames(folder: Path, epoch: float, interface: InterfaceConfig = DEFAULT) -> CarFrames:
     """Read a lockstep drive's CAN log; `interface` tells the gateway's command frames from what the gateway received.
 
-    Raises ConfigError as `bus.read_log` does.
+    The gateway steps at the ticks' times, skipped ones included: a command is of the tick of its time, a report of the
+    first tick that is not earlier. Frames after the last tick are no tick's. Raises ConfigError as `bus.read_log` does.
     """
     commands = load(interface).facts.commands
     frames = CarFrames(defaultdict(list), defaultdict(list))
+    ticks, times = _steps(folder)
     for time, _channel, frame, is_sent in with_direction(bus.read_log(folder / "can.log"), commands):
-        if is_sent:
-            frames.commands[round((time - epoch) / PERIOD)].append(frame)
-        else:
-            frames.reports[math.ceil((time - epoch - TIME_TOLERANCE) / PERIOD)].append(frame)
+        place = bisect_left(times, time - epoch - TIME_TOLERANCE)
+        if place < len(ticks):
+            (frames.commands if is_sent else frames.reports)[ticks[place]].append(frame)
     return frames
+
+
+def _steps(folder: Path) -> tuple[list[int], list[float]]:
+    """Return number and drive time [s] of every step of a lockstep drive's gateway."""
+    table = read_table(folder, "ticks")
+    ticks: list[int] = []
+    times: list[float] = []
+    for tick, time in zip(table["tick"].to_pylist(), table["time_s"].to_pylist(), strict=True):
+        for number, moment in lone_steps(ticks[-1], times[-1], tick, time) if ticks else ():
+            ticks.append(number)
+            times.append(moment)
+        ticks.append(tick)
+        times.append(time)
+    return ticks, times
 
 
 def _readings(folder: Path) -> dict[int, dict[str, RecordedReading]]:
@@ -299,8 +314,15 @@ def replay(resolved: ResolvedScenario, inputs: PipelineInputs, frames: CarFrames
     """Run a lockstep record through pipeline and gateway; return the first difference, None if there is none."""
     parts, operator = assemble(resolved, working), ScriptedOperator()
     parts.roll(resolved, operator)
+    before: tuple[int, float] | None = None
     for row, result in replayed_ticks(parts.pipeline, inputs):
         tick = int(row["tick"])
+        for number, time in lone_steps(*before, tick, row["time_s"]) if before is not None else ():
+            output = parts.gateway.step(time, None, frames.reports.get(number, []), operator.next_command())
+            operator.observe(output.status)
+            if difference := compare_frames(number, frames.commands.get(number, []), output.frames):
+                return difference
+        before = tick, row["time_s"]
         reports, commands = frames.reports.get(tick, []), frames.commands.get(tick, [])
         output = parts.gateway.step(row["time_s"], result.setpoint, reports, operator.next_command())
         operator.observe(output.status)

@@ -183,7 +183,9 @@ def run(
         for one, done, record in zip(resolved.others, ends[1:], records[1:], strict=True)
     }
     if others:
-        ends[0] = replace(ends[0], extra={**ends[0].extra, "egos": {ego: _verdict(one) for ego, one in others.items()}})
+        ends[0] = replace(
+            ends[0], extra={**ends[0].extra, "egos": {ego: verdict_in(one.summary) for ego, one in others.items()}}
+        )
     more = foreign | {"controller": EXTERNAL_CONTROLLER} if foreign else {}
     return replace(_close(resolved, ends[0], records[0], more), folder=folder, others=others)
 
@@ -220,9 +222,9 @@ def _close(resolved: ResolvedScenario, done: DriveEnd, record: MemoryRecorder, m
     return Drive(record.folder, summary)
 
 
-def _verdict(drive: Drive) -> dict[str, Any]:
-    """Return what the summary of the first ego's drive holds of another's."""
-    return {name: drive.summary[name] for name in ("outcome", "passed", "failed", "record_sha256", *PER_DRIVE)}
+def verdict_in(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the summary of the first ego's drive holds of another ego's summary."""
+    return {name: summary[name] for name in ("outcome", "passed", "failed", "record_sha256", *PER_DRIVE)}
 
 
 def run_variants(

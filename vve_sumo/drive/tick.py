@@ -50,6 +50,14 @@ class CompletedTick(NamedTuple):
     decided: float  #: when the controller was done, on the same clock [s]
 
 
+class CarInputs(Protocol):
+    """What a shell knows of the egos' cars; an ego's is asked for just before the ego acts."""
+
+    def __getitem__(self, ego: str, /) -> CarInput:
+        """Return what is known of the car of the ego with this id."""
+        ...
+
+
 class TickHost(Protocol):
     """What an ego's tick asks of the shell that runs it."""
 
@@ -232,7 +240,7 @@ class Tick:
             if ego in self._sees_signals:
                 around.signals = road.timed_signals()
 
-    def step(self, due: DueTick, cars: Mapping[str, CarInput]) -> dict[str, CompletedTick]:
+    def step(self, due: DueTick, cars: CarInputs) -> dict[str, CompletedTick]:
         """Run a tick of every ego, whose `cars` are given by the egos' ids, as are the completed ticks."""
         done = {}
         if self._sees_signals and (changes := self._road.signal_changes(self._changes)):

@@ -6,8 +6,8 @@ Starts no process. Its inputs are kept as plain JSON in the record, so that a re
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,6 +17,7 @@ from vve_sumo.drive.brain import ExternalController
 from vve_sumo.drive.pipeline import Pipeline
 from vve_sumo.drive.resolved_scenario import ResolvedScenario, resolve_scenario
 from vve_sumo.drive.rolling_start import require_start_from_rest
+from vve_sumo.drive.several_egos import recorded_ego
 from vve_sumo.errors import ConfigError, RigError
 from vve_sumo.frames import Alignment, Placement
 from vve_sumo.live.alignment import StandingPose, standing_pose
@@ -29,6 +30,7 @@ from vve_sumo.scenario.load import parse
 from vve_sumo.stations.received_stations import StationsSetup
 from vve_sumo.stations.station_gate import GateLimits
 from vve_sumo.timing import PERIOD
+from vve_sumo.values import EGO
 
 #: GNSS time minus this machine's wall clock, if that is disciplined to UTC [s]: epoch of GPS, and 18 leap seconds
 GNSS_OF_UNIX: Final = -315_964_800.0 + 18.0
@@ -51,6 +53,8 @@ def from_dict(scenario_content: Mapping[str, Any], working: Path) -> tuple[Resol
     """
     file = Path(scenario_content["scenario_file"])
     resolved = resolve_scenario(scenario_content["scenario"], parse(scenario_content["settings"], file), file, working)
+    ego, declared = recorded_ego(scenario_content)
+    resolved = replace(resolved, ego_id=ego, declared=declared)
     rig = rigs.parse_json(scenario_content["rig"], Path(scenario_content["rig_name"]))
     return scenario_with_rig(resolved, rig, working), rig
 
@@ -60,14 +64,22 @@ def scenario_with_rig(resolved: ResolvedScenario, rig: Rig, working: Path) -> Re
 
     Raises ConfigError for a speed above the rig's limit, and for a rolling start.
     """
-    require_start_from_rest(resolved, "a drive with a rig starts from rest")
+    for one in resolved.egos:
+        require_start_from_rest(one, "a drive with a rig starts from rest")
     wanted, allowed = resolved.scenario.ego.speed_mps, rig.limits.speed_mps
     if wanted > allowed:
+        table = "ego" if resolved.ego_id == EGO else f"egos.{resolved.ego_id}"
         raise ConfigError(
-            f"ego.speed_mps: {wanted:g} m/s is more than the rig's limits.speed_mps, {allowed:g} m/s; "
+            f"{table}.speed_mps: {wanted:g} m/s is more than the rig's limits.speed_mps, {allowed:g} m/s; "
             "lower the scenario's speed or take a larger lot"
         )
     return resolved.with_rig(rig, working, live=True)
+
+
+def with_rigs(resolved: ResolvedScenario, further: Sequence[ResolvedScenario]) -> ResolvedScenario:
+    """Return a scenario of several egos, where the scenarios of some `further` egos have their rigs' cars."""
+    by_id = {one.ego_id: one for one in further}
+    return replace(resolved, others=tuple(by_id.get(one.ego_id, one) for one in resolved.others))
 
 
 def gateway_config(rig: Rig, *, shadow: bool) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from msgspec import Struct
 
 from vve_sumo.errors import VveError
 from vve_sumo.messages import MalformedMessage, MessageCodec, MessageKind
+from vve_sumo.values import EGO
 
 
 class Ready(Struct, frozen=True, tag=True):
@@ -46,6 +47,7 @@ class DriveStatus(Struct, frozen=True, tag=True):
     missed: int  #: ticks that were skipped so far
     clock: dict[str, Any]  #: the receiver's clock against the drive's, as `ReportedPose` has it; empty for none
     outcome: str | None  #: of the drive, once it has one
+    ego: str = EGO  #: id of the ego whose car this is
 
 
 class Verdict(Struct, frozen=True, tag=True):

@@ -37,7 +37,7 @@ class Screen:
             with contextlib.suppress(OSError):
                 self._number = os.open(os.ttyname(stream.fileno()), os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY)
                 self._own = True
-        self._phase = ""
+        self._phases: dict[int, str] = {}  # of each car, by its place
         self._lines: deque[str] = deque(maxlen=MAX_LINES)
         self._rest = b""  # what the terminal has not taken yet
         self._painted = 0  # lines of the picture that stand on the terminal
@@ -45,21 +45,23 @@ class Screen:
         self._rings = 0
         self._tick, self._tick_time = None, time.monotonic()
 
-    def show(self, status: Mapping[str, Any]) -> None:
-        """Show a status; to be called often, draws at most ten times a second."""
+    def show(self, *statuses: Mapping[str, Any]) -> None:
+        """Show the status of each car; to be called often, draws at most ten times a second."""
         now = time.monotonic()
-        if (tick := status.get("tick")) != self._tick:
+        if (tick := statuses[0].get("tick")) != self._tick:
             self._tick, self._tick_time = tick, now
-        if (now_in := phase(status)) != self._phase:
-            self._phase, self._rings, self._drawn_at = now_in, bell_count(status), -math.inf
-            self._lines.append(transition(status))
+        for place, status in enumerate(statuses):
+            if (now_in := phase(status)) != self._phases.get(place, ""):
+                self._phases[place], self._rings, self._drawn_at = now_in, bell_count(status), -math.inf
+                self._lines.append(transition(status))
         if not self._flush():
             return
         if not self._terminal:
             self._write("".join(f"{line}\n" for line in self._taken()))
         elif now - self._drawn_at >= PICTURE_PERIOD:
             self._drawn_at = now
-            self._write(self._bell(now) + self._frame(picture(status, now - self._tick_time)))
+            lines = [line for status in statuses for line in picture(status, now - self._tick_time)]
+            self._write(self._bell(now) + self._frame(lines))
 
     def say(self, line: str) -> None:
         """Print a line of its own above the picture."""
@@ -80,7 +82,7 @@ class Screen:
 
     def _bell(self, now: float) -> str:
         """Return a bell when one is due: at every picture of an alarm, else spaced, for terminals merge close rings."""
-        if self._phase in ALARMS:
+        if not ALARMS.isdisjoint(self._phases.values()):
             return "\a"
         if self._rings == 0 or now - self._rung_at < RING_PERIOD:
             return ""

@@ -8,18 +8,22 @@ from __future__ import annotations
 import contextlib
 import datetime
 import json
+import subprocess
 import time
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+import zlib
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final, TextIO
 
 from vve_sumo import workspace
 from vve_sumo.drive import plugged_in, provenance
 from vve_sumo.drive.assembly import LotAlignment, sensors_of
 from vve_sumo.drive.gain_region import delay_of, refuse_outside
-from vve_sumo.drive.run import new_run_folder, resolve_by_name
-from vve_sumo.drive.several_egos import require_one_ego
+from vve_sumo.drive.resolved_scenario import ResolvedScenario
+from vve_sumo.drive.run import new_run_folder, resolve_by_name, verdict_in
 from vve_sumo.drive.summary import EXTERNAL_CONTROLLER, without_verdict
 from vve_sumo.drive.summary import summarise as summarise_drive
 from vve_sumo.drive.termination import DriveEnd, Outcome
@@ -28,20 +32,22 @@ from vve_sumo.errors import ConfigError, RigError, VveError
 from vve_sumo.live import assembly, optional_processes, spawn, start_simulated_vehicle
 from vve_sumo.live.alignment import lot_alignment
 from vve_sumo.live.brain_link import key_of, refuse_controller
-from vve_sumo.live.channel import pair
-from vve_sumo.live.console import Console, ProcessGroup
+from vve_sumo.live.channel import Channel, pair
+from vve_sumo.live.console import Console, FurtherProcesses, ProcessGroup
 from vve_sumo.live.keys import OperatorInput
 from vve_sumo.live.optional_processes import Notify
 from vve_sumo.live.plan import DrivePlan
 from vve_sumo.live.priority import Rights, lower_priority, rights
 from vve_sumo.live.rehearsal import rehearsed
 from vve_sumo.live.screen import Screen
+from vve_sumo.live.simulated_ego import BESIDE_LIVE, lockstep_ego
 from vve_sumo.live.summary import summarise
 from vve_sumo.live.view_token import certificate_of, token_of
 from vve_sumo.live.virtual_can import hardware_obstacle
 from vve_sumo.people import consent
 from vve_sumo.pose.sources import Source
 from vve_sumo.record.hashes import hash_file
+from vve_sumo.record.layout import FURTHER_EGOS
 from vve_sumo.record.reader import read_table
 from vve_sumo.record.roads import write_roads
 from vve_sumo.record.summary import SUMMARY_HASH_KEY, write_summary
@@ -51,6 +57,7 @@ from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.lock import rig_lock
 from vve_sumo.rig.validation import PTY, arming_obstacle
 from vve_sumo.scenario.schema import EndTrigger
+from vve_sumo.values import EGO
 from vve_sumo.view.words import verdict_of
 
 #: time for a process to end by itself after the drive [s]; the recorder writes its tables in this time
@@ -72,10 +79,12 @@ def plan(
     values: Mapping[str, Any] | None = None,
     view: bool = False,
     rehearse: Path | None = None,
+    further: Mapping[str, str] = MappingProxyType({}),
 ) -> DrivePlan:
     """Find scenario and rig by name and refuse what nobody should drive with; opens no device and writes nothing.
 
-    With `rehearse` a real car's rig is put on simulated wires, links to which are made in that folder.
+    With `rehearse` a real car's rig is put on simulated wires, links to which are made in that folder. `further` has
+    the rigs of further egos by their ids; an ego of the scenario that has no rig is simulated.
 
     Raises ConfigError for what is wrong in a file, RigError for a rig that may not command a car.
     """
@@ -103,7 +112,8 @@ def plan(
         certificate_of(loaded.people_page, working)
     resolved = resolve_by_name(scenario, working, seed=seed, controller=controller, speed=speed, values=values)
     loaded = loaded if rehearse is not None else meaning.with_alignment_for(loaded, resolved.name)
-    require_one_ego(resolved, "a live drive has one real car, which is [ego]'s, and no simulated ones beside it")
+    if further and rehearse is not None:
+        raise ConfigError("--rehearse: one car at a time; leave out the rigs of further egos, which are then simulated")
     try:
         resolved = assembly.scenario_with_rig(resolved, loaded, working)
     except ConfigError as error:
@@ -113,14 +123,62 @@ def plan(
     folder = (out if out is not None else new_run_folder(resolved.name, working)).absolute()
     claim(folder)
     scenario_file = workspace.find("scenario", scenario, working).absolute()
-    return DrivePlan(
+    own = DrivePlan(
         resolved, scenario_file, loaded, rig_file, folder, working, shadow, time.monotonic(), view=view, rehearsal=notes
+    )
+    return _with_further(own, further)
+
+
+def _with_further(own: DrivePlan, rigs_by_ego: Mapping[str, str]) -> DrivePlan:
+    """Return a plan with the real cars of further egos; raises as `plan` does, naming the option."""
+    egos = {one.ego_id: one for one in own.resolved.others}
+    if strange := [ego for ego in rigs_by_ego if ego not in egos]:
+        known = ", ".join(egos) or "none"
+        raise ConfigError(
+            f"--rig {strange[0]}=…: expected the id of one of the scenario's [[egos]], which are: {known}"
+        )
+    cars = tuple(_further_plan(own, egos[ego], rigs_by_ego[ego]) for ego in sorted(rigs_by_ego))
+    for file, count in Counter(one.rig_file.resolve() for one in (own, *cars)).items():
+        if count > 1:
+            raise ConfigError(f"--rig: {file} is given for {count} cars; expected a rig of its own for each")
+    return replace(own, resolved=assembly.with_rigs(own.resolved, [one.resolved for one in cars]), further=cars)
+
+
+def _further_plan(own: DrivePlan, resolved: ResolvedScenario, rig: str) -> DrivePlan:
+    """Return the plan of a further ego's real car; raises ConfigError for what only the rig of [ego] may have."""
+    rig_file = workspace.find("rig", rig, own.working)
+    loaded = rigs.load(rig_file, own.working)
+    loaded = meaning.with_alignment_for(loaded, resolved.name)
+    alone: dict[str, object] = {
+        "brain.kind": loaded.brain.kind != "own",
+        "outputs": loaded.outputs,
+        "people": loaded.people,
+        "v2x": loaded.v2x,
+    }
+    if wrong := next((key for key, there in alone.items() if there), None):
+        raise ConfigError(
+            f"{rig_file}: {wrong}: only the rig of [ego] may have it, and this one is of another ego's car"
+        )
+    if not own.shadow and (reason := arming_obstacle(loaded, datetime.date.today())) is not None:
+        raise RigError(f"{rig_file}: {reason}; --shadow drives along with nothing enabled")
+    if (reason := hardware_obstacle(loaded)) is not None:
+        raise RigError(f"{rig_file}: {reason}")
+    try:
+        resolved = assembly.scenario_with_rig(resolved, loaded, own.working)
+    except ConfigError as error:
+        raise ConfigError(f"{own.scenario_file}: {error}") from None
+    if not own.shadow:
+        refuse_outside(resolved, own.working, delay_of(loaded))
+    return replace(
+        own, resolved=resolved, rig=loaded, rig_file=rig_file, folder=own.folder_of(resolved.ego_id), view=False
     )
 
 
 def named(plan: DrivePlan, operator: str | None, driver: str | None) -> DrivePlan:
     """Return a plan with who is at the console and who sits behind the wheel; drive time begins now."""
-    return replace(plan, operator=operator, driver=driver, t0=time.monotonic())
+    now = time.monotonic()
+    further = tuple(replace(one, operator=operator, t0=now) for one in plan.further)
+    return replace(plan, operator=operator, driver=driver, t0=now, further=further)
 
 
 def person_name(role: str, typed: str) -> str:
@@ -141,66 +199,65 @@ def _provenance(plan: DrivePlan, doctor: Mapping[str, Any], permitted: Rights) -
     return provenance.text_of(document | {"doctor": dict(doctor), "rights": permitted._asdict()})
 
 
-def run(plan: DrivePlan, doctor: Mapping[str, Any], terminal: TextIO, notify: Notify) -> dict[str, Any]:
+def run(
+    plan: DrivePlan,
+    doctor: Mapping[str, Any],
+    terminal: TextIO,
+    notify: Notify,
+    doctors: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
+) -> dict[str, Any]:
     """Drive a plan to its end and return its summary; raises VveError where it never began.
 
-    `doctor` is the doctor's last result on the rig, for the record. The console draws on `terminal` while the drive
-    goes on; messages before and after it go to `notify`.
+    `doctor` is the doctor's last result on the rig, for the record; `doctors` are those on the rigs of further egos, by
+    the egos' ids. The console draws on `terminal` while the drive goes on; messages before and after it go to `notify`.
     """
     # Raises for an unusable controller or sensor before anything is started.
-    plan.resolved.controller(plan.working)
-    sensors_of(plan.resolved)
+    for one in plan.cars:
+        one.resolved.controller(plan.working)
+        sensors_of(one.resolved)
+    grounds = {one.ego_id: lockstep_ego(one, plan.working).lot for one in plan.simulated}
     if plan.resolved.scenario.end_trigger != EndTrigger():
         notify("the scenario's [end_trigger] does not apply to a live drive: nothing lets go of a moving car")
     permitted = rights()
     if lacking := permitted.lacking():
         notify(lacking)
     with contextlib.ExitStack() as page:
-        console = _driven(plan, doctor, permitted, terminal, notify, page)
-        if console.refused is not None and not _drove(plan.folder):
+        results = {EGO: doctor, **doctors}
+        console = _driven(plan, results, permitted, terminal, notify, page, grounds)
+        if console.refused is not None and not any(_drove(one.folder) for one in plan.cars):
             raise optional_processes.error_of(console.refused)
-        summary = _summary(plan, console.why, notify)
+        others = {one.ego: _summary(one, console.why(one.ego), notify) for one in plan.further}
+        others |= {one.ego_id: _simulated_summary(plan, one, notify) for one in plan.simulated}
+        summary = _summary(plan, console.why(EGO), notify, others)
         console.processes.end_view(verdict_of(summary))
         return summary
 
 
 def _driven(
     plan: DrivePlan,
-    doctor: Mapping[str, Any],
+    doctors: Mapping[str, Mapping[str, Any]],
     permitted: Rights,
     terminal: TextIO,
     notify: Notify,
     page: contextlib.ExitStack,
+    grounds: Mapping[str, LotAlignment],
 ) -> Console:
-    """Drive a plan to its end, from the rig's lock to the end of all processes but the page's, which `page` ends."""
+    """Drive a plan to its end, from the rigs' locks to the end of all processes but the page's, which `page` ends."""
     with (
-        rig_lock(plan.rig_file, plan.rig) as locks,
+        contextlib.ExitStack() as held,
         contextlib.ExitStack() as stack,
-        OperatorInput(listen=not plan.rig.operator.automatic) as keys,
+        OperatorInput(listen=not all(one.rig.operator.automatic for one in plan.cars)) as keys,
     ):
-        scenario = plan.resolved.scenario
-        try:
-            source, car = start_simulated_vehicle.open_receiver(
-                plan.rig, plan.t0, scenario.seed, stack, plan.folder, scenario.weather.friction
-            )
-        except RigError:
-            _remove_begun(plan.folder)
-            raise
-        plan.folder.mkdir(parents=True, exist_ok=True)
-        ground = _measure_alignment(plan, source, notify)
-        scenario_content = plan.resolved.to_dict(plan.working) | ground.to_dict()
-        scenario_content |= assembly.to_dict(plan.resolved, plan.scenario_file, plan.rig_file.stem, plan.rig)
-        scenario_content["gateway"]["shadow"] = plan.shadow
-        if (stations := assembly.stations_setup(plan.resolved, plan.rig, ground)) is not None:
-            scenario_content["stations"] = stations.to_dict()
-        if any(person.pages for person in plan.resolved.people):
-            scenario_content["people_consent"] = consent.TEXT
-        scenario_content["files_sha256"] |= plugged_in.digests(plugged_in.receiver(plan.rig.pose.kind).files())
-        _write_roads(plan, notify)
-        processes = _processes(plan, scenario_content, _provenance(plan, doctor, permitted), ground, car, notify, locks)
+        locks = {one.ego: held.enter_context(rig_lock(one.rig_file, one.rig)) for one in plan.cars}
+        opened = [(one, *_opened(one, stack)) for one in plan.cars]
+        begun = [
+            _begun(one, source, car, locks[one.ego], _provenance(one, doctors[one.ego], permitted), notify)
+            for one, source, car in opened
+        ]
+        processes = _processes(plan, begun, grounds, notify)
         page.callback(_end_page, plan, processes)
         screen = Screen(terminal)
-        overridden = str(doctor.get("override", ""))
+        overridden = next((text for one in plan.cars if (text := str(doctors[one.ego].get("override", "")))), "")
         console = Console(processes, keys, screen, plan.rig.operator.automatic, overridden)
         try:
             lower_priority()
@@ -211,6 +268,66 @@ def _driven(
             processes.shutdown(EXIT_TIMEOUT)
             stack.pop_all()
     return console
+
+
+@dataclass(frozen=True, slots=True)
+class _BegunCar:
+    """A real car that has said where it stands, before any process of the drive but its own runs."""
+
+    plan: DrivePlan
+    ground: LotAlignment
+    content: dict[str, Any]  #: of its record's scenario.json
+    provenance: str
+    car: start_simulated_vehicle.SimulatedVehicleProcess | None
+    locks: tuple[int, ...]  #: of its rig
+
+    @property
+    def common(self) -> dict[str, Any]:
+        """What each of the car's processes is told."""
+        return {"folder": str(self.plan.folder), "t0": self.plan.t0, "epoch": self.ground.epoch}
+
+
+def _opened(
+    plan: DrivePlan, stack: contextlib.ExitStack
+) -> tuple[Source, start_simulated_vehicle.SimulatedVehicleProcess | None]:
+    """Open the receiver of a real car, and start the vehicle where the rig's is simulated."""
+    scenario = plan.resolved.scenario
+    try:
+        return start_simulated_vehicle.open_receiver(
+            plan.rig, plan.t0, _seed(plan), stack, plan.folder, scenario.weather.friction
+        )
+    except RigError:
+        _remove_begun(plan.folder)
+        raise
+
+
+def _seed(plan: DrivePlan) -> int:
+    """Return the seed of a simulated vehicle's noise, which the ego's id decides besides the scenario's seed."""
+    seed = plan.resolved.scenario.seed
+    return seed if plan.ego == EGO else seed + zlib.crc32(plan.ego.encode())
+
+
+def _begun(
+    plan: DrivePlan,
+    source: Source,
+    car: start_simulated_vehicle.SimulatedVehicleProcess | None,
+    locks: tuple[int, ...],
+    provenance_text: str,
+    notify: Notify,
+) -> _BegunCar:
+    """Measure where a car stands, and return all that its record's scenario.json says."""
+    plan.folder.mkdir(parents=True, exist_ok=True)
+    ground = _measure_alignment(plan, source, notify)
+    scenario_content = plan.resolved.to_dict(plan.working) | ground.to_dict()
+    scenario_content |= assembly.to_dict(plan.resolved, plan.scenario_file, plan.rig_file.stem, plan.rig)
+    scenario_content["gateway"]["shadow"] = plan.shadow
+    if (stations := assembly.stations_setup(plan.resolved, plan.rig, ground)) is not None:
+        scenario_content["stations"] = stations.to_dict()
+    if any(person.pages for person in plan.resolved.people):
+        scenario_content["people_consent"] = consent.TEXT
+    scenario_content["files_sha256"] |= plugged_in.digests(plugged_in.receiver(plan.rig.pose.kind).files())
+    _write_roads(plan.folder, plan.resolved, notify)
+    return _BegunCar(plan, ground, scenario_content, provenance_text, car, locks)
 
 
 def _remove_begun(folder: Path) -> None:
@@ -257,55 +374,49 @@ def _not_ready(plan: DrivePlan, ground: LotAlignment, notify: Notify) -> tuple[s
 
 
 def _processes(
-    plan: DrivePlan,
-    scenario_content: dict[str, Any],
-    provenance_text: str,
-    ground: LotAlignment,
-    car: start_simulated_vehicle.SimulatedVehicleProcess | None,
-    notify: Notify,
-    locks: tuple[int, ...],
+    plan: DrivePlan, begun: Sequence[_BegunCar], grounds: Mapping[str, LotAlignment], notify: Notify
 ) -> ProcessGroup:
-    """Start recorder, gateway and drive, each with only the channel ends that it needs.
+    """Start recorders, gateways and drive, each with only the channel ends that it needs.
 
-    The gateway holds the rig's `locks` too: where the console is killed, it still commands the car until it stands.
+    A gateway holds its rig's locks too: where the console is killed, it still commands the car until it stands.
+    `grounds` are those of the simulated egos, by their ids.
     """
-    console_gateway, gateway_console = pair()
     console_drive, drive_console = pair()
-    drive_gateway, gateway_drive = pair()
-    drive_recorder, recorder_drive = pair()
-    gateway_recorder, recorder_gateway = pair()
-    folder, rig = plan.folder, plan.rig
-    common = {"folder": str(folder), "t0": plan.t0, "epoch": ground.epoch}
+    first, *further = begun
     # Before the recorder: where the page or a wire cannot be opened, there is no record.
-    optional = optional_processes.start(plan, common, scenario_content, notify)
-    recorder = spawn.start(
-        "recorder",
-        common | {"resolved": scenario_content, "provenance": provenance_text, "log": str(folder / "recorder.log")},
-        {"drive": recorder_drive, "gateway": recorder_gateway},
-        own_session=True,
-    )
-    interface, channel = car.bus if car is not None and rig.bus.channel == PTY else (rig.bus.interface, rig.bus.channel)
-    bus = {"interface": interface, "channel": channel, "bitrate": rig.bus.bitrate}
-    gateway = spawn.start(
-        "gateway",
-        common | scenario_content["gateway"] | {"bus": bus, "log": str(folder / "gateway.log")},
-        {"drive": gateway_drive, "console": gateway_console, "recorder": gateway_recorder},
-        own_session=True,
-        inherited=locks,
-    )
-    drive = spawn.start(
-        "drive",
-        common
-        | {
-            "resolved": scenario_content,
-            "working": str(plan.working),
-            "not_ready": _not_ready(plan, ground, notify),
-            "log": str(folder / "drive.log"),
-        },
-        {"gateway": drive_gateway, "console": drive_console, "recorder": drive_recorder} | optional.feeds,
-        own_session=True,
-    )
-    process, to_car = (car.process, car.channel) if car is not None else (None, None)
+    optional = optional_processes.start(plan, first.common, first.content, notify)
+    recorder, gateway, console_gateway, feeds = _car_processes(first)
+    channels = feeds | {"console": drive_console}
+    more: list[FurtherProcesses] = []
+    for one in further:
+        own_recorder, own_gateway, to_gateway, feeds = _car_processes(one)
+        channels |= {f"{name}:{one.plan.ego}": end for name, end in feeds.items()}
+        car, to_car = (one.car.process, one.car.channel) if one.car is not None else (None, None)
+        automatic = one.plan.rig.operator.automatic
+        more.append(FurtherProcesses(one.plan.ego, own_recorder, own_gateway, to_gateway, automatic, car, to_car))
+    for ego in plan.simulated:
+        drive_recorder, recorder_drive = pair()
+        channels[f"recorder:{ego.ego_id}"] = drive_recorder
+        more.append(
+            FurtherProcesses(ego.ego_id, _simulated_recorder(plan, ego, grounds[ego.ego_id], recorder_drive, notify))
+        )
+    config = first.common | {
+        "resolved": first.content,
+        "working": str(plan.working),
+        "not_ready": _not_ready(plan, first.ground, notify),
+        "log": str(plan.folder / "drive.log"),
+    }
+    if further:
+        config["further_cars"] = [
+            {
+                "ego": one.plan.ego,
+                "resolved": one.content,
+                "not_ready": _not_ready(one.plan, one.ground, notify),
+            }
+            for one in further
+        ]
+    drive = spawn.start("drive", config, channels | optional.feeds, own_session=True)
+    process, to_car = (first.car.process, first.car.channel) if first.car is not None else (None, None)
     return ProcessGroup(
         gateway,
         drive,
@@ -319,15 +430,65 @@ def _processes(
         console_drive,
         to_car,
         optional.to_view,
+        tuple(more),
     )
 
 
-def _write_roads(plan: DrivePlan, notify: Notify) -> None:
+def _car_processes(
+    one: _BegunCar,
+) -> tuple[subprocess.Popen[bytes], subprocess.Popen[bytes], Channel, dict[str, Channel]]:
+    """Start a car's recorder and gateway; return both, the console's channel to the gateway, and the drive's ends."""
+    console_gateway, gateway_console = pair()
+    drive_gateway, gateway_drive = pair()
+    drive_recorder, recorder_drive = pair()
+    gateway_recorder, recorder_gateway = pair()
+    folder, rig, car = one.plan.folder, one.plan.rig, one.car
+    recorder = spawn.start(
+        "recorder",
+        one.common | {"resolved": one.content, "provenance": one.provenance, "log": str(folder / "recorder.log")},
+        {"drive": recorder_drive, "gateway": recorder_gateway},
+        own_session=True,
+    )
+    interface, channel = car.bus if car is not None and rig.bus.channel == PTY else (rig.bus.interface, rig.bus.channel)
+    bus = {"interface": interface, "channel": channel, "bitrate": rig.bus.bitrate}
+    gateway = spawn.start(
+        "gateway",
+        one.common | one.content["gateway"] | {"bus": bus, "log": str(folder / "gateway.log")},
+        {"drive": gateway_drive, "console": gateway_console, "recorder": gateway_recorder},
+        own_session=True,
+        inherited=one.locks,
+    )
+    return recorder, gateway, console_gateway, {"gateway": drive_gateway, "recorder": drive_recorder}
+
+
+def _simulated_recorder(
+    plan: DrivePlan, ego: ResolvedScenario, ground: LotAlignment, drive: Channel, notify: Notify
+) -> subprocess.Popen[bytes]:
+    """Start the recorder of a simulated ego, whose record is that of a lockstep drive."""
+    folder = plan.folder_of(ego.ego_id)
+    folder.mkdir(parents=True, exist_ok=True)
+    _write_roads(folder, ego, notify)
+    now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    return spawn.start(
+        "recorder",
+        {
+            "folder": str(folder),
+            "epoch": ground.epoch,
+            "resolved": ego.to_dict(plan.working) | ground.to_dict() | {BESIDE_LIVE: True},
+            "provenance": provenance.text_of(provenance.provenance(ego, now)),
+            "log": str(folder / "recorder.log"),
+        },
+        {"drive": drive},
+        own_session=True,
+    )
+
+
+def _write_roads(folder: Path, resolved: ResolvedScenario, notify: Notify) -> None:
     """Write the lanes around the path; a disk that is full is the recorder's to report, and stops no drive."""
     try:
-        write_roads(plan.folder, plan.resolved.lanes)
+        write_roads(folder, resolved.lanes)
     except OSError as error:
-        notify(f"{plan.folder / 'roads.parquet'} cannot be written: {error.strerror}; make room")
+        notify(f"{folder / 'roads.parquet'} cannot be written: {error.strerror}; make room")
 
 
 def _note_processes(plan: DrivePlan, processes: ProcessGroup) -> None:
@@ -337,6 +498,10 @@ def _note_processes(plan: DrivePlan, processes: ProcessGroup) -> None:
         "drive": processes.drive.pid,
         "recorder": processes.recorder.pid,
     }
+    for one in processes.further:
+        numbers[f"recorder:{one.ego}"] = one.recorder.pid
+        numbers |= {f"gateway:{one.ego}": one.gateway.pid} if one.gateway is not None else {}
+        numbers |= {f"car:{one.ego}": one.car.pid} if one.car is not None else {}
     numbers |= {"car": processes.car.pid} if processes.car is not None else {}
     numbers |= {"outputs": processes.outputs.pid} if processes.outputs is not None else {}
     numbers |= {"view": processes.view.pid} if processes.view is not None else {}
@@ -355,13 +520,44 @@ def _drove(folder: Path) -> bool:
     return any(state in ("engaged", "stopping", "stopped") for state in states)
 
 
-def _summary(plan: DrivePlan, why: tuple[str, ...], notify: Notify) -> dict[str, Any]:
-    """Complete the recorder's summary by the scenario's verdict; `why` is the gateway's last reasons at the console."""
+def _summary(
+    plan: DrivePlan,
+    why: tuple[str, ...],
+    notify: Notify,
+    others: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
+) -> dict[str, Any]:
+    """Complete the recorder's summary by the scenario's verdict; `why` is the gateway's last reasons at the console.
+
+    `others` are the summaries of further egos, by their ids.
+    """
+    extra: dict[str, Any] = {"rehearsal": True} if plan.rehearsal else {}
+    extra |= {"rig": plan.rig_file.stem, "shadow": plan.shadow, "brain": plan.rig.brain.kind}
+    if plan.rig.brain.kind != "own":
+        extra["controller"] = EXTERNAL_CONTROLLER
+    summary = _completed(plan.folder, plan.resolved, why, others) | extra
+    if plan.shadow:
+        summary = without_verdict(summary)
+    _write(plan.folder, summary, notify)
+    return summary
+
+
+def _simulated_summary(plan: DrivePlan, ego: ResolvedScenario, notify: Notify) -> dict[str, Any]:
+    """Complete the summary of a simulated ego."""
+    folder = plan.folder_of(ego.ego_id)
+    summary = _completed(folder, ego, (), {})
+    _write(folder, summary, notify)
+    return summary
+
+
+def _completed(
+    folder: Path, resolved: ResolvedScenario, why: tuple[str, ...], others: Mapping[str, Mapping[str, Any]]
+) -> dict[str, Any]:
     try:
-        summary: dict[str, Any] = json.loads((plan.folder / "summary.json").read_text(encoding="utf-8"))
+        summary: dict[str, Any] = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
         # The recorder died, or the disk is full: summarise what the record holds.
-        summary = summarise(plan.folder, {"outcome": Outcome.FAULT.value, "reasons": [*why, "record_lost"]})
+        summary = summarise(folder, {"outcome": Outcome.FAULT.value, "reasons": [*why, "record_lost"]})
+    egos = {ego: verdict_in(one) for ego, one in others.items()}
     done = DriveEnd(
         Outcome(summary["outcome"]),
         tuple(summary["reasons"]),
@@ -369,21 +565,19 @@ def _summary(plan: DrivePlan, why: tuple[str, ...], notify: Notify) -> dict[str,
         tuple(summary.get("warnings", ())),
         summary.get("text", ""),
         tuple(summary.get("removed_after_standoff", ())),
+        extra={"egos": egos} if egos else {},
     )
-    parts, own = summary.get("record_parts_sha256", {}), plan.resolved.own_metrics()
-    full = summarise_drive(plan.resolved, done, plan.folder, parts, own)
+    parts, own = summary.get("record_parts_sha256", {}), resolved.own_metrics()
+    full = summarise_drive(resolved, done, folder, parts, own)
     extra = {key: summary[key] for key in summary if key not in full and key not in ("warnings", SUMMARY_HASH_KEY)}
-    extra |= {"rehearsal": True} if plan.rehearsal else {}
-    summary = full | extra | {"rig": plan.rig_file.stem, "shadow": plan.shadow, "brain": plan.rig.brain.kind}
-    if plan.rig.brain.kind != "own":
-        summary["controller"] = EXTERNAL_CONTROLLER
-    if plan.shadow:
-        summary = without_verdict(summary)
+    return full | extra
+
+
+def _write(folder: Path, summary: dict[str, Any], notify: Notify) -> None:
     try:
-        write_summary(plan.folder, summary)
+        write_summary(folder, summary)
     except OSError as error:
-        notify(f"{plan.folder / 'summary.json'} cannot be written: {error.strerror}; make room")
-    return summary
+        notify(f"{folder / 'summary.json'} cannot be written: {error.strerror}; make room")
 
 
 @contextlib.contextmanager
@@ -393,18 +587,24 @@ def removed_when_empty(folder: Path) -> Iterator[None]:
         yield
     except VveError:
         if not (folder / "scenario.json").exists():
-            with contextlib.suppress(OSError):
-                for name in (
-                    "truth.csv",
-                    "car.log",
-                    "bus.log",
-                    "outputs.log",
-                    "people.log",
-                    "people.json",
-                    "view.log",
-                    "view.json",
-                    "roads.parquet",
-                ):
-                    (folder / name).unlink(missing_ok=True)
-                folder.rmdir()
+            for one in (*(folder / FURTHER_EGOS).glob("*"), folder / FURTHER_EGOS, folder):
+                _remove_first_files(one)
         raise
+
+
+def _remove_first_files(folder: Path) -> None:
+    """Remove what a drive writes before its record begins, and the folder where nothing else is left."""
+    with contextlib.suppress(OSError):
+        for name in (
+            "truth.csv",
+            "car.log",
+            "bus.log",
+            "outputs.log",
+            "people.log",
+            "people.json",
+            "view.log",
+            "view.json",
+            "roads.parquet",
+        ):
+            (folder / name).unlink(missing_ok=True)
+        folder.rmdir()

@@ -212,7 +212,7 @@ def transition(status: Mapping[str, Any]) -> str:
     time_s, words = status.get("time_s"), why(status)
     if len(words) > MAX_REASONS_IN_A_LINE:
         words = [*words[:MAX_REASONS_IN_A_LINE], f"and {len(words) - MAX_REASONS_IN_A_LINE} more"]
-    line = f"{_number(time_s, '8.2f')} s  {phase(status).upper()}"
+    line = f"{_number(time_s, '8.2f')} s  {_whose(status)}{phase(status).upper()}"
     return f"{line}: {'; '.join(words)}" if words else line
 
 
@@ -265,12 +265,17 @@ def doctor_overridden(reason: str) -> str:
 def _motion(status: Mapping[str, Any], fresh: bool) -> str:
     """Return the line of the car's motion; a silent drive's last speed and distances are not shown."""
     speed = status.get("speed_mps") if fresh else status.get("wheel_speed_mps")
-    parts = [phase(status).upper(), f"{_number(_times(3.6, speed), '.1f')} km/h"]
+    parts = [f"{_whose(status)}{phase(status).upper()}", f"{_number(_times(3.6, speed), '.1f')} km/h"]
     parts.append(f"{_number(status.get('to_go_m') if fresh else None, '.0f')} m to go")
     parts.append(f"ahead {_number(status.get('range_m') if fresh else None, '.1f')} m")
     if status.get("note"):
         parts.append(str(status["note"]))
     return "  ".join(parts)
+
+
+def _whose(status: Mapping[str, Any]) -> str:
+    """Return whose status this is, in a drive of several real cars; empty in that of one."""
+    return f"{status['car']}: " if status.get("car") else ""
 
 
 def _health(status: Mapping[str, Any]) -> str:

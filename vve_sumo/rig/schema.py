@@ -241,6 +241,11 @@ class Operator(Table):
     stop_can_id: Annotated[int, Field(ge=0, le=0x7FF)] | None = Field(
         default=None, description="a frame with this identifier on the car's bus asks for a stop"
     )
+    when_another_car_stops: Literal["stop", "go_on"] = Field(
+        default="stop",
+        description="in a drive of several real cars, what this one does where another one is stopped, is no longer "
+        "engaged, or has lost its gateway",
+    )
 
 
 class RigView(Table):
