@@ -259,7 +259,7 @@ class LockstepEgo:
         self._take(self._car.step(until, ticked.output.frames))
 
     def drive_alone(self, until: float) -> None:
-        """Let the simulated vehicle drive to a drive time [s] by the newest frames, if any, and take in what it sent."""
+        """Let the simulated vehicle drive to a drive time [s] by the newest frames, and take in what it sent."""
         self._take(self._car.step(until, self._bus.frames))
 
     def step_alone(self, now: float) -> None:
@@ -441,7 +441,7 @@ class _Bus:
         self._reports = [frame for _time, frame in reports]
 
     def faults(self) -> tuple[str, ...]:
-        """Return what holds the ego, or the external controller's faults; any other failure of this shell ends the drive.
+        """Return what holds the ego, or the brain's faults; any other failure of this shell ends the drive.
 
         Raises RigError where the brain is not there.
         """

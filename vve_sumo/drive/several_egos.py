@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from vve_sumo.drive.resolved_scenario import ResolvedScenario
 
 
+#: key of a record's scenario.json: its ego was simulated beside the real car of a live drive
+BESIDE_LIVE = "beside_live_car"
+
+
 def require_one_ego(resolved: ResolvedScenario, why: str) -> None:
     """Raise ConfigError, with the reason `why`, for a scenario with several egos."""
     if resolved.others:

@@ -17,7 +17,7 @@ from typing import Any, Final
 import pyarrow as pa
 
 from vve_sumo.drive import provenance
-from vve_sumo.drive.several_egos import recorded_ego
+from vve_sumo.drive.several_egos import BESIDE_LIVE, recorded_ego
 from vve_sumo.drive.snapshots import NO_ACTORS, snapshots
 from vve_sumo.drive.standstill_cause import DeclaredBodies, StandstillClassifier
 from vve_sumo.drive.summary import EXTERNAL_CONTROLLER, summary_of, without_verdict
@@ -171,6 +171,10 @@ def _ending(folder: Path, resolved: dict[str, Any], recorded: RecordedDrive, sum
         # The key is absent where the recorder was lost during the drive: its rows lack the end and its reasons.
         if "record_broken" in summary:
             yield from _live_ending(outcome, reasons, ticks, read_table(folder, "gateway"))
+    elif resolved.get(BESIDE_LIVE):
+        # When the car of [ego] went, and when its drive was over, only that car's record says.
+        if (outcome is Outcome.CONTACT) != any(ticks["contacts"].to_pylist()):
+            yield f"outcome is {outcome}, the ticks show another thing of contacts"
     elif "pose" in resolved["files_sha256"]:
         if outcome not in (Outcome.PLAYED, Outcome.INTERRUPTED, Outcome.BROKEN):
             yield f"outcome is {outcome}, of a playback"

@@ -38,6 +38,8 @@ from vve_sumo.vehicle.arming import COMMANDING, DRIVER_REASONS, ENDING, WAITING
 
 #: a gateway that has said nothing for so long is frozen [s]; an external controller's sensors then turn invalid
 GATEWAY_SILENCE: Final = 0.07
+#: the gateway's reasons while an engaged car may not move yet
+NOT_YET: Final = frozenset({"engaging", "shifting", WAITING})
 #: reason codes of another car that this one can no longer count on: nobody commands it, or its gateway stopped it
 GONE, STOPPED = "other_car_gone", "other_car_stopped"
 
@@ -99,6 +101,7 @@ class LiveCar:
         self._calm = JitterWait() if rig.car == "simulated" else None
         self._gateway_late = 0.0  # of its steps since the last tick, the worst [s]
         self._go_time: float | None = None
+        self.goes = False  #: whether the operator's go has let the car move
         self.outcome: Outcome | None = None
         self._let_go = False  # the gateway has parked the car, or disarmed
         self._stop_reasons: tuple[str, ...] = ()  # the gateway's, which it no longer reports once it has let go
@@ -311,6 +314,7 @@ class LiveCar:
         """Find the car's outcome; its duration counts from the operator's go."""
         result, status = done.result, done.status
         self._let_go |= self._has_engaged and status.state is ArmingState.DISARMED
+        self.goes |= status.state is ArmingState.ENGAGED and NOT_YET.isdisjoint(status.reasons)
         if status.state in ENDING and not self._let_go:
             # A fault after the car was parked is none of the drive's.
             self._stop_reasons = status.reasons

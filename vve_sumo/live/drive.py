@@ -280,6 +280,7 @@ class LiveDrive:
         """Let actors and simulated egos begin once the car of [ego] goes."""
         if self._first.go_time is not None:
             self._road.start_actors()
+        if self._first.goes:
             for ego in self._simulated:
                 ego.go(now)
 

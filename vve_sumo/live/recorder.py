@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
+from vve_sumo.drive.several_egos import BESIDE_LIVE
 from vve_sumo.live import signals
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.priority import OOM_RECORDER, lower_priority, set_oom_score
@@ -22,7 +23,7 @@ from vve_sumo.messages import MalformedMessage
 from vve_sumo.record.layout import PROVENANCE
 from vve_sumo.record.signals import files_of
 from vve_sumo.record.summary import write_summary
-from vve_sumo.record.writer import LiveRecord
+from vve_sumo.record.writer import LiveRecord, SimulatedEgoRecord
 from vve_sumo.values import SignalChange
 
 #: between two writes [s]; a kill loses at most the last 0.2 s, messages on their way included
@@ -94,7 +95,8 @@ def main() -> None:
     set_oom_score(OOM_RECORDER)
     lower_priority()
     config, channels = receive_config()
-    record = LiveRecord(Path(config["folder"]), config["resolved"], config["epoch"])
+    kind = SimulatedEgoRecord if config["resolved"].get(BESIDE_LIVE) else LiveRecord
+    record = kind(Path(config["folder"]), config["resolved"], config["epoch"])
     record.attach(PROVENANCE, config["provenance"])
     recorder = Recorder(record, list(channels.values()))
     recorder.run()

@@ -24,6 +24,7 @@ from vve_sumo.drive.assembly import LotAlignment, sensors_of
 from vve_sumo.drive.gain_region import delay_of, refuse_outside
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.run import new_run_folder, resolve_by_name, verdict_in
+from vve_sumo.drive.several_egos import BESIDE_LIVE
 from vve_sumo.drive.summary import EXTERNAL_CONTROLLER, without_verdict
 from vve_sumo.drive.summary import summarise as summarise_drive
 from vve_sumo.drive.termination import DriveEnd, Outcome
@@ -40,7 +41,7 @@ from vve_sumo.live.plan import DrivePlan
 from vve_sumo.live.priority import Rights, lower_priority, rights
 from vve_sumo.live.rehearsal import rehearsed
 from vve_sumo.live.screen import Screen
-from vve_sumo.live.simulated_ego import BESIDE_LIVE, lockstep_ego
+from vve_sumo.live.simulated_ego import lockstep_ego
 from vve_sumo.live.summary import summarise
 from vve_sumo.live.view_token import certificate_of, token_of
 from vve_sumo.live.virtual_can import hardware_obstacle

@@ -20,8 +20,6 @@ from vve_sumo.live.recorder_client import RecorderClient
 from vve_sumo.plant.car import STEPS_PER_SECOND
 from vve_sumo.plant.receiver import unaltered
 
-#: key of a record's scenario.json: its ego was simulated beside the real car of a live drive
-BESIDE_LIVE: Final = "beside_live_car"
 #: reason code that keeps the ego from driving until the car of [ego] goes
 WAITS: Final = "first_car_waits"
 #: outcomes of the car of [ego] with which its drive has come to its end

@@ -533,6 +533,12 @@ class LiveRecord(RecordWriter):
         return hash_parts(self.folder)
 
 
+class SimulatedEgoRecord(LiveRecord):
+    """Records a simulated ego of a live drive, with the tables of a lockstep drive."""
+
+    schemas = SCHEMAS
+
+
 def claim(folder: Path) -> None:
     """Raise ConfigError unless a record can be opened in `folder`, which must be absent or an empty folder."""
     if folder.exists() and not folder.is_dir():
