@@ -77,6 +77,9 @@ class _CarInputs:
 
     def __getitem__(self, ego: str, /) -> CarInput:
         if (car := self._cars.get(ego)) is not None:
+            if ego != EGO:
+                # The tick begins with the fix of the car of [ego]; that of another car may have come since then.
+                car.take_newest()
             return car.input()
         return self._simulated[ego].drive_to(self._due)
 
