@@ -204,17 +204,29 @@ def test_a_rolling_start_that_cannot_be_names_the_ego() -> None:
 
 
 @pytest.mark.thorough
-def test_live_drives_and_playbacks_are_refused_in_one_line(tmp_path: Path) -> None:
+def test_playbacks_and_wrong_rigs_of_live_drives_are_refused_in_one_line(tmp_path: Path) -> None:
     from vve_sumo.drive.run import run
     from vve_sumo.live import session
+
+    def planned(egos: str, further: dict[str, str]) -> str:
+        (tmp_path / "two.toml").write_text(f"{text}\n[[egos]]\n{egos}\n", encoding="utf-8")
+        file, asked = str(tmp_path / "two.toml"), {"out": tmp_path / "live", "seed": None, "controller": None}
+        return message(
+            lambda: session.plan(file, "simulated", REPOSITORY, shadow=False, further=further, **asked)  # type: ignore[arg-type]
+        )
 
     resolved = altered({"road.demand": [], "egos": [{"id": "away", "path": "linden_loop"}]})
     said = message(lambda: run(resolved, tmp_path / "r", REPOSITORY, pose=tmp_path / "p.csv"))
     assert "egos: a recorded drive has the poses of one car; take [[egos]] out" in said
     text = (REPOSITORY / "scenarios" / "parked_car.toml").read_text(encoding="utf-8")
-    (tmp_path / "two.toml").write_text(f'{text}\n[[egos]]\nid = "away"\npath = "linden_loop"\n', encoding="utf-8")
-    file, asked = str(tmp_path / "two.toml"), {"out": tmp_path / "live", "seed": None, "controller": None}
-    said = message(lambda: session.plan(file, "simulated", REPOSITORY, shadow=False, **asked))  # type: ignore[arg-type]
-    assert "two.toml: egos: a live drive has one real car" in said
-    assert "\n" not in said
+    away, external = 'id = "away"\npath = "linden_loop"', str(REPOSITORY / "rigs" / "foreign.toml")
+    for egos, further, why in (
+        (away, {"third": "simulated"}, "--rig third=…: expected the id of one of the scenario's [[egos]]"),
+        (away, {"away": "simulated"}, "simulated.toml is given for 2 cars; expected a rig of its own for each"),
+        (away, {"away": external}, "only the rig of [ego] may have it"),
+        (f"{away}\ninitial_speed_mps = 5.0", {}, "egos.away.initial_speed_mps: a drive with a rig starts from rest"),
+    ):
+        said = planned(egos, further)
+        assert why in said
+        assert "\n" not in said
     assert not (tmp_path / "live").exists()

@@ -156,12 +156,12 @@ class Outcome:
 class TwoCars:
     """One drive of two real cars, or, not `both`, of a real one and a simulated ego."""
 
-    def __init__(self, part: str, folder: Path, *, both: bool = True) -> None:
-        """Write scenario and rigs into `folder`, which is made."""
+    def __init__(self, part: str, folder: Path, *, both: bool = True, duration: float = 60.0) -> None:
+        """Write scenario and rigs into `folder`, which is made; without a `part` the drive ends after its duration."""
         folder.mkdir(parents=True)
         self.part, self.folder, self.record = part, folder, folder / "record"
         self._both = both
-        (folder / "two.toml").write_text(SCENARIO)
+        (folder / "two.toml").write_text(SCENARIO.replace("duration_s = 60.0", f"duration_s = {duration}"))
         (folder / "ahead.csv").write_text(path_ahead(AHEAD))
         for car, port in zip(CARS, free_ports(2), strict=True):
             (folder / f"{car}.toml").write_text(rig(port, lost=part == named("receiver", car)))

@@ -25,6 +25,7 @@ from vve_sumo.live.brain_link import ChannelLink
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.jitter_wait import JitterWait, gateway_lateness
 from vve_sumo.live.latency_monitor import LatencyMonitor
+from vve_sumo.live.other_cars import lost_reason
 from vve_sumo.live.recorder_client import RecorderClient
 from vve_sumo.live.road import LiveRoad
 from vve_sumo.live.tick_scheduler import ScheduledTick
@@ -40,8 +41,6 @@ from vve_sumo.vehicle.arming import COMMANDING, DRIVER_REASONS, ENDING, WAITING
 GATEWAY_SILENCE: Final = 0.07
 #: the gateway's reasons while an engaged car may not move yet
 NOT_YET: Final = frozenset({"engaging", "shifting", WAITING})
-#: reason codes of another car that this one can no longer count on: nobody commands it, or its gateway stopped it
-GONE, STOPPED = "other_car_gone", "other_car_stopped"
 
 _NO_STATUS: Final = GatewayStatus(ArmingState.DISARMED, (), 0.0, 0.0, (), 0.0, 0.0)
 
@@ -308,9 +307,8 @@ class LiveCar:
 
     def lost(self) -> str:
         """Return the reason code for which no other car can count on this one any more; empty while it can."""
-        if self.gateway.closed or self._gateway_is_silent():
-            return GONE
-        return STOPPED if self._has_engaged and self.state is not ArmingState.ENGAGED else ""
+        gone = self.gateway.closed or self._gateway_is_silent()
+        return lost_reason(gone, self._has_engaged, self.state)
 
     def stop_reasons(self) -> tuple[str, ...]:
         """Return why the gateway stopped the car; empty while it has not."""

@@ -224,7 +224,7 @@ class Console:
             waiting = []
         early = next((car for car in self.cars if self._is_early(command, car)), None)
         if command in _KEYS and not waiting and early is not None:
-            self._screen.say(answer(_KEYS[command], early.status))
+            self._screen.say(self._answer(command, early))
         if self._engaged and not waiting:
             command = KeyCommand.STOP
         if command is KeyCommand.STOP:
@@ -232,6 +232,13 @@ class Console:
         elif command is KeyCommand.RESET or waiting:
             for car in waiting or self.cars:
                 car.give(_ACTS[command])
+
+    def _answer(self, command: KeyCommand, early: CarConsole) -> str:
+        """Return the line that answers a key that comes too early for a car."""
+        missing = [car.ego for car in self.cars if not car.waits_for(KeyCommand.GO)]
+        if command is KeyCommand.GO and self._engaged and len(self.cars) > 1 and missing:
+            return f"  g came too early and stops the drive: {', '.join(missing)} is not engaged and held"
+        return answer(_KEYS[command], early.status)
 
     def _all_may_go(self) -> bool:
         """Whether no car is left that is not engaged: one that goes alone would drive where another is expected."""
@@ -249,8 +256,6 @@ class Console:
         """Whether to answer that this command comes too early; once the car goes, every key is a stop instead."""
         if not self._engaged:
             return not self._over and not car.waits_for(command)
-        if len(self.cars) > 1 and command is KeyCommand.GO and car.state is not ArmingState.ENGAGED:
-            return not any(one.status["went"] for one in self.cars)
         return command is KeyCommand.GO and car.state is ArmingState.ENGAGED and not car.status["went"]
 
     def _answer_itself(self, car: CarConsole, command: OperatorCommand) -> None:

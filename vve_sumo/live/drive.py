@@ -25,7 +25,6 @@ from typing import Any, Final
 from vve_sumo.drive.assembly import LotAlignment
 from vve_sumo.drive.brain import ExternalController, external_controller
 from vve_sumo.drive.people_on_road import PeopleOnRoad
-from vve_sumo.drive.reasons import in_words
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.stations_on_road import StationsOnRoad
 from vve_sumo.drive.tick import CarInput, CompletedTick, DueTick, Tick
@@ -38,6 +37,7 @@ from vve_sumo.live.assembly import from_dict, pipeline_of, with_rigs
 from vve_sumo.live.brain_link import ChannelLink, key_of, open_setpoints, tells_own, tells_signals, wired_sensors
 from vve_sumo.live.car import CarParts, LiveCar
 from vve_sumo.live.channel import Channel
+from vve_sumo.live.other_cars import OtherCars
 from vve_sumo.live.people_link import PeopleFeed
 from vve_sumo.live.priority import DRIVE_NICE, DRIVE_PRIORITY, OOM_DRIVE, RealTimeSection, raise_priority, set_oom_score
 from vve_sumo.live.recorder_client import RecorderClient
@@ -116,8 +116,11 @@ class LiveDrive:
         self._urgent = RealTimeSection(DRIVE_PRIORITY)
         self._cars = self._opened([first, *further])
         self._first = self._cars[0]
+        self._others = OtherCars(self._cars, self._say)
         self._tick = Tick(
-            [*(car.tick for car in self._cars), *(ego.begin() for ego in self._simulated)], self._road, self._clock
+            [*(car.tick for car in self._cars), *(ego.begin(self._road) for ego in self._simulated)],
+            self._road,
+            self._clock,
         )
         self._scheduler = TickScheduler(self._clock(), PERIOD, rig.latency.deadline_ms / 1000.0)
         self._woken = math.nan
@@ -260,7 +263,7 @@ class LiveDrive:
             car.watch_for_the_end(begun.due, all_done[car.id])
         self._begin_road(begun.due)
         for ego in self._simulated:
-            ego.ticked(all_done[ego.id], begun.due, self._road.around[ego.id])
+            ego.ticked(all_done[ego.id], begun.due)
         for recorder in self._recorders():
             recorder.flush()
         self._send_status(begun, all_done)
@@ -301,24 +304,7 @@ class LiveDrive:
             found += ("people_gone",)
         if self._stations_feed is not None and self._stations_feed.closed:
             found += ("stations_gone",)
-        return found + self._of_others(place) if len(self._cars) > 1 else found
-
-    def _of_others(self, place: int) -> tuple[str, ...]:
-        """Tell a car of those that it can no longer count on; return the reason codes for which it stops.
-
-        Once every car has its outcome the drive is over, and each lets go of its car when it is parked.
-        """
-        if all(car.outcome is not None for car in self._cars):
-            return ()
-        told, codes = self._cars[place], dict[str, None]()
-        for other in self._cars:
-            if other is told or not (code := other.lost()):
-                continue
-            codes[code] = None
-            if other.id not in told.told:
-                told.told[other.id] = {"code": code, "time_s": self._clock(), "reasons": list(other.stop_reasons())}
-                self._say(f"{told.id}: {in_words(code)} ({other.id})")
-        return tuple(codes) if told.stops_with_others else ()
+        return found + self._others.codes(place, self._clock()) if len(self._cars) > 1 else found
 
     def _say(self, line: str) -> None:
         self._console.send(messages.encode(messages.Notice(line)))
@@ -358,7 +344,7 @@ class LiveDrive:
         for car in self._cars:
             car.end()
         for ego in self._simulated:
-            ego.close(self._first.outcome, self._road.around[ego.id])
+            ego.close(self._first.outcome)
         self._tick.finish()
         deadline = time.monotonic() + RECORDER_TIMEOUT
         for recorder in self._recorders():

@@ -18,7 +18,7 @@ from vve_sumo.live.channel import Channel
 from vve_sumo.live.priority import OOM_RECORDER, lower_priority, set_oom_score
 from vve_sumo.live.recorder_client import RECORD, RecordBatch
 from vve_sumo.live.spawn import receive_config
-from vve_sumo.live.summary import summarise
+from vve_sumo.live.summary import summarise, summarise_simulated
 from vve_sumo.messages import MalformedMessage
 from vve_sumo.record.layout import PROVENANCE
 from vve_sumo.record.signals import files_of
@@ -95,12 +95,14 @@ def main() -> None:
     set_oom_score(OOM_RECORDER)
     lower_priority()
     config, channels = receive_config()
-    kind = SimulatedEgoRecord if config["resolved"].get(BESIDE_LIVE) else LiveRecord
-    record = kind(Path(config["folder"]), config["resolved"], config["epoch"])
+    simulated = config["resolved"].get(BESIDE_LIVE)
+    record = (SimulatedEgoRecord if simulated else LiveRecord)(
+        Path(config["folder"]), config["resolved"], config["epoch"]
+    )
     record.attach(PROVENANCE, config["provenance"])
     recorder = Recorder(record, list(channels.values()))
     recorder.run()
-    finish(record, recorder.ended, summarise)
+    finish(record, recorder.ended, summarise_simulated if simulated else summarise)
 
 
 if __name__ == "__main__":

@@ -15,8 +15,8 @@ from vve_sumo.drive.lockstep import lone_steps as skipped
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.termination import Outcome
 from vve_sumo.drive.tick import CarInput, CompletedTick, DueTick, EgoTick
-from vve_sumo.drive.virtual_road import EgoSurroundings
 from vve_sumo.live.recorder_client import RecorderClient
+from vve_sumo.live.road import LiveRoad
 from vve_sumo.plant.car import STEPS_PER_SECOND
 from vve_sumo.plant.receiver import unaltered
 
@@ -45,9 +45,11 @@ class SimulatedEgo:
         self._before: DueTick | None = None
         self._began: float | None = None  # when the car of [ego] went [s]
         self._outcome: Outcome | None = None
+        self._road: LiveRoad
 
-    def begin(self) -> EgoTick:
-        """Return what runs the ego's part of every tick."""
+    def begin(self, road: LiveRoad) -> EgoTick:
+        """Return what runs the ego's part of every tick, on a road."""
+        self._road = road
         return self._ego.begin(self.recorder)
 
     def drive_to(self, due: DueTick) -> CarInput:
@@ -65,29 +67,37 @@ class SimulatedEgo:
         if self._began is None:
             self._began, self._ego.held = now, ()
 
-    def ticked(self, done: CompletedTick, now: float, around: EgoSurroundings) -> None:
+    def ticked(self, done: CompletedTick, now: float) -> None:
         """Take a completed tick, and find out whether the ego's drive is over."""
         if self._began is None or self._outcome is not None:
             return
         driven = now - self._began
-        ticked = self._ego.ticked(done)
+        ticked, around = self._ego.ticked(done), self._road.around[self.id]
         if (end := self._ego.end(driven, ticked, bool(around.contacts), False, driven > self._duration)) is not None:
-            self._close(*end, around)
+            self._close(*end)
             self._ego.finish(around)
 
-    def close(self, of_first: Outcome | None, around: EgoSurroundings) -> None:
+    def close(self, of_first: Outcome | None) -> None:
         """End the ego's drive with that of the car of [ego], which ended like `of_first`, unless it was over before."""
         if self._outcome is None:
             whole = of_first in _WHOLE
-            self._close(Outcome.COMPLETED if whole else Outcome.INTERRUPTED, ("live_drive_over",), around)
+            self._close(Outcome.COMPLETED if whole else Outcome.INTERRUPTED, ("live_drive_over",))
 
-    def _close(self, outcome: Outcome, reasons: tuple[str, ...], around: EgoSurroundings) -> None:
+    def _close(self, outcome: Outcome, reasons: tuple[str, ...]) -> None:
         self._outcome = outcome
-        self.recorder.ended(self._summary(outcome, reasons, around))
+        self.recorder.ended(self._summary(outcome, reasons))
 
-    def _summary(self, outcome: Outcome, reasons: tuple[str, ...], around: EgoSurroundings) -> dict[str, Any]:
-        text = self._ego.pipeline.failure or self._ego.gateway.interface_error or around.detail
-        return {"outcome": outcome.value, "reasons": list(reasons), "text": text}
+    def _summary(self, outcome: Outcome, reasons: tuple[str, ...]) -> dict[str, Any]:
+        road = self._road
+        return {
+            "outcome": outcome.value,
+            "reasons": list(reasons),
+            "signals": road.signals,
+            "removed_at_entry": list(road.removed_at_entry),
+            "removed_after_standoff": list(road.removed_after_standoff),
+            "warnings": list(road.warnings),
+            "text": self._ego.pipeline.failure or self._ego.gateway.interface_error or road.around[self.id].detail,
+        }
 
 
 def _step_before(time: float) -> float:
