@@ -38,7 +38,7 @@ examples:
   vve-sumo drive --pose drive.csv               a recorded drive through the same pipeline; no car is commanded
   vve-sumo drive --rig simulated                live, with the simulated vehicle as a process of its own
   vve-sumo drive --rig simulated --view         the same with a page in a browser, which has a stop button
-  vve-sumo drive two_cars --rig a.toml --rig second=b.toml   live, two real cars in two lots on one street
+  vve-sumo drive mine.toml --rig a --rig second=b   live, two real cars in two lots on one street (docs/live.md)
   vve-sumo drive parked_car --rig rigs/ours.toml --rehearse   live, the real car's rig on simulated wires
   vve-sumo drive parked_car --rig rigs/ours.toml --shadow   live, with every enable bit off
 

@@ -1,8 +1,8 @@
 """Tells each real car of a live drive when it can no longer count on another one.
 
 A car that is stopped, let go of, or lost with its gateway stands, or rolls to rest, somewhere on the virtual road.
-Where its receiver is lost too, nobody knows where. So by default every other car comes to rest in comfort. It never goes on
-by itself: a stop ends the drive. Knows states; no channel, no road and no clock.
+Where its receiver is lost too, nobody knows where. So by default every other car comes to rest in comfort. It never
+goes on by itself: a stop ends the drive. Knows states; no channel, no road and no clock.
 """
 
 from __future__ import annotations
