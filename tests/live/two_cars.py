@@ -144,6 +144,9 @@ class Outcome:
             lines.append(f"{car} drove {way:.2f} m, bound {bound:.2f} m")
         steps = rows(self.folder(car), "gateway")
         states = [step["state"] for step in steps]
+        before = [step["state"] for step in steps if step["time_s"] <= self.moment]
+        if before[-1:] != ["engaged"]:
+            lines.append(f"{car} was {before[-1:]} when the part was lost")
         left = next((place for place, state in enumerate(states) if state == "stopping"), len(states))
         if "engaged" in states[left:]:
             lines.append(f"{car} was engaged again")

@@ -28,12 +28,12 @@ from vve_sumo.live.latency_monitor import LatencyMonitor
 from vve_sumo.live.other_cars import lost_reason
 from vve_sumo.live.recorder_client import RecorderClient
 from vve_sumo.live.road import LiveRoad
-from vve_sumo.live.tick_scheduler import ScheduledTick
+from vve_sumo.live.tick_scheduler import DEADLINE, ScheduledTick
 from vve_sumo.live.view_feed import SampleContext
 from vve_sumo.people.person import PersonState
 from vve_sumo.record.rows import LatencyRow
 from vve_sumo.rig.schema import Rig
-from vve_sumo.values import ArmingState, GatewayStatus, Setpoint, newest_scan
+from vve_sumo.values import EGO, ArmingState, GatewayStatus, Setpoint, newest_scan
 from vve_sumo.vehicle import link
 from vve_sumo.vehicle.arming import COMMANDING, DRIVER_REASONS, ENDING, WAITING
 
@@ -228,7 +228,8 @@ class LiveCar:
             handed_s=self._handed,
             framed_s=math.nan,
             simulated_s=self._clock(),
-            woken_by=begun.woken_by,
+            # A fix of another car than that of [ego] wakes no tick: its latency counts from the tick's wake-up.
+            woken_by=begun.woken_by if self.id == EGO else DEADLINE,
             missed=begun.missed,
         )
         self._latency_faults = self.latency.step(row)

@@ -49,13 +49,16 @@ LATENCIES_KEPT: Final = 50
 INTERVALS_KEPT: Final = 9  #: intervals between fixes, whose median is taken as the stream's interval
 
 
+DEADLINE: Final = "deadline"  #: what a tick is woken by that waited for its fix in vain
+
+
 class ScheduledTick(NamedTuple):
     """A tick that begins now."""
 
     tick: int  #: number of the tick: the last tick's plus 1 plus `missed`
     due: float  #: nominal time of the tick [s], never later than now: the time of its pose and setpoint
     awaited: float  #: when it could have begun [s]: its fix had come, or was no longer waited for
-    woken_by: str  #: "datagram", or "deadline" where the due fix did not come
+    woken_by: str  #: "datagram", or DEADLINE where the due fix did not come
     missed: int  #: ticks skipped just before this one
     catch_up: int  #: extra steps of the virtual road before the ego is placed for the next tick
     faults: tuple[str, ...]  #: "overrun", or nothing
@@ -120,7 +123,7 @@ class TickScheduler:
     def begin(self, now: float) -> ScheduledTick:
         """Begin the next tick at `now`, not before `wait_until()`."""
         here = self._due_fix_is_here()
-        by = "datagram" if here else "deadline"
+        by = "datagram" if here else DEADLINE
         awaited = max(self.wait_until(), self._received) if here else self.wait_until()
         missed = max(0, math.floor((now - self.next_due) / self._period))
         self._late.append(missed > 0)
