@@ -8,6 +8,7 @@ that is older than 0.3 s it does not drive: it says nothing, and the gateway sto
 
 import math
 import sys
+from collections.abc import Callable
 
 import numpy as np
 import rclpy
@@ -17,7 +18,8 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import PointCloud2
 
-BUMPER, HALF_WIDTH, GAP, MAX_AGE = 3.84, 1.3, 5.0, 0.3  # [m], [m], [m], [s]
+BUMPER, HALF_WIDTH, MAX_AGE = 3.84, 1.3, 0.3  # [m], [m], [s]
+GAP = 6.6  # [m], 1.6 of which pass while the car comes to the speeds that it is told
 BRAKING, SLOWING, SIDEWAYS = 1.8, 1.0, 1.2  # [m/s2]: for what stands, before bends, in bends
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -68,8 +70,13 @@ def seconds(stamp) -> float:
     return stamp.sec + 1e-9 * stamp.nanosec
 
 
-rclpy.init()
-try:
-    rclpy.spin(FollowAndStop(float(sys.argv[1]) if len(sys.argv) > 1 else 11.176))
-except (KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
-    pass  # it was told to end
+def spin(make: Callable[[], Node]) -> None:
+    rclpy.init()
+    try:
+        rclpy.spin(make())
+    except (KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
+        pass  # it was told to end
+
+
+if __name__ == "__main__":
+    spin(lambda: FollowAndStop(float(sys.argv[1]) if len(sys.argv) > 1 else 11.176))

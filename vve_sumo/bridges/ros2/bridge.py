@@ -15,8 +15,8 @@ from typing import Any, Final
 import numpy as np
 
 from vve_sumo.bridges.ros2.commands import Answers, Beat, Command, command_of
-from vve_sumo.frames import MapFrame, Mounting
 from vve_sumo.drive.brain import virtual_placement
+from vve_sumo.frames import MapFrame, Mounting
 from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
 from vve_sumo.path import ReferencePath
 from vve_sumo.pose.ncom import Decoder
@@ -28,20 +28,6 @@ from vve_sumo.wire.sample import MAX_SCAN_AGE
 from vve_sumo.wire.scene import Scene, decode_scene
 from vve_sumo.wire.signature import signed, without_tag
 
-#: topics and types of what goes out; the last message of a latched one is given to who comes later
-TOPICS: Final[Mapping[str, str]] = {
-    "/clock": "rosgraph_msgs/msg/Clock",
-    "/tf": "tf2_msgs/msg/TFMessage",
-    "/tf_static": "tf2_msgs/msg/TFMessage",
-    "/path": "nav_msgs/msg/Path",
-    "/fix": "sensor_msgs/msg/NavSatFix",
-    "/imu": "sensor_msgs/msg/Imu",
-    "/radar/points": "sensor_msgs/msg/PointCloud2",
-    "/bodies": "visualization_msgs/msg/MarkerArray",
-    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
-    "/odom": "nav_msgs/msg/Odometry",
-}
-LATCHED: Final = frozenset({"/tf_static", "/path"})
 #: topic and type of the commands, by `ros2.commands` of a rig
 COMMANDS: Final = {
     "twist_stamped": ("/cmd_vel", "geometry_msgs/msg/TwistStamped"),

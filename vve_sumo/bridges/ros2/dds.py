@@ -68,9 +68,8 @@ class Dds:
 
     def advertise(self, name: str, kind: str, *, latched: bool = False) -> None:
         """Make a publisher of a type on a topic such as `/odom`; a `latched` one gives its last to who comes later."""
-        quality = self._quality(latched)
-        topic = self._topic.Topic(self._participant, "rt" + name, self._type(kind), qos=quality)
-        self._writers[name] = self._pub.DataWriter(self._participant, topic, qos=quality)
+        topic = self._topic.Topic(self._participant, "rt" + name, self._type(kind))
+        self._writers[name] = self._pub.DataWriter(self._participant, topic, qos=self._quality(latched))
 
     def publish(self, name: str, message: Any) -> None:
         """Send a message on an advertised topic; never waits, and counts what could not be sent."""
@@ -84,7 +83,7 @@ class Dds:
 
     def subscribe(self, name: str, kind: str) -> None:
         """Make a subscription; what comes wakes `fileno` and waits for `heard`."""
-        quality, awake = self._quality(latched=False), self._awake
+        awake = self._awake
 
         class _Waker(self._listener):  # type: ignore[misc, name-defined]
             def on_data_available(self, _reader: Any) -> None:
@@ -93,8 +92,10 @@ class Dds:
                 except BlockingIOError:
                     pass  # it is awake
 
-        topic = self._topic.Topic(self._participant, "rt" + name, self._type(kind), qos=quality)
-        reader = self._sub.DataReader(self._participant, topic, qos=quality, listener=_Waker())
+        topic = self._topic.Topic(self._participant, "rt" + name, self._type(kind))
+        reader = self._sub.DataReader(
+            self._participant, topic, qos=self._quality(latched=False), listener=_Waker()
+        )
         self._readers.append(reader)
 
     def heard(self) -> list[Heard]:

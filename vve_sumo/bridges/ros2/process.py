@@ -15,12 +15,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
-from vve_sumo.bridges.ros2.bridge import COMMANDS, LATCHED, TOPICS, Bridge, Installation
+from vve_sumo.bridges.ros2.bridge import COMMANDS, Bridge, Installation
 from vve_sumo.bridges.ros2.dds import Dds
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.errors import ConfigError, RigError
 from vve_sumo.live.brain_link import key_of
 from vve_sumo.rig.schema import Rig
+from vve_sumo.wire.ros2.messages import LATCHED, TOPICS
 
 #: largest datagram [bytes]
 LONGEST: Final = 65_535

@@ -19,6 +19,20 @@ from vve_sumo.pose.nmea_encoder import LEAP_SECONDS
 from vve_sumo.values import Actors, Fix, FixQuality, Floats, Pose
 from vve_sumo.wire.ros2.types import make
 
+#: topics and types of what goes out; the last message of a latched one is given to who comes later
+TOPICS: Final[Mapping[str, str]] = {
+    "/clock": "rosgraph_msgs/msg/Clock",
+    "/tf": "tf2_msgs/msg/TFMessage",
+    "/tf_static": "tf2_msgs/msg/TFMessage",
+    "/path": "nav_msgs/msg/Path",
+    "/fix": "sensor_msgs/msg/NavSatFix",
+    "/imu": "sensor_msgs/msg/Imu",
+    "/radar/points": "sensor_msgs/msg/PointCloud2",
+    "/bodies": "visualization_msgs/msg/MarkerArray",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    "/odom": "nav_msgs/msg/Odometry",
+}
+LATCHED: Final = frozenset({"/tf_static", "/path"})
 MAP, ODOM, BASE, RADAR, GNSS = "map", "odom", "base_link", "radar", "gnss"
 #: of GNSS time 0, 1980-01-06, as Unix time [s]
 GNSS_EPOCH: Final = 315_964_800
