@@ -58,6 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     from vve_sumo import workspace
     from vve_sumo.bridges.ros2.process import BridgeProcess, Node
     from vve_sumo.drive.run import resolve_by_name
+    from vve_sumo.live.priority import DRIVE_NICE, raise_priority
     from vve_sumo.rig.load import load
 
     working = Path.cwd()
@@ -70,6 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda got, _frame: ended.append(got))
     bridge = BridgeProcess(rig, resolved, working)
+    raise_priority(DRIVE_NICE)  # of the node, too: a setpoint that comes late stops the car
     try:
         notify(f"ros2: domain {rig.ros2.domain_id}, this machine alone; {_takes(rig)}")
         node = Node(command, working, _environment(rig)) if command else None

@@ -9,19 +9,19 @@ import io
 import math
 from collections import defaultdict
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 
 from vve_sumo.analysis.run import Run
-from vve_sumo.drive.resolved_scenario import recorded_model
 from vve_sumo.errors import ConfigError
 from vve_sumo.export.part import ExportPart
 from vve_sumo.export.unix_time import unix_of_drive
-from vve_sumo.frames import Alignment, MapFrame, Placement
+from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
 from vve_sumo.metrics.lead_vehicle import index_of_tick
 from vve_sumo.sensors.port import STANDARD
-from vve_sumo.values import Actors, Point, Pose
+from vve_sumo.values import Actors, FixQuality, Point, Pose
 from vve_sumo.version import __version__
 from vve_sumo.wire.ros2 import messages
 from vve_sumo.wire.ros2.types import encode, store
@@ -70,13 +70,13 @@ def _channel(writer: Any, topic: str, kind: str) -> int:
 
 def messages_of(run: Run) -> Iterator[tuple[int, str, Any]]:
     """Yield Unix time [ns], topic and message of everything, tick by tick, in the order in which the bridge sends it."""
-    placement, model = _placement(run), recorded_model(run.resolved)
+    mounting = Mounting(**run.resolved["vehicle_model"]["mounting"])
+    placement, sensors = _placement(run, mounting), (mounting.forward, mounting.left)
     actors, scans = _actors(run), _scans(run)
-    mounting = model.mounting.forward, model.mounting.left
     for number, (at, pose, status) in enumerate(_ticks(run)):
         yield at, "/clock", messages.clock(at)
         if number == 0:
-            yield at, "/tf_static", messages.static_transforms(at, run.vehicle.rear_axle_to_bumper, mounting)
+            yield at, "/tf_static", messages.static_transforms(at, run.vehicle.rear_axle_to_bumper, sensors)
             yield at, "/path", messages.path(at, run.path)
         if pose is not None:
             yield at, "/bodies", messages.markers(at, actors.get(number, Actors.none(pose.time)))
@@ -84,18 +84,18 @@ def messages_of(run: Run) -> Iterator[tuple[int, str, Any]]:
         for cloud in scans.get(number, ()):
             yield at, "/radar/points", cloud
         if pose is not None:
-            fix = placement.unplace(pose)
+            # A record's ticks do not hold the fix' quality: that there was one is all that the message says.
+            fix = replace(placement.unplace(pose), locked=True, quality=FixQuality.SINGLE)
             yield at, "/tf", messages.transforms(at, pose)
             yield at, "/fix", messages.nav_sat_fix(at, fix)
             yield at, "/imu", messages.imu(at, fix)
             yield at, "/odom", messages.odometry(at, pose)
 
 
-def _placement(run: Run) -> Placement:
+def _placement(run: Run, mounting: Mounting) -> Placement:
     """Return what takes the estimated pose back to the lot: a record does not hold the virtual road's projection."""
     turned = run.resolved["lot_to_road"]
     alignment = Alignment(turned["rotation_rad"], turned["x_m"], turned["y_m"])
-    mounting = recorded_model(run.resolved).mounting
     return Placement(MapFrame(run.resolved["lot_projection"]), alignment, mounting, run.resolved["epoch_gnss_s"])
 
 

@@ -7,6 +7,7 @@ way to it but the port of setpoints. It knows sockets, the rig and DDS; it must 
 from __future__ import annotations
 
 import contextlib
+import gc
 import select
 import socket
 import subprocess
@@ -86,6 +87,8 @@ class BridgeProcess:
 
     def run(self, ended: Callable[[], bool]) -> None:
         """Run until `ended` says so."""
+        gc.collect()
+        gc.freeze()
         bridge, wires = self.bridge, self._wires
         take = {
             "ncom": bridge.take_ncom,
