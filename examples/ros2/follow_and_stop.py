@@ -9,9 +9,11 @@ that is older than 0.3 s it does not drive: it says nothing, and the gateway sto
 import math
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 import rclpy
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry, Path
 from rclpy.node import Node
@@ -61,21 +63,21 @@ class FollowAndStop(Node):
         in_way = stands & (abs(y - 0.5 * curvature * (x + BUMPER) ** 2) < HALF_WIDTH)
         left = x[in_way].min(initial=math.inf) - GAP
         command = TwistStamped(header=odometry.header)
-        command.twist.linear.x = float(min(self.speeds[nearest], speed + 0.5, math.sqrt(2.0 * BRAKING * max(left, 0.0))))
+        command.twist.linear.x = float(
+            min(self.speeds[nearest], speed + 0.5, math.sqrt(2.0 * BRAKING * max(left, 0.0)))
+        )
         command.twist.angular.z = float(curvature * speed)
         self.commands.publish(command)
 
 
-def seconds(stamp) -> float:
+def seconds(stamp: Time) -> float:
     return stamp.sec + 1e-9 * stamp.nanosec
 
 
 def spin(make: Callable[[], Node]) -> None:
     rclpy.init()
-    try:
+    with suppress(KeyboardInterrupt, rclpy.executors.ExternalShutdownException):  # it was told to end
         rclpy.spin(make())
-    except (KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
-        pass  # it was told to end
 
 
 if __name__ == "__main__":

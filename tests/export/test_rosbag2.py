@@ -13,11 +13,11 @@ import pytest
 from mcap.reader import make_reader
 
 pytest.importorskip("rosbags", reason="needs pip install 'vve-sumo[ros2]'")
-from rosbags.highlevel import AnyReader  # noqa: E402 (after the skip)
-from rosbags.rosbag2 import Writer  # noqa: E402
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Writer
 
-from tests.analysis.made import PERIOD, put_scans  # noqa: E402
-from tests.export.made import (  # noqa: E402
+from tests.analysis.made import PERIOD, put_scans
+from tests.export.made import (
     ACTORS,
     ESTIMATE_OFF,
     HEADING,
@@ -33,13 +33,13 @@ from tests.export.made import (  # noqa: E402
     box_at,
     record,
 )
-from vve_sumo.analysis import Run  # noqa: E402
-from vve_sumo.bridges.ros2.bag_poses import write_csv  # noqa: E402
-from vve_sumo.errors import ConfigError  # noqa: E402
-from vve_sumo.export.write import export  # noqa: E402
-from vve_sumo.pose.recording import fixes  # noqa: E402
-from vve_sumo.wire.ros2.messages import LATCHED, TOPICS  # noqa: E402
-from vve_sumo.wire.ros2.types import store  # noqa: E402
+from vve_sumo.analysis import Run
+from vve_sumo.bridges.ros2.bag_poses import write_csv
+from vve_sumo.errors import ConfigError
+from vve_sumo.export.write import export
+from vve_sumo.pose.recording import fixes
+from vve_sumo.wire.ros2.messages import LATCHED, TOPICS
+from vve_sumo.wire.ros2.types import store
 
 DETECTIONS = [
     {"tick": 0, "range_m": 20.5, "azimuth_rad": 0.1, "range_rate_mps": -8.0, "mode": 0, "actor": "parked"},

@@ -69,7 +69,7 @@ def _channel(writer: Any, topic: str, kind: str) -> int:
 
 
 def messages_of(run: Run) -> Iterator[tuple[int, str, Any]]:
-    """Yield Unix time [ns], topic and message of everything, tick by tick, in the order in which the bridge sends it."""
+    """Yield Unix time [ns], topic and message of everything, tick by tick, in the bridge's order."""
     mounting = Mounting(**run.resolved["vehicle_model"]["mounting"])
     placement, sensors = _placement(run, mounting), (mounting.forward, mounting.left)
     actors, scans = _actors(run), _scans(run)

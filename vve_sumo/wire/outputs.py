@@ -433,7 +433,7 @@ class SignalsOutput:
 
 
 class SceneOutput:
-    """This project's own account of every tick, for what shows a drive: also of those at which the outputs are invalid."""
+    """This project's own account of every tick, also of the invalid ones, for what shows a drive."""
 
     def __init__(self, _context: Context) -> None:
         pass

@@ -42,9 +42,7 @@ class Wires:
 
 def pose_at(tick: int) -> Pose:
     """Return the pose at a tick, counted from 0."""
-    return Pose(
-        0.02 * tick, Point.REAR_AXLE, START[0] + SPEED * 0.02 * tick, START[1], 0.0, SPEED, 0.0, 0.0, 0.0, 0.0
-    )
+    return Pose(0.02 * tick, Point.REAR_AXLE, START[0] + SPEED * 0.02 * tick, START[1], 0.0, SPEED, 0.0, 0.0, 0.0, 0.0)
 
 
 def sample_at(tick: int, *, valid: bool = True, scan_age: float = 0.04) -> Sample:

@@ -54,7 +54,8 @@ def bridge(folder: Path, port: int, node: str) -> Iterator[list[str]]:
     try:
         limit = time.monotonic() + 150.0
         while f":{port:04X} " not in Path("/proc/net/udp").read_text(encoding="ascii"):
-            assert process.poll() is None and time.monotonic() < limit
+            assert process.poll() is None
+            assert time.monotonic() < limit
             time.sleep(0.05)
         time.sleep(4.0)  # the node starts, and both find each other
         yield lines

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 pytest.importorskip("rosbags", reason="needs pip install 'vve-sumo[ros2]'")
-from vve_sumo.bridges.ros2.commands import (  # noqa: E402 (after the skip)
+from vve_sumo.bridges.ros2.commands import (
     AHEAD,
     LATE,
     MALFORMED,
@@ -23,8 +23,8 @@ from vve_sumo.bridges.ros2.commands import (  # noqa: E402 (after the skip)
     Command,
     command_of,
 )
-from vve_sumo.wire.datagrams import decode_setpoint, encode_setpoint  # noqa: E402
-from vve_sumo.wire.ros2.messages import unix_nanoseconds  # noqa: E402
+from vve_sumo.wire.datagrams import decode_setpoint, encode_setpoint
+from vve_sumo.wire.ros2.messages import unix_nanoseconds
 
 WHEELBASE, TIME_CONSTANT = 2.85, 0.5
 EPOCH = 1_451_260_818.0
@@ -61,7 +61,8 @@ def test_a_standing_car_keeps_its_steering() -> None:
     turned = answers.take(1, _command(3, yaw_rate=0.3))
     answers.ticked(_beat(4, 0.1))
     standing = answers.take(1, _command(4, yaw_rate=-0.3))
-    assert turned is not None and standing is not None
+    assert turned is not None
+    assert standing is not None
     assert standing.steering == turned.steering != 0.0
 
 
@@ -71,7 +72,8 @@ def test_a_command_answers_the_newest_tick_that_its_stamp_is_not_before() -> Non
         assert setpoint is not None
         assert (setpoint.answers, setpoint.time) == (tick, EPOCH + 0.02 * tick)
     unstamped = _answers().take(1, Command(None, 1.0, 0.0))
-    assert unstamped is not None and unstamped.answers == 3
+    assert unstamped is not None
+    assert unstamped.answers == 3
 
 
 @pytest.mark.parametrize(
@@ -92,7 +94,8 @@ def test_a_command_that_is_not_taken_has_a_reason_and_changes_nothing(command: C
     assert answers.take(1, command) is None
     assert (dict(answers.refused), answers.taken) == ({reason: 1}, 0)
     after = answers.take(2, _command(3))  # who sent it is not the brain for that
-    assert after is not None and after.sequence == 1
+    assert after is not None
+    assert after.sequence == 1
 
 
 def test_no_tick_is_answered_that_was_not_valid() -> None:

@@ -1,4 +1,4 @@
-"""What a port of the bridge hears: this machine over the loopback, and nobody else. Real sockets, the kernel's filter."""
+"""What a port of the bridge hears: this machine over the loopback, and nobody else. The kernel's own filter."""
 
 from __future__ import annotations
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import shlex
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -96,7 +95,8 @@ def test_scans_are_those_of_the_radar(driven: Driven) -> None:
     table, clouds = run.sensed["radar"], {_at(one["header"]): one for one in heard["/radar/points"]}
     columns = [table.rows[name].to_numpy() for name in ("range_m", "azimuth_rad", "range_rate_mps")]
     recorded = {1000 * unix_of_drive(run, at): table.of_reading(n) for n, at in enumerate(table.measured.tolist())}
-    assert clouds and clouds.keys() <= recorded.keys()
+    assert clouds
+    assert clouds.keys() <= recorded.keys()
     assert [at for at in recorded if at >= min(clouds)][: len(clouds)] == list(clouds)
     for at, cloud in clouds.items():
         points = np.frombuffer(bytes(cloud["data"]), "<f4").reshape(-1, 6)

@@ -12,12 +12,12 @@ from pathlib import Path as File
 import numpy as np
 
 sys.path.insert(0, sys.argv[1])
-from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402 (after the path)
-from follow_and_stop import LATCHED, FollowAndStop, spin  # noqa: E402
-from nav_msgs.msg import Odometry, Path  # noqa: E402
-from rosgraph_msgs.msg import Clock  # noqa: E402
-from sensor_msgs.msg import Imu, NavSatFix, PointCloud2  # noqa: E402
-from visualization_msgs.msg import MarkerArray  # noqa: E402
+from diagnostic_msgs.msg import DiagnosticArray
+from follow_and_stop import LATCHED, FollowAndStop, spin
+from nav_msgs.msg import Odometry, Path
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Imu, NavSatFix, PointCloud2
+from visualization_msgs.msg import MarkerArray
 
 KINDS = {
     "/clock": Clock,

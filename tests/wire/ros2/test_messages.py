@@ -16,8 +16,8 @@ from vve_sumo.path import ReferencePath
 from vve_sumo.values import Actors, Fix, FixQuality, Floats, Point, Pose
 
 pytest.importorskip("rosbags", reason="needs pip install 'vve-sumo[ros2]'")
-from vve_sumo.wire.ros2 import messages  # noqa: E402 (after the skip)
-from vve_sumo.wire.ros2.types import decode, encode, store  # noqa: E402
+from vve_sumo.wire.ros2 import messages
+from vve_sumo.wire.ros2.types import decode, encode, store
 
 AT = 1_767_225_600_020_000_000  # 2026-01-01 00:00:00.02 UTC [ns]
 POSE = Pose(0.0, Point.REAR_AXLE, 12.0, -7.5, 2.5, 9.25, -0.125, 0.0625, -1.5, 0.02)
@@ -56,7 +56,9 @@ def test_a_stamp_is_unix_time_of_the_same_instant() -> None:
 
 @given(angles)
 def test_the_heading_turns_base_link_in_the_map(heading: float) -> None:
-    orientation = messages.odometry(AT, Pose(*[0.0, Point.REAR_AXLE, 0.0, 0.0, heading, *[0.0] * 5])).pose.pose.orientation
+    orientation = messages.odometry(
+        AT, Pose(*[0.0, Point.REAR_AXLE, 0.0, 0.0, heading, *[0.0] * 5])
+    ).pose.pose.orientation
     assert _turned(orientation, (1, 0, 0)) == pytest.approx([math.cos(heading), math.sin(heading), 0], abs=1e-12)
     assert _turned(orientation, (0, 0, 1)) == pytest.approx([0, 0, 1], abs=1e-12)
 

@@ -125,9 +125,7 @@ def _heading(message: Any) -> Iterator[tuple[float, float]]:
     turn = message.orientation
     norm = turn.x**2 + turn.y**2 + turn.z**2 + turn.w**2
     if message.orientation_covariance[0] != -1.0 and math.isfinite(norm) and abs(norm - 1.0) < 0.01:
-        yield _time(message), math.atan2(
-            2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2)
-        )
+        yield _time(message), math.atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2))
 
 
 def _rows(

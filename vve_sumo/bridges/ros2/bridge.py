@@ -8,7 +8,7 @@ come over the wire `scene`. Knows wires, messages and commands; it must not know
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 

@@ -125,7 +125,7 @@ class Answers:
         return ("", self._beats[answered[-1]]) if answered else (LATE, None)
 
     def _steered(self, command: Command, speed: float) -> float:
-        """Return the road-wheel angle of a command [rad]: of a yaw rate at the present speed, by the wheelbase alone."""
+        """Return the road-wheel angle of a command [rad]: of a yaw rate at the present speed by the wheelbase."""
         if command.steering is not None:
             return command.steering
         if speed < LEAST_SPEED:

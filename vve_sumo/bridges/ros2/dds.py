@@ -1,4 +1,4 @@
-"""Publishers and subscriptions of ROS 2 over Cyclone DDS alone: names, types and QoS as ROS 2's own middleware has them.
+"""Publishers and subscriptions of ROS 2 over Cyclone DDS alone: names, types and QoS as ROS 2 itself has them.
 
 Everything stays on this machine: see `loopback`. Knows topics, types and bytes; it must not know what stands in a
 message.
@@ -6,6 +6,7 @@ message.
 
 from __future__ import annotations
 
+import contextlib
 import os
 from typing import Any, Final, NamedTuple
 
@@ -16,7 +17,8 @@ from vve_sumo.wire.ros2.types import encode, store
 #: The loopback as the only interface, peers found there by their ports. Fast DDS describes the same types by other
 #: hashes; with them its endpoints would never match, so those of its vendor, 1.15, are matched by the types' names.
 CONFIGURATION: Final = """<CycloneDDS><Domain id="any">
-<General><Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces><AllowMulticast>false</AllowMulticast></General>
+<General><Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces>
+<AllowMulticast>false</AllowMulticast></General>
 <Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility>
 <Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>64</MaxAutoParticipantIndex>
 <Peers><Peer address="127.0.0.1"/></Peers></Discovery></Domain></CycloneDDS>"""
@@ -87,24 +89,18 @@ class Dds:
 
         class _Waker(self._listener):  # type: ignore[misc, name-defined]
             def on_data_available(self, _reader: Any) -> None:
-                try:
+                with contextlib.suppress(BlockingIOError):  # it is awake
                     os.write(awake, b"1")
-                except BlockingIOError:
-                    pass  # it is awake
 
         topic = self._topic.Topic(self._participant, "rt" + name, self._type(kind))
-        reader = self._sub.DataReader(
-            self._participant, topic, qos=self._quality(latched=False), listener=_Waker()
-        )
+        reader = self._sub.DataReader(self._participant, topic, qos=self._quality(latched=False), listener=_Waker())
         self._readers.append(reader)
 
     def heard(self) -> list[Heard]:
         """Return the messages that have come since the last call, in order; never waits."""
-        try:
+        with contextlib.suppress(BlockingIOError):
             while os.read(self._wake, 4096):
                 pass
-        except BlockingIOError:
-            pass
         return [one for reader in self._readers for one in self._taken(reader)]
 
     def _taken(self, reader: Any) -> list[Heard]:

@@ -1,7 +1,7 @@
 """A filter on sockets that are bound to every address: what does not come from this machine is dropped by the kernel.
 
-DDS opens its ports on every network of the computer, whatever interface it is told to use, and takes anybody's word. The
-kernel passes packets from 127.0.0.0/8 over the loopback alone. Linux only.
+DDS opens its ports on every network of the computer, whatever interface it is told to use, and takes anybody's word.
+The kernel passes packets from 127.0.0.0/8 over the loopback alone. Linux only.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from vve_sumo.errors import RigError
 _SO_ATTACH_FILTER: Final = 26  # of asm-generic/socket.h
 #: where a filter finds the IP header of a datagram (SKF_NET_OFF of linux/filter.h), and the source address in it
 _SOURCE: Final = 0xFFF00000 + 12
-# Classic BPF: load the source address, keep its first byte, pass all of the datagram where it is 127, nothing otherwise.
+# Classic BPF: load the source address, keep its first byte, pass the datagram where it is 127, else nothing.
 _PROGRAM: Final = (
     (0x20, 0, 0, _SOURCE),
     (0x54, 0, 0, 0xFF000000),
@@ -32,7 +32,8 @@ _PROGRAM: Final = (
 
 def udp_sockets() -> frozenset[int]:
     """Return the file descriptors of this process' UDP sockets."""
-    return frozenset(number for number in map(int, os.listdir("/proc/self/fd")) if _is_udp(number))
+    numbers = [int(entry.name) for entry in Path("/proc/self/fd").iterdir()]
+    return frozenset(number for number in numbers if _is_udp(number))
 
 
 def _is_udp(number: int) -> bool:
@@ -54,7 +55,7 @@ def _opened(number: int) -> Iterator[socket.socket]:
 
 
 def hear_this_machine_alone(numbers: frozenset[int]) -> None:
-    """Let UDP sockets take what comes from 127.0.0.0/8 and nothing else; raises RigError where one cannot be told so."""
+    """Let UDP sockets take what comes from 127.0.0.0/8 and nothing else; raises RigError where one cannot."""
     code = ctypes.create_string_buffer(b"".join(struct.pack("=HBBI", *line) for line in _PROGRAM))
     program = struct.pack("@HP", len(_PROGRAM), ctypes.addressof(code))
     for number in numbers:

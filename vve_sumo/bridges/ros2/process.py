@@ -34,7 +34,7 @@ END_TIMEOUT: Final = 3.0  #: for a node to end after SIGTERM [s]
 
 
 def places_of(rig: Rig) -> dict[str, tuple[str, int]]:
-    """Return address and port of each wire that the bridge hears, by kind; raises ConfigError naming what is missing."""
+    """Return address and port of each wire that the bridge hears, by kind; raises ConfigError for what is missing."""
     found: dict[str, tuple[str, int]] = {}
     for number, output in enumerate(rig.outputs):
         if output.kind not in WIRES or output.udp is None or output.sensor is not None:

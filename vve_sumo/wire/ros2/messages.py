@@ -158,7 +158,7 @@ def imu(at: int, fix: Fix) -> Any:
 
 
 def radar_cloud(at: int, far: Floats, azimuth: Floats, range_rate: Floats) -> Any:
-    """Return sensor_msgs/PointCloud2 of a scan measured at a Unix time [ns]: the fields POINT, in `radar`, 32 bits each.
+    """Return sensor_msgs/PointCloud2 of a scan measured at a Unix time [ns]: the fields POINT, 32 bits each.
 
     Ranges and azimuths are from the middle of the front bumper, whose height nobody measures: z is 0.
     """
@@ -189,9 +189,7 @@ def path(at: int, line: ReferencePath) -> Any:
     """Return nav_msgs/Path of the line that the rear axle shall follow, a pose every PATH_STEP along it, in `map`."""
     places = (line.at(s) for s in (*np.arange(0.0, line.length, PATH_STEP).tolist(), line.length))
     header = _header(at, MAP)
-    poses = [
-        make("geometry_msgs/msg/PoseStamped", header, _pose(place.x, place.y, place.heading)) for place in places
-    ]
+    poses = [make("geometry_msgs/msg/PoseStamped", header, _pose(place.x, place.y, place.heading)) for place in places]
     return make("nav_msgs/msg/Path", header, poses)
 
 
@@ -203,7 +201,7 @@ def diagnostics(at: int, level: int, message: str, values: Mapping[str, str]) ->
 
 
 def drive_status(at: int, state: str, reasons: Sequence[str], *, valid: bool, gap: float) -> Any:
-    """Return the diagnostics of a tick: the gateway's state, the reasons in force, the gap [m], NaN where there is none.
+    """Return the diagnostics of a tick: the gateway's state, the reasons in force, the gap [m], NaN for none.
 
     `valid` says whether anybody may drive by the tick.
     """
