@@ -25,6 +25,7 @@ from vve_sumo.values import Actors, FixQuality, Point, Pose
 from vve_sumo.version import __version__
 from vve_sumo.wire.ros2 import messages
 from vve_sumo.wire.ros2.types import encode, store
+from vve_sumo.wire.setpoints import SILENT
 
 CHUNK: Final = 1 << 20  #: bytes of messages before compression
 #: QoS profiles of topics as rosbag2 keeps them: those of the bridge
@@ -111,7 +112,8 @@ def _ticks(run: Run) -> Iterator[tuple[int, Pose | None, Any]]:
         if math.isfinite(x + y + heading + speed):
             rest = (speed, 0.0, yaw_rate, acceleration, 0.0)
             pose = Pose(time, Point.REAR_AXLE, x, y, heading, *rest)
-        valid, reasons = pose is not None and not faults, faults.split("+") if faults else ()
+        reasons = faults.split("+") if faults else []
+        valid = pose is not None and all(code == SILENT for code in reasons)
         yield at, pose, messages.drive_status(at, state, reasons, valid=valid, gap=gap)
 
 

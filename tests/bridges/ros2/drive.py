@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -19,8 +20,8 @@ EPOCH = 1_451_260_818.0
 FRAME = MapFrame("+proj=utm +zone=17 +ellps=WGS84 +datum=WGS84 +units=m +no_defs", (-329_000.0, -4_428_000.0))
 MOUNTING = Mounting(0.30, 0.20)
 START, SPEED, FAR = (1000.0, 1000.0), 8.0, 60.0
-ACTORS = Actors(0.0, ("parked",), *(np.array([value]) for value in (
-    START[0] + FAR, START[1], 0.0, 0.0, 4.5, 1.8, 10.0, 0.0, 1.5)), np.zeros(1, np.int8))  # fmt: skip
+_COLUMNS: Any = [np.array([value]) for value in (START[0] + FAR, START[1], 0.0, 0.0, 4.5, 1.8, 10.0, 0.0, 1.5)]
+ACTORS = Actors(0.0, ("parked",), *_COLUMNS, kind=np.zeros(1, np.int8))
 
 
 @dataclass
@@ -55,7 +56,8 @@ def sample_at(tick: int, *, valid: bool = True, scan_age: float = 0.04) -> Sampl
     )  # fmt: skip
     fix = virtual_fix(pose, virtual_placement(FRAME, MOUNTING, EPOCH), newest)
     far = FAR - 0.5 * 4.5 - 3.84 - SPEED * now
-    scan = Detections(now - scan_age, *(np.array([x]) for x in (far, 0.01, -SPEED)), np.zeros(1, np.int8))
+    seen, aside, rate = (np.array([value]) for value in (far, 0.01, -SPEED))
+    scan = Detections(now - scan_age, seen, aside, rate, np.zeros(1, np.int8))
     content = SampleContent(fix, pose, scan, scan_age, ACTORS) if valid else None
     faults = () if valid else ("pose_stale",)
     return Sample(tick + 1, EPOCH + now, now, content, faults=faults, state="engaged" if valid else "stopping")

@@ -56,10 +56,15 @@ def test_the_node_drove(driven: Driven) -> None:
 
 def test_odometry_is_the_pose_of_every_tick(driven: Driven) -> None:
     run, heard = driven
-    known = {at: row for at, row in _ticks(run).items() if math.isfinite(row["x_m"]) and not row["faults"]}
+    known = {
+        at: row
+        for at, row in _ticks(run).items()
+        if math.isfinite(row["x_m"]) and row["faults"] in ("", "brain_silent")
+    }
     odometry = {_at(one["header"]): one for one in heard["/odom"]}
     assert len(odometry) == len(heard["/odom"])
-    # The receiver's packets need some ticks to say the date; from then on none is missing.
+    # The receiver's packets need some ticks to say the date; from then on none is missing. That the brain has not yet
+    # answered is no fault of what the sensors say.
     assert odometry.keys() <= known.keys()
     assert [at for at in known if at >= min(odometry)] == list(odometry)
     assert len(odometry) > 350
@@ -106,7 +111,8 @@ def test_scans_are_those_of_the_radar(driven: Driven) -> None:
 
 def test_bodies_are_the_actors_of_the_tick(driven: Driven) -> None:
     run, heard = driven
-    ticks, actors = _ticks(run), {}
+    ticks = _ticks(run)
+    actors: dict[int, dict[str, Any]] = {}
     for row in run.arrow("actors").to_pylist():
         actors.setdefault(row["tick"], {})[row["actor"]] = row
     assert len(heard["/bodies"]) > 350
@@ -130,7 +136,9 @@ def test_diagnostics_are_state_reasons_and_gap(driven: Driven) -> None:
         values = {pair["key"]: pair["value"] for pair in one["status"][0]["values"]}
         if number and values["state"]:
             assert values["state"] == rows[number - 1][1]["state"]  # as the drive knew it
-        assert values["reasons"] == rows[number][1]["faults"]
+        # That the brain is silent is found after the outputs have gone out.
+        assert set(rows[number][1]["faults"].split("+")) - set(values["reasons"].split("+")) <= {"", "brain_silent"}
+        assert set(values["reasons"].split("+")) - {""} <= set(rows[number][1]["faults"].split("+"))
         if values["gap_m"]:
             assert float(values["gap_m"]) == pytest.approx(gaps[number], abs=0.02)
 

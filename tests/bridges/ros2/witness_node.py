@@ -8,6 +8,7 @@ EXAMPLES is the folder of the example, OUT the file that is written when the nod
 import json
 import sys
 from pathlib import Path as File
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +32,7 @@ KINDS = {
 }
 
 
-def plain(value):
+def plain(value: Any) -> Any:
     """Return a message, or a part of one, as JSON has it."""
     if hasattr(value, "get_fields_and_field_types"):
         return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
@@ -44,16 +45,25 @@ def plain(value):
     return [plain(one) for one in value]
 
 
-class Witness(FollowAndStop):
+class Witness(FollowAndStop):  # type: ignore[misc]
     def __init__(self) -> None:
-        self.heard = {topic: [] for topic in KINDS}
+        self.heard: dict[str, list[Any]] = {topic: [] for topic in KINDS}
         super().__init__(11.176)
         for topic, kind in KINDS.items():
             quality = LATCHED if topic == "/path" else 100
             self.create_subscription(kind, topic, self.heard[topic].append, quality)
 
 
-nodes = []
-spin(lambda: nodes.append(Witness()) or nodes[0])
-content = {topic: [plain(one) for one in came] for topic, came in nodes[0].heard.items()}
+heard: dict[str, list[Any]] = {}
+
+
+def make() -> Witness:
+    """Return the node, whose messages are then `heard`."""
+    node = Witness()
+    heard.update(node.heard)
+    return node
+
+
+spin(make)
+content = {topic: [plain(one) for one in came] for topic, came in heard.items()}
 File(sys.argv[2]).write_text(json.dumps(content), encoding="utf-8")
