@@ -136,7 +136,8 @@ def _actors(run: Run) -> dict[int, Actors]:
 
 def _scans(run: Run) -> dict[int, list[Any]]:
     """Return the radar's clouds by the index of the tick at which they came out."""
-    table, found = run.sensed.get(STANDARD), defaultdict(list)
+    found: dict[int, list[Any]] = defaultdict(list)
+    table = run.sensed.get(STANDARD)
     if table is None:
         return found
     columns = [table.rows[name].to_numpy().astype(np.float64) for name in ("range_m", "azimuth_rad", "range_rate_mps")]

@@ -90,13 +90,14 @@ class BridgeProcess:
         gc.collect()
         gc.freeze()
         bridge, wires = self.bridge, self._wires
-        take = {
+        take: dict[str, Callable[[bytes], None]] = {
             "ncom": bridge.take_ncom,
             "scene": bridge.take_scene,
             "radar": lambda data: bridge.take_radar(data, time.monotonic()),
         }
+        watched: list[socket.socket | Dds] = [*wires.values(), self._dds]
         while not ended():
-            select.select([*wires.values(), self._dds], [], [], POLL)
+            select.select(watched, [], [], POLL)
             for kind in WIRES:
                 for data in _waiting(wires[kind]):
                     take[kind](data)
