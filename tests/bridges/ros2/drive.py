@@ -20,8 +20,13 @@ EPOCH = 1_451_260_818.0
 FRAME = MapFrame("+proj=utm +zone=17 +ellps=WGS84 +datum=WGS84 +units=m +no_defs", (-329_000.0, -4_428_000.0))
 MOUNTING = Mounting(0.30, 0.20)
 START, SPEED, FAR = (1000.0, 1000.0), 8.0, 60.0
-_COLUMNS: Any = [np.array([value]) for value in (START[0] + FAR, START[1], 0.0, 0.0, 4.5, 1.8, 10.0, 0.0, 1.5)]
-ACTORS = Actors(0.0, ("parked",), *_COLUMNS, kind=np.zeros(1, np.int8))
+_PARKED: Any = {
+    "x": START[0] + FAR, "y": START[1], "heading": 0.0, "speed": 0.0, "length": 4.5, "width": 1.8,
+    "radar_cross_section": 10.0, "lateral_speed": 0.0, "height": 1.5,
+}  # fmt: skip
+ACTORS = Actors(
+    0.0, ("parked",), **{name: np.array([value]) for name, value in _PARKED.items()}, kind=np.zeros(1, np.int8)
+)
 
 
 @dataclass

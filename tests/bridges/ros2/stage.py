@@ -45,10 +45,10 @@ def write_rig(folder: Path, *changes: tuple[str, str]) -> int:
 
 
 @contextmanager
-def bridge(folder: Path, port: int, node: str) -> Iterator[list[str]]:
+def bridge(folder: Path, port: int, node: str, scenario: str = "parked_car") -> Iterator[list[str]]:
     """Have the bridge run with a node while the block does; yields a list that holds the bridge's lines afterwards."""
     lines: list[str] = []
-    words = [sys.executable, "-m", "vve_sumo.cli", "ros2", "parked_car", "--rig", "ros2.toml", "--node", node]
+    words = [sys.executable, "-m", "vve_sumo.cli", "ros2", scenario, "--rig", "ros2.toml", "--node", node]
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
     process = subprocess.Popen(words, cwd=folder, env=environment, stderr=subprocess.PIPE, text=True)
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import shlex
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,8 @@ import pytest
 
 from tests.bridges.ros2.drive import heading_of
 from tests.bridges.ros2.stage import EXAMPLES, NODES, bridge, interpreter, write_rig
-from tests.live.command_line import vve_sumo
+from tests.conftest import REPOSITORY
+from tests.live.command_line import free_port, vve_sumo
 from vve_sumo.analysis import Run
 from vve_sumo.export.unix_time import unix_of_drive
 
@@ -150,3 +152,18 @@ def test_the_path_is_the_recorded_one(driven: Driven) -> None:
         place = one["pose"]["position"]
         assert abs(run.path.project(place["x"], place["y"]).offset) < 1e-6
     assert len(path["poses"]) == 1 + math.ceil(run.path.length)
+
+
+@pytest.mark.live
+@pytest.mark.slow
+def test_a_node_drives_live_and_stops_before_a_parked_car(tmp_path: Path) -> None:
+    scenario = (REPOSITORY / "scenarios" / "parked_car.toml").read_text(encoding="utf-8")
+    for old, new in (("at_m = 639.0", "at_m = 70.0"), ("speed_mps = 11.176", "speed_mps = 8.0")):
+        assert old in scenario
+        scenario = scenario.replace(old, new)
+    (tmp_path / "near.toml").write_text(scenario, encoding="utf-8")
+    port = write_rig(tmp_path, ("port = 3000", f"port = {free_port()}"))
+    node = shlex.join([interpreter(), str(EXAMPLES / "follow_and_stop.py"), "8"])
+    with bridge(tmp_path, port, node, "near.toml"):
+        done = vve_sumo("drive", "near.toml", "--rig", "ros2.toml", "--quiet", "--out", "one", cwd=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr

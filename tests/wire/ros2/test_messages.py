@@ -34,6 +34,10 @@ def _fix(**changes: Any) -> Fix:
     return Fix(**(given_ | changes))
 
 
+def _pose(x: float, y: float, heading: float) -> Pose:
+    return Pose(0.0, Point.REAR_AXLE, x, y, heading, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
 def _turned(orientation: Any, vector: tuple[float, float, float]) -> Floats:
     """Turn a vector by Hamilton's product q v q*, with quaternions as 2 by 2 complex matrices."""
     x, y, z, w = orientation.x, orientation.y, orientation.z, orientation.w
@@ -56,9 +60,7 @@ def test_a_stamp_is_unix_time_of_the_same_instant() -> None:
 
 @given(angles)
 def test_the_heading_turns_base_link_in_the_map(heading: float) -> None:
-    orientation = messages.odometry(
-        AT, Pose(*[0.0, Point.REAR_AXLE, 0.0, 0.0, heading, *[0.0] * 5])
-    ).pose.pose.orientation
+    orientation = messages.odometry(AT, _pose(0.0, 0.0, heading)).pose.pose.orientation
     assert _turned(orientation, (1, 0, 0)) == pytest.approx([math.cos(heading), math.sin(heading), 0], abs=1e-12)
     assert _turned(orientation, (0, 0, 1)) == pytest.approx([0, 0, 1], abs=1e-12)
 
@@ -87,7 +89,7 @@ def test_odometry_has_the_pose_in_odom_and_the_speeds_in_base_link() -> None:
 
 @given(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), angles)
 def test_the_frames_lead_from_the_map_to_the_front_bumper(x: float, y: float, heading: float) -> None:
-    pose = Pose(*[0.0, Point.REAR_AXLE, x, y, heading, *[0.0] * 5])
+    pose = _pose(x, y, heading)
     frames = [*messages.static_transforms(AT, 3.84, (0.3, 0.2)).transforms, *messages.transforms(AT, pose).transforms]
     parents = {each.child_frame_id: each for each in frames}
     assert {child: each.header.frame_id for child, each in parents.items()} == {
@@ -138,9 +140,12 @@ def test_a_scan_is_a_cloud_that_its_own_fields_describe(rows: list[tuple[float, 
 
 
 def test_bodies_are_boxes_that_stand_on_the_ground() -> None:
-    actors = Actors(0.0, ("van", "child"), *(np.array(pair) for pair in (
-        (1.0, 5.0), (2.0, 6.0), (0.5, -0.5), (3.0, 0.0), (5.9, 0.5), (2.0, 0.35), (10.0, 0.1), (0.0, 0.0), (2.3, 1.2))),
-        np.array([number_of("van"), number_of("child")], np.int8))  # fmt: skip
+    columns: Any = {
+        "x": (1.0, 5.0), "y": (2.0, 6.0), "heading": (0.5, -0.5), "speed": (3.0, 0.0), "length": (5.9, 0.5),
+        "width": (2.0, 0.35), "radar_cross_section": (10.0, 0.1), "lateral_speed": (0.0, 0.0), "height": (2.3, 1.2),
+    }  # fmt: skip
+    kinds = np.array([number_of("van"), number_of("child")], np.int8)
+    actors = Actors(0.0, ("van", "child"), **{name: np.array(pair) for name, pair in columns.items()}, kind=kinds)
     cleared, van, child = messages.markers(AT, actors).markers
     assert cleared.action == 3  # DELETEALL
     assert (van.ns, van.text, van.type, van.action, van.header.frame_id) == ("van", "van", 1, 0, "map")

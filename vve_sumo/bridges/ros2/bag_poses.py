@@ -9,7 +9,7 @@ from __future__ import annotations
 import bisect
 import csv
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -40,7 +40,7 @@ class _Fix(NamedTuple):
     altitude: float  # [m]
 
 
-def write_csv(bag: Path, out: Path, chosen: dict[str, str | None]) -> BagPoses:
+def write_csv(bag: Path, out: Path, chosen: Mapping[str, str | None]) -> BagPoses:
     """Write the fixes of a bag as CSV; return what was read.
 
     `chosen` names the topics by the keys of TYPES; None is the only one of its type. Raises ConfigError in one line for
@@ -61,7 +61,7 @@ def write_csv(bag: Path, out: Path, chosen: dict[str, str | None]) -> BagPoses:
 
 
 def _read(
-    bag: Path, chosen: dict[str, str | None]
+    bag: Path, chosen: Mapping[str, str | None]
 ) -> tuple[list[_Fix], list[tuple[float, float]], list[tuple[float, float]], dict[str, str]]:
     try:
         from rosbags.highlevel import AnyReader, AnyReaderError
@@ -92,7 +92,7 @@ def _read(
     return sorted(fixes), sorted(headings), sorted(speeds), topics
 
 
-def _topics(bag: Path, found: Sequence[tuple[str, str]], chosen: dict[str, str | None]) -> dict[str, str]:
+def _topics(bag: Path, found: Sequence[tuple[str, str]], chosen: Mapping[str, str | None]) -> dict[str, str]:
     topics: dict[str, str] = {}
     for key, kind in TYPES.items():
         of_kind = sorted({topic for topic, one in found if one == kind})
