@@ -50,6 +50,7 @@ class MessageKind(IntEnum):
     PEOPLE = 8
     PEOPLE_LINK = 9
     STATIONS_LINK = 10
+    SCENE = 11
 
 
 class MalformedMessage(NamedTuple):

@@ -68,7 +68,10 @@ OF_DRIVE: dict[str, Any] = {
     "epoch_gnss_s": EPOCH,
     "lot_projection": "+proj=tmerc +lat_0=40 +lon_0=-83 +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs",
     "lot_to_road": {"rotation_rad": TURN, "x_m": SHIFT[0], "y_m": SHIFT[1]},
-    "vehicle_model": {"interface": {"name": "dataspeed_dbw1", "settings": {"variant": "dbw1_2024"}}},
+    "vehicle_model": {
+        "interface": {"name": "dataspeed_dbw1", "settings": {"variant": "dbw1_2024"}},
+        "mounting": {"forward": 0.9, "left": -0.25, "heading_misalignment": 0.0},
+    },
 }
 #: drive time, bus, identifier, payload and whether the gateway sent it, of frames of every length; 0x60 to 0x66 are
 #: Dataspeed's command frames

@@ -100,6 +100,7 @@ class Publisher:
         self._turned: dict[str, float] = {}  # drive time of the newest turn of each lidar that was sent
         self.sequence = 0  #: of the newest sample
         self.radar_valid = False  #: whether the newest sample holds a scan
+        self.state = ""  #: of the gateway, as the drive knew it last
         self.over = False  #: set when the drive ends: from then on every sample is invalid
         self.tells_signals = tells_signals  #: whether the drive has to set `signals`
         #: returns what the signals of the virtual road show at a drive time [s]
@@ -113,7 +114,7 @@ class Publisher:
         sound = seen is not None and not (self.over or self.awaiting_start) and all(code == SILENT for code in faults)
         measured = self._measured(now, seen) if seen is not None and sound else None
         own = self._own(seen, faults) if self._tells_own else None
-        sample = Sample(self.sequence, self._epoch + now, now, measured, own)
+        sample = Sample(self.sequence, self._epoch + now, now, measured, own, faults, self.state)
         self.radar_valid = sample.radar_valid
         self._send(sample)
 

@@ -455,4 +455,6 @@ class _Bus:
         self.output = self._gateway.step(now, setpoint, self._reports, self._operator.next_command())
         self._record.saw_frames(now, CAR_BUS, self.output.frames)
         self._operator.observe(self.output.status)
+        if self._brain is not None and self._brain.publisher is not None:
+            self._brain.publisher.state = self.output.status.state.value
         return self.output.status

@@ -95,6 +95,12 @@ def _mf4(run: Run) -> Iterable[ExportPart]:
     return mf4.of_drive(run)
 
 
+def _rosbag2(run: Run) -> Iterable[ExportPart]:
+    from vve_sumo.export import rosbag2
+
+    return rosbag2.of_drive(run)
+
+
 #: by name, in the order of the help
 FORMATS: dict[str, Format] = {
     one.name: one
@@ -116,6 +122,13 @@ FORMATS: dict[str, Format] = {
         ),
         Format(
             "mcap", "poses, scene, sensors, signals and CAN for Foxglove and Lichtblick", ".mcap", _mcap, needs="mcap"
+        ),
+        Format(
+            "rosbag2",
+            "the ROS 2 bridge's topics as a bag in MCAP storage",
+            ".ros2.mcap",
+            _rosbag2,
+            needs="ros2",
         ),
         Format("osi", "ASAM OSI 3.8 traces: ground truth, radar detections", ".osi", _osi, needs="osi"),
         Format("osi-mcap", "the same two as one multi-channel trace", ".mcap", _osi_mcap, needs="osi"),

@@ -145,6 +145,7 @@ class LiveCar:
         publisher = None if self._brain is None else self._brain.publisher
         if publisher is None:
             return
+        publisher.state = status.state.value
         publisher.over |= self._has_engaged and status.state in ENDING
         if status.state is ArmingState.ENGAGED and WAITING not in status.reasons:
             publisher.awaiting_start = False

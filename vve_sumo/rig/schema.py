@@ -355,6 +355,7 @@ class RigOutput(Table):
         "denm",
         "cpm",
         "signals",
+        "scene",
         "stop",
     ] = Field(description="what is sent: see the table of wires")
     sensor: Name | None = Field(
@@ -537,6 +538,20 @@ class RigV2x(Table):
         return self
 
 
+class RigRos2(Table):
+    """The ROS 2 bridge, `vve-sumo ros2`."""
+
+    domain_id: Annotated[int, Field(ge=0, le=101)] = Field(default=0, description="ROS_DOMAIN_ID of the nodes")
+    commands: Literal["twist_stamped", "twist", "ackermann"] = Field(
+        default="twist_stamped",
+        description="type of the commands: geometry_msgs/TwistStamped or Twist on `/cmd_vel`, "
+        "ackermann_msgs/AckermannDriveStamped on `/ackermann_cmd`",
+    )
+    time_constant_s: Annotated[float, Field(ge=0.1, le=5.0)] = Field(
+        default=0.5, description="a command's speed is asked for as an acceleration that reaches it in about this time"
+    )
+
+
 class Rig(Table):
     """One car with its receiver, its bus and its lot."""
 
@@ -567,6 +582,7 @@ class Rig(Table):
     people: tuple[RigPerson, ...] = Field(default=(), strict=False)
     people_page: RigPeoplePage = RigPeoplePage()
     v2x: RigV2x | None = None
+    ros2: RigRos2 = RigRos2()
     others: tuple[Other, ...] = Field(default=(), strict=False)
     brain: Brain = Brain()
     outputs: tuple[RigOutput, ...] = Field(default=(), strict=False)

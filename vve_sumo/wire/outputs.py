@@ -18,6 +18,7 @@ from vve_sumo.values import Actors, Frame, Vehicle
 from vve_sumo.wire import ars408, datagrams, esr, mobileye, vlp16
 from vve_sumo.wire.numbering import Numbering
 from vve_sumo.wire.sample import NO_SCAN, Sample, SampleContent, no_fix
+from vve_sumo.wire.scene import encode_scene
 
 if TYPE_CHECKING:
     from vve_sumo.sensors.port import Content, SensorSettings
@@ -431,6 +432,17 @@ class SignalsOutput:
         return packets
 
 
+class SceneOutput:
+    """This project's own account of every tick, also of the invalid ones, for what shows a drive."""
+
+    def __init__(self, _context: Context) -> None:
+        pass
+
+    def step(self, sample: Sample) -> Sequence[bytes]:
+        """Return the datagram of a sample."""
+        return (encode_scene(sample),)
+
+
 class StopOutput:
     """A stop frame: one byte, 1, at every step at which the outputs are invalid after they were valid; else nothing."""
 
@@ -510,6 +522,12 @@ KINDS: Final[Mapping[str, Kind]] = {
         SignalsOutput,
         "the signals near the ego as SPATEMs and MAPEMs in GeoNetworking packets, 10 Hz and 1 Hz",
         tells_signals=True,
+    ),
+    "scene": Kind(
+        SceneOutput,
+        "bodies, state and reasons of every tick as this project's own datagram, for the ROS 2 bridge",
+        tells_actors=True,
+        signed=True,
     ),
     "stop": Kind(StopOutput, "a frame that asks for a stop, at each tick of a drive that is invalid"),
     "osi_view": Kind(

@@ -79,6 +79,8 @@ class Sample:
     measured: SampleContent | None  #: None: the outputs are invalid
     #: also while the outputs are invalid: nobody drives by it. None where no wire carries it, or the pose has a fault
     own: OwnMotion | None = None
+    faults: tuple[str, ...] = ()  #: reason codes of the tick, each of which makes the sample invalid
+    state: str = ""  #: of the gateway, as the drive knew it last; empty before that
 
     @property
     def valid(self) -> bool:
