@@ -326,7 +326,7 @@ class LiveCar:
             self._stop_reasons = status.reasons
         if self.outcome is not None or status.state not in COMMANDING | {ArmingState.FAULT}:
             return
-        if self._feedback is None or (status.state is ArmingState.ENGAGED and WAITING in status.reasons):
+        if self._feedback is None or (status.state is ArmingState.ENGAGED and not NOT_YET.isdisjoint(status.reasons)):
             return
         if self._go_time is None:
             if status.state is ArmingState.FAULT:
