@@ -8,11 +8,6 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
-from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
-from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
-from foxglove_schemas_protobuf.Log_pb2 import Log
-from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
-from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.message import Message
 
@@ -22,7 +17,13 @@ from vve_sumo.export.can_frames import frames_of
 from vve_sumo.export.csv_tables import tick_table
 from vve_sumo.export.foxglove_clouds import clouds, shapes
 from vve_sumo.export.foxglove_messages import (
+    CLOUD,
+    FIX,
+    LOG,
     MAP,
+    POSE,
+    SCENE,
+    TRANSFORMS,
     LotPlaces,
     Schema,
     frame_of,
@@ -30,7 +31,6 @@ from vve_sumo.export.foxglove_messages import (
     json_schema,
     pose_in_map,
     property_of,
-    schema_of,
     state_change,
     transforms,
 )
@@ -69,23 +69,23 @@ def topics_of(run: Run) -> Iterator[Topic]:
     times = [1000 * unix_of_drive(run, time) for time in run.time.tolist()]
     estimate = tuple(ticks[name].to_numpy() for name in ("x_m", "y_m", "heading_rad"))
     driven = motion.x, motion.y, motion.heading
-    yield _of("/tf", FrameTransforms, _transforms(run, times, driven))
-    yield _of("/ego/pose", PoseInFrame, _poses(times, driven))
-    yield _of("/ego/pose_estimated", PoseInFrame, _poses(times, estimate))
-    yield _of("/ego/fix", LocationFix, _fixes(run, times, estimate))
-    yield _of("/roads", SceneUpdate, [(times[0], _roads(run, times[0]))])
-    yield _of("/scene", SceneUpdate, ((times[at], update) for at, update in scene(run, times, MAP)))
+    yield _of("/tf", TRANSFORMS, _transforms(run, times, driven))
+    yield _of("/ego/pose", POSE, _poses(times, driven))
+    yield _of("/ego/pose_estimated", POSE, _poses(times, estimate))
+    yield _of("/ego/fix", FIX, _fixes(run, times, estimate))
+    yield _of("/roads", SCENE, [(times[0], _roads(run, times[0]))])
+    yield _of("/scene", SCENE, ((times[at], update) for at, update in scene(run, times, MAP)))
     for number, table in enumerate(run.sensed.values()):
-        yield _of(f"/{frame_of(table.name)}", PointCloud, clouds(run, table, times))
+        yield _of(f"/{frame_of(table.name)}", CLOUD, clouds(run, table, times))
         if table.drawing.shape != "points":
-            yield _of(f"/{frame_of(table.name)}/shapes", SceneUpdate, shapes(run, table, times, number))
-    yield _of("/gateway/log", Log, _changes(run, times))
+            yield _of(f"/{frame_of(table.name)}/shapes", SCENE, shapes(run, table, times, number))
+    yield _of("/gateway/log", LOG, _changes(run, times))
     yield from _columns(run, times)
     yield Topic("/can", json_schema("CanFrame", "a CAN frame", CAN_FRAME), _can(frames_of(run)))
 
 
-def _of(name: str, kind: type[Message], messages: Iterable[tuple[int, Message]]) -> Topic:
-    return Topic(name, schema_of(kind), ((time, message.SerializeToString()) for time, message in messages))
+def _of(name: str, schema: Schema, messages: Iterable[tuple[int, Message]]) -> Topic:
+    return Topic(name, schema, ((time, message.SerializeToString()) for time, message in messages))
 
 
 def _known(times: list[int], places: tuple[Floats, ...]) -> Iterator[tuple[int, float, float, float]]:

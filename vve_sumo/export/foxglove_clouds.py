@@ -102,7 +102,7 @@ def drawn_shapes(sensor: str, drawing: Drawing, rows: pa.Table, number: int, mea
     entity = SceneEntity(timestamp=stamp(measured), frame_id=frame_of(sensor), id=sensor)
     if isinstance(drawing, Boxes):
         sizes = (numbers[name] for name in (drawing.heading, drawing.length, drawing.width))
-        entity.cubes.extend(_cube(*map(float, values), colour) for values in zip(x, y, *sizes, strict=True))
+        entity.cubes.extend(_cube(colour, *map(float, values)) for values in zip(x, y, *sizes, strict=True))
     else:
         ends = [point for end in zip(x, y, strict=True) for point in (Point3(), Point3(x=end[0], y=end[1]))]
         entity.lines.append(
@@ -117,7 +117,7 @@ def drawn_shapes(sensor: str, drawing: Drawing, rows: pa.Table, number: int, mea
     return SceneUpdate(entities=[entity])
 
 
-def _cube(x: float, y: float, heading: float, length: float, width: float, colour: Color) -> CubePrimitive:
+def _cube(colour: Color, x: float, y: float, heading: float, length: float, width: float) -> CubePrimitive:
     return CubePrimitive(
         pose=Pose(position=Vector3(x=x, y=y, z=0.5 * HEIGHT), orientation=turned(heading)),
         size=Vector3(x=length, y=width, z=HEIGHT),

@@ -18,8 +18,10 @@ from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from foxglove_schemas_protobuf.Pose_pb2 import Pose
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.message import Message
 from mcap_protobuf.schema import build_file_descriptor_set
@@ -49,6 +51,11 @@ def schema_of(kind: type[Message]) -> Schema:
     """Return the schema of messages of a protobuf type, with every type that it is made of."""
     content = build_file_descriptor_set(kind).SerializeToString()
     return Schema(kind.DESCRIPTOR.full_name, "protobuf", content, "protobuf")
+
+
+TRANSFORMS, POSE, FIX, SCENE, CLOUD, LOG = map(
+    schema_of, (FrameTransforms, PoseInFrame, LocationFix, SceneUpdate, PointCloud, Log)
+)
 
 
 def json_schema(name: str, title: str, properties: Mapping[str, Any]) -> Schema:

@@ -69,11 +69,13 @@ class PageServer:
         token: str = "",
         certificate: Sequence[str] = (),
         max_message: int = MAX_MESSAGE,
+        foreign: Sequence[str] = (),
         table: str = "view",
     ) -> None:
         """Listen on an address of this machine and a port, 0 for any free one; without a `token` one is made.
 
-        A WebSocket's message from a page is not longer than `max_message` bytes. `table` names the rig's in errors.
+        A WebSocket's message from a page is not longer than `max_message` bytes. `foreign` are paths that pages of
+        other sites may ask for. `table` names the rig's in errors.
 
         With a `certificate`, the paths of its file and of its key's, the page is served over HTTPS. Raises ConfigError
         where the address cannot be bound or the certificate cannot be used.
@@ -92,7 +94,7 @@ class PageServer:
         self.port = int(self._socket.getsockname()[1])
         # As browsers write it: there is one shortest form of an address of version 6.
         self.host = f"[{ipaddress.ip_address(address).compressed}]" if ":" in address else address
-        app = Gate(Starlette(routes=list(routes)), self.token, hosts_of(self._scheme, self.host, self.port))
+        app = Gate(Starlette(routes=list(routes)), self.token, hosts_of(self._scheme, self.host, self.port), foreign)
         config = _config(app, certificate, max_message)
         config.listener = self._socket
         self._uvicorn = _Quiet(config)
