@@ -129,9 +129,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.view:
         raise ConfigError("--view: only a live drive has a page while it runs; vve-sumo view shows a record")
     if arguments.foxglove:
-        raise ConfigError(
-            "--foxglove: only a live drive has topics while it runs; vve-sumo export DIR mcap makes a file"
-        )
+        raise ConfigError("--foxglove: only a live drive has topics; vve-sumo export DIR mcap makes a file of a record")
     for role in ("operator", "driver"):
         if getattr(arguments, role) is not None:
             raise ConfigError(f"--{role}: only a live drive has an operator and a driver; name the rig with --rig")

@@ -46,6 +46,8 @@ if TYPE_CHECKING:
 ADDRESS_FILE: Final = "view.json"
 #: where viewers of topics connect to, after the token
 VIEWERS_PATH: Final = "foxglove"
+#: of samples that come at once viewers of topics get the messages of the newest few: a page comes before them
+MAX_BEHIND: Final = 5
 #: open files of this process, at most: its connections among them, whose number `guard` bounds to fewer
 MAX_FILES: Final = 256
 #: a gateway whose newest status is older counts as silent [s]
@@ -132,8 +134,8 @@ class ViewProcess:
         if self._viewers is None:
             return
         try:
-            for sample in samples:
-                self._viewers.take(sample)
+            for left, sample in zip(range(len(samples), 0, -1), samples, strict=True):
+                self._viewers.take(sample, encoded=left <= MAX_BEHIND)
         except Exception:
             traceback.print_exc()
             self._viewers.stream.end()
@@ -161,9 +163,9 @@ class _Viewers(NamedTuple):
     topics: LiveTopics
     stream: TopicStream
 
-    def take(self, sample: ViewSample) -> None:
-        """Hand the messages of a sample on."""
-        self.stream.publish(self.topics.take(sample, self.stream.wanted))
+    def take(self, sample: ViewSample, *, encoded: bool) -> None:
+        """Take a sample, and hand its messages on where they are to be encoded."""
+        self.stream.publish(self.topics.take(sample, self.stream.wanted if encoded else ()))
 
 
 def _viewers(resolved: Mapping[str, Any], folder: Path) -> _Viewers:

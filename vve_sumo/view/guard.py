@@ -50,7 +50,7 @@ class Gate:
     def __init__(self, app: ASGIApp, token: str, hosts: Collection[str], foreign: Collection[str] = ()) -> None:
         """`hosts` are names and ports as a browser says them, such as 127.0.0.1:8000.
 
-        `foreign` are paths, without the token, that pages of other sites may ask for as well: they need the token alone.
+        `foreign` are paths, after the token, that pages of other sites may ask for as well: the token is enough.
         """
         self._app, self._token = app, token.encode()
         self._hosts, self._foreign = frozenset(hosts), frozenset(foreign)

@@ -31,6 +31,8 @@ from vve_sumo.view.library import Library, ViewedRecord
 LOOPBACK: Final = "127.0.0.1"
 #: a WebSocket's message from a page is not longer [bytes]: a page only acknowledges frames
 MAX_MESSAGE: Final = 64
+#: what the kernel holds of a connection's unread bytes: little, so that a slow reader's live data are not old [bytes]
+UNREAD: Final = 1 << 18
 #: messages of a page that wait to be read, at most
 MAX_WAITING: Final = 8
 #: pages that may hold the page of a record in a frame: notebooks on this machine
@@ -85,6 +87,7 @@ class PageServer:
         self.token = token or secrets.token_urlsafe(18)
         self._socket = Listener(socket.AF_INET6 if ":" in address else socket.AF_INET)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, UNREAD)  # its connections inherit it
         try:
             self._socket.bind((address, port))
             self._socket.listen()
