@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import importlib
 import json
 import socket
@@ -13,6 +14,7 @@ from urllib.parse import urlsplit
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.records import Schema
 from mcap_protobuf.decoder import DecoderFactory
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 PROTOCOLS = ("foxglove.websocket.v1", "foxglove.sdk.v1")
@@ -29,14 +31,23 @@ class Got(NamedTuple):
 class Viewer:
     """A connection, its channels by topic, and what came over it."""
 
-    def __init__(self, address: str, protocol: str = PROTOCOLS[0], origin: str | None = None) -> None:
-        # A small buffer, so that who reads nothing soon holds up who sends.
+    def __init__(
+        self, address: str, protocol: str = PROTOCOLS[0], origin: str | None = None, buffer: int = 1 << 14
+    ) -> None:
+        # With a small buffer who reads nothing soon holds up who sends.
         parts = urlsplit(address)
         lower = socket.socket()
-        lower.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 14)
+        lower.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer)
         lower.connect((parts.hostname, parts.port))
         made: Any = connect(
-            address, sock=lower, subprotocols=[protocol], origin=origin, max_size=None, compression=None, proxy=None
+            address,
+            sock=lower,
+            subprotocols=[protocol],
+            origin=origin,
+            max_size=None,
+            compression=None,
+            proxy=None,
+            close_timeout=1.0,
         )
         self.socket: ClientConnection = made
         self.info = self.text()
@@ -65,15 +76,23 @@ class Viewer:
 
     def next(self) -> Got:
         """Return the next message of a topic; statuses are kept aside."""
-        while True:
-            came = self.socket.recv(PATIENCE)
-            if isinstance(came, str):
-                self.statuses.append(json.loads(came))
-                continue
-            opcode, own, time = struct.unpack_from("<BIQ", came)
-            assert opcode == 1
-            topic = self._topics[own]
-            return Got(topic, time, self.decoded(topic, came[13:]))
+        while isinstance(came := self.socket.recv(PATIENCE), str):
+            self.statuses.append(json.loads(came))
+        return self._got(came)
+
+    def rest(self) -> list[Got]:
+        """Return all messages until the server ends; they are decoded when all have come."""
+        came: list[str | bytes] = []
+        with contextlib.suppress(ConnectionClosed):
+            while True:
+                came.append(self.socket.recv(PATIENCE))
+        self.statuses += [json.loads(one) for one in came if isinstance(one, str)]
+        return [self._got(one) for one in came if not isinstance(one, str)]
+
+    def _got(self, came: bytes) -> Got:
+        opcode, own, time = struct.unpack_from("<BIQ", came)
+        assert opcode == 1
+        return Got(self._topics[own], time, self.decoded(self._topics[own], came[13:]))
 
     def decoded(self, topic: str, content: bytes) -> Any:
         """Decode a message by Foxglove's own classes, and once more by the schema that the channel carries."""
