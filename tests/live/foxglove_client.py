@@ -19,7 +19,7 @@ from websockets.sync.client import ClientConnection, connect
 
 PROTOCOLS = ("foxglove.websocket.v1", "foxglove.sdk.v1")
 #: of every message [s]
-PATIENCE = 20.0
+PATIENCE = 90.0
 
 
 class Got(NamedTuple):
