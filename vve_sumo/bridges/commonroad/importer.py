@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import math
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -82,24 +83,45 @@ def import_file(
     nothing where something is not taken, unless it is `partial`: then that is left out.
     """
     refuse_existing(folder, name, [name])
+    found = read_scenario(file, name, ego)
+    refuse_left_out(found.problems, partial)
+    place = origin or ORIGIN
+    with tempfile.TemporaryDirectory() as made:
+        aside = Path(made)
+        (x0, y0), frame = found.middle, MapFrame(projection(place))
+        warnings = build(found.lanelets, found.middle, place, aside / "networks" / f"{name}.net.xml")
+        write_scenario(aside, name, with_road(found.table, name), file)
+        for line, points in found.lines.items():
+            write_line(aside, line, [(x - x0, y - y0) for x, y in points], frame, file)
+        check_scenario(aside, name)
+        copy_all(aside, folder)
+    return Written([name], found.problems, found.notes, warnings)
+
+
+class Imported(NamedTuple):
+    """What a file came to."""
+
+    table: dict[str, Any]  #: of the scenario
+    lines: dict[str, Points]  #: by the names of their files, in the file's coordinates [m]
+    problems: list[str]  #: what is left out, each with file, line and element
+    notes: list[str]  #: what is taken otherwise than it stands there
+    lanelets: Mapping[str, Lanelet]
+    middle: tuple[float, float]  #: of the lanelets [m]
+
+
+def read_scenario(file: Path, name: str, ego: str | None = None) -> Imported:
+    """Return what a CommonRoad file comes to; writes nothing, and builds no network.
+
+    Raises ConfigError for what is no such file, and for an ego that cannot drive. All else that is not taken is left
+    out and stands in `problems`.
+    """
     try:
         reader = _Reader(file, name, ego)
         table = reader.read()
     except NotTakenError as error:
         raise ConfigError(str(error)) from None
     problems = reader.problems
-    refuse_left_out(problems.found, partial)
-    place = origin or ORIGIN
-    with tempfile.TemporaryDirectory() as made:
-        aside = Path(made)
-        (x0, y0), frame = reader.middle, MapFrame(projection(place))
-        warnings = build(reader.lanelets, reader.middle, place, aside / "networks" / f"{name}.net.xml")
-        write_scenario(aside, name, with_road(table, name), file)
-        for line, points in reader.files.points.items():
-            write_line(aside, line, [(x - x0, y - y0) for x, y in points], frame, file)
-        check_scenario(aside, name)
-        copy_all(aside, folder)
-    return Written([name], problems.found, problems.notes, warnings)
+    return Imported(table, reader.files.points, problems.found, problems.notes, reader.lanelets, reader.middle)
 
 
 class _Reader:
@@ -112,7 +134,8 @@ class _Reader:
         vehicle = load(find("vehicle", VEHICLE, Path.cwd())).vehicle
         self._ahead = 0.5 * vehicle.length - vehicle.rear_overhang
         corners = np.concatenate([one.middle for one in self.lanelets.values()])
-        self.middle = tuple(np.round(0.5 * (corners.min(axis=0) + corners.max(axis=0)), 3).tolist())
+        x, y = np.round(0.5 * (corners.min(axis=0) + corners.max(axis=0)), 3).tolist()
+        self.middle: tuple[float, float] = (x, y)
 
     def _time_step(self) -> float:
         root = self._root
