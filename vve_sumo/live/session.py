@@ -174,7 +174,13 @@ def _further_plan(own: DrivePlan, resolved: ResolvedScenario, rig: str) -> Drive
     if not own.shadow:
         refuse_outside(resolved, own.working, delay_of(loaded))
     return replace(
-        own, resolved=resolved, rig=loaded, rig_file=rig_file, folder=own.folder_of(resolved.ego_id), view=False
+        own,
+        resolved=resolved,
+        rig=loaded,
+        rig_file=rig_file,
+        folder=own.folder_of(resolved.ego_id),
+        view=False,
+        foxglove=False,
     )
 
 
