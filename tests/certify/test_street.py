@@ -124,6 +124,18 @@ def test_a_right_brain_by_a_public_law_passes_what_its_law_is_asked_by(name: str
     assert [(one.case.name, one.why) for one in results if one.verdict is not CaseVerdict.PASSED] == []
 
 
+@pytest.mark.thorough
+def test_a_brain_by_the_law_of_a_public_package_passes_what_its_law_is_asked_by(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pytest.importorskip("cacc_sim", reason="cavsandbox is not installed")
+    from cavsandbox_idm import CavsandboxIdm
+
+    monkeypatch.setitem(RIGHT, "cavsandbox_idm", CavsandboxIdm)  # type: ignore[arg-type]
+    results = certified("cavsandbox_idm", 1, cases=[CASE["target_ghost"], CASE["target_ghost_slower"]])
+    assert [(one.case.name, one.why) for one in results if one.verdict is not CaseVerdict.PASSED] == []
+
+
 @cache
 def whole(name: str, seed: int, sense: str = "radar") -> tuple[CaseResult, ...]:
     """Return a certificate with all cases."""

@@ -129,6 +129,7 @@ def test_a_car_is_named_once(tmp_path: Path) -> None:
     for arguments, words in [
         (["--rig", "simulated", "--vehicle", "lincoln_mkz"], "--vehicle: a rig brings its own vehicle"),
         (["--lockstep"], "--lockstep: expected --rig"),
+        (["--foxglove"], "--foxglove: only a live drive has topics"),
         (["--rig", "simulated", "--lockstep", "--shadow"], "--shadow: only a live drive sets enable bits"),
         (["--vehicle", "tank"], "ego.vehicle: no vehicle named 'tank'; known: ford_fusion, lincoln_mkz"),
         (["--rig", "fusion_example", "--lockstep"], "key 'lot.surveyed' is missing"),

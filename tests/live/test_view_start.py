@@ -28,7 +28,7 @@ def test_a_stop_beside_the_word_that_the_page_is_ready_ends_the_start(
     monkeypatch.setattr(spawn, "start", start)
     rig = SimpleNamespace(view=RigView(), outputs=(), v2x=None)
     nobody = SimpleNamespace(people=())
-    plan: Any = SimpleNamespace(view=True, rig=rig, resolved=nobody, folder=tmp_path, working=tmp_path)
+    plan: Any = SimpleNamespace(view=True, foxglove=False, rig=rig, resolved=nobody, folder=tmp_path, working=tmp_path)
     if stops:
         with pytest.raises(RigError, match="a page asked to stop before the drive began"):
             optional_processes.start(plan, {}, {"vehicle": {}}, lambda _: None)

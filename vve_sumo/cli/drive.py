@@ -99,6 +99,11 @@ def arguments(parser: Parser) -> None:
         "the rig's car, calibration, mounting, lot and alignment; no hardware can be opened",
     )
     parser.add_argument("--view", action="store_true", help="live, with a page in a browser; its address is printed")
+    parser.add_argument(
+        "--foxglove",
+        action="store_true",
+        help="live, with --view, and topics for Foxglove and Lichtblick; the address to connect to is printed",
+    )
     parser.add_argument("--operator", metavar="NAME", help="live, for the record: name of the operator at the console")
     parser.add_argument("--driver", metavar="NAME", help="live, for the record: name of the safety driver")
     live_drive.override_argument(parser)
@@ -123,6 +128,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigError("--shadow: only a live drive sets enable bits; name the rig with --rig")
     if arguments.view:
         raise ConfigError("--view: only a live drive has a page while it runs; vve-sumo view shows a record")
+    if arguments.foxglove:
+        raise ConfigError("--foxglove: only a live drive has topics; vve-sumo export DIR mcap makes a file of a record")
     for role in ("operator", "driver"):
         if getattr(arguments, role) is not None:
             raise ConfigError(f"--{role}: only a live drive has an operator and a driver; name the rig with --rig")
@@ -236,7 +243,8 @@ def _driven(arguments: argparse.Namespace, rehearse: Path | None) -> int:
         shadow=arguments.shadow,
         speed=arguments.speed,
         values=values_of(arguments.values),
-        view=arguments.view,
+        view=arguments.view or arguments.foxglove,
+        foxglove=arguments.foxglove,
         rehearse=rehearse,
         further=arguments.further_rigs,
     )

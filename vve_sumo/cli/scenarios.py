@@ -7,11 +7,15 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from vve_sumo.cli.console import notify
 from vve_sumo.cli.network import latitude_longitude
 from vve_sumo.cli.parser import OF_FILES, Commands, Parser, add_command, add_json, add_subcommands, values_of
 from vve_sumo.errors import ConfigError
+
+if TYPE_CHECKING:
+    from vve_sumo.bridges.scenario_import.workspace_files import Written
 
 #: line width below which a terminal shows name and title alone [characters]
 WIDE_ENOUGH = 150
@@ -22,7 +26,7 @@ UNLIMITED = 400
 
 EXIT_CODES = OF_FILES
 
-SUMMARY = "list the scenarios, draw one, import one of OpenSCENARIO, write their schema"
+SUMMARY = "list the scenarios, draw one, import one of OpenSCENARIO or CommonRoad, write their schema"
 TEXT = """\
 List every scenario: its title, network, other road users and pass criteria. With --fit-lot: whether the meeting with
 whom an ego that never brakes would touch first fits into the lot of a rig, at which speed, and on which part of the
@@ -34,12 +38,14 @@ examples:
   vve-sumo scenarios show cut_in --out cut.png   a picture: the road, the actors' motion, the triggers
   vve-sumo scenarios schema --out scenario.schema.json   for editors that complete and check
   vve-sumo scenarios import cut-in.xosc         a scenario of OpenSCENARIO, into this folder
+  vve-sumo scenarios import ZAM_Tutorial-1_1_T-1.xml   one of CommonRoad
 """
 IMPORT_TEXT = """\
 Write a scenario of OpenSCENARIO XML 1.x into the working folder: scenarios/NAME.toml, its paths under routes/, and the
 network of its OpenDRIVE roads under networks/. Then `vve-sumo drive NAME` drives it, the file's ego by a controller.
 A file that varies the parameters of another gives a scenario for each set of values. What is not taken is named with
 file, line and element, and nothing is written; with --partial it is left out. docs/openscenario.md says what is taken.
+A file of CommonRoad (XML 2018b, 2020a) is told by its root element; docs/commonroad.md says what of one is taken.
 Needs netconvert: pip install 'vve-sumo[network]'.
 """
 
@@ -72,10 +78,14 @@ def arguments(parser: Parser) -> None:
 
 
 def _add_import(inner: Commands) -> None:
-    imported = add_command(inner, "import", "write a scenario of OpenSCENARIO into this folder", IMPORT_TEXT, OF_FILES)
-    imported.add_argument("file", type=Path, metavar="XOSC", help="scenario, or variation of one, of OpenSCENARIO 1.x")
+    imported = add_command(
+        inner, "import", "write a scenario of OpenSCENARIO or CommonRoad into this folder", IMPORT_TEXT, OF_FILES
+    )
+    imported.add_argument("file", type=Path, metavar="FILE", help="scenario of OpenSCENARIO 1.x or CommonRoad")
     imported.add_argument("--out", metavar="NAME", help="name of the scenario (default: the file's)")
-    imported.add_argument("--ego", metavar="NAME", help="entity that a controller drives (default: the one named Ego)")
+    imported.add_argument(
+        "--ego", metavar="NAME", help="entity or planning problem of the ego (default: one named Ego)"
+    )
     imported.add_argument("--partial", action="store_true", help="leave out what is not taken, and say so")
     imported.add_argument(
         "--set",
@@ -103,23 +113,14 @@ def _value_of_parameter(text: str) -> tuple[str, str]:
 
 
 def _import(arguments: argparse.Namespace) -> int:
-    """Import a scenario of OpenSCENARIO; return the exit code, 0."""
+    """Import a scenario of OpenSCENARIO or CommonRoad; return the exit code, 0."""
     from vve_sumo.bridges.openscenario.entities import slug
-    from vve_sumo.bridges.openscenario.write import import_file
 
     file = arguments.file
     name = slug(file.stem, "scenario") if arguments.out is None else arguments.out
     if name != slug(name):
         raise ConfigError(f"--out {name}: expected a letter, then letters, digits, - and _")
-    written = import_file(
-        file,
-        Path.cwd(),
-        name,
-        ego=arguments.ego,
-        partial=arguments.partial,
-        given=values_of(arguments.set),
-        origin=arguments.origin,
-    )
+    written = _imported(arguments, file, name)
     for line in written.warnings:
         notify(f"netconvert: {line}")
     for line in written.notes:
@@ -130,6 +131,19 @@ def _import(arguments: argparse.Namespace) -> int:
     print(f"{file} written to scenarios/{first}.toml" + (f" and {more} more" if more else ""))
     print(f"drive it: vve-sumo drive {first}")
     return 0
+
+
+def _imported(arguments: argparse.Namespace, file: Path, name: str) -> Written:
+    """Import a file by what its root element says it is."""
+    from vve_sumo.bridges.commonroad import importer as commonroad
+    from vve_sumo.bridges.openscenario import write as openscenario
+
+    more = {"ego": arguments.ego, "partial": arguments.partial, "origin": arguments.origin}
+    if not commonroad.is_commonroad(file):
+        return openscenario.import_file(file, Path.cwd(), name, given=values_of(arguments.set), **more)
+    if arguments.set:
+        raise ConfigError("--set: a file of CommonRoad declares no parameters")
+    return commonroad.import_file(file, Path.cwd(), name, **more)
 
 
 def run(arguments: argparse.Namespace) -> int:

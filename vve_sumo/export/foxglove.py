@@ -1,42 +1,45 @@
-"""The topics of a drive for Foxglove and Lichtblick: their names, their schemas, their messages over time.
-
-Poses, places, scene and sensors' readings are messages of Foxglove's own schemas as protobuf; what those have no schema
-for (CAN frames, signals, states) is JSON with a schema of its own, which says of every field its unit and its meaning.
-The frames are `map` (the virtual road's), `ego` (rear axle, on the ground) and one of each sensor that declares how it
-is drawn, by the name of its table in the record.
-"""
+"""The topics of a drive for Foxglove and Lichtblick: their names, their schemas, their messages over time."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
-from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
-from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
-from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
-from foxglove_schemas_protobuf.Log_pb2 import Log
-from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
-from foxglove_schemas_protobuf.Pose_pb2 import Pose
-from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
-from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.message import Message
-from mcap_protobuf.schema import build_file_descriptor_set
 
 from vve_sumo.analysis.run import Run
 from vve_sumo.bus import LoggedFrame
 from vve_sumo.export.can_frames import frames_of
 from vve_sumo.export.csv_tables import tick_table
-from vve_sumo.export.foxglove_clouds import clouds, frame_of, shapes
-from vve_sumo.export.foxglove_scene import NANOSECONDS, roads, scene, stamp, turned
+from vve_sumo.export.foxglove_clouds import clouds, shapes
+from vve_sumo.export.foxglove_messages import (
+    CLOUD,
+    FIX,
+    LOG,
+    MAP,
+    POSE,
+    SCENE,
+    TRANSFORMS,
+    LotPlaces,
+    Schema,
+    frame_of,
+    json_row,
+    json_schema,
+    pose_in_map,
+    property_of,
+    state_change,
+    transforms,
+)
+from vve_sumo.export.foxglove_scene import NANOSECONDS, roads, scene, stamp
+from vve_sumo.export.lanes import lanes_of
 from vve_sumo.export.unix_time import MICROSECONDS, unix_of_drive
-from vve_sumo.frames import Alignment, MapFrame
-from vve_sumo.values import ArmingState, Floats
+from vve_sumo.record.declared import recorded_points
+from vve_sumo.values import Floats
 
-MAP, EGO = "map", "ego"
 CAN_FRAME: Final = {
     "timestamp": {
         "type": "object",
@@ -49,18 +52,6 @@ CAN_FRAME: Final = {
     "length": {"type": "integer", "description": "bytes of the payload"},
     "data": {"type": "string", "description": "payload, two hexadecimal digits a byte"},
 }
-#: how a change to a state is shown; other states are INFO
-LEVELS: Final = {ArmingState.STOPPING: Log.WARNING, ArmingState.FAULT: Log.ERROR}
-
-
-@dataclass(frozen=True, slots=True)
-class Schema:
-    """What the messages of a topic look like, as MCAP has it."""
-
-    name: str
-    encoding: str  #: of the schema
-    content: bytes
-    messages: str  #: encoding of the messages
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,30 +69,23 @@ def topics_of(run: Run) -> Iterator[Topic]:
     times = [1000 * unix_of_drive(run, time) for time in run.time.tolist()]
     estimate = tuple(ticks[name].to_numpy() for name in ("x_m", "y_m", "heading_rad"))
     driven = motion.x, motion.y, motion.heading
-    yield _of("/tf", FrameTransforms, _transforms(run, times, driven))
-    yield _of("/ego/pose", PoseInFrame, _poses(times, driven))
-    yield _of("/ego/pose_estimated", PoseInFrame, _poses(times, estimate))
-    yield _of("/ego/fix", LocationFix, _fixes(run, times, estimate))
-    yield _of("/roads", SceneUpdate, [(times[0], roads(run, stamp(times[0]), MAP))])
-    yield _of("/scene", SceneUpdate, ((times[at], update) for at, update in scene(run, times, MAP)))
+    yield _of("/tf", TRANSFORMS, _transforms(run, times, driven))
+    yield _of("/ego/pose", POSE, _poses(times, driven))
+    yield _of("/ego/pose_estimated", POSE, _poses(times, estimate))
+    yield _of("/ego/fix", FIX, _fixes(run, times, estimate))
+    yield _of("/roads", SCENE, [(times[0], _roads(run, times[0]))])
+    yield _of("/scene", SCENE, ((times[at], update) for at, update in scene(run, times, MAP)))
     for number, table in enumerate(run.sensed.values()):
-        yield _of(f"/{frame_of(table.name)}", PointCloud, clouds(run, table, times))
+        yield _of(f"/{frame_of(table.name)}", CLOUD, clouds(run, table, times))
         if table.drawing.shape != "points":
-            yield _of(f"/{frame_of(table.name)}/shapes", SceneUpdate, shapes(run, table, times, number))
-    yield _of("/gateway/log", Log, _changes(run, times))
+            yield _of(f"/{frame_of(table.name)}/shapes", SCENE, shapes(run, table, times, number))
+    yield _of("/gateway/log", LOG, _changes(run, times))
     yield from _columns(run, times)
-    yield Topic("/can", _json_schema("CanFrame", "a CAN frame", CAN_FRAME), _can(frames_of(run)))
+    yield Topic("/can", json_schema("CanFrame", "a CAN frame", CAN_FRAME), _can(frames_of(run)))
 
 
-def _of(name: str, kind: type[Message], messages: Iterable[tuple[int, Message]]) -> Topic:
-    content = build_file_descriptor_set(kind).SerializeToString()
-    schema = Schema(kind.DESCRIPTOR.full_name, "protobuf", content, "protobuf")
+def _of(name: str, schema: Schema, messages: Iterable[tuple[int, Message]]) -> Topic:
     return Topic(name, schema, ((time, message.SerializeToString()) for time, message in messages))
-
-
-def _json_schema(name: str, title: str, properties: Mapping[str, Any]) -> Schema:
-    content = {"title": f"vve_sumo.{name}", "description": title, "type": "object", "properties": properties}
-    return Schema(f"vve_sumo.{name}", "jsonschema", json.dumps(content).encode(), "json")
 
 
 def _known(times: list[int], places: tuple[Floats, ...]) -> Iterator[tuple[int, float, float, float]]:
@@ -112,50 +96,17 @@ def _known(times: list[int], places: tuple[Floats, ...]) -> Iterator[tuple[int, 
 
 
 def _transforms(run: Run, times: list[int], places: tuple[Floats, ...]) -> Iterator[tuple[int, Message]]:
-    frames = {frame_of(table.name): table.drawing.frame for table in run.sensed.values()}
-    for time, x, y, heading in _known(times, places):
-        at, turn = stamp(time), turned(heading)
-        ego = FrameTransform(
-            timestamp=at, parent_frame_id=MAP, child_frame_id=EGO, translation=Vector3(x=x, y=y), rotation=turn
-        )
-        sensors = [
-            FrameTransform(
-                timestamp=at,
-                parent_frame_id=EGO,
-                child_frame_id=name,
-                translation=Vector3(x=frame.x_m, y=frame.y_m, z=frame.z_m),
-                rotation=turned(frame.yaw_rad),
-            )
-            for name, frame in frames.items()
-        ]
-        yield time, FrameTransforms(transforms=[ego, *sensors])
+    drawings = {table.name: table.drawing for table in run.sensed.values()}
+    return ((place[0], transforms(*place, drawings)) for place in _known(times, places))
 
 
 def _poses(times: list[int], places: tuple[Floats, ...]) -> Iterator[tuple[int, Message]]:
-    for time, x, y, heading in _known(times, places):
-        pose = Pose(position=Vector3(x=x, y=y), orientation=turned(heading))
-        yield time, PoseInFrame(timestamp=stamp(time), frame_id=MAP, pose=pose)
+    return ((place[0], pose_in_map(*place)) for place in _known(times, places))
 
 
 def _fixes(run: Run, times: list[int], places: tuple[Floats, ...]) -> Iterator[tuple[int, Message]]:
-    """Yield where the rear axle really was on Earth: in the lot, whatever street the car drove on."""
-    turned = run.resolved["lot_to_road"]
-    back = Alignment(turned["rotation_rad"], turned["x_m"], turned["y_m"]).inverse()
-    lot = MapFrame(run.resolved["lot_projection"])
-    cos, sin = math.cos(back.rotation), math.sin(back.rotation)
-    for time, x, y, heading in _known(times, places):
-        latitude, longitude = lot.to_geodetic(cos * x - sin * y + back.x, sin * x + cos * y + back.y)
-        from_east = heading + back.rotation - lot.convergence(latitude, longitude)
-        yield (
-            time,
-            LocationFix(
-                timestamp=stamp(time),
-                frame_id=EGO,
-                latitude=math.degrees(latitude),
-                longitude=math.degrees(longitude),
-                heading=(0.5 * math.pi - from_east) % math.tau,
-            ),
-        )
+    lot = LotPlaces(run.resolved)
+    return ((place[0], lot.fix(*place)) for place in _known(times, places))
 
 
 def _changes(run: Run, times: list[int]) -> Iterator[tuple[int, Message]]:
@@ -164,10 +115,12 @@ def _changes(run: Run, times: list[int]) -> Iterator[tuple[int, Message]]:
     states, reasons = ticks["state"].to_pylist(), ticks["reasons"].to_pylist()
     for time, now in zip(times, zip(states, reasons, strict=True), strict=True):
         if now != before:
-            state, why = before = now
-            level = LEVELS.get(state, Log.INFO)
-            text = f"{state}: {why}" if why else state
-            yield time, Log(timestamp=stamp(time), level=level, message=text, name="gateway")
+            before = now
+            yield time, state_change(time, *now)
+
+
+def _roads(run: Run, time: int) -> SceneUpdate:
+    return roads(lanes_of(run), recorded_points(run.resolved), stamp(time), MAP)
 
 
 def _columns(run: Run, times: list[int]) -> Iterator[Topic]:
@@ -180,32 +133,15 @@ def _columns(run: Run, times: list[int]) -> Iterator[Topic]:
         ("/states", "States", "states, reasons and names of a tick", rest),
     ):
         properties = {
-            name: {
-                "type": _json_type(table[name].dtype.kind),
-                "description": " ".join(filter(None, (table.attrs["meanings"][name], _in(table.attrs["units"][name])))),
-            }
+            name: property_of(table[name].dtype.kind, table.attrs["meanings"][name], table.attrs["units"][name])
             for name in names
         }
         rows = zip(*(table[name].tolist() for name in names), strict=True)
-        yield Topic(topic, _json_schema(schema, title, properties), _rows(times, names, rows))
-
-
-def _json_type(kind: str) -> str:
-    return {"f": "number", "i": "integer", "b": "boolean"}.get(kind, "string")
-
-
-def _in(unit: str) -> str:
-    return f"[{unit}]" if unit else ""
+        yield Topic(topic, json_schema(schema, title, properties), _rows(times, names, rows))
 
 
 def _rows(times: list[int], names: list[str], rows: Iterable[tuple[Any, ...]]) -> Iterator[tuple[int, bytes]]:
-    for time, row in zip(times, rows, strict=True):
-        known = {
-            name: value
-            for name, value in zip(names, row, strict=True)
-            if not isinstance(value, float) or math.isfinite(value)
-        }
-        yield time, json.dumps(known, allow_nan=False, separators=(",", ":")).encode()
+    return ((time, json_row(names, row)) for time, row in zip(times, rows, strict=True))
 
 
 def _can(frames: Iterable[LoggedFrame]) -> Iterator[tuple[int, bytes]]:

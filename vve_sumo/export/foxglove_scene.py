@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterator
-from typing import Final
+from collections.abc import Iterable, Iterator
+from typing import Final, NamedTuple
 
 from foxglove_schemas_protobuf.Color_pb2 import Color
 from foxglove_schemas_protobuf.CubePrimitive_pb2 import CubePrimitive
@@ -18,14 +18,14 @@ from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletio
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.TextPrimitive_pb2 import TextPrimitive
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+from google.protobuf.duration_pb2 import Duration
 from google.protobuf.timestamp_pb2 import Timestamp
 
 from vve_sumo.analysis.bodies import RecordedBody, bodies
 from vve_sumo.analysis.run import Run
 from vve_sumo.body_kinds import PERSONS
 from vve_sumo.export.commonroad import bounds
-from vve_sumo.export.lanes import lanes_of
-from vve_sumo.record.declared import recorded_points
+from vve_sumo.export.lanes import RecordedLane
 from vve_sumo.values import Floats
 
 # Colours of Okabe and Ito (2008), which people who are colour-blind tell apart.
@@ -39,6 +39,20 @@ LETTERS: Final = 1.0  #: height of a body's name above it [m]
 NANOSECONDS: Final = 1_000_000_000
 
 
+class BodyBox(NamedTuple):
+    """A body as it is drawn: a box on the ground."""
+
+    name: str
+    kind: str  #: one of BODY_KINDS
+    is_ego: bool
+    x: float  #: centre, map [m]
+    y: float  #: [m]
+    heading: float  #: [rad], counter-clockwise from the map's +x
+    length: float  #: [m]
+    width: float  #: [m]
+    height: float  #: [m]
+
+
 def stamp(time: int) -> Timestamp:
     """Return a Unix time [ns] as protobuf has it."""
     seconds, nanos = divmod(time, NANOSECONDS)
@@ -50,13 +64,12 @@ def turned(heading: float) -> Quaternion:
     return Quaternion(z=math.sin(0.5 * heading), w=math.cos(0.5 * heading))
 
 
-def roads(run: Run, at: Timestamp, frame: str) -> SceneUpdate:
-    """Return both bounds of every lane, as far as the record has them, and the path."""
-    lanes = [_line(bound, ROAD_WIDTH, ROAD_COLOUR) for lane in lanes_of(run) for bound in bounds(lane.line, lane.width)]
-    path = [_line(recorded_points(run.resolved), PATH_WIDTH, PATH_COLOUR)]
+def roads(lanes: Iterable[RecordedLane], path: Floats, at: Timestamp, frame: str) -> SceneUpdate:
+    """Return both bounds of every lane, and the points (n, 2) of the path [m]."""
+    drawn = [_line(bound, ROAD_WIDTH, ROAD_COLOUR) for lane in lanes for bound in bounds(lane.line, lane.width)]
     entities = [
         SceneEntity(timestamp=at, frame_id=frame, id=name, lines=lines)
-        for name, lines in (("lanes", lanes), ("path", path))
+        for name, lines in (("lanes", drawn), ("path", [_line(path, PATH_WIDTH, PATH_COLOUR)]))
         if lines
     ]
     return SceneUpdate(entities=entities)
@@ -74,40 +87,51 @@ def scene(run: Run, times: list[int], frame: str) -> Iterator[tuple[int, SceneUp
     before: set[str] = set()
     for at, time in enumerate(times):
         here = present.get(at, [])
-        now, names = stamp(time), {body.name for body, _ in here}
-        if not names and not before:
-            continue
-        gone = [
-            SceneEntityDeletion(timestamp=now, type=SceneEntityDeletion.MATCHING_ID, id=name)
-            for name in sorted(before - names)
-        ]
-        boxes = [_box(body, row, now, frame, _colour(body, run.ego)) for body, row in here]
-        yield at, SceneUpdate(deletions=gone, entities=boxes)
+        names = {body.name for body, _ in here}
+        if names or before:
+            yield at, update([_box(body, row, body.name == run.ego) for body, row in here], before - names, time, frame)
         before = names
 
 
-def _box(body: RecordedBody, row: int, at: Timestamp, frame: str, colour: Color) -> SceneEntity:
-    height, heading = body.height, float(body.heading[row])
-    x, y = float(body.x[row]), float(body.y[row])
+def update(boxes: Iterable[BodyBox], gone: Iterable[str], time: int, frame: str, lifetime: int = 0) -> SceneUpdate:
+    """Return the bodies at a Unix time [ns], and the names of those to delete.
+
+    A viewer that hears nothing new of a body for `lifetime` [s] deletes it; 0 for never.
+    """
+    at, lasting = stamp(time), Duration(seconds=lifetime) if lifetime else None
+    kind = SceneEntityDeletion.MATCHING_ID
+    return SceneUpdate(
+        deletions=[SceneEntityDeletion(timestamp=at, type=kind, id=name) for name in sorted(gone)],
+        entities=[_entity(box, at, frame, lasting) for box in boxes],
+    )
+
+
+def _box(body: RecordedBody, row: int, is_ego: bool) -> BodyBox:
+    place = float(body.x[row]), float(body.y[row]), float(body.heading[row])
+    return BodyBox(body.name, body.kind, is_ego, *place, body.length, body.width, body.height)
+
+
+def _entity(box: BodyBox, at: Timestamp, frame: str, lifetime: Duration | None) -> SceneEntity:
+    colour = _colour(box)
     cube = CubePrimitive(
-        pose=Pose(position=Vector3(x=x, y=y, z=0.5 * height), orientation=turned(heading)),
-        size=Vector3(x=body.length, y=body.width, z=height),
+        pose=Pose(position=Vector3(x=box.x, y=box.y, z=0.5 * box.height), orientation=turned(box.heading)),
+        size=Vector3(x=box.length, y=box.width, z=box.height),
         color=colour,
     )
     label = TextPrimitive(
-        pose=Pose(position=Vector3(x=x, y=y, z=height + LETTERS), orientation=turned(0.0)),
+        pose=Pose(position=Vector3(x=box.x, y=box.y, z=box.height + LETTERS), orientation=turned(0.0)),
         billboard=True,
         font_size=LETTERS,
         color=colour,
-        text=body.name,
+        text=box.name,
     )
-    return SceneEntity(timestamp=at, frame_id=frame, id=body.name, cubes=[cube], texts=[label])
+    return SceneEntity(timestamp=at, frame_id=frame, id=box.name, lifetime=lifetime, cubes=[cube], texts=[label])
 
 
-def _colour(body: RecordedBody, ego: str) -> Color:
-    if body.name == ego:
+def _colour(box: BodyBox) -> Color:
+    if box.is_ego:
         return EGO_COLOUR
-    return PERSON_COLOUR if body.kind in PERSONS else VEHICLE_COLOUR
+    return PERSON_COLOUR if box.kind in PERSONS else VEHICLE_COLOUR
 
 
 def _line(points: Floats, width: float, colour: Color) -> LinePrimitive:

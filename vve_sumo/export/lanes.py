@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from vve_sumo.analysis.run import Run
@@ -39,8 +40,13 @@ class LanePlaces(NamedTuple):
 
 def lanes_of(run: Run) -> list[RecordedLane]:
     """Return the lanes of a record, except those of a single point; none of a record of an earlier layout."""
+    return lanes_in(run.arrow("roads"))
+
+
+def lanes_in(roads: pa.Table) -> list[RecordedLane]:
+    """Return the lanes in a record's table of roads, except those of a single point."""
     found = []
-    for row in run.arrow("roads").to_pylist():
+    for row in roads.to_pylist():
         line = np.array([row["x_m"], row["y_m"]], np.float64).T
         line = line[np.append(True, np.any(np.diff(line, axis=0) != 0.0, axis=1))] if len(line) else line
         if len(line) > 1:

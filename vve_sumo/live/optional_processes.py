@@ -82,6 +82,7 @@ def _start_view(started: OptionalProcesses, plan: DrivePlan, content: dict[str, 
     config = {
         "folder": str(plan.folder),
         "resolved": content,
+        "foxglove": plan.foxglove,
         "address": wanted.address,
         "port": wanted.port,
         "token": token_of(wanted, plan.working),
@@ -92,7 +93,8 @@ def _start_view(started: OptionalProcesses, plan: DrivePlan, content: dict[str, 
     if stops:
         _kill(process, feed)
         raise RigError("view: a page asked to stop before the drive began; close it, or begin again")
-    notify(f"view: {ready.address[0]}")
+    for name, address in zip(("view", "foxglove"), ready.address, strict=False):
+        notify(f"{name}: {address}")
     started.view, started.to_view, started.feeds["view"] = process, console, feed
 
 

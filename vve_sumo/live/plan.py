@@ -26,6 +26,7 @@ class DrivePlan:
     operator: str | None = None  #: who is at the console; None where nobody said
     driver: str | None = None  #: who sits behind the wheel
     view: bool = False  #: whether a page in a browser shows the drive
+    foxglove: bool = False  #: whether that page's process serves topics for Foxglove and Lichtblick, too
     rehearsal: tuple[str, ...] = ()  #: of a rig on simulated wires, what differs from its file; empty for none
     further: tuple[
         DrivePlan, ...

@@ -71,6 +71,7 @@ def plan(
     speed: float | None = None,
     values: Mapping[str, Any] | None = None,
     view: bool = False,
+    foxglove: bool = False,
     rehearse: Path | None = None,
     further: Mapping[str, str] = MappingProxyType({}),
 ) -> DrivePlan:
@@ -117,7 +118,17 @@ def plan(
     claim(folder)
     scenario_file = workspace.find("scenario", scenario, working).absolute()
     own = DrivePlan(
-        resolved, scenario_file, loaded, rig_file, folder, working, shadow, time.monotonic(), view=view, rehearsal=notes
+        resolved,
+        scenario_file,
+        loaded,
+        rig_file,
+        folder,
+        working,
+        shadow,
+        time.monotonic(),
+        view=view,
+        foxglove=foxglove,
+        rehearsal=notes,
     )
     return _with_further(own, further)
 
@@ -163,7 +174,13 @@ def _further_plan(own: DrivePlan, resolved: ResolvedScenario, rig: str) -> Drive
     if not own.shadow:
         refuse_outside(resolved, own.working, delay_of(loaded))
     return replace(
-        own, resolved=resolved, rig=loaded, rig_file=rig_file, folder=own.folder_of(resolved.ego_id), view=False
+        own,
+        resolved=resolved,
+        rig=loaded,
+        rig_file=rig_file,
+        folder=own.folder_of(resolved.ego_id),
+        view=False,
+        foxglove=False,
     )
 
 

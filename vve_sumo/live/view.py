@@ -12,21 +12,24 @@ import json
 import os
 import resource
 import sys
-from collections.abc import Mapping
+import traceback
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 
-from vve_sumo.errors import VveError
+from vve_sumo.errors import ConfigError, VveError
 from vve_sumo.live import messages, signals
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.priority import OOM_RECORDER, lower_priority, set_oom_score
 from vve_sumo.live.spawn import receive_config
 from vve_sumo.live.wording import GatewayProcessState, phase, why
 from vve_sumo.record.roads import read_roads
+from vve_sumo.version import __version__
+from vve_sumo.view import topic_stream
 from vve_sumo.view.guard import STOP_PATH
 from vve_sumo.view.hub import Hub
 from vve_sumo.view.live_frame import LiveFrames
@@ -34,9 +37,17 @@ from vve_sumo.view.sample import ViewSample, decode
 from vve_sumo.view.scene import VERSION, scene_of
 from vve_sumo.view.server import NO_FRAMES, PageServer, json_route, page_routes
 from vve_sumo.view.street import with_network
+from vve_sumo.view.topic_stream import TopicStream
+
+if TYPE_CHECKING:
+    from vve_sumo.live.foxglove_topics import LiveTopics
 
 #: file in the record's folder with the page's address while the drive goes on; only its owner may read it
 ADDRESS_FILE: Final = "view.json"
+#: where viewers of topics connect to, after the token
+VIEWERS_PATH: Final = "foxglove"
+#: of samples that come at once viewers of topics get the messages of the newest few: a page comes before them
+MAX_BEHIND: Final = 5
 #: open files of this process, at most: its connections among them, whose number `guard` bounds to fewer
 MAX_FILES: Final = 256
 #: a gateway whose newest status is older counts as silent [s]
@@ -76,6 +87,7 @@ class ViewProcess:
         self._over = asyncio.Event()
         self._ended = False  # the console takes no request to stop any more
         self._verdict: dict[str, Any] | None = None
+        self._viewers = _viewers(config["resolved"], folder) if config["foxglove"] else None
         contents = {"version": VERSION, "kind": "live", "records": []}
         routes = [
             Route(STOP_PATH, self._stop, methods=["POST"]),
@@ -83,8 +95,17 @@ class ViewProcess:
             json_route("/contents.json", lambda request: contents),
             *page_routes(NO_FRAMES),
         ]
-        where = {name: config[name] for name in ("address", "port", "token", "certificate")}
-        self.server = PageServer(routes, **where)
+        more: dict[str, Any] = {name: config[name] for name in ("address", "port", "token", "certificate")}
+        if self._viewers is not None:
+            routes.insert(0, WebSocketRoute(f"/{VIEWERS_PATH}", self._viewers.stream.watch))
+            more |= {"foreign": (VIEWERS_PATH,), "max_message": topic_stream.MAX_MESSAGE}
+        self.server = PageServer(routes, **more)
+
+    @property
+    def addresses(self) -> tuple[str, ...]:
+        """What a browser opens, and, where topics are served, what viewers of them connect to."""
+        page = self.server.address
+        return (page,) if self._viewers is None else (page, f"ws{page.removeprefix('http')}{VIEWERS_PATH}")
 
     async def run(self) -> None:
         """Serve until the console is gone."""
@@ -94,18 +115,31 @@ class ViewProcess:
         serving = asyncio.create_task(self.server.serve())
         await self._over.wait()
         self._hub.end(self._verdict)
+        if self._viewers is not None:
+            self._viewers.stream.end()
         await asyncio.sleep(CLOSING_TIME)
         self.server.close()
         await serving
 
     def _read_drive(self) -> None:
-        events = []
-        for datagram in self._drive.receive():
-            if isinstance(sample := decode(datagram), ViewSample):
-                events += self._frames.take(sample)
+        samples = [sample for datagram in self._drive.receive() if isinstance(sample := decode(datagram), ViewSample)]
+        events = [event for sample in samples for event in self._frames.take(sample)]
         if self._drive.closed:
             asyncio.get_running_loop().remove_reader(self._drive.fileno())
         self._hub.changed(events)
+        self._tell_viewers(samples)
+
+    def _tell_viewers(self, samples: Sequence[ViewSample]) -> None:
+        """Hand samples to the viewers of topics; whatever goes wrong there ends these alone, not the page."""
+        if self._viewers is None:
+            return
+        try:
+            for left, sample in zip(range(len(samples), 0, -1), samples, strict=True):
+                self._viewers.take(sample, encoded=left <= MAX_BEHIND)
+        except Exception:
+            traceback.print_exc()
+            self._viewers.stream.end()
+            self._viewers = None
 
     def _read_console(self) -> None:
         for datagram in self._console.receive():
@@ -121,6 +155,29 @@ class ViewProcess:
         if not self._ended and self._console.send(STOP):
             return PlainTextResponse("the gateway is asked to stop\n")
         return PlainTextResponse("the console does not take the request: the driver brakes\n", 503)
+
+
+class _Viewers(NamedTuple):
+    """What viewers of topics are served by."""
+
+    topics: LiveTopics
+    stream: TopicStream
+
+    def take(self, sample: ViewSample, *, encoded: bool) -> None:
+        """Take a sample, and hand its messages on where they are to be encoded."""
+        self.stream.publish(self.topics.take(sample, self.stream.wanted if encoded else ()))
+
+
+def _viewers(resolved: Mapping[str, Any], folder: Path) -> _Viewers:
+    """Return them; raises ConfigError where a package of the extra is not installed."""
+    try:
+        from vve_sumo.live.foxglove_topics import LiveTopics
+    except ImportError:
+        needed = "mcap-protobuf-support and foxglove-schemas-protobuf"
+        raise ConfigError(f"--foxglove needs {needed}: pip install 'vve-sumo[foxglove]'") from None
+    topics = LiveTopics(resolved, read_roads(folder))
+    about = {"scenario": str(resolved["scenario"]), "vve_sumo": __version__}
+    return _Viewers(topics, TopicStream(topics.topics, topics.first, about))
 
 
 def write_address(file: Path, address: str) -> None:
@@ -145,7 +202,7 @@ def main() -> int:
         return error.exit_code
     file = Path(config["folder"]) / ADDRESS_FILE
     write_address(file, process.server.address)
-    channels["console"].send(messages.encode(messages.Ready((process.server.address,))))
+    channels["console"].send(messages.encode(messages.Ready(process.addresses)))
     try:
         asyncio.run(process.run())
     finally:

@@ -47,9 +47,13 @@ _FORBIDDEN: Final = {
 class Gate:
     """Lets a request through to the application, without the token in its path, or refuses it."""
 
-    def __init__(self, app: ASGIApp, token: str, hosts: Collection[str]) -> None:
-        """`hosts` are names and ports as a browser says them, such as 127.0.0.1:8000."""
-        self._app, self._token, self._hosts = app, token.encode(), frozenset(hosts)
+    def __init__(self, app: ASGIApp, token: str, hosts: Collection[str], foreign: Collection[str] = ()) -> None:
+        """`hosts` are names and ports as a browser says them, such as 127.0.0.1:8000.
+
+        `foreign` are paths, after the token, that pages of other sites may ask for as well: the token is enough.
+        """
+        self._app, self._token = app, token.encode()
+        self._hosts, self._foreign = frozenset(hosts), frozenset(foreign)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request."""
@@ -70,12 +74,12 @@ class Gate:
         hosts = [value.decode("latin-1").lower() for name, value in headers if name == b"host"]
         if len(hosts) != 1 or hosts[0] not in self._hosts:
             return "host"
+        first = str(scope["path"])[1:].partition("/")
         origins = [value.decode("latin-1") for name, value in headers if name == b"origin"]
-        if any(urlsplit_host(origin) not in self._hosts for origin in origins):
+        if first[2] not in self._foreign and any(urlsplit_host(one) not in self._hosts for one in origins):
             return "origin"
         if scope["type"] == "http" and scope["path"] == STOP_PATH and scope["method"] == "POST":
             return None
-        first = str(scope["path"])[1:].partition("/")
         matches = hmac.compare_digest(first[0].encode(), self._token)
         return None if matches and first[1] else "token"
 

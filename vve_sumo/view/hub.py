@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import math
 import secrets
 from typing import Any, Final
 
@@ -24,6 +25,8 @@ MAX_IN_FLIGHT: Final = 2
 ANSWER_TIMEOUT: Final = 5.0
 #: messages of a page in a second; a page sends one a frame
 MAX_RATE: Final = 200
+#: digits of an acknowledgement, at most
+MAX_DIGITS: Final = 18
 #: events that wait for a page, at most; older ones are left out
 MAX_EVENTS: Final = 100
 
@@ -158,7 +161,8 @@ class Hub:
             if now - begun >= 1.0:
                 begun, count = now, 0
             count += 1
-            if count > MAX_RATE or not (text.isascii() and text.isdecimal() and int(text) <= client.number):
+            number = int(text) if text.isascii() and text.isdecimal() and len(text) <= MAX_DIGITS else math.inf
+            if count > MAX_RATE or number > client.number:
                 raise _DroppedError
             client.answered_at = now
             client.in_flight = max(client.in_flight - 1, 0)

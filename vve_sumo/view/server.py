@@ -31,6 +31,8 @@ from vve_sumo.view.library import Library, ViewedRecord
 LOOPBACK: Final = "127.0.0.1"
 #: a WebSocket's message from a page is not longer [bytes]: a page only acknowledges frames
 MAX_MESSAGE: Final = 64
+#: what the kernel holds of a connection's unread bytes: little, so that a slow reader's live data are not old [bytes]
+UNREAD: Final = 1 << 18
 #: messages of a page that wait to be read, at most
 MAX_WAITING: Final = 8
 #: pages that may hold the page of a record in a frame: notebooks on this machine
@@ -69,11 +71,13 @@ class PageServer:
         token: str = "",
         certificate: Sequence[str] = (),
         max_message: int = MAX_MESSAGE,
+        foreign: Sequence[str] = (),
         table: str = "view",
     ) -> None:
         """Listen on an address of this machine and a port, 0 for any free one; without a `token` one is made.
 
-        A WebSocket's message from a page is not longer than `max_message` bytes. `table` names the rig's in errors.
+        A WebSocket's message from a page is not longer than `max_message` bytes. `foreign` are paths that pages of
+        other sites may ask for. `table` names the rig's in errors.
 
         With a `certificate`, the paths of its file and of its key's, the page is served over HTTPS. Raises ConfigError
         where the address cannot be bound or the certificate cannot be used.
@@ -83,6 +87,7 @@ class PageServer:
         self.token = token or secrets.token_urlsafe(18)
         self._socket = Listener(socket.AF_INET6 if ":" in address else socket.AF_INET)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, UNREAD)  # its connections inherit it
         try:
             self._socket.bind((address, port))
             self._socket.listen()
@@ -92,7 +97,7 @@ class PageServer:
         self.port = int(self._socket.getsockname()[1])
         # As browsers write it: there is one shortest form of an address of version 6.
         self.host = f"[{ipaddress.ip_address(address).compressed}]" if ":" in address else address
-        app = Gate(Starlette(routes=list(routes)), self.token, hosts_of(self._scheme, self.host, self.port))
+        app = Gate(Starlette(routes=list(routes)), self.token, hosts_of(self._scheme, self.host, self.port), foreign)
         config = _config(app, certificate, max_message)
         config.listener = self._socket
         self._uvicorn = _Quiet(config)

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+from vve_sumo.bridges.commonroad.importer import Imported as FromCommonRoad
 from vve_sumo.bridges.openscenario.importer import Imported, read_scenario
 from vve_sumo.path import ReferencePath
 from vve_sumo.scenario.engine import ScenarioEngine
@@ -115,7 +116,7 @@ class Moment(NamedTuple):
     ended: bool
 
 
-def played(found: Imported, duration: float, speed: float | None = None) -> list[Moment]:
+def played(found: Imported | FromCommonRoad, duration: float, speed: float | None = None) -> list[Moment]:
     """Return what happens beside an ego that keeps its speed on its path [m/s]."""
     table = {**found.table, "road": {"network": "none"}}
     parsed = parse(table, Path("made.toml"))

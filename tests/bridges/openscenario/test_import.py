@@ -27,8 +27,9 @@ from tests.conftest import REPOSITORY, SHARED_DATA
 from tests.isolated import command
 from vve_sumo.bridges.openscenario.distributions import read_variation
 from vve_sumo.bridges.openscenario.importer import Imported, read_scenario
-from vve_sumo.bridges.openscenario.parameters import NotTakenError, Scope
-from vve_sumo.bridges.openscenario.xml_tree import Element, read_xml
+from vve_sumo.bridges.openscenario.parameters import Scope
+from vve_sumo.bridges.scenario_import.not_taken import NotTakenError
+from vve_sumo.bridges.scenario_import.xml_tree import Element, read_xml
 from vve_sumo.errors import ConfigError
 from vve_sumo.timing import PERIOD
 

@@ -10,10 +10,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
-from vve_sumo.bridges.openscenario.lines import LineFiles, Track, lane_track, reference, track_of, trajectory_track
-from vve_sumo.bridges.openscenario.parameters import NotTakenError, Scope
+from vve_sumo.bridges.openscenario.lines import Track, lane_track, track_of, trajectory_track
+from vve_sumo.bridges.openscenario.parameters import Scope
 from vve_sumo.bridges.openscenario.places import Line, Places, neighbour
-from vve_sumo.bridges.openscenario.xml_tree import Element
+from vve_sumo.bridges.scenario_import.lines import LineFiles, reference
+from vve_sumo.bridges.scenario_import.not_taken import NotTakenError
+from vve_sumo.bridges.scenario_import.xml_tree import Element
 
 Action = dict[str, Any]
 

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from vve_sumo.bridges.openscenario.document import read_openscenario
-from vve_sumo.bridges.openscenario.parameters import NotTakenError, Scope
-from vve_sumo.bridges.openscenario.xml_tree import Element
+from vve_sumo.bridges.openscenario.parameters import Scope
+from vve_sumo.bridges.scenario_import.not_taken import NotTakenError
+from vve_sumo.bridges.scenario_import.xml_tree import Element
 from vve_sumo.errors import ConfigError
 
 #: sets of values of one file at most

@@ -9,8 +9,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from vve_sumo.bridges.openscenario.parameters import NotTakenError, Scope
-from vve_sumo.bridges.openscenario.xml_tree import Element, read_xml
+from vve_sumo.bridges.openscenario.parameters import Scope
+from vve_sumo.bridges.scenario_import.not_taken import NotTakenError
+from vve_sumo.bridges.scenario_import.xml_tree import Element, read_xml
 from vve_sumo.errors import ConfigError
 
 ROOT: Final = "OpenSCENARIO"

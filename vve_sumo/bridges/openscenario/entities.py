@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from vve_sumo.bridges.openscenario.document import Document
-from vve_sumo.bridges.openscenario.parameters import NotTakenError
-from vve_sumo.bridges.openscenario.xml_tree import Element
+from vve_sumo.bridges.scenario_import.not_taken import NotTakenError
+from vve_sumo.bridges.scenario_import.xml_tree import Element
 from vve_sumo.errors import ConfigError
 from vve_sumo.values import EGO
 

@@ -14,19 +14,20 @@ from typing import Any, Final
 from vve_sumo.bridges.openscenario.actions import Action, Stage, kind_of, longitudinal, read_action, speed_target
 from vve_sumo.bridges.openscenario.document import Document
 from vve_sumo.bridges.openscenario.entities import Entity, read_entities
-from vve_sumo.bridges.openscenario.lines import LineFiles, Track, reference, track_of, trajectory_track
-from vve_sumo.bridges.openscenario.parameters import NotTakenError, Scope
-from vve_sumo.bridges.openscenario.places import Line, Places, Points
+from vve_sumo.bridges.openscenario.lines import Track, track_of, trajectory_track
+from vve_sumo.bridges.openscenario.parameters import Scope
+from vve_sumo.bridges.openscenario.places import Line, Places
 from vve_sumo.bridges.openscenario.road_map import Pose2, RoadMap
-from vve_sumo.bridges.openscenario.storyboard import Problems, Storyboard
+from vve_sumo.bridges.openscenario.storyboard import Storyboard
 from vve_sumo.bridges.openscenario.triggers import Context, Groups
-from vve_sumo.bridges.openscenario.xml_tree import Element
+from vve_sumo.bridges.scenario_import.lines import LineFiles, Points, reference
+from vve_sumo.bridges.scenario_import.not_taken import NotTakenError, Problems
+from vve_sumo.bridges.scenario_import.workspace_files import LOT
+from vve_sumo.bridges.scenario_import.xml_tree import Element
 from vve_sumo.errors import ConfigError
 from vve_sumo.scenario.schema import Weather
 from vve_sumo.values import EGO
 
-#: where the real car stands at the start, where a scenario here has to say it: as in the documentation's scenarios
-LOT: Final = {"latitude_deg": 40.0041, "longitude_deg": -83.0186, "heading_deg": 85.0}
 #: a drive that no stop trigger ends by time ends after so long [s]
 LONGEST: Final = 180.0
 #: a drive goes on this long after its stop trigger would have to have fired [s]

@@ -12,7 +12,8 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from vve_sumo.bridges.openscenario.xml_tree import Element
+from vve_sumo.bridges.scenario_import.not_taken import NotTakenError
+from vve_sumo.bridges.scenario_import.xml_tree import Element
 
 #: characters of an expression at most
 MAX_LENGTH: Final = 2000
@@ -48,14 +49,6 @@ _FUNCTIONS: Final[dict[str, Callable[..., float]]] = {
 }
 _CONSTANTS: Final = {"pi": math.pi, "e": math.e, "true": True, "false": False}
 _BOOLEANS: Final = {"true": True, "1": True, "false": False, "0": False}
-
-
-class NotTakenError(Exception):
-    """What a scenario here cannot say: the element, and why."""
-
-    def __init__(self, element: Element, reason: str) -> None:
-        super().__init__(f"{element.where}: {reason}")
-        self.element, self.reason = element, reason
 
 
 class Scope:

@@ -11,13 +11,14 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 from vve_sumo.bridges.openscenario.document import Document
-from vve_sumo.bridges.openscenario.parameters import NotTakenError, Scope
+from vve_sumo.bridges.openscenario.parameters import Scope
 from vve_sumo.bridges.openscenario.road_map import Pose2, Road, RoadMap, RoadPlace, advanced
-from vve_sumo.bridges.openscenario.xml_tree import Element
+from vve_sumo.bridges.scenario_import.lines import Points
+from vve_sumo.bridges.scenario_import.not_taken import NotTakenError
+from vve_sumo.bridges.scenario_import.xml_tree import Element
 
 #: between two points of a trajectory [m]
 SPACING: Final = 0.5
-Points = list[tuple[float, float]]
 
 
 class Spot(NamedTuple):

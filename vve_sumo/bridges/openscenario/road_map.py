@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from vve_sumo.bridges.openscenario.xml_tree import Element, read_xml
+from vve_sumo.bridges.scenario_import.xml_tree import Element, read_xml
 from vve_sumo.errors import ConfigError
 
 #: pieces in which a spiral or a parametric curve is integrated [m]

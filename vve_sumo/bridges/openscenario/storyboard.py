@@ -12,9 +12,10 @@ from typing import Any, Final
 from vve_sumo.bridges.openscenario.actions import Action, Stage, kind_of, longitudinal, read_action
 from vve_sumo.bridges.openscenario.document import Document
 from vve_sumo.bridges.openscenario.entities import slug
-from vve_sumo.bridges.openscenario.parameters import NotTakenError, Scope
+from vve_sumo.bridges.openscenario.parameters import Scope
 from vve_sumo.bridges.openscenario.triggers import Context, ElementState, Groups, compiled
-from vve_sumo.bridges.openscenario.xml_tree import Element
+from vve_sumo.bridges.scenario_import.not_taken import NotTakenError, Problems
+from vve_sumo.bridges.scenario_import.xml_tree import Element
 from vve_sumo.values import EGO
 
 OVERRIDING: Final = ("override", "overwrite")
@@ -42,24 +43,6 @@ class Event:
     def actions(self) -> list[Element]:
         """The elements that say what it does."""
         return self.element.all("Action")
-
-
-class Problems:
-    """What is not taken, in the file's order, each once."""
-
-    def __init__(self) -> None:
-        self.found: list[str] = []
-        self.notes: list[str] = []  #: what is taken otherwise than it stands there
-
-    def add(self, error: NotTakenError) -> None:
-        """Take down one thing that is not taken."""
-        if (text := str(error)) not in self.found:
-            self.found.append(text)
-
-    def note(self, text: str) -> None:
-        """Take down what somebody who imports should know."""
-        if text not in self.notes:
-            self.notes.append(text)
 
 
 class Storyboard:

@@ -10,8 +10,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from vve_sumo.bridges.openscenario.parameters import NotTakenError, Scope
-from vve_sumo.bridges.openscenario.xml_tree import Element
+from vve_sumo.bridges.openscenario.parameters import Scope
+from vve_sumo.bridges.scenario_import.not_taken import NotTakenError
+from vve_sumo.bridges.scenario_import.xml_tree import Element
 
 Condition = dict[str, Any]
 Groups = list[list[Condition]]

@@ -28,6 +28,7 @@ class Element:
     file: Path
     line: int
     children: list[Element] = field(default_factory=list)
+    text: str = ""  #: in the element itself, without that of its children
 
     @property
     def where(self) -> str:
@@ -80,6 +81,7 @@ class _Builder:
         self._parser = expat.ParserCreate()
         self._parser.StartElementHandler = self._start
         self._parser.EndElementHandler = self._end
+        self._parser.CharacterDataHandler = self._said
         self._parser.StartDoctypeDeclHandler = self._doctype
 
     def parse(self, data: bytes) -> Element:
@@ -105,3 +107,6 @@ class _Builder:
 
     def _end(self, _tag: str) -> None:
         self._open.pop()
+
+    def _said(self, text: str) -> None:
+        self._open[-1].text += text
