@@ -71,27 +71,16 @@ def driven(case: Case) -> Found:
     import numpy as np
 
     from vve_sumo.analysis.run import Run
+    from vve_sumo.analysis.string_stability import head_to_tail
     from vve_sumo.drive import run as drives
-    from vve_sumo.metrics.string_stability import settled_from, speed_amplification
 
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "record"
         resolved = drives.resolve_by_name(str(SCENARIO), REPOSITORY, values=changes_of(case))
         done = drives.run(resolved, folder, REPOSITORY)
-        runs = Run(folder).egos
-        ticks = min(len(one.time) for one in runs.values())
-        time = runs["ego"].time[:ticks]
-        leader = runs["ego"].actors
-        leader = leader[(leader["actor"] == "leader") & (leader["tick"] < ticks)]["speed_mps"].to_numpy()
-        speeds = [leader, *(runs[name].motion.speed[:ticks] for name in CHAIN)]
-        time, speeds = time[-len(leader) :], [one[-len(leader) :] for one in speeds]
-        settled = 0
-        for ahead, name in zip(speeds, CHAIN, strict=False):
-            own = runs[name]
-            gap = own.lead.gap[:ticks][-len(leader) :]
-            settled = max(settled, settled_from(time, gap, ahead, own.motion.speed[:ticks][-len(leader) :]))
-        begin = max(settled, int(np.searchsorted(time, BEFORE)))
-        found = speed_amplification(speeds[0][begin:], speeds[-1][begin:], SPEED)
+        run = Run(folder)
+        runs = run.egos
+        found = head_to_tail(run, "leader", CHAIN, SPEED, BEFORE)
         closest = min(float(np.nanmin(one.lead.gap)) for one in runs.values())
         outcomes = tuple(dict.fromkeys(one.summary["outcome"] for one in (done, *done.others.values())))
         return Found(found.l2, found.linf, closest, outcomes, *answer(runs["ego"]))

@@ -58,6 +58,8 @@ class Need(NamedTuple):
     needed: float  #: reduction of the gap by full braking [m]
     available: float  #: gap when the need to brake begins [m]
 
+    unit = "m"  # noqa: RUF012 - no field
+
     @property
     def avoidable(self) -> bool:
         """Whether the available gap is larger than needed."""

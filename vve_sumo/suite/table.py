@@ -56,9 +56,13 @@ def cells(judged: JudgedRow) -> tuple[str, ...]:
     impact = judged.greatest("impact_speed_mps")
     braked, demand = judged.greatest("max_deceleration_mps2"), judged.least("demand_mps2")
     numbers = (None if impact is None else IN_KMH * impact, judged.least("min_gap_m"), braked, demand)
-    way = ("", "") if need is None else (f"{need.needed:.1f}", f"{need.available:.1f}")
+    way = ("", "") if need is None else (_length(need.needed, need.unit), _length(need.available, need.unit))
     share = f"{judged.passed}/{len(judged.drives)}" if judged.drives else ""
     return (row.description, row.required, share, *(_cell(number) for number in numbers), *way, judged.verdict.value)
+
+
+def _length(value: float, unit: str) -> str:
+    return f"{value:.1f}" if unit == "m" else f"{value:.2f} {unit}"
 
 
 def _cell(value: float | None) -> str:
