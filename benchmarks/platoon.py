@@ -1,7 +1,7 @@
 """How a platoon of five egos passes on its leader's changes of speed: head to tail, by ACC and by CACC, over headways.
 
 python -m benchmarks.platoon [--headways S …] [--jobs N] [--smoke]
-Drives `platoon.toml` beside this file with each controller and headway. The amplification is that of the last car's
+Drives the scenario `platoon` with each controller and headway. The amplification is that of the last car's
 speed over the leader's, both counted from the undisturbed speed, from the tick on at which every car is settled behind
 the one ahead, and before the leader's first change. The closed form says where it begins: an ACC with k2 = 1 / h passes
 no disturbance on with gain where h > 2 (delay + lag). Delay and lag of the car's answer are fitted to the first car's
@@ -23,7 +23,7 @@ os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")
 REPOSITORY = Path(__file__).parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
-SCENARIO = REPOSITORY / "benchmarks" / "platoon.toml"
+SCENARIO = REPOSITORY / "scenarios" / "platoon.toml"
 HEADWAYS = (0.3, 0.5, 0.8, 1.2)
 #: of the ACC of the closed form: k1 = SHARE / h, k2 = 1 / h [1/s]
 SHARE = 0.1
