@@ -1,7 +1,7 @@
 """Drives every shipped scenario with a few seeds and writes docs/library.md and its pictures.
 
-`python -m benchmarks.library`: some ten minutes on two processors. Names of scenarios: only these are driven and drawn, the
-others keep their figures. `--pictures` draws, and writes the page with the
+`python -m benchmarks.library`: some ten minutes on two processors. With names of scenarios only these are driven and
+drawn, and the others keep their figures. `--pictures` draws, and writes the page with the
 figures that it has; nothing is driven. `--smoke` does both for one short scenario, and changes nothing.
 """
 
@@ -129,7 +129,9 @@ def written(text: str, table: str, body: str) -> str:
     assert found is not None, f"{PAGE}: no place to write"
     rows = {name: line for line in found.group(2).splitlines() if (name := _scenario(line))}
     rows |= {name: line for line in table.splitlines() if (name := _scenario(line))}
-    table = "\n".join([f"| {' | '.join(COLUMNS)} |", "|---" * len(COLUMNS) + "|", *(rows[name] for name in sorted(rows))])
+    table = "\n".join(
+        [f"| {' | '.join(COLUMNS)} |", "|---" * len(COLUMNS) + "|", *(rows[name] for name in sorted(rows))]
+    )
     return f"{found.group(1)}{BEGIN}\n\n{table}\n\n## One by one\n\n{body}\n{END}{found.group(3)}"
 
 

@@ -99,8 +99,8 @@ def string_stability(run: Run, chain: Sequence[str] | None = None) -> pd.DataFra
 def head_to_tail(run: Run, leader: str, chain: Sequence[str], undisturbed: float, begin: float) -> Amplification:
     """Return how much larger the disturbance of a platoon's last ego is than that of the leading actor.
 
-    chain: ids of the egos from the first, which follows `leader`, to the last. Ticks count from `begin` on, a drive time
-    [s], and from when every ego is settled behind the one ahead. undisturbed: the platoon's speed [m/s]. NaN where
+    chain: ids of the egos from the first, which follows `leader`, to the last. Ticks count from the drive time `begin`
+    [s] on, and from when every ego is settled behind the one ahead. undisturbed: the platoon's speed [m/s]. NaN where
     somebody never settles.
     """
     egos = [run.egos[name] for name in chain]

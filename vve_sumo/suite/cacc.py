@@ -1,7 +1,7 @@
-"""Platoons of five cars by ACC and CACC: settled following, a leader that brakes, cut-in, cut-out, string, lost messages.
+"""Platoons of five by ACC and CACC: settled following, a leader that brakes, cut-in, cut-out, string, lost messages.
 
-Laid out as ISO 15622 tests following, of which only the scope is in our sources: figures are ours. What a string of ACCs
-passes on has a closed form: none amplifies where the headway h is above twice delay and lag of the car's answer.
+Laid out as tests of ISO 15622 are, of which only the scope is in our sources: the figures are ours. What a string of
+ACCs passes on has a closed form: it amplifies nothing where the headway is above twice delay and lag of the car.
 """
 
 from __future__ import annotations
@@ -134,9 +134,7 @@ def _settled(car: VehicleModel, law: Law) -> SuiteRow:
     headway = law.headway + STANDSTILL / SPEED
     band = {"min": headway - HEADWAY_TOLERANCE, "max": headway + HEADWAY_TOLERANCE}
     description = f"{law.name}, behind a steady leader"
-    scene = platoon(
-        car, description, law, 20.0, [{}], criteria={"headway_median_s": band, "emergency_used": False}
-    )
+    scene = platoon(car, description, law, 20.0, [{}], criteria={"headway_median_s": band, "emergency_used": False})
     return _row(scene, f"settled_{law.name}", description, f"headway {headway:.2f} +- {HEADWAY_TOLERANCE:g} s")
 
 

@@ -91,7 +91,9 @@ def judge(row: SuiteRow, seed: int, result: RunResult, record: Path) -> RowOutco
     if ending not in ENDINGS:
         return replace(outcome, verdict=RowVerdict.FAILED, why=f"the drive ended by {ending}")
     unmet = "" if result.figures.get("passed") is True else str(result.figures.get("failed", ""))
-    short = "; ".join(filter(None, (shortfall(row, measured.demand), *unevaded(row, measured), amplified(row, measured))))
+    short = "; ".join(
+        filter(None, (shortfall(row, measured.demand), *unevaded(row, measured), amplified(row, measured)))
+    )
     if result.figures.get("passed") is True and not short:
         return outcome
     # A larger gap would not have raised the demand: the closed form excuses an impact, which ends the drive, and what

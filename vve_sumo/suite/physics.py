@@ -58,7 +58,7 @@ class Need(NamedTuple):
     needed: float  #: reduction of the gap by full braking [m]
     available: float  #: gap when the need to brake begins [m]
 
-    unit = "m"  # noqa: RUF012 - no field
+    unit = "m"
 
     @property
     def avoidable(self) -> bool:

@@ -1,4 +1,4 @@
-"""Bicyclists and pedestrians who cross, ride or walk along, turn in, come the other way or stand: braked, steered around.
+"""Bicyclists and pedestrians who cross, go along, turn in, come the other way or stand: braked for, steered around.
 
 The groups are those of the crash types that FARS counts; speeds, places and times are ours. Every case is driven by
 braking alone, by steering alone and by both; what no manoeuvre of those means avoids is not required.
@@ -107,7 +107,8 @@ def _walker(kind: str, side: str, *, obstructed: bool = False) -> Callable[[Vehi
     (walk, *_others) = (
         one
         for one in requirements.FMVSS_127_WALKS
-        if (one.kind, one.side, one.obstructed) == (kind, side, obstructed) and (one.overlap == 50.0 or kind != "crossing")
+        if (one.kind, one.side, one.obstructed) == (kind, side, obstructed)
+        and (one.overlap == 50.0 or kind != "crossing")
     )
     return lambda car, speed: _walk(walk, car, speed)
 
@@ -187,12 +188,11 @@ def most_clearance(car: Vehicle, case: Case, means: str, speed: float) -> float:
 
 
 def body(actor: Actor, begins: float, speed: float) -> Body:
-    """Return an actor's motion from a time after its entry on [s], seen from a car that came at a speed [m/s] until then.
+    """Return an actor's motion from a time after its entry on [s], for a car that came at a speed [m/s] until then.
 
     Knows what the actors of this suite do: one event, which changes the speed or the offset.
     """
-    typical = TYPICAL[actor.kind]
-    length, width = actor.length_m or typical.length, actor.width_m or typical.width
+    length, width = size(actor)
     assert actor.ahead_m is not None
     times = begins + TIMES
     covered, aside = actor.speed_mps * times, np.full_like(times, actor.offset_m)
@@ -209,6 +209,12 @@ def body(actor: Actor, begins: float, speed: float) -> Body:
         return Body(np.full_like(times, ahead + 0.5 * width), across, width, length)
     way = covered if actor.turned_deg == 0.0 else -covered
     return Body(ahead + 0.5 * length + way, aside, length, width)
+
+
+def size(actor: Actor) -> tuple[float, float]:
+    """Return an actor's length and width [m]."""
+    typical = TYPICAL[actor.kind]
+    return actor.length_m or typical.length, actor.width_m or typical.width
 
 
 def _started(since: Floats, speed: float, acceleration: float) -> Floats:
