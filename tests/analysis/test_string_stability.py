@@ -111,7 +111,11 @@ def test_a_platoons_last_ego_is_held_against_its_leader_from_settled_following_o
     further = folder / "egos"
     write(folder, moving(time, x["ego"], v["ego"]))
     further.mkdir()
-    write(further / "b", moving(time, x["b"], v["b"]), further_ego={"id": "b", "obstacles": [], "actors": [], "egos": ["ego"]})
+    write(
+        further / "b",
+        moving(time, x["b"], v["b"]),
+        further_ego={"id": "b", "obstacles": [], "actors": [], "egos": ["ego"]},
+    )
     for record, ahead in ((folder, "lead"), (further / "b", "ego")):
         rows = [
             BOX | {"tick": tick, "actor": ahead, "x_m": float(x[ahead][tick]), "speed_mps": float(v[ahead][tick])}
