@@ -47,7 +47,10 @@ TOLERANCE: Final = 1.0 * KMH  #: of the speed at the start [m/s]
 class HeadwayNeed(Need):
     """The headway above which a string of ACCs amplifies nothing, and the headway of the row [s]."""
 
-    unit = "s"
+    @property
+    def unit(self) -> str:
+        """Unit of both."""
+        return "s"
 
 
 class Law(NamedTuple):

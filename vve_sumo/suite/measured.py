@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+from numpy.typing import NDArray
 
 from vve_sumo.analysis.run import Run
 from vve_sumo.analysis.string_stability import head_to_tail
@@ -68,7 +69,7 @@ def clearance(ticks: pa.Table, actors: pa.Table, car: Vehicle) -> float:
     at = actors["tick"].to_numpy() - int(ticks["tick"][0].as_py())
     rows = actors.filter(pa.array(at < ticks.num_rows))
     at = at[at < ticks.num_rows]
-    own = vehicle_boxes(*(ticks[f"true_{name}"].to_numpy()[at] for name in EGO), car)
+    own = vehicle_boxes(*_true_motion(ticks, at), car)
     x, y, heading, length, width, speed = (
         rows[name].to_numpy() for name in ("x_m", "y_m", "heading_rad", "length_m", "width_m", "speed_mps")
     )
@@ -78,6 +79,12 @@ def clearance(ticks: pa.Table, actors: pa.Table, car: Vehicle) -> float:
 def _head_to_tail(required: RequiredString, record: Path) -> float | None:
     passed = head_to_tail(Run(record), required.leader, required.chain, required.speed, required.begin).l2
     return passed if math.isfinite(passed) else None
+
+
+def _true_motion(ticks: pa.Table, at: NDArray[np.int64]) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return the ego's true place, heading and speed at ticks."""
+    x, y, heading, speed = (ticks[f"true_{name}"].to_numpy()[at] for name in EGO)
+    return x, y, heading, speed
 
 
 def _off_path(ticks: pa.Table) -> float:

@@ -58,7 +58,10 @@ class Need(NamedTuple):
     needed: float  #: reduction of the gap by full braking [m]
     available: float  #: gap when the need to brake begins [m]
 
-    unit = "m"
+    @property
+    def unit(self) -> str:
+        """Unit of both."""
+        return "m"
 
     @property
     def avoidable(self) -> bool:

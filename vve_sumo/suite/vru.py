@@ -37,7 +37,7 @@ LASTS: Final = 35.0  #: of a drive after the target's entry at most [s]
 RESTS: Final = 6.0  #: time at rest after which a drive ends: who crosses has gone by then [s]
 COMES: Final = 16.0  #: the same before somebody who comes the other way, until he has come [s]
 #: road beyond the meeting in which the car comes back to its path: so much [m], and the way of so long [s]
-ROAD_AFTER, TIME_AFTER = 15.0, 3.0
+ROAD_AFTER, TIME_AFTER = 15.0, 6.0
 SPEED_TOLERANCE: Final = 1.0 * KMH  #: of a rolling start [m/s]
 
 
