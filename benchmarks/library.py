@@ -1,6 +1,7 @@
 """Drives every shipped scenario with a few seeds and writes docs/library.md and its pictures.
 
-`python -m benchmarks.library`: some ten minutes on two processors. `--pictures` draws, and writes the page with the
+`python -m benchmarks.library`: some ten minutes on two processors. With names of scenarios only these are driven and
+drawn, and the others keep their figures. `--pictures` draws, and writes the page with the
 figures that it has; nothing is driven. `--smoke` does both for one short scenario, and changes nothing.
 """
 
@@ -123,11 +124,21 @@ def measured(these: Sequence[str], seeds_of: Callable[[str], Sequence[int]]) -> 
 
 
 def written(text: str, table: str, body: str) -> str:
-    """Return the page's text with this body, and with this table unless it is empty."""
+    """Return the page's text with this body and the rows of this table; other rows stay."""
     found = re.search(rf"(.*){BEGIN}\n(.*?)\n\n## One by one\n.*{END}(.*)", text, re.DOTALL)
     assert found is not None, f"{PAGE}: no place to write"
-    table = table or found.group(2).strip()
+    rows = {name: line for line in found.group(2).splitlines() if (name := _scenario(line))}
+    rows |= {name: line for line in table.splitlines() if (name := _scenario(line))}
+    table = "\n".join(
+        [f"| {' | '.join(COLUMNS)} |", "|---" * len(COLUMNS) + "|", *(rows[name] for name in sorted(rows))]
+    )
     return f"{found.group(1)}{BEGIN}\n\n{table}\n\n## One by one\n\n{body}\n{END}{found.group(3)}"
+
+
+def _scenario(line: str) -> str:
+    """Return whose row of the table a line is; empty for another line."""
+    found = re.match(r"\| \[`(\w+)`\]", line)
+    return found.group(1) if found else ""
 
 
 def smoke() -> None:
@@ -141,6 +152,7 @@ def smoke() -> None:
 def main() -> None:
     """Draw, drive, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="scenario", help="left out: all")
     parser.add_argument("--pictures", action="store_true", help="draw and write, do not drive")
     parser.add_argument("--smoke", action="store_true", help="of one scenario, only to see that it runs")
     asked = parser.parse_args()
@@ -148,9 +160,9 @@ def main() -> None:
         smoke()
         return
     PICTURES.mkdir(exist_ok=True)
-    for name in names():
+    for name in asked.names or names():
         paint(name, PICTURES)
-    table = "" if asked.pictures else measured(names(), seeds)
+    table = "" if asked.pictures else measured(asked.names or names(), seeds)
     PAGE.write_text(written(PAGE.read_text(encoding="utf-8"), table, sections(names())), encoding="utf-8")
 
 

@@ -1,7 +1,7 @@
 """How a platoon of five egos passes on its leader's changes of speed: head to tail, by ACC and by CACC, over headways.
 
 python -m benchmarks.platoon [--headways S …] [--jobs N] [--smoke]
-Drives `platoon.toml` beside this file with each controller and headway. The amplification is that of the last car's
+Drives the scenario `platoon` with each controller and headway. The amplification is that of the last car's
 speed over the leader's, both counted from the undisturbed speed, from the tick on at which every car is settled behind
 the one ahead, and before the leader's first change. The closed form says where it begins: an ACC with k2 = 1 / h passes
 no disturbance on with gain where h > 2 (delay + lag). Delay and lag of the car's answer are fitted to the first car's
@@ -23,7 +23,7 @@ os.environ.setdefault("LIBSUMO_AS_TRACI", "quiet")
 REPOSITORY = Path(__file__).parent.parent
 sys.path.insert(0, str(REPOSITORY))
 
-SCENARIO = REPOSITORY / "benchmarks" / "platoon.toml"
+SCENARIO = REPOSITORY / "scenarios" / "platoon.toml"
 HEADWAYS = (0.3, 0.5, 0.8, 1.2)
 #: of the ACC of the closed form: k1 = SHARE / h, k2 = 1 / h [1/s]
 SHARE = 0.1
@@ -71,27 +71,16 @@ def driven(case: Case) -> Found:
     import numpy as np
 
     from vve_sumo.analysis.run import Run
+    from vve_sumo.analysis.string_stability import head_to_tail
     from vve_sumo.drive import run as drives
-    from vve_sumo.metrics.string_stability import settled_from, speed_amplification
 
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "record"
         resolved = drives.resolve_by_name(str(SCENARIO), REPOSITORY, values=changes_of(case))
         done = drives.run(resolved, folder, REPOSITORY)
-        runs = Run(folder).egos
-        ticks = min(len(one.time) for one in runs.values())
-        time = runs["ego"].time[:ticks]
-        leader = runs["ego"].actors
-        leader = leader[(leader["actor"] == "leader") & (leader["tick"] < ticks)]["speed_mps"].to_numpy()
-        speeds = [leader, *(runs[name].motion.speed[:ticks] for name in CHAIN)]
-        time, speeds = time[-len(leader) :], [one[-len(leader) :] for one in speeds]
-        settled = 0
-        for ahead, name in zip(speeds, CHAIN, strict=False):
-            own = runs[name]
-            gap = own.lead.gap[:ticks][-len(leader) :]
-            settled = max(settled, settled_from(time, gap, ahead, own.motion.speed[:ticks][-len(leader) :]))
-        begin = max(settled, int(np.searchsorted(time, BEFORE)))
-        found = speed_amplification(speeds[0][begin:], speeds[-1][begin:], SPEED)
+        run = Run(folder)
+        runs = run.egos
+        found = head_to_tail(run, "leader", CHAIN, SPEED, BEFORE)
         closest = min(float(np.nanmin(one.lead.gap)) for one in runs.values())
         outcomes = tuple(dict.fromkeys(one.summary["outcome"] for one in (done, *done.others.values())))
         return Found(found.l2, found.linf, closest, outcomes, *answer(runs["ego"]))

@@ -12,6 +12,7 @@ from tests.analysis.made import BOX, PERIOD, moving, put, write
 from vve_sumo.analysis import headway_distribution, load, string_stability, time_gap_error_of
 from vve_sumo.analysis.bodies import bodies
 from vve_sumo.analysis.run import Run
+from vve_sumo.analysis.string_stability import head_to_tail
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.per_drive import PER_DRIVE
 
@@ -96,3 +97,32 @@ def test_an_ego_that_follows_nobody_has_no_string(tmp_path: Path) -> None:
     figures = PER_DRIVE.measure(run.data)
     assert math.isnan(figures["speed_amplification_l2"])
     assert math.isnan(figures["headway_median_s"])
+
+
+def test_a_platoons_last_ego_is_held_against_its_leader_from_settled_following_on(tmp_path: Path) -> None:
+    """Two egos that sway 1.5 and 1.2 times as far as their leader, after six steady seconds and a rough begin."""
+    time = np.arange(0.0, 14.0 + 1e-9, PERIOD)
+    since = np.maximum(time - 6.0, 0.0)
+    rough = np.where(time < 1.0, 2.0 * (1.0 - time), 0.0)
+    v = {name: SPEED + sway * np.sin(RATE * since) for name, sway in {"lead": 0.4, "ego": 0.6, "b": 0.48}.items()}
+    v["b"] = v["b"] + rough
+    x = {name: np.cumsum(speed) * PERIOD - BEHIND * place for place, (name, speed) in enumerate(v.items())}
+    folder = tmp_path / "record"
+    further = folder / "egos"
+    write(folder, moving(time, x["ego"], v["ego"]))
+    further.mkdir()
+    write(
+        further / "b",
+        moving(time, x["b"], v["b"]),
+        further_ego={"id": "b", "obstacles": [], "actors": [], "egos": ["ego"]},
+    )
+    for record, ahead in ((folder, "lead"), (further / "b", "ego")):
+        rows = [
+            BOX | {"tick": tick, "actor": ahead, "x_m": float(x[ahead][tick]), "speed_mps": float(v[ahead][tick])}
+            for tick in range(len(time))
+        ]
+        put(record, "actors", rows)
+    run = Run(folder)
+    assert head_to_tail(run, "lead", ["ego"], SPEED, 0.0).l2 == pytest.approx(1.5, rel=0.02)
+    assert head_to_tail(run, "lead", ["ego", "b"], SPEED, 0.0).l2 == pytest.approx(1.2, rel=0.02)
+    assert math.isnan(head_to_tail(run, "lead", ["ego", "b"], SPEED, 20.0).l2)

@@ -256,3 +256,12 @@ def test_a_pose_that_is_no_number_is_refused() -> None:
     receiver = V2xReceiver(IDEAL, FUSION, np.random.default_rng(1), NO_WALLS, local_frame(0.7, -1.4))
     with pytest.raises(ValueError, match="not finite"):
         receiver.step(0.0, rear_axle(math.nan), Actors.none(0.0))
+
+
+def test_a_jammed_receiver_hears_as_before_until_then_and_nothing_after() -> None:
+    scene = standing(car(40.0, 0.0), car(-30.0, 3.0))
+    free, jammed = heard(CONFIG, scene, 4.0), heard(replace(CONFIG, jammed_from=2.0), scene, 4.0)
+    sent = [[(one.station, one.time) for one in said.reading.messages] for said in free]
+    got = [[(one.station, one.time) for one in said.reading.messages] for said in jammed]
+    assert [row for row in got if row] == [kept for row in sent if (kept := [one for one in row if one[1] < 2.0])]
+    assert any(one[1] >= 2.0 for row in sent for one in row)

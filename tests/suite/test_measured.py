@@ -10,9 +10,9 @@ import pytest
 from tests.analysis.made import BOX, put, write
 from tests.vehicles import FUSION
 from vve_sumo.suite import catalogue
-from vve_sumo.suite.judge import invalidity
+from vve_sumo.suite.judge import amplified, invalidity, unevaded
 from vve_sumo.suite.measured import RowMeasurement, measure
-from vve_sumo.suite.row import CutIn
+from vve_sumo.suite.row import CutIn, RequiredEvasion, RequiredString
 
 ROW = next(row for row in catalogue.rows("r152", FUSION) if row.approach is not None)
 
@@ -41,6 +41,34 @@ def test_the_approach_is_measured_from_the_entry_on(tmp_path: Path) -> None:
     record = made(tmp_path / "r", speeds)
     put(record, "actors", [BOX | {"actor": ROW.approach.target, "x_m": 40.0, "tick": tick} for tick in range(1, 5)])
     assert measure(ROW, record).approach == (5.0, 5.5)
+
+
+def test_the_clearance_is_that_of_the_bodies_and_the_way_back_that_of_the_last_tick(tmp_path: Path) -> None:
+    """A car that passes a box 3 m aside; boxes are 2 m wide, the car is in the middle of its path until the end."""
+    model = FUSION.to_dict()
+    vehicle = model.pop("vehicle")
+    ticks = [{"true_speed_mps": 10.0, "true_x_m": 2.0 * tick, "lateral_deviation_m": -0.1 * tick} for tick in range(20)]
+    record = write(tmp_path / "r", ticks, vehicle_model=model, vehicle=vehicle)
+    assert ROW.approach is not None
+    boxes = [BOX | {"actor": name, "x_m": 20.0, "y_m": y, "tick": tick}
+             for tick in range(21) for name, y in ((ROW.approach.target, 3.0), ("other", -9.0))]  # fmt: skip
+    put(record, "actors", boxes)
+    row = replace(ROW, demand=0.0, evasion=RequiredEvasion(0.8, 0.15))
+    measured = measure(row, record)
+    assert measured.clearance == pytest.approx(3.0 - 1.0 - 0.5 * FUSION.vehicle.width)
+    assert measured.off_path == pytest.approx(1.9)
+    assert unevaded(row, measured) == ["1.90 m off its path at the end, expected 0.15 or less"]
+    near = measured._replace(clearance=0.79, off_path=0.14)
+    assert unevaded(row, near) == ["clearance 0.79 m, expected 0.8 or more"]
+    assert unevaded(ROW, near) == []
+
+
+def test_a_platoon_that_never_settles_does_not_pass() -> None:
+    row = replace(ROW, string=RequiredString("leader", ("ego",), 15.0, 0.0, 1.0))
+    assert amplified(row, RowMeasurement(head_to_tail=1.0)) == ""
+    assert amplified(row, RowMeasurement(head_to_tail=1.01)) == "head to tail: 1.010, expected 1 or less"
+    assert amplified(row, RowMeasurement()) == "head to tail: never settled, expected 1 or less"
+    assert amplified(ROW, RowMeasurement()) == ""
 
 
 def cuts_in(folder: Path, brakes: int) -> RowMeasurement:

@@ -52,7 +52,9 @@ def test_every_row_of_the_tables_is_there():
         catalogue.rows("r153", vehicles.FUSION)
 
 
-@pytest.mark.parametrize("row", DRIVEN, ids=lambda row: row.id)
+@pytest.mark.parametrize(
+    "row", [row for row in DRIVEN if not row.scenario.egos and row.evasion is None], ids=lambda row: row.id
+)
 def test_a_row_fits_the_track_and_its_target_enters_when_the_car_is_steady(row):
     scenario, actor = scene(row)
     speed, entry = scenario.ego.speed_mps, actor.enters.ego_at_m
@@ -177,6 +179,65 @@ def test_the_two_cars_leave_a_gap_of_four_and_a_half_metres():
         gap = (left.offset_m - 0.5 * left.width_m) - (right.offset_m + 0.5 * right.width_m)
         assert gap == pytest.approx(requirements.FMVSS_127_PASS_GAP)
         assert row.scenario.criteria.max_deceleration_mps2.max == pytest.approx(0.25 * 9.80665)
+
+
+def test_every_case_of_vru_is_driven_by_every_means_where_the_car_is_faster():
+    assert len(ALL["vru"]) == 10 * 3 * 6
+    left_out = {row.id for row in ALL["vru"].values() if row.scenario is None}
+    assert left_out == {
+        f"bicyclist_{how}_{means}_10" for how in ("along", "turning") for means in ("braking", "steering", "both")
+    }
+
+
+def test_a_row_of_vru_starts_two_seconds_before_its_target_enters_and_has_road_to_come_back():
+    for row in named("vru"):
+        scenario, actor = scene(row)
+        ego, entry = scenario.ego, actor.enters.ego_at_m
+        assert ego.initial_speed_mps == ego.speed_mps
+        rolled = entry - ego.initial_s_m - CAR.rear_axle_to_bumper
+        assert rolled == pytest.approx(2.0 * ego.speed_mps, abs=3.0)
+        assert ego.initial_s_m >= 0.0
+        meets = entry + 4.0 * ego.speed_mps
+        assert meets + 3.0 * ego.speed_mps < scenario.end_trigger.ego_at_m < TEST_TRACK.path_length - 50.0
+        steers = scenario.controller.name == "elastic_band"
+        assert [sensor.kind for sensor in scenario.sensors] == (["lidar"] if steers else [])
+        braked = scenario.controller.tuning.get("emergency", True)
+        assert row.id.rsplit("_", 2)[1] == ("both" if steers and braked else "steering" if steers else "braking")
+
+
+def test_a_platoon_keeps_to_the_track_and_begins_in_its_order():
+    for row in named("cacc"):
+        scenario, leader = scene(row)
+        front = scenario.ego.initial_s_m + scenario.ego.speed_mps * scenario.duration_s
+        assert front + leader.ahead_m + 30.0 < TEST_TRACK.path_length
+        starts = [scenario.ego.initial_s_m, *(one.initial_s_m for one in scenario.egos)]
+        gaps = [-step - CAR.length for step in np.diff(starts)]
+        assert gaps == pytest.approx([leader.ahead_m] * 4)
+        assert starts[-1] > 2.0 * CAR.length
+
+
+def test_who_cuts_into_a_platoon_comes_into_the_middle_of_a_gap():
+    for row in named("cacc", "cut_in"):
+        _leader, joining = row.scenario.actors
+        headway = row.scenario.controller.tuning["time_headway_s"]
+        gap = 5.0 + headway * joining.speed_mps
+        behind_the_first = -joining.ahead_m - CAR.length
+        before_the_second = gap - behind_the_first - joining.length_m
+        assert behind_the_first == pytest.approx(before_the_second)
+        assert behind_the_first > 3.0
+        assert (joining.offset_m, joining.events[0].offset_m, joining.events[1].offset_m) == (4.0, 0.0, 4.0)
+
+
+def test_a_string_of_acc_is_excused_below_twice_delay_and_lag():
+    """By the greatest gain over the frequency, of the law's transfer function."""
+    s = 1j * np.geomspace(1e-3, 30.0, 4000)
+    delay, lag = 0.05 + 0.02 + 0.09, 0.25
+    for row in named("cacc", "string_acc"):
+        headway, k2 = row.need.available, 1.0 / row.need.available
+        k1, late = 1e-5 * k2, np.exp(-delay * s)
+        gain = np.abs(late * (k1 + k2 * s) / (s * s * (lag * s + 1.0) + late * (k1 + (k2 + k1 * headway) * s)))
+        assert row.need.avoidable == (gain.max() < 1.0001), headway
+        assert (row.need.unit, row.string.most) == ("s", 1.0)
 
 
 @pytest.mark.thorough(witnesses=2)

@@ -16,7 +16,14 @@ from vve_sumo.analysis.units import described
 from vve_sumo.errors import ConfigError
 from vve_sumo.metrics.following import headway
 from vve_sumo.metrics.predicted_ways import Indices
-from vve_sumo.metrics.string_stability import GapError, speed_amplification, time_gap_error, time_shares
+from vve_sumo.metrics.string_stability import (
+    Amplification,
+    GapError,
+    settled_from,
+    speed_amplification,
+    time_gap_error,
+    time_shares,
+)
 from vve_sumo.values import Floats
 
 if TYPE_CHECKING:
@@ -87,6 +94,25 @@ def string_stability(run: Run, chain: Sequence[str] | None = None) -> pd.DataFra
     rows = [_passed_on([speeds[name] for name in names[: place + 1]]) for place in range(len(names))]
     frame = pd.DataFrame(rows, index=pd.Index(names, name="vehicle"), columns=list(STRING_MEANINGS), dtype=np.float64)
     return described(frame, STRING_MEANINGS)
+
+
+def head_to_tail(run: Run, leader: str, chain: Sequence[str], undisturbed: float, begin: float) -> Amplification:
+    """Return how much larger the disturbance of a platoon's last ego is than that of the leading actor.
+
+    chain: ids of the egos from the first, which follows `leader`, to the last. Ticks count from the drive time `begin`
+    [s] on, and from when every ego is settled behind the one ahead. undisturbed: the platoon's speed [m/s]. NaN where
+    somebody never settles.
+    """
+    egos = [run.egos[name] for name in chain]
+    ticks = min(len(one.time) for one in egos)
+    actors = run.actors
+    ahead = actors[(actors["actor"] == leader) & (actors["tick"] < ticks)]["speed_mps"].to_numpy()
+    speeds = [ahead, *(one.motion.speed[:ticks][-len(ahead) :] for one in egos)]
+    time = run.time[:ticks][-len(ahead) :]
+    first = int(np.searchsorted(time, begin))
+    for before, one, own in zip(speeds, egos, speeds[1:], strict=False):
+        first = max(first, settled_from(time, one.lead.gap[:ticks][-len(ahead) :], before, own))
+    return speed_amplification(speeds[0][first:], speeds[-1][first:], undisturbed)
 
 
 def _passed_on(speeds: list[Floats]) -> tuple[float, ...]:

@@ -47,6 +47,7 @@ class V2xConfig:
     power: float = 23.0  #: radiated, gains included [dBm]
     sensitivity: float = -82.0  #: least power at which a packet is received [dBm]
     loss: float = 0.02  #: share of the packets that others' drown
+    jammed_from: float = math.inf  #: drive time from which on no packet is received [s]
     x: float = 1.0  #: of the antenna from the rear axle forward [m]
     y: float = 0.0  #: of the antenna to the left [m]
     z: float = 1.5  #: of the antenna above the ground [m]
@@ -171,7 +172,7 @@ class V2xReceiver:
                 obstacles = obstacles or Obstacles(look.actors, self._walls)
                 power = self._power(station, look, row, obstacles)
                 lost = station.chance.random() < self._config.loss
-                if power >= self._config.sensitivity and not lost:
+                if power >= self._config.sensitivity and not lost and look.time < self._config.jammed_from:
                     self._on_the_way += read(power)
 
     def _packets(self, check: Check, around: Surroundings | None) -> list[ReadPacket]:

@@ -45,6 +45,9 @@ class V2xSettings(SensorSettings):
         default=-82.0, description="least power at which a packet is received"
     )
     loss: Share = Field(default=0.02, description="share of the packets that are lost to others' at the same time")
+    jammed_from_s: Annotated[float, Field(ge=0.0)] | None = Field(
+        default=None, description="drive time from which on nothing is received any more; left out: never"
+    )
     x_m: Finite = Field(default=1.0, description="where the antenna is, forward from the rear axle")
     y_m: Finite = Field(default=0.0, description="where the antenna is, to the left")
     z_m: Annotated[float, Field(gt=0.2, le=10.0)] = Field(default=1.5, description="height of the antenna")
@@ -87,6 +90,7 @@ class V2xSettings(SensorSettings):
             power=self.power_dbm,
             sensitivity=self.sensitivity_dbm,
             loss=self.loss,
+            jammed_from=math.inf if self.jammed_from_s is None else self.jammed_from_s,
             x=self.x_m,
             y=self.y_m,
             z=self.z_m,

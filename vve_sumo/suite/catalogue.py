@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.suite import euroncap, fmvss127, fmvss127_pedestrian, r152, r157
+from vve_sumo.suite import cacc, euroncap, fmvss127, fmvss127_pedestrian, r152, r157, vru
 from vve_sumo.suite.row import SuiteRow
 from vve_sumo.vehicle.model import VehicleModel
 
@@ -31,6 +31,8 @@ SUITES = {
     "euroncap": Suite("Euro NCAP 2023 CCRs, CCRm, CCRb, one overlap for all; passed without contact", euroncap.rows),
     "r157": Suite("UN R157: a car cuts in as late as has to be avoided", r157.cut_in_rows),
     "following": Suite("UN R157: the distance kept behind a steady car", r157.following_rows),
+    "vru": Suite("bicyclists and pedestrians: braked for, steered around, both", vru.rows),
+    "cacc": Suite("platoons of five by ACC and CACC: following, string stability, lost messages", cacc.rows),
 }
 
 

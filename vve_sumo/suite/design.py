@@ -110,7 +110,7 @@ def _test(row: SuiteRow) -> dict[str, Any]:
         "what": row.description,
         "required": row.required,
         "scenario": row.scenario.model_dump(mode="json", exclude_unset=True, exclude={"seed"}),
-        "requirements": repr((row.approach, row.cut_in, row.need, row.demand)),
+        "requirements": repr((row.approach, row.cut_in, row.need, row.demand, row.evasion, row.string)),
     }
 
 

@@ -37,7 +37,18 @@ def speeds(ends: tuple[float, float]) -> list[float]:
 
 def _crossing(car: Vehicle, walk: requirements.Walk, kmh: float) -> SuiteRow:
     """Return the row of a pedestrian who starts from the kerb in time for an impact at the overlap."""
-    speed, pace, kerb = kmh * KMH, walk.speed * KMH, requirements.KERBS[walk.side]
+    speed = kmh * KMH
+    actors, available = crossing(car, walk, speed)
+    end = end_when_passed(speed, requirements.FMVSS_127_WALK_START * speed)
+    return _row(walk, kmh, actors, Need(_needed(car, speed, 0.0), available), end)
+
+
+def crossing(car: Vehicle, walk: requirements.Walk, speed: float) -> tuple[list[dict[str, Any]], float]:
+    """Return the pedestrian who starts from the kerb, then the cars that hide him, and the way that is available [m].
+
+    The need to act begins when the pedestrian starts to walk, or becomes visible; `speed` is the car's [m/s].
+    """
+    pace, kerb = walk.speed * KMH, requirements.KERBS[walk.side]
     ahead = requirements.FMVSS_127_WALK_START * speed
     side = -1.0 if walk.side == "right" else 1.0
     walked = kerb.offset - side * overlap_offset(walk, car.width)
@@ -56,19 +67,24 @@ def _crossing(car: Vehicle, walk: requirements.Walk, kmh: float) -> SuiteRow:
         events=[sets_out],
     )
     parked = _parked(car, speed, ahead) if walk.obstructed else []
-    # The need to brake begins when the pedestrian starts to walk, or becomes visible.
     available = speed * walking
     if walk.obstructed:
         corner = 0.5 * car.width + requirements.PARKED_CLEARANCE
         available = first_sight_distance(corner, requirements.PARKED_GAP, speed, pace, 0.5 * TYPICAL["child"].length)
-    return _row(walk, kmh, [actor, *parked], Need(_needed(car, speed, 0.0), available), end_when_passed(speed, ahead))
+    return [actor, *parked], available
 
 
 def _on_the_way(car: Vehicle, walk: requirements.Walk, kmh: float) -> SuiteRow:
     speed, pace = kmh * KMH, walk.speed * KMH
-    ahead = requirements.FMVSS_127_WALK_START * (speed - pace)
-    actor = target(speed, ahead, kind="pedestrian", speed_mps=pace, offset_m=overlap_offset(walk, car.width))
+    actor, ahead = on_the_way(car, walk, speed)
     return _row(walk, kmh, [actor], Need(_needed(car, speed, pace), ahead), {"contact": True})
+
+
+def on_the_way(car: Vehicle, walk: requirements.Walk, speed: float) -> tuple[dict[str, Any], float]:
+    """Return a pedestrian who stands or walks along the path, and how far ahead he enters [m]."""
+    pace = walk.speed * KMH
+    ahead = requirements.FMVSS_127_WALK_START * (speed - pace)
+    return target(speed, ahead, kind="pedestrian", speed_mps=pace, offset_m=overlap_offset(walk, car.width)), ahead
 
 
 def overlap_offset(walk: requirements.Walk, width: float) -> float:

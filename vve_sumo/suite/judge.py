@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from vve_sumo.metrics.metric import Metric
 from vve_sumo.metrics.table import rows
-from vve_sumo.suite.measured import measure
+from vve_sumo.suite.measured import RowMeasurement, measure
 from vve_sumo.suite.row import RowOutcome, RowVerdict, SuiteRow
 from vve_sumo.sweep.job import MetricValue, RunResult, finite
 
@@ -33,6 +33,13 @@ COLUMNS: Final = rows(
         "demand_mps2", "braking demand",
         "largest demand on the service brakes, as a deceleration of the declared car", worse="lower",
     ),
+    _column("clearance_m", "least clearance", "least distance between the car's body and any other's", worse="lower"),
+    _column(
+        "head_to_tail_l2", "head to tail, L2",
+        "the last ego's disturbance of speed over that of the platoon's leader: root of the sum of squares",
+        worse="higher",
+    ),
+    _column("off_path_m", "distance from the path at the end", "of the true rear axle", worse="higher"),
 )  # fmt: skip
 #: figures of every sweep that an outcome holds
 FIGURES: Final = ("impact_speed_mps", "min_gap_m", "max_deceleration_mps2")
@@ -72,6 +79,9 @@ def judge(row: SuiteRow, seed: int, result: RunResult, record: Path) -> RowOutco
         cut_in_ttc_s=measured.ttc,
         **figures,
         demand_mps2=measured.demand,
+        clearance_m=measured.clearance,
+        off_path_m=measured.off_path,
+        head_to_tail_l2=measured.head_to_tail,
         record=record,
     )
     invalid = invalidity(row, measured.approach, measured.ttc)
@@ -81,11 +91,15 @@ def judge(row: SuiteRow, seed: int, result: RunResult, record: Path) -> RowOutco
     if ending not in ENDINGS:
         return replace(outcome, verdict=RowVerdict.FAILED, why=f"the drive ended by {ending}")
     unmet = "" if result.figures.get("passed") is True else str(result.figures.get("failed", ""))
-    short = shortfall(row, measured.demand)
+    short = "; ".join(
+        filter(None, (shortfall(row, measured.demand), *unevaded(row, measured), amplified(row, measured)))
+    )
     if result.figures.get("passed") is True and not short:
         return outcome
-    # A larger gap would not have raised the demand: the closed form excuses an impact alone.
-    excused = not short and row.need is not None and not row.need.avoidable
+    # A larger gap would not have raised the demand: the closed form excuses an impact, which ends the drive, and what
+    # a platoon passes on.
+    physical = not short or ending == "contact" or row.string is not None
+    excused = physical and row.need is not None and not row.need.avoidable
     why = "; ".join(filter(None, (unmet, short)))
     return replace(outcome, verdict=RowVerdict.UNAVOIDABLE if excused else RowVerdict.FAILED, why=why)
 
@@ -95,6 +109,26 @@ def shortfall(row: SuiteRow, demand: float | None) -> str:
     if row.demand <= 0.0 or (demand is not None and demand >= row.demand):
         return ""
     return f"braking demand {demand or 0.0:.2f} m/s2, expected {row.demand:g} or more"
+
+
+def unevaded(row: SuiteRow, measured: RowMeasurement) -> list[str]:
+    """Return a line for each distance that a car that may leave its path did not keep to."""
+    if row.evasion is None or measured.clearance is None or measured.off_path is None:
+        return []
+    lines = []
+    if measured.clearance < row.evasion.clearance:
+        lines.append(f"clearance {measured.clearance:.2f} m, expected {row.evasion.clearance:g} or more")
+    if measured.off_path > row.evasion.back_within:
+        lines.append(f"{measured.off_path:.2f} m off its path at the end, expected {row.evasion.back_within:g} or less")
+    return lines
+
+
+def amplified(row: SuiteRow, measured: RowMeasurement) -> str:
+    """Return by how much a platoon amplifies more than it may; empty where it does not."""
+    if row.string is None or (measured.head_to_tail is not None and measured.head_to_tail <= row.string.most):
+        return ""
+    got = "never settled" if measured.head_to_tail is None else f"{measured.head_to_tail:.3f}"
+    return f"head to tail: {got}, expected {row.string.most:g} or less"
 
 
 def invalidity(row: SuiteRow, approach: tuple[float, float] | None, ttc: float | None) -> str:

@@ -1,4 +1,4 @@
-"""Measures how a test was driven, from the record: the approach, the cut-in, and the braking demand.
+"""Measures how a test was driven, from the record: approach, cut-in, braking demand, distance from bodies and path.
 
 Reads records of drives; judges nothing.
 """
@@ -12,12 +12,16 @@ from typing import NamedTuple
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+from numpy.typing import NDArray
 
+from vve_sumo.analysis.run import Run
+from vve_sumo.analysis.string_stability import head_to_tail
 from vve_sumo.drive.resolved_scenario import recorded_model
+from vve_sumo.geometry import Boxes, distance, vehicle_boxes
 from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.record.declared import read_resolved
 from vve_sumo.record.reader import read_table
-from vve_sumo.suite.row import CutIn, SuiteRow
+from vve_sumo.suite.row import CutIn, RequiredString, SuiteRow
 from vve_sumo.values import Floats, Vehicle
 
 BRAKING = 0.15 * GRAVITY  #: the car brakes when it decelerates by more [m/s2]; FMVSS 127, S4 [P]
@@ -33,6 +37,9 @@ class RowMeasurement(NamedTuple):
     approach: tuple[float, float] | None = None  #: least and greatest speed of it [m/s]
     ttc: float | None = None  #: time to collision of a cut-in, as if the car had not braked before it [s]
     demand: float | None = None  #: largest demand on the service brakes, as a deceleration of the declared car [m/s2]
+    clearance: float | None = None  #: least distance between the car's body and any actor's [m]
+    off_path: float | None = None  #: distance of the true rear axle from the path at the last tick [m]
+    head_to_tail: float | None = None  #: a platoon's, by root of the sum of squares; None where it never settles
 
 
 def measure(row: SuiteRow, record: Path) -> RowMeasurement:
@@ -50,7 +57,38 @@ def measure(row: SuiteRow, record: Path) -> RowMeasurement:
     ends = _ends(ticks, entry)
     cut, ttc = (None, None) if row.cut_in is None else _cut_in(row.cut_in, ticks, target_rows, car, ends)
     approach = _speeds(ticks, entry, ends if cut is None else min(cut, ends))
-    return RowMeasurement(approach, ttc, _demand(ticks, entry, car) if row.demand > 0.0 else None)
+    demand = _demand(ticks, entry, car) if row.demand > 0.0 else None
+    measured = RowMeasurement(approach, ttc, demand)
+    if row.evasion is not None:
+        measured = measured._replace(clearance=clearance(ticks, actors, car), off_path=_off_path(ticks))
+    return measured if row.string is None else measured._replace(head_to_tail=_head_to_tail(row.string, record))
+
+
+def clearance(ticks: pa.Table, actors: pa.Table, car: Vehicle) -> float:
+    """Return the least distance between the car's true rectangle and any actor's at the same tick [m]."""
+    at = actors["tick"].to_numpy() - int(ticks["tick"][0].as_py())
+    rows = actors.filter(pa.array(at < ticks.num_rows))
+    at = at[at < ticks.num_rows]
+    own = vehicle_boxes(*_true_motion(ticks, at), car)
+    x, y, heading, length, width, speed = (
+        rows[name].to_numpy() for name in ("x_m", "y_m", "heading_rad", "length_m", "width_m", "speed_mps")
+    )
+    return float(distance(own, Boxes(x, y, heading, length, width, speed)).min(initial=math.inf))
+
+
+def _head_to_tail(required: RequiredString, record: Path) -> float | None:
+    passed = head_to_tail(Run(record), required.leader, required.chain, required.speed, required.begin).l2
+    return passed if math.isfinite(passed) else None
+
+
+def _true_motion(ticks: pa.Table, at: NDArray[np.int64]) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return the ego's true place, heading and speed at ticks."""
+    x, y, heading, speed = (ticks[f"true_{name}"].to_numpy()[at] for name in EGO)
+    return x, y, heading, speed
+
+
+def _off_path(ticks: pa.Table) -> float:
+    return abs(float(ticks["lateral_deviation_m"].to_numpy()[-1]))
 
 
 def _demand(ticks: pa.Table, entry: int, car: Vehicle) -> float:

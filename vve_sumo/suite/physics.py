@@ -59,6 +59,11 @@ class Need(NamedTuple):
     available: float  #: gap when the need to brake begins [m]
 
     @property
+    def unit(self) -> str:
+        """Unit of both."""
+        return "m"
+
+    @property
     def avoidable(self) -> bool:
         """Whether the available gap is larger than needed."""
         return self.available > self.needed

@@ -33,6 +33,23 @@ class CutIn(NamedTuple):
     tolerance: float  #: [s]
 
 
+class RequiredEvasion(NamedTuple):
+    """What is required of a car that may leave its path for somebody."""
+
+    clearance: float  #: least distance between its body and every other one's, at least [m]; 0 requires no more
+    back_within: float  #: distance of its rear axle from its path at the end, at most [m]
+
+
+class RequiredString(NamedTuple):
+    """What is required of a platoon behind an actor that changes its speed."""
+
+    leader: str  #: the actor
+    chain: tuple[str, ...]  #: ids of the egos, from the first behind it to the last
+    speed: float  #: of the undisturbed platoon [m/s]
+    begin: float  #: drive time at which the disturbance begins [s]
+    most: float  #: amplification from head to tail, by root of the sum of squares, at most
+
+
 @dataclass(frozen=True, slots=True)
 class SuiteRow:
     """One test; the criteria of its scenario are its requirements."""
@@ -45,6 +62,8 @@ class SuiteRow:
     approach: RequiredApproach | None = None
     cut_in: CutIn | None = None
     need: Need | None = None  #: None where there is nothing to brake for
+    evasion: RequiredEvasion | None = None  #: None where the car does not leave its path
+    string: RequiredString | None = None  #: None where no platoon is measured
     demand: float = 0.0  #: least required demand on the service brakes [m/s2]; 0: none
 
 
@@ -78,6 +97,9 @@ class RowOutcome:
     min_gap_m: float | None = None
     max_deceleration_mps2: float | None = None
     demand_mps2: float | None = None  #: largest demand on the service brakes, as a deceleration of the declared car
+    clearance_m: float | None = None  #: least distance between the car's body and every other one's
+    off_path_m: float | None = None  #: of the true rear axle at the end
+    head_to_tail_l2: float | None = None  #: the last ego's disturbance of speed over the leader's
 
 
 @dataclass(frozen=True, slots=True)

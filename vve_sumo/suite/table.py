@@ -35,6 +35,9 @@ def record_of(judged: JudgedRow) -> dict[str, Any]:
         "approach_least_kmh": _scaled(judged.least("approach_least_mps")),
         "approach_greatest_kmh": _scaled(judged.greatest("approach_greatest_mps")),
         "cut_in_ttc_s": _rounded(judged.least("cut_in_ttc_s")),
+        "clearance_m": _rounded(judged.least("clearance_m")),
+        "off_path_m": _rounded(judged.greatest("off_path_m")),
+        "head_to_tail_l2": _rounded(judged.greatest("head_to_tail_l2")),
         "needed_m": None if need is None else _rounded(need.needed),
         "there_m": None if need is None else _rounded(need.available),
         "avoidable": None if need is None else need.avoidable,
@@ -56,9 +59,13 @@ def cells(judged: JudgedRow) -> tuple[str, ...]:
     impact = judged.greatest("impact_speed_mps")
     braked, demand = judged.greatest("max_deceleration_mps2"), judged.least("demand_mps2")
     numbers = (None if impact is None else IN_KMH * impact, judged.least("min_gap_m"), braked, demand)
-    way = ("", "") if need is None else (f"{need.needed:.1f}", f"{need.available:.1f}")
+    way = ("", "") if need is None else (_length(need.needed, need.unit), _length(need.available, need.unit))
     share = f"{judged.passed}/{len(judged.drives)}" if judged.drives else ""
     return (row.description, row.required, share, *(_cell(number) for number in numbers), *way, judged.verdict.value)
+
+
+def _length(value: float, unit: str) -> str:
+    return f"{value:.1f}" if unit == "m" else f"{value:.2f} {unit}"
 
 
 def _cell(value: float | None) -> str:

@@ -20,6 +20,7 @@ TARGET = "target"  #: the actor of a row that has one
 WIDTH = 1.8  #: of the cars that stand beside the path [m]
 SPEEDING_UP = 1.5  #: of the shipped controller [m/s2]
 SETTLING = 4.0  #: time of steady driving between the run-up and the entry of a target, margin included [s]
+ROLLING = 2.0  #: time between a rolling start and the entry of a target [s]
 FOREMOST = 6.0  #: station s of the front bumper at the start, rounded up [m]
 #: time at rest after which a row ends [s]
 AT_REST = 0.3
@@ -35,15 +36,21 @@ def entry_station(speed: float) -> float:
     return speed * speed / (2.0 * SPEEDING_UP) + SETTLING * speed + FOREMOST
 
 
-def scenario(title: str, speed: float, *, lasts: float, **tables: Any) -> Scenario:
-    """Return a scenario on the test track at `speed` [m/s] that ends `lasts` [s] after its target enters at most."""
-    run_up = speed / SPEEDING_UP + SETTLING + 3.0
+def scenario(title: str, speed: float, *, lasts: float, rolling: bool = False, **tables: Any) -> Scenario:
+    """Return a scenario on the test track at `speed` [m/s] that ends `lasts` [s] after its target enters at most.
+
+    A `rolling` start is at that speed, ROLLING before the target enters.
+    """
+    run_up = ROLLING if rolling else speed / SPEEDING_UP + SETTLING + 3.0
     ego = {
         "path": "test_track",
         "speed_mps": speed,
         "lot": {"latitude_deg": 40.0041, "longitude_deg": -83.0186, "heading_deg": 85.0},
         "car": tables.pop("car", {}),
-    }
+    } | tables.pop("ego", {})
+    if rolling:
+        start = entry_station(speed) - FOREMOST - ROLLING * speed
+        ego |= {"initial_speed_mps": speed, "initial_s_m": start}
     table: dict[str, Any] = {
         "title": title,
         "duration_s": run_up + lasts,
