@@ -91,14 +91,13 @@ def judge(row: SuiteRow, seed: int, result: RunResult, record: Path) -> RowOutco
     if ending not in ENDINGS:
         return replace(outcome, verdict=RowVerdict.FAILED, why=f"the drive ended by {ending}")
     unmet = "" if result.figures.get("passed") is True else str(result.figures.get("failed", ""))
-    short = "; ".join(
-        filter(None, (shortfall(row, measured.demand), *unevaded(row, measured), amplified(row, measured)))
-    )
+    undemanding = shortfall(row, measured.demand)
+    short = "; ".join(filter(None, (undemanding, *unevaded(row, measured), amplified(row, measured))))
     if result.figures.get("passed") is True and not short:
         return outcome
     # A larger gap would not have raised the demand: the closed form excuses an impact, which ends the drive, and what
     # a platoon passes on.
-    physical = not short or ending == "contact" or row.string is not None
+    physical = not undemanding and (not short or ending == "contact" or row.string is not None)
     excused = physical and row.need is not None and not row.need.avoidable
     why = "; ".join(filter(None, (unmet, short)))
     return replace(outcome, verdict=RowVerdict.UNAVOIDABLE if excused else RowVerdict.FAILED, why=why)
