@@ -48,7 +48,7 @@ from vve_sumo.record.writer import claim
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
 from vve_sumo.rig.lock import rig_lock
-from vve_sumo.rig.validation import arming_obstacle
+from vve_sumo.rig.validation import arming_obstacle, common_ground
 from vve_sumo.scenario.schema import EndTrigger
 from vve_sumo.values import EGO
 from vve_sumo.view.words import verdict_of
@@ -145,6 +145,8 @@ def _with_further(own: DrivePlan, rigs_by_ego: Mapping[str, str]) -> DrivePlan:
     for file, count in Counter(one.rig_file.resolve() for one in (own, *cars)).items():
         if count > 1:
             raise ConfigError(f"--rig: {file} is given for {count} cars; expected a rig of its own for each")
+    if not own.shadow and (reason := common_ground({one.rig_file: one.rig for one in (own, *cars)})) is not None:
+        raise RigError(reason)
     return replace(own, resolved=assembly.with_rigs(own.resolved, [one.resolved for one in cars]), further=cars)
 
 

@@ -151,6 +151,11 @@ def distances_outside(outline: Floats, points: Floats) -> Floats:
     return np.asarray(np.where(inside, -distance, distance), np.float64)
 
 
+def distance_between(outline: Sequence[Pair], other: Sequence[Pair]) -> float:
+    """Return the distance between the grounds inside two closed lines [m]; 0 where they overlap or touch."""
+    return float(shapely.distance(Polygon(outline), Polygon(other)))
+
+
 class Raster:
     """Clearance on a grid [m]: positive inside the lot less its margin, negative outside; good to a cell."""
 

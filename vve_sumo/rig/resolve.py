@@ -14,7 +14,7 @@ from vve_sumo.config_file import in_si
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment, MapFrame, Mounting, local_frame
 from vve_sumo.lot.geofence import Geofence, StopModel
-from vve_sumo.lot.polygon import Lot
+from vve_sumo.lot.polygon import Lot, distance_between
 from vve_sumo.lot.turning import Turning
 from vve_sumo.physical_constants import GRAVITY
 from vve_sumo.pose.receivers.port import Receiver
@@ -152,6 +152,12 @@ def outline_in(rig: Rig, frame: MapFrame) -> tuple[tuple[float, float], ...]:
     return tuple(
         frame.to_map(math.radians(latitude), math.radians(longitude)) for latitude, longitude in rig.lot.outline
     )
+
+
+def distance_between_lots(rig: Rig, other: Rig) -> float:
+    """Return the distance between the grounds of two rigs' lots on Earth [m]; 0 where they overlap or touch."""
+    frame = local_frame(*(math.radians(degrees) for degrees in rig.lot.outline[0]))
+    return distance_between(outline_in(rig, frame), outline_in(other, frame))
 
 
 def alignment_of(rig: Rig, network: str) -> Alignment | None:

@@ -8,8 +8,9 @@ from __future__ import annotations
 import datetime
 import ipaddress
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import combinations
+from pathlib import Path
 from typing import Final, NamedTuple
 
 from vve_sumo.errors import ConfigError
@@ -25,6 +26,7 @@ from vve_sumo.rig.dates import day_to_come, expired_day
 from vve_sumo.rig.resolve import (
     alignment_of,
     calibration_of,
+    distance_between_lots,
     faults_of,
     frame_of,
     interface_of,
@@ -45,6 +47,7 @@ from vve_sumo.wire.outputs import KINDS
 OPEN_INTERFACES: Final = ("udp_multicast", "socketcand", "can_remote")
 PTY: Final = "pty"  #: channel that the simulated vehicle's process makes
 VIRTUAL_CAN: Final = "vcan"  #: with what the names of virtual SocketCAN interfaces begin
+LEAST_LOT_DISTANCE: Final = 10.0  #: between the lots of two cars that drive at the same time [m]
 MAX_LOT_EXTENT: Final = 20_000.0  #: from the first corner of a lot to any other place in it [m]
 
 #: Identifiers on a CAN bus, by who sends or hears them: OXTS's default map (RT3000 manual: messages and one 0x500 + n
@@ -82,6 +85,22 @@ def arming_obstacle(rig: Rig, today: datetime.date) -> str | None:
             "controller does, write it down"
         )
     return day_to_come(rig, today) or expired_day(rig, today)
+
+
+def common_ground(files: Mapping[Path, Rig]) -> str | None:
+    """Return why these rigs' cars may not drive at the same time; None where each has a lot of its own.
+
+    On the virtual road the cars may be far apart while they meet in the lot. A simulated car is in no lot.
+    """
+    real = [(file, rig) for file, rig in files.items() if rig.car == "real"]
+    for (file, rig), (other_file, other) in combinations(real, 2):
+        apart = distance_between_lots(rig, other)
+        if apart < LEAST_LOT_DISTANCE:
+            return (
+                f"{other_file}: lot.outline: it comes within {apart:.1f} m of that of {file}, expected "
+                f"{LEAST_LOT_DISTANCE:g} m or more between the lots of two cars that drive at the same time"
+            )
+    return None
 
 
 def _complaints(rig: Rig) -> Iterator[str]:
