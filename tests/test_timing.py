@@ -9,7 +9,7 @@ import pytest
 from tests import setpoints
 from tests.conftest import REPOSITORY
 from vve_sumo import timing
-from vve_sumo.live import console, drive
+from vve_sumo.live import car, car_console
 from vve_sumo.live.gateway import STATUS_INTERVAL, next_step_time
 from vve_sumo.pose.trust import DRIVE
 from vve_sumo.rig import load as rigs
@@ -61,8 +61,8 @@ def test_gateway_and_wire_take_no_longer_lifetime_than_the_pipeline_gives(lifeti
 
 
 def test_what_listens_waits_longer_than_what_speaks() -> None:
-    assert drive.GATEWAY_SILENCE > 2.0 * timing.NOTICED, "the drive hears the gateway at every step"
-    assert console.SILENT > STATUS_INTERVAL + 2.0 * timing.NOTICED, "the console hears it about ten times a second"
+    assert car.GATEWAY_SILENCE > 2.0 * timing.NOTICED, "the drive hears the gateway at every step"
+    assert car_console.SILENT > STATUS_INTERVAL + 2.0 * timing.NOTICED, "the console hears it about ten times a second"
     assert timing.MAX_REPORT_AGE > 2.0 * timing.NOTICED + timing.PERIOD, "two reports of one a step may be lost"
     assert timing.MAX_PARK_REPORT_AGE > timing.NOTICED + timing.PERIOD, "a step may be late, and one report be lost"
     assert timing.MAX_GEAR_REPORT_AGE > 3.0 / 20.0 + timing.NOTICED, "and two of the gear, at 20 Hz"

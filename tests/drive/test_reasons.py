@@ -20,7 +20,7 @@ PLACES = re.compile(r"fault|found|reason|refus|fail|waits|edge|not_ready|\) if .
 HIDDEN = {
     "world/ego_sync.py": ("pose_not_front_bumper", "pose_not_finite", "pose_out_of_bounds", "ego_sync_position"),
     "live/recorder.py": ("record_failed",),
-    "live/session.py": ("path_leaves_lot",),
+    "live/start_processes.py": ("path_leaves_lot",),
 }
 #: calls that take a code
 TAKERS = frozenset({"append", "_fail", "_refused"})

@@ -519,7 +519,7 @@ def test_the_standard_receiver_speaks_as_it_always_did() -> None:
 
 
 def test_no_module_beyond_the_port_imports_a_kind_of_receiver() -> None:
-    """What NCOM's codec is used for beside is wires, recordings, and calibration, which asks for a record of it."""
+    """Beside, NCOM's codec is used for wires, a bridge that hears them, recordings, and calibration, which asks for it."""
     kinds = "|".join(PORT.shipped)
     named = re.compile(rf"receivers\.({kinds})\b|receivers import ({kinds})\b")
     room = REPOSITORY / "vve_sumo"
@@ -527,4 +527,4 @@ def test_no_module_beyond_the_port_imports_a_kind_of_receiver() -> None:
     assert {file.parent.name for file in found} <= {"receivers"}
     codec = re.compile(r"from vve_sumo\.pose(\.ncom)? import .*\b(ncom|Decoder|Encoder)\b")
     using = {file.relative_to(room).as_posix() for file in room.rglob("*.py") if codec.search(file.read_text("utf-8"))}
-    assert {one.split("/")[0] for one in using} == {"pose", "wire", "commissioning"}
+    assert {one.split("/")[0] for one in using} == {"pose", "wire", "commissioning", "bridges"}
