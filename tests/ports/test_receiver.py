@@ -519,7 +519,7 @@ def test_the_standard_receiver_speaks_as_it_always_did() -> None:
 
 
 def test_no_module_beyond_the_port_imports_a_kind_of_receiver() -> None:
-    """Beside, NCOM's codec is used for wires, a bridge that hears them, recordings, and calibration, which asks for it."""
+    """Beside, NCOM's codec is for wires, a bridge that hears them, recordings, and calibration, which asks for it."""
     kinds = "|".join(PORT.shipped)
     named = re.compile(rf"receivers\.({kinds})\b|receivers import ({kinds})\b")
     room = REPOSITORY / "vve_sumo"
