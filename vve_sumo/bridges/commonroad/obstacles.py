@@ -136,13 +136,13 @@ def _moving(name: str, kind: str, states: list[State], files: LineFiles, obstacl
     if kind not in ON_FOOT:
         _refuse_sideways(states)
     path = reference(line, obstacle)
-    timing, station = [], 0.0
+    timing, s = [], 0.0
     for one in states:
-        station = max(station, path.project(one.x, one.y, station).s)
-        there = path.at(station)
+        s = max(s, path.project(one.x, one.y, s).s)
+        there = path.at(s)
         if math.dist((there.x, there.y), (one.x, one.y)) > TOLERANCE:
             raise NotTakenError(one.element, f"no body can follow it: it would be more than {TOLERANCE:g} m off")
-        timing.append({"time_s": round(one.time, 6), "at_m": round(station, 4)})
+        timing.append({"time_s": round(one.time, 6), "at_m": round(s, 4)})
     file = files.named(name, line)
     follow = {"path": file, "at_m": timing[0]["at_m"], "until_m": timing[-1]["at_m"], "timing": timing}
     speed = (timing[1]["at_m"] - timing[0]["at_m"]) / (timing[1]["time_s"] - timing[0]["time_s"])

@@ -74,7 +74,7 @@ class Bridge:
         self._measured = -math.inf  # of the newest scan that was shown
         self._heard = -math.inf  # clock of the newest radar datagram
         self._latched = False
-        self._station: float | None = None
+        self._s: float | None = None
 
     def take_ncom(self, data: bytes) -> None:
         """Take an NCOM packet."""
@@ -154,8 +154,8 @@ class Bridge:
 
     def _gap(self, pose: Pose, actors: Actors) -> float:
         path, vehicle = self._installed.path, self._installed.vehicle
-        self._station = path.project(pose.x, pose.y, self._station).s
-        return float(lead_vehicle_now(pose, self._station, actors, path, vehicle).gap[0])
+        self._s = path.project(pose.x, pose.y, self._s).s
+        return float(lead_vehicle_now(pose, self._s, actors, path, vehicle).gap[0])
 
     def take_command(self, writer: int, message: Any) -> None:
         """Take a command of a publisher, None for bytes that are none; send the setpoint that it comes to, if any."""
