@@ -35,8 +35,8 @@ SLOWING_TIME: Final = 4.0  #: in which it does so [s]
 CHEAPER: Final = 0.6  #: a way takes the place of the one that the car is on if it costs this share of it, or less
 LEAST_LENGTH: Final = 6.0  #: of a quintic [m]
 NEAR: Final = 0.05  #: a way may come nearer to a body by this than it shall [m]
-#: costs: of lateral jerk against distance from the path, and of a speed below the expected one. To stay behind a bicyclist
-#: at half the speed costs more than to pass: with half of it, noise would decide at every turn.
+#: costs: of lateral jerk against distance from the path, and of a speed below the expected one. With half of that,
+#: to stay behind a bicyclist at half the speed cost as much as to pass, and noise decided at every turn of the lidar.
 JERK_COST, SPEED_COST = 0.05, 4.0
 
 

@@ -5,7 +5,6 @@ It knows the limits of a car that is steered, and no bodies.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Generator, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple, Protocol
@@ -141,9 +140,7 @@ def all_within_limits(task: Task, ways: np.ndarray, speeds: Sequence[float], roo
     return _keeps(task, ways, _second_derivatives(ways, task.spacing), speeds, room)
 
 
-def _keeps(
-    task: Task, ways: np.ndarray, second: np.ndarray, speeds: Sequence[float], room: Room
-) -> np.ndarray:
+def _keeps(task: Task, ways: np.ndarray, second: np.ndarray, speeds: Sequence[float], room: Room) -> np.ndarray:
     first, limits = len(task.head), task.limits
     at, before = slice(first - 1, -1), slice(first - 2, -2)
     low, high = np.array(room.low[first:]) - INTRUSION, np.array(room.high[first:]) + INTRUSION

@@ -55,7 +55,8 @@ SIGHT: Final = 80.0  #: as far as this a lidar sees a car [m]
 REACTION: Final = 1.0  #: the car must be back on its side so long before who comes the other way [s]
 LOOKS: Final = 3  #: a way in comfort must be free in so many turns of the lidar, one after the other
 HORIZON: Final = 3.0  #: what is farther ahead than this is braked for in comfort [s]
-#: portions of work on a decision in one tick, of about a millisecond each; for a swerve every tick counts
+#: portions of work on a decision in one tick, of about a millisecond each; a tick that takes in a turn of the lidar has
+#: less time and does one. For a swerve every tick counts.
 PORTIONS, URGENT_PORTIONS = 3, 8
 
 TUNING: dict[str, float | str | bool] = {
@@ -148,7 +149,9 @@ class SteerAround:
             self._seen = observation.time
             # What was still being decided on by an older turn is out of date.
             self._decision = self._deciding(self._sight(observation, projection))
-        self._decide()
+            self._decide(1)
+        else:
+            self._decide(PORTIONS)
         if self._line is None:
             return None
         pose, line = observation.pose, self._line
@@ -170,10 +173,10 @@ class SteerAround:
 
     # What to do, once a turn. The ticks until the next turn share the work, so that no tick is held up.
 
-    def _decide(self) -> None:
-        """Go on deciding for as long as a tick may."""
+    def _decide(self, portions: int) -> None:
+        """Go on deciding for so many portions of work, for more where the car has to swerve."""
         done = 0
-        while self._decision is not None and done < (URGENT_PORTIONS if self._hurries else PORTIONS):
+        while self._decision is not None and done < (URGENT_PORTIONS if self._hurries else portions):
             done += 1
             if next(self._decision, _DECIDED) is _DECIDED:
                 self._decision = None
