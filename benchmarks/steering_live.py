@@ -160,7 +160,9 @@ def judged(record: Path, killed: float, behind: float) -> Drive:
     place, fit = _placed(truth, ticks)
     at_ticks = {name: np.interp(ticks["time_s"], truth[:, 0], column) for name, column in place.items()}
     least, actors = math.inf, dict(list(read_table(record, "actors").to_pandas().groupby("tick")))
-    for row, tick in enumerate(ticks["tick"].tolist()):
+    moving = np.flatnonzero(at_ticks["speed"] > 1.0)
+    under_way = slice(moving[0], None) if len(moving) else slice(0, 0)
+    for row, tick in list(enumerate(ticks["tick"].tolist()))[under_way]:
         if tick not in actors:
             continue
         own = vehicle_boxes(
@@ -171,8 +173,6 @@ def judged(record: Path, killed: float, behind: float) -> Drive:
         )
         least = min(least, float(distance(own, Boxes(*columns)).min()))
     s, d = scenario.path.locate(at_ticks["x"], at_ticks["y"], -5.0, scenario.path.length + 60.0)
-    moving = np.flatnonzero(at_ticks["speed"] > 1.0)
-    under_way = slice(moving[0], None) if len(moving) else slice(0, 0)
     between = (s > 45.0) & (s < 95.0)
     aside = float(np.nanmax(np.abs(d[under_way]), initial=0.0))
     latency = read_table(record, "latency").to_pandas()
