@@ -158,32 +158,40 @@ def judged(record: Path, killed: float, behind: float) -> Drive:
     scenario = resolve_scenario("scenario", load(file), file, record.parent)
     truth, ticks = _truth(record), read_table(record, "ticks").to_pandas()
     place, fit = _placed(truth, ticks)
-    at_ticks = {name: np.interp(ticks["time_s"], truth[:, 0], column) for name, column in place.items()}
-    least, actors = math.inf, dict(list(read_table(record, "actors").to_pandas().groupby("tick")))
-    moving = np.flatnonzero(at_ticks["speed"] > 1.0)
-    under_way = slice(moving[0], None) if len(moving) else slice(0, 0)
-    for row, tick in list(enumerate(ticks["tick"].tolist()))[under_way]:
-        if tick not in actors:
+    moving = np.flatnonzero(truth[:, 4] > 1.0)
+    first = truth[moving[0], 0] if len(moving) else math.inf
+    under_way = ticks[ticks["time_s"] >= first]
+    least, bodies, at = math.inf, None, -math.inf
+    snapshots = dict(list(read_table(record, "actors").to_pandas().groupby("tick")))
+    moments = [(row.time_s, snapshots.get(row.tick)) for row in under_way.itertuples()]
+    last = moments[-1][0] if moments else math.inf
+    # After the drive's process is gone, whoever was seen last is taken to go on as he did.
+    moments += [(float(moment), None) for moment in truth[truth[:, 0] > last, 0][::2]]
+    for moment, snapshot in moments:
+        if snapshot is not None:
+            bodies, at = snapshot, moment
+        if bodies is None or (snapshot is None and moment <= last):
             continue
-        own = vehicle_boxes(
-            *(np.array([at_ticks[name][row]]) for name in ("x", "y", "heading", "speed")), scenario.vehicle
-        )
-        columns = (
-            actors[tick][name].to_numpy() for name in ("x_m", "y_m", "heading_rad", "length_m", "width_m", "speed_mps")
-        )
-        least = min(least, float(distance(own, Boxes(*columns)).min()))
-    s, d = scenario.path.locate(at_ticks["x"], at_ticks["y"], -5.0, scenario.path.length + 60.0)
+        values = {name: np.interp([moment], truth[:, 0], column) for name, column in place.items()}
+        own = vehicle_boxes(values["x"], values["y"], values["heading"], values["speed"], scenario.vehicle)
+        heading, speed = bodies["heading_rad"].to_numpy(), bodies["speed_mps"].to_numpy()
+        x = bodies["x_m"].to_numpy() + speed * (moment - at) * np.cos(heading)
+        y = bodies["y_m"].to_numpy() + speed * (moment - at) * np.sin(heading)
+        others = Boxes(x, y, heading, bodies["length_m"].to_numpy(), bodies["width_m"].to_numpy(), speed)
+        least = min(least, float(distance(own, others).min()))
+    driven = truth[:, 0] >= first
+    s, d = scenario.path.locate(place["x"][driven][::5], place["y"][driven][::5], -5.0, scenario.path.length + 60.0)
     between = (s > 45.0) & (s < 95.0)
-    aside = float(np.nanmax(np.abs(d[under_way]), initial=0.0))
+    aside = float(np.nanmax(np.abs(d), initial=0.0))
     latency = read_table(record, "latency").to_pandas()
-    latency = latency[latency["tick"] >= ticks["tick"][under_way].min()]
+    latency = latency[latency["tick"] >= under_way["tick"].min()]
     answered = latency[latency["framed_s"].notna()]
     summary = record / "summary.json"
     said = json.loads(summary.read_text(encoding="utf-8")) if summary.exists() else {"outcome": "", "reasons": []}
     end = _end(truth, place, scenario.path)
     return Drive(
         str(said["outcome"]), ",".join(said["reasons"]), least <= 0.0, end[0] > behind,
-        bool((at_ticks["speed"][between] < 0.3).any()), least, aside, abs(end[1]),
+        bool((truth[driven, 4][::5][between] < 0.3).any()), least, aside, abs(end[1]),
         float(truth[-1, 4]), int(latency["missed"].sum()),
         _spread(answered["decided_s"] - answered["sensed_s"]), _spread(answered["framed_s"] - answered["woken_s"]),
         fit, killed,
