@@ -8,6 +8,7 @@ import random
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -86,8 +87,8 @@ def test_the_table_of_a_log(name: str, tmp_path: Path) -> None:
     assert against == ({"velocity_sigma", "heading_sigma"} if name == "NMEA 0183" else set())
 
 
-CAR = {"minimum_delay_ms": 10.0}
-RECEIVERS = {
+CAR: dict[str, Any] = {"minimum_delay_ms": 10.0}
+RECEIVERS: dict[str, dict[str, Any]] = {
     "OXTS NCOM": {"kind": "ncom_udp"},
     "u-blox UBX": {"kind": "ubx_udp"},
     "Septentrio SBF": {"kind": "sbf_tcp"},
