@@ -279,8 +279,8 @@ class SteerAround:
         return False
 
     def _aside(self, body: Body) -> float:
-        """Return how far the car must go aside at least to pass a body that is beside it then [m]."""
-        half = 0.5 * self._vehicle.width + URGENT[-1].clearance
+        """Return how far the car must go aside to pass a body that is beside it then as it would like to [m]."""
+        half = 0.5 * self._vehicle.width + URGENT[0].clearance
         return max(min(float(body.d.max()) + half, half - float(body.d.min())), 0.0)
 
     def _braked(self, sight: _Sight) -> list[float]:
