@@ -5,8 +5,12 @@ from __future__ import annotations
 import argparse
 import csv
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from vve_sumo.cli.parser import OF_FILES, Parser, add_command, add_subcommands
+
+if TYPE_CHECKING:
+    from vve_sumo.pose.receivers.port import Receiver
 
 EXIT_CODES = OF_FILES
 
@@ -21,10 +25,13 @@ def arguments(parser: Parser) -> None:
         "decode",
         "convert a receiver's log to CSV",
         "Write one CSV row for every accepted fix of a receiver's log, and whether it is good enough to drive on. The "
-        "format is found by the content: OXTS NCOM, u-blox UBX, Septentrio SBF, NovAtel OEM7 or NMEA 0183.",
+        "format is found by the content: OXTS NCOM, u-blox UBX, Septentrio SBF, NovAtel OEM7 or NMEA 0183. With --rig "
+        "the log is decoded as the rig's receiver would have decoded the same bytes: NMEA holds no accuracies of "
+        "velocity and heading, the rig declares them.",
     )
     decode.add_argument("file", type=Path, metavar="FILE", help="bytes as the receiver sent them")
     decode.add_argument("--csv", type=Path, required=True, metavar="OUT", help="CSV file to write")
+    decode.add_argument("--rig", metavar="NAME", help="a name under rigs/ or a .toml file, whose [pose] decodes")
     decode.set_defaults(run=run)
     bag = add_command(
         commands,
@@ -46,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Write every accepted fix of a receiver's log as a CSV row; return the exit code, 0."""
     from vve_sumo.pose.table import write_csv
 
-    log = write_csv(arguments.file, arguments.csv)
+    log = write_csv(arguments.file, arguments.csv, None if arguments.rig is None else _receiver(arguments.rig))
     name, message, decoder = log.format.name, log.format.message, log.decoder
     counts = ", ".join(f"{count} {outcome}" for outcome, count in decoder.counts.items() if count)
     print(
@@ -56,6 +63,15 @@ def run(arguments: argparse.Namespace) -> int:
         trusted = [row["trusted"] == "true" for row in csv.DictReader(file)]
     print(f"a car could drive on {sum(trusted)} of {len(trusted)} fixes; rows written to {arguments.csv}")
     return 0
+
+
+def _receiver(rig: str) -> Receiver:
+    """Return the receiver of a rig by its name or file; raises ConfigError."""
+    from vve_sumo import workspace
+    from vve_sumo.rig import load
+    from vve_sumo.rig.resolve import receiver_of
+
+    return receiver_of(load.load(workspace.find("rig", rig, Path.cwd()), Path.cwd()))
 
 
 def run_bag(arguments: argparse.Namespace) -> int:
