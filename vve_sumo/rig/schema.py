@@ -356,12 +356,14 @@ class RigOutput(Table):
         "cpm",
         "signals",
         "scene",
+        "sense",
         "stop",
     ] = Field(description="what is sent: see the table of wires")
     sensor: Name | None = Field(
         default=None,
         description="`radar`, `esr`, `ars408`, `osi_data`: name of the scenario's sensor whose detections are sent, "
-        "where that is not `radar`; `vlp16`, `mobileye`, `cpm`, `v2x`: name of the lidar, camera or V2X receiver",
+        "where that is not `radar`; `vlp16`, `mobileye`, `cpm`, `v2x`: name of the lidar, camera or V2X receiver; "
+        "`sense`: name of any sensor",
     )
     udp: Place | None = Field(default=None, description="send datagrams to this address and port")
     tcp: Place | None = Field(default=None, description="`ncom`, `nmea`: serve a stream on this address and port")
@@ -392,7 +394,7 @@ class RigOutput(Table):
             raise ValueError(f"host says nothing for kind {self.kind!r}, it is for esr")
         if (self.kind == "stop") != (self.can_id is not None):
             raise ValueError("can_id is the identifier of the stop frame: kind 'stop' needs it, and no other has it")
-        carried = {"vlp16": "lidar", "mobileye": "camera", "cpm": "camera", "v2x": "V2X receiver"}
+        carried = {"vlp16": "lidar", "mobileye": "camera", "cpm": "camera", "v2x": "V2X receiver", "sense": "sensor"}
         if self.sensor is None and (what := carried.get(self.kind)):
             raise ValueError(f"kind {self.kind!r} needs sensor: name the scenario's {what}")
         if self.kind in ("esr", "ars408", "mobileye", "stop"):

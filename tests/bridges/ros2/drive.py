@@ -72,7 +72,7 @@ def installation(vehicle: Vehicle, key: bytes = b"", commands: str = "twist_stam
     """Return what the bridge knows beforehand."""
     x = np.linspace(START[0], START[0] + 500.0, 51)
     path = ReferencePath.from_points(x, np.full(51, START[1]))
-    return Installation(FRAME, MOUNTING, vehicle, path, key, commands)
+    return Installation(FRAME, MOUNTING, vehicle, path, 11.0, key, commands)
 
 
 def heading_of(z: float, w: float) -> float:

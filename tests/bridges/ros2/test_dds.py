@@ -20,7 +20,7 @@ from vve_sumo.bridges.ros2.bridge import COMMANDS
 from vve_sumo.bridges.ros2.dds import Dds, Heard
 from vve_sumo.bridges.ros2.loopback import udp_sockets
 from vve_sumo.errors import RigError
-from vve_sumo.wire.ros2 import messages
+from vve_sumo.wire.ros2 import clouds, messages
 from vve_sumo.wire.ros2.types import make, store
 
 AT = 1_767_225_600_020_000_000
@@ -71,7 +71,7 @@ def _messages() -> Iterator[tuple[str, Any]]:
     yield "/tf_static", messages.static_transforms(AT, 3.84, (0.3, 0.2))
     yield "/fix", messages.nav_sat_fix(AT, content.fix)
     yield "/imu", messages.imu(AT, content.fix)
-    yield "/radar/points", messages.radar_cloud(AT, *(np.array([10.0, 20.0]) * s for s in (1.0, 0.01, -0.5)))
+    yield "/radar/points", clouds.radar_cloud(AT, *(np.array([10.0, 20.0]) * s for s in (1.0, 0.01, -0.5)))
     yield "/bodies", messages.markers(AT, ACTORS)
     yield "/diagnostics", messages.drive_status(AT, "engaged", ("a", "b"), valid=True, gap=math.pi)
     yield "/odom", messages.odometry(AT, pose_at(3), content.fix)
