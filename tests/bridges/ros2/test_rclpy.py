@@ -106,7 +106,7 @@ def test_scans_are_those_of_the_radar(driven: Driven) -> None:
     assert clouds.keys() <= recorded.keys()
     assert [at for at in recorded if at >= min(clouds)][: len(clouds)] == list(clouds)
     for at, cloud in clouds.items():
-        points = np.frombuffer(bytes(cloud["data"]), "<f4").reshape(-1, 6)
+        points = np.frombuffer(bytes.fromhex(cloud["data"]), "<f4").reshape(-1, 6)
         wanted = np.stack([column[recorded[at]] for column in columns], axis=1).astype("<f4")
         assert sorted(map(tuple, points[:, 3:].tolist())) == sorted(map(tuple, wanted.tolist()))
 
@@ -154,6 +154,22 @@ def test_the_path_is_the_recorded_one(driven: Driven) -> None:
     assert len(path["poses"]) == 1 + math.ceil(run.path.length)
 
 
+def test_the_path_ahead_is_the_recorded_one_as_the_car_sees_it(driven: Driven) -> None:
+    run, heard = driven
+    ticks = _ticks(run)
+    assert [_at(one["header"]) for one in heard["/path/ahead"]] == [_at(one["header"]) for one in heard["/odom"]]
+    for one in heard["/path/ahead"][::20]:
+        row = ticks[_at(one["header"])]
+        cos, sin = math.cos(row["heading_rad"]), math.sin(row["heading_rad"])
+        places = [each["pose"]["position"] for each in one["poses"]]
+        assert -2.0 <= places[0]["x"] <= 0.1
+        assert len(places) == 31
+        for place in places:
+            x = row["x_m"] + cos * place["x"] - sin * place["y"]
+            y = row["y_m"] + sin * place["x"] + cos * place["y"]
+            assert abs(run.path.project(x, y).offset) < 5e-4
+
+
 @pytest.mark.live
 @pytest.mark.slow
 def test_a_node_drives_live_and_stops_before_a_parked_car(tmp_path: Path) -> None:
@@ -163,7 +179,7 @@ def test_a_node_drives_live_and_stops_before_a_parked_car(tmp_path: Path) -> Non
         scenario = scenario.replace(old, new)
     (tmp_path / "near.toml").write_text(scenario, encoding="utf-8")
     port = write_rig(tmp_path, ("port = 3000", f"port = {free_port()}"))
-    node = shlex.join([interpreter(), str(EXAMPLES / "follow_and_stop.py"), "8"])
+    node = shlex.join([interpreter(), str(EXAMPLES / "follow_and_stop.py")])
     with bridge(tmp_path, port, node, "near.toml"):
         done = vve_sumo("drive", "near.toml", "--rig", "ros2.toml", "--quiet", "--out", "one", cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
