@@ -26,7 +26,7 @@ class FollowAndStop(Node):
             x, y = np.array([(each.pose.position.x, each.pose.position.y) for each in path.poses]).T
             reach = max(3.0, 0.5 * speed)
             aside = np.interp(reach, x, y)
-            ahead, left, _, _, azimuth, rate = np.frombuffer(bytes(scan.data), "<f4").reshape(-1, 6).T
+            ahead, left, _, _, azimuth, rate = np.frombuffer(bytes(scan.data), "<f4").astype(float).reshape(-1, 6).T
             stands = abs(rate + speed * np.cos(azimuth)) < 2.0
             free = ahead[stands & (abs(left - np.interp(ahead + BUMPER, x, y)) < HALF_WIDTH)].min(initial=np.inf) - GAP
             command = TwistStamped(header=odometry.header)

@@ -541,7 +541,7 @@ class RigV2x(Table):
 
 
 class RigRos2(Table):
-    """The ROS 2 bridge, `vve-sumo ros2`."""
+    """The ROS 2 bridge, `vve-sumo ros2`, and the relay of a ROS 2 driver's fixes, `vve-sumo pose ros2`."""
 
     domain_id: Annotated[int, Field(ge=0, le=101)] = Field(default=0, description="ROS_DOMAIN_ID of the nodes")
     commands: Literal["twist_stamped", "twist", "ackermann"] = Field(
@@ -551,6 +551,11 @@ class RigRos2(Table):
     )
     time_constant_s: Annotated[float, Field(ge=0.1, le=5.0)] = Field(
         default=0.5, description="a command's speed is asked for as an acceleration that reaches it in about this time"
+    )
+    corrections_age_s: Annotated[float, Field(gt=0.0, le=10.0)] | None = Field(
+        default=None,
+        description="`vve-sumo pose ros2`: how old corrections may be before the receiver no longer says that it has a "
+        "fix by a base station",
     )
 
 
