@@ -73,10 +73,17 @@ def run(arguments: argparse.Namespace) -> int:
     bridge = BridgeProcess(rig, resolved, working)
     raise_priority(DRIVE_NICE)  # of the node, too: a setpoint that comes late stops the car
     try:
-        notify(f"ros2: domain {rig.ros2.domain_id}, this machine alone; {_takes(rig)}")
         node = Node(command, working, _environment(rig)) if command else None
         try:
-            bridge.run(lambda: bool(ended) or (node is not None and node.ended))
+
+            def over() -> bool:
+                return bool(ended) or (node is not None and node.ended)
+
+            if node is not None:
+                bridge.await_node(over)
+            bridge.listen()
+            notify(f"ros2: domain {rig.ros2.domain_id}, this machine alone; {_takes(rig)}")
+            bridge.run(over)
         finally:
             if node is not None:
                 node.close()

@@ -117,9 +117,10 @@ class Dds:
             if came[0].sample_info.valid_data:
                 found.append(Heard(name, came[0].sample_info.publication_handle, came[0]))
 
-    def subscribers(self, name: str) -> int:
-        """Return how many subscriptions an advertised topic has now."""
-        return len(self._writers[name].get_matched_subscriptions())
+    def has_node(self) -> bool:
+        """Whether somebody hears an advertised topic, and somebody publishes on each that is subscribed to."""
+        heard = any(writer.get_matched_subscriptions() for writer in self._writers.values())
+        return heard and all(reader.get_matched_publications() for _, reader in self._readers)
 
     def close(self) -> None:
         """Leave the domain."""

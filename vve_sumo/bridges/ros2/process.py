@@ -35,6 +35,8 @@ SENSE: Final = "sense"  #: the kind of the wires of further sensors
 QUEUE_SIZE: Final = 212_992
 #: how often it is looked whether a node that was started has ended [s]
 POLL: Final = 0.2
+#: how long a node may take to be found [s], and how often it is looked for
+NODE_TIMEOUT, MATCH_POLL = 20.0, 0.2
 END_TIMEOUT: Final = 3.0  #: for a node to end after SIGTERM [s]
 
 
@@ -75,18 +77,17 @@ def _place(text: str) -> tuple[str, int]:
 
 
 class BridgeProcess:
-    """A bridge with its sockets and its domain; always call `close`."""
+    """A bridge with its sockets and its domain: `listen`, then `run`; always call `close`."""
 
     def __init__(self, rig: Rig, resolved: ResolvedScenario, working: Path) -> None:
-        """Open all; raises VveError naming what cannot be opened."""
-        places, senses, brain, wanted = places_of(rig), senses_of(rig), rig.brain, rig.ros2
+        """Join the domain; raises VveError for a rig that it cannot serve, and where it cannot."""
+        self._places, self._sense_places, brain, wanted = places_of(rig), senses_of(rig), rig.brain, rig.ros2
+        senses = self._sense_places
         sensors = resolved.sensors()
         drawings = {name: sensors[name].drawing(resolved.vehicle) for name in senses}
         frames = {name: Mounting() if drawn is None else drawn.frame for name, drawn in drawings.items()}
         self._closing = contextlib.ExitStack()
         try:
-            self._wires = {kind: self._closing.enter_context(_listening(*places[kind])) for kind in WIRES}
-            self._senses = {name: self._closing.enter_context(_listening(*place)) for name, place in senses.items()}
             self._out = self._closing.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             self._out.setblocking(False)
             self._dds = Dds(wanted.domain_id)
@@ -115,6 +116,19 @@ class BridgeProcess:
         self.bridge = Bridge(installed, self._dds.publish, self._send)
         if brain.kind == "setpoints":
             self._dds.subscribe(*COMMANDS[wanted.commands])
+
+    def await_node(self, ended: Callable[[], bool]) -> None:
+        """Wait until a node hears a topic, and commands where commands are taken; for NODE_TIMEOUT at most."""
+        limit = time.monotonic() + NODE_TIMEOUT
+        while not self._dds.has_node() and not ended() and time.monotonic() < limit:
+            time.sleep(MATCH_POLL)
+        time.sleep(MATCH_POLL)  # the node's other topics
+
+    def listen(self) -> None:
+        """Open the wires: from now on a drive is heard; raises RigError naming what cannot be opened."""
+        entered = self._closing.enter_context
+        self._wires = {kind: entered(_listening(*self._places[kind])) for kind in WIRES}
+        self._senses = {name: entered(_listening(*place)) for name, place in self._sense_places.items()}
 
     def run(self, ended: Callable[[], bool]) -> None:
         """Run until `ended` says so."""
