@@ -82,9 +82,6 @@ def messages_of(run: Run) -> Iterator[tuple[int, str, Any]]:
         if number == 0:
             yield at, "/tf_static", messages.static_transforms(at, run.vehicle.rear_axle_to_bumper, sensors)
             yield at, "/path", messages.path(at, run.path)
-        if pose is not None:
-            yield at, "/bodies", messages.markers(at, actors.get(number, Actors.none(pose.time)))
-        yield at, "/diagnostics", status
         for cloud in scans.get(number, ()):
             yield at, "/radar/points", cloud
         if pose is not None:
@@ -97,6 +94,8 @@ def messages_of(run: Run) -> Iterator[tuple[int, str, Any]]:
             yield at, "/path/ahead", ahead.path(at, pose, s)
             yield at, "/path/speed", ahead.reference(at, s)
             yield at, "/odom", messages.odometry(at, pose)
+            yield at, "/bodies", messages.markers(at, actors.get(number, Actors.none(pose.time)))
+        yield at, "/diagnostics", status
 
 
 def _placement(run: Run, mounting: Mounting) -> Placement:

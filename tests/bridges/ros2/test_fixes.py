@@ -54,7 +54,13 @@ def _true(now: float) -> tuple[Pose, Fix]:
     return pose, Fix(**({name: getattr(fix, name) for name in Fix.__slots__} | changes))
 
 
-def _messages(now: float) -> Messages:
+def true_fix(now: float) -> Fix:
+    """Return the fix of the car at a time."""
+    return _true(now)[1]
+
+
+def good_messages(now: float) -> Messages:
+    """Return the messages of a time, all of them good."""
     pose, fix = _true(now)
     at = unix_nanoseconds(EPOCH + now)
     return {IMU: messages.imu(at, fix), ODOM: messages.odometry(at, pose, fix), FIX: messages.nav_sat_fix(at, fix)}
@@ -72,7 +78,7 @@ def _assembler() -> FixAssembler:
 
 @given(st.floats(0.0, 60.0))
 def test_a_fix_is_the_one_that_the_messages_were_made_of(now: float) -> None:
-    got, (_, wanted) = _taken(_assembler(), _messages(now)), _true(now)
+    got, (_, wanted) = _taken(_assembler(), good_messages(now)), _true(now)
     assert got is not None
     assert abs(got.time - wanted.time) < 2e-6
     for name in Fix.__slots__:
@@ -83,7 +89,7 @@ def test_a_fix_is_the_one_that_the_messages_were_made_of(now: float) -> None:
 
 @pytest.mark.parametrize("order", [(IMU, ODOM, FIX), (FIX, IMU, ODOM), (ODOM, FIX, IMU)])
 def test_the_order_of_the_messages_does_not_matter(order: tuple[str, ...]) -> None:
-    assembler, sent = _assembler(), _messages(3.0)
+    assembler, sent = _assembler(), good_messages(3.0)
     made = [assembler.take(kind, order.index(kind), sent[kind]) for kind in order]
     assert made[:2] == [None, None]
     assert made[2] is not None
@@ -91,7 +97,7 @@ def test_the_order_of_the_messages_does_not_matter(order: tuple[str, ...]) -> No
 
 
 def test_the_heading_is_turned_on_from_an_earlier_imu() -> None:
-    earlier, now = _messages(2.985), _messages(3.0)
+    earlier, now = good_messages(2.985), good_messages(3.0)
     got = _taken(_assembler(), {IMU: earlier[IMU], ODOM: now[ODOM], FIX: now[FIX]})
     assert got is not None
     assert got.heading == pytest.approx(_true(3.0)[1].heading, abs=1e-7)
@@ -100,8 +106,8 @@ def test_the_heading_is_turned_on_from_an_earlier_imu() -> None:
 @pytest.mark.parametrize("missing", [IMU, ODOM])
 def test_a_fix_without_the_others_of_its_time_is_none(missing: str) -> None:
     assembler = _assembler()
-    assert _taken(assembler, _messages(2.9) | {FIX: _messages(3.0)[FIX]}) is None
-    sent = {kind: message for kind, message in _messages(3.1).items() if kind != missing}
+    assert _taken(assembler, good_messages(2.9) | {FIX: good_messages(3.0)[FIX]}) is None
+    sent = {kind: message for kind, message in good_messages(3.1).items() if kind != missing}
     numbers = {IMU: 0, ODOM: 1, FIX: 2}
     assert all(assembler.take(kind, numbers[kind], message) is None for kind, message in sent.items())
     assert assembler.made == 0
@@ -144,27 +150,27 @@ def _no_yaw_rate(sent: Messages) -> None:
     ],
 )
 def test_what_is_no_number_makes_no_fix(spoil: Callable[[Messages], None], reason: str) -> None:
-    assembler, sent = _assembler(), _messages(3.0)
+    assembler, sent = _assembler(), good_messages(3.0)
     spoil(sent)
     assert _taken(assembler, sent) is None
     assert assembler.refused[reason] == 1
-    assert _taken(assembler, _messages(3.05)) is not None  # the next one is whole
+    assert _taken(assembler, good_messages(3.05)) is not None  # the next one is whole
 
 
 def test_a_stamp_that_is_not_newer_makes_no_fix() -> None:
     assembler = _assembler()
-    assert _taken(assembler, _messages(3.0)) is not None
-    assert _taken(assembler, _messages(3.0)) is None
-    assert _taken(assembler, _messages(2.9)) is None
+    assert _taken(assembler, good_messages(3.0)) is not None
+    assert _taken(assembler, good_messages(3.0)) is None
+    assert _taken(assembler, good_messages(2.9)) is None
     assert assembler.refused[NOT_NEWER] == 2
 
 
 @pytest.mark.parametrize("kind", [IMU, ODOM, FIX])
 def test_from_a_second_publisher_on_no_fix_is_made(kind: str) -> None:
-    assembler, sent = _assembler(), _messages(3.0)
+    assembler, sent = _assembler(), good_messages(3.0)
     assert _taken(assembler, sent) is not None
     assert assembler.take(kind, 7, sent[kind]) is None
-    assert _taken(assembler, _messages(3.05)) is None
+    assert _taken(assembler, good_messages(3.05)) is None
     assert assembler.silenced
     assert assembler.refused[SECOND] == 4
 
@@ -209,7 +215,7 @@ def test_the_drives_gate_trusts_what_is_good_and_nothing_else_from_the_first_mes
     assembler, encoder, decoder, gate = _assembler(), Encoder(), Decoder(), TrustGate(DRIVE, EPOCH)
     trusted = []
     for number in range(80):
-        sent = _messages(0.05 * number)
+        sent = good_messages(0.05 * number)
         if number >= 60:
             spoil(sent)
         fix = _taken(assembler, sent)

@@ -137,15 +137,16 @@ class Bridge:
         sound = timely and radar.valid and radar.time - radar.measured <= MAX_SCAN_AGE
         pose = self._placement.place(fix) if sound and fix is not None else None
         sensed = list(self._senses.of_tick(radar.sequence))
-        self._tell(at, scene, pose)
         if pose is None or fix is None:
             self.answers.forget()
-            return
-        # Before what a node may answer by: whoever does finds the tick.
-        self.answers.ticked(Beat(radar.sequence, radar.time, radar.speed))
-        for topic, message in sensed:
-            self._publish(topic, message)
-        self._show(at, radar, fix, pose)
+        else:
+            # Before what a node may answer by: whoever does finds the tick.
+            self.answers.ticked(Beat(radar.sequence, radar.time, radar.speed))
+            for topic, message in sensed:
+                self._publish(topic, message)
+            self._show(at, radar, fix, pose)
+        # What nobody drives by delays nothing that somebody does.
+        self._tell(at, scene, pose)
 
     def _latch(self, at: int) -> None:
         if self._latched:
@@ -158,7 +159,7 @@ class Bridge:
         self._publish("/path", messages.path(at, self._installed.path))
 
     def _show(self, at: int, radar: RadarDatagram, fix: Fix, pose: Pose) -> None:
-        """Publish what a node may drive by; `/odom` is the last of a tick."""
+        """Publish what a node may drive by, `/odom` last."""
         if radar.measured > self._measured:
             self._measured = radar.measured
             rows = np.array([(one.range, one.azimuth, one.range_rate) for one in radar.targets]).reshape(-1, 3)
