@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-import json
-import shlex
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.bridges.ros2.stage import EXAMPLES, NODES, bridge, interpreter, write_rig
-from tests.conftest import REPOSITORY
-from tests.live.command_line import vve_sumo
-from tests.live.stage import free_ports
+from tests.bridges.ros2.heard import SENSES, heard
 from vve_sumo.analysis import Run
 from vve_sumo.export.unix_time import unix_of_drive
 
 pytest.importorskip("rosbags", reason="needs pip install 'vve-sumo[ros2]'")
-pytestmark = pytest.mark.thorough
-
-TOPICS = ("/roof/points", "/front/objects", "/obu/stations", "/second/points")
-RADAR = '[[outputs]]\nkind = "radar" '
 FORMATS = {1: "i1", 2: "u1", 4: "<u2", 6: "<u4", 7: "<f4", 8: "<f8"}
 Cloud = tuple[int, str, NDArray[Any]]  # Unix time [ns], frame, points
 
@@ -38,31 +29,14 @@ def _read(cloud: dict[str, Any]) -> Cloud:
     return at, header["frame_id"], points
 
 
+Sensed = tuple[Run, dict[str, list[Cloud]]]
+
+
 @pytest.fixture(scope="module")
-def heard(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, dict[str, list[Cloud]]]:
-    """The record of a short drive past parked cars, and what a node heard that drove it."""
-    folder = tmp_path_factory.mktemp("senses")
-    scenario = (REPOSITORY / "scenarios" / "every_sense.toml").read_text(encoding="utf-8")
-    second = '[[sensors]]\nname = "second"\nkind = "radar"\n\n[[obstacles]]'
-    (folder / "senses.toml").write_text(scenario.replace("[[obstacles]]", second, 1), encoding="utf-8")
-    names = [topic.split("/")[1] for topic in TOPICS]
-    wires = "".join(f'[[outputs]]\nkind = "sense"\nsensor = "{name}"\nudp = "127.0.0.1:{port}"\n\n'
-                    for name, port in zip(names, free_ports(len(names)), strict=True))  # fmt: skip
-    port = write_rig(folder, (RADAR, wires + RADAR))
-    words = [interpreter(), str(NODES / "witness_node.py"), str(EXAMPLES), str(folder / "heard.json")]
-    node = shlex.join(words + [f"{topic}:PointCloud2" for topic in TOPICS])
-    with bridge(folder, port, node, "senses.toml") as lines:
-        done = vve_sumo(
-            "drive", "senses.toml", "--rig", "ros2.toml", "--lockstep", "--set", "duration_s=6", "--out", "one",
-            cwd=folder,
-        )  # fmt: skip
-    assert "timeout" in done.stdout, done.stdout + done.stderr + "\n".join(lines)
-    assert "0 messages dropped, 0 datagrams not read, 0 setpoints lost" in lines[-1], lines
-    content = json.loads((folder / "heard.json").read_text(encoding="utf-8"))
-    return Run(folder / "one"), {topic: [_read(cloud) for cloud in content[topic]] for topic in TOPICS}
-
-
-Heard = tuple[Run, dict[str, list[Cloud]]]
+def sensed(tmp_path_factory: pytest.TempPathFactory) -> Sensed:
+    """The record of a short drive, and the clouds that a node heard."""
+    run, messages = heard(tmp_path_factory)
+    return run, {topic: [_read(cloud) for cloud in messages[topic]] for topic in SENSES}
 
 
 def _recorded(run: Run, sensor: str, *columns: str) -> dict[int, dict[str, NDArray[Any]]]:
@@ -82,8 +56,8 @@ def _same_readings(clouds: list[Cloud], recorded: dict[int, Any], name: str) -> 
     assert {frame for _, frame, _ in clouds} == {name}
 
 
-def test_every_turn_of_the_lidar_is_the_recorded_one(heard: Heard) -> None:
-    run, clouds = heard
+def test_every_turn_of_the_lidar_is_the_recorded_one(sensed: Sensed) -> None:
+    run, clouds = sensed
     names = ("channel", "azimuth_rad", "elevation_rad", "range_m", "reflectivity")
     recorded = _recorded(run, "roof", *names)
     _same_readings(clouds["/roof/points"], recorded, "roof")
@@ -100,8 +74,8 @@ def test_every_turn_of_the_lidar_is_the_recorded_one(heard: Heard) -> None:
         assert (np.diff(points["time"]) >= 0.0).all()
 
 
-def test_every_list_of_the_camera_is_the_recorded_one(heard: Heard) -> None:
-    run, clouds = heard
+def test_every_list_of_the_camera_is_the_recorded_one(sensed: Sensed) -> None:
+    run, clouds = sensed
     columns = {"number": "number", "kind": "kind", "status": "status", "x": "x_m", "y": "y_m",
                "relative_speed": "relative_speed_mps", "width": "width_m", "length": "length_m"}  # fmt: skip
     recorded = _recorded(run, "front", *columns.values())
@@ -112,8 +86,8 @@ def test_every_list_of_the_camera_is_the_recorded_one(heard: Heard) -> None:
             assert points[name].tolist() == recorded[at][column].astype(points[name].dtype).tolist(), name
 
 
-def test_every_scan_of_a_second_radar_is_the_recorded_one(heard: Heard) -> None:
-    run, clouds = heard
+def test_every_scan_of_a_second_radar_is_the_recorded_one(sensed: Sensed) -> None:
+    run, clouds = sensed
     recorded = _recorded(run, "second", "range_m", "azimuth_rad", "range_rate_mps")
     _same_readings(clouds["/second/points"], recorded, "second")
     assert sum(len(points) for _, _, points in clouds["/second/points"]) > 10
@@ -123,8 +97,8 @@ def test_every_scan_of_a_second_radar_is_the_recorded_one(heard: Heard) -> None:
         assert got.tolist() == wanted.tolist()
 
 
-def test_every_message_of_v2x_that_was_received_is_among_the_stations(heard: Heard) -> None:
-    run, clouds = heard
+def test_every_message_of_v2x_that_was_received_is_among_the_stations(sensed: Sensed) -> None:
+    run, clouds = sensed
     columns = {"x": "x_m", "y": "y_m", "speed": "speed_mps", "heading": "heading_rad", "length": "length_m",
                "width": "width_m", "uncertainty": "uncertainty_m", "age": "age_s"}  # fmt: skip
     recorded = _recorded(run, "obu", "station", "message", *columns.values())

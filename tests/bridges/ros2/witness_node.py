@@ -9,6 +9,7 @@ shipped rig are heard, and those that are named besides, such as /roof/points:Po
 import json
 import sys
 from contextlib import suppress
+from functools import partial
 from pathlib import Path as File
 from typing import Any
 
@@ -60,7 +61,10 @@ class Witness(FollowAndStop):  # type: ignore[misc]
         super().__init__()
         for topic, kind in kinds.items():
             quality = LATCHED if topic == "/path" else 100
-            self.create_subscription(kind, topic, self.heard[topic].append, quality)
+            self.create_subscription(kind, topic, partial(self.note, topic), quality)
+
+    def note(self, topic: str, message: Any) -> None:
+        self.heard[topic].append(plain(message))  # now: once told to end, a node has 3 s
 
 
 named = dict(word.split(":") for word in sys.argv[3:])
@@ -68,5 +72,4 @@ rclpy.init()
 node = Witness(KINDS | {topic: {"PointCloud2": PointCloud2}[kind] for topic, kind in named.items()})
 with suppress(KeyboardInterrupt, ExternalShutdownException):  # it was told to end
     rclpy.spin(node)
-content = {topic: [plain(one) for one in came] for topic, came in node.heard.items()}
-File(sys.argv[2]).write_text(json.dumps(content), encoding="utf-8")
+File(sys.argv[2]).write_text(json.dumps(node.heard), encoding="utf-8")
