@@ -27,8 +27,8 @@ SUMMARY = "show a drive as ROS 2 topics, and let a ROS 2 node drive"
 TEXT = """\
 The bridge runs beside the drive, in a terminal of its own, and stays for any number of drives. It hears the rig's wires
 `ncom`, `scene`, `radar` and `sense` and publishes clock, transforms, odometry, fix, IMU, what the sensors measured,
-bodies, path and diagnostics, on this machine alone. With `brain.kind = "setpoints"` a node's velocity commands go to the
-gateway as setpoints, under the same checks as any external controller's. Needs pip install 'vve-sumo[ros2]', and no
+bodies, path and diagnostics, on this machine alone. With `brain.kind = "setpoints"` a node's velocity commands go to
+the gateway as setpoints, under the same checks as any external controller's. Needs pip install 'vve-sumo[ros2]', and no
 ROS; docs/ros2.md says more.
 
 examples:
