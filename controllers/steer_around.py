@@ -36,6 +36,8 @@ WANTED: Final = 0.8  #: a body that is nearer than this to the car's side on its
 COMFORT: Final = Margins(clearance=1.1, lengthwise=0.6, slack=1.5)
 #: the same before the car has left its path: it must then be back so much earlier before who comes the other way
 SETTING_OUT: Final = COMFORT._replace(slack=3.5)
+#: a way in comfort that is this far from all bodies is kept where no new one is found [m]
+KEPT: Final = 0.7
 #: an urgent way keeps so far from bodies; the first that leads past is taken
 URGENT: Final = tuple(Margins(away, 0.3, 0.2, 1.0) for away in (1.0, 0.7, 0.4, 0.15))
 #: who comes the other way in the car's way is given way to by steering when he is so near [s]
@@ -54,6 +56,7 @@ ASTRAY: Final = 0.7  #: a way that the car is farther off than this begins anew 
 WANDERS: Final = 0.3  #: so far beside its path a way may lead on any road [m]
 #: way that coming back takes for each metre beside the path, and what must be left before a body then [m]
 BACK_SHARE, WAITS = 2.0, 4.0
+BACK: Final = 0.6  #: a car that waits no farther beside its path is out of the way of who comes the other way [m]
 SIGHT: Final = 80.0  #: as far as this a lidar sees a car [m]
 REACTION: Final = 1.0  #: the car must be back on its side so long before who comes the other way [s]
 LOOKS: Final = 3  #: a way in comfort must be free in so many turns of the lidar, one after the other
@@ -93,6 +96,12 @@ class _Line(NamedTuple):
     profile: Profile
     commanded: CommandedPath
     urgent: bool
+
+    def ahead(self, first: int) -> tuple[list[float], list[float]]:
+        """Return the offsets [m] and the commanded speeds [m/s] at NODES nodes from a number on."""
+        last = len(self.offsets) - 1
+        own = [min(max(first + node - self.first, 0), last) for node in range(NODES)]
+        return [self.offsets[node] for node in own], [self.commanded.speed[node] for node in own]
 
     def offset(self, node: int) -> float:
         """Return the offset at a node by its number [m]; beyond the end that at the end."""
@@ -199,14 +208,28 @@ class SteerAround:
             plan = yield from self._in_comfort(sight, blocking)
         if plan is not None:
             self._adopt(sight, plan, urgent=False)
-        elif self._line is None:
+            return
+        if self._line is None:
             yield from self._swerve(sight, asking)
-        elif not self._line.urgent and self._can_wait(sight, blocking):
-            yield from self._go_back(sight)
-        else:
-            swerved = yield from self._swerve(sight, self._in_line(sight))
-            if not swerved:
-                self._go_on(sight)
+            return
+        if not self._line.urgent:
+            stays = yield from self._stays(sight, blocking)
+            if stays:
+                return
+        swerved = yield from self._swerve(sight, self._in_line(sight))
+        if not swerved:
+            self._go_on(sight)
+
+    def _stays(self, sight: _Sight, blocking: list[Body]) -> Generator[None, None, bool]:
+        """Keep to the way that the car has, or take the one back to its path; tell whether one of them will do."""
+        if blocking and self._is_free(sight, self._keeps(sight)):
+            return True
+        if self._can_wait(sight, blocking):
+            gone_back = yield from self._go_back(sight)
+            if gone_back:
+                return True
+        # Stopped halfway out it would be in the way of who comes.
+        return bool(blocking) and self._is_free(sight, COMFORT)
 
     def _swerve(self, sight: _Sight, threats: list[Body]) -> Generator[None, None, bool]:
         """Take an urgent way past bodies that it is too late to brake for, if there is one; tell whether."""
@@ -225,12 +248,25 @@ class SteerAround:
         offsets = [0.0 if line is None else line.offset(sight.first + node) for node in range(NODES)]
         return _met(sight.nodes, times_at(sight.speeds, SPACING), offsets, body) is not None
 
+    def _is_free(self, sight: _Sight, keeps: Margins) -> bool:
+        """Tell whether the way that the car has is free, if less generously than a new one has to be."""
+        line = self._line
+        assert line is not None
+        offsets, planned = line.ahead(sight.first)
+        times = times_at(np.minimum(sight.speeds, planned).tolist(), SPACING)
+        return all(min(clearances(sight.nodes, times, offsets, body, keeps)) >= KEPT for body in sight.bodies)
+
     def _can_wait(self, sight: _Sight, blocking: list[Body]) -> bool:
         """Tell whether the car can still come back to its path and stop there in comfort before what is in its way."""
-        bumper, speed = sight.here.s + self._vehicle.rear_axle_to_bumper, sight.observation.pose.speed
+        bumper = sight.here.s + self._vehicle.rear_axle_to_bumper
         gap = min((float(body.s.min()) - bumper for body in blocking), default=-math.inf)
         back = abs(sight.here.offset) * BACK_SHARE + WAITS
-        return gap > stopping_distance(speed, -COMFORT_LIMIT, 2.0 * PERIOD + self._vehicle.brake_delay, 0.7) + back
+        return gap > self._to_rest(sight) + back
+
+    def _to_rest(self, sight: _Sight) -> float:
+        """Return the way in which the car stops in comfort [m]."""
+        delay = 2.0 * PERIOD + self._vehicle.brake_delay
+        return stopping_distance(sight.observation.pose.speed, -COMFORT_LIMIT, delay, 0.7)
 
     def _asks_for_room(self, sight: _Sight, times: Sequence[float], body: Body) -> bool:
         keeps = CONTACT._replace(slack=COMFORT.slack if body.along > 0.0 else 0.0)
@@ -242,7 +278,7 @@ class SteerAround:
         Where the next turn comes before all speeds and sides are tried, that one goes on where this one was.
         """
         limits = LateralLimits.of(self._vehicle, min(COMFORT_ACCELERATION, self._lateral), COMFORT_JERK)
-        keeps = COMFORT if self._is_out(sight) else SETTING_OUT
+        keeps = self._keeps(sight)
         limits = limits if self._is_out(sight) else limits.share(self._planner.setting_out_share)
         caps = [cap for cap in CAPS if cap >= sight.speeds[0] - SLOWS]
         tries = [(cap, sides) for cap in caps for sides in _sides(sight.bodies, blocking)]
@@ -364,6 +400,9 @@ class SteerAround:
         """Tell whether the car has left its path already, so that it is too late to ask whether it should."""
         return self._line is not None and abs(sight.here.offset) > 0.5 * self._vehicle.width
 
+    def _keeps(self, sight: _Sight) -> Margins:
+        return COMFORT if self._is_out(sight) else SETTING_OUT
+
     def _sees(self, sight: _Sight, plan: LateralPlan, blocking: list[Body]) -> bool:
         """Tell whether all of the road beside is in sight that somebody could come along before the car is back.
 
@@ -393,16 +432,20 @@ class SteerAround:
             return
         self._lay(sight, plan, urgent)
 
-    def _go_back(self, sight: _Sight) -> Generator[None, None, None]:
-        """Come back to the path, and brake there for what is in it."""
+    def _go_back(self, sight: _Sight) -> Generator[None, None, bool]:
+        """Come back to the path, and brake there for what is in it; tell whether the car is back when it stands."""
         limits = LateralLimits.of(self._vehicle, URGENT_ACCELERATION, URGENT_JERK)
         task = self._task(sight, (), COMFORT, limits, sight.speeds)
         alone = task._replace(room=lambda times: Room([-math.inf] * NODES, [math.inf] * NODES))
         plan = yield from self._planner.planning(alone)
         if plan is None:
-            self._go_on(sight)
-        else:
-            self._adopt(sight, plan, urgent=False)
+            return False
+        rest = sight.here.s + self._to_rest(sight)
+        node = min(round(rest / SPACING) - sight.first, NODES - 1)
+        if abs(plan.offsets[node]) > BACK:
+            return False
+        self._adopt(sight, plan, urgent=False)
+        return True
 
     def _go_on(self, sight: _Sight) -> None:
         """Go on along the way that there is, the car braking for what is in it now."""
