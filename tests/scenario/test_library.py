@@ -18,7 +18,15 @@ from vve_sumo.scenario.overrides import apply_overrides
 FOLDER = REPOSITORY / "scenarios"
 NAMES = sorted(file.stem for file in FOLDER.glob("*.toml"))
 #: nobody stands or moves in the ego's way in these: there is nothing to run into
-WITHOUT_CONFLICT = {"calibration", "calibration_short", "leap_hard_stop", "leap_loop", "rush_hour", "steering_probe"}
+WITHOUT_CONFLICT = {
+    "calibration",
+    "calibration_short",
+    "leap_hard_stop",
+    "leap_loop",
+    "rush_hour",
+    "steering_probe",
+    "two_cars",
+}
 #: tests of their own (calibration, both probes, parked car), and minutes of driving (`benchmarks/library.py` drives
 #: these too)
 LEFT_OUT = {
