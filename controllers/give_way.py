@@ -25,8 +25,8 @@ JERK: Final = 4.0  #: by which comfort braking builds up [m/s3]
 STARTING: Final = 1.4  #: the car sets out by this [m/s2] ...
 SETS_OUT: Final = 0.5  #: ... so long after it was decided at rest [s] ...
 GOES_ON: Final = 0.2  #: ... and while it moves [s]
-AT_REST: Final = 0.1  #: slower than this the car stands [m/s]
-AT_LINE: Final = 3.0  #: a car that stands so near to a line has stopped there [m]
+AT_REST: Final = 0.05  #: slower than this the car stands [m/s]
+AT_LINE, FULL_STOP = 3.0, 0.5  #: a car that has stood so near to a line [m] for so long [s] has stopped there
 CONTINUES: Final = 0.4  #: share of the margin that is enough once it has been decided to go
 LOOKS: Final = 60.0  #: crossings that are farther are not looked at [m]
 SAME_LINE: Final = 3.0  #: a signal's line is this near to the crossing's [m]
@@ -50,7 +50,7 @@ class GiveWay:
         self._answer = vehicle.brake_delay + vehicle.brake_lag + period
         self._watch, self._others = JunctionWatch(vehicle), OthersOnWays(vehicle, *lidar)
         self._crossing: Crossing | None = None
-        self._stood = False
+        self._stood, self._moved = False, math.inf  # at the line; when it moved last [s]
         self._phase: int | None = None
         self.goes = False  #: whether it was decided to go on across the next junction
 
@@ -64,7 +64,8 @@ class GiveWay:
         if crossing is not None and crossing.line - bumper > LOOKS:
             crossing = None
         if crossing is not self._crossing:
-            self._crossing, self._stood, self._phase, self.goes = crossing, False, None, False
+            self._crossing, self._phase, self.goes = crossing, None, False
+            self._stood, self._moved = False, observation.time
         self._others.step(observation, [] if crossing is None else crossing.conflicts)
         if crossing is None:
             return NOWHERE
@@ -82,8 +83,9 @@ class GiveWay:
         if crossing.control == SIGNAL and self._phase == PROTECTED:
             self.goes = True
             return NOWHERE
-        if crossing.control in (STOP, ALL_WAY_STOP) and not self._stood:
-            self._stood = speed < AT_REST and to_line < AT_LINE
+        if not (speed < AT_REST and to_line < AT_LINE):
+            self._moved = observation.time
+        self._stood = self._stood or observation.time - self._moved >= FULL_STOP
         must_stop = crossing.control in (STOP, ALL_WAY_STOP) and not self._stood
         self.goes = not must_stop and self._is_free(crossing, observation, bumper, profile)
         if self.goes:
@@ -92,13 +94,13 @@ class GiveWay:
 
     def _hold(self, crossing: Crossing, speed: float, bumper: float) -> Goal:
         """Return where to wait; nowhere once it is too late to stop before the others' way."""
-        places = [crossing.entry - MARGIN]
+        bounds = [crossing.entry]
         if crossing.control != SIGNAL:
-            places.insert(0, min(crossing.line, crossing.entry) - MARGIN)
-        needed = stopping_distance(speed, BRAKING, self._answer, BRAKING / JERK) if speed > AT_REST else -MARGIN
-        for place in (*places, crossing.entry):
-            if place - bumper >= needed:
-                return Goal(place - bumper)
+            bounds.insert(0, min(crossing.line, crossing.entry))
+        needed = stopping_distance(speed, BRAKING, self._answer, BRAKING / JERK) if speed > AT_REST else 0.0
+        for bound in bounds:
+            if bound - bumper >= needed:
+                return Goal(bound - bumper - MARGIN)
         self.goes = True
         return NOWHERE
 

@@ -51,6 +51,10 @@ class Other(NamedTuple):
     known: bool  #: whether the speed is known
     waits: bool  #: whether it has stood for long
 
+    def moved(self, time: float) -> Other:
+        """Return where it is after a time [s], if it goes on."""
+        return self._replace(front=self.front + self.speed * time, rear=self.rear + self.speed * time)
+
 
 class _Followed:
     """A body on a way, from turn to turn."""
@@ -89,7 +93,8 @@ class OthersOnWays:
         self._bumper, self._forward, self._height = vehicle.rear_axle_to_bumper, forward, height
         self._memory = Memory()
         self._followed: list[list[_Followed]] = []
-        self._heard: list[list[Other]] = []
+        self._heard: list[list[Other]] = []  # at the time of the messages' output
+        self._messages: Stations | None = None
         self.in_sight: list[float] = []  #: of each way: from where on to the conflict it is in sight [m]
         self._conflicts: list[Conflict] = []
         self._newest = -math.inf
@@ -100,6 +105,7 @@ class OthersOnWays:
         if conflicts is not self._conflicts:
             self._conflicts = conflicts
             self._followed, self._heard = [[] for _ in conflicts], [[] for _ in conflicts]
+            self._messages = None
             self.in_sight = [one.reach for one in conflicts]
         if not conflicts:
             return
@@ -110,13 +116,15 @@ class OthersOnWays:
             self._newest = turn.time
             self._take(turn)
         stations = next((one for one in observation.sensors.values() if isinstance(one, Stations)), None)
-        if stations is not None:
-            self._hear(stations, observation)
+        if stations is not None and stations is not self._messages:
+            self._hear(stations)
+        self._messages = stations
 
     def on(self, number: int, now: float) -> list[Other]:
         """Return who is on the way of a conflict, by its number, at a time [s]."""
         seen = [one.other(now) for one in self._followed[number] if one.hits > 1]
-        return seen + self._heard[number]
+        since = 0.0 if self._messages is None else now - self._messages.time
+        return seen + [one.moved(since) for one in self._heard[number]]
 
     def _take(self, turn: PointCloud) -> None:
         axle = self._memory.at(turn.time)
@@ -172,9 +180,8 @@ class OthersOnWays:
         visible: np.ndarray = (looked > 0.0) & (free.sum(axis=(1, 2)) >= FREE * looked) & (far < REACH)
         return visible
 
-    def _hear(self, stations: Stations, observation: Observation) -> None:
+    def _hear(self, stations: Stations) -> None:
         """Take in what stations say of themselves."""
-        pose = observation.pose
         then = self._memory.at(stations.time)
         cos, sin = math.cos(then.heading), math.sin(then.heading)
         ahead = stations.x + self._bumper
@@ -188,8 +195,7 @@ class OthersOnWays:
                 if math.cos(heading - math.atan2(y1 - y0, x1 - x0)) < SAME_WAY:
                     continue
                 half, speed = 0.5 * float(stations.length[row]), float(stations.speed[row])
-                gone = speed * (float(stations.age[row]) + pose.time - stations.time)
-                front = float(s[row]) + gone + half
+                front = float(s[row]) + speed * float(stations.age[row]) + half
                 self._heard[number].append(Other(front, front - 2.0 * half, speed, True, False))
 
 
