@@ -21,6 +21,7 @@ from .emergency import Emergency
 from .give_way import GiveWay
 from .green_advice import advised_acceleration
 from .lqr import LateralRegulator
+from .others_on_ways import LidarMount
 from .preview import PreviewSteering, PreviewTuning
 from .pure_pursuit import PurePursuit
 from .radar_stop import RadarStop
@@ -50,15 +51,16 @@ TUNING: dict[str, float | str | bool] = {
     "signals": True,  #: whether it obeys the signals that a sensor of kind `signals` knows of
     "right_of_way": True,  #: whether it gives way as a sensor of kind `right_of_way` knows; others are seen by a lidar
     "gap_margin_s": 1.0,  #: between the car and one who goes first, at the least
-    "others_over_limit": 1.1,  #: speed of those who may be hidden, over the limit
+    "others_over_limit": 1.0,  #: speed of those who may be hidden, over the limit
     "lidar_forward_m": 1.4,  #: of that lidar from the rear axle
     "lidar_height_m": 1.9,  #: of that lidar over the road
+    "lidar_range_m": 90.0,  #: as far as that lidar sees a car
     "comfort": True,  #: whether it slows and stops comfortably for what is in the way, before that becomes urgent
 }
 
 
 #: where the lidar is that others at a junction are seen by
-LIDAR: Final = ("lidar_forward_m", "lidar_height_m")
+LIDAR: Final = ("lidar_forward_m", "lidar_height_m", "lidar_range_m")
 #: what a tuning key may be; what lies outside is a slip of the unit
 RANGES: dict[str, tuple[float, float]] = {
     "look_ahead_time_s": (0.1, 5.0),
@@ -73,6 +75,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "others_over_limit": (0.5, 2.0),
     "lidar_forward_m": (-5.0, 15.0),
     "lidar_height_m": (0.2, 5.0),
+    "lidar_range_m": (10.0, 300.0),
 }
 
 
@@ -258,7 +261,7 @@ def _giving_way(vehicle: Vehicle, tuning: dict[str, float]) -> GiveWay | None:
         return None
     defaults = {key: float(TUNING[key]) for key in ("gap_margin_s", "others_over_limit", *LIDAR)}
     numbers = defaults | {key: tuning[key] for key in defaults if key in tuning}
-    lidar = numbers[LIDAR[0]], numbers[LIDAR[1]]
+    lidar = LidarMount(*(numbers[key] for key in LIDAR))
     return GiveWay(vehicle, PERIOD, numbers["gap_margin_s"], numbers["others_over_limit"], lidar)
 
 

@@ -9,6 +9,7 @@ import math
 from typing import NamedTuple
 
 SPEEDING_UP = 1.0  #: others may speed up by this up to their limit [m/s2]
+SLOWING_DOWN = 4.0  #: others slow down to their speed inside the junction by this at most [m/s2]
 BRAKING = 2.0  #: who comes from behind a car that joined brakes by this at most [m/s2]
 AFTER = 0.7  #: the car comes so long after one who has passed [s]
 PASSING = 2.0  #: only who is faster passes before the car, with a time that is known [m/s]
@@ -44,6 +45,13 @@ class Coming(NamedTuple):
     past: float  #: from its rear to where they part [m]; negative once it has left
     speed: float  #: [m/s]
     top: float  #: that it may speed up to [m/s]
+    across: float = math.inf  #: greatest speed where the ways meet [m/s]
+
+    @property
+    def arrival(self) -> float:
+        """The time to where the ways meet, at the least [s]."""
+        soonest = time_to_reach(self.distance, self.speed, SPEEDING_UP, self.top)
+        return max(soonest, time_to_slow(self.distance, max(self.speed, self.top), self.across, SLOWING_DOWN))
 
 
 def time_to_reach(distance: float, speed: float, acceleration: float, top: float) -> float:
@@ -57,6 +65,16 @@ def time_to_reach(distance: float, speed: float, acceleration: float, top: float
     return (top - speed) / acceleration + (distance - way) / top
 
 
+def time_to_slow(distance: float, speed: float, across: float, deceleration: float) -> float:
+    """Return the time to go a distance [s] at a speed [m/s] that has steadily come down to `across` at its end."""
+    if distance <= 0.0 or across >= speed:
+        return 0.0
+    way = (speed * speed - across * across) / (2.0 * deceleration)
+    if distance <= way:
+        return (math.sqrt(across * across + 2.0 * deceleration * distance) - across) / deceleration
+    return (distance - way) / speed + (speed - across) / deceleration
+
+
 def may_cross(run: Run, begin: float, end: float, other: Coming, margin: float) -> bool:
     """Tell whether the car is past before another comes, by a margin [s], or comes after the other has passed.
 
@@ -67,14 +85,14 @@ def may_cross(run: Run, begin: float, end: float, other: Coming, margin: float) 
         return True
     if other.speed > PASSING and other.past / other.speed + AFTER < run.time(begin):
         return True
-    return time_to_reach(other.distance, other.speed, SPEEDING_UP, other.top) > run.time(end) + margin
+    return other.arrival > run.time(end) + margin
 
 
-def may_join(run: Run, begin: float, joined: float, other: Coming, margin: float, top: float) -> bool:
+def may_join(run: Run, begin: float, joined: float, other: Coming, margin: float) -> bool:
     """Tell whether the car may go on ahead of another on its way: who needs not brake harder than BRAKING for it.
 
     `begin` is how far the car has to go until its front is where the ways meet, `joined` until its rear is there [m].
-    The other is no faster than `top` there [m/s]. Who is past that place is somebody to follow, not to give way to.
+    Who is past that place is somebody to follow, not to give way to.
     """
     if other.distance <= -other.past:
         return True
@@ -82,6 +100,6 @@ def may_join(run: Run, begin: float, joined: float, other: Coming, margin: float
         return True
     time, speed = run.time(joined), run.speed_at(joined)
     fastest = max(other.top, other.speed)
-    then = min(fastest, top)
+    then = min(fastest, other.across)
     left = other.distance - fastest * time
     return left > margin * then + max(then - speed, 0.0) ** 2 / (2.0 * BRAKING)

@@ -15,7 +15,7 @@ from vve_sumo.values import Observation, RightOfWay, Vehicle
 from .approach import NOWHERE, Goal
 from .gap_acceptance import Coming, Run, may_cross, may_join
 from .junction_ways import ALL_WAY_STOP, SIGNAL, STOP, Conflict, Crossing, JunctionWatch
-from .others_on_ways import LENGTH, OthersOnWays
+from .others_on_ways import LENGTH, LidarMount, OthersOnWays
 from .signal_stop import GREEN, Line
 from .speed import Profile
 
@@ -31,6 +31,7 @@ CONTINUES: Final = 0.4  #: share of the margin that is enough once it has been d
 LOOKS: Final = 60.0  #: crossings that are farther are not looked at [m]
 SAME_LINE: Final = 3.0  #: a signal's line is this near to the crossing's [m]
 PROTECTED: Final = 6  #: phase of a signal: nobody else may go
+INSIDE: Final = 10.0  #: who is so near to where the ways meet does not slow down any more [m]
 LANE_HIDDEN: Final = 6.0  #: a body within this of the end of sight on its way is what ends it [m]
 PROFILE_STEP: Final = 2.0  #: [m]
 
@@ -38,17 +39,12 @@ PROFILE_STEP: Final = 2.0  #: [m]
 class GiveWay:
     """Decides at every tick whether the car may go on across the next junction."""
 
-    def __init__(
-        self, vehicle: Vehicle, period: float, margin: float, over_limit: float, lidar: tuple[float, float]
-    ) -> None:
-        """`margin` between the car and others [s], by whom limits are exceeded by a factor.
-
-        The `lidar` is mounted so far ahead of the rear axle, and so high over the road [m].
-        """
+    def __init__(self, vehicle: Vehicle, period: float, margin: float, over_limit: float, lidar: LidarMount) -> None:
+        """`margin` between the car and others [s], by whom limits are exceeded by a factor `over_limit`."""
         self._vehicle, self._bumper = vehicle, vehicle.rear_axle_to_bumper
         self._margin, self._over = margin, over_limit
         self._answer = vehicle.brake_delay + vehicle.brake_lag + period
-        self._watch, self._others = JunctionWatch(vehicle), OthersOnWays(vehicle, *lidar)
+        self._watch, self._others = JunctionWatch(vehicle), OthersOnWays(vehicle, lidar)
         self._crossing: Crossing | None = None
         self._stood, self._moved = False, math.inf  # at the line; when it moved last [s]
         self._phase: int | None = None
@@ -95,7 +91,8 @@ class GiveWay:
     def _hold(self, crossing: Crossing, speed: float, bumper: float) -> Goal:
         """Return where to wait; nowhere once it is too late to stop before the others' way."""
         bounds = [crossing.entry]
-        if crossing.control != SIGNAL:
+        # Once it has stood at its line it goes on to where it sees more and has less far to go.
+        if crossing.control != SIGNAL and not self._stood:
             bounds.insert(0, min(crossing.line, crossing.entry))
         needed = stopping_distance(speed, BRAKING, self._answer, BRAKING / JERK) if speed > AT_REST else 0.0
         for bound in bounds:
@@ -125,10 +122,17 @@ class GiveWay:
     def _is_clear(self, number: int, conflict: Conflict, run: Run, bumper: float, margin: float, now: float) -> bool:
         """Tell whether the car may pass one conflict: nobody seen, nor anybody who may be hidden, comes too soon."""
         limit, begin = conflict.way.limit * self._over, conflict.begin - bumper
+        across = conflict.way.limit_across * self._over
         others = self._others.on(number, now)
         seen_from = self._others.in_sight[number]
         coming = [
-            Coming(conflict.reach - one.front, conflict.leave - one.rear, one.speed if one.known else limit, limit)
+            Coming(
+                conflict.reach - one.front,
+                conflict.leave - one.rear,
+                one.speed if one.known else limit,
+                limit,
+                max(across, one.speed if one.front > conflict.reach - INSIDE else 0.0),
+            )
             for one in others
             if not (one.waits and one.front < conflict.reach)
         ]
@@ -136,11 +140,10 @@ class GiveWay:
         queue = any(seen_from - LANE_HIDDEN < one.front < seen_from + LANE_HIDDEN for one in others)
         ends = conflict.way.ends and seen_from < LANE_HIDDEN
         if not queue and not ends:
-            coming.append(Coming(conflict.reach - seen_from, math.inf, limit, limit))
+            coming.append(Coming(conflict.reach - seen_from, math.inf, limit, limit, across))
         if conflict.joins:
             joined = begin + self._vehicle.length
             coming = [one._replace(past=LENGTH) for one in coming]
-            top = conflict.way.limit_across * self._over
-            return all(may_join(run, begin, joined, one, margin, top) for one in coming)
+            return all(may_join(run, begin, joined, one, margin) for one in coming)
         end = conflict.end - bumper + self._vehicle.length
         return all(may_cross(run, begin, end, one, margin) for one in coming)

@@ -31,13 +31,12 @@ SURE: Final = 4  #: turns after which a speed is known
 STANDS: Final = 0.7  #: who is slower stands [m/s]
 WAITS: Final = 2.0  #: who has stood for so long waits, and is not expected to set out [s]
 LENGTH: Final = 5.0  #: of a car [m]
-REACH: Final = 90.0  #: as far as this a lidar sees a car [m]
 LOW, HIGH = 0.3, 1.4  #: between these heights over the road a car is seen [m]
 DEPTH: Final = 2.5  #: what returns from so little before a place does not hide the place [m]
 STEP: Final = 2.0  #: of the places of a way that are looked at [m]: between two of them no car fits
 HALF_SEEN: Final = 0.6  #: so far to both sides of a place its rays are looked at [m]
 FREE: Final = 0.5  #: share of these rays that must be free for the place to be in sight
-LOOKED: Final = 130.0  #: so far back along a way it is looked [m]
+LOOKED: Final = 190.0  #: so far back along a way it is looked [m]
 BESIDE: Final = 1.6  #: a station's place is no farther from the middle of its way than this [m]
 SAME_WAY: Final = math.cos(math.radians(40.0))  #: of the greatest angle between a station and its way
 
@@ -85,12 +84,20 @@ class _Followed:
         return Other(front, rear, speed, self.hits >= SURE, now - self.stood_since > WAITS)
 
 
+class LidarMount(NamedTuple):
+    """Where the lidar is, and how far it sees."""
+
+    forward: float  #: of the rear axle [m]
+    height: float  #: over the road [m]
+    range: float  #: as far as this it sees a car [m]
+
+
 class OthersOnWays:
     """Keeps who is on the ways of one crossing."""
 
-    def __init__(self, vehicle: Vehicle, forward: float, height: float) -> None:
-        """The lidar is mounted `forward` of the rear axle and `height` over the road [m]."""
-        self._bumper, self._forward, self._height = vehicle.rear_axle_to_bumper, forward, height
+    def __init__(self, vehicle: Vehicle, lidar: LidarMount) -> None:
+        self._bumper = vehicle.rear_axle_to_bumper
+        self._forward, self._height, self._range = lidar
         self._memory = Memory()
         self._followed: list[list[_Followed]] = []
         self._heard: list[list[Other]] = []  # at the time of the messages' output
@@ -177,7 +184,7 @@ class OthersOnWays:
         ranges = turn.range[rays] * np.cos(turn.elevation)
         free = ((ranges == 0.0) | (ranges > far[:, None, None] - DEPTH)) & meets[:, None, :]
         looked = 5.0 * meets.sum(axis=1)
-        visible: np.ndarray = (looked > 0.0) & (free.sum(axis=(1, 2)) >= FREE * looked) & (far < REACH)
+        visible: np.ndarray = (looked > 0.0) & (free.sum(axis=(1, 2)) >= FREE * looked) & (far < self._range)
         return visible
 
     def _hear(self, stations: Stations) -> None:

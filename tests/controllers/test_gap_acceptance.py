@@ -8,7 +8,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controllers.gap_acceptance import AFTER, BRAKING, Coming, Run, may_cross, may_join, time_to_reach
+from controllers.gap_acceptance import (
+    AFTER,
+    BRAKING,
+    SLOWING_DOWN,
+    Coming,
+    Run,
+    may_cross,
+    may_join,
+    time_to_reach,
+    time_to_slow,
+)
 
 STEP = 4e-3
 
@@ -64,6 +74,15 @@ def test_whoever_is_let_through_is_met_by_nobody_who_speeds_up_or_goes_on(
         assert arrives >= leaves + margin - 0.03 or gone + AFTER <= enters + 0.03
 
 
+@given(distance=DISTANCES, speed=st.floats(5.0, 15.0), across=st.floats(1.0, 15.0))
+def test_who_has_to_slow_down_comes_no_sooner_than_by_slowing_down_last_of_all(
+    distance: float, speed: float, across: float
+) -> None:
+    """Backwards in time: it speeds up from the place by SLOWING_DOWN to its speed."""
+    expected = 0.0 if across >= speed else integrated(distance, across, SLOWING_DOWN, speed)[0]
+    assert time_to_slow(distance, speed, across, SLOWING_DOWN) == pytest.approx(expected, abs=0.03)
+
+
 def test_nobody_on_the_way_is_no_reason_to_wait_and_one_in_the_area_is() -> None:
     run = Run(0.0, 1.4, 8.0)
     assert may_cross(run, 5.0, 15.0, Coming(-20.0, -10.0, 0.0, 12.0), 1.0)
@@ -77,7 +96,7 @@ def test_who_comes_from_behind_a_car_that_joined_brakes_by_no_more_than_was_said
     """The other goes on until the car has joined and then brakes to its speed: the margin is left."""
     run, other, begin = Run(0.0, 1.4, 5.0, 0.5), Coming(distance, 5.0, speed, speed), 6.0
     passes_before = distance + 5.0 < speed * (run.time(begin) - AFTER)
-    if passes_before or not may_join(run, begin, begin + 5.0, other, margin, speed):
+    if passes_before or not may_join(run, begin, begin + 5.0, other, margin):
         return
     time = run.time(begin + 5.0)
     left, own = distance - speed * time, run.speed_at(begin + 5.0)

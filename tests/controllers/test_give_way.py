@@ -15,7 +15,7 @@ from controllers.approach import NOWHERE, Approach, Goal, Standstill
 from controllers.follow_and_stop import PERIOD, make
 from controllers.give_way import GiveWay
 from controllers.junction_ways import JunctionWatch
-from controllers.others_on_ways import OthersOnWays
+from controllers.others_on_ways import LidarMount, OthersOnWays
 from tests.controllers.bench import CAR
 from vve_sumo.geometry import Box, overlap
 from vve_sumo.junctions import Control, Junction, JunctionWay
@@ -30,7 +30,7 @@ LIMIT = 11.0
 LINE = 60.0  #: of the ego, along its path, which is the x axis [m]
 LANE = 66.0  #: where the lane lies that crosses it northward [m]
 PATH = ReferencePath.from_points(np.arange(0.0, 200.0, 2.0), np.zeros(100))
-LAID = ((1.4, 1.9), 1.0, 1.0)
+LAID = (LidarMount(1.4, 1.9, 90.0), 1.0, 1.0)
 
 
 def crossing(control: Control, *, from_south: bool = True) -> Junction:
@@ -158,7 +158,7 @@ def looks(walls: list[Building], time: float = 0.6) -> float:
     sense = RightOfWaySense(RightOfWayConfig(120.0, 10.0), CAR, (junction,))
     sense.step(0.0, pose, Actors.none(0.0))
     lidar = Lidar(dataclasses.replace(LidarConfig(), steps=900).ideal(), np.random.default_rng(1), walls_of(walls))
-    watch, others = JunctionWatch(CAR), OthersOnWays(CAR, 1.4, 1.9)
+    watch, others = JunctionWatch(CAR), OthersOnWays(CAR, LidarMount(1.4, 1.9, 90.0))
     for tick in range(round(time / PERIOD)):
         now = tick * PERIOD
         lidar.step(now, dataclasses.replace(pose, time=now), Actors.none(now))
@@ -188,7 +188,7 @@ def test_a_scenario_that_has_the_sense_and_no_lidar_is_refused() -> None:
     sense = RightOfWaySense(RightOfWayConfig(120.0, 10.0), CAR, (crossing(Control.STOP),))
     pose = Pose(0.0, Point.REAR_AXLE, 20.0, 0.0, 0.0, 5.0, 0.0, 0.0, 0.0, 0.0)
     sense.step(0.0, pose, Actors.none(0.0))
-    law, drive = GiveWay(CAR, PERIOD, 1.0, 1.1, (1.4, 1.9)), Drive(crossing(Control.STOP), 5.0)
+    law, drive = GiveWay(CAR, PERIOD, 1.0, 1.1, LidarMount(1.4, 1.9, 90.0)), Drive(crossing(Control.STOP), 5.0)
     seen = Observation(0, 0.0, pose, PATH, 10.0, {"priorities": sense.output}, 0.0)
     with pytest.raises(TypeError, match="no sensor of kind lidar"):
         law.goal(seen, 20.0, None, drive)
