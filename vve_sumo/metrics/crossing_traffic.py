@@ -38,8 +38,8 @@ def min_crossing_pet(time: Floats, ego: Boxes, actors: ActorRows) -> float:
     away, nearest = line.query(
         np.column_stack((actors.boxes.x[finite], actors.boxes.y[finite])), distance_upper_bound=ON_LINE
     )
-    on = np.flatnonzero(np.isfinite(away))
-    rows, angle = finite[on], actors.boxes.heading[finite[on]] - ego.heading[known[nearest[on]]]
+    on, place = np.flatnonzero(np.isfinite(away)), np.asarray(nearest)
+    rows, angle = finite[on], actors.boxes.heading[finite[on]] - ego.heading[known[place[on]]]
     along = np.cos(angle) > math.cos(CROSSES)
     against = np.cos(angle) < -math.cos(CROSSES)
     joins = set(actors.code[rows[along]].tolist())
