@@ -9,7 +9,6 @@ import math
 from typing import Final
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from vve_sumo.geometry import Boxes
 from vve_sumo.metrics.crossing import encroachment
@@ -31,22 +30,33 @@ def min_crossing_pet(time: Floats, ego: Boxes, actors: ActorRows) -> float:
     one, and who joins. Negative where both were in their conflict area at a time. Either may be the first.
     """
     known = np.flatnonzero(np.isfinite(ego.x) & np.isfinite(ego.y))[::EVERY]
-    if not len(known) or not len(actors.rows):
+    looked_at = np.flatnonzero(np.isfinite(actors.boxes.x) & np.isfinite(actors.boxes.y) & (actors.at % EVERY == 0))
+    if not len(known):
         return math.nan
-    line = cKDTree(np.column_stack((ego.x[known], ego.y[known])))
-    finite = np.flatnonzero(np.isfinite(actors.boxes.x) & np.isfinite(actors.boxes.y))
-    away, nearest = line.query(
-        np.column_stack((actors.boxes.x[finite], actors.boxes.y[finite])), distance_upper_bound=ON_LINE
-    )
-    on, place = np.flatnonzero(np.isfinite(away)), np.asarray(nearest)
-    rows, angle = finite[on], actors.boxes.heading[finite[on]] - ego.heading[known[place[on]]]
-    along = np.cos(angle) > math.cos(CROSSES)
-    against = np.cos(angle) < -math.cos(CROSSES)
-    joins = set(actors.code[rows[along]].tolist())
-    crossing = set(actors.code[rows[~along & ~against]].tolist()) - joins
-    least = math.nan
-    for code in sorted(crossing):
-        own = np.flatnonzero(actors.code == code)[::EVERY]
-        met = encroachment(time[known], ego.select(known), time[actors.at[own]], actors.boxes.select(own))
-        least = float(np.fmin(least, met.time))
+    line, least = _thinned(ego.select(known)), math.nan
+    for code in np.unique(actors.code[looked_at]).tolist():
+        own = looked_at[actors.code[looked_at] == code]
+        if _crosses(line, actors.boxes.select(own)):
+            met = encroachment(time[known], ego.select(known), time[actors.at[own]], actors.boxes.select(own))
+            least = float(np.fmin(least, met.time))
     return least
+
+
+def _thinned(ego: Boxes) -> Boxes:
+    """Return a box of each metre that the ego has gone."""
+    gone = np.cumsum(np.hypot(np.diff(ego.x, prepend=ego.x[0]), np.diff(ego.y, prepend=ego.y[0])))
+    return ego.select(np.unique(np.floor(gone), return_index=True)[1])
+
+
+def _crosses(line: Boxes, other: Boxes) -> bool:
+    """Tell whether somebody crosses the ego's line, and nowhere goes along it."""
+    near = np.ones(len(other.x), np.bool_)
+    for mine, theirs in ((line.x, other.x), (line.y, other.y)):
+        near &= (theirs > mine.min() - ON_LINE) & (theirs < mine.max() + ON_LINE)
+    other = other.select(np.flatnonzero(near))
+    away = np.hypot(other.x[:, None] - line.x, other.y[:, None] - line.y)
+    nearest = np.argmin(away, axis=1)
+    on = np.flatnonzero(away[np.arange(len(nearest)), nearest] <= ON_LINE)
+    cosine = np.cos(other.heading[on] - line.heading[nearest[on]])
+    along, against = cosine > math.cos(CROSSES), cosine < -math.cos(CROSSES)
+    return not bool(along.any()) and bool((~along & ~against).any())
