@@ -239,7 +239,7 @@ class FollowAndStop:
         self._cruising = note == "cruise"
         nearest = min(goals.values())
         last_bit = self._approach.is_last_bit(nearest, speed, measured)
-        decided = self._give_way is not None and self._give_way.goes
+        decided = self._give_way is not None and self._give_way.sets_out
         held = self._standstill.step(nearest.distance, speed, last_bit, at_once=decided)
         if held is not None:
             note = "hold"

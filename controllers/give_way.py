@@ -16,7 +16,7 @@ from .approach import NOWHERE, Goal
 from .gap_acceptance import Coming, Run, may_cross, may_join
 from .junction_ways import ALL_WAY_STOP, SIGNAL, STOP, Conflict, Crossing, JunctionWatch
 from .others_on_ways import LENGTH, LidarMount, OthersOnWays
-from .signal_stop import GREEN, Line
+from .signal_stop import RED, STOP_AND_GO, Line
 from .speed import Profile
 
 MARGIN: Final = 1.0  #: from the front bumper at rest to a line, or to the way of others [m]
@@ -28,7 +28,7 @@ GOES_ON: Final = 0.2  #: ... and while it moves [s]
 AT_REST: Final = 0.05  #: slower than this the car stands [m/s]
 AT_LINE, FULL_STOP = 3.0, 0.5  #: a car that has stood so near to a line [m] for so long [s] has stopped there
 CONTINUES: Final = 0.4  #: share of the margin that is enough once it has been decided to go
-LOOKS: Final = 60.0  #: crossings that are farther are not looked at [m]
+LOOKS: Final = 100.0  #: crossings that are farther are not looked at [m]
 SAME_LINE: Final = 3.0  #: a signal's line is this near to the crossing's [m]
 PROTECTED: Final = 6  #: phase of a signal: nobody else may go
 INSIDE: Final = 10.0  #: who is so near to where the ways meet does not slow down any more [m]
@@ -49,6 +49,7 @@ class GiveWay:
         self._stood, self._moved = False, math.inf  # at the line; when it moved last [s]
         self._phase: int | None = None
         self.goes = False  #: whether it was decided to go on across the next junction
+        self.sets_out = False  #: whether that is so at its line: a car that stood there need not wait any more
 
     def goal(self, observation: Observation, s: float, signal: Line | None, profile: Profile) -> Goal:
         """Return where the front bumper shall not pass; `s` is that of the rear axle [m], `signal` the next line."""
@@ -64,8 +65,11 @@ class GiveWay:
             self._stood, self._moved = False, observation.time
         self._others.step(observation, [] if crossing is None else crossing.conflicts)
         if crossing is None:
+            self.sets_out = False
             return NOWHERE
-        return self._decide(crossing, observation, bumper, signal, profile)
+        goal = self._decide(crossing, observation, bumper, signal, profile)
+        self.sets_out = self.goes and crossing.line - bumper < AT_LINE
+        return goal
 
     def _decide(
         self, crossing: Crossing, observation: Observation, bumper: float, signal: Line | None, profile: Profile
@@ -73,11 +77,9 @@ class GiveWay:
         speed, to_line = observation.pose.speed, crossing.line - bumper
         if signal is not None and abs(signal.s - crossing.line) < SAME_LINE:
             self._phase = signal.phase
-        if crossing.control == SIGNAL and self._phase is not None and to_line > 0.0 and self._phase not in GREEN:
+        stops_for_signal = to_line > 0.0 and self._phase in RED | STOP_AND_GO
+        if crossing.control == SIGNAL and (stops_for_signal or self._phase == PROTECTED):
             self.goes = False
-            return NOWHERE  # the car stops for the signal
-        if crossing.control == SIGNAL and self._phase == PROTECTED:
-            self.goes = True
             return NOWHERE
         if not (speed < AT_REST and to_line < AT_LINE):
             self._moved = observation.time

@@ -16,6 +16,7 @@ from controllers.follow_and_stop import PERIOD, make
 from controllers.give_way import GiveWay
 from controllers.junction_ways import JunctionWatch
 from controllers.others_on_ways import LidarMount, OthersOnWays
+from controllers.signal_stop import Line
 from tests.controllers.bench import CAR
 from vve_sumo.geometry import Box, overlap
 from vve_sumo.junctions import Control, Junction, JunctionWay
@@ -74,6 +75,7 @@ class Drive:
         self.s, self.speed, self.acceleration, self.time = 5.0, speed, 0.0, 0.0
         self.sent = deque([0.0] * round(CAR.brake_delay / PERIOD))
         self.turn = free_turn(0.0)
+        self.signal: Line | None = None
 
     def at(self, s: float) -> tuple[float, float]:
         return self.desired, 0.0
@@ -88,12 +90,12 @@ class Drive:
         if y is not None:
             outputs["obu"] = told(self.time, pose, y, speed)
         seen = Observation(0, self.time, pose, PATH, self.desired, outputs, 0.0)
-        goal = self.law.goal(seen, self.s, None, self)
+        goal = self.law.goal(seen, self.s, self.signal, self)
         command = min(1.5, self.desired - self.speed)
         if goal is not NOWHERE:
             command = min(command, self.approach.acceleration(goal, self.speed, self.acceleration))
         last_bit = self.approach.is_last_bit(goal, self.speed, self.acceleration)
-        held = self.standstill.step(goal.distance, self.speed, last_bit, at_once=self.law.goes)
+        held = self.standstill.step(goal.distance, self.speed, last_bit, at_once=self.law.sets_out)
         self.sent.append(max(command if held is None else held, -3.3))
         self.acceleration += (self.sent.popleft() - self.acceleration) * PERIOD / (CAR.brake_lag + PERIOD)
         self.speed = max(self.speed + self.acceleration * PERIOD, 0.0)
@@ -149,6 +151,18 @@ def test_who_goes_first_is_never_met_and_the_car_crosses(
         stood_inside |= drive.speed < 0.05 and LANE - 0.9 < front < LANE + 0.9 + CAR.length
     assert drive.s >= 90.0
     assert not stood_inside
+
+
+@pytest.mark.parametrize(("phase", "waits"), [(3, False), (5, True), (6, False), (8, True), (9, True)])
+def test_at_a_signal_it_waits_for_a_gap_unless_the_signal_stops_it_or_nobody_else_may_go(
+    phase: int, waits: bool
+) -> None:
+    """Somebody who goes first is 25 m away and comes at 10 m/s."""
+    drive = Drive(crossing(Control.SIGNAL), 8.0, 8.0)
+    drive.s, drive.signal = LINE - BUMPER - 15.0, Line(LINE, phase, 0.0, 0.0, 0.0, 0.0)
+    for tick in range(60):
+        goal = drive.step(-40.0 + 0.2 * tick, 10.0)
+    assert (goal is not NOWHERE) is waits
 
 
 def looks(walls: list[Building], time: float = 0.6) -> float:
