@@ -105,7 +105,9 @@ def changes_of(case: Case) -> dict[str, Any]:
     return places | {
         "controller.tuning.time_headway_s": case.headway,
         "controller.tuning.gap_m": STANDSTILL,
-        "sensors": [{"name": "obu", "kind": "v2x", "settings": {"jammed_from_s": case.jammed}}],
+        "sensors": [
+            {"name": "obu", "kind": "v2x", "settings": {"jammed_from_s": case.jammed, "longest_cam_interval_s": 0.1}}
+        ],
         "actors": [{"id": "leader", "ahead_m": gap, "speed_mps": SPEED, "events": [event]}],
     }
 

@@ -32,9 +32,9 @@ TUNING: dict[str, float | str | bool] = {
     "time_headway_s": 0.8,  #: on top of `gap_m`, times the speed, behind a car whose messages come
     "time_headway_without_s": 1.5,  #: the same behind any other
     "gap_gain_per_s2": 0.1,
-    "speed_gain_per_s": 0.5,
+    "speed_gain_per_s": 0.7,
     "feed_forward": 0.7,  #: share of the acceleration of the car ahead that is asked for
-    "smoothing_s": 0.2,  #: time constant of that acceleration, which messages tell with noise
+    "smoothing_s": 0.0,  #: time constant of that acceleration, which messages tell with noise
     "sensor": "obu",  #: name of the scenario's V2X receiver
 }
 RANGES: dict[str, tuple[float, float]] = {

@@ -186,11 +186,13 @@ class FollowAndStop:
             line = None if self._signals is None else self._signals.line
             self._yield = self._give_way.goal(observation, projection.s, line, self._profiled(observation.path))
         way = None if self._avoidance is None else self._avoidance.step(observation, projection, self._tracker)
+        dangers = self._tracker.dangers(observation.time, projection.s)
         if way is None:
-            dangers = self._tracker.dangers(observation.time, projection.s)
             way = Way(observation.path, projection, self._profiled(observation.path), None, target, dangers)
         else:
             observation = replace(observation, path=way.path)
+            # That somebody crosses, the radar tells before the outlines do.
+            way = way._replace(dangers=[*way.dangers, *(one for one in dangers if one.foreseen)])
         deviation = self._observer.step(pose, way.path, way.projection, PERIOD)
         if self._emergency is not None and self._emergency.step(way.dangers, pose.speed):
             self._acceleration, self._stopped = COMFORT_LIMIT, pose.speed < STOPPED

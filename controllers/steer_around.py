@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import product
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -36,7 +37,9 @@ COMFORT: Final = Margins(clearance=1.1, lengthwise=0.6, slack=1.5)
 #: the same before the car has left its path: it must then be back so much earlier before who comes the other way
 SETTING_OUT: Final = COMFORT._replace(slack=3.5)
 #: an urgent way keeps so far from bodies; the first that leads past is taken
-URGENT: Final = tuple(Margins(away, 0.3, 0.2, 1.0) for away in (1.0, 0.7, 0.4))
+URGENT: Final = tuple(Margins(away, 0.3, 0.2, 1.0) for away in (1.0, 0.7, 0.4, 0.15))
+#: who comes the other way in the car's way is given way to by steering when he is so near [s]
+ONCOMING: Final = 4.0
 CONTACT: Final = Margins(MARGIN, 0.3, 0.0, 1.0)  #: what comes nearer than this is in the way
 COMFORT_ACCELERATION, COMFORT_JERK = 1.8, 2.0  #: lateral, of a way in comfort [m/s2], [m/s3]
 #: lateral, of an urgent way: of the gateway's 3.0 m/s2 and 5.0 m/s3 a share is left to the steering law
@@ -78,6 +81,7 @@ class _Line(NamedTuple):
 
     first: int  #: number of the first node
     offsets: tuple[float, ...]  #: [m]
+    times: tuple[float, ...]  #: at which the car is at the nodes if it takes the planned speeds [s]
     path: ReferencePath
     profile: Profile
     commanded: CommandedPath
@@ -185,10 +189,13 @@ class SteerAround:
 
     def _in_line(self, sight: _Sight) -> list[Body]:
         """Return the bodies that are in the way which the car has taken."""
-        assert self._line is not None
-        offsets = [self._line.offset(sight.first + node) for node in range(NODES)]
-        times = times_at(sight.speeds, SPACING)
-        return [body for body in sight.bodies if min(clearances(sight.nodes, times, offsets, body, CONTACT)) < 0.0]
+        return [body for body in sight.bodies if self._is_met(sight, body)]
+
+    def _is_met(self, sight: _Sight, body: Body) -> bool:
+        """Tell whether a body is in the way which the car has taken, or on its path."""
+        line = self._line
+        offsets = [0.0 if line is None else line.offset(sight.first + node) for node in range(NODES)]
+        return _met(sight.nodes, times_at(sight.speeds, SPACING), offsets, body) is not None
 
     def _can_wait(self, sight: _Sight, blocking: list[Body]) -> bool:
         """Tell whether the car can still come back to its path and stop there in comfort before what is in its way."""
@@ -234,8 +241,11 @@ class SteerAround:
         if not blocking or not self._comes_too_late(sight, blocking):
             return None
         limits = LateralLimits.of(self._vehicle, URGENT_ACCELERATION, URGENT_JERK)
-        speeds = self._braked(sight) if self._brakes else [max(sight.observation.pose.speed, 0.5)] * NODES
-        for keeps in URGENT:
+        paces = [self._braked(sight)] if self._brakes else []
+        if not self._brakes or any(map(_comes_nearer, blocking)):
+            # A car at rest cannot get out of anybody's way.
+            paces.append([max(sight.observation.pose.speed, 0.5)] * NODES)
+        for keeps, speeds in product(URGENT, paces):
             for sides in _sides(sight.bodies, blocking):
                 plan = self._planner.plan(self._task(sight, sides, keeps, limits, speeds))
                 if plan is not None:
@@ -255,7 +265,10 @@ class SteerAround:
             gap, closing = float(body.s.min()) - bumper, speed - max(body.along, 0.0)
             if gap <= 0.0 or closing <= 0.0:
                 continue
-            if not self._brakes:
+            if _comes_nearer(body):
+                if gap < (speed - body.along) * ONCOMING and self._is_met(sight, body):
+                    return True
+            elif not self._brakes:
                 needs = swerve_time(self._aside(body.moved(gap / closing)), URGENT_ACCELERATION, URGENT_JERK, answer)
                 if gap < closing * (needs + 0.5):
                     return True
@@ -266,8 +279,8 @@ class SteerAround:
         return False
 
     def _aside(self, body: Body) -> float:
-        """Return how far the car must go aside at least to pass a body that is beside it then [m]."""
-        half = 0.5 * self._vehicle.width + URGENT[-1].clearance
+        """Return how far the car must go aside to pass a body that is beside it then as it would like to [m]."""
+        half = 0.5 * self._vehicle.width + URGENT[0].clearance
         return max(min(float(body.d.max()) + half, half - float(body.d.min())), 0.0)
 
     def _braked(self, sight: _Sight) -> list[float]:
@@ -373,7 +386,8 @@ class SteerAround:
         kept: Profile = profile
         if not urgent and any(planned < usual - 0.1 for planned, usual in zip(plan.speeds, sight.speeds, strict=True)):
             kept = _Kept(profile, tuple(speed * speed for speed in plan.speeds))
-        self._line, self._along = _Line(sight.first, plan.offsets, way, kept, commanded, urgent), None
+        times = tuple(times_at(plan.speeds, SPACING))
+        self._line, self._along = _Line(sight.first, plan.offsets, times, way, kept, commanded, urgent), None
 
     def _ahead(self, observation: Observation, here: PathProjection, line: _Line) -> tuple[Target | None, list[Target]]:
         """Return the nearest body in the way, and all that the car would meet soon."""
@@ -384,23 +398,41 @@ class SteerAround:
         curvature = np.zeros(int(ahead.sum()))
         nodes = Nodes.of(self._vehicle, stations[ahead], curvature)
         offsets = np.array(line.offsets)[ahead].tolist()
-        times = ((nodes.stations - here.s).clip(min=0.0) / speed).tolist()
+        steady = ((nodes.stations - here.s).clip(min=0.0) / speed).tolist()
+        planned = steady if line.urgent else self._planned(here, line, ahead)
         nearest, dangers = None, []
         for body in self._bodies:
             now = body.moved(since)
             gap = float(now.s.min()) - bumper
             if float(now.s.max()) < here.s - self._vehicle.rear_overhang:
                 continue
-            away = clearances(nodes, times, offsets, now, CONTACT)
-            met = next((node for node, clear in enumerate(away) if clear < 0.0), None)
-            if met is None:
-                continue
-            target = Target(gap, now.along, foreseen=times[met] > 0.0 and abs(now.across) > CROSSES)
-            if times[met] < HORIZON:
-                dangers.append(target)
-            if nearest is None or gap < nearest.gap:
-                nearest = target
+            met = _met(nodes, steady, offsets, now)
+            if met is not None and steady[met] < HORIZON:
+                dangers.append(_target(now, gap, steady[met]))
+            # At its present speed the car may overtake who goes along too late for this way, or never.
+            met = _met(nodes, planned, offsets, now)
+            if met is not None and (nearest is None or gap < nearest.gap):
+                nearest = _target(now, gap, planned[met])
         return nearest, dangers
+
+    @staticmethod
+    def _planned(here: PathProjection, line: _Line, ahead: np.ndarray) -> list[float]:
+        """Return the times from now on to the nodes ahead at the planned speeds [s], 0 for those that are passed."""
+        times = np.array(line.times)
+        now = np.interp(here.s, SPACING * (line.first + np.arange(NODES)), times)
+        planned: list[float] = (times[ahead] - now).clip(min=0.0).tolist()
+        return planned
+
+
+def _met(nodes: Nodes, times: Sequence[float], offsets: Sequence[float], body: Body) -> int | None:
+    """Return the first node at which the car meets a body on a way, None where it does not."""
+    away = clearances(nodes, times, offsets, body, CONTACT)
+    return next((node for node, clear in enumerate(away) if clear < 0.0), None)
+
+
+def _target(body: Body, gap: float, time: float) -> Target:
+    """Return a body in the way, met after a time [s], as a target."""
+    return Target(gap, body.along, foreseen=time > 0.0 and abs(body.across) > CROSSES)
 
 
 def _comes_nearer(body: Body) -> bool:

@@ -117,6 +117,27 @@ def test_it_overtakes_a_bicyclist(module: ModuleType) -> None:
     assert abs(found.offset[-1]) < 0.15
 
 
+def test_it_overtakes_a_bicyclist_whom_it_has_come_behind() -> None:
+    """No faster than the bicyclist at first, it would never meet him at its present speed."""
+    bicycle = steady(22.0, -0.3, 4.0, length=1.8, width=0.6, cross_section=1.0)
+    found = drive(around(elastic_band), ROAD, 8.0, [bicycle], 30.0, kinds=["bicycle"], start=4.0, until=150.0)
+    assert found.s[-1] > 150.0
+    assert found.least > CLEAR
+    assert abs(found.offset[-1]) < 0.15
+    # It speeds up once, and does not fall back again.
+    assert np.diff(np.maximum.accumulate(found.speed) - found.speed).max() < 0.5
+
+
+@pytest.mark.parametrize("speed", [2.0, 6.0])
+def test_it_goes_out_of_the_way_of_a_bicyclist_who_comes_head_on(speed: float) -> None:
+    """Braking does not help: a car at rest is ridden into."""
+    bicycle = steady(45.0, -0.6, 4.0, math.pi, length=1.8, width=0.6, cross_section=1.0)
+    found = drive(around(elastic_band), ROAD, speed, [bicycle], 6.0 + 40.0 / speed, kinds=["bicycle"])
+    assert found.least > CLEAR
+    assert found.speed.min() > 1.0
+    assert abs(found.offset[-1]) < 0.15
+
+
 def runs_out(speed: float, arrives: float, sets_out: float = 1.0, pace: float = 3.0) -> Body:
     """Runs in from the right so that an unbraked bumper meets the middle of it."""
     x = CAR.rear_axle_to_bumper + speed * (arrives + sets_out) + 0.3

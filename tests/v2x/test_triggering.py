@@ -37,6 +37,12 @@ def test_a_car_at_a_steady_speed_sends_whenever_it_has_gone_more_than_four_metre
     assert gaps == pytest.approx([expected] * len(gaps))
 
 
+@pytest.mark.parametrize("speed", [0.0, 13.9])
+def test_a_shorter_longest_interval_is_kept_at_any_speed(speed: float) -> None:
+    times = _times(CamTrigger(CHECK_PERIOD), _steady(speed, 50))
+    assert times == pytest.approx([0.1 * n for n in range(50)])
+
+
 def test_a_car_that_stops_sends_three_more_at_its_last_rate() -> None:
     """The interval of the last message that motion brought about holds for three, then it is a second again."""
     motions = _steady(20.0, 30)  # a message each 0.3 s

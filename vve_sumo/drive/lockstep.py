@@ -414,6 +414,7 @@ class _Bus:
     """The tick's shell of a lockstep drive: the gateway on the simulated vehicle's bus, with a scripted operator."""
 
     output: GatewayOutput  #: of the gateway's newest step
+    frames: tuple[Frame, ...] = ()  #: of that step; none before the first
 
     def __init__(
         self, ego: LockstepEgo, gateway: Gateway, operator: ScriptedOperator, record: LockstepRecorder
@@ -421,11 +422,6 @@ class _Bus:
         self._ego, self._gateway, self._operator, self._brain = ego, gateway, operator, ego.brain
         self._record: LockstepRecorder | NoRecord = record
         self._reports: list[Frame] = []
-
-    @property
-    def frames(self) -> tuple[Frame, ...]:
-        """The frames of the gateway's newest step; none before the first."""
-        return self.output.frames if hasattr(self, "output") else ()
 
     def finish(self) -> None:
         """Record no more frames."""
@@ -453,7 +449,8 @@ class _Bus:
     def hand_over(self, now: float, setpoint: Setpoint | None) -> GatewayStatus:
         """Run one gateway step on the setpoint and the car's newest reports."""
         self.output = self._gateway.step(now, setpoint, self._reports, self._operator.next_command())
-        self._record.saw_frames(now, CAR_BUS, self.output.frames)
+        self.frames = self.output.frames
+        self._record.saw_frames(now, CAR_BUS, self.frames)
         self._operator.observe(self.output.status)
         if self._brain is not None and self._brain.publisher is not None:
             self._brain.publisher.state = self.output.status.state.value

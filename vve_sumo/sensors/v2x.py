@@ -44,6 +44,7 @@ class V2xConfig:
     equipped: float = 1.0  #: share of the vehicles that send
     equipped_vulnerable: float = 1.0  #: share of the people and bicycles that send
     latency: float = 0.05  #: from the time that a message tells of to its coming out [s]
+    longest_cam_interval: float = 1.0  #: between two CAMs of a vehicle [s]
     power: float = 23.0  #: radiated, gains included [dBm]
     sensitivity: float = -82.0  #: least power at which a packet is received [dBm]
     loss: float = 0.02  #: share of the packets that others' drown
@@ -208,7 +209,7 @@ class V2xReceiver:
         sender = Sender(
             self._number(name),
             kind,
-            VamTrigger() if vulnerable else CamTrigger(),
+            VamTrigger() if vulnerable else CamTrigger(round(config.longest_cam_interval * MICROSECONDS)),
             CorrelatedNoise(stream(self._seed, f"{name} errors"), ERROR_CORRELATION, MICROSECONDS),
             config.position_sigma_vulnerable if vulnerable else config.position_sigma,
             config.speed_sigma,

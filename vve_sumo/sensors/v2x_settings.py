@@ -38,6 +38,10 @@ class V2xSettings(SensorSettings):
     latency_s: Annotated[float, Field(ge=0.0, le=2.0)] = Field(
         default=0.05, description="from the time that a message tells of to its coming out; a tick more passes"
     )
+    longest_cam_interval_s: Annotated[float, Field(ge=0.1, le=1.0)] = Field(
+        default=1.0,
+        description="between two CAMs of a vehicle; 0.1: ten a second, as cooperative driving and SAE J2945/1 have it",
+    )
     power_dbm: Annotated[float, Field(ge=-30.0, le=60.0)] = Field(
         default=23.0, description="that every station radiates, the gains of both antennas included"
     )
@@ -87,6 +91,7 @@ class V2xSettings(SensorSettings):
             equipped=self.equipped,
             equipped_vulnerable=self.equipped_vulnerable,
             latency=self.latency_s,
+            longest_cam_interval=self.longest_cam_interval_s,
             power=self.power_dbm,
             sensitivity=self.sensitivity_dbm,
             loss=self.loss,

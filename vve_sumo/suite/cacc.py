@@ -33,6 +33,7 @@ SLOWED: Final = 5.0  #: speed that it brakes down to [m/s]
 BUILD_UP: Final = 0.5  #: of its deceleration [s]
 DIPS_TO, DIPS_FOR, DIPS_AT = 12.0, 15.0, 1.0  #: the leader's disturbance of the string [m/s], [s], [m/s2]
 ACC_HEADWAYS, CACC_HEADWAYS = (0.5, 0.8, 1.2), (0.5, 0.8)  #: of the string [s]
+CAM_INTERVAL: Final = 0.1  #: between messages of a car of the platoon [s]
 AMPLIFICATION: Final = 1.0  #: from head to tail, at most
 BESIDE: Final = 4.0  #: the middle of the next lane [m]
 CHANGE: Final = 4.0  #: time that a change of lanes takes [s]
@@ -119,12 +120,17 @@ def platoon(
         "road": {"network": "test_track"},
         "ego": ego,
         "egos": egos,
-        "sensors": [{"name": "obu", "kind": "v2x"}] if law.name == "cacc" else [],
+        "sensors": [_radio()] if law.name == "cacc" else [],
         "controller": {"name": law.name, "tuning": law.tuning},
         "actors": [lead | head, *others],
         "end_trigger": {"contact": True},
     }
     return Scenario.model_validate(table | tables)
+
+
+def _radio(**settings: float) -> dict[str, Any]:
+    """Return the V2X receiver of each car, with more settings."""
+    return {"name": "obu", "kind": "v2x", "settings": {"longest_cam_interval_s": CAM_INTERVAL, **settings}}
 
 
 def _row(scenario: Scenario, id: str, description: str, required: str, **parts: Any) -> SuiteRow:
@@ -198,6 +204,6 @@ def _loss(car: VehicleModel, deceleration: float) -> SuiteRow:
     slows = {
         "when": {"after_s": SETTLED}, "speed_mps": 0.0, "acceleration_mps2": deceleration, "build_up_s": BUILD_UP,
     }  # fmt: skip
-    sensors = [{"name": "obu", "kind": "v2x", "settings": {"jammed_from_s": SETTLED}}]
+    sensors = [_radio(jammed_from_s=SETTLED)]
     scene = platoon(car, description, CACC, 25.0, [{"events": [slows]}], sensors=sensors)
     return _row(scene, f"loss_{deceleration:g}", description, "no contact")

@@ -33,11 +33,12 @@ RIDING: Final = 15.0  #: of the bicyclists, as in Euro NCAP's CBNA [km/h]
 ON_THE_RIGHT: Final = -0.8  #: of who rides or comes in the car's way [m]
 TURNS_FROM: Final = -2.5  #: where a bicyclist rides who turns in [m]
 TURNS_AFTER, TURNS_WITHIN = 1.0, 2.5  #: from the entry to the turn, and how long it takes [s]
-LASTS: Final = 35.0  #: of a drive after the target's entry at most [s]
+LASTS: Final = 60.0  #: of a drive after the target's entry at most [s]
 RESTS: Final = 6.0  #: time at rest after which a drive ends: who crosses has gone by then [s]
 COMES: Final = 16.0  #: the same before somebody who comes the other way, until he has come [s]
 #: road beyond the meeting in which the car comes back to its path: so much [m], and the way of so long [s]
 ROAD_AFTER, TIME_AFTER = 15.0, 6.0
+LOST: Final = 8.0  #: that a car loses which brakes first for who goes its way, and overtakes then [s]
 SPEED_TOLERANCE: Final = 1.0 * KMH  #: of a rolling start [m/s]
 
 
@@ -152,7 +153,9 @@ def _row(car: Vehicle, name: str, case: Case, means: str, kmh: float) -> SuiteRo
     speed = kmh * KMH
     left = most_clearance(car, case, means, FASTER * speed)
     clearance = CLEARANCE if left >= CLEARANCE else 0.0
-    meets = START * speed + (car.length / (1.0 - case.pace / kmh) if case.pace else 0.0)
+    meets = START * speed
+    if case.pace:
+        meets += (car.length + LOST * case.pace * KMH) / (1.0 - case.pace / kmh)
     end = {"contact": True, "ego_at_m": entry_station(speed) + meets + ROAD_AFTER + TIME_AFTER * speed}
     sensors = [{"name": "roof", "kind": "lidar"}] if MEANS[means].steers else []
     return SuiteRow(

@@ -47,10 +47,14 @@ class Motion(NamedTuple):
 class CamTrigger:
     """The rule of a vehicle. Pass it every check in order."""
 
+    longest: int = LONGEST_CAM  #: interval after which a message is due in any case [us]
     _last: Motion | None = None
     _sent: int = 0  # time of the last message [us]
-    _interval: int = LONGEST_CAM  # after which a message is due in any case [us]
+    _interval: int = field(init=False)  # the same, shortened for a while by messages that were due earlier [us]
     _by_interval: int = 0  # messages in a row that were due by it
+
+    def __post_init__(self) -> None:
+        self._interval = self.longest
 
     def due(self, now: int, motion: Motion) -> bool:
         """Say whether a CAM is to be sent at a time [us]; the first check sends one."""
@@ -60,11 +64,11 @@ class CamTrigger:
         elif elapsed < CHECK_PERIOD:
             return False
         elif _turned(last, motion) or _moved_or_changed(last, motion):
-            self._interval, self._by_interval = min(elapsed, LONGEST_CAM), 0
+            self._interval, self._by_interval = min(elapsed, self.longest), 0
         elif elapsed >= self._interval:
             self._by_interval += 1
             if self._by_interval >= SHORTENED:
-                self._interval, self._by_interval = LONGEST_CAM, 0
+                self._interval, self._by_interval = self.longest, 0
         else:
             return False
         self._last, self._sent = motion, now
