@@ -85,16 +85,17 @@ class GiveWay:
             self._moved = observation.time
         self._stood = self._stood or observation.time - self._moved >= FULL_STOP
         must_stop = crossing.control in (STOP, ALL_WAY_STOP) and not self._stood
-        self.goes = not must_stop and self._is_free(crossing, observation, bumper, profile)
+        free_of_seen = not must_stop and self._is_free(crossing, observation, bumper, profile, hidden=False)
+        self.goes = free_of_seen and self._is_free(crossing, observation, bumper, profile, hidden=True)
         if self.goes:
             return NOWHERE
-        return self._hold(crossing, speed, bumper)
+        # One who stood at the line, and waits for nobody but who may be hidden, goes on to where more is in sight.
+        return self._hold(crossing, speed, bumper, at_line=not (self._stood and free_of_seen))
 
-    def _hold(self, crossing: Crossing, speed: float, bumper: float) -> Goal:
+    def _hold(self, crossing: Crossing, speed: float, bumper: float, *, at_line: bool) -> Goal:
         """Return where to wait; nowhere once it is too late to stop before the others' way."""
         bounds = [crossing.entry]
-        # Once it has stood at its line it goes on to where it sees more and has less far to go.
-        if crossing.control != SIGNAL and not self._stood:
+        if crossing.control != SIGNAL and at_line:
             bounds.insert(0, min(crossing.line, crossing.entry))
         needed = stopping_distance(speed, BRAKING, self._answer, BRAKING / JERK) if speed > AT_REST else 0.0
         for bound in bounds:
@@ -103,11 +104,14 @@ class GiveWay:
         self.goes = True
         return NOWHERE
 
-    def _is_free(self, crossing: Crossing, observation: Observation, bumper: float, profile: Profile) -> bool:
+    def _is_free(
+        self, crossing: Crossing, observation: Observation, bumper: float, profile: Profile, *, hidden: bool
+    ) -> bool:
+        """Tell whether the car may pass all conflicts; with `hidden` those count, too, who may be out of sight."""
         margin = self._margin * (CONTINUES if self.goes else 1.0)
         run = self._run(crossing, observation, bumper, profile)
         return all(
-            self._is_clear(number, one, run, bumper, margin, observation.time)
+            self._is_clear(number, one, run, bumper, margin, observation.time, hidden)
             for number, one in enumerate(crossing.conflicts)
             if one.begin > bumper
         )
@@ -121,8 +125,10 @@ class GiveWay:
             top, place = min(top, profile.at(place)[0]), place + PROFILE_STEP
         return Run(min(speed, top), STARTING, top, SETS_OUT if speed < AT_REST else GOES_ON)
 
-    def _is_clear(self, number: int, conflict: Conflict, run: Run, bumper: float, margin: float, now: float) -> bool:
-        """Tell whether the car may pass one conflict: nobody seen, nor anybody who may be hidden, comes too soon."""
+    def _is_clear(
+        self, number: int, conflict: Conflict, run: Run, bumper: float, margin: float, now: float, hidden: bool
+    ) -> bool:
+        """Tell whether the car may pass one conflict: nobody comes too soon."""
         limit, begin = conflict.way.limit * self._over, conflict.begin - bumper
         across = conflict.way.limit_across * self._over
         others = self._others.on(number, now)
@@ -141,7 +147,7 @@ class GiveWay:
         # Who is in the way hides the lane behind, and nobody comes past it.
         queue = any(seen_from - LANE_HIDDEN < one.front < seen_from + LANE_HIDDEN for one in others)
         ends = conflict.way.ends and seen_from < LANE_HIDDEN
-        if not queue and not ends:
+        if hidden and not queue and not ends:
             coming.append(Coming(conflict.reach - seen_from, math.inf, limit, limit, across))
         if conflict.joins:
             joined = begin + self._vehicle.length

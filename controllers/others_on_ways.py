@@ -19,7 +19,7 @@ from .sightings import AxleMotion, Memory
 from .trend import Trend
 
 HALF_LANE: Final = 1.2  #: what is nearer than this to the middle of a way is on it [m]
-CELL: Final = 0.4  #: points in one cell of this size are one [m]
+CELL: Final = 0.2  #: points in one cell of this size are one [m]
 APART: Final = 3.5  #: between two bodies on a way, at least [m]
 POINTS: Final = 2  #: of a body, at least
 SIGMA: Final = 0.3  #: of the place of a body's front on its way [m]
@@ -28,8 +28,9 @@ GATE: Final = 3.0  #: a body is no farther than this from where it is expected [
 GATE_NEW: Final = 2.5  #: ... and one that was seen once, farther by so much [m]
 KEPT: Final = 0.5  #: one that is not seen any more is kept for so long [s]
 SURE: Final = 4  #: turns after which a speed is known
-STANDS: Final = 0.7  #: who is slower stands [m/s]
-WAITS: Final = 2.0  #: who has stood for so long waits, and is not expected to set out [s]
+#: who has gone no farther than this [m] in so long [s] waits, and is not expected to set out: a front that flickers from
+#: turn to turn would tell more of speeds than there is
+STAYS, WAITS = 1.0, 2.0
 LENGTH: Final = 5.0  #: of a car [m]
 LOW, HIGH = 0.3, 1.4  #: between these heights over the road a car is seen [m]
 DEPTH: Final = 2.5  #: what returns from so little before a place does not hide the place [m]
@@ -58,12 +59,12 @@ class Other(NamedTuple):
 class _Followed:
     """A body on a way, from turn to turn."""
 
-    __slots__ = ("front", "hits", "rear", "seen", "stood_since", "time")
+    __slots__ = ("front", "hits", "rear", "seen", "stays_at", "stays_since", "time")
 
     def __init__(self, time: float, front: float, rear: float) -> None:
         self.time = self.seen = time
         self.front, self.rear, self.hits = Trend(front, SIGMA**2, FAST**2, AGILITY), rear, 1
-        self.stood_since = math.inf
+        self.stays_at, self.stays_since = front, time
 
     def predict(self, time: float) -> None:
         self.front.predict(time - self.time)
@@ -73,15 +74,15 @@ class _Followed:
     def update(self, front: float, rear: float) -> None:
         self.front.update(front, SIGMA**2)
         self.rear, self.seen, self.hits = rear, self.time, self.hits + 1
-        stands = self.hits >= SURE and abs(self.front.rate) < STANDS
-        self.stood_since = min(self.stood_since, self.time) if stands else math.inf
+        if abs(self.front.value - self.stays_at) > STAYS:
+            self.stays_at, self.stays_since = self.front.value, self.time
 
     def other(self, now: float) -> Other:
         since = now - self.time
         speed = max(self.front.rate, 0.0)
         front = self.front.value + speed * since
         rear = min(self.rear + speed * since, front - LENGTH)
-        return Other(front, rear, speed, self.hits >= SURE, now - self.stood_since > WAITS)
+        return Other(front, rear, speed, self.hits >= SURE, now - self.stays_since > WAITS)
 
 
 class LidarMount(NamedTuple):
