@@ -28,8 +28,8 @@ GATE: Final = 3.0  #: a body is no farther than this from where it is expected [
 GATE_NEW: Final = 2.5  #: ... and one that was seen once, farther by so much [m]
 KEPT: Final = 0.5  #: one that is not seen any more is kept for so long [s]
 SURE: Final = 4  #: turns after which a speed is known
-#: who has gone no farther than this [m] in so long [s] waits, and is not expected to set out: a front that flickers from
-#: turn to turn would tell more of speeds than there is
+#: who has gone no farther than this [m] in so long [s] waits, and is not expected to set out: the speed of a front that
+#: flickers from turn to turn is not known so well
 STAYS, WAITS = 1.0, 2.0
 LENGTH: Final = 5.0  #: of a car [m]
 LOW, HIGH = 0.3, 1.4  #: between these heights over the road a car is seen [m]
