@@ -98,7 +98,7 @@ def test_the_toy_measures_what_another_geometry_says() -> None:
 
 
 def test_the_shipped_kinds_are_known() -> None:
-    assert set(PORT.shipped) == {"radar", "lidar", "camera", "v2x", "signals"} <= set(PORT.known())
+    assert set(PORT.shipped) == {"radar", "lidar", "camera", "v2x", "signals", "right_of_way"} <= set(PORT.known())
 
 
 @pytest.mark.parametrize(
