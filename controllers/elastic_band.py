@@ -232,7 +232,9 @@ class _Band:
 def _held(count: int, head: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the springs that hold the first offsets where they are, and the curvature of both end pieces constant."""
     diagonals, right = np.zeros((WIDTH, count)), np.zeros(count)
-    springs = [(first, _OFFSET, float(aim)) for first, aim in enumerate(head)]
+    springs: list[tuple[int, tuple[float, ...], float]] = [
+        (first, _OFFSET, float(aim)) for first, aim in enumerate(head)
+    ]
     springs += [(0, _THIRD, 0.0), (count - len(_THIRD), _THIRD, 0.0)]
     for first, stencil, aim in springs:
         for place, factor in enumerate(stencil):

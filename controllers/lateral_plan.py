@@ -147,7 +147,7 @@ def _keeps(task: Task, ways: np.ndarray, second: np.ndarray, speeds: Sequence[fl
     v, own = np.array(speeds[at]), np.array(task.curvature[at])
     bends = EXCESS * np.maximum(limits.bends(v), np.abs(own))
     changes = CHANGE_EXCESS * task.spacing * limits.changes(v)
-    keeps: np.ndarray = ((ways[first:] >= low[:, None]) & (ways[first:] <= high[:, None])).all(axis=0)
+    keeps: np.ndarray = np.all((ways[first:] >= low[:, None]) & (ways[first:] <= high[:, None]), axis=0)
     keeps &= (np.abs(second[at] + own[:, None]) <= bends[:, None]).all(axis=0)
     change = np.abs(second[at] - second[before])[1:]
     keeps &= (change <= changes[1:, None]).all(axis=0)
