@@ -74,10 +74,13 @@ class Standstill:
         self._resting = False
         self.holding = False  #: the car is being braked to rest, or held
 
-    def step(self, distance: float, speed: float, last_bit: bool) -> float | None:
-        """Return the acceleration that holds the car [m/s2], or None while nothing does."""
+    def step(self, distance: float, speed: float, last_bit: bool, at_once: bool = False) -> float | None:
+        """Return the acceleration that holds the car [m/s2], or None while nothing does.
+
+        `at_once`: it has been decided to set out, so a goal that has gone is not waited for.
+        """
         self._gone = self._gone + self._period if distance > self.RELEASE_DISTANCE else 0.0
-        self.holding = last_bit or (self.holding and self._gone < self.RELEASE_TIME)
+        self.holding = last_bit or (self.holding and self._gone < (self._period if at_once else self.RELEASE_TIME))
         self._resting = self.holding and (self._resting or speed < self.REST_SPEED)
         if not self.holding:
             return None

@@ -18,8 +18,10 @@ from vve_sumo.values import CommandedPath, ControlCommand, Observation, Vehicle
 from .approach import NOWHERE, Approach, Goal, Standstill
 from .deviation import Deviation, DeviationObserver
 from .emergency import Emergency
+from .give_way import GiveWay
 from .green_advice import advised_acceleration
 from .lqr import LateralRegulator
+from .others_on_ways import LidarMount
 from .preview import PreviewSteering, PreviewTuning
 from .pure_pursuit import PurePursuit
 from .radar_stop import RadarStop
@@ -47,10 +49,18 @@ TUNING: dict[str, float | str | bool] = {
     "lateral_acceleration_m_s2": 2.0,  #: that bends are driven with at most
     "emergency": True,  #: whether the emergency layer is there
     "signals": True,  #: whether it obeys the signals that a sensor of kind `signals` knows of
+    "right_of_way": True,  #: whether it gives way as a sensor of kind `right_of_way` knows; others are seen by a lidar
+    "gap_margin_s": 1.0,  #: between the car and one who goes first, at the least
+    "others_over_limit": 1.0,  #: speed of those who may be hidden, over the limit
+    "lidar_forward_m": 1.4,  #: of that lidar from the rear axle
+    "lidar_height_m": 1.9,  #: of that lidar over the road
+    "lidar_range_m": 90.0,  #: as far as that lidar sees a car
     "comfort": True,  #: whether it slows and stops comfortably for what is in the way, before that becomes urgent
 }
 
 
+#: where the lidar is that others at a junction are seen by
+LIDAR: Final = ("lidar_forward_m", "lidar_height_m", "lidar_range_m")
 #: what a tuning key may be; what lies outside is a slip of the unit
 RANGES: dict[str, tuple[float, float]] = {
     "look_ahead_time_s": (0.1, 5.0),
@@ -61,6 +71,11 @@ RANGES: dict[str, tuple[float, float]] = {
     "time_headway_s": (0.0, 5.0),
     "stop_deceleration_m_s2": (0.5, 3.3),
     "lateral_acceleration_m_s2": (0.3, 4.0),
+    "gap_margin_s": (0.0, 5.0),
+    "others_over_limit": (0.5, 2.0),
+    "lidar_forward_m": (-5.0, 15.0),
+    "lidar_height_m": (0.2, 5.0),
+    "lidar_range_m": (10.0, 300.0),
 }
 
 
@@ -146,6 +161,8 @@ class FollowAndStop:
         self._standstill = Standstill(PERIOD)
         self._signals = SignalStop(vehicle, PERIOD) if tuning.get("signals", 1.0) else None
         self._signal, self._pass_at_green = NOWHERE, pass_at_green
+        self._give_way = _giving_way(vehicle, tuning)
+        self._yield = NOWHERE
         self._emergency = Emergency(vehicle, PERIOD) if tuning["emergency"] else None
         self._comfort = bool(tuning["comfort"])
         self._stopped = False
@@ -165,6 +182,9 @@ class FollowAndStop:
         warned = self._warned.step(observation, projection) if self._warned is not None else None
         if self._signals is not None:
             self._signal = self._signals.goal(observation, projection.s)
+        if self._give_way is not None:
+            line = None if self._signals is None else self._signals.line
+            self._yield = self._give_way.goal(observation, projection.s, line, self._profiled(observation.path))
         way = None if self._avoidance is None else self._avoidance.step(observation, projection, self._tracker)
         dangers = self._tracker.dangers(observation.time, projection.s)
         if way is None:
@@ -210,6 +230,7 @@ class FollowAndStop:
                 candidates["green"] = advised_acceleration(
                     self._signals.line, self._signals.distance, speed, observation.desired_speed, observation.time
                 )
+        goals["give_way"] = self._yield
         for note, goal in goals.items():
             if goal is not NOWHERE:
                 candidates[note] = self._approach.acceleration(goal, speed, measured)
@@ -219,7 +240,9 @@ class FollowAndStop:
         note = min(candidates, key=candidates.__getitem__)
         self._cruising = note == "cruise"
         nearest = min(goals.values())
-        held = self._standstill.step(nearest.distance, speed, self._approach.is_last_bit(nearest, speed, measured))
+        last_bit = self._approach.is_last_bit(nearest, speed, measured)
+        decided = self._give_way is not None and self._give_way.sets_out
+        held = self._standstill.step(nearest.distance, speed, last_bit, at_once=decided)
         if held is not None:
             note = "hold"
         wanted = candidates[note] if held is None else held
@@ -232,6 +255,16 @@ class FollowAndStop:
         if self._profile is None:
             self._profile = SpeedProfile(path, self._lateral)
         return self._profile
+
+
+def _giving_way(vehicle: Vehicle, tuning: dict[str, float]) -> GiveWay | None:
+    """Return what gives way at junctions; None where the tuning turns it off."""
+    if not tuning.get("right_of_way", 1.0):
+        return None
+    defaults = {key: float(TUNING[key]) for key in ("gap_margin_s", "others_over_limit", *LIDAR)}
+    numbers = defaults | {key: tuning[key] for key in defaults if key in tuning}
+    lidar = LidarMount(*(numbers[key] for key in LIDAR))
+    return GiveWay(vehicle, PERIOD, numbers["gap_margin_s"], numbers["others_over_limit"], lidar)
 
 
 def steering_law(name: str, vehicle: Vehicle, tuning: dict[str, float]) -> SteeringLaw:

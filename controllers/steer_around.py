@@ -208,26 +208,19 @@ class SteerAround:
             plan = yield from self._in_comfort(sight, blocking)
         if plan is not None:
             self._adopt(sight, plan, urgent=False)
-            return
-        if self._line is None:
+        elif self._line is None:
             yield from self._swerve(sight, asking)
-            return
-        if not self._line.urgent:
-            stays = yield from self._stays(sight, blocking)
-            if stays:
-                return
-        swerved = yield from self._swerve(sight, self._in_line(sight))
-        if not swerved:
+        elif not self._line.urgent and (yield from self._stays(sight, blocking)):
+            pass
+        elif not (yield from self._swerve(sight, self._in_line(sight))):
             self._go_on(sight)
 
     def _stays(self, sight: _Sight, blocking: list[Body]) -> Generator[None, None, bool]:
         """Keep to the way that the car has, or take the one back to its path; tell whether one of them will do."""
         if blocking and self._is_free(sight, self._keeps(sight)):
             return True
-        if self._can_wait(sight, blocking):
-            gone_back = yield from self._go_back(sight)
-            if gone_back:
-                return True
+        if self._can_wait(sight, blocking) and (yield from self._go_back(sight)):
+            return True
         # Stopped halfway out it would be in the way of who comes.
         return bool(blocking) and self._is_free(sight, COMFORT)
 

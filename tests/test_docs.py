@@ -64,6 +64,7 @@ from vve_sumo.scenario.schema import Scenario, When
 from vve_sumo.scenario.story_schema import StoryCondition
 from vve_sumo.sensors.camera_settings import CameraSettings
 from vve_sumo.sensors.lidar_settings import LidarSettings
+from vve_sumo.sensors.right_of_way_settings import RightOfWaySettings
 from vve_sumo.sensors.signals_settings import SignalsSettings
 from vve_sumo.sensors.v2x_settings import V2xSettings
 from vve_sumo.stations import station_gate
@@ -255,6 +256,7 @@ GENERATED = {
     ("pictures.md", "camera file keys"): lambda: keys(CameraFile),
     ("v2x.md", "v2x keys"): lambda: keys(V2xSettings),
     ("signals.md", "signals keys"): lambda: keys(SignalsSettings),
+    ("right_of_way.md", "right of way keys"): lambda: keys(RightOfWaySettings),
     ("lidar.md", "lidar keys"): lambda: keys(LidarSettings),
     ("sweeps.md", "keys"): lambda: keys(Spec),
     ("sweeps.md", "controllers keys"): lambda: keys(VariedController, "controllers[]."),

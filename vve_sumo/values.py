@@ -328,6 +328,32 @@ class StopLines:
     green_end: Floats  #: from `time` to when that green ends at the earliest [s]; 0 where nothing is known
 
 
+@fast_frozen
+@dataclass(frozen=True, slots=True)
+class RightOfWay:
+    """The ways across the junctions around the car, and which of them go first: one row for each way.
+
+    Places are those of the map, as the path's are. A way's points begin on the lanes before the junction.
+    """
+
+    time: float  #: drive time of the output [s]; -inf before the first
+    junction: NDArray[np.int64]  #: number of the junction (W)
+    #: what tells the way to give way: 0 nothing, 1 minor road or turn across oncoming traffic, 2 stop sign, 3 stop sign
+    #: as everybody else has, 4 equal roads, 5 signal, at whose green others may go first (W)
+    control: NDArray[np.int8]
+    width: Floats  #: of the lane before the junction [m] (W)
+    speed_limit: Floats  #: on the lanes before it, the greatest [m/s] (W)
+    speed_across: Floats  #: allowed inside the junction, the least [m/s] (W)
+    line: Floats  #: of the end of the lane before it, at its stop line, along the points [m] (W)
+    exit: Floats  #: of the begin of the lane after it, along the points [m] (W)
+    ends: NDArray[np.bool_]  #: whether nobody comes from beyond the first point (W)
+    first: NDArray[np.int64]  #: row of the way's first point; the last number is that of all points (W + 1)
+    x: Floats  #: of the points, map [m] (P)
+    y: Floats  #: of the points, map [m] (P)
+    own: NDArray[np.int64]  #: row of a way that has to give way ... (C)
+    prior: NDArray[np.int64]  #: ... and of one that goes first (C)
+
+
 #: first-order time constant from throttle to drive force, assumed for a car without calibration [s]
 DRIVE_LAG: Final = 0.25
 

@@ -98,7 +98,7 @@ def test_the_toy_measures_what_another_geometry_says() -> None:
 
 
 def test_the_shipped_kinds_are_known() -> None:
-    assert set(PORT.shipped) == {"radar", "lidar", "camera", "v2x", "signals"} <= set(PORT.known())
+    assert set(PORT.shipped) == {"radar", "lidar", "camera", "v2x", "signals", "right_of_way"} <= set(PORT.known())
 
 
 @pytest.mark.parametrize(
@@ -176,7 +176,7 @@ def test_a_scenario_with_wrong_sensors_is_one_line(sensors: list[dict[str, Any]]
         (AHEAD | {"settings": {"width_m": -1.0}}, r"sensors\.ahead: sensor .*: width_m: expected greater than 0"),
         (
             AHEAD | {"kind": "sonar"},
-            r"sensors\.ahead: sensor sonar: unknown; known are camera, lidar, radar, signals, v2x",
+            r"sensors\.ahead: sensor sonar: unknown; known are camera, lidar, radar, right_of_way, signals, v2x",
         ),
         (
             {"name": "roof", "kind": "lidar", "settings": {"azimuth_step_deg": 0.7}},

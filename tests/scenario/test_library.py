@@ -17,14 +17,17 @@ from vve_sumo.scenario.overrides import apply_overrides
 
 FOLDER = REPOSITORY / "scenarios"
 NAMES = sorted(file.stem for file in FOLDER.glob("*.toml"))
-#: nobody stands or moves in the ego's way in these: there is nothing to run into
+#: nobody stands in the ego's way in these, and no actor moves in it: there is nothing to run into but traffic
 WITHOUT_CONFLICT = {
     "calibration",
     "calibration_short",
     "leap_hard_stop",
     "leap_loop",
+    "left_at_green",
+    "minor_road",
     "rush_hour",
     "steering_probe",
+    "stop_sign",
     "two_cars",
 }
 #: tests of their own (calibration, both probes, parked car), and minutes of driving (`benchmarks/library.py` drives

@@ -49,6 +49,7 @@ from vve_sumo.vehicle.model import VehicleModel
 from vve_sumo.version import __version__
 from vve_sumo.wire.outputs import KINDS
 from vve_sumo.world.intersections import intersections
+from vve_sumo.world.junctions import junctions
 from vve_sumo.world.network import Network, NetworkLane, read_network
 
 if TYPE_CHECKING:
@@ -181,15 +182,21 @@ class ResolvedScenario:
         ]
         signals = any(settings.sees_signals() for settings in self.sensors().values())
         crossings = intersections(self.network.path) if signals else ()
-        return Street(self._buildings(), lanes, self.map_frame, crossings)
+        yields = any(settings.sees_junctions() for settings in self.sensors().values())
+        priorities = junctions(self.network.path, self._around_path()) if yields else ()
+        return Street(self._buildings(), lanes, self.map_frame, crossings, priorities)
 
     def _buildings(self) -> tuple[Building, ...]:
         file = self.files.get(BUILDINGS)
         if file is None:
             return ()
+        return tuple(buildings_near(file, self._around_path()))
+
+    def _around_path(self) -> tuple[float, float, float, float]:
+        """Return the box around all that is no farther from the path than MAX_DISTANCE_FROM_PATH, map [m]."""
         points = np.array(self.path.points)
         low, high = points.min(axis=0) - MAX_DISTANCE_FROM_PATH, points.max(axis=0) + MAX_DISTANCE_FROM_PATH
-        return tuple(buildings_near(file, (low[0], low[1], high[0], high[1])))
+        return low[0], low[1], high[0], high[1]
 
     def own_metrics(self) -> OwnMetrics:
         """Return the metrics that the scenario's `metrics` name, loaded once, and make them known by name.

@@ -102,6 +102,7 @@ def tick_row(
         actors=len(around.actors.ids),
         contacts="+".join(around.contacts),
         red_light=around.red_light,
+        stop_sign=around.stop_sign,
         **result_columns(result),
         **status_columns(recorded.status),
     )

@@ -109,6 +109,7 @@ class EgoSurroundings:
     faults: tuple[str, ...] = ()  #: reason codes for the next tick
     detail: str = ""  #: SUMO's last error message about the ego
     red_light: str = ""  #: the signal whose stop line the front bumper passed on red in the last step; empty for none
+    stop_sign: str = ""  #: the lane past whose stop sign it went then, not having stood there; empty for none
     #: returns what the signals show at a drive time [s], and how long at least; nothing where no sensor sees signals
     signals: Callable[[float], Mapping[str, SignalPhase]] = no_signals
 
@@ -234,4 +235,5 @@ class VirtualRoad:
             around.faults = report.faults + (("virtual_contact",) if contacts else ()) + self._people_faults
             around.detail = report.detail or around.detail
             around.red_light = self._world.red_light(name)
+            around.stop_sign = self._world.stop_sign(name)
         return reports

@@ -18,6 +18,7 @@ from vve_sumo.metrics import following
 from vve_sumo.metrics.approach import HUNTING, pressed
 from vve_sumo.metrics.braked_for import hardest_braking_for, last_stop_for
 from vve_sumo.metrics.conflict import HORIZON
+from vve_sumo.metrics.crossing_traffic import min_crossing_pet
 from vve_sumo.metrics.drive_data import FOLLOWING_SPEED, MIN_FOLLOWED, DriveData
 from vve_sumo.metrics.following import MAX_DECELERATION
 from vve_sumo.metrics.frequency_weighting import WD, WF
@@ -231,6 +232,35 @@ metric(
     ),
     worse="higher",
     missing="the record is of an earlier layout",
+)
+
+
+metric(
+    "stop_signs_run",
+    "stop signs run",
+    "how often the front bumper passed the line of a stop sign without having stood in the 5 m before it, by SUMO's "
+    "network, none in records that hold no stop signs",
+    lambda drive: (
+        float(sum(1 for name in drive.ticks["stop_sign"].to_pylist() if name))
+        if "stop_sign" in drive.ticks.column_names
+        else math.nan
+    ),
+    worse="higher",
+    missing="the record is of an earlier layout",
+)
+
+
+metric(
+    "min_crossing_pet_s",
+    "minimum post-encroachment time",
+    "from when the first one leaves the ground that the ego and an actor both cover to when the second one enters it, "
+    "least of all actors whose way crosses the ego's at more than 30°, whoever was first; negative where both were in "
+    "it, none where nobody crosses",
+    lambda drive: min_crossing_pet(drive.motion.time, drive.ego_boxes, drive.actor_rows),
+    worse="lower",
+    source="Allen, Shin and Cooper 1978",
+    missing="nobody crossed the ego's way",
+    absent=math.inf,
 )
 
 

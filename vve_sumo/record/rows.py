@@ -71,6 +71,10 @@ class TickRow:
     red_light: str = _column(
         "signal that was red as the front bumper passed its stop line in the step to the next tick; empty for none"
     )
+    stop_sign: str = _column(
+        "lane past whose stop sign the front bumper went in the step to the next tick, not having stood before it; "
+        "empty for none"
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -412,7 +412,7 @@ class PassCriteria(Table):
     def _without_later_ones_that_are_not_judged(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave out later criteria that are not stated: records of drives without them stay what they were."""
         written: dict[str, Any] = handler(self)
-        later = {*OF_RIDE, "red_lights_run"}
+        later = {*OF_RIDE, "red_lights_run", "stop_signs_run", "min_crossing_pet_s"}
         return {name: value for name, value in written.items() if value is not None or name not in later}
 
 

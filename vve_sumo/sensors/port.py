@@ -37,7 +37,10 @@ PORT: Final = Port(
     "sensor",
     "vve_sumo.sensors",
     "()",
-    {kind: f"vve_sumo.sensors.{kind}_settings" for kind in ("radar", "lidar", "camera", "v2x", "signals")},
+    {
+        kind: f"vve_sumo.sensors.{kind}_settings"
+        for kind in ("radar", "lidar", "camera", "v2x", "signals", "right_of_way")
+    },
 )
 #: kind and name of the sensor that every scenario has; the scenario's table of that name sets it
 STANDARD: Final = "radar"
@@ -142,6 +145,11 @@ class SensorSettings(Table):
     @classmethod
     def sees_signals(cls) -> bool:
         """Whether the kind needs the intersections of the street; its sensors then have a method `show`."""
+        return False
+
+    @classmethod
+    def sees_junctions(cls) -> bool:
+        """Whether the kind needs the junctions of the street, and who goes first there."""
         return False
 
     @classmethod

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from vve_sumo.intersections import Intersection
+from vve_sumo.junctions import Junction
 from vve_sumo.values import Floats
 
 if TYPE_CHECKING:
@@ -47,6 +48,8 @@ class Street(NamedTuple):
     lanes: Sequence[LaneStrip] = ()
     map_frame: MapFrame | None = None  #: where on Earth the map lies; None: nobody says
     intersections: Sequence[Intersection] = ()  #: those with signals, where a sensor sees signals
+    #: those at which somebody has to give way, near the path, where a sensor knows of right of way
+    junctions: Sequence[Junction] = ()
 
 
 class LaneBorders(NamedTuple):

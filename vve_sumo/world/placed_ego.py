@@ -37,8 +37,9 @@ class PlacedEgo:
         self.rows: Sequence[Row] = ()  #: of the actors around it
         self.snapshot: Actors = table(0.0, ())  #: the same as a table
         self.route = ego.route
-        self.looked_at: Pose | None = None  #: the pose at which red lights were last looked for
+        self.looked_at: Pose | None = None  #: the pose at which it was last looked for passed lines
         self.red_light = ""  #: the signal that it passed on red in the last step; empty for none
+        self.stop_sign = ""  #: the lane past whose stop sign it went in that step without a stop; empty for none
 
     def place(self, pose: Pose) -> bool:
         """Have the front bumper at `pose` when the coming step ends; return whether the pose was accepted."""

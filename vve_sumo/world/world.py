@@ -28,6 +28,7 @@ from vve_sumo.world.signal_states import SignalStates
 from vve_sumo.world.simulation import SUMO_ERRORS
 from vve_sumo.world.standoff import STANDING
 from vve_sumo.world.step_time import StepTimeBudget
+from vve_sumo.world.stop_signs import StopSigns
 from vve_sumo.world.surroundings import Surroundings, table
 
 #: Gap that traffic needs to an ego that enters among moving vehicles [m]: SUMO's standstill gap.
@@ -91,7 +92,7 @@ class World:
         self._removed_at_entry: tuple[str, ...] = ()
         self._removed_after_standoff: tuple[str, ...] = ()
         self._actor_states: Sequence[ActorState] = ()
-        self._signals, self._red_lights = SignalStates(), RedLights()
+        self._signals, self._red_lights, self._stop_signs = SignalStates(), RedLights(), StopSigns()
 
     @property
     def signals(self) -> tuple[SignalChange, ...]:
@@ -175,7 +176,7 @@ class World:
             if self._begun:
                 self._look(now)
                 self._signals.look(now)
-                self._look_for_red_lights()
+                self._look_for_lines_passed()
             if self._clock and self._step_time_budget and self._begun:
                 places = [(ego.pose.x, ego.pose.y) for ego in self._egos if ego.pose is not None]
                 self._step_time_budget.step(self._clock() - begun, places, self._hidden())
@@ -213,6 +214,10 @@ class World:
     def red_light(self, ego: str) -> str:
         """Return the signal whose line an ego's front bumper passed on red in the last step; empty for none."""
         return self._by_id[ego].red_light
+
+    def stop_sign(self, ego: str) -> str:
+        """Return the lane past whose stop sign an ego's front bumper went in the last step, not having stood there."""
+        return self._by_id[ego].stop_sign
 
     def close(self) -> None:
         """End the simulation; the process may start another."""
@@ -286,13 +291,14 @@ class World:
             if ego.sync.entered():
                 self._surroundings.watch(ego.id)
 
-    def _look_for_red_lights(self) -> None:
-        """Note which egos passed a stop line on red in the step that was made."""
+    def _look_for_lines_passed(self) -> None:
+        """Note which egos passed a stop line on red, or a stop sign without a stop, in the step that was made."""
         for ego in self._egos:
             before, after = ego.looked_at, ego.pose
-            ego.red_light = ""
+            ego.red_light = ego.stop_sign = ""
             if before is not None and after is not None:
                 ego.red_light = self._red_lights.passed(before, after, ego.route, self._signals.shown)
+                ego.stop_sign = self._stop_signs.passed(ego.id, before, after, ego.route)
             ego.looked_at = after
 
     def _end_standoffs(self, ego: PlacedEgo) -> None:
