@@ -1,12 +1,14 @@
 """How late a command and the outgoing wires are, live: from the kernel's stamp of a fix.
 
-python benchmarks/latency.py [--seconds S] [--rounds N] [--smoke]
+python benchmarks/latency.py [--seconds S] [--rounds N] [--ros2] [--smoke]
 The whole live stack with the simulated vehicle (UDP loopback, slcan on a pty). Twenty boxes stand in the radar's range;
 the network holds 500 vehicles besides, or none; the rig has no outputs, or GNSS (NCOM) and radar datagrams over UDP;
 the car has its radar, or a lidar and a camera's list of objects besides.
 Drives of all kinds alternate, so that a noisy machine disturbs them alike; the figures are of all ticks of all rounds.
 A command's latency, to the return of the last command frame's send, is from the drives' own latency tables; that of a
-datagram is from the fix's stamp there to the kernel's stamp of the datagram at its receiver. `--smoke` drives for
+datagram is from the fix's stamp there to the kernel's stamp of the datagram at its receiver. `--ros2` compares three
+kinds alone: no outputs, outputs that nobody shows, and the ROS 2 bridge beside the drive with a subscriber of its
+`/odom`, by Cyclone DDS in this process; a message's latency is to when that process has read it. `--smoke` drives for
 seconds, to see that everything runs; its figures say nothing.
 """
 
@@ -22,6 +24,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -35,10 +38,12 @@ sys.path.insert(0, str(REPOSITORY))
 
 from benchmarks.tick import demand  # noqa: E402
 from vve_sumo.pose.ncom import Decoder  # noqa: E402
+from vve_sumo.pose.nmea_encoder import LEAP_SECONDS  # noqa: E402
 from vve_sumo.pose.sources import Source, open_udp  # noqa: E402
 from vve_sumo.record.latencies import LEGS, TOTAL, latency_summary  # noqa: E402
 from vve_sumo.record.reader import read_table  # noqa: E402
 from vve_sumo.wire.datagrams import decode_radar  # noqa: E402
+from vve_sumo.wire.ros2.messages import GNSS_EPOCH  # noqa: E402
 
 BOXES = 20
 
@@ -49,14 +54,19 @@ class Case(NamedTuple):
     vehicles: int
     outputs: bool = False
     senses: bool = False
+    ros2: bool = False
 
     def __str__(self) -> str:
-        return f"{self.vehicles} vehicles{', outputs' * self.outputs}{', lidar and camera' * self.senses}"
+        besides = ", outputs" * self.outputs + ", lidar and camera" * self.senses + ", ROS 2 bridge" * self.ros2
+        return f"{self.vehicles} vehicles{besides}"
 
 
 CASES = (Case(0), Case(0, outputs=True), Case(500), Case(0, senses=True))
 SMOKE = (Case(0), Case(0, outputs=True))
+WITH_BRIDGE = (Case(0), Case(0, outputs=True), Case(0, ros2=True))
 WIRES = ("ncom", "radar")
+BRIDGE_WIRES = ("ncom", "scene", "radar")
+DOMAIN = 97  # of the bridge and its subscriber
 
 
 def scenario(folder: Path, case: Case, seconds: float) -> Path:
@@ -81,7 +91,7 @@ def scenario(folder: Path, case: Case, seconds: float) -> Path:
 
 
 def _file_name(case: Case) -> str:
-    return f"latency_{case.vehicles}_{int(case.outputs)}_{int(case.senses)}"
+    return f"latency_{case.vehicles}_{int(case.outputs)}_{int(case.senses)}_{int(case.ros2)}"
 
 
 def rig(folder: Path, ports: dict[str, int]) -> Path:
@@ -95,6 +105,7 @@ def rig(folder: Path, ports: dict[str, int]) -> Path:
     table["car_start"]["fidelity"] = "ideal"
     if ports:
         table["outputs"] = [{"kind": kind, "udp": f"127.0.0.1:{number}"} for kind, number in ports.items()]
+    table["ros2"] = {"domain_id": DOMAIN}
     file = folder / "bench.toml"
     file.write_text(tomlkit.dumps(table), encoding="utf-8")
     return file
@@ -128,17 +139,64 @@ class Receivers:
             for source in self._sources.values():
                 source.close()
 
-    def latencies(self, table: pa.Table, t0: float, epoch: float) -> dict[str, Any]:
-        """Return by wire how long after its tick's fix each valid datagram came [ms]; a tick without a fix has none."""
-        due = np.array(table["due_s"])
-        fixes = np.where(np.array(table["woken_by"]) == "datagram", np.array(table["received_s"]), math.nan)
-        late = {}
-        for kind, datagrams in self.heard.items():
-            came = np.array([(stamp - t0, time - epoch) for stamp, time in _dated(kind, datagrams)]).reshape(-1, 2)
-            nearest = np.abs(due[:, None] - came[None, :, 1]).argmin(axis=0) if len(came) else np.zeros(0, int)
-            found = 1000.0 * (came[:, 0] - fixes[nearest])
-            late[kind] = found[np.isfinite(found)]
-        return late
+    def dated(self) -> dict[str, list[tuple[float, float]]]:
+        """Return by wire the arrival of each valid datagram, and the GNSS time of the tick that made it."""
+        return {kind: list(_dated(kind, datagrams)) for kind, datagrams in self.heard.items()}
+
+
+class Subscriber:
+    """Hears a topic of the bridge that it starts; arrivals are the times at which a message has been read."""
+
+    def __init__(self, scenario: Path, rig: Path) -> None:
+        from vve_sumo.bridges.ros2.dds import Dds
+
+        command = [sys.executable, "-m", "vve_sumo.cli", "ros2", str(scenario), "--rig", str(rig)]
+        self._bridge = subprocess.Popen(command, cwd=REPOSITORY, stderr=subprocess.PIPE, text=True)
+        assert self._bridge.stderr is not None
+        self._bridge.stderr.readline()  # it listens
+        self._dds = Dds(DOMAIN)
+        self._dds.subscribe("/odom", "nav_msgs/msg/Odometry")
+        self._heard: list[tuple[float, float]] = []
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._hear)
+
+    def _hear(self) -> None:
+        while not self._over.is_set():
+            select.select([self._dds], [], [], 0.05)
+            for heard in self._dds.heard():
+                stamp = heard.message.header.stamp
+                unix = stamp.sec + 1e-9 * stamp.nanosec
+                self._heard.append((time.monotonic(), unix - GNSS_EPOCH + LEAP_SECONDS))
+
+    @contextlib.contextmanager
+    def listening(self) -> Iterator[None]:
+        """Listen while the block runs."""
+        self._thread.start()
+        try:
+            yield
+        finally:
+            self._over.set()
+            self._thread.join()
+            self._dds.close()
+            self._bridge.terminate()
+            print(self._bridge.communicate()[1].strip())
+
+    def dated(self) -> dict[str, list[tuple[float, float]]]:
+        """Return by topic the arrival of each message, and the GNSS time of its tick."""
+        return {"/odom": self._heard}
+
+
+def latencies(heard: dict[str, list[tuple[float, float]]], table: pa.Table, t0: float, epoch: float) -> dict[str, Any]:
+    """Return by wire how long after its tick's fix each message came [ms]; a tick without a fix has none."""
+    due = np.array(table["due_s"])
+    fixes = np.where(np.array(table["woken_by"]) == "datagram", np.array(table["received_s"]), math.nan)
+    late = {}
+    for kind, dated in heard.items():
+        came = np.array([(stamp - t0, at - epoch) for stamp, at in dated]).reshape(-1, 2)
+        nearest = np.abs(due[:, None] - came[None, :, 1]).argmin(axis=0) if len(came) else np.zeros(0, int)
+        found = 1000.0 * (came[:, 0] - fixes[nearest])
+        late[kind] = found[np.isfinite(found)]
+    return late
 
 
 def _port(source: Source) -> int:
@@ -171,11 +229,16 @@ class Driven(NamedTuple):
 def drive(folder: Path, case: Case, seconds: float, number: int) -> Driven:
     """Drive once in processes of its own."""
     record = folder / f"{_file_name(case)}_record_{number}"
-    receivers = Receivers()
-    file = rig(folder, receivers.ports if case.outputs else {})
-    command = [sys.executable, "-m", "vve_sumo.cli", "drive", str(scenario(folder, case, seconds))]
-    command += ["--rig", str(file), "--out", str(record)]
-    with receivers.listening():
+    road = scenario(folder, case, seconds)
+    listener: Receivers | Subscriber
+    if case.ros2:
+        file = rig(folder, dict(zip(BRIDGE_WIRES, _free_ports(len(BRIDGE_WIRES)), strict=True)))
+        listener = Subscriber(road, file)
+    else:
+        listener = receivers = Receivers()
+        file = rig(folder, receivers.ports if case.outputs else {})
+    command = [sys.executable, "-m", "vve_sumo.cli", "drive", str(road), "--rig", str(file), "--out", str(record)]
+    with listener.listening():
         done = subprocess.run(
             command, check=False, cwd=REPOSITORY, stdin=subprocess.DEVNULL, capture_output=True, text=True
         )
@@ -185,7 +248,16 @@ def drive(folder: Path, case: Case, seconds: float, number: int) -> Driven:
     t0 = json.loads((record / "processes.json").read_text(encoding="utf-8"))["t0_monotonic_s"]
     epoch = json.loads((record / "scenario.json").read_text(encoding="utf-8"))["epoch_gnss_s"]
     summary = json.loads((record / "summary.json").read_text(encoding="utf-8"))
-    return Driven(table, summary, receivers.latencies(table, t0, epoch) if case.outputs else {})
+    heard = listener.dated() if case.outputs or case.ros2 else {}
+    return Driven(table, summary, latencies(heard, table, t0, epoch))
+
+
+def _free_ports(count: int) -> list[int]:
+    with contextlib.ExitStack() as open_:
+        probes = [open_.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(count)]
+        for probe in probes:
+            probe.bind(("127.0.0.1", 0))
+        return [int(probe.getsockname()[1]) for probe in probes]
 
 
 def main() -> None:
@@ -193,11 +265,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=30.0, help="of each drive, after go (default: 30)")
     parser.add_argument("--rounds", type=int, default=2, help="of each case (default: 2)")
+    parser.add_argument("--ros2", action="store_true", help="the ROS 2 bridge alone: with it and without")
     parser.add_argument("--smoke", action="store_true", help="drive for 2 s, once each, without traffic")
     arguments = parser.parse_args()
-    cases, seconds, rounds = CASES, arguments.seconds, arguments.rounds
+    cases: tuple[Case, ...] = WITH_BRIDGE if arguments.ros2 else CASES
+    seconds, rounds = arguments.seconds, arguments.rounds
     if arguments.smoke:
-        cases, seconds, rounds = SMOKE, 2.0, 1
+        cases, seconds, rounds = (cases if arguments.ros2 else SMOKE), 2.0, 1
     driven: dict[Case, list[Driven]] = {case: [] for case in cases}
     with tempfile.TemporaryDirectory() as scratch:
         for number in range(rounds):
@@ -211,7 +285,7 @@ def main() -> None:
                     f"{1000.0 * load.get('longest_s', 0.0):.1f} ms"
                 )
     show({case: latency_summary(pa.concat_tables([one.table for one in parts])) for case, parts in driven.items()})
-    show_wires({case: parts for case, parts in driven.items() if case.outputs})
+    show_wires({case: parts for case, parts in driven.items() if case.outputs or case.ros2})
 
 
 def show(figures: dict[Case, dict[str, Any]]) -> None:
@@ -232,7 +306,7 @@ def show(figures: dict[Case, dict[str, Any]]) -> None:
 def show_wires(driven: dict[Case, list[Driven]]) -> None:
     """Print how long after its fix each wire's datagram came [ms]."""
     for case, parts in driven.items():
-        for kind in WIRES:
+        for kind in parts[0].late:
             late = np.concatenate([one.late[kind] for one in parts])
             middle, most = np.percentile(late, (50, 99)) if len(late) else (math.nan, math.nan)
             print(f"{case}, fix to {kind}: median {middle:.3f} ms, p99 {most:.2f} ms, {len(late)} datagrams")

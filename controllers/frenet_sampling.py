@@ -8,7 +8,6 @@ and Automation*, 987, 2010). A lane change is the case that goes out and has not
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
@@ -21,7 +20,7 @@ from vve_sumo.values import Vehicle
 from . import steer_around
 from .follow_and_stop import FollowAndStop
 from .free_space import Room
-from .lateral_plan import SLOWEST, LateralPlan, Task, times_at, within_limits
+from .lateral_plan import SLOWEST, LateralPlan, Planning, Task, all_within_limits, times_at, within_limits
 from .steer_around import controller
 
 TUNING: dict[str, float | str | bool] = {
@@ -35,21 +34,26 @@ SLOWER: Final = (0.75, 0.5)  #: speeds that it leads to, as shares of the expect
 SLOWING_TIME: Final = 4.0  #: in which it does so [s]
 CHEAPER: Final = 0.6  #: a way takes the place of the one that the car is on if it costs this share of it, or less
 LEAST_LENGTH: Final = 6.0  #: of a quintic [m]
-#: costs: of lateral jerk against distance from the path, and of a speed below the expected one
-JERK_COST, SPEED_COST = 0.05, 2.0
+NEAR: Final = 0.05  #: a way may come nearer to a body by this than it shall [m]
+#: costs: of lateral jerk against distance from the path, and of a speed below the expected one. With half of that,
+#: to stay behind a bicyclist at half the speed cost as much as to pass, and noise decided at every turn of the lidar.
+JERK_COST, SPEED_COST = 0.05, 4.0
 
 
-class Quintic(NamedTuple):
-    """A polynomial of fifth degree from a state at 0 to rest at its length; beyond its ends it goes on straight."""
+class Quintics(NamedTuple):
+    """Polynomials of fifth degree from a state at 0 to rest at their lengths, beyond which they go on straight."""
 
-    length: float
-    coefficients: tuple[float, float, float, float, float, float]  #: lowest power first
+    length: np.ndarray  #: shape (n,)
+    coefficients: tuple[np.ndarray, ...]  #: lowest power first, shape (n,) each
 
     @classmethod
-    def to_rest(cls, start: tuple[float, float, float], end: float, length: float) -> Quintic:
-        """Return the polynomial from value, slope and second derivative at 0 to a value with neither, at a length."""
+    def to_rest(
+        cls, start: tuple[np.ndarray | float, float, float], end: np.ndarray | float, length: np.ndarray
+    ) -> Quintics:
+        """Return the polynomials from values, slope and second derivative at 0 to values with neither, at lengths."""
         value, slope, second = start
-        c0, c1, c2 = value, slope, 0.5 * second
+        zero = 0.0 * length
+        c0, c1, c2 = value + zero, slope + zero, 0.5 * second + zero
         # The three conditions at the end, solved for the three highest coefficients.
         far = length * length
         p = end - (c0 + c1 * length + c2 * far)
@@ -62,7 +66,7 @@ class Quintic(NamedTuple):
         return cls(length, (c0, c1, c2, c3, c4, c5))
 
     def at(self, places: np.ndarray) -> np.ndarray:
-        """Return the values at places; at the end's beyond it."""
+        """Return the values at places, shape (m, n) or (m, 1), as (m, n); that at the end for what is beyond it."""
         u = np.minimum(places, self.length)
         c0, c1, c2, c3, c4, c5 = self.coefficients
         values: np.ndarray = c0 + u * (c1 + u * (c2 + u * (c3 + u * (c4 + u * c5))))
@@ -91,24 +95,29 @@ class FrenetSampling:
     #: Its ways are far within the limits but for a few places, and a kept one is not laid anew.
     setting_out_share = 1.0
 
-    def plan(self, task: Task) -> LateralPlan | None:
-        """Return the way, None where none that is drawn is within the limits."""
+    def planning(self, task: Task) -> Planning:
+        """Draw ways at one speed after the other, and return the cheapest, None where none is within the limits."""
         best, least = _kept(task)
         for speeds, slower in _speeds(task):
+            yield
             room = task.room(times_at(speeds, task.spacing))
             first = len(task.head)
-            low, high = np.array(room.low), np.array(room.high)
-            drawn = []
-            for offsets in _ways(task, room, speeds):
-                if (offsets[first:] >= low[first:] - 0.05).all() and (offsets[first:] <= high[first:] + 0.05).all():
-                    drawn.append((_cost(offsets, task.spacing, speeds) + slower, offsets))
-            for cost, offsets in sorted(drawn, key=lambda one: one[0]):
-                if cost >= least:
-                    break
-                plan = LateralPlan(tuple(offsets.tolist()), tuple(speeds))
-                if within_limits(task, plan, room):
-                    best, least = plan, cost
-                    break
+            low, high = np.array(room.low[first:]) - NEAR, np.array(room.high[first:]) + NEAR
+            if (low > high).any():
+                continue
+            ways = _ways(task, room, speeds)
+            free = ((ways[first:] >= low[:, None]) & (ways[first:] <= high[:, None])).all(axis=0)
+            ways = ways[:, free]
+            costs = _costs(ways, task.spacing, speeds) + slower
+            cheaper = costs < least
+            if not cheaper.any():
+                continue
+            yield
+            ways, costs = ways[:, cheaper], costs[cheaper]
+            keeps = all_within_limits(task, ways, speeds, room)
+            if keeps.any():
+                way = int(np.where(keeps, costs, math.inf).argmin())
+                best, least = LateralPlan(tuple(ways[:, way].tolist()), tuple(speeds)), float(costs[way])
         return best
 
 
@@ -122,7 +131,7 @@ def _kept(task: Task) -> tuple[LateralPlan | None, float]:
     plan = LateralPlan(task.before, tuple(task.speeds))
     if not within_limits(task, plan, task.room(times_at(task.speeds, task.spacing))):
         return None, math.inf
-    return plan, CHEAPER * _cost(np.array(plan.offsets), task.spacing, plan.speeds)
+    return plan, CHEAPER * float(_costs(np.array(plan.offsets)[:, None], task.spacing, plan.speeds)[0])
 
 
 def _speeds(task: Task) -> Iterator[tuple[Sequence[float], float]]:
@@ -137,32 +146,34 @@ def _speeds(task: Task) -> Iterator[tuple[Sequence[float], float]]:
         yield speeds, SPEED_COST * len(speeds) * (1.0 - share)
 
 
-def _ways(task: Task, room: Room, speeds: Sequence[float]) -> Iterator[np.ndarray]:
-    """Draw ways through the nodes."""
+def _ways(task: Task, room: Room, speeds: Sequence[float]) -> np.ndarray:
+    """Draw ways through the nodes; return their offsets [m], shape (nodes, ways)."""
     head, spacing, count = task.head, task.spacing, len(speeds)
     start, first = _state(head, spacing), len(head) - 1
-    places = spacing * np.arange(count - first)
+    places = spacing * np.arange(count - first)[:, None]
     blocked = [node for node in range(first + 1, count) if room.low[node] > 0.0 or room.high[node] < 0.0]
-    pace = max(speeds[first], SLOWEST)
-    lead = np.array(head[:-1])
+    paces = np.maximum(np.array(speeds[first:]), SLOWEST)
+    back_times = np.array(BACK_TIMES)
     if not blocked:
-        for time in BACK_TIMES:
-            yield np.concatenate((lead, Quintic.to_rest(start, 0.0, max(pace * time, LEAST_LENGTH)).at(places)))
-        return
-    over = max(room.low[node] for node in blocked)
-    under = min(room.high[node] for node in blocked)
-    must, outwards = (over, 1.0) if over > 0.0 else (under, -1.0)
-    reach, until = spacing * (blocked[0] - first), spacing * (blocked[-1] - first)
-    lengths = {max(share * reach, LEAST_LENGTH) for share in SHARES} | {
-        max(pace * time, LEAST_LENGTH) for time in BACK_TIMES
-    }
-    for beyond, length, back in itertools.product(BEYOND, sorted(lengths), BACK_TIMES):
-        aside = must + outwards * beyond
-        out = Quintic.to_rest(start, aside, length)
-        begins = max(until, length)
-        home = Quintic.to_rest((aside, 0.0, 0.0), 0.0, max(pace * back, LEAST_LENGTH))
-        way = np.where(places <= begins, out.at(places), home.at(np.maximum(places - begins, 0.0)))
-        yield np.concatenate((lead, way))
+        ways = Quintics.to_rest(start, 0.0, np.maximum(paces[0] * back_times, LEAST_LENGTH)).at(places)
+    else:
+        over = max(room.low[node] for node in blocked)
+        under = min(room.high[node] for node in blocked)
+        must, outwards = (over, 1.0) if over > 0.0 else (under, -1.0)
+        reach, until = spacing * (blocked[0] - first), spacing * (blocked[-1] - first)
+        lengths = {max(share * reach, LEAST_LENGTH) for share in SHARES}
+        lengths |= {max(float(paces[0]) * time, LEAST_LENGTH) for time in BACK_TIMES}
+        aside, length, back = (
+            part.ravel()
+            for part in np.meshgrid(must + outwards * np.array(BEYOND), sorted(lengths), back_times, indexing="ij")
+        )
+        begins = np.maximum(length, until)
+        # By then the car may be much faster: at the speed that it has here, it would come back in far too short a way.
+        pace = paces[np.minimum(np.ceil(begins / spacing).astype(np.intp), len(paces) - 1)]
+        out = Quintics.to_rest(start, aside, length).at(places)
+        home = Quintics.to_rest((aside, 0.0, 0.0), 0.0, np.maximum(pace * back, LEAST_LENGTH))
+        ways = np.where(places <= begins, out, home.at(np.maximum(places - begins, 0.0)))
+    return np.concatenate((np.repeat(np.array(head[:-1])[:, None], ways.shape[1], axis=1), ways))
 
 
 def _state(head: Sequence[float], spacing: float) -> tuple[float, float, float]:
@@ -172,12 +183,13 @@ def _state(head: Sequence[float], spacing: float) -> tuple[float, float, float]:
     return here, (here - last) / spacing + 0.5 * second * spacing, second
 
 
-def _cost(offsets: np.ndarray, spacing: float, speeds: Sequence[float]) -> float:
-    """Return the cost of a way: squares of lateral jerk and of distance from the path, over all nodes."""
+def _costs(ways: np.ndarray, spacing: float, speeds: Sequence[float]) -> np.ndarray:
+    """Return the costs of ways: squares of lateral jerk and of distance from the path, over all nodes."""
     v = np.maximum(np.array(speeds), SLOWEST)
-    third = (offsets[3:] - 3.0 * offsets[2:-1] + 3.0 * offsets[1:-2] - offsets[:-3]) / spacing**3
-    jerk = third * (v * v * v)[2:-1]
-    return JERK_COST * float((jerk * jerk).sum()) + float((offsets * offsets).sum())
+    third = (ways[3:] - 3.0 * ways[2:-1] + 3.0 * ways[1:-2] - ways[:-3]) / spacing**3
+    jerk = third * (v * v * v)[2:-1, None]
+    costs: np.ndarray = JERK_COST * (jerk * jerk).sum(axis=0) + (ways * ways).sum(axis=0)
+    return costs
 
 
 def make(vehicle: Vehicle, tuning: Tuning) -> FollowAndStop:

@@ -5,8 +5,7 @@ It knows the limits of a car that is steered, and no bodies.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple, Protocol
 
@@ -53,6 +52,18 @@ class LateralLimits(NamedTuple):
         v = max(speed, SLOWEST)
         return min(self.jerk / (v * v * v), TURNING_SHARE * self.turning / v)
 
+    def bends(self, speeds: np.ndarray) -> np.ndarray:
+        """Return the greatest curvatures at speeds [1/m]."""
+        v = np.maximum(speeds, SLOWEST)
+        greatest: np.ndarray = np.minimum(self.acceleration / (v * v), CURVATURE_SHARE * self.tightest)
+        return greatest
+
+    def changes(self, speeds: np.ndarray) -> np.ndarray:
+        """Return the greatest changes of curvature along the way at speeds [1/m2]."""
+        v = np.maximum(speeds, SLOWEST)
+        greatest: np.ndarray = np.minimum(self.jerk / (v * v * v), TURNING_SHARE * self.turning / v)
+        return greatest
+
 
 class Task(NamedTuple):
     """What a planner plans."""
@@ -73,15 +84,33 @@ class LateralPlan(NamedTuple):
     speeds: tuple[float, ...]  #: at every node [m/s]
 
 
+#: a plan in the making: it yields after each portion of work, and returns the way, None where none is within the limits
+Planning = Generator[None, None, LateralPlan | None]
+
+
 class Planner(Protocol):
     """Whatever lays a way through the nodes."""
 
     setting_out_share: float
     """Of the limits, before the car has left its path. The rest is for what is seen better from nearer."""
 
-    def plan(self, task: Task) -> LateralPlan | None:
-        """Return the way, None where there is none within the limits."""
+    def planning(self, task: Task) -> Planning:
+        """Lay the way, in portions of about a millisecond.
+
+        There are eight of them at most: a planning that takes longer than from one turn of the lidar to the next would
+        never come to its end.
+        """
         ...
+
+
+def planned(planning: Planning) -> LateralPlan | None:
+    """Return the way that a planning leads to, without a pause."""
+    while True:
+        try:
+            next(planning)
+        except StopIteration as end:
+            plan: LateralPlan | None = end.value
+            return plan
 
 
 def times_at(speeds: Sequence[float], spacing: float, start: float = 0.0) -> list[float]:
@@ -98,16 +127,46 @@ def within_limits(task: Task, plan: LateralPlan, room: Room) -> bool:
     Limits are those of the curve that the car follows, a cubic spline through the nodes: where offsets of neighbours
     go to and fro, its curvature is up to three times what their differences are.
     """
-    d, spacing, limits = plan.offsets, task.spacing, task.limits
-    first = len(task.head)
-    for node in range(first, len(d)):
-        if not room.low[node] - INTRUSION <= d[node] <= room.high[node] + INTRUSION:
-            return False
-    second = second_derivatives(np.array(d), np.full(len(d) - 1, spacing)).tolist()
-    for node in range(first - 1, len(d) - 1):
-        v = plan.speeds[node]
-        if abs(second[node] + task.curvature[node]) > EXCESS * max(limits.bend(v), abs(task.curvature[node])):
-            return False
-        if node >= first and abs(second[node] - second[node - 1]) / spacing > CHANGE_EXCESS * limits.change(v):
-            return False
-    return all(map(math.isfinite, d))
+    offsets = np.array(plan.offsets)
+    second = second_derivatives(offsets, np.full(len(offsets) - 1, task.spacing))
+    return bool(_keeps(task, offsets[:, None], second[:, None], plan.speeds, room)[0])
+
+
+def all_within_limits(task: Task, ways: np.ndarray, speeds: Sequence[float], room: Room) -> np.ndarray:
+    """Tell which of many ways keep to the room and to the limits, as `within_limits` does; shape (ways,).
+
+    `ways` are offsets at the nodes [m], shape (nodes, ways); `speeds` at the nodes hold for all of them [m/s].
+    """
+    return _keeps(task, ways, _second_derivatives(ways, task.spacing), speeds, room)
+
+
+def _keeps(task: Task, ways: np.ndarray, second: np.ndarray, speeds: Sequence[float], room: Room) -> np.ndarray:
+    first, limits = len(task.head), task.limits
+    at, before = slice(first - 1, -1), slice(first - 2, -2)
+    low, high = np.array(room.low[first:]) - INTRUSION, np.array(room.high[first:]) + INTRUSION
+    v, own = np.array(speeds[at]), np.array(task.curvature[at])
+    bends = EXCESS * np.maximum(limits.bends(v), np.abs(own))
+    changes = CHANGE_EXCESS * task.spacing * limits.changes(v)
+    keeps: np.ndarray = ((ways[first:] >= low[:, None]) & (ways[first:] <= high[:, None])).all(axis=0)
+    keeps &= (np.abs(second[at] + own[:, None]) <= bends[:, None]).all(axis=0)
+    change = np.abs(second[at] - second[before])[1:]
+    keeps &= (change <= changes[1:, None]).all(axis=0)
+    return keeps
+
+
+def _second_derivatives(ways: np.ndarray, spacing: float) -> np.ndarray:
+    """Return the second derivatives of many splines at their points, as `second_derivatives` does of one.
+
+    `ways` are values at points that are equally far from each other, shape (points, splines).
+    """
+    right = (ways[2:] - 2.0 * ways[1:-1] + ways[:-2]) * (6.0 / spacing**2)
+    count = len(right)
+    diagonal = [5.0] + [4.0] * (count - 2) + [5.0]
+    for row in range(1, count):
+        factor = 1.0 / diagonal[row - 1]
+        diagonal[row] -= factor
+        right[row] -= factor * right[row - 1]
+    right[-1] /= diagonal[-1]
+    for row in range(count - 2, -1, -1):
+        right[row] = (right[row] - right[row + 1]) / diagonal[row]
+    return np.concatenate((right[:1], right, right[-1:]))

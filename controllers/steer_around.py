@@ -9,7 +9,7 @@ cases the car brakes on its path, as `follow_and_stop` does. It must not know ho
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from itertools import product
 from typing import Final, NamedTuple
 
@@ -24,9 +24,9 @@ from . import follow_and_stop
 from .emergency import FIRST_ORDER_RAMP, JERK
 from .follow_and_stop import COMFORT_LIMIT, PERIOD, FollowAndStop, Way, steering_law
 from .free_space import LEFT, RIGHT, Margins, Nodes, Room, clearances, room, sees, side_of
-from .lateral_plan import LateralLimits, LateralPlan, Planner, Task, times_at
+from .lateral_plan import LateralLimits, LateralPlan, Planner, Planning, Task, times_at
 from .outlines import Body, Outlines
-from .speed import SPEEDING_UP, Profile, SpeedProfile
+from .speed import SLOWING, SPEEDING_UP, Profile, SpeedProfile
 from .tracks import MARGIN, Target, Tracker
 
 SPACING: Final = 1.5  #: between nodes [m]
@@ -36,6 +36,8 @@ WANTED: Final = 0.8  #: a body that is nearer than this to the car's side on its
 COMFORT: Final = Margins(clearance=1.1, lengthwise=0.6, slack=1.5)
 #: the same before the car has left its path: it must then be back so much earlier before who comes the other way
 SETTING_OUT: Final = COMFORT._replace(slack=3.5)
+#: a way in comfort that is this far from all bodies is kept where no new one is found [m]
+KEPT: Final = 0.7
 #: an urgent way keeps so far from bodies; the first that leads past is taken
 URGENT: Final = tuple(Margins(away, 0.3, 0.2, 1.0) for away in (1.0, 0.7, 0.4, 0.15))
 #: who comes the other way in the car's way is given way to by steering when he is so near [s]
@@ -48,15 +50,20 @@ CROSSES: Final = 0.5  #: who is faster across the path is not gone around in com
 SLOWER: Final = 2.0  #: nor who is not slower than the car would be by so much [m/s]
 #: speeds of a way in comfort, tried one after the other: out of a narrow place a car comes slowly only [m/s]
 CAPS: Final = (math.inf, 5.0, 3.0, 2.0)
+SLOWS: Final = 1.0  #: and from so much more it slows down to one of them [m/s]
 AT_PATH, ALONG_PATH = 0.12, 0.03  #: the car so near to its path, and its way, is back on it [m]
 ASTRAY: Final = 0.7  #: a way that the car is farther off than this begins anew where the car is [m]
 WANDERS: Final = 0.3  #: so far beside its path a way may lead on any road [m]
 #: way that coming back takes for each metre beside the path, and what must be left before a body then [m]
 BACK_SHARE, WAITS = 2.0, 4.0
+BACK: Final = 0.6  #: a car that waits no farther beside its path is out of the way of who comes the other way [m]
 SIGHT: Final = 80.0  #: as far as this a lidar sees a car [m]
 REACTION: Final = 1.0  #: the car must be back on its side so long before who comes the other way [s]
 LOOKS: Final = 3  #: a way in comfort must be free in so many turns of the lidar, one after the other
 HORIZON: Final = 3.0  #: what is farther ahead than this is braked for in comfort [s]
+#: portions of work on a decision in one tick, of about a millisecond each; a tick that takes in a turn of the lidar has
+#: less time and does one. For a swerve every tick counts.
+PORTIONS, URGENT_PORTIONS = 3, 12
 
 TUNING: dict[str, float | str | bool] = {
     **follow_and_stop.TUNING,
@@ -76,6 +83,9 @@ RANGES: dict[str, tuple[float, float]] = {
 }
 
 
+_DECIDED: Final = object()
+
+
 class _Line(NamedTuple):
     """The way that the car takes: its nodes lie at whole multiples of SPACING along the scenario's path."""
 
@@ -86,6 +96,12 @@ class _Line(NamedTuple):
     profile: Profile
     commanded: CommandedPath
     urgent: bool
+
+    def ahead(self, first: int) -> tuple[list[float], list[float]]:
+        """Return the offsets [m] and the commanded speeds [m/s] at NODES nodes from a number on."""
+        last = len(self.offsets) - 1
+        own = [min(max(first + node - self.first, 0), last) for node in range(NODES)]
+        return [self.offsets[node] for node in own], [self.commanded.speed[node] for node in own]
 
     def offset(self, node: int) -> float:
         """Return the offset at a node by its number [m]; beyond the end that at the end."""
@@ -133,6 +149,9 @@ class SteerAround:
         self._bodies: list[Body] = []
         self._seen = 0.0  # drive time for which the bodies hold [s]
         self._free = 0  # turns in a row in which a way in comfort was free
+        self._decision: Generator[None, None, None] | None = None  # by the newest turn, while it is being made
+        self._hurries = False  # whether it is about a swerve
+        self._tried = 0  # of the speeds and sides of a way in comfort, the one that was tried last
 
     def step(self, observation: Observation, projection: PathProjection, tracker: Tracker) -> Way | None:
         """Return the way to take, None for the scenario's path; called once a tick, after the tracker."""
@@ -141,7 +160,11 @@ class SteerAround:
         if self._outlines.step(observation, projection):
             self._bodies = self._outlines.bodies(observation.time, tracker.confirmed)
             self._seen = observation.time
-            self._decide(self._sight(observation, projection))
+            # What was still being decided on by an older turn is out of date.
+            self._decision = self._deciding(self._sight(observation, projection))
+            self._decide(1)
+        else:
+            self._decide(PORTIONS)
         if self._line is None:
             return None
         pose, line = observation.pose, self._line
@@ -161,28 +184,49 @@ class SteerAround:
             speeds.append(max(speed, 0.5))
         return _Sight(observation, here, self._bodies, nodes, speeds, first)
 
-    # What to do, once a turn.
+    # What to do, once a turn. The ticks until the next turn share the work, so that no tick is held up.
 
-    def _decide(self, sight: _Sight) -> None:
+    def _decide(self, portions: int) -> None:
+        """Go on deciding for so many portions of work, for more where the car has to swerve."""
+        done = 0
+        while self._decision is not None and done < (URGENT_PORTIONS if self._hurries else portions):
+            done += 1
+            if next(self._decision, _DECIDED) is _DECIDED:
+                self._decision = None
+
+    def _deciding(self, sight: _Sight) -> Generator[None, None, None]:
+        """Decide, and yield after each portion of work; what is decided counts once it is."""
         times = times_at(sight.speeds, SPACING)
         asking = [body for body in sight.bodies if self._asks_for_room(sight, times, body)]
         blocking = [body for body in asking if not _comes_nearer(body)]
+        self._hurries = self._comes_too_late(sight, asking)
         if not asking and self._line is None:
             self._free = 0
             return
-        plan = self._in_comfort(sight, blocking) if all(_is_slow(body, sight) for body in blocking) else None
+        plan = None
+        if all(_is_slow(body, sight) for body in blocking):
+            plan = yield from self._in_comfort(sight, blocking)
         if plan is not None:
             self._adopt(sight, plan, urgent=False)
         elif self._line is None:
-            self._swerve(sight, asking)
-        elif not self._line.urgent and self._can_wait(sight, blocking):
-            self._go_back(sight)
-        elif not self._swerve(sight, self._in_line(sight)):
+            yield from self._swerve(sight, asking)
+        elif not self._line.urgent and (yield from self._stays(sight, blocking)):
+            pass
+        elif not (yield from self._swerve(sight, self._in_line(sight))):
             self._go_on(sight)
 
-    def _swerve(self, sight: _Sight, threats: list[Body]) -> bool:
+    def _stays(self, sight: _Sight, blocking: list[Body]) -> Generator[None, None, bool]:
+        """Keep to the way that the car has, or take the one back to its path; tell whether one of them will do."""
+        if blocking and self._is_free(sight, self._keeps(sight)):
+            return True
+        if self._can_wait(sight, blocking) and (yield from self._go_back(sight)):
+            return True
+        # Stopped halfway out it would be in the way of who comes.
+        return bool(blocking) and self._is_free(sight, COMFORT)
+
+    def _swerve(self, sight: _Sight, threats: list[Body]) -> Generator[None, None, bool]:
         """Take an urgent way past bodies that it is too late to brake for, if there is one; tell whether."""
-        plan = self._urgently(sight, threats)
+        plan = yield from self._urgently(sight, threats)
         if plan is not None:
             self._adopt(sight, plan, urgent=True)
         return plan is not None
@@ -197,32 +241,52 @@ class SteerAround:
         offsets = [0.0 if line is None else line.offset(sight.first + node) for node in range(NODES)]
         return _met(sight.nodes, times_at(sight.speeds, SPACING), offsets, body) is not None
 
+    def _is_free(self, sight: _Sight, keeps: Margins) -> bool:
+        """Tell whether the way that the car has is free, if less generously than a new one has to be."""
+        line = self._line
+        assert line is not None
+        offsets, planned = line.ahead(sight.first)
+        times = times_at(np.minimum(sight.speeds, planned).tolist(), SPACING)
+        return all(min(clearances(sight.nodes, times, offsets, body, keeps)) >= KEPT for body in sight.bodies)
+
     def _can_wait(self, sight: _Sight, blocking: list[Body]) -> bool:
         """Tell whether the car can still come back to its path and stop there in comfort before what is in its way."""
-        bumper, speed = sight.here.s + self._vehicle.rear_axle_to_bumper, sight.observation.pose.speed
+        bumper = sight.here.s + self._vehicle.rear_axle_to_bumper
         gap = min((float(body.s.min()) - bumper for body in blocking), default=-math.inf)
         back = abs(sight.here.offset) * BACK_SHARE + WAITS
-        return gap > stopping_distance(speed, -COMFORT_LIMIT, 2.0 * PERIOD + self._vehicle.brake_delay, 0.7) + back
+        return gap > self._to_rest(sight) + back
+
+    def _to_rest(self, sight: _Sight) -> float:
+        """Return the way in which the car stops in comfort [m]."""
+        delay = 2.0 * PERIOD + self._vehicle.brake_delay
+        return stopping_distance(sight.observation.pose.speed, -COMFORT_LIMIT, delay, 0.7)
 
     def _asks_for_room(self, sight: _Sight, times: Sequence[float], body: Body) -> bool:
         keeps = CONTACT._replace(slack=COMFORT.slack if body.along > 0.0 else 0.0)
         return min(clearances(sight.nodes, times, [0.0] * NODES, body, keeps)) < WANTED
 
-    def _in_comfort(self, sight: _Sight, blocking: list[Body]) -> LateralPlan | None:
-        """Return a way in comfort that is seen to be free; the car sets out on one once it was free for some turns."""
+    def _in_comfort(self, sight: _Sight, blocking: list[Body]) -> Planning:
+        """Return a way in comfort that is seen to be free; the car sets out on one once it was free for some turns.
+
+        Where the next turn comes before all speeds and sides are tried, that one goes on where this one was.
+        """
         limits = LateralLimits.of(self._vehicle, min(COMFORT_ACCELERATION, self._lateral), COMFORT_JERK)
-        keeps = COMFORT if self._is_out(sight) else SETTING_OUT
+        keeps = self._keeps(sight)
         limits = limits if self._is_out(sight) else limits.share(self._planner.setting_out_share)
-        for cap in CAPS:
-            if cap < sight.speeds[0]:
-                break
+        caps = [cap for cap in CAPS if cap >= sight.speeds[0] - SLOWS]
+        tries = [(cap, sides) for cap in caps for sides in _sides(sight.bodies, blocking)]
+        for place in range(self._tried if self._tried < len(tries) else 0, len(tries)):
+            yield
+            self._tried = place
+            cap, sides = tries[place]
             speeds = self._creeping(sight, blocking, cap)
-            for sides in _sides(sight.bodies, blocking):
-                plan = self._planner.plan(self._task(sight, sides, keeps, limits, speeds))
-                if plan is not None and (self._is_out(sight) or not blocking or self._sees(sight, plan, blocking)):
-                    self._free += 1
-                    return plan if self._line is not None or self._free >= LOOKS else None
-        self._free = 0
+            plan = yield from self._planner.planning(self._task(sight, sides, keeps, limits, speeds))
+            if plan is not None and (self._is_out(sight) or not blocking or self._sees(sight, plan, blocking)):
+                self._tried = 0
+                self._free += 1
+                yield
+                return plan if self._line is not None or self._free >= LOOKS else None
+        self._tried = self._free = 0
         return None
 
     def _creeping(self, sight: _Sight, blocking: list[Body], cap: float) -> list[float]:
@@ -233,13 +297,15 @@ class SteerAround:
         speeds = [sight.speeds[0]]
         for station, open_road in zip(sight.nodes.stations.tolist()[1:], sight.speeds[1:], strict=True):
             faster = math.sqrt(speeds[-1] ** 2 + 2.0 * SPEEDING_UP * SPACING)
-            speeds.append(min(faster, open_road, cap if station < beside else math.inf))
+            slower = math.sqrt(max(speeds[-1] ** 2 - 2.0 * SLOWING * SPACING, 0.0))
+            speeds.append(min(faster, open_road, max(cap, slower) if station < beside else math.inf))
         return speeds
 
-    def _urgently(self, sight: _Sight, blocking: list[Body]) -> LateralPlan | None:
+    def _urgently(self, sight: _Sight, blocking: list[Body]) -> Planning:
         """Return a way past bodies for which braking alone comes too late, as hard as the gateway lets the car go."""
         if not blocking or not self._comes_too_late(sight, blocking):
             return None
+        self._hurries = True
         limits = LateralLimits.of(self._vehicle, URGENT_ACCELERATION, URGENT_JERK)
         paces = [self._braked(sight)] if self._brakes else []
         if not self._brakes or any(map(_comes_nearer, blocking)):
@@ -247,7 +313,8 @@ class SteerAround:
             paces.append([max(sight.observation.pose.speed, 0.5)] * NODES)
         for keeps, speeds in product(URGENT, paces):
             for sides in _sides(sight.bodies, blocking):
-                plan = self._planner.plan(self._task(sight, sides, keeps, limits, speeds))
+                yield
+                plan = yield from self._planner.planning(self._task(sight, sides, keeps, limits, speeds))
                 if plan is not None:
                     return plan
         return None
@@ -326,6 +393,9 @@ class SteerAround:
         """Tell whether the car has left its path already, so that it is too late to ask whether it should."""
         return self._line is not None and abs(sight.here.offset) > 0.5 * self._vehicle.width
 
+    def _keeps(self, sight: _Sight) -> Margins:
+        return COMFORT if self._is_out(sight) else SETTING_OUT
+
     def _sees(self, sight: _Sight, plan: LateralPlan, blocking: list[Body]) -> bool:
         """Tell whether all of the road beside is in sight that somebody could come along before the car is back.
 
@@ -355,16 +425,20 @@ class SteerAround:
             return
         self._lay(sight, plan, urgent)
 
-    def _go_back(self, sight: _Sight) -> None:
-        """Come back to the path, and brake there for what is in it."""
+    def _go_back(self, sight: _Sight) -> Generator[None, None, bool]:
+        """Come back to the path, and brake there for what is in it; tell whether the car is back when it stands."""
         limits = LateralLimits.of(self._vehicle, URGENT_ACCELERATION, URGENT_JERK)
         task = self._task(sight, (), COMFORT, limits, sight.speeds)
         alone = task._replace(room=lambda times: Room([-math.inf] * NODES, [math.inf] * NODES))
-        plan = self._planner.plan(alone)
+        plan = yield from self._planner.planning(alone)
         if plan is None:
-            self._go_on(sight)
-        else:
-            self._adopt(sight, plan, urgent=False)
+            return False
+        rest = sight.here.s + self._to_rest(sight)
+        node = min(round(rest / SPACING) - sight.first, NODES - 1)
+        if abs(plan.offsets[node]) > BACK:
+            return False
+        self._adopt(sight, plan, urgent=False)
+        return True
 
     def _go_on(self, sight: _Sight) -> None:
         """Go on along the way that there is, the car braking for what is in it now."""
@@ -449,7 +523,7 @@ def _sides(bodies: Sequence[Body], blocking: Sequence[Body]) -> list[list[int]]:
     """Return the choices of sides to pass on: all that block on the left, on the right, each on its freer side."""
     choices = []
     for choose in (LEFT, RIGHT, 0):
-        if choose == 0 and len(blocking) < 2:
+        if (choose == 0 and len(blocking) < 2) or (choose == RIGHT and not blocking):
             continue
         chosen = {id(body): choose or side_of(body) for body in blocking}
         choices.append([chosen.get(id(body), side_of(body)) for body in bodies])

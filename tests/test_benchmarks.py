@@ -40,6 +40,7 @@ TABLES: dict[str, tuple[str, int]] = {
     "senses": (r"  (radar|lidar|camera|v2x|warned|some|all) +a step [\d.]+ ms, a reading [\d.]+ ms in all, .*", 7),
     "signals": (r"2 drives, 0\.00 h: 0 red lights run, 0 contacts", 1),
     "steering_avoidance": (r"\| 1\.6 s \| (braking|steering|both) \| .* \| \d+ km/h \|", 3),
+    "steering_live": (r"\| 1 \| \d+ to \d+ \| (passed|not passed|contact).*; clear .*; wake-up to frames .* \|", 1),
     "stopping_bound": (r"(nominal +1 +1 +0|200 ms of dead time +1 +1 +1) .*", 2),
     "strings": (r"  .*: \d\.\d+( s)? \(\d\.\d+ to \d\.\d+\)", 3),
     "suites": (r"3 rows: 2 passed, 1 not applicable; 2 of 2 drives passed\.?", 2),
@@ -71,6 +72,7 @@ MARKS = {
     "busy": [pytest.mark.live],
     "detector": [BROWSER, DETECTOR],
     "latency": [pytest.mark.live],
+    "steering_live": [pytest.mark.live],
     "view": [pytest.mark.live, pytest.mark.alone, BROWSER],
     "world": [BROWSER],
 }

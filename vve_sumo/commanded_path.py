@@ -76,7 +76,9 @@ def _flaw_of_start(path: CommandedPath, pose: Pose) -> str:
     return ""
 
 
+@lru_cache(maxsize=4)
 def _flaw_of_course(path: CommandedPath) -> str:
+    """Return what is wrong with the path wherever the car is; remembered, for a controller says it at many ticks."""
     length = 0.0
     for number, ((x, y), (next_x, next_y)) in enumerate(pairwise(zip(path.x, path.y, strict=True))):
         step = math.hypot(next_x - x, next_y - y)

@@ -51,6 +51,7 @@ class MessageKind(IntEnum):
     PEOPLE_LINK = 9
     STATIONS_LINK = 10
     SCENE = 11
+    SENSE = 12
 
 
 class MalformedMessage(NamedTuple):

@@ -202,6 +202,10 @@ def test_a_car_that_is_never_caught_up_is_no_meeting(tmp_path: Path) -> None:
     site = EventSite(str(file), str(yard(tmp_path)), REPOSITORY)
     assert "never touches it" in site.obstacle_to("cutter", 5.0)
     assert site.obstacle_to("cutter", 8.333) == ""
+    assert site.steps(8.333) == pytest.approx([8.333, 7.333, 6.333, 5.333, 4.333, 3.333, 3.0])
+    lot, never = site.why_none("cutter", 8.333).split("; ")
+    assert lot == "at 8.33 m/s: no place was found in the lot"
+    assert never.startswith("at 7.33 to 3.00 m/s: an ego that keeps that speed never touches it, ")
 
 
 def test_a_scenario_is_not_written_over_another(tmp_path: Path) -> None:
@@ -230,7 +234,19 @@ def test_the_list_says_what_fits(tmp_path: Path) -> None:
     assert loop.speed_mps is None
     assert empty.why_not == "no obstacle and no actor is met"
     assert json.dumps([one.to_dict() for one in rows])
-    assert all(len(one.cells()) == 6 for one in rows)
+    assert all(len(one.cells()) == 7 for one in rows)
+
+
+@pytest.mark.thorough
+def test_the_list_says_the_scenarios_own_speed_and_who_is_left_out(tmp_path: Path) -> None:
+    """A rig that allows 7 m/s, and a second parked car beside the road, 439 m before the one that is met."""
+    text = (REPOSITORY / "scenarios" / "parked_car.toml").read_text(encoding="utf-8")
+    file = tmp_path / "two.toml"
+    file.write_text(text + '\n[[obstacles]]\nid = "far_car"\nat_m = 200.0\noffset_m = 6.0\n', encoding="utf-8")
+    (one,) = lot_fits(str(yard(tmp_path, ("speed_mps = 10.0", "speed_mps = 7.0"))), REPOSITORY, [str(file)])
+    assert (one.event, one.why_not) == ("parked_car", "")
+    assert (one.own_speed_mps, one.speed_mps) == (11.176, 7.0)
+    assert one.left_out == ("far_car, at 200 m of the path",)
 
 
 def test_a_rig_that_is_missing_is_refused_at_once() -> None:

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from shapely.affinity import rotate, translate
 from shapely.geometry import Polygon, box
 
-from controllers.elastic_band import ElasticBand, Springs
+from controllers.elastic_band import ElasticBand, Springs, balance
 from controllers.free_space import LEFT, RIGHT, Margins, Nodes, Room, clearances, room
-from controllers.frenet_sampling import FrenetSampling, Quintic, quartic_speeds
+from controllers.frenet_sampling import FrenetSampling, Quintics, quartic_speeds
 from controllers.lateral_plan import (
     CHANGE_EXCESS,
     EXCESS,
@@ -23,7 +23,10 @@ from controllers.lateral_plan import (
     LateralPlan,
     Planner,
     Task,
+    all_within_limits,
+    planned,
     times_at,
+    within_limits,
 )
 from controllers.outlines import Body
 from tests.controllers.bench import CAR
@@ -38,6 +41,11 @@ PLANNERS = [ElasticBand(), FrenetSampling()]
 KEEPS = Margins(clearance=1.0, lengthwise=0.5, slack=0.0)
 COMFORT, URGENT = LateralLimits.of(CAR, 1.8, 2.0), LateralLimits.of(CAR, 2.8, 4.6)
 names = pytest.mark.parametrize("planner", PLANNERS, ids=lambda planner: type(planner).__name__)
+
+
+def laid(planner: Planner, task: Task) -> LateralPlan | None:
+    """The way that a planner lays."""
+    return planned(planner.planning(task))
 
 
 def road(bend: float) -> ReferencePath:
@@ -111,7 +119,7 @@ def test_the_body_keeps_clear_of_long_and_oblique_bodies_in_bends(
     nodes, place = nodes_of(path), path.at(at)
     x, y = place.x - aside * math.sin(place.heading), place.y + aside * math.cos(place.heading)
     polygon = Polygon(Box(x, y, place.heading + turn, length, width).corners())
-    plan = planner.plan(task(nodes, [outline(polygon, path)], [side], speed, COMFORT, [starts] * 4))
+    plan = laid(planner, task(nodes, [outline(polygon, path)], [side], speed, COMFORT, [starts] * 4))
     assume(plan is not None)
     assert plan is not None
     way, bodies = swept(path, plan, nodes)
@@ -132,7 +140,7 @@ def test_several_bodies_on_both_sides(planner: Planner) -> None:
     path = road(0.0)
     nodes = nodes_of(path)
     shapes = [Polygon(Box(32.0, -1.0, 0.2, 4.0, 1.8).corners()), Polygon(Box(72.0, 1.2, -0.3, 4.0, 1.8).corners())]
-    plan = planner.plan(task(nodes, [outline(one, path) for one in shapes], [LEFT, RIGHT], 6.0, URGENT, [0.0] * 4))
+    plan = laid(planner, task(nodes, [outline(one, path) for one in shapes], [LEFT, RIGHT], 6.0, URGENT, [0.0] * 4))
     if isinstance(planner, FrenetSampling) and plan is None:
         pytest.skip("one way out and back is all that it draws")
     assert plan is not None
@@ -153,7 +161,7 @@ def test_the_least_distance_to_come_aside_is_near_the_closed_form(planner: Plann
             (0.0,) * 4, SPACING, [0.0] * COUNT, (speed,) * COUNT, lambda _times: Room(low, [3.4] * COUNT), URGENT
         )
 
-    first = next(node for node in range(4, COUNT) if planner.plan(wall(node)) is not None)
+    first = next(node for node in range(4, COUNT) if laid(planner, wall(node)) is not None)
     least = speed * swerve_time(1.5, URGENT.acceleration, URGENT.jerk)
     assert len(nodes.stations) == COUNT
     share = {ElasticBand: 1.1, FrenetSampling: 1.25}[type(planner)]
@@ -163,7 +171,7 @@ def test_the_least_distance_to_come_aside_is_near_the_closed_form(planner: Plann
 @names
 def test_it_returns_to_the_path(planner: Planner) -> None:
     nodes = nodes_of(road(0.0))
-    plan = planner.plan(task(nodes, [], [], 8.0, COMFORT, [1.5] * 4))
+    plan = laid(planner, task(nodes, [], [], 8.0, COMFORT, [1.5] * 4))
     assert plan is not None
     assert abs(plan.offsets[-1]) < 0.05
     assert min(plan.offsets) > -0.15
@@ -175,25 +183,39 @@ def test_no_way_is_better_than_one_through_a_body() -> None:
     wall = outline(Polygon(Box(30.0, 0.0, 0.0, 2.0, 12.0).corners()), path)
     for planner in PLANNERS:
         for side in (LEFT, RIGHT):
-            assert planner.plan(task(nodes, [wall], [side], 8.0, URGENT, [0.0] * 4)) is None
+            assert laid(planner, task(nodes, [wall], [side], 8.0, URGENT, [0.0] * 4)) is None
 
 
-@given(st.integers(4, 20), st.integers(0, 2**32 - 1))
-def test_springs_balance_where_the_matrix_says(count: int, seed: int) -> None:
-    """Against numpy's solution of the normal equations of the same springs."""
+@given(st.integers(1, 20), st.integers(1, 4), st.integers(0, 2**32 - 1))
+def test_springs_balance_where_the_matrix_says(count: int, reach: int, seed: int) -> None:
+    """Against numpy's least squares of the same springs; one that draws each coefficient to 0 makes them regular."""
     draw = np.random.default_rng(seed)
-    springs, rows, aims = Springs(count), [], []
-    for stencil in ((1.0,), tuple(draw.normal(size=2)), tuple(draw.normal(size=3)), tuple(draw.normal(size=4))):
-        many = count - len(stencil) + 1
-        weight, aim = draw.uniform(0.1, 5.0, many), draw.normal(size=many)
-        springs.add(0, stencil, weight, aim)
-        for number in range(many):
-            row = np.zeros(count)
-            row[number : number + len(stencil)] = stencil
-            rows.append(math.sqrt(weight[number]) * row)
-            aims.append(math.sqrt(weight[number]) * aim[number])
-    expected = np.linalg.lstsq(np.array(rows), np.array(aims), rcond=None)[0]
-    np.testing.assert_allclose(springs.balance(), expected, rtol=1e-6, atol=1e-8)
+    stencils, many = draw.normal(size=(3, reach)), count + reach - 1
+    weights, aims = draw.uniform(0.1, 5.0, (3, count)), draw.normal(size=(3, count))
+    rows, wanted = [np.eye(many)], [np.zeros(many)]
+    for kind in range(3):
+        for number in range(count):
+            row = np.zeros((1, many))
+            row[0, number : number + reach] = math.sqrt(weights[kind, number]) * stencils[kind]
+            rows.append(row)
+            wanted.append(np.array([math.sqrt(weights[kind, number]) * aims[kind, number]]))
+    expected = np.linalg.lstsq(np.concatenate(rows), np.concatenate(wanted), rcond=None)[0]
+    springs = Springs(stencils, count)
+    diagonals = springs.matrix(weights)
+    diagonals[0] += 1.0
+    np.testing.assert_allclose(balance(diagonals, springs.right(weights * aims)), expected, rtol=1e-6, atol=1e-8)
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(1.0, 14.0))
+def test_the_limits_of_many_ways_are_those_of_each(seed: int, speed: float) -> None:
+    """All ways at once against one after the other, whose curve is that of `ReferencePath`."""
+    draw = np.random.default_rng(seed)
+    size = 10.0 ** draw.uniform(-3.0, 0.5, 12)
+    ways = np.cumsum(np.cumsum(draw.normal(size=(COUNT, 12)), axis=0), axis=0) * size / COUNT**1.5
+    asked = task(nodes_of(road(0.0)), [], [], speed, COMFORT, [0.0] * 4)
+    free = Room([-3.0] * COUNT, [3.0] * COUNT)
+    one_by_one = [within_limits(asked, LateralPlan(tuple(way), asked.speeds), free) for way in ways.T.tolist()]
+    assert all_within_limits(asked, ways, asked.speeds, free).tolist() == one_by_one
 
 
 @given(
@@ -202,7 +224,8 @@ def test_springs_balance_where_the_matrix_says(count: int, seed: int) -> None:
     st.floats(5.0, 60.0),
 )
 def test_a_quintic_meets_its_six_conditions(start: tuple[float, float, float], end: float, length: float) -> None:
-    poly = np.polynomial.Polynomial(Quintic.to_rest(start, end, length).coefficients)
+    quintics = Quintics.to_rest(start, end, np.array([3.0, length]))
+    poly = np.polynomial.Polynomial([float(coefficient[1]) for coefficient in quintics.coefficients])
     got = [poly(0.0), poly.deriv()(0.0), poly.deriv(2)(0.0), poly(length), poly.deriv()(length), poly.deriv(2)(length)]
     np.testing.assert_allclose(got, [*start, end, 0.0, 0.0], atol=1e-8)
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from controllers import elastic_band, follow_and_stop, frenet_sampling
-from controllers.steer_around import TUNING
+from controllers.lateral_plan import LateralPlan, Planning, Task
+from controllers.steer_around import PORTIONS, TUNING, controller
 from tests.controllers.avoid_bench import CAR, Drive, drive
 from tests.controllers.bench import ROAD, Body, steady
 from tests.controllers.street import Flaws
@@ -17,7 +18,7 @@ from vve_sumo.commanded_path import flaw
 from vve_sumo.controller import Controller
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import ReferencePath
-from vve_sumo.values import Point, Pose
+from vve_sumo.values import ControlCommand, Observation, Point, Pose
 
 MODULES = [elastic_band, frenet_sampling]
 both = pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__.split(".")[-1])
@@ -78,10 +79,6 @@ def test_who_comes_the_other_way_goes_first(module: ModuleType) -> None:
     bodies = [steady(60.0, 0.0), steady(125.0, 3.2, 8.0, math.pi)]
     found = drive(around(module), ROAD, 8.0, bodies, 30.0, until=120.0)
     assert found.least > CLEAR
-    if module is frenet_sampling:
-        # Out of the place where it has waited none of its ways is within the limits.
-        assert found.speed[-1] < 0.1
-        return
     assert found.s[-1] > 120.0
     # They meet where the car is still on its own side.
     met = int(np.argmin(np.abs(125.0 - 8.0 * found.time - found.s)))
@@ -100,8 +97,11 @@ def test_while_somebody_keeps_coming_it_waits() -> None:
 
 
 @pytest.mark.thorough
-def test_out_of_a_standstill_behind_it() -> None:
-    found = drive(around(elastic_band), ROAD, 8.0, [steady(19.0, 0.0)], 20.0, start=0.0, until=80.0)
+@both
+def test_out_of_a_standstill_behind_it(module: ModuleType) -> None:
+    """As far behind it as the car waits for who comes the other way."""
+    at = CAR.rear_axle_to_bumper + module.TUNING["gap_m"] + 2.25
+    found = drive(around(module), ROAD, 8.0, [steady(at, 0.0)], 20.0, start=0.0, until=80.0)
     assert found.s[-1] > 80.0
     assert found.least > CLEAR
     assert abs(found.offset[-1]) < 0.15
@@ -115,6 +115,50 @@ def test_it_overtakes_a_bicyclist(module: ModuleType) -> None:
     assert found.s[-1] > 180.0
     assert found.least > CLEAR
     assert abs(found.offset[-1]) < 0.15
+
+
+class Counting:
+    """The elastic band, which counts the portions of its work."""
+
+    setting_out_share = elastic_band.ElasticBand.setting_out_share
+
+    def __init__(self) -> None:
+        self.portions = 0
+
+    def planning(self, task: Task) -> Planning:
+        planning = elastic_band.ElasticBand().planning(task)
+        while True:
+            self.portions += 1
+            try:
+                next(planning)
+            except StopIteration as end:
+                plan: LateralPlan | None = end.value
+                return plan
+            yield
+
+
+class ByTick:
+    """A controller, and how many portions its planner worked on in each tick."""
+
+    def __init__(self) -> None:
+        self._planner = Counting()
+        self._own = controller(CAR, {"left_m": 3.4}, self._planner, TUNING)
+        self.portions: list[int] = []
+
+    def step(self, observation: Observation) -> ControlCommand:
+        before = self._planner.portions
+        command = self._own.step(observation)
+        self.portions.append(self._planner.portions - before)
+        return command
+
+
+def test_the_ticks_share_the_work_and_no_clock_decides() -> None:
+    bodies = [steady(50.0, 0.2)]
+    counted = ByTick()
+    found = drive(counted, ROAD, 8.0, bodies, 4.0)
+    assert max(counted.portions) == PORTIONS
+    assert sum(counted.portions) > 10 * PORTIONS
+    assert drive(ByTick(), ROAD, 8.0, bodies, 4.0).commands == found.commands
 
 
 def test_it_overtakes_a_bicyclist_whom_it_has_come_behind() -> None:

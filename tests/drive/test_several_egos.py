@@ -203,6 +203,15 @@ def test_a_rolling_start_that_cannot_be_names_the_ego() -> None:
     assert "egos.a.initial_s_m: 100000 lies beyond" in message(lambda: RollingStart.of(resolved.others[0]))
 
 
+#: what only the rig of [ego] may have, as a rig states it
+ALONE = {
+    "outputs": '[[outputs]]\nkind = "ncom"\nudp = "127.0.0.1:5001"',
+    "people": '[[people]]\nid = "anna"\nsource = "simulated"\nleast_distance_m = 50.0\n'
+    "latitude_deg = 40.01\nlongitude_deg = -83.018\nheading_deg = 90.0",
+    "v2x": '[v2x]\nlisten = "127.0.0.1:4716"',
+}
+
+
 @pytest.mark.thorough
 def test_playbacks_and_wrong_rigs_of_live_drives_are_refused_in_one_line(tmp_path: Path) -> None:
     from vve_sumo.drive.run import run
@@ -220,10 +229,17 @@ def test_playbacks_and_wrong_rigs_of_live_drives_are_refused_in_one_line(tmp_pat
     assert "egos: a recorded drive has the poses of one car; take [[egos]] out" in said
     text = (REPOSITORY / "scenarios" / "parked_car.toml").read_text(encoding="utf-8")
     away, external = 'id = "away"\npath = "linden_loop"', str(REPOSITORY / "rigs" / "foreign.toml")
+    second = (REPOSITORY / "rigs" / "simulated_second.toml").read_text(encoding="utf-8")
+    for key, stated in ALONE.items():
+        (tmp_path / f"{key}.toml").write_text(f"{second}\n{stated}\n", encoding="utf-8")
     for egos, further, why in (
         (away, {"third": "simulated"}, "--rig third=…: expected the id of one of the scenario's [[egos]]"),
         (away, {"away": "simulated"}, "simulated.toml is given for 2 cars; expected a rig of its own for each"),
-        (away, {"away": external}, "only the rig of [ego] may have it"),
+        (away, {"away": external}, "foreign.toml: brain.kind: only the rig of [ego] may have it"),
+        *(
+            (away, {"away": str(tmp_path / f"{key}.toml")}, f"{key}.toml: {key}: only the rig of [ego] may have it")
+            for key in ALONE
+        ),
         (f"{away}\ninitial_speed_mps = 5.0", {}, "egos.away.initial_speed_mps: a drive with a rig starts from rest"),
     ):
         said = planned(egos, further)

@@ -85,6 +85,12 @@ def test_a_camera_knows_the_lane_in_which_the_drive_begins() -> None:
             [ROOF | {"settings": {"channels_deg": [-1.0, 1.0]}}],
             "'vlp16' cannot carry sensor 'roof': channels_deg: a VLP-16 has .*, got",
         ),
+        ('kind = "sense"\nudp = "127.0.0.1:2368"', [ROOF], "kind 'sense' needs sensor: name the scenario's sensor"),
+        (
+            'kind = "sense"\nsensor = "roof"\nudp = "127.0.0.1:2368"',
+            [ROOF | {"settings": {"azimuth_step_deg": 0.05}}],
+            "'sense' cannot carry sensor 'roof': a turn has 115200 rays, expected 100000 at most",
+        ),
         ('kind = "mobileye"\nsensor = "front"\nudp = "127.0.0.1:9"', [FRONT], "goes out on a CAN bus"),
     ],
 )

@@ -34,6 +34,7 @@ SETTINGS = {
     "title": "by hand: <&>",
     "seed": 1,
     "controller": {"name": "nobody"},
+    "ego": {"speed_mps": 11.0},
     "radar": {"ideal": False, "range_limit_m": None},
     "obstacles": [{"id": "parked"}],
     "actors": [{"id": "walker", "kind": "pedestrian"}],

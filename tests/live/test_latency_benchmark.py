@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from benchmarks.latency import Receivers
+from benchmarks.latency import Receivers, latencies
 from vve_sumo.wire.datagrams import RadarDatagram, encode_radar
 
 
@@ -20,6 +20,6 @@ def test_a_datagrams_latency_counts_from_the_fix_of_its_tick() -> None:
     ]
     with receivers.listening():
         pass
-    late = receivers.latencies(table, 500.0, 9000.0)
+    late = latencies(receivers.dated(), table, 500.0, 9000.0)
     assert late["radar"] == pytest.approx(1.0 + np.arange(49), abs=1e-3)
     assert len(late["ncom"]) == 0

@@ -2,36 +2,72 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import re
+import select
+import time
+from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import Final
 
+import numpy as np
 import pyproj
 import pytest
 
 from tests.conftest import REPOSITORY
 from tests.live.command_line import free_port
 from tests.live.terminal import desk
+from vve_sumo.bus import Bus
+from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.drive.run import resolve_by_name
 from vve_sumo.errors import ConfigError
 from vve_sumo.live import start_simulated_vehicle
+from vve_sumo.live.pty_bus import LinkedAdapter
 from vve_sumo.live.rehearsal import Rehearsal, rehearsed
+from vve_sumo.plant.fault_injected_car import FaultInjectedCar
+from vve_sumo.pose.dating import FixDater, Undated
+from vve_sumo.pose.receivers.oxts_can import FRAME
+from vve_sumo.pose.receivers.port import PORT, configured, load
+from vve_sumo.pose.trust import TrustGate
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
+from vve_sumo.values import Fix, FixQuality
 
 TEMPLATE = (REPOSITORY / "rigs" / "fusion_example.toml").read_text(encoding="utf-8")
 SURVEYED = ("# surveyed = 2026-05-01", "surveyed = 2026-05-01")
-#: `[pose]` of each kind with a real wire
-RECEIVERS = {
-    "ncom_udp": 'address = "0.0.0.0"\nsource = "192.168.25.44"\nport = PORT\n',
-    "nmea_udp": 'address = "0.0.0.0"\nsource = "192.168.25.44"\nport = PORT\nSIGMAS',
-    "nmea_tcp": 'address = "192.168.25.44"\nport = PORT\nSIGMAS',
-    "nmea_serial": 'device = "/dev/ttyUSB0"\nSIGMAS',
-    "oxts_can": 'interface = "socketcan"\nchannel = "can1"\n',
+#: keys of `[pose]` by which a receiver is on a real wire; what else a kind requires is a number
+REAL_WIRE: Final = {
+    "source": '"192.168.25.44"',
+    "device": '"/dev/ttyUSB0"',
+    "interface": '"socketcan"',
+    "channel": '"can1"',
+    "file": '"drive.ncom"',
 }
-SIGMAS = "velocity_sigma_mps = 0.03\nheading_sigma_deg = 0.1\n"
+#: one that a user wrote
+TOY: Final = f"{REPOSITORY / 'tests' / 'ports' / 'toy' / 'csv_udp.py'}:make"
+LIVE_KINDS: Final = [kind for kind in (*PORT.shipped, TOY) if load(kind).profile.live]
+#: of kinds that differ by their wire alone, one
+OF_EACH_CODEC: Final = [*{load(kind).decoder.__qualname__: kind for kind in LIVE_KINDS}.values()]
+
+
+@cache
+def resolved() -> ResolvedScenario:
+    return resolve_by_name(SCENARIO, REPOSITORY)
+
+
+def keys_of(kind: str) -> str:
+    """What a rig says of a receiver of this kind on a real wire, by the keys that the kind has."""
+    fields = load(kind).model_fields
+    said = {key: text for key, text in REAL_WIRE.items() if key in fields}
+    if "address" in fields:
+        said["address"] = '"0.0.0.0"' if "source" in fields else '"192.168.25.44"'
+    if "port" in fields:
+        said["port"] = str(free_port())
+    open_ones = [key for key, field in fields.items() if field.is_required() and key not in {*said, "kind"}]
+    return "".join(f"{key} = {text}\n" for key, text in (said | dict.fromkeys(open_ones, "0.1")).items())
 
 
 #: where the path begins in the lot: metres east and north of its first corner, driving east
@@ -42,7 +78,7 @@ MATCHED: Final = '[alignment]\nkind = "matched_start"\n'
 
 def stored() -> tuple[str, str]:
     """The change of the template to an alignment that has the path's start at STANDS, by arithmetic of its own."""
-    begin = resolve_by_name(SCENARIO, REPOSITORY).path.at(0.0)
+    begin = resolved().path.at(0.0)
     cosine, sine = math.cos(begin.heading), math.sin(begin.heading)
     x = begin.x - cosine * STANDS[0] + sine * STANDS[1]
     y = begin.y - sine * STANDS[0] - cosine * STANDS[1]
@@ -51,24 +87,24 @@ def stored() -> tuple[str, str]:
     return MATCHED, "[alignment]\n" + "\n".join(lines) + "\n"
 
 
-def real_rig(folder: Path, *changes: tuple[str, str], kind: str = "ncom_udp") -> Path:
+def real_rig(folder: Path, *changes: tuple[str, str], kind: str = "ncom_udp", rate: float = 100.0) -> Path:
     """The shipped template of a real car, surveyed and aligned, with passages changed."""
     text = TEMPLATE
     for old, new in (SURVEYED, *changes, stored()):
         assert old in text, old
         text = text.replace(old, new)
-    own = RECEIVERS[kind].replace("SIGMAS", SIGMAS).replace("PORT", str(free_port()))
     begin, end = text.index("[pose]"), text.index("[mounting]")
-    pose = f'[pose]\nkind = "{kind}"\nrate_hz = 100.0\nminimum_delay_ms = 3.0\n{own}\n'
+    pose = f'[pose]\nkind = "{kind}"\nrate_hz = {rate}\nminimum_delay_ms = 3.0\n{keys_of(kind)}\n'
     file = folder / "real.toml"
     file.write_text(text[:begin] + pose + text[end:], encoding="utf-8")
     return file
 
 
-def on_simulated_wires(folder: Path, *changes: tuple[str, str], kind: str = "ncom_udp") -> Rehearsal:
-    file = real_rig(folder, *changes, kind=kind)
-    resolved = resolve_by_name(SCENARIO, REPOSITORY)
-    return rehearsed(rigs.load(file), file, resolved, folder)
+def on_simulated_wires(
+    folder: Path, *changes: tuple[str, str], kind: str = "ncom_udp", rate: float = 100.0
+) -> Rehearsal:
+    file = real_rig(folder, *changes, kind=kind, rate=rate)
+    return rehearsed(rigs.load(file), file, resolved(), folder)
 
 
 def car_of(found: Rehearsal):
@@ -76,15 +112,69 @@ def car_of(found: Rehearsal):
     return start_simulated_vehicle._config(found.rig, 0.0, 1, None, 0.9)
 
 
-def test_no_wire_is_a_real_one(tmp_path: Path) -> None:
-    for kind in RECEIVERS:
-        rig = on_simulated_wires(tmp_path, kind=kind).rig
-        assert (rig.car, rig.bus.interface, rig.bus.channel) == ("simulated", "slcan", "pty")
-        assert rig.pose.kind == kind
-        assert meaning.receiver_of(rig).not_simulated() == ""
-        wire = json.dumps(car_of(Rehearsal(rig, ())).to_dict())
-        for real in ("can0", "can1", "socketcan", "ttyUSB", "192.168", "0.0.0.0"):
-            assert real not in wire, (kind, real)
+@pytest.mark.parametrize("kind", LIVE_KINDS, ids=lambda kind: Path(kind).name)
+def test_no_wire_is_a_real_one(kind: str, tmp_path: Path) -> None:
+    rig = on_simulated_wires(tmp_path, kind=kind).rig
+    assert (rig.car, rig.bus.interface, rig.bus.channel) == ("simulated", "slcan", "pty")
+    assert rig.pose.kind == kind
+    assert meaning.receiver_of(rig).not_simulated() == ""
+    wire = json.dumps(car_of(Rehearsal(rig, ())).to_dict())
+    for real in ("can0", "can1", "socketcan", "ttyUSB", "192.168", "0.0.0.0"):
+        assert real not in wire, real
+
+
+@pytest.mark.parametrize(("kind", "rate"), [*product(OF_EACH_CODEC, [10.0]), ("sbf_tcp", 20.0), ("ncom_udp", 100.0)])
+def test_its_fixes_are_trusted_and_come_as_often_as_the_rig_says(kind: str, rate: float, tmp_path: Path) -> None:
+    """Of the car that the rehearsal starts, without a clock: its bytes by the kind's decoder and trust gate."""
+    config = car_of(on_simulated_wires(tmp_path, kind=kind, rate=rate))
+    receiver = configured(config.receiver)
+    seeds = [np.random.SeedSequence(number) for number in (1, 2)]
+    car = FaultInjectedCar(
+        config.parameters, config.start(), config.lot, config.epoch, seeds[0], (), seeds[1], receiver=receiver
+    )
+    decoder, seconds, fixes = receiver.decoder(), receiver.settling_time + 4.0, list[Fix]()
+    for number in range(1, round(seconds * 100.0) + 1):
+        for arrival, data in car.step(number / 100.0, ()).packets:
+            fixes += decoder.feed(data, arrival)
+    # Dated as in a drive, which knows the declared delay alone and not the epoch.
+    dater, trusted = FixDater(0.003, math.nan, absolute=False), list[Fix]()
+    gate: TrustGate | None = None
+    for fix in fixes:
+        dated = dater.date(fix.time_received, fix)
+        if isinstance(dated, Undated):
+            continue
+        gate = gate or TrustGate(receiver.profile, dater.epoch)
+        if gate.step(fix.time_received, dated).trusted:
+            trusted.append(fix)
+    late = [fix for fix in fixes if fix.time - config.epoch > seconds - 1.0]
+    assert len(late) == pytest.approx(0.95 * rate, abs=0.06 * rate + 1.0)
+    assert trusted[-len(late) :] == late
+    flat = pyproj.Proj("+proj=aeqd +lat_0=40.0030 +lon_0=-83.0200 +datum=WGS84")
+    last = fixes[-1]
+    place = flat(math.degrees(last.longitude), math.degrees(last.latitude))
+    assert place == pytest.approx(STANDS, abs=0.15)
+    assert last.quality is FixQuality.RTK_FIXED
+
+
+@pytest.mark.parametrize("kind", LIVE_KINDS, ids=lambda kind: Path(kind).name)
+def test_what_it_sends_arrives_on_the_wire_that_the_drive_opens(kind: str, tmp_path: Path) -> None:
+    receiver = meaning.receiver_of(on_simulated_wires(tmp_path, kind=kind).rig)
+    sent, arrived = b"".join(FRAME.pack(0x600, 8, bytes(range(8))) for _ in range(3)), b""
+    with contextlib.ExitStack() as stack:
+        far = None
+        if receiver.far_end_first:
+            far = receiver.far_end(LinkedAdapter)
+        source = receiver.open(Bus)
+        stack.callback(source.close)
+        far = far or receiver.far_end(LinkedAdapter)
+        assert far is not None
+        stack.callback(far.close)
+        begun = time.monotonic()
+        while not arrived and time.monotonic() < begun + 20.0:
+            far.send(sent)
+            select.select([source], [], [], 0.05)
+            arrived += b"".join(data for _stamp, data in source.receive())
+    assert arrived.startswith(sent[: FRAME.size])
 
 
 def test_the_twin_shows_every_change_of_the_file(tmp_path: Path) -> None:
@@ -136,8 +226,7 @@ def test_it_stands_where_the_stored_alignment_has_the_start(tmp_path: Path) -> N
 def test_without_an_alignment_it_stands_where_a_search_lays_the_path(tmp_path: Path) -> None:
     file = real_rig(tmp_path)
     file.write_text(file.read_text(encoding="utf-8").replace(stored()[1], MATCHED), encoding="utf-8")
-    resolved = resolve_by_name(SCENARIO, REPOSITORY)
-    found = rehearsed(rigs.load(file), file, resolved, tmp_path).rig  # which refuses a car outside its lot
+    found = rehearsed(rigs.load(file), file, resolved(), tmp_path).rig  # which refuses a car outside its lot
     assert found.alignment.kind == "matched_start"
     start = found.car_start
     flat = pyproj.Proj("+proj=aeqd +lat_0=40.0030 +lon_0=-83.0200 +datum=WGS84")
@@ -156,13 +245,18 @@ def test_an_external_controller_is_not_rehearsed(tmp_path: Path) -> None:
 def test_a_simulated_rig_is_not_rehearsed() -> None:
     file = REPOSITORY / "rigs" / "simulated.toml"
     with pytest.raises(ConfigError, match="is simulated already"):
-        rehearsed(rigs.load(file), file, resolve_by_name(SCENARIO, REPOSITORY), Path())
+        rehearsed(rigs.load(file), file, resolved(), Path())
 
 
-def test_a_recorded_receiver_is_not_rehearsed(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setitem(RECEIVERS, "file", 'file = "drive.ncom"\n')
-    with pytest.raises(ConfigError, match=r"real\.toml"):
-        on_simulated_wires(tmp_path, kind="file")
+@pytest.mark.parametrize("kind", sorted({*PORT.shipped} - {*LIVE_KINDS}))
+def test_a_recorded_receiver_is_not_rehearsed(kind: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"real\.toml: pose\.kind: .*'file' has no encoder"):
+        on_simulated_wires(tmp_path, kind=kind)
+
+
+def test_more_fixes_than_can_be_simulated_are_said(tmp_path: Path) -> None:
+    assert "100 fixes a second, the rig says 250" in on_simulated_wires(tmp_path, rate=250.0).notes[-1]
+    assert len(on_simulated_wires(tmp_path, rate=100.0).notes) == 1
 
 
 def test_outputs_are_left_out_and_said(tmp_path: Path) -> None:
@@ -176,8 +270,9 @@ def test_outputs_are_left_out_and_said(tmp_path: Path) -> None:
 @pytest.mark.thorough
 @pytest.mark.live
 def test_the_rig_of_a_real_car_is_driven_by_keys_on_simulated_wires(tmp_path: Path) -> None:
-    """An NMEA receiver on a serial line, a bus that is a card: neither is there, and the car stops before the other."""
-    file, record = real_rig(tmp_path, ("speed_mps = 8.0", "speed_mps = 9.0"), kind="nmea_serial"), tmp_path / "record"
+    """A serial receiver of 10 fixes a second, a bus that is a card: neither is there, and the car stops in time."""
+    faster = ("speed_mps = 8.0", "speed_mps = 9.0")
+    file, record = real_rig(tmp_path, faster, kind="nmea_serial", rate=10.0), tmp_path / "record"
     arguments = (SCENARIO, "--rig", str(file), "--rehearse")
     with desk(*arguments, record=record, program=("-m", "vve_sumo.cli", "drive")) as at:
         at.shows("READY: E ENGAGES")

@@ -159,15 +159,30 @@ class Outcome:
 class TwoCars:
     """One drive of two real cars, or, not `both`, of a real one and a simulated ego."""
 
-    def __init__(self, part: str, folder: Path, *, both: bool = True, duration: float = 60.0) -> None:
-        """Write scenario and rigs into `folder`, which is made; without a `part` the drive ends after its duration."""
+    def __init__(
+        self,
+        part: str,
+        folder: Path,
+        *,
+        both: bool = True,
+        duration: float = 60.0,
+        ahead: float = AHEAD,
+        goes_on: bool = False,
+    ) -> None:
+        """Write scenario and rigs into `folder`, which is made; without a `part` the drive ends after its duration.
+
+        The second car stands `ahead` of the first [m]. With `goes_on` a car goes on where the other one is lost.
+        """
         folder.mkdir(parents=True)
         self.part, self.folder, self.record = part, folder, folder / "record"
         self._both = both
         (folder / "two.toml").write_text(SCENARIO.replace("duration_s = 60.0", f"duration_s = {duration}"))
-        (folder / "ahead.csv").write_text(path_ahead(AHEAD))
+        (folder / "ahead.csv").write_text(path_ahead(ahead))
         for car, port in zip(CARS, free_ports(2), strict=True):
-            (folder / f"{car}.toml").write_text(rig(port, lost=part == named("receiver", car)))
+            text = rig(port, lost=part == named("receiver", car))
+            if goes_on:
+                text = text.replace("automatic = true", 'automatic = true\nwhen_another_car_stops = "go_on"')
+            (folder / f"{car}.toml").write_text(text)
         self.pids: dict[str, int] = {}
         self.t0 = math.nan
 

@@ -55,14 +55,27 @@ def proven(found: Fit, lot: Lot, path: ReferencePath, speed: float) -> None:
 
 
 @pytest.mark.thorough
-def test_a_straight_path_lies_in_the_middle_of_a_runway() -> None:
-    lot = Lot(turned([(0, 0), (140, 0), (140, 20), (0, 20)], 0.5), margin=1.0)
+@pytest.mark.parametrize("width", [20.0, 4.0])
+def test_a_straight_path_lies_in_the_middle_of_a_runway(width: float) -> None:
+    """Also where the car has 15 cm."""
+    lot = Lot(turned([(0, 0), (140, 0), (140, width), (0, width)], 0.5), margin=1.0)
     found = fit(STRAIGHT, geofence(lot), 8.0)
     proven(found, lot, STRAIGHT, 8.0)
     assert found.whole
     assert found.station >= STRAIGHT.length
-    assert found.clearance == pytest.approx(0.5 * (20.0 - VEHICLE.width) - 1.0, abs=0.05)
+    assert found.clearance == pytest.approx(0.5 * (width - VEHICLE.width) - 1.0, abs=0.05)
     assert math.remainder(found.start[2] - 0.5, math.pi) == pytest.approx(0.0, abs=0.02)
+
+
+@pytest.mark.thorough
+def test_of_two_arms_the_wider_one_is_taken() -> None:
+    """A lot like a U, whose middle is no part of it."""
+    corners = [(0, 0), (140, 0), (140, 8), (14, 8), (14, 40), (140, 40), (140, 52), (0, 52)]
+    lot = Lot(turned(corners, 0.9), margin=1.0)
+    found = fit(STRAIGHT, geofence(lot), 8.0)
+    proven(found, lot, STRAIGHT, 8.0)
+    assert found.whole
+    assert found.clearance == pytest.approx(0.5 * (12.0 - VEHICLE.width) - 1.0, abs=0.05)
 
 
 @pytest.mark.thorough

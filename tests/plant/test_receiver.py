@@ -187,6 +187,29 @@ def test_a_float_position_lies_off_by_what_was_drawn_and_the_packets_say_that_it
             assert said is FixQuality.RTK_FIXED
 
 
+@pytest.mark.parametrize("rate", [10.0, 20.0, 30.0, 64.0, 100.0, 250.0])
+def test_it_sends_as_many_fixes_a_second_as_it_is_set_to_and_evenly(rate: float) -> None:
+    fixes = decode(record(ReceiverParameters(MOUNTING, rate=rate, delay=0.0, noise=0.0), 20.0))
+    expected = min(rate, 100.0)
+    assert len(fixes) == pytest.approx(20.0 * expected, abs=1)
+    assert np.abs(np.diff([fix.time for fix in fixes]) - 1.0 / expected).max() < 0.0101  # the time between measurements
+    assert fixes[-1].time - EPOCH == pytest.approx(20.0, abs=1.0 / expected)
+
+
+def test_at_the_highest_rate_no_byte_is_another() -> None:
+    assert record(ReceiverParameters(MOUNTING, rate=100.0), 5.0) == record(ReceiverParameters(MOUNTING), 5.0)
+
+
+def test_the_slow_error_of_a_slow_receiver_lasts_as_long() -> None:
+    """After its correlation time the correlation is exp(-1), whatever the rate (its standard error here is 0.09)."""
+    slow = ReceiverParameters(MOUNTING, rate=10.0, position_white=0.0, position_wander=1.0, wander_time=1.0)
+    exact = replace(slow, noise=0.0)
+    pairs = zip(decode(record(slow, 200.0)), decode(record(exact, 200.0)), strict=True)
+    errors = np.array([one.latitude - other.latitude for one, other in pairs])
+    after_a_second = np.corrcoef(errors[:-10], errors[10:])[0, 1]
+    assert after_a_second == pytest.approx(math.exp(-1.0), abs=0.2)
+
+
 def test_bursts_change_when_fixes_arrive_and_nothing_of_what_they_say() -> None:
     parameters = ReceiverParameters(MOUNTING)
     held = replace(parameters, imperfections=vehicles.FUSION.measured)

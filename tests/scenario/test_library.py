@@ -28,6 +28,7 @@ WITHOUT_CONFLICT = {
     "rush_hour",
     "steering_probe",
     "stop_sign",
+    "two_cars",
 }
 #: tests of their own (calibration, both probes, parked car), and minutes of driving (`benchmarks/library.py` drives
 #: these too)

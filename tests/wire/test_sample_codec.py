@@ -42,7 +42,13 @@ POSES = _of(Pose, point=st.sampled_from(Point))
 
 def test_a_turn_and_a_list_come_through_bit_for_bit() -> None:
     turn = LidarTurn(
-        0.1, 5e-5, np.array([0, 35_999], np.uint16), np.arange(32, dtype=np.uint16), np.full(32, 200, np.uint8)
+        0.1,
+        5e-5,
+        np.array([0, 35_999], np.uint16),
+        np.zeros(16),
+        np.linspace(-0.1, 0.1, 16),
+        np.arange(32, dtype=np.uint16),
+        np.full(32, 200, np.uint8),
     )
     seen = no_objects(0.3)
     listed = dataclasses.replace(seen, number=np.array([7]), x=np.array([0.1]), lane_known=True, lane_left=1.25)

@@ -26,9 +26,10 @@ EXIT_CODES = """exit codes:
 SUMMARY = "show a drive as ROS 2 topics, and let a ROS 2 node drive"
 TEXT = """\
 The bridge runs beside the drive, in a terminal of its own, and stays for any number of drives. It hears the rig's wires
-`ncom`, `scene` and `radar` and publishes clock, transforms, odometry, fix, IMU, radar, bodies, path and diagnostics, on
-this machine alone. With `brain.kind = "setpoints"` a node's velocity commands go to the gateway as setpoints, under the
-same checks as any external controller's. Needs pip install 'vve-sumo[ros2]', and no ROS; docs/ros2.md says more.
+`ncom`, `scene`, `radar` and `sense` and publishes clock, transforms, odometry, fix, IMU, what the sensors measured,
+bodies, path and diagnostics, on this machine alone. With `brain.kind = "setpoints"` a node's velocity commands go to
+the gateway as setpoints, under the same checks as any external controller's. Needs pip install 'vve-sumo[ros2]', and no
+ROS; docs/ros2.md says more.
 
 examples:
   vve-sumo ros2 parked_car --rig ros2
@@ -73,10 +74,17 @@ def run(arguments: argparse.Namespace) -> int:
     bridge = BridgeProcess(rig, resolved, working)
     raise_priority(DRIVE_NICE)  # of the node, too: a setpoint that comes late stops the car
     try:
-        notify(f"ros2: domain {rig.ros2.domain_id}, this machine alone; {_takes(rig)}")
         node = Node(command, working, _environment(rig)) if command else None
         try:
-            bridge.run(lambda: bool(ended) or (node is not None and node.ended))
+
+            def over() -> bool:
+                return bool(ended) or (node is not None and node.ended)
+
+            if node is not None:
+                bridge.await_node(over)
+            bridge.listen()
+            notify(f"ros2: domain {rig.ros2.domain_id}, this machine alone; {_takes(rig)}")
+            bridge.run(over)
         finally:
             if node is not None:
                 node.close()

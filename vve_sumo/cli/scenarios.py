@@ -30,7 +30,8 @@ SUMMARY = "list the scenarios, draw one, import one of OpenSCENARIO or CommonRoa
 TEXT = """\
 List every scenario: its title, network, other road users and pass criteria. With --fit-lot: whether the meeting with
 whom an ego that never brakes would touch first fits into the lot of a rig, at which speed, and on which part of the
-path; vve-sumo align --around lays it there. That takes some seconds a scenario.
+path, which others of the scenario are then left out, or why none was found; vve-sumo align --around lays it there.
+That takes seconds to a minute a scenario.
 
 examples:
   vve-sumo scenarios                            the list
@@ -190,7 +191,9 @@ def _fit_lot(rig: str, *, as_json: bool) -> int:
     from rich.text import Text
 
     console = Console() if sys.stdout.isatty() else Console(width=UNLIMITED)
-    table = Table("name", "event", "its speed", "fits at", "metres of path", "clearance", box=None, pad_edge=False)
+    table = Table(
+        "name", "event", "own speed", "fits at", "metres of path", "clearance", "left out", box=None, pad_edge=False
+    )
     for one in fits:
         table.add_row(*(Text(cell) for cell in one.cells()))
     console.print(table)

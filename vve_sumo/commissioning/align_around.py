@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, Final
 
@@ -37,6 +39,9 @@ from vve_sumo.values import Floats
 FIRST_STEP: Final = 1.0  #: by which the search comes down from the highest speed [m/s]
 SPEED_STEP: Final = 0.25  #: the fastest speed that fits is found to this [m/s]
 MIN_SPEED: Final = 2.0  #: slower is no drive of a road's scenario [m/s]
+
+#: what speaks against a meeting that the search laid nowhere; it is a search, and no proof
+NO_PLACE: Final = "no place was found in the lot"
 
 Notify = Callable[[str], None]
 
@@ -84,12 +89,13 @@ class EventSite:
         """The scenario's own speed, or the nearest one that scenario and rig allow [m/s]."""
         return min(max(self._resolved.scenario.ego.speed_mps, self.slowest), self.fastest_allowed)
 
-    def obstacle_to(self, event: str, speed: float) -> str:
+    def obstacle_to(self, event: str, speed: float, called: str = "") -> str:
         """Return why a meeting is none at a speed [m/s], wherever it is driven; empty where it is one.
 
-        Raises ConfigError as `event_stretch`, and for a speed that the scenario does not allow.
+        The speed is `called` by its number unless by something else. Raises ConfigError as `event_stretch`, and for a
+        speed that the scenario does not allow.
         """
-        return self._why_not(event_stretch(self._at_speed(speed), event), speed)
+        return self._why_not(event_stretch(self._at_speed(speed), event), called or f"{speed:.2f} m/s")
 
     def tried(self, event: str, speed: float) -> EventInLot | None:
         """Return how the meeting fits at a speed [m/s]; None where it does not, or is none.
@@ -99,7 +105,7 @@ class EventSite:
         resolved = self._at_speed(speed)
         stretch = event_stretch(resolved, event)
         path = part_of(resolved.path, stretch.begin, stretch.end)
-        if self._why_not(stretch, speed) or _span(np.array(path.points)) > _span(self._geofence.lot.outline):
+        if self._why_not(stretch, "") or _span(np.array(path.points)) > _span(self._geofence.lot.outline):
             return None
         bumper, table = resolved.vehicle.rear_axle_to_bumper, overrides.with_speed(self._table, speed)
         part = on_part(resolved.scenario, table, stretch.begin, stretch.end, resolved.scenario.ego.path, bumper)
@@ -122,12 +128,13 @@ class EventSite:
             notify(f"searching at {speed:.2f} m/s")
             return self.tried(event, speed)
 
-        speed, high = highest, highest
-        while (best := tried(speed)) is None:
-            if speed <= self.slowest:
-                return None
-            high, speed = speed, max(speed - FIRST_STEP, self.slowest)
-        low = speed
+        high = highest
+        for low in self.steps(highest):
+            if (best := tried(low)) is not None:
+                break
+            high = low
+        else:
+            return None
         while high - low > SPEED_STEP:
             middle = 0.5 * (low + high)
             if (found := tried(middle)) is not None:
@@ -136,11 +143,27 @@ class EventSite:
                 high = middle
         return best
 
-    def _why_not(self, stretch: EventStretch, speed: float) -> str:
+    def steps(self, highest: float) -> list[float]:
+        """Return the speeds at which the search comes down from `highest` to the slowest one [m/s]."""
+        count = max(math.ceil((highest - self.slowest) / FIRST_STEP - 1e-9), 0)
+        return [*(highest - FIRST_STEP * number for number in range(count)), min(self.slowest, highest)]
+
+    def why_none(self, event: str, highest: float) -> str:
+        """Return why a meeting fits at no speed up to `highest` [m/s], by the speeds at which it was searched for.
+
+        Speeds that follow each other share a reason: that of `obstacle_to`, or that the search found no place.
+        """
+        reasons = [(speed, self.obstacle_to(event, speed, "that speed") or NO_PLACE) for speed in self.steps(highest)]
+        spans = ([speed for speed, _ in those] for _, those in groupby(reasons, key=itemgetter(1)))
+        said = dict(reasons)
+        return "; ".join(f"{_span_of(speeds)}: {said[speeds[0]]}" for speeds in spans)
+
+    def _why_not(self, stretch: EventStretch, called: str) -> str:
+        """Return why a stretch is no meeting; the speed is named as it is `called`."""
         if not stretch.at_speed:
-            return f"the path has no room to get to {speed:.2f} m/s before it"
+            return f"the path has no room to get to {called} before it"
         if not stretch.contact and event_stretch(self._resolved, stretch.event).contact:
-            return f"an ego that keeps {speed:.2f} m/s never touches it: there is nothing to brake for"
+            return f"an ego that keeps {called} never touches it, there is nothing to brake for"
         if stretch.end - stretch.begin < MIN_PATH_LENGTH:
             return f"its part of the path is shorter than {MIN_PATH_LENGTH:g} m"
         return ""
@@ -153,6 +176,12 @@ class EventSite:
         scenario = parse(table, self.file)
         ego = scenario.ego.model_copy(update={"vehicle": self._resolved.scenario.ego.vehicle})
         return replace(resolved, scenario=scenario.model_copy(update={"ego": ego}))
+
+
+def _span_of(speeds: list[float]) -> str:
+    """Return one speed, or the first and last of several, in words."""
+    first, last = speeds[0], speeds[-1]
+    return f"at {first:.2f} m/s" if len(speeds) == 1 else f"at {first:.2f} to {last:.2f} m/s"
 
 
 def _span(points: Floats) -> float:

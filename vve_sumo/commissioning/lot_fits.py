@@ -1,4 +1,4 @@
-"""Says of every scenario whether its meeting fits into a rig's lot, at which speed and on which part of its path.
+"""Says of every scenario whether its main meeting fits into a rig's lot, at which speed, on which part of its path.
 
 Searches with `align_around` alone, and writes nothing.
 """
@@ -22,12 +22,13 @@ class LotFit:
     """A scenario and the lot; the figures of one that does not fit are None."""
 
     scenario: str  #: its name
-    event: str | None  #: id of the obstacle or actor that is met
-    own_speed_mps: float | None  #: of the scenario's ego, or the nearest that scenario and rig allow
-    speed_mps: float | None  #: at which it fits: its own, or the fastest below that
+    event: str | None  #: id of the obstacle or actor that is met; others are looked at only where they are near it
+    own_speed_mps: float | None  #: of the scenario's ego, whether the rig allows it or not
+    speed_mps: float | None  #: at which it fits: its own, or the fastest below that which scenario, rig and lot allow
     begin_m: float | None  #: where the part of the path begins, along the whole one
     end_m: float | None  #: where it ends
     clearance_m: float | None  #: of the swept ground from the lot's edge less its margin
+    left_out: tuple[str, ...]  #: of a part that fits, whoever of the scenario is not on it
     why_not: str  #: one line; empty for one that fits
 
     def to_dict(self) -> dict[str, Any]:
@@ -35,10 +36,10 @@ class LotFit:
         return asdict(self)
 
     def cells(self) -> tuple[str, ...]:
-        """Return name, event, own speed, speed that fits or why none, part of the path and clearance, as texts."""
+        """Return name, event, own speed, speed that fits or why none, part of the path, clearance, who is left out."""
         own = "" if self.own_speed_mps is None else f"{self.own_speed_mps:.2f} m/s"
         if self.speed_mps is None:
-            return (self.scenario, self.event or "", own, f"no: {self.why_not}", "", "")
+            return (self.scenario, self.event or "", own, f"no: {self.why_not}", "", "", "")
         return (
             self.scenario,
             self.event or "",
@@ -46,6 +47,7 @@ class LotFit:
             f"{self.speed_mps:.2f} m/s ({3.6 * self.speed_mps:.0f} km/h)",
             f"{self.begin_m:.0f} to {self.end_m:.0f}",
             f"{self.clearance_m:.1f} m",
+            "; ".join(self.left_out),
         )
 
 
@@ -59,18 +61,17 @@ def lot_fits(rig: str, working: Path, names: Collection[str] | None = None) -> I
         try:
             yield _fit_of(name, rig, working)
         except ConfigError as error:
-            yield LotFit(name, None, None, None, None, None, None, str(error))
+            yield _none(name, None, None, str(error))
 
 
 def _fit_of(name: str, rig: str, working: Path) -> LotFit:
     site = EventSite(name, rig, working)
-    event, own = main_event(site.resolved), site.own_speed
+    event, own = main_event(site.resolved), site.resolved.scenario.ego.speed_mps
     if event is None:
-        return LotFit(name, None, own, None, None, None, None, "no obstacle and no actor is met")
-    found = site.fastest(event, own, lambda _line: None)
+        return _none(name, None, own, "no obstacle and no actor is met")
+    found = site.fastest(event, site.own_speed, lambda _line: None)
     if found is None:
-        why = site.obstacle_to(event, own) or "the lot is too small at any speed that the scenario allows"
-        return LotFit(name, event, own, None, None, None, None, why)
+        return _none(name, event, own, site.why_none(event, site.own_speed))
     return _fitting(name, own, found)
 
 
@@ -78,4 +79,10 @@ def _fitting(name: str, own: float, found: EventInLot) -> LotFit:
     stretch, fit = found.stretch, found.result.fit
     assert fit is not None  # of a search that found a place
     begin, end, clearance = (round(value, 2) for value in (stretch.begin, stretch.end, fit.clearance))
-    return LotFit(name, stretch.event, round(own, 3), round(found.speed, 3), begin, end, clearance, "")
+    speed, left_out = round(found.speed, 3), found.part.left_out
+    return LotFit(name, stretch.event, round(own, 3), speed, begin, end, clearance, left_out, "")
+
+
+def _none(name: str, event: str | None, own: float | None, why: str) -> LotFit:
+    """Return what there is to be said of a scenario that does not fit."""
+    return LotFit(name, event, own, None, None, None, None, (), why)

@@ -25,6 +25,7 @@ from vve_sumo.values import (
     PointCloud,
     SensorOutput,
     Stations,
+    StopLines,
     newest_scan,
 )
 from vve_sumo.wire.sample import LidarTurn, OwnMotion, Sample, SampleContent, sequence_of, virtual_fix
@@ -133,12 +134,18 @@ class Publisher:
         fix = virtual_fix(seen.pose, self._placement, seen.fix)
         wired = {name: seen.sensors[name] for name in self._wired if name in seen.sensors}
         lists = {name: output for name, output in wired.items() if isinstance(output, CameraObjects)}
-        turns, heard = (
-            self._new_turns(wired),
-            {n: output for n, output in wired.items() if isinstance(output, Stations)},
-        )
         return SampleContent(
-            fix, seen.pose, scan, age, seen.actors, others, turns, lists=lists, heard=heard, signals=self.signals(now)
+            fix,
+            seen.pose,
+            scan,
+            age,
+            seen.actors,
+            others,
+            self._new_turns(wired),
+            lists=lists,
+            heard={name: output for name, output in wired.items() if isinstance(output, Stations)},
+            lines={name: output for name, output in wired.items() if isinstance(output, StopLines)},
+            signals=self.signals(now),
         )
 
     def _new_turns(self, wired: Mapping[str, SensorOutput]) -> dict[str, LidarTurn]:

@@ -217,16 +217,17 @@ class ResolvedScenario:
     def _check_outputs(self, rig: Rig) -> None:
         sensors = self.sensors() if any(output.sensor is not None for output in rig.outputs) else {}
         for number, output in enumerate(rig.outputs):
-            content, name = KINDS[output.kind].content, output.sensor
-            if name is None or content is None:
+            contents, name = KINDS[output.kind].contents, output.sensor
+            if name is None or not contents:
                 continue
             if name not in sensors:
                 raise ConfigError(
                     f"outputs.{number}.sensor: the scenario has no sensor {name!r}, expected {' or '.join(sensors)}"
                 )
-            if content not in sensors[name].serves:
+            if not {*contents} & {*sensors[name].serves}:
+                carried = " or ".join(contents)
                 raise ConfigError(
-                    f"outputs.{number}.sensor: {name!r} serves no {content}, which {output.kind!r} carries"
+                    f"outputs.{number}.sensor: {name!r} serves no {carried}, which {output.kind!r} carries"
                 )
             if why := KINDS[output.kind].refuses(sensors[name]):
                 raise ConfigError(f"outputs.{number}: {output.kind!r} cannot carry sensor {name!r}: {why}")

@@ -23,7 +23,8 @@ from vve_sumo.metrics.lead_vehicle import index_of_tick
 from vve_sumo.sensors.port import STANDARD
 from vve_sumo.values import Actors, FixQuality, Point, Pose
 from vve_sumo.version import __version__
-from vve_sumo.wire.ros2 import messages
+from vve_sumo.wire.ros2 import clouds, messages
+from vve_sumo.wire.ros2.path_ahead import PathAhead
 from vve_sumo.wire.ros2.types import encode, store
 from vve_sumo.wire.setpoints import SILENT
 
@@ -74,14 +75,13 @@ def messages_of(run: Run) -> Iterator[tuple[int, str, Any]]:
     mounting = Mounting(**run.resolved["vehicle_model"]["mounting"])
     placement, sensors = _placement(run, mounting), (mounting.forward, mounting.left)
     actors, scans = _actors(run), _scans(run)
+    s: float | None = None  # of the ego along the path
+    ahead = PathAhead(run.path, run.resolved["settings"]["ego"]["speed_mps"])
     for number, (at, pose, status) in enumerate(_ticks(run)):
         yield at, "/clock", messages.clock(at)
         if number == 0:
             yield at, "/tf_static", messages.static_transforms(at, run.vehicle.rear_axle_to_bumper, sensors)
             yield at, "/path", messages.path(at, run.path)
-        if pose is not None:
-            yield at, "/bodies", messages.markers(at, actors.get(number, Actors.none(pose.time)))
-        yield at, "/diagnostics", status
         for cloud in scans.get(number, ()):
             yield at, "/radar/points", cloud
         if pose is not None:
@@ -90,7 +90,12 @@ def messages_of(run: Run) -> Iterator[tuple[int, str, Any]]:
             yield at, "/tf", messages.transforms(at, pose)
             yield at, "/fix", messages.nav_sat_fix(at, fix)
             yield at, "/imu", messages.imu(at, fix)
+            s = run.path.project(pose.x, pose.y, s).s
+            yield at, "/path/ahead", ahead.path(at, pose, s)
+            yield at, "/path/speed", ahead.reference(at, s)
             yield at, "/odom", messages.odometry(at, pose)
+            yield at, "/bodies", messages.markers(at, actors.get(number, Actors.none(pose.time)))
+        yield at, "/diagnostics", status
 
 
 def _placement(run: Run, mounting: Mounting) -> Placement:
@@ -143,5 +148,5 @@ def _scans(run: Run) -> dict[int, list[Any]]:
     columns = [table.rows[name].to_numpy().astype(np.float64) for name in ("range_m", "azimuth_rad", "range_rate_mps")]
     for number, (tick, measured) in enumerate(zip(table.at.tolist(), table.measured.tolist(), strict=True)):
         at, own = 1000 * unix_of_drive(run, measured), table.of_reading(number)
-        found[tick].append(messages.radar_cloud(at, *(column[own] for column in columns)))
+        found[tick].append(clouds.radar_cloud(at, *(column[own] for column in columns)))
     return found

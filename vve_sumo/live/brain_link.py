@@ -142,6 +142,6 @@ def tells_own(rig: Rig) -> bool:
 
 
 def wired_sensors(rig: Rig) -> frozenset[str]:
-    """Return the names of the lidars, cameras and V2X receivers that a rig's wires carry."""
-    carried = ("points", "objects", "stations")
-    return frozenset(one.sensor for one in rig.outputs if one.sensor and KINDS[one.kind].content in carried)
+    """Return the names of the lidars, cameras, V2X receivers and senses of signals that a rig's wires carry."""
+    carried = {"points", "objects", "stations", "stop_lines"}
+    return frozenset(one.sensor for one in rig.outputs if one.sensor and carried & {*KINDS[one.kind].contents})

@@ -15,6 +15,7 @@ from vve_sumo.drive.virtual_road import pose_at_rest
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import Alignment
 from vve_sumo.lot.fit import fit
+from vve_sumo.plant.receiver import MAX_RATE
 from vve_sumo.pty_link import PREFIX
 from vve_sumo.rig import load as rigs
 from vve_sumo.rig import resolve as meaning
@@ -60,6 +61,8 @@ def rehearsed(rig: Rig, file: Path, resolved: ResolvedScenario, folder: Path) ->
         raise ConfigError(f"--rehearse: {file}: {problem}")
     wires = f"rehearsal: bus {rig.bus.interface}:{rig.bus.channel} is emulated, {meaning.receiver_of(found).place()} is"
     notes: tuple[str, ...] = (f"{wires} the simulated {found.pose.kind}; no hardware is opened",)
+    if rig.pose.rate_hz > MAX_RATE:
+        notes += (f"rehearsal: the receiver sends {MAX_RATE:g} fixes a second, the rig says {rig.pose.rate_hz:g}",)
     if left_out:
         notes += (f"rehearsal: left out of the rig: {', '.join(left_out)}",)
     return Rehearsal(found, notes)

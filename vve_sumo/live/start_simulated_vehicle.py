@@ -87,8 +87,9 @@ def _config(rig: Rig, t0: float, seed: int, folder: Path | None, friction: float
     start, pose = rig.car_start, rig.pose
     assert start is not None  # the rig's validation ensures it, and a receiver that can be simulated
     wire = rig.bus.interface, start.channel or rig.bus.channel
+    parameters = perturbed(_uncalibrated(meaning.model_of(rig)), start, friction)
     return CarConfig(
-        parameters=perturbed(_uncalibrated(meaning.model_of(rig)), start, friction),
+        parameters=replace(parameters, receiver=replace(parameters.receiver, rate=pose.rate_hz)),
         lot=meaning.frame_of(rig),
         latitude_deg=start.latitude_deg,
         longitude_deg=start.longitude_deg,

@@ -22,7 +22,8 @@ from vve_sumo.pose.receivers.port import FixEncoder, standard
 from vve_sumo.values import Fix, FixQuality, Pose
 from vve_sumo.vehicle.model import FIX_PERIOD, IDEAL, Imperfections
 
-PERIOD = FIX_PERIOD  # between fixes [s]
+PERIOD = FIX_PERIOD  # between measurements, each of which is a fix at the highest rate [s]
+MAX_RATE: Final = 1.0 / PERIOD  # of fixes [1/s]
 ALTITUDE: Final = 220.0  # of the lot at the start, about Columbus's [m]
 _RTK_FIXED = FixQuality.RTK_FIXED
 STREAMS: Final = 8  # independent sources of noise
@@ -33,6 +34,7 @@ class ReceiverParameters:
     """How good the receiver is; the defaults are those of an RTK-fixed dual-antenna unit on open ground."""
 
     mounting: Mounting  #: of the output point
+    rate: float = MAX_RATE  #: of fixes [1/s]; of more than `MAX_RATE`, that many are sent
     delay: float = 0.01  #: from a fix's epoch to the arrival of its bytes [s]
     hidden_delay: float = 0.0  #: by which a fix is older than its epoch says [s]
     noise: float = 1.0  #: factor on the errors below; the reported accuracies are not scaled by it
@@ -53,7 +55,7 @@ def unaltered(fix: Fix) -> Fix:
 
 
 class SimulatedReceiver:
-    """Measures and sends one packet each `PERIOD`.
+    """Measures each `PERIOD` and sends as many packets a second as its `rate`, evenly.
 
     `alter` sits between measuring and encoding: a fault is a function from fix to fix, or to None for a lost packet.
     `epoch` is the GNSS second of drive time 0. The `encoder` is the standard receiver's without another. The first
@@ -80,9 +82,12 @@ class SimulatedReceiver:
         streams = seeds.spawn(STREAMS)
         slow, correlation = parameters.position_wander, parameters.wander_time
         position, velocity, heading, yaw_rate, acceleration = (white(stream) for stream in streams[2:7])
+        # Share of the time between fixes that a measurement takes, and the share that has gone by since the last fix.
+        self._share, self._gone_by = min(parameters.rate * PERIOD, 1.0), 0.0
+        period = PERIOD / self._share
         # Of each fix: the slow error north and east, then draws for position and velocity, north and east each.
         self._draws = zip(
-            wander(slow, correlation, PERIOD, streams[0]), wander(slow, correlation, PERIOD, streams[1]),
+            wander(slow, correlation, period, streams[0]), wander(slow, correlation, period, streams[1]),
             position, position, velocity, velocity, heading, yaw_rate, acceleration,
             strict=True,
         )  # fmt: skip
@@ -98,7 +103,9 @@ class SimulatedReceiver:
         self._floats = FloatSpells(of, floats, begin) if size > 0.0 and of.receiver_float_every > 0.0 else None
 
     def measure(self, truth: Pose, climbed: float) -> None:
-        """Measure the rear axle at lot pose `truth`, `climbed` metres above the start, and send the bytes."""
+        """Measure the rear axle at lot pose `truth`, `climbed` metres above the start, and send the bytes where due."""
+        if not self._is_due():
+            return
         fix = self._observe(truth, climbed)
         if self._floats is not None and (offset := self._floats.offset(truth.time)) is not None:
             fix = self._float(fix, *offset)
@@ -114,6 +121,14 @@ class SimulatedReceiver:
         while way and way[0][0] <= until + 1e-9:
             taken.append(way.popleft())
         return taken
+
+    def _is_due(self) -> bool:
+        """Return whether this measurement is a fix that is sent."""
+        self._gone_by += self._share
+        due = self._gone_by > 1.0 - 1e-9
+        if due:
+            self._gone_by -= 1.0
+        return due
 
     def _float(self, fix: Fix, north: float, east: float) -> Fix:
         """Return the fix as a float solution that lies so far off [m], and says how good it is."""

@@ -6,7 +6,7 @@ It knows decoders; it must not know files or what becomes of the fixes.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple, Protocol, runtime_checkable
 
 from vve_sumo.pose import ncom, nmea, novatel, sbf, trust, ubx
 from vve_sumo.values import Fix
@@ -16,6 +16,7 @@ HEAD: Final = 1 << 18  #: bytes by which a format is recognised, unless nothing 
 PORTION: Final = ncom.LENGTH
 
 
+@runtime_checkable
 class LogDecoder(Protocol):
     """What is needed of a decoder of logs."""
 

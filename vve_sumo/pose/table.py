@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.pose.log_formats import LogDecoder, LogFormat
+from vve_sumo.pose.log_formats import FORMATS, LogDecoder, LogFormat
 from vve_sumo.pose.ncom import Decoder
+from vve_sumo.pose.receivers.port import Receiver
 from vve_sumo.pose.recording import decode, read_log
 from vve_sumo.pose.trust import Trust, TrustGate
 from vve_sumo.values import Fix
@@ -33,6 +34,10 @@ COLUMNS: Final = (
     "velocity_down_mps",
     "position_mode",  #: NCOM code, empty where not known and of other formats
     "quality",  #: of the position, as `FixQuality`
+    "position_sigma_m",  #: 1 sigma; this one and those below are empty where the log does not say them
+    "velocity_sigma_mps",  #: 1 sigma
+    "heading_sigma_deg",  #: 1 sigma
+    "corrections_age_s",
     "trusted",  #: whether a car may drive on it, had it arrived at once
     "reason",  #: codes of `trust.REASONS`, separated by blanks
 )
@@ -45,14 +50,31 @@ class Log(NamedTuple):
     decoder: LogDecoder  #: its counts show what gave no row
 
 
-def rows(path: Path) -> Iterator[dict[str, str]]:
+def rows(path: Path, receiver: Receiver | None = None) -> Iterator[dict[str, str]]:
     """Yield the rows of a log, texts by the names of `COLUMNS`.
 
     A fix is judged as if it had arrived the moment it was made, as a file does not hold arrivals, and as strictly as
-    that of a live receiver. Raises ConfigError for a file without a message.
+    that of a live receiver. With a `receiver` the log is decoded as that one would have decoded its bytes, with the
+    accuracies that its table declares. Raises ConfigError for a file without a message, or without one of the receiver.
     """
+    return _rows(*_opened(path, receiver))
+
+
+def _opened(path: Path, receiver: Receiver | None) -> tuple[bytes, Log]:
+    """Return the bytes of a log, and what decodes them; raises ConfigError as `rows` does."""
     raw, of = read_log(path)
-    return _rows(raw, Log(of, of.decoder()))
+    if receiver is None:
+        return raw, Log(of, of.decoder())
+    decoder, trial = receiver.decoder(), receiver.decoder()
+    theirs = next((one for one in FORMATS if type(decoder) is one.decoder), None)
+    if theirs is None or not receiver.profile.live or not isinstance(decoder, LogDecoder):
+        names = ", ".join(one.name for one in FORMATS)
+        raise ConfigError(f"{path}: the rig's pose.kind sends no log that is read, expected a receiver with {names}")
+    trial.feed(raw, 0.0)
+    assert isinstance(trial, LogDecoder)
+    if not trial.recognised:
+        raise ConfigError(f"{path}: it is {of.name}, expected {theirs.name} by the rig's pose.kind")
+    return raw, Log(theirs, decoder)
 
 
 def _rows(raw: bytes, log: Log) -> Iterator[dict[str, str]]:
@@ -66,10 +88,9 @@ def _rows(raw: bytes, log: Log) -> Iterator[dict[str, str]]:
         yield _row(fix, codes, gate.step(fix.time - epoch, fix))
 
 
-def write_csv(path: Path, out: Path) -> Log:
-    """Write the rows of the log `path` to `out`; return what was found. Raises ConfigError as `rows` does."""
-    raw, of = read_log(path)
-    log = Log(of, of.decoder())
+def write_csv(path: Path, out: Path, receiver: Receiver | None = None) -> Log:
+    """Write the rows of the log `path` to `out`; return what was found. Arguments and errors are those of `rows`."""
+    raw, log = _opened(path, receiver)
     table = list(_rows(raw, log))
     if out.exists() and out.samefile(path):
         raise ConfigError(f"{out}: this is the recording itself, expected another file to write to")
@@ -103,6 +124,10 @@ def _row(fix: Fix, codes: tuple[int, int] | None, trust: Trust) -> dict[str, str
         _text(fix.velocity_down, 4),
         "" if mode < 0 else str(mode),
         str(fix.quality),
+        _text(fix.position_sigma, 4),
+        _text(fix.velocity_sigma, 4),
+        _text(math.degrees(fix.heading_sigma), 4),
+        _text(fix.differential_age, 2),
         "true" if trust.trusted else "false",
         " ".join(trust.reasons),
     )

@@ -356,12 +356,14 @@ class RigOutput(Table):
         "cpm",
         "signals",
         "scene",
+        "sense",
         "stop",
     ] = Field(description="what is sent: see the table of wires")
     sensor: Name | None = Field(
         default=None,
         description="`radar`, `esr`, `ars408`, `osi_data`: name of the scenario's sensor whose detections are sent, "
-        "where that is not `radar`; `vlp16`, `mobileye`, `cpm`, `v2x`: name of the lidar, camera or V2X receiver",
+        "where that is not `radar`; `vlp16`, `mobileye`, `cpm`, `v2x`: name of the lidar, camera or V2X receiver; "
+        "`sense`: name of any sensor",
     )
     udp: Place | None = Field(default=None, description="send datagrams to this address and port")
     tcp: Place | None = Field(default=None, description="`ncom`, `nmea`: serve a stream on this address and port")
@@ -392,7 +394,7 @@ class RigOutput(Table):
             raise ValueError(f"host says nothing for kind {self.kind!r}, it is for esr")
         if (self.kind == "stop") != (self.can_id is not None):
             raise ValueError("can_id is the identifier of the stop frame: kind 'stop' needs it, and no other has it")
-        carried = {"vlp16": "lidar", "mobileye": "camera", "cpm": "camera", "v2x": "V2X receiver"}
+        carried = {"vlp16": "lidar", "mobileye": "camera", "cpm": "camera", "v2x": "V2X receiver", "sense": "sensor"}
         if self.sensor is None and (what := carried.get(self.kind)):
             raise ValueError(f"kind {self.kind!r} needs sensor: name the scenario's {what}")
         if self.kind in ("esr", "ars408", "mobileye", "stop"):
@@ -539,7 +541,7 @@ class RigV2x(Table):
 
 
 class RigRos2(Table):
-    """The ROS 2 bridge, `vve-sumo ros2`."""
+    """The ROS 2 bridge, `vve-sumo ros2`, and the relay of a ROS 2 driver's fixes, `vve-sumo pose ros2`."""
 
     domain_id: Annotated[int, Field(ge=0, le=101)] = Field(default=0, description="ROS_DOMAIN_ID of the nodes")
     commands: Literal["twist_stamped", "twist", "ackermann"] = Field(
@@ -549,6 +551,11 @@ class RigRos2(Table):
     )
     time_constant_s: Annotated[float, Field(ge=0.1, le=5.0)] = Field(
         default=0.5, description="a command's speed is asked for as an acceleration that reaches it in about this time"
+    )
+    corrections_age_s: Annotated[float, Field(gt=0.0, le=10.0)] | None = Field(
+        default=None,
+        description="`vve-sumo pose ros2`: how old corrections may be before the receiver no longer says that it has a "
+        "fix by a base station",
     )
 
 

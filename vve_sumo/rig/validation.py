@@ -226,7 +226,7 @@ def _of_the_brain(rig: Rig) -> Iterator[str]:
     elif kind == "setpoints" and "radar" not in output_kinds:
         yield "outputs: expected one of kind 'radar': a setpoint of the brain names the radar datagram that it answers"
     for number, output in enumerate(rig.outputs):
-        if output.sensor is not None and KINDS[output.kind].content is None:
+        if output.sensor is not None and not KINDS[output.kind].contents:
             yield f"outputs.{number}.sensor: kind {output.kind!r} carries nothing of a sensor"
         elif output.sensor not in (None, STANDARD) and kind == "setpoints" and output.kind == "radar":
             yield f"outputs.{number}.sensor: a setpoint answers the datagrams of {STANDARD!r}, expected no other sensor"

@@ -20,7 +20,17 @@ from vve_sumo.intersections import SignalPhase
 from vve_sumo.ports import Port, error_text
 from vve_sumo.sensors.drawing import Drawing, wrong
 from vve_sumo.sensors.street import Street
-from vve_sumo.values import Actors, CameraObjects, Detections, PointCloud, Pose, SensorOutput, Stations, Vehicle
+from vve_sumo.values import (
+    Actors,
+    CameraObjects,
+    Detections,
+    PointCloud,
+    Pose,
+    SensorOutput,
+    Stations,
+    StopLines,
+    Vehicle,
+)
 
 #: Every kind is found by a name of this table, as `file.py:function` or by entry point; `make()` returns its class.
 PORT: Final = Port(
@@ -37,13 +47,14 @@ STANDARD: Final = "radar"
 
 Column = Sequence[Any] | NDArray[Any]
 #: what of a sensor's output an outgoing wire can carry, by the name that a kind's `serves` has for it
-Content = Literal["detections", "points", "objects", "stations"]
+Content = Literal["detections", "points", "objects", "stations", "stop_lines"]
 #: the class of an output that serves a content
 CONTENTS: Final[Mapping[Content, type]] = {
     "detections": Detections,
     "points": PointCloud,
     "objects": CameraObjects,
     "stations": Stations,
+    "stop_lines": StopLines,
 }
 ColumnKind = Literal["float", "int", "int8", "bool", "str"]
 

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from vve_sumo.frames import local_frame
 from vve_sumo.sensors.drawing import Cartesian, Drawing, Points, front_bumper
-from vve_sumo.sensors.port import Sensor, SensorColumn, SensorSettings
+from vve_sumo.sensors.port import Content, Sensor, SensorColumn, SensorSettings
 from vve_sumo.sensors.signals import COLUMNS, SignalsConfig, SignalSense
 from vve_sumo.sensors.street import Street
 from vve_sumo.values import StopLines, Vehicle
@@ -23,6 +23,7 @@ class SignalsSettings(SensorSettings):
     """A sense of stop lines and of what signals show."""
 
     columns: ClassVar[tuple[SensorColumn, ...]] = COLUMNS
+    serves: ClassVar[tuple[Content, ...]] = ("stop_lines",)
     observation: ClassVar[type] = StopLines
 
     by: Literal["v2x", "sight"] = Field(

@@ -17,8 +17,9 @@ from vve_sumo.pose import ncom, nmea_encoder
 from vve_sumo.values import Actors, Frame, Vehicle
 from vve_sumo.wire import ars408, datagrams, esr, mobileye, vlp16
 from vve_sumo.wire.numbering import Numbering
-from vve_sumo.wire.sample import NO_SCAN, Sample, SampleContent, no_fix
+from vve_sumo.wire.sample import MAX_LIST_AGE, NO_SCAN, Sample, SampleContent, no_fix
 from vve_sumo.wire.scene import encode_scene
+from vve_sumo.wire.senses import SenseOutput
 
 if TYPE_CHECKING:
     from vve_sumo.sensors.port import Content, SensorSettings
@@ -31,8 +32,8 @@ MICROSECONDS: Final = 1_000_000
 #: how long the vehicle messages of an ESR's host count [s]: five of their periods of 20 ms, an assumption
 HOST_LIFETIME: Final = 0.1
 
-#: an older list of a camera is shown by nobody [s]
-MAX_LIST_AGE: Final = 0.5
+#: rays of a turn that the drive can hand to the process of the wires [1]
+MAX_RAYS: Final = 100_000
 
 #: returns the frames that others have sent on a bus since the last call, in order
 Hear = Callable[[], Sequence[Frame]]
@@ -474,6 +475,13 @@ def _other_channels(settings: SensorSettings) -> str:
     return "" if got == wanted else f"channels_deg: a VLP-16 has {wanted}, got {got}"
 
 
+def _too_many_rays(settings: SensorSettings) -> str:
+    """Return what of a lidar is too much for the way from the drive to the process of the wires."""
+    channels, step = getattr(settings, "channels_deg", ()), getattr(settings, "azimuth_step_deg", 360.0)
+    rays = round(len(channels) * 360.0 / step)
+    return f"a turn has {rays} rays, expected {MAX_RAYS} at most" if rays > MAX_RAYS else ""
+
+
 @dataclass(frozen=True, slots=True)
 class Kind:
     """A kind of outgoing wire."""
@@ -483,7 +491,7 @@ class Kind:
     tells_actors: bool = False  #: whether it needs the actors of a sample
     tells_own: bool = False  #: whether it needs where the ego is also while the outputs are invalid
     tells_signals: bool = False  #: whether it needs what the signals show, and where their lanes are
-    content: Content | None = None  #: what it carries of a sensor that serves it; None: of no sensor
+    contents: tuple[Content, ...] = ()  #: what it carries of a sensor that serves one of these; empty: of no sensor
     signed: bool = False  #: whether its datagrams are this project's own, which a key signs
     #: what of a sensor's settings the wire cannot carry, in one phrase; empty for nothing
     refuses: Callable[[SensorSettings], str] = lambda settings: ""
@@ -495,20 +503,22 @@ KINDS: Final[Mapping[str, Kind]] = {
     "radar": Kind(
         RadarOutput,
         "the radar's newest scan as this project's own datagram, one a tick",
-        content="detections",
+        contents=("detections",),
         signed=True,
     ),
-    "esr": Kind(EsrOutput, "the radar as a Delphi ESR's tracks, 20 Hz", content="detections"),
-    "ars408": Kind(Ars408Output, "the radar as a Continental ARS408's objects, 13.3 Hz", content="detections"),
-    "mobileye": Kind(MobileyeOutput, "a camera's list as a Mobileye's obstacles, a list at a time", content="objects"),
+    "esr": Kind(EsrOutput, "the radar as a Delphi ESR's tracks, 20 Hz", contents=("detections",)),
+    "ars408": Kind(Ars408Output, "the radar as a Continental ARS408's objects, 13.3 Hz", contents=("detections",)),
+    "mobileye": Kind(
+        MobileyeOutput, "a camera's list as a Mobileye's obstacles, a list at a time", contents=("objects",)
+    ),
     "vlp16": Kind(
         Vlp16Output,
         "a lidar's turns as a Velodyne VLP-16's data packets, a turn at a time",
-        content="points",
+        contents=("points",),
         refuses=_other_channels,
     ),
     "vlp16_position": Kind(Vlp16PositionOutput, "the position packets of a Velodyne VLP-16, 10 Hz"),
-    "v2x": Kind(V2xOutput, "the messages that a V2X receiver heard as GeoNetworking packets", content="stations"),
+    "v2x": Kind(V2xOutput, "the messages that a V2X receiver heard as GeoNetworking packets", contents=("stations",)),
     "cam": Kind(CamOutput, "the ego's own CAM as a GeoNetworking packet, 1 to 10 Hz"),
     "denm": Kind(
         DenmOutput,
@@ -516,7 +526,7 @@ KINDS: Final[Mapping[str, Kind]] = {
         tells_own=True,
     ),
     "cpm": Kind(
-        CpmOutput, "what a camera sees as the ego's CPMs in GeoNetworking packets, up to 10 Hz", content="objects"
+        CpmOutput, "what a camera sees as the ego's CPMs in GeoNetworking packets, up to 10 Hz", contents=("objects",)
     ),
     "signals": Kind(
         SignalsOutput,
@@ -529,6 +539,13 @@ KINDS: Final[Mapping[str, Kind]] = {
         tells_actors=True,
         signed=True,
     ),
+    "sense": Kind(
+        lambda _: SenseOutput(),
+        "what any sensor measured as this project's own datagrams, a measurement at a time, for the ROS 2 bridge",
+        contents=("detections", "points", "objects", "stations", "stop_lines"),
+        signed=True,
+        refuses=_too_many_rays,
+    ),
     "stop": Kind(StopOutput, "a frame that asks for a stop, at each tick of a drive that is invalid"),
     "osi_view": Kind(
         lambda c: OsiOutput(c, view=True),
@@ -538,6 +555,6 @@ KINDS: Final[Mapping[str, Kind]] = {
     "osi_data": Kind(
         lambda c: OsiOutput(c, view=False),
         "ASAM OSI SensorData of the radar, one a tick",
-        content="detections",
+        contents=("detections",),
     ),
 }

@@ -17,13 +17,15 @@ from numpy.typing import NDArray
 from vve_sumo.frames import Placement
 from vve_sumo.intersections import SignalPhase
 from vve_sumo.timing import PERIOD
-from vve_sumo.values import Actors, CameraObjects, Detections, Fix, FixQuality, Pose, Stations
+from vve_sumo.values import Actors, CameraObjects, Detections, Fix, FixQuality, Floats, Pose, Stations, StopLines
 
 NO_SCAN: Final = Detections(-math.inf, np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, np.int8))
 #: of a tick's time, in ticks
 _ROUNDING: Final = 1e-6
 #: an older scan is shown by nobody [s]
 MAX_SCAN_AGE: Final = 0.3
+#: an older list of a camera is shown by nobody [s]
+MAX_LIST_AGE: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +35,8 @@ class LidarTurn:
     time: float  #: drive time of the last firing [s]
     firing_period: float  #: from one firing to the next [s]
     azimuth: NDArray[np.uint16]  #: of each firing from the lidar's x axis, clockwise [0.01 degree] (F)
+    azimuth_offset: Floats  #: of each channel's ray from that of the first [rad], left positive (C)
+    elevation: Floats  #: of each channel [rad], up positive (C)
     range: NDArray[np.uint16]  #: along the ray [2 mm], 0 where nothing came back: firing after firing (F x C)
     reflectivity: NDArray[np.uint8]  #: apparent [percent] (F x C)
 
@@ -57,6 +61,9 @@ class SampleContent:
     #: what each V2X receiver knows of others, where a wire carries it
     heard: Mapping[str, Stations] = field(default_factory=dict)
     stations: Stations | None = None  #: of the receiver that a wire is of
+    #: what each sense of signals knows of stop lines, where a wire carries it
+    lines: Mapping[str, StopLines] = field(default_factory=dict)
+    stop_lines: StopLines | None = None  #: of the sense that a wire is of
     #: what the signals of the virtual road show, by SUMO's ids, where a wire carries it
     signals: Mapping[str, SignalPhase] = field(default_factory=dict)
 
@@ -98,9 +105,15 @@ class Sample:
             return self
         scan = self.measured.others.get(sensor, NO_SCAN)
         age = self.drive_time - scan.time  # infinite before the first
-        turn, objects = self.measured.turns.get(sensor), self.measured.lists.get(sensor)
-        stations = self.measured.heard.get(sensor)
-        seen = replace(self.measured, scan=scan, scan_age=age, turn=turn, objects=objects, stations=stations)
+        seen = replace(
+            self.measured,
+            scan=scan,
+            scan_age=age,
+            turn=self.measured.turns.get(sensor),
+            objects=self.measured.lists.get(sensor),
+            stations=self.measured.heard.get(sensor),
+            stop_lines=self.measured.lines.get(sensor),
+        )
         return replace(self, measured=seen)
 
 

@@ -51,6 +51,8 @@ def turn_of(cloud: PointCloud) -> LidarTurn:
         cloud.time,
         period,
         azimuth.astype(np.uint16),
+        cloud.azimuth_offset,
+        cloud.elevation,
         quanta.astype(np.uint16).ravel(),
         cloud.reflectivity.astype(np.uint8).ravel(),
     )

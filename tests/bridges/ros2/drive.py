@@ -12,6 +12,7 @@ from vve_sumo.bridges.ros2.bridge import Installation
 from vve_sumo.drive.brain import virtual_placement
 from vve_sumo.frames import MapFrame, Mounting
 from vve_sumo.path import ReferencePath
+from vve_sumo.sensors.drawing import Mounting as SensorFrame
 from vve_sumo.values import Actors, Detections, Fix, FixQuality, Point, Pose, Vehicle
 from vve_sumo.wire.outputs import KINDS, Context
 from vve_sumo.wire.sample import Sample, SampleContent, virtual_fix
@@ -72,7 +73,8 @@ def installation(vehicle: Vehicle, key: bytes = b"", commands: str = "twist_stam
     """Return what the bridge knows beforehand."""
     x = np.linspace(START[0], START[0] + 500.0, 51)
     path = ReferencePath.from_points(x, np.full(51, START[1]))
-    return Installation(FRAME, MOUNTING, vehicle, path, key, commands)
+    senses = {"roof": SensorFrame(x_m=1.4, z_m=1.9), "front": SensorFrame(x_m=vehicle.rear_axle_to_bumper)}
+    return Installation(FRAME, MOUNTING, vehicle, path, 11.0, key, commands, senses=senses)
 
 
 def heading_of(z: float, w: float) -> float:

@@ -57,7 +57,6 @@ def bridge(folder: Path, port: int, node: str, scenario: str = "parked_car") -> 
             assert process.poll() is None
             assert time.monotonic() < limit
             time.sleep(0.05)
-        time.sleep(4.0)  # the node starts, and both find each other
         yield lines
     finally:
         process.terminate()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -23,9 +23,11 @@ from tests.bridges.ros2.drive import (
 )
 from tests.vehicles import FUSION
 from vve_sumo.bridges.ros2.bridge import Bridge
+from vve_sumo.sensors.camera import no_objects
 from vve_sumo.wire.datagrams import SetpointDatagram, decode_setpoint
 from vve_sumo.wire.ros2.messages import TOPICS, unix_nanoseconds
-from vve_sumo.wire.sample import Sample
+from vve_sumo.wire.sample import LidarTurn, Sample
+from vve_sumo.wire.senses import SenseDatagram, encode_sense
 from vve_sumo.wire.setpoints import SetpointInbox
 from vve_sumo.wire.signature import signed
 
@@ -82,11 +84,11 @@ class Stage:
         return got
 
 
-def test_a_tick_is_shown_whole_and_odometry_comes_last() -> None:
+def test_a_tick_is_shown_whole_and_odometry_is_the_last_that_a_node_drives_by() -> None:
     stage = Stage()
     topics = stage.tick(sample_at(SETTLED))
     assert topics[0] == "/clock"
-    assert topics[-1] == "/odom"
+    assert topics[topics.index("/odom") + 1 :] == ["/bodies", "/diagnostics"]
     assert set(topics) == TOPICS.keys() - {"/tf_static", "/path"}
     got, pose = dict(stage.messages), pose_at(SETTLED)
     odometry, place = got["/odom"], got["/odom"].pose.pose
@@ -111,6 +113,79 @@ def test_what_is_latched_comes_once_a_drive() -> None:
         assert not {"/tf_static", "/path"} & set(stage.tick(sample_at(tick)))
     again = stage.tick(sample_at(0), now=100.0)  # another drive, after a silence
     assert Counter(again)["/tf_static"] == Counter(again)["/path"] == 1
+
+
+def _sensed(sequence: int, parts: int = 1) -> list[bytes]:
+    """Return the datagrams of a turn of a lidar that went out with a tick."""
+    turn = LidarTurn(
+        0.0, 5e-5, np.arange(4, dtype=np.uint16), np.zeros(2), np.array([-0.1, 0.1]),
+        np.full(8, 500, np.uint16), np.zeros(8, np.uint8),
+    )  # fmt: skip
+    halves = [replace(turn, azimuth=turn.azimuth[::parts], range=turn.range[::parts],
+                      reflectivity=turn.reflectivity[::parts])] * parts  # fmt: skip
+    return [encode_sense(SenseDatagram(sequence, EPOCH + 0.1, number, parts, turn=half))
+            for number, half in enumerate(halves)]  # fmt: skip
+
+
+def test_a_turn_is_shown_with_its_tick_before_odometry() -> None:
+    stage = Stage()
+    for data in _sensed(SETTLED + 1, parts=2):
+        stage.bridge.take_sense("roof", data)
+    topics = stage.tick(sample_at(SETTLED))
+    assert topics.count("/roof/points") == 1
+    assert topics[topics.index("/odom") + 1 :] == ["/bodies", "/diagnostics"]
+    cloud = dict(stage.messages)["/roof/points"]
+    assert (cloud.width, cloud.header.frame_id) == (8, "roof")
+    assert cloud.header.stamp.nanosec == 100_000_000
+    assert "/roof/points" not in stage.tick(sample_at(SETTLED + 1))
+
+
+def test_a_list_is_shown_as_a_cloud_and_as_detections() -> None:
+    stage = Stage()
+    listed = replace(no_objects(0.1), number=np.array([7]), kind=np.zeros(1, np.int8), status=np.ones(1, np.int8),
+                     **{name: np.ones(1) for name in ("x", "y", "relative_speed", "width", "length")})  # fmt: skip
+    stage.bridge.take_sense("front", encode_sense(SenseDatagram(SETTLED + 1, EPOCH + 0.1, objects=listed)))
+    assert {"/front/objects", "/front/detections"} <= set(stage.tick(sample_at(SETTLED)))
+
+
+@pytest.mark.parametrize("sequence", [SETTLED, SETTLED + 2])
+def test_a_measurement_of_another_tick_is_not_shown(sequence: int) -> None:
+    stage = Stage()
+    for data in _sensed(sequence):
+        stage.bridge.take_sense("roof", data)
+    assert "/roof/points" not in stage.tick(sample_at(SETTLED))
+    assert ("/roof/points" in stage.tick(sample_at(SETTLED + 1))) == (sequence == SETTLED + 2)
+
+
+def test_a_measurement_of_an_invalid_tick_is_never_shown() -> None:
+    stage = Stage()
+    for data in _sensed(SETTLED + 1):
+        stage.bridge.take_sense("roof", data)
+    assert stage.tick(sample_at(SETTLED, valid=False)) == ["/clock", "/diagnostics"]
+    assert "/roof/points" not in stage.tick(sample_at(SETTLED + 1))
+
+
+def test_a_measurement_of_the_drive_before_is_never_shown() -> None:
+    stage = Stage()
+    for data in _sensed(SETTLED + 30):
+        stage.bridge.take_sense("roof", data)
+    stage.tick(sample_at(0), now=100.0)  # another drive, after a silence
+    shown = [stage.tick(sample_at(tick), now=100.0 + 0.02 * tick) for tick in range(1, SETTLED + 40)]
+    assert not any("/roof/points" in topics for topics in shown)
+
+
+def test_a_bridge_that_is_two_ticks_late_shows_each_tick_by_its_own_fix_and_scene() -> None:
+    stage = Stage()
+    late = [stage.wires.of(sample_at(SETTLED + number)) for number in range(3)]
+    for data in late:
+        stage.bridge.take_ncom(data["ncom"])
+        stage.bridge.take_scene(data["scene"])
+    for number, data in enumerate(late):
+        stage.messages.clear()
+        stage.bridge.take_radar(data["radar"], 0.02 * (SETTLED + number))
+        got = dict(stage.messages)
+        assert got["/odom"].pose.pose.position.x == pytest.approx(pose_at(SETTLED + number).x, abs=2e-6)
+        assert len(got["/bodies"].markers) == 2
 
 
 def test_a_scan_is_shown_once() -> None:
@@ -160,11 +235,15 @@ def test_a_repeated_datagram_brings_nothing() -> None:
     assert not stage.tick(sample_at(SETTLED - 3))
 
 
-@pytest.mark.parametrize("kind", ["radar", "scene"])
+@pytest.mark.parametrize("kind", ["radar", "scene", "sense"])
 def test_damaged_and_unsigned_datagrams_are_counted_and_bring_nothing(kind: str) -> None:
     stage = Stage(key=KEY)
-    data = stage.wires.of(sample_at(SETTLED))[kind]
-    take = {"radar": lambda got: stage.bridge.take_radar(got, 0.0), "scene": stage.bridge.take_scene}[kind]
+    data = (stage.wires.of(sample_at(SETTLED)) | {"sense": _sensed(SETTLED + 1)[0]})[kind]
+    take = {
+        "radar": lambda got: stage.bridge.take_radar(got, 0.0),
+        "scene": stage.bridge.take_scene,
+        "sense": lambda got: stage.bridge.take_sense("roof", got),
+    }[kind]
     for bad in (data, signed(data, KEY)[:-1], b"", signed(data[:-4], KEY), signed(data, bytes(32))):
         take(bad)
     assert (stage.bridge.unread, stage.messages) == (5, [])

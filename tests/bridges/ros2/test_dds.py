@@ -16,14 +16,22 @@ import pytest
 pytest.importorskip("rosbags", reason="needs pip install 'vve-sumo[ros2]'")
 pytest.importorskip("cyclonedds", reason="needs pip install 'vve-sumo[ros2]'")
 from tests.bridges.ros2.drive import ACTORS, pose_at, sample_at
+from tests.wire.ros2.test_clouds import LISTED
 from vve_sumo.bridges.ros2.bridge import COMMANDS
 from vve_sumo.bridges.ros2.dds import Dds, Heard
 from vve_sumo.bridges.ros2.loopback import udp_sockets
+from vve_sumo.bridges.ros2.senses import topics_of
 from vve_sumo.errors import RigError
-from vve_sumo.wire.ros2 import messages
+from vve_sumo.path import ReferencePath
+from vve_sumo.wire.ros2 import clouds, messages
 from vve_sumo.wire.ros2.types import make, store
+from vve_sumo.wire.sample import LidarTurn
 
 AT = 1_767_225_600_020_000_000
+TURN = LidarTurn(
+    0.1, 5e-5, np.arange(0, 36_000, 20, dtype=np.uint16), np.zeros(16), np.linspace(-0.26, 0.26, 16),
+    np.full(28_800, 5000, np.uint16), np.full(28_800, 40, np.uint8),
+)  # fmt: skip
 DOMAIN = 1 + os.getpid() % 100
 
 
@@ -31,7 +39,8 @@ DOMAIN = 1 + os.getpid() % 100
 def dds() -> Iterator[Dds]:
     """One participant that publishes every topic and hears each of them."""
     joined = Dds(DOMAIN)
-    for topic, kind in {**messages.TOPICS, **dict(COMMANDS.values())}.items():
+    senses = {**topics_of("roof", ("points",)), **topics_of("front", ("objects",))}
+    for topic, kind in {**messages.TOPICS, **senses, **dict(COMMANDS.values())}.items():
         joined.advertise(topic, kind, latched=topic in messages.LATCHED)
         joined.subscribe(topic, kind)
     yield joined
@@ -71,8 +80,12 @@ def _messages() -> Iterator[tuple[str, Any]]:
     yield "/tf_static", messages.static_transforms(AT, 3.84, (0.3, 0.2))
     yield "/fix", messages.nav_sat_fix(AT, content.fix)
     yield "/imu", messages.imu(AT, content.fix)
-    yield "/radar/points", messages.radar_cloud(AT, *(np.array([10.0, 20.0]) * s for s in (1.0, 0.01, -0.5)))
+    yield "/radar/points", clouds.radar_cloud(AT, *(np.array([10.0, 20.0]) * s for s in (1.0, 0.01, -0.5)))
     yield "/bodies", messages.markers(AT, ACTORS)
+    yield "/path/ahead", messages.path(AT, ReferencePath.from_points(np.array([0.0, 9.0]), np.zeros(2)))
+    yield "/roof/points", clouds.lidar_cloud(AT, TURN, "roof")
+    yield "/front/objects", clouds.table_cloud(AT, LISTED, "front")
+    yield "/front/detections", clouds.detections(AT, LISTED, "front")
     yield "/diagnostics", messages.drive_status(AT, "engaged", ("a", "b"), valid=True, gap=math.pi)
     yield "/odom", messages.odometry(AT, pose_at(3), content.fix)
     stamp = make("std_msgs/msg/Header", messages.stamp(AT), "")

@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("rosbags", reason="needs pip install 'vve-sumo[ros2]'")
 from tests.bridges.ros2.stage import write_rig
-from vve_sumo.bridges.ros2.process import WIRES, Node, places_of
+from vve_sumo.bridges.ros2.process import WIRES, Node, places_of, senses_of
 from vve_sumo.cli import main
 from vve_sumo.errors import ConfigError
 from vve_sumo.rig.load import load
@@ -46,6 +46,29 @@ def test_the_radar_has_to_end_a_tick(tmp_path: Path) -> None:
     turned = rig.model_copy(update={"outputs": rig.outputs[::-1]})
     with pytest.raises(ConfigError, match="expected the one of kind 'radar' after 'ncom' and 'scene'"):
         places_of(turned)
+
+
+WIRE = '[[outputs]]\nkind = "sense"\nsensor = "{}"\nudp = "127.0.0.1:{}"\n\n'
+
+
+def test_further_sensors_are_heard_by_their_names(tmp_path: Path) -> None:
+    rig = _rig(tmp_path, (SCENE, WIRE.format("roof", 4100) + WIRE.format("front", 4101) + SCENE))
+    assert senses_of(rig) == {"roof": ("127.0.0.1", 4100), "front": ("127.0.0.1", 4101)}
+    assert places_of(rig).keys() == set(WIRES)
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        (("roof", "roof"), "outputs.2: sensor 'roof': got two"),
+        (("front-left",), "'front-left' cannot be a topic of ROS 2, expected letters, digits and underscores"),
+        (("gnss",), "'gnss' cannot be a frame, the ROS 2 bridge has another of that name"),
+    ],
+)
+def test_a_name_that_cannot_be_a_topic_is_refused(tmp_path: Path, names: tuple[str, ...], words: str) -> None:
+    wires = "".join(WIRE.format(name, 4100 + number) for number, name in enumerate(names))
+    with pytest.raises(ConfigError, match=words):
+        senses_of(_rig(tmp_path, (SCENE, wires + SCENE)))
 
 
 def test_a_port_that_is_taken_is_one_line(

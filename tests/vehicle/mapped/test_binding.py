@@ -69,6 +69,14 @@ WRONG = {
         MAPPING, 'steering_wheel_angle = "SteeringCommand.ANGLE"', 'steering_torque = "SteeringCommand.ANGLE"',
         "command: a car whose steering takes a torque is refused: the gateway commands an angle",
     ),
+    "a speed": (
+        MAPPING, 'acceleration = "LongitudinalCommand.ACCELERATION"', 'speed = "LongitudinalCommand.ACCELERATION"',
+        "command: a car that is commanded a speed is refused: the gateway's stops need a deceleration",
+    ),
+    "a speed as an acceleration": (
+        DBC, '[-6|3] "m/s^2"', '[-6|3] "km/h"',
+        "command.acceleration: campus_shuttle.dbc has LongitudinalCommand.ACCELERATION as a speed; a car that is",
+    ),
     "both ways to drive": (
         MAPPING, "gear = {", 'throttle = "LongitudinalCommand.ENABLE"\ngear = {',
         "command: expected acceleration, or brake_torque and throttle, got both",

@@ -16,7 +16,7 @@ from vve_sumo.path import ReferencePath
 from vve_sumo.values import Actors, Fix, FixQuality, Floats, Point, Pose
 
 pytest.importorskip("rosbags", reason="needs pip install 'vve-sumo[ros2]'")
-from vve_sumo.wire.ros2 import messages
+from vve_sumo.wire.ros2 import clouds, messages
 from vve_sumo.wire.ros2.types import decode, encode, store
 
 AT = 1_767_225_600_020_000_000  # 2026-01-01 00:00:00.02 UTC [ns]
@@ -126,7 +126,7 @@ def test_a_fix_is_in_degrees_with_its_variances_and_its_status() -> None:
 @given(st.lists(st.tuples(st.floats(0.5, 200.0), st.floats(-1.5, 1.5), st.floats(-60.0, 60.0)), max_size=64))
 def test_a_scan_is_a_cloud_that_its_own_fields_describe(rows: list[tuple[float, float, float]]) -> None:
     columns = np.array(rows).reshape(-1, 3).T
-    got = messages.radar_cloud(AT, *columns)
+    got = clouds.radar_cloud(AT, *columns)
     layout = np.dtype({"names": [f.name for f in got.fields], "formats": ["<f4"] * 6, "itemsize": got.point_step,
                        "offsets": [f.offset for f in got.fields]})  # fmt: skip
     points = np.frombuffer(got.data.tobytes(), layout)
@@ -175,7 +175,7 @@ def test_every_type_is_whole_in_cdr() -> None:
     made = [
         messages.clock(AT), messages.odometry(AT, POSE, _fix()), messages.transforms(AT, POSE),
         messages.nav_sat_fix(AT, _fix()), messages.imu(AT, _fix()), messages.markers(AT, Actors.none(0.0)),
-        messages.radar_cloud(AT, np.zeros(0), np.zeros(0), np.zeros(0)),
+        clouds.radar_cloud(AT, np.zeros(0), np.zeros(0), np.zeros(0)),
         messages.diagnostics(AT, 1, "a", {"b": "c"}),
     ]  # fmt: skip
     for message in made:

@@ -8,22 +8,26 @@ come over the wire `scene`. Knows wires, messages and commands; it must not know
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
 
-from vve_sumo.bridges.ros2.commands import Answers, Beat, Command, command_of
+from vve_sumo.bridges.ros2.commands import MAX_TICKS, Answers, Beat, Command, command_of
+from vve_sumo.bridges.ros2.senses import Senses
 from vve_sumo.drive.brain import virtual_placement
 from vve_sumo.frames import MapFrame, Mounting
 from vve_sumo.metrics.lead_vehicle import lead_vehicle_now
 from vve_sumo.path import ReferencePath
 from vve_sumo.pose.ncom import Decoder
+from vve_sumo.sensors.drawing import Mounting as SensorFrame
 from vve_sumo.values import Actors, Fix, Pose, Vehicle
 from vve_sumo.wire.datagrams import SEQUENCES, RadarDatagram, decode_radar, encode_setpoint
-from vve_sumo.wire.ros2 import messages
+from vve_sumo.wire.ros2 import clouds, messages
 from vve_sumo.wire.ros2.messages import unix_nanoseconds
+from vve_sumo.wire.ros2.path_ahead import PathAhead
 from vve_sumo.wire.sample import MAX_SCAN_AGE
 from vve_sumo.wire.scene import Scene, decode_scene
 from vve_sumo.wire.signature import signed, without_tag
@@ -48,9 +52,11 @@ class Installation:
     mounting: Mounting  #: the receiver's on the car
     vehicle: Vehicle
     path: ReferencePath
+    speed: float  #: the scenario's [m/s]
     key: bytes = b""  #: that signs this project's own datagrams; empty: they are not signed
     commands: str = "twist_stamped"  #: one of COMMANDS
     time_constant: float = 0.5  #: see `Answers` [s]
+    senses: Mapping[str, SensorFrame] = field(default_factory=dict)  #: frames of further sensors, by name
 
 
 class Bridge:
@@ -63,43 +69,57 @@ class Bridge:
         self._installed, self._publish, self._send = installed, publish, send
         self._placement = virtual_placement(installed.frame, installed.mounting, 0.0)
         self.answers = Answers(installed.vehicle.wheelbase, installed.time_constant)
-        self.unread = 0  #: datagrams that are none, or not signed with the key
+        self._ahead = PathAhead(installed.path, installed.speed)
+        self._senses = Senses(tuple(installed.senses), installed.key)
+        self._unread = 0
         self._begin()
+
+    @property
+    def unread(self) -> int:
+        """Datagrams that are none, or not signed with the key."""
+        return self._unread + self._senses.unread
 
     def _begin(self) -> None:
         self._decoder = Decoder()
-        self._fix: Fix | None = None
-        self._scene: Scene | None = None
+        # The newest, for a bridge that is some ticks late.
+        self._fixes: deque[Fix] = deque(maxlen=MAX_TICKS)
+        self._scenes: deque[Scene] = deque(maxlen=MAX_TICKS)
         self._sequence: int | None = None  # of the newest radar datagram
         self._measured = -math.inf  # of the newest scan that was shown
         self._heard = -math.inf  # clock of the newest radar datagram
         self._latched = False
-        self._s: float | None = None
+        self._s: float | None = None  # of the ego along the path, by the truth
+        self._driven: float | None = None  # likewise, by the receiver
 
     def take_ncom(self, data: bytes) -> None:
         """Take an NCOM packet."""
-        self._fix = ([self._fix, *self._decoder.feed(data, 0.0)])[-1]
+        self._fixes.extend(self._decoder.feed(data, 0.0))
 
     def take_scene(self, data: bytes) -> None:
         """Take a datagram of the wire `scene`."""
         body = without_tag(data, self._installed.key)
         scene = None if body is None else decode_scene(body)
         if isinstance(scene, Scene):
-            self._scene = scene
+            self._scenes.append(scene)
         else:
-            self.unread += 1
+            self._unread += 1
+
+    def take_sense(self, name: str, data: bytes) -> None:
+        """Take a datagram of the wire `sense` of a sensor."""
+        self._senses.take(name, data)
 
     def take_radar(self, data: bytes, now: float) -> None:
         """Take a radar datagram at a time of any clock [s]; it ends its tick, whose messages are published now."""
         body = without_tag(data, self._installed.key)
         radar = None if body is None else decode_radar(body)
         if radar is None:
-            self.unread += 1
+            self._unread += 1
             return
         if now - self._heard > NEW_DRIVE:
-            fix, scene = self._fix, self._scene  # of this tick, whose datagrams came first
+            fixes, scenes = self._fixes, self._scenes  # of this tick, whose datagrams came first
             self._begin()
-            self._fix, self._scene = fix, scene
+            self._fixes, self._scenes = fixes, scenes
+            self._senses.begin(radar.sequence)
             self.answers.forget()
         self._heard = now
         if self._sequence is not None and not 0 < (radar.sequence - self._sequence) % SEQUENCES < SEQUENCES // 2:
@@ -108,20 +128,25 @@ class Bridge:
         self._tick(radar)
 
     def _tick(self, radar: RadarDatagram) -> None:
-        at, fix = unix_nanoseconds(radar.time), self._fix
-        scene = self._scene if self._scene is not None and self._scene.sequence == radar.sequence else None
+        at = unix_nanoseconds(radar.time)
+        fix = min(reversed(self._fixes), key=lambda one: abs(one.time - radar.time), default=None)
+        scene = next((one for one in reversed(self._scenes) if one.sequence == radar.sequence), None)
         self._publish("/clock", messages.clock(at))
         self._latch(at)
         timely = fix is not None and fix.locked and abs(fix.time - radar.time) <= SAME_TICK
         sound = timely and radar.valid and radar.time - radar.measured <= MAX_SCAN_AGE
         pose = self._placement.place(fix) if sound and fix is not None else None
-        self._tell(at, scene, pose)
+        sensed = list(self._senses.of_tick(radar.sequence))
         if pose is None or fix is None:
             self.answers.forget()
-            return
-        # Before what a node may answer by: whoever does finds the tick.
-        self.answers.ticked(Beat(radar.sequence, radar.time, radar.speed))
-        self._show(at, radar, fix, pose)
+        else:
+            # Before what a node may answer by: whoever does finds the tick.
+            self.answers.ticked(Beat(radar.sequence, radar.time, radar.speed))
+            for topic, message in sensed:
+                self._publish(topic, message)
+            self._show(at, radar, fix, pose)
+        # What nobody drives by delays nothing that somebody does.
+        self._tell(at, scene, pose)
 
     def _latch(self, at: int) -> None:
         if self._latched:
@@ -129,18 +154,22 @@ class Bridge:
         self._latched = True
         vehicle, mounting = self._installed.vehicle, self._installed.mounting
         place = mounting.forward, mounting.left
-        self._publish("/tf_static", messages.static_transforms(at, vehicle.rear_axle_to_bumper, place))
+        senses = self._installed.senses
+        self._publish("/tf_static", messages.static_transforms(at, vehicle.rear_axle_to_bumper, place, senses))
         self._publish("/path", messages.path(at, self._installed.path))
 
     def _show(self, at: int, radar: RadarDatagram, fix: Fix, pose: Pose) -> None:
-        """Publish what a node may drive by; `/odom` is the last of a tick."""
+        """Publish what a node may drive by, `/odom` last."""
         if radar.measured > self._measured:
             self._measured = radar.measured
             rows = np.array([(one.range, one.azimuth, one.range_rate) for one in radar.targets]).reshape(-1, 3)
-            self._publish("/radar/points", messages.radar_cloud(unix_nanoseconds(radar.measured), *rows.T))
+            self._publish("/radar/points", clouds.radar_cloud(unix_nanoseconds(radar.measured), *rows.T))
         self._publish("/tf", messages.transforms(at, pose))
         self._publish("/fix", messages.nav_sat_fix(at, fix))
         self._publish("/imu", messages.imu(at, fix))
+        self._driven = self._installed.path.project(pose.x, pose.y, self._driven).s
+        self._publish("/path/ahead", self._ahead.path(at, pose, self._driven))
+        self._publish("/path/speed", self._ahead.reference(at, self._driven))
         self._publish("/odom", messages.odometry(at, pose, fix))
 
     def _tell(self, at: int, scene: Scene | None, pose: Pose | None) -> None:

@@ -28,6 +28,7 @@ DEPTH: Final = 10  #: of a queue of messages
 class Heard(NamedTuple):
     """A message that has come."""
 
+    topic: str  #: such as `/odom`
     writer: int  #: different for every publisher
     message: Any  #: with the fields of its type; None for bytes that are no such message
 
@@ -47,7 +48,7 @@ class Dds:
         self._failure: type[Exception] = core.DDSException
         self._types: dict[str, Any] = {}
         self._writers: dict[str, Any] = {}
-        self._readers: list[Any] = []
+        self._readers: list[tuple[str, Any]] = []
         self.dropped = 0  #: messages that could not be sent
         before = udp_sockets()
         try:
@@ -94,31 +95,32 @@ class Dds:
 
         topic = self._topic.Topic(self._participant, "rt" + name, self._type(kind))
         reader = self._sub.DataReader(self._participant, topic, qos=self._quality(latched=False), listener=_Waker())
-        self._readers.append(reader)
+        self._readers.append((name, reader))
 
     def heard(self) -> list[Heard]:
-        """Return the messages that have come since the last call, in order; never waits."""
+        """Return the messages that have come since the last call, in order, topic after topic; never waits."""
         with contextlib.suppress(BlockingIOError):
             while os.read(self._wake, 4096):
                 pass
-        return [one for reader in self._readers for one in self._taken(reader)]
+        return [one for name, reader in self._readers for one in self._taken(name, reader)]
 
-    def _taken(self, reader: Any) -> list[Heard]:
+    def _taken(self, name: str, reader: Any) -> list[Heard]:
         found: list[Heard] = []
         while True:
             try:
                 came = reader.take(1)
             except Exception:  # bytes that are no such message
-                found.append(Heard(0, None))
+                found.append(Heard(name, 0, None))
                 continue
             if not came:
                 return found
             if came[0].sample_info.valid_data:
-                found.append(Heard(came[0].sample_info.publication_handle, came[0]))
+                found.append(Heard(name, came[0].sample_info.publication_handle, came[0]))
 
-    def subscribers(self, name: str) -> int:
-        """Return how many subscriptions an advertised topic has now."""
-        return len(self._writers[name].get_matched_subscriptions())
+    def has_node(self) -> bool:
+        """Whether somebody hears an advertised topic, and somebody publishes on each that is subscribed to."""
+        heard = any(writer.get_matched_subscriptions() for writer in self._writers.values())
+        return heard and all(reader.get_matched_publications() for _, reader in self._readers)
 
     def close(self) -> None:
         """Leave the domain."""

@@ -18,18 +18,25 @@ from typing import Final
 
 from vve_sumo.bridges.ros2.bridge import COMMANDS, Bridge, Installation
 from vve_sumo.bridges.ros2.dds import Dds
+from vve_sumo.bridges.ros2.senses import refusal, topics_of
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.errors import ConfigError, RigError
 from vve_sumo.live.brain_link import key_of
 from vve_sumo.rig.schema import Rig
+from vve_sumo.sensors.drawing import Mounting
 from vve_sumo.wire.ros2.messages import LATCHED, TOPICS
 
 #: largest datagram [bytes]
 LONGEST: Final = 65_535
 #: the wires that are heard, in the order in which a tick's datagrams are taken; the radar datagram ends the tick
 WIRES: Final = ("ncom", "scene", "radar")
+SENSE: Final = "sense"  #: the kind of the wires of further sensors
+#: asked for each wire [bytes]: a turn of a lidar waits in it; Linux allows it to every user, and doubles it
+QUEUE_SIZE: Final = 212_992
 #: how often it is looked whether a node that was started has ended [s]
 POLL: Final = 0.2
+#: how long a node may take to be found [s], and how often it is looked for
+NODE_TIMEOUT, MATCH_POLL = 20.0, 0.2
 END_TIMEOUT: Final = 3.0  #: for a node to end after SIGTERM [s]
 
 
@@ -41,26 +48,46 @@ def places_of(rig: Rig) -> dict[str, tuple[str, int]]:
             continue
         if output.kind in found:
             raise ConfigError(f"outputs.{number}: the ROS 2 bridge hears one wire of kind {output.kind!r}, got two")
-        host, _, port = output.udp.rpartition(":")
-        found[output.kind] = host, int(port)
+        found[output.kind] = _place(output.udp)
     missing = next((kind for kind in WIRES if kind not in found), None)
     if missing is not None:
         raise ConfigError(f"outputs: the ROS 2 bridge needs one of kind {missing!r} over udp, and has none")
-    order = [output.kind for output in rig.outputs if output.kind in WIRES]
+    order = [output.kind for output in rig.outputs if output.kind in (*WIRES, SENSE)]
     if order[-1] != "radar":
         raise ConfigError(f"outputs: expected the one of kind 'radar' after 'ncom' and 'scene', got {', '.join(order)}")
     return found
 
 
+def senses_of(rig: Rig) -> dict[str, tuple[str, int]]:
+    """Return address and port of each sensor's wire, by name; raises ConfigError for a name that cannot be used."""
+    found: dict[str, tuple[str, int]] = {}
+    for number, output in enumerate(rig.outputs):
+        if output.kind != SENSE or output.udp is None or output.sensor is None:
+            continue
+        why = refusal(output.sensor) or ("" if output.sensor not in found else f"sensor {output.sensor!r}: got two")
+        if why:
+            raise ConfigError(f"outputs.{number}: {why}")
+        found[output.sensor] = _place(output.udp)
+    return found
+
+
+def _place(text: str) -> tuple[str, int]:
+    host, _, port = text.rpartition(":")
+    return host, int(port)
+
+
 class BridgeProcess:
-    """A bridge with its sockets and its domain; always call `close`."""
+    """A bridge with its sockets and its domain: `listen`, then `run`; always call `close`."""
 
     def __init__(self, rig: Rig, resolved: ResolvedScenario, working: Path) -> None:
-        """Open all; raises VveError naming what cannot be opened."""
-        places, brain, wanted = places_of(rig), rig.brain, rig.ros2
+        """Join the domain; raises VveError for a rig that it cannot serve, and where it cannot."""
+        self._places, self._sense_places, brain, wanted = places_of(rig), senses_of(rig), rig.brain, rig.ros2
+        senses = self._sense_places
+        sensors = resolved.sensors()
+        drawings = {name: sensors[name].drawing(resolved.vehicle) for name in senses}
+        frames = {name: Mounting() if drawn is None else drawn.frame for name, drawn in drawings.items()}
         self._closing = contextlib.ExitStack()
         try:
-            self._wires = {kind: self._closing.enter_context(_listening(*places[kind])) for kind in WIRES}
             self._out = self._closing.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             self._out.setblocking(False)
             self._dds = Dds(wanted.domain_id)
@@ -70,20 +97,38 @@ class BridgeProcess:
             raise
         for topic, kind in TOPICS.items():
             self._dds.advertise(topic, kind, latched=topic in LATCHED)
+        for name in senses:
+            for topic, kind in topics_of(name, sensors[name].serves).items():
+                self._dds.advertise(topic, kind)
         installed = Installation(
             resolved.map_frame,
             resolved.model.mounting,
             resolved.vehicle,
             resolved.path,
+            resolved.scenario.ego.speed_mps,
             key_of(brain, working),
             wanted.commands,
             wanted.time_constant_s,
+            frames,
         )
         self._setpoints = brain.address, brain.port
         self.lost = 0  #: setpoints that could not be sent
         self.bridge = Bridge(installed, self._dds.publish, self._send)
         if brain.kind == "setpoints":
             self._dds.subscribe(*COMMANDS[wanted.commands])
+
+    def await_node(self, ended: Callable[[], bool]) -> None:
+        """Wait until a node hears a topic, and commands where commands are taken; for NODE_TIMEOUT at most."""
+        limit = time.monotonic() + NODE_TIMEOUT
+        while not self._dds.has_node() and not ended() and time.monotonic() < limit:
+            time.sleep(MATCH_POLL)
+        time.sleep(MATCH_POLL)  # the node's other topics
+
+    def listen(self) -> None:
+        """Open the wires: from now on a drive is heard; raises RigError naming what cannot be opened."""
+        entered = self._closing.enter_context
+        self._wires = {kind: entered(_listening(*self._places[kind])) for kind in WIRES}
+        self._senses = {name: entered(_listening(*place)) for name, place in self._sense_places.items()}
 
     def run(self, ended: Callable[[], bool]) -> None:
         """Run until `ended` says so."""
@@ -95,11 +140,16 @@ class BridgeProcess:
             "scene": bridge.take_scene,
             "radar": lambda data: bridge.take_radar(data, time.monotonic()),
         }
-        watched: list[socket.socket | Dds] = [*wires.values(), self._dds]
+        watched: list[socket.socket | Dds] = [*wires.values(), *self._senses.values(), self._dds]
         while not ended():
             select.select(watched, [], [], POLL)
+            # The radar datagram is sent last: what is read after it holds all of its tick.
+            came = {kind: _waiting(wires[kind]) for kind in reversed(WIRES)}
+            for name, wire in self._senses.items():
+                for data in _waiting(wire):
+                    bridge.take_sense(name, data)
             for kind in WIRES:
-                for data in _waiting(wires[kind]):
+                for data in came[kind]:
                     take[kind](data)
             for heard in self._dds.heard():
                 bridge.take_command(heard.writer, heard.message)
@@ -127,6 +177,7 @@ class BridgeProcess:
 def _listening(host: str, port: int) -> socket.socket:
     end = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, QUEUE_SIZE)
         end.bind((host, port))
     except OSError as error:
         end.close()

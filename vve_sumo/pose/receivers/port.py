@@ -190,7 +190,9 @@ class ReceiverTable(Table):
         description=f"{', '.join(f'`{kind}`' for kind in _SHIPPED)}, a `file.py:make`, or an installed package's entry "
         "point; the keys of each are below"
     )
-    rate_hz: Annotated[float, Field(ge=10.0, le=250.0)] = Field(default=100.0, description="fixes a second")
+    rate_hz: Annotated[float, Field(ge=10.0, le=250.0)] = Field(
+        default=100.0, description="fixes a second; of the simulated vehicle, too, which sends 100 at most"
+    )
     clock: Literal["arrival", "absolute"] = Field(
         default="arrival",
         description="`absolute`: this machine's clock is GNSS time by PTP or PPS; `arrival`: it is estimated",

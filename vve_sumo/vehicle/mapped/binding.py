@@ -30,6 +30,7 @@ _RATE: Final = {f"{unit}/{time}": factor for unit, factor in _ANGLE.items() for 
 _TORQUE: Final = {"nm": 1.0, "n m": 1.0, "n*m": 1.0}
 _SHARE: Final = {"": 1.0, "1": 1.0, "ratio": 1.0, "%": 0.01}
 _ACCELERATION: Final = {"m/s2": 1.0, "m/s^2": 1.0, "m/s/s": 1.0, "m/s²": 1.0}
+_SPEED: Final = frozenset({"m/s", "km/h", "kph", "kmh", "km/hr", "mph", "mi/h", "kn", "knots"})
 _WHEEL: Final = {"rad/s": 1.0, "rad/sec": 1.0, "rpm": math.tau / 60.0, "1/min": math.tau / 60.0}
 
 #: Units in which the DBC file may state a quantity without a `scale`, and the quantity's name in SI units.
@@ -187,6 +188,11 @@ class Binder:
                 f"{name} is there only where {switch} is {signal.case}: expected command.constant with "
                 f'"{message.name}.{switch}" = {signal.case}',
             )
+
+    def refuse_speed(self, key: str, name: str) -> None:
+        """Raise ConfigError for a signal that the DBC file has in a unit of speed, whatever its scale."""
+        if self.signal(key, name)[1].unit.strip().lower() in _SPEED:
+            raise self._wrong(key, f"{self._origin.dbc.name} has {name} as a speed; {mapping.SPEED}")
 
     def wrong_period(self) -> None:
         """Raise ConfigError for a period of a message that is not used."""

@@ -25,6 +25,11 @@ STEERING_TORQUE: Final = (
     "into torques has to close inside the car, where it goes on when this computer does not"
 )
 
+SPEED: Final = (
+    "a car that is commanded a speed is refused: the gateway's stops need a deceleration, and a limit on how fast a "
+    "commanded speed falls does not make the car brake so hard; expected acceleration, or brake_torque and throttle"
+)
+
 
 class Flag(Table):
     """A yes or no by a signal that is more than one bit: the counts that mean yes, and the one that means no."""
@@ -81,6 +86,7 @@ class CommandTable(Table):
     steering_wheel_angle: Quantity | None = None
     steering_torque: Any = None
     steering_wheel_rate: Quantity | None = None
+    speed: Any = None
     acceleration: Quantity | None = None
     brake_torque: Quantity | None = None
     throttle: Quantity | None = None
@@ -93,6 +99,8 @@ class CommandTable(Table):
     def _drivable(self) -> Self:
         if self.steering_torque is not None:
             raise ValueError(STEERING_TORQUE)
+        if self.speed is not None:
+            raise ValueError(SPEED)
         if self.steering_wheel_angle is None:
             raise ValueError("steering_wheel_angle is missing")
         pedals = self.brake_torque is not None, self.throttle is not None

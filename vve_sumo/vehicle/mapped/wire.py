@@ -126,6 +126,8 @@ def _commands(binder: Binder, wanted: mapping.Mapping) -> Commands:
             return None
         signal = quantity if isinstance(quantity, str) else quantity.signal
         binder.refuse_multiplexed(f"command.{name}", signal, constants)
+        if name == "acceleration":
+            binder.refuse_speed(f"command.{name}", signal)
         return binder.number(f"command.{name}", quantity)
 
     angle = number("steering_wheel_angle")

@@ -16,6 +16,7 @@ import numpy as np
 from vve_sumo.body_kinds import BODY_KINDS
 from vve_sumo.path import ReferencePath
 from vve_sumo.pose.nmea_encoder import LEAP_SECONDS
+from vve_sumo.sensors.drawing import Mounting
 from vve_sumo.values import Actors, Fix, FixQuality, Floats, Pose
 from vve_sumo.wire.ros2.types import make
 
@@ -30,6 +31,8 @@ TOPICS: Final[Mapping[str, str]] = {
     "/radar/points": "sensor_msgs/msg/PointCloud2",
     "/bodies": "visualization_msgs/msg/MarkerArray",
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    "/path/ahead": "nav_msgs/msg/Path",
+    "/path/speed": "geometry_msgs/msg/TwistStamped",
     "/odom": "nav_msgs/msg/Odometry",
 }
 LATCHED: Final = frozenset({"/tf_static", "/path"})
@@ -57,9 +60,6 @@ COVARIANCE_UNKNOWN, COVARIANCE_APPROXIMATED = 0, 1
 OK, WARN, ERROR = 0, 1, 2
 #: Marker.type, Marker.action
 CUBE, ADD, DELETE_ALL = 1, 0, 3
-FLOAT32: Final = 7  #: PointField.datatype
-#: fields of a point of the radar's cloud: x, y, z [m]; range [m], azimuth [rad, left positive], range rate [m/s]
-POINT: Final = ("x", "y", "z", "range", "azimuth", "range_rate")
 #: colours of bodies: of people, and of everything else (Okabe and Ito's)
 PERSON, OTHER = (0.835, 0.369, 0.0, 0.9), (0.0, 0.447, 0.698, 0.9)
 WHITE: Final = (0.0, 0.0, 0.0, 0.0)
@@ -88,13 +88,13 @@ def odometry(at: int, pose: Pose, fix: Fix | None = None) -> Any:
     place, turn, moves = (math.nan,) * 3 if fix is None else (fix.position_sigma, fix.heading_sigma, fix.velocity_sigma)
     known = math.isfinite(place)
     covariance = _diagonal(place, place, None, None, None, turn) if known else np.zeros(36)
-    twist = make("geometry_msgs/msg/Twist", _vector(pose.speed, pose.lateral_speed), _vector(z=pose.yaw_rate))
+    twist = make("geometry_msgs/msg/Twist", vector_of(pose.speed, pose.lateral_speed), vector_of(z=pose.yaw_rate))
     of_twist = _diagonal(moves, moves, None, None, None, 0.0) if math.isfinite(moves) else np.zeros(36)
     return make(
         "nav_msgs/msg/Odometry",
-        _header(at, ODOM),
+        header_of(at, ODOM),
         BASE,
-        make("geometry_msgs/msg/PoseWithCovariance", _pose(pose.x, pose.y, pose.heading), covariance),
+        make("geometry_msgs/msg/PoseWithCovariance", pose_of(pose.x, pose.y, pose.heading), covariance),
         make("geometry_msgs/msg/TwistWithCovariance", twist, of_twist),
     )
 
@@ -104,17 +104,21 @@ def transforms(at: int, pose: Pose) -> Any:
     return make("tf2_msgs/msg/TFMessage", [_transform(at, ODOM, BASE, pose.x, pose.y, pose.heading)])
 
 
-def static_transforms(at: int, bumper: float, mounting: tuple[float, float]) -> Any:
+def static_transforms(
+    at: int, bumper: float, mounting: tuple[float, float], senses: Mapping[str, Mounting] | None = None
+) -> Any:
     """Return tf2_msgs/TFMessage of `/tf_static`: `odom` in `map`, which is where it is, and the sensors in `base_link`.
 
     `bumper` is from the rear axle to the front bumper [m], where a scan counts from; `mounting` is the receiver's
-    output point ahead and left of the rear axle [m].
+    output point ahead and left of the rear axle [m]; `senses` are the frames of further sensors by their names.
     """
     frames = [
         _transform(at, MAP, ODOM, 0.0, 0.0, 0.0),
         _transform(at, BASE, RADAR, bumper, 0.0, 0.0),
         _transform(at, BASE, GNSS, *mounting, 0.0),
     ]
+    for name, one in (senses or {}).items():
+        frames.append(_transform(at, BASE, name, one.x_m, one.y_m, one.yaw_rad, one.z_m))
     return make("tf2_msgs/msg/TFMessage", frames)
 
 
@@ -124,7 +128,7 @@ def nav_sat_fix(at: int, fix: Fix) -> Any:
     covariance = np.diag([sigma**2, sigma**2, UNKNOWN_VARIANCE]).ravel() if known else np.zeros(9)
     return make(
         "sensor_msgs/msg/NavSatFix",
-        _header(at, GNSS),
+        header_of(at, GNSS),
         make("sensor_msgs/msg/NavSatStatus", STATUS[fix.quality] if fix.locked else -1, SERVICE_GPS),
         math.degrees(fix.latitude),
         math.degrees(fix.longitude),
@@ -147,29 +151,14 @@ def imu(at: int, fix: Fix) -> Any:
     unmeasured = [UNKNOWN_VARIANCE, UNKNOWN_VARIANCE]
     return make(
         "sensor_msgs/msg/Imu",
-        _header(at, BASE),
+        header_of(at, BASE),
         _quaternion(fix.heading, -pitch, roll),
         np.diag([*levels, turn**2]).ravel(),
-        _vector(z=fix.yaw_rate),
+        vector_of(z=fix.yaw_rate),
         np.diag([*unmeasured, 0.0]).ravel(),
-        _vector(fix.acceleration),
+        vector_of(fix.acceleration),
         np.diag([0.0, *unmeasured]).ravel(),
     )
-
-
-def radar_cloud(at: int, far: Floats, azimuth: Floats, range_rate: Floats) -> Any:
-    """Return sensor_msgs/PointCloud2 of a scan measured at a Unix time [ns]: the fields POINT, 32 bits each.
-
-    Ranges and azimuths are from the middle of the front bumper, whose height nobody measures: z is 0.
-    """
-    far, azimuth, rate = (np.asarray(column, np.float32).astype(np.float64) for column in (far, azimuth, range_rate))
-    columns = (far * np.cos(azimuth), far * np.sin(azimuth), np.zeros(len(far)), far, azimuth, rate)
-    points = np.stack(columns, axis=1).astype("<f4") if len(far) else np.zeros((0, len(POINT)), "<f4")
-    size = 4 * len(POINT)
-    fields = [make("sensor_msgs/msg/PointField", name, 4 * at_, FLOAT32, 1) for at_, name in enumerate(POINT)]
-    data = np.frombuffer(points.tobytes(), np.uint8)
-    header, count = _header(at, RADAR), len(far)
-    return make("sensor_msgs/msg/PointCloud2", header, 1, count, fields, False, size, size * count, data, True)
 
 
 def markers(at: int, actors: Actors) -> Any:
@@ -181,15 +170,17 @@ def markers(at: int, actors: Actors) -> Any:
     rows = zip(actors.ids, *(column.tolist() for column in columns), strict=True)
     boxes = [_box(at, name, x, y, heading, (length, width, height), kind)
              for name, x, y, heading, length, width, height, kind in rows]  # fmt: skip
-    former = _marker(at, "", CUBE, DELETE_ALL, _pose(0.0, 0.0, 0.0), (0.0, 0.0, 0.0), WHITE, "")
+    former = _marker(at, "", CUBE, DELETE_ALL, pose_of(0.0, 0.0, 0.0), (0.0, 0.0, 0.0), WHITE, "")
     return make("visualization_msgs/msg/MarkerArray", [former, *boxes])
 
 
 def path(at: int, line: ReferencePath) -> Any:
     """Return nav_msgs/Path of the line that the rear axle shall follow, a pose every PATH_STEP along it, in `map`."""
     places = (line.at(s) for s in (*np.arange(0.0, line.length, PATH_STEP).tolist(), line.length))
-    header = _header(at, MAP)
-    poses = [make("geometry_msgs/msg/PoseStamped", header, _pose(place.x, place.y, place.heading)) for place in places]
+    header = header_of(at, MAP)
+    poses = [
+        make("geometry_msgs/msg/PoseStamped", header, pose_of(place.x, place.y, place.heading)) for place in places
+    ]
     return make("nav_msgs/msg/Path", header, poses)
 
 
@@ -197,7 +188,7 @@ def diagnostics(at: int, level: int, message: str, values: Mapping[str, str]) ->
     """Return diagnostic_msgs/DiagnosticArray with the one status `vve_sumo: drive`."""
     pairs = [make("diagnostic_msgs/msg/KeyValue", key, value) for key, value in values.items()]
     status = make("diagnostic_msgs/msg/DiagnosticStatus", level, "vve_sumo: drive", message, "vve_sumo", pairs)
-    return make("diagnostic_msgs/msg/DiagnosticArray", _header(at, ""), [status])
+    return make("diagnostic_msgs/msg/DiagnosticArray", header_of(at, ""), [status])
 
 
 def drive_status(at: int, state: str, reasons: Sequence[str], *, valid: bool, gap: float) -> Any:
@@ -215,11 +206,13 @@ def drive_status(at: int, state: str, reasons: Sequence[str], *, valid: bool, ga
     return diagnostics(at, level, state or ("valid" if valid else "invalid"), values)
 
 
-def _header(at: int, frame: str) -> Any:
+def header_of(at: int, frame: str) -> Any:
+    """Return std_msgs/Header of a Unix time [ns]."""
     return make("std_msgs/msg/Header", stamp(at), frame)
 
 
-def _vector(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Any:
+def vector_of(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Any:
+    """Return geometry_msgs/Vector3."""
     return make("geometry_msgs/msg/Vector3", x, y, z)
 
 
@@ -235,13 +228,14 @@ def _quaternion(yaw: float, pitch: float = 0.0, roll: float = 0.0) -> Any:
     )
 
 
-def _pose(x: float, y: float, heading: float, z: float = 0.0) -> Any:
+def pose_of(x: float, y: float, heading: float, z: float = 0.0) -> Any:
+    """Return geometry_msgs/Pose of a place [m] and a turn about the vertical [rad]."""
     return make("geometry_msgs/msg/Pose", make("geometry_msgs/msg/Point", x, y, z), _quaternion(heading))
 
 
-def _transform(at: int, parent: str, child: str, x: float, y: float, yaw: float) -> Any:
-    moved = make("geometry_msgs/msg/Transform", _vector(x, y), _quaternion(yaw))
-    return make("geometry_msgs/msg/TransformStamped", _header(at, parent), child, moved)
+def _transform(at: int, parent: str, child: str, x: float, y: float, yaw: float, z: float = 0.0) -> Any:
+    moved = make("geometry_msgs/msg/Transform", vector_of(x, y, z), _quaternion(yaw))
+    return make("geometry_msgs/msg/TransformStamped", header_of(at, parent), child, moved)
 
 
 def _diagonal(*sigmas: float | None) -> Floats:
@@ -253,24 +247,24 @@ def _diagonal(*sigmas: float | None) -> Floats:
 def _box(at: int, name: str, x: float, y: float, heading: float, size: Sequence[float], kind: int) -> Any:
     what = BODY_KINDS[kind]
     colour = PERSON if what in ("pedestrian", "child") else OTHER
-    return _marker(at, name, CUBE, ADD, _pose(x, y, heading, 0.5 * size[2]), size, colour, what)
+    return _marker(at, name, CUBE, ADD, pose_of(x, y, heading, 0.5 * size[2]), size, colour, what)
 
 
 def _marker(
     at: int, name: str, kind: int, action: int, pose: Any, size: Sequence[float], colour: Sequence[float], text: str
 ) -> Any:
     nothing, unsized = make("builtin_interfaces/msg/Duration", 0, 0), np.zeros(0, np.uint8)
-    picture = make("sensor_msgs/msg/CompressedImage", _header(0, ""), "", unsized)
+    picture = make("sensor_msgs/msg/CompressedImage", header_of(0, ""), "", unsized)
     mesh = make("visualization_msgs/msg/MeshFile", "", unsized)
     return make(
         "visualization_msgs/msg/Marker",
-        _header(at, MAP),
+        header_of(at, MAP),
         name,
         0,
         kind,
         action,
         pose,
-        _vector(*size),
+        vector_of(*size),
         make("std_msgs/msg/ColorRGBA", *colour),
         nothing,
         False,

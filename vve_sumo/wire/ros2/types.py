@@ -1,7 +1,7 @@
 """The ROS 2 message types that are used, their classes and their encoding (CDR), by the package `rosbags` alone.
 
-The definitions are those of ROS 2 Kilted's standard packages, and of `ackermann_msgs`, which is no standard package:
-its two types are made here from their fields. Knows types; it must not know what stands in a message.
+The definitions are those of ROS 2 Kilted's standard packages. `ackermann_msgs` and `vision_msgs` are no standard
+packages: their types are made here from their fields. Knows types; it must not know what stands in a message.
 """
 
 from __future__ import annotations
@@ -17,6 +17,15 @@ ACKERMANN: Final = {
     "float32 acceleration\nfloat32 jerk\n",
     "ackermann_msgs/msg/AckermannDriveStamped": "std_msgs/Header header\nAckermannDrive drive\n",
 }
+#: fields of the types of vision_msgs 4.1
+VISION: Final = {
+    "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score\n",
+    "vision_msgs/msg/ObjectHypothesisWithPose": "ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose\n",
+    "vision_msgs/msg/BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size\n",
+    "vision_msgs/msg/Detection3D": "std_msgs/Header header\nObjectHypothesisWithPose[] results\nBoundingBox3D bbox\n"
+    "string id\n",
+    "vision_msgs/msg/Detection3DArray": "std_msgs/Header header\nDetection3D[] detections\n",
+}
 
 
 @functools.cache
@@ -27,7 +36,7 @@ def store() -> Any:
     except ImportError:
         raise ConfigError("ROS 2 needs rosbags and cyclonedds: pip install 'vve-sumo[ros2]'") from None
     types = get_typestore(Stores.ROS2_KILTED)
-    for name, definition in ACKERMANN.items():
+    for name, definition in {**ACKERMANN, **VISION}.items():
         types.register(get_types_from_msg(definition, name))
     return types
 
