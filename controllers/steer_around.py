@@ -97,6 +97,12 @@ class _Line(NamedTuple):
     commanded: CommandedPath
     urgent: bool
 
+    def commanded_from(self, node: int) -> CommandedPath:
+        """Return the way from a node on: a command begins at the car, which goes on while the next way is planned."""
+        behind = min(max(node - self.first, 0), len(self.offsets) - 2)
+        x, y, speed = self.commanded.x, self.commanded.y, self.commanded.speed
+        return CommandedPath(x[behind:], y[behind:], speed[behind:])
+
     def ahead(self, first: int) -> tuple[list[float], list[float]]:
         """Return the offsets [m] and the commanded speeds [m/s] at NODES nodes from a number on."""
         last = len(self.offsets) - 1
@@ -170,7 +176,8 @@ class SteerAround:
         pose, line = observation.pose, self._line
         on_line = line.path.project(pose.x, pose.y, self._along)
         self._along = on_line.s
-        return Way(line.path, on_line, line.profile, line.commanded, *self._ahead(observation, projection, line))
+        commanded = line.commanded_from(math.floor(projection.s / SPACING))
+        return Way(line.path, on_line, line.profile, commanded, *self._ahead(observation, projection, line))
 
     def _sight(self, observation: Observation, here: PathProjection) -> _Sight:
         first = math.floor(here.s / SPACING)
@@ -218,11 +225,15 @@ class SteerAround:
     def _stays(self, sight: _Sight, blocking: list[Body]) -> Generator[None, None, bool]:
         """Keep to the way that the car has, or take the one back to its path; tell whether one of them will do."""
         if blocking and self._is_free(sight, self._keeps(sight)):
+            self._keep(sight)
             return True
         if self._can_wait(sight, blocking) and (yield from self._go_back(sight)):
             return True
+        if not (blocking and self._is_free(sight, COMFORT)):
+            return False
         # Stopped halfway out it would be in the way of who comes.
-        return bool(blocking) and self._is_free(sight, COMFORT)
+        self._keep(sight)
+        return True
 
     def _swerve(self, sight: _Sight, threats: list[Body]) -> Generator[None, None, bool]:
         """Take an urgent way past bodies that it is too late to brake for, if there is one; tell whether."""
@@ -240,6 +251,13 @@ class SteerAround:
         line = self._line
         offsets = [0.0 if line is None else line.offset(sight.first + node) for node in range(NODES)]
         return _met(sight.nodes, times_at(sight.speeds, SPACING), offsets, body) is not None
+
+    def _keep(self, sight: _Sight) -> None:
+        """Go on along the way that there is, at its speeds."""
+        assert self._line is not None
+        offsets, planned = self._line.ahead(sight.first)
+        speeds = np.minimum(sight.speeds, planned).tolist()
+        self._lay(sight, LateralPlan(tuple(offsets), tuple(speeds)), urgent=False)
 
     def _is_free(self, sight: _Sight, keeps: Margins) -> bool:
         """Tell whether the way that the car has is free, if less generously than a new one has to be."""

@@ -16,6 +16,7 @@ from tests import vehicles
 from tests.controllers.bench import Body
 from tests.controllers.street import PERIOD, Car, Flaws
 from vve_sumo.body_kinds import TYPICAL, number_of
+from vve_sumo.commanded_path import flaw
 from vve_sumo.controller import Controller
 from vve_sumo.geometry import Box
 from vve_sumo.path import ReferencePath
@@ -70,6 +71,8 @@ def drive(
         scan = scan if read is None else read.detections
         lidar.step(time, pose, actors)
         command = controller.step(Observation(tick, time, pose, path, speed, {"radar": scan, "roof": cloud}, car.wheel))
+        if command.path is not None:
+            assert not flaw(command.path, pose)
         turn = lidar.prepare()
         cloud = cloud if turn is None else turn.cloud
         here = path.project(car.x, car.y, near)

@@ -233,3 +233,12 @@ def test_a_scenario_without_a_lidar_is_named() -> None:
     controller = elastic_band.make(CAR, {"left_m": 3.0, "sensor": "top"})
     with pytest.raises(TypeError, match="no sensor 'top' of kind lidar"):
         drive(controller, ROAD, 5.0, [], 0.1)
+
+
+@both
+def test_at_speed_too_every_command_begins_where_the_car_is(module: ModuleType) -> None:
+    """The drive holds each commanded path against the tick's check; a plan takes ticks in which the car goes metres."""
+    bicycle = steady(75.0, -0.8, 4.0, length=1.8, width=0.6, cross_section=1.0)
+    found = drive(around(module), ROAD, 16.0, [bicycle], 9.0, kinds=["bicycle"], until=130.0)
+    assert found.least > CLEAR
+    assert commanded(found)
