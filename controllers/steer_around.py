@@ -38,6 +38,8 @@ COMFORT: Final = Margins(clearance=1.1, lengthwise=0.6, slack=1.5)
 SETTING_OUT: Final = COMFORT._replace(slack=3.5)
 #: a way in comfort that is this far from all bodies is kept where no new one is found [m]
 KEPT: Final = 0.7
+#: who is nearer than this to such a way is braked for [m]
+NEAR: Final = 0.5
 #: an urgent way keeps so far from bodies; the first that leads past is taken
 URGENT: Final = tuple(Margins(away, 0.3, 0.2, 1.0) for away in (1.0, 0.7, 0.4, 0.15))
 #: who comes the other way in the car's way is given way to by steering when he is so near [s]
@@ -215,12 +217,22 @@ class SteerAround:
             plan = yield from self._in_comfort(sight, blocking)
         if plan is not None:
             self._adopt(sight, plan, urgent=False)
-        elif self._line is None:
+        elif self._line is None or self._gives_up(sight, blocking):
             yield from self._swerve(sight, asking)
         elif not self._line.urgent and (yield from self._stays(sight, blocking)):
             pass
         elif not (yield from self._swerve(sight, self._in_line(sight))):
             self._go_on(sight)
+
+    def _gives_up(self, sight: _Sight, blocking: list[Body]) -> bool:
+        """Give up a way in comfort that is not free any more if the car is still on its path; tell whether it did."""
+        assert self._line is not None
+        if self._line.urgent or abs(sight.here.offset) > AT_PATH:
+            return False
+        if blocking and self._is_free(sight, self._keeps(sight)):
+            return False
+        self._line = self._along = None
+        return True
 
     def _stays(self, sight: _Sight, blocking: list[Body]) -> Generator[None, None, bool]:
         """Keep to the way that the car has, or take the one back to its path; tell whether one of them will do."""
@@ -268,16 +280,16 @@ class SteerAround:
         return all(min(clearances(sight.nodes, times, offsets, body, keeps)) >= KEPT for body in sight.bodies)
 
     def _can_wait(self, sight: _Sight, blocking: list[Body]) -> bool:
-        """Tell whether the car can still come back to its path and stop there in comfort before what is in its way."""
+        """Tell whether the car can still come back to its path and slow down there in comfort behind what is there."""
         bumper = sight.here.s + self._vehicle.rear_axle_to_bumper
-        gap = min((float(body.s.min()) - bumper for body in blocking), default=-math.inf)
         back = abs(sight.here.offset) * BACK_SHARE + WAITS
-        return gap > self._to_rest(sight) + back
+        gaps = [float(body.s.min()) - bumper - self._slowing(sight, max(body.along, 0.0)) for body in blocking]
+        return min(gaps, default=-math.inf) > back
 
-    def _to_rest(self, sight: _Sight) -> float:
-        """Return the way in which the car stops in comfort [m]."""
+    def _slowing(self, sight: _Sight, speed: float) -> float:
+        """Return the way that the car gains on somebody of a speed [m/s] while slowing in comfort to that speed [m]."""
         delay = 2.0 * PERIOD + self._vehicle.brake_delay
-        return stopping_distance(sight.observation.pose.speed, -COMFORT_LIMIT, delay, 0.7)
+        return stopping_distance(max(sight.observation.pose.speed - speed, 0.0), -COMFORT_LIMIT, delay, 0.7)
 
     def _asks_for_room(self, sight: _Sight, times: Sequence[float], body: Body) -> bool:
         keeps = CONTACT._replace(slack=COMFORT.slack if body.along > 0.0 else 0.0)
@@ -451,7 +463,7 @@ class SteerAround:
         plan = yield from self._planner.planning(alone)
         if plan is None:
             return False
-        rest = sight.here.s + self._to_rest(sight)
+        rest = sight.here.s + self._slowing(sight, 0.0)
         node = min(round(rest / SPACING) - sight.first, NODES - 1)
         if abs(plan.offsets[node]) > BACK:
             return False
@@ -502,7 +514,7 @@ class SteerAround:
             if met is not None and steady[met] < HORIZON:
                 dangers.append(_target(now, gap, steady[met]))
             # At its present speed the car may overtake who goes along too late for this way, or never.
-            met = _met(nodes, planned, offsets, now)
+            met = _met(nodes, planned, offsets, now, 0.0 if line.urgent else NEAR)
             if met is not None and (nearest is None or gap < nearest.gap):
                 nearest = _target(now, gap, planned[met])
         return nearest, dangers
@@ -516,10 +528,10 @@ class SteerAround:
         return planned
 
 
-def _met(nodes: Nodes, times: Sequence[float], offsets: Sequence[float], body: Body) -> int | None:
-    """Return the first node at which the car meets a body on a way, None where it does not."""
+def _met(nodes: Nodes, times: Sequence[float], offsets: Sequence[float], body: Body, within: float = 0.0) -> int | None:
+    """Return the first node at which the car comes `within` a distance [m] of a body on a way, None for nowhere."""
     away = clearances(nodes, times, offsets, body, CONTACT)
-    return next((node for node, clear in enumerate(away) if clear < 0.0), None)
+    return next((node for node, clear in enumerate(away) if clear < within), None)
 
 
 def _target(body: Body, gap: float, time: float) -> Target:

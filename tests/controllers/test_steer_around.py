@@ -182,6 +182,16 @@ def test_it_goes_out_of_the_way_of_a_bicyclist_who_comes_head_on(speed: float) -
     assert abs(found.offset[-1]) < 0.15
 
 
+def test_it_brakes_behind_a_bicyclist_who_turns_in_before_it_goes_around_him() -> None:
+    def place(time: float) -> tuple[float, float, float, float]:
+        share = min(max(time - 1.0, 0.0) / 2.5, 1.0)
+        return 50.0 + 4.2 * time, -2.5 + 2.5 * share**3 * (10.0 - 15.0 * share + 6.0 * share**2), 0.0, 4.2
+
+    bicycle = Body(place, 1.8, 0.6, 1.0)
+    found = drive(around(elastic_band, right_m=2.0), ROAD, 16.7, [bicycle], 12.0, kinds=["bicycle"])
+    assert found.least > 0.8
+
+
 def runs_out(speed: float, arrives: float, sets_out: float = 1.0, pace: float = 3.0) -> Body:
     """Runs in from the right so that an unbraked bumper meets the middle of it."""
     x = CAR.rear_axle_to_bumper + speed * (arrives + sets_out) + 0.3
