@@ -48,7 +48,7 @@ def in_matrices(places: Sequence[Place], time: float) -> tuple[np.ndarray, np.nd
     return state, cov
 
 
-@given(STEPS, st.floats(0.0, EXTRAPOLATION))
+@given(STEPS, st.floats(0.0, EXTRAPOLATION - 1e-6))
 def test_it_is_the_textbooks_filter(steps: list[tuple[float, float, float, float]], later: float) -> None:
     places, time, x, y = [Place(0.0, 0.0, 0.0, 4.0)], 0.0, 0.0, 0.0
     track = Track("pedestrian", FAST, places[0])

@@ -18,7 +18,7 @@ from vve_sumo.bridges.ros2.dds import Dds
 from vve_sumo.bridges.ros2.fixes import FIX, IMU, ODOM, FixAssembler
 from vve_sumo.errors import ConfigError
 from vve_sumo.pose.ncom import Encoder
-from vve_sumo.pose.receivers.ncom_udp import NcomUdp
+from vve_sumo.pose.receivers.udp import UdpReceiver
 from vve_sumo.rig.resolve import mounting_of, receiver_of
 from vve_sumo.rig.schema import Rig
 
@@ -26,6 +26,7 @@ from vve_sumo.rig.schema import Rig
 TOPICS: Final = {"fix": "/receiver/fix", "imu": "/receiver/imu", "odom": "/receiver/odom"}
 #: types of the topics, in the order in which what has come is taken: a fix finds its Imu and its Odometry
 KINDS: Final = {"imu": IMU, "odom": ODOM, "fix": FIX}
+RECEIVER: Final = "ncom_udp"  #: kind of the rig's receiver, which the fixes go out to
 #: how often it is looked whether it has to end [s]
 POLL: Final = 0.2
 
@@ -36,7 +37,8 @@ class FixRelay:
     def __init__(self, rig: Rig, topics: Mapping[str, str]) -> None:
         """Open all; raises ConfigError for a rig that it cannot serve, RigError for what cannot be opened."""
         pose, age = rig.pose, rig.ros2.corrections_age_s
-        if not isinstance(pose, NcomUdp) or not ipaddress.ip_address(pose.address).is_loopback:
+        is_ncom = pose.kind == RECEIVER
+        if not is_ncom or not isinstance(pose, UdpReceiver) or not ipaddress.ip_address(pose.address).is_loopback:
             expected = "the fixes go out as NCOM on this machine, expected kind 'ncom_udp' on 127.0.0.1"
             raise ConfigError(f"pose: {expected}, got {receiver_of(rig).place()}")
         if age is None:
