@@ -9,7 +9,7 @@ import pytest
 from benchmarks import steering_live
 from tests.live.witness import stalls, witness
 
-pytestmark = [pytest.mark.live, pytest.mark.alone]
+pytestmark = [pytest.mark.live, pytest.mark.alone, pytest.mark.thorough]
 
 #: a machine that stands still says nothing about the car, and the drive is repeated; so often at most
 ATTEMPTS = 3
