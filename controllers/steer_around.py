@@ -239,13 +239,14 @@ class SteerAround:
         if blocking and self._is_free(sight, self._keeps(sight)):
             self._keep(sight)
             return True
-        if self._can_wait(sight, blocking) and (yield from self._go_back(sight)):
+        waits = self._can_wait(sight, blocking)
+        if waits and (yield from self._go_back(sight, BACK)):
             return True
-        if not (blocking and self._is_free(sight, COMFORT)):
-            return False
-        # Stopped halfway out it would be in the way of who comes.
-        self._keep(sight)
-        return True
+        if blocking and self._is_free(sight, COMFORT):
+            # Stopped halfway out it would be in the way of who comes.
+            self._keep(sight)
+            return True
+        return waits and (yield from self._go_back(sight, math.inf))
 
     def _swerve(self, sight: _Sight, threats: list[Body]) -> Generator[None, None, bool]:
         """Take an urgent way past bodies that it is too late to brake for, if there is one; tell whether."""
@@ -455,8 +456,11 @@ class SteerAround:
             return
         self._lay(sight, plan, urgent)
 
-    def _go_back(self, sight: _Sight) -> Generator[None, None, bool]:
-        """Come back to the path, and brake there for what is in it; tell whether the car is back when it stands."""
+    def _go_back(self, sight: _Sight, within: float) -> Generator[None, None, bool]:
+        """Come back to the path, and brake there for what is in it, if the car is `within` so much of it at rest [m].
+
+        Tell whether it does.
+        """
         limits = LateralLimits.of(self._vehicle, URGENT_ACCELERATION, URGENT_JERK)
         task = self._task(sight, (), COMFORT, limits, sight.speeds)
         alone = task._replace(room=lambda times: Room([-math.inf] * NODES, [math.inf] * NODES))
@@ -465,7 +469,7 @@ class SteerAround:
             return False
         rest = sight.here.s + self._slowing(sight, 0.0)
         node = min(round(rest / SPACING) - sight.first, NODES - 1)
-        if abs(plan.offsets[node]) > BACK:
+        if abs(plan.offsets[node]) > within:
             return False
         self._adopt(sight, plan, urgent=False)
         return True
