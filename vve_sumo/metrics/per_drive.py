@@ -220,16 +220,19 @@ metric(
 )
 
 
+def _times_named(drive: DriveData, column: str) -> float:
+    """Return in how many ticks a column names something; NaN in records without it."""
+    if column not in drive.ticks.column_names:
+        return math.nan
+    return float(sum(1 for name in drive.ticks[column].to_pylist() if name))
+
+
 metric(
     "red_lights_run",
     "red lights run",
     "how often the front bumper passed a stop line while its signal showed red for the ego's way, by what SUMO showed "
     "in that step; red with yellow is red, none in records that hold no signals",
-    lambda drive: (
-        float(sum(1 for name in drive.ticks["red_light"].to_pylist() if name))
-        if "red_light" in drive.ticks.column_names
-        else math.nan
-    ),
+    lambda drive: _times_named(drive, "red_light"),
     worse="higher",
     missing="the record is of an earlier layout",
 )
@@ -240,11 +243,7 @@ metric(
     "stop signs run",
     "how often the front bumper passed the line of a stop sign without having stood in the 5 m before it, by SUMO's "
     "network, none in records that hold no stop signs",
-    lambda drive: (
-        float(sum(1 for name in drive.ticks["stop_sign"].to_pylist() if name))
-        if "stop_sign" in drive.ticks.column_names
-        else math.nan
-    ),
+    lambda drive: _times_named(drive, "stop_sign"),
     worse="higher",
     missing="the record is of an earlier layout",
 )

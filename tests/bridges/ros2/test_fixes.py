@@ -114,6 +114,14 @@ def test_a_fix_without_the_others_of_its_time_is_none(missing: str) -> None:
     assert assembler.refused[ALONE] == 1
 
 
+def _longitude_beyond(sent: Messages) -> None:
+    sent[FIX].longitude = 181.0
+
+
+def _altitude_beyond(sent: Messages) -> None:
+    sent[FIX].altitude = 1e300
+
+
 def _nan_latitude(sent: Messages) -> None:
     sent[FIX].latitude = math.nan
 
@@ -142,6 +150,8 @@ def _no_yaw_rate(sent: Messages) -> None:
     ("spoil", "reason"),
     [
         (_nan_latitude, NOT_FINITE),
+        (_longitude_beyond, NOT_FINITE),
+        (_altitude_beyond, NOT_FINITE),
         (_nan_speed, NOT_FINITE),
         (_nan_yaw_rate, NOT_FINITE),
         (_no_quaternion, NOT_FINITE),

@@ -29,6 +29,7 @@ FIXED_SIGMA: Final = 0.05
 #: NavSatStatus.status, and what it is worth where the accuracy is no better than FIXED_SIGMA
 QUALITY: Final = {0: FixQuality.SINGLE, 1: FixQuality.DIFFERENTIAL, 2: FixQuality.RTK_FLOAT}
 BASE_STATION: Final = 2
+MAX_ALTITUDE: Final = 1e5  #: of a fix, up or down; it may also be unknown, NaN [m]
 #: why messages make no fix
 NOT_FINITE, NOT_NEWER, ALONE = "not_finite", "stamp_not_newer", "without_imu_or_odometry"
 NO_ORIENTATION, MALFORMED, SECOND = "without_orientation", "malformed", "second_publisher"
@@ -117,7 +118,9 @@ class FixAssembler:
             self.refused[ALONE] += 1
             self._waiting = None
         stamp = _stamp(message)
-        if not math.isfinite(message.latitude + message.longitude) or abs(message.latitude) > 90.0:
+        if not math.isfinite(message.latitude + message.longitude):
+            return NOT_FINITE
+        if abs(message.latitude) > 90.0 or abs(message.longitude) > 180.0 or abs(message.altitude) > MAX_ALTITUDE:
             return NOT_FINITE
         if stamp <= self._newest:
             return NOT_NEWER
