@@ -6,6 +6,8 @@ import math
 import os
 import select
 import socket
+import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,7 @@ import pytest
 pytest.importorskip("rosbags", reason="needs pip install 'vve-sumo[ros2]'")
 pytest.importorskip("cyclonedds", reason="needs pip install 'vve-sumo[ros2]'")
 from tests.bridges.ros2.drive import ACTORS, pose_at, sample_at
+from tests.isolated import isolated
 from tests.wire.ros2.test_clouds import LISTED
 from vve_sumo.bridges.ros2.bridge import COMMANDS
 from vve_sumo.bridges.ros2.dds import Dds, Heard
@@ -117,3 +120,47 @@ def test_its_ports_hear_nobody_on_a_network(dds: Dds) -> None:
 def test_a_domain_that_cannot_be_joined_is_refused(dds: Dds) -> None:
     with pytest.raises(RigError, match=f"ros2: domain {DOMAIN} cannot be joined"):
         Dds(DOMAIN)
+
+
+def _close_in_a_listener(domain: int) -> bool:
+    """Leave the domain while a thread of DDS says that a message has come; return whether it was so."""
+    joined, begun, write = Dds(domain), threading.Event(), os.write
+
+    def slow(number: int, data: bytes) -> int:
+        begun.set()
+        time.sleep(0.1)
+        return write(number, data)
+
+    os.write = slow
+    joined.advertise("/clock", messages.TOPICS["/clock"])
+    joined.subscribe("/clock", messages.TOPICS["/clock"])
+    # Within one process the listener is called by the thread that publishes.
+    publisher = threading.Thread(target=joined.publish, args=("/clock", messages.clock(AT)))
+    publisher.start()
+    told = begun.wait(10.0)
+    joined.close()
+    publisher.join()
+    return told
+
+
+@pytest.mark.parametrize("attempt", range(5))
+def test_it_leaves_while_a_message_comes(attempt: int) -> None:
+    # Whether two threads wait for each other is chance: five times are enough to meet it.
+    assert isolated(_close_in_a_listener, 1 + (os.getpid() + 25 + attempt) % 100, timeout=30.0)
+
+
+class _Broken:
+    """A subscription all of whose messages are bytes of something else."""
+
+    def take(self, _count: int) -> list[Any]:
+        raise ValueError("no such message")
+
+
+def test_a_subscription_that_gives_only_errors_does_not_hold_it(dds: Dds) -> None:
+    dds._readers.append(("/broken", _Broken()))
+    try:
+        got = dds.heard()
+    finally:
+        dds._readers.pop()
+    assert 10 <= len(got) < 100
+    assert {one.message for one in got} == {None}

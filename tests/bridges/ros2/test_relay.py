@@ -79,7 +79,10 @@ def _relay(file: Path) -> Iterator[list[str]]:
             yield lines
         finally:
             process.terminate()
-            lines += process.stderr.read().splitlines()
+            try:
+                lines += process.communicate(timeout=30.0)[1].splitlines()
+            finally:
+                process.kill()
 
 
 def test_messages_over_dds_come_out_as_packets_of_the_receiver(tmp_path: Path) -> None:

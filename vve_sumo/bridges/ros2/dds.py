@@ -49,6 +49,7 @@ class Dds:
         self._types: dict[str, Any] = {}
         self._writers: dict[str, Any] = {}
         self._readers: list[tuple[str, Any]] = []
+        self._listeners: list[Any] = []  # DDS' threads call them, and do not hold them
         self.dropped = 0  #: messages that could not be sent
         before = udp_sockets()
         try:
@@ -94,8 +95,10 @@ class Dds:
                     os.write(awake, b"1")
 
         topic = self._topic.Topic(self._participant, "rt" + name, self._type(kind))
-        reader = self._sub.DataReader(self._participant, topic, qos=self._quality(latched=False), listener=_Waker())
+        waker = _Waker()
+        reader = self._sub.DataReader(self._participant, topic, qos=self._quality(latched=False), listener=waker)
         self._readers.append((name, reader))
+        self._listeners.append(waker)
 
     def heard(self) -> list[Heard]:
         """Return the messages that have come since the last call, in order, topic after topic; never waits."""
@@ -106,16 +109,18 @@ class Dds:
 
     def _taken(self, name: str, reader: Any) -> list[Heard]:
         found: list[Heard] = []
-        while True:
+        # As many messages as a queue holds, and as many notices that a publisher has gone.
+        for _ in range(2 * DEPTH):
             try:
                 came = reader.take(1)
             except Exception:  # bytes that are no such message
                 found.append(Heard(name, 0, None))
                 continue
             if not came:
-                return found
+                break
             if came[0].sample_info.valid_data:
                 found.append(Heard(name, came[0].sample_info.publication_handle, came[0]))
+        return found
 
     def has_node(self) -> bool:
         """Whether somebody hears an advertised topic, and somebody publishes on each that is subscribed to."""
@@ -124,6 +129,10 @@ class Dds:
 
     def close(self) -> None:
         """Leave the domain."""
+        # Returns when no thread of DDS is in a listener: a listener that let the last hold of its reader go would have
+        # the reader deleted from within, which waits for the listener's own end.
+        for _, reader in self._readers:
+            reader.set_listener(None)
         self._writers.clear()
         self._readers.clear()
         del self._participant, self._domain
