@@ -1,6 +1,6 @@
 """Contacts in a CACC platoon of five whose messages end while its leader brakes: many short drives, each drawn anew.
 
-python -m benchmarks.lost_messages [--runs N] [--minutes M] [--headway S] [--smoke]
+python -m benchmarks.lost_messages [--runs N] [--first SEED] [--minutes M] [--headway S] [--smoke]
 The scenario `platoon`, begun settled at the headway, for 12 s. The leader brakes after 2 to 4 s with 1 to 6 m/s2 to a
 speed of 0 to 10 m/s; every receiver is jammed from 2 s before to 2 s after that on. No record is kept: a gap is that of
 true places on the straight track. Drives begin until the minutes are over; how many there were is printed.
@@ -112,13 +112,13 @@ def changes_of(case: Case) -> dict[str, Any]:
     }
 
 
-def driven(headway: float, runs: int, minutes: float, lasts: float) -> Iterator[tuple[Case, Outcome]]:
+def driven(headway: float, seeds: range, minutes: float, lasts: float) -> Iterator[tuple[Case, Outcome]]:
     """Drive one case after the other, each in a process of its own, until there are so many or the time is over."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(PRELOADED)
     end = time.monotonic() + 60.0 * minutes
     with ProcessPoolExecutor(1, context, max_tasks_per_child=1) as pool:
-        for seed in range(1, runs + 1):
+        for seed in seeds:
             if time.monotonic() > end:
                 return
             case = drawn(seed, headway)._replace(lasts=lasts)
@@ -129,13 +129,14 @@ def main() -> None:
     """Drive and print what came of it, and each drive with a contact."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=1000, help="drives at most (default: 1000)")
+    parser.add_argument("--first", type=int, default=1, metavar="SEED", help="of the first drive (default: 1)")
     parser.add_argument("--minutes", type=float, default=math.inf, help="in which drives begin (default: no limit)")
     parser.add_argument("--headway", type=float, default=0.5, metavar="S", help="[s] (default: 0.5)")
     parser.add_argument("--smoke", action="store_true", help="one drive of 2 s, only to see that it runs")
     given = parser.parse_args()
     runs, lasts = (1, 2.0) if given.smoke else (given.runs, LASTS)
     gaps, costs, contacts, stopped = list[float](), list[float](), 0, 0
-    for case, one in driven(given.headway, runs, given.minutes, lasts):
+    for case, one in driven(given.headway, range(given.first, given.first + runs), given.minutes, lasts):
         gaps.append(one.least_gap)
         costs.append(one.cost)
         stopped += one.stopped
@@ -144,9 +145,9 @@ def main() -> None:
             print(f"contact: {case}", flush=True)
     share = wilson(contacts, len(gaps))
     print(
-        f"headway {given.headway:g} s: {contacts} contacts in {len(gaps)} drives (95 %: at most {share.high:.4f}), "
-        f"{stopped} egos stopped by the gateway; least gap {min(gaps):.2f} m, median {np.median(gaps):.2f} m; "
-        f"{np.mean(costs):.1f} s of one processor a drive"
+        f"headway {given.headway:g} s, seeds from {given.first}: {contacts} contacts in {len(gaps)} drives "
+        f"(95 %: at most {share.high:.4f}), {stopped} egos stopped by the gateway; least gap "
+        f"{min(gaps):.2f} m, median {np.median(gaps):.2f} m; {np.mean(costs):.1f} s of one processor a drive"
     )
 
 

@@ -6,7 +6,8 @@ moment the setpoints end, or the controller raises. `library`: the pedestrians a
 10 to 60 km/h, braking alone, steering alone, both. `late`: a runner who sets out when the car is 1.0 to 2.2 s away,
 with what physics allows beside it. `picture`: that of docs/steering_avoidance.md.
 
-Usage: python -m benchmarks.steering_avoidance passes|faults|library|late|picture [--runs N] [--planner NAME] [--smoke]
+Usage: python -m benchmarks.steering_avoidance passes|faults|library|late|picture [--runs N] [--first SEED]
+[--planner NAME] [--smoke]
 """
 
 from __future__ import annotations
@@ -216,10 +217,10 @@ def oncoming(draw: np.random.Generator) -> list[dict[str, Any]]:
     return actors
 
 
-def passes(runs: int, planner: str) -> list[Case]:
+def passes(seeds: range, planner: str) -> list[Case]:
     """Return drives past the parked car with cars that come the other way."""
     cases = []
-    for seed in range(1, runs + 1):
+    for seed in seeds:
         draw = np.random.default_rng(seed)
         changes = controlled(planner, "both", right_m=0.0) | {
             "ego.speed_mps": float(draw.uniform(5.0, 11.176)),
@@ -232,10 +233,10 @@ def passes(runs: int, planner: str) -> list[Case]:
     return cases
 
 
-def faults(runs: int, planner: str) -> list[Case]:
+def faults(seeds: range, planner: str) -> list[Case]:
     """Return drives past the parked car in SUMO's traffic, with a fault while the car steers around."""
     cases = []
-    for seed in range(1, runs + 1):
+    for seed in seeds:
         draw = np.random.default_rng(1000 + seed)
         speed = float(draw.uniform(5.0, 11.176))
         changes = controlled(planner, "both", right_m=0.0) | {
@@ -341,9 +342,10 @@ def spread(values: Iterable[float]) -> str:
     return f"{found[0]:.2f}, {found[len(found) // 2]:.2f}, {found[-1]:.2f}" if found else "none"
 
 
-def print_passes(planner: str, runs: int) -> None:
+def print_passes(planner: str, seeds: range) -> None:
     """Print what came of the drives past the parked car."""
-    done = list(driven(passes(runs, planner)))
+    cases = passes(seeds, planner)
+    done = list(driven(cases))
     passed = [one for one in done if one.station > 660.0]
     rows = {
         "contacts": f"{sum(one.contact for one in done)} of {len(done)}",
@@ -356,14 +358,14 @@ def print_passes(planner: str, runs: int) -> None:
     print(f"| {planner} | least, median, greatest |\n|---|---|")
     for name, value in rows.items():
         print(f"| {name} | {value} |")
-    for number, one in enumerate(done, start=1):
+    for case, one in zip(cases, done, strict=True):
         if one.contact or one.station < 660.0 or one.last > 0.15 or one.beside < 0.8:
-            print(f"seed {number}: {one._replace(track=())}")
+            print(f"seed {case.seed}: {one._replace(track=())}")
 
 
-def print_faults(planner: str, runs: int) -> None:
+def print_faults(planner: str, seeds: range) -> None:
     """Print what came of the faults."""
-    cases = faults(runs, planner)
+    cases = faults(seeds, planner)
     done = list(driven(cases))
     struck = [one for one in done if one.reasons]
     rows = {
@@ -468,15 +470,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("part", nargs="?", choices=["passes", "faults", "library", "late", "picture"], default="passes")
     parser.add_argument("--runs", type=int, default=200, help="drives of passes and of faults")
+    parser.add_argument("--first", type=int, default=1, metavar="SEED", help="of the first of these (default: 1)")
     parser.add_argument("--planner", choices=PLANNERS, default=PLANNERS[0])
     parser.add_argument("--smoke", action="store_true", help="a few drives, only to see that all of it runs")
     given = parser.parse_args()
     if given.smoke:
         print_late(given.planner, smoke=True)
         return
+    seeds = range(given.first, given.first + given.runs)
     parts = {
-        "passes": partial(print_passes, given.planner, given.runs),
-        "faults": partial(print_faults, given.planner, given.runs),
+        "passes": partial(print_passes, given.planner, seeds),
+        "faults": partial(print_faults, given.planner, seeds),
         "library": partial(print_library, given.planner, False),
         "late": partial(print_late, given.planner, False),
         "picture": partial(draw, given.planner, PICTURE),

@@ -34,7 +34,7 @@ TABLES: dict[str, tuple[str, int]] = {
     "library": (r"\| \[`leap_hard_stop`\]\(#leap_hard_stop\) \| 1 of 1 \| fault \| .*", 2),
     "long_idle": (r"0\.01 h: .* 0\.\d+ m off at most; engaged ", 1),
     "lot": (r"(check|check, near an edge|way to rest) +\d+ +\d+ +\d+", 3),
-    "lost_messages": (r"headway 0\.5 s: 0 contacts in 1 drives .*; [\d.]+ s of one processor a drive", 1),
+    "lost_messages": (r"headway 0\.5 s, seeds from 1: 0 contacts in 1 drives .*; [\d.]+ s of one processor a drive", 1),
     "parked_car": (r"  45 +1/1 +0 +0 +[45]\.\d\d to .*", 1),
     "platoon": (r"c?acc +headway 1\.2 s: head to tail [\d.]+ \(L2\), .*; least gap .* closed form [\d.]+ s", 2),
     "senses": (r"  (radar|lidar|camera|v2x|warned|some|all) +a step [\d.]+ ms, a reading [\d.]+ ms in all, .*", 7),
