@@ -88,6 +88,18 @@ def test_the_stop_button_asks_until_it_is_heard(phone: Any, pages: Served) -> No
     assert len(pages.of(PersonStop)) == heard
 
 
+def test_the_stop_button_acts_at_the_press_and_does_not_move(phone: Any, pages: Served) -> None:
+    button = phone.locator("#stop")
+    place = button.bounding_box()
+    assert place["y"] + place["height"] <= 800
+    pages.pages.show("engaged", [seen(faults=("person_near_lot", "person_lost", "person_unreachable"))])
+    until(lambda: "this page was not heard" in phone.inner_text("#why"))
+    assert button.bounding_box() == place
+    phone.mouse.move(place["x"] + 20, place["y"] + 20)
+    phone.mouse.down()
+    until(lambda: len(pages.of(PersonStop)) > 0)
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     ("view", "kind", "words"),

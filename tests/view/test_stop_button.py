@@ -48,6 +48,13 @@ def test_nothing_lies_over_the_button(page: Any, fed: Live) -> None:
     until(lambda: fed.asked > 0)
 
 
+def test_it_acts_at_the_press(page: Any, fed: Live) -> None:
+    place = page.locator("#stop").bounding_box()
+    page.mouse.move(place["x"] + 20, place["y"] + 20)
+    page.mouse.down()
+    until(lambda: fed.asked > 0)
+
+
 @pytest.mark.thorough
 def test_an_older_browser_asks_too(page: Any, fed: Live) -> None:
     page.evaluate("() => { delete AbortSignal.timeout; }")

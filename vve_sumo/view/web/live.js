@@ -32,7 +32,8 @@ export class Live {
     this.feed.hidden = false;
     this.button = document.getElementById("stop");
     this.button.hidden = false;
-    this.button.addEventListener("click", () => this.stop());
+    // At the press: a button that has moved under the finger by the time it is lifted gets no click.
+    for (const pressed of ["pointerdown", "click"]) this.button.addEventListener(pressed, () => this.stop());
     setInterval(() => this.look(), LOOK);
     this.connect();
     const draw = () => {

@@ -39,7 +39,8 @@ class Person {
     this.trouble = ""; // with the positions
     this.view = null;
     find("enter").addEventListener("click", () => this.enter());
-    find("stop").addEventListener("click", () => this.stop());
+    // At the press, not when the finger is lifted; a keyboard and what reads a page aloud give a click alone.
+    for (const pressed of ["pointerdown", "click"]) find("stop").addEventListener(pressed, () => this.stop());
     setInterval(() => document.hidden || this.say({ type: "alive" }), ALIVE);
     document.addEventListener("visibilitychange", () => this.keepAwake());
     setInterval(() => this.look(), 100);
@@ -96,7 +97,7 @@ class Person {
     if (own.phone) {
       const take = (position) => this.report(position);
       const fail = (error) => {
-        this.trouble = `no position: ${error.message}`;
+        if (!this.taken) this.trouble = `no position: ${error.message}`;
       };
       navigator.geolocation.watchPosition(take, fail, DECIDED);
       setInterval(() => navigator.geolocation.getCurrentPosition(take, fail, DECIDED), ASK);
@@ -131,7 +132,7 @@ class Person {
   }
 
   report(position) {
-    if (position.timestamp <= this.newest) return;
+    if (this.taken || position.timestamp <= this.newest) return;
     this.newest = position.timestamp;
     this.trouble = "";
     const { latitude, longitude, accuracy, heading } = position.coords;
@@ -143,10 +144,16 @@ class Person {
   }
 
   stop() {
+    if (this.stopping) return;
     this.stopping = true;
+    this.askForStop();
+  }
+
+  // Again and again until the drive says that it has heard it.
+  askForStop() {
     this.say({ type: "stop" });
     setTimeout(() => {
-      if (!this.view?.faults.includes("person_stop")) this.stop();
+      if (!this.view?.faults.includes("person_stop")) this.askForStop();
     }, RETRY);
   }
 
