@@ -7,7 +7,6 @@ slow, and one that does not answer is dropped. Knows WebSockets and frames; not 
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
 import math
 import secrets
@@ -15,23 +14,20 @@ from typing import Any, Final
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from vve_sumo.view import connection
+from vve_sumo.view.connection import ANSWER_TIMEOUT, TRY_AGAIN_LATER, DroppedError, Rate, now
 from vve_sumo.view.live_frame import LiveFrames
 
 #: pages that watch at a time
 MAX_CLIENTS: Final = 8
 #: frames that are under way to a page
 MAX_IN_FLIGHT: Final = 2
-#: a page that takes longer for its answer is dropped [s]
-ANSWER_TIMEOUT: Final = 5.0
 #: messages of a page in a second; a page sends one a frame
 MAX_RATE: Final = 200
 #: digits of an acknowledgement, at most
 MAX_DIGITS: Final = 18
 #: events that wait for a page, at most; older ones are left out
 MAX_EVENTS: Final = 100
-
-# Of the WebSocket protocol (RFC 6455 and its registry).
-POLICY_VIOLATION, TRY_AGAIN_LATER = 1008, 1013
 
 
 class Client:
@@ -84,27 +80,21 @@ class Hub:
             return
         client = Client()
         self._clients.add(client)
-        tasks = [asyncio.create_task(part) for part in (self._send(socket, client), self._hear(socket, client))]
         try:
-            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            self.dropped += await connection.run(self._send(socket, client), self._hear(socket, client))
         finally:
             self._clients.discard(client)
-            for task in tasks:
-                task.cancel()
-            results = await asyncio.gather(*tasks, return_exceptions=True)
-        self.dropped += any(isinstance(one, _DroppedError) for one in results)
-        with contextlib.suppress(Exception):
-            await asyncio.wait_for(socket.close(POLICY_VIOLATION), 1.0)
+        await connection.close(socket)
 
     async def _send(self, socket: WebSocket, client: Client) -> None:
         scene = {"type": "scene", "drive": self._drive, "scene": self._whole_scene(client)}
-        await _sent(socket, json.dumps(scene, allow_nan=False))
+        await connection.send(socket.send_text(json.dumps(scene, allow_nan=False)))
         while True:
             await self._room(client)
             for message in self._news(client):
-                await _sent(socket, message)
+                await connection.send(socket.send_text(message))
             if self.over:
-                await _sent(socket, json.dumps({"type": "over", "verdict": self._verdict}))
+                await connection.send(socket.send_text(json.dumps({"type": "over", "verdict": self._verdict})))
                 return
 
     async def _room(self, client: Client) -> None:
@@ -114,11 +104,11 @@ class Hub:
             fresh = self._frames.newest is not None and self._frames.newest.tick > client.number
             if self.over or (fresh and client.in_flight < MAX_IN_FLIGHT):
                 return
-            left = client.answered_at + ANSWER_TIMEOUT - _now() if client.in_flight else None
+            left = client.answered_at + ANSWER_TIMEOUT - now() if client.in_flight else None
             try:
                 await asyncio.wait_for(client.wake.wait(), left)
             except TimeoutError:
-                raise _DroppedError from None
+                raise DroppedError from None
 
     def _news(self, client: Client) -> list[str]:
         newest = self._frames.newest
@@ -131,7 +121,7 @@ class Hub:
             client.known |= unknown.keys()
             found.append(json.dumps({"type": "actors", "actors": unknown}))
         client.number = newest.tick
-        client.answered_at = client.answered_at if client.in_flight else _now()
+        client.answered_at = client.answered_at if client.in_flight else now()
         client.in_flight += 1
         return [*found, self._frame()]
 
@@ -151,34 +141,15 @@ class Hub:
 
     async def _hear(self, socket: WebSocket, client: Client) -> None:
         """Take the page's acknowledgements; a page that says anything else is dropped."""
-        begun, count = _now(), 0
+        rate = Rate(MAX_RATE)
         while True:
             try:
                 text = await socket.receive_text()
             except (WebSocketDisconnect, KeyError):
                 return
-            now = _now()
-            if now - begun >= 1.0:
-                begun, count = now, 0
-            count += 1
             number = int(text) if text.isascii() and text.isdecimal() and len(text) <= MAX_DIGITS else math.inf
-            if count > MAX_RATE or number > client.number:
-                raise _DroppedError
-            client.answered_at = now
+            if rate.exceeded(now()) or number > client.number:
+                raise DroppedError
+            client.answered_at = now()
             client.in_flight = max(client.in_flight - 1, 0)
             client.wake.set()
-
-
-class _DroppedError(Exception):
-    """A page is dropped."""
-
-
-def _now() -> float:
-    return asyncio.get_running_loop().time()
-
-
-async def _sent(socket: WebSocket, text: str) -> None:
-    try:
-        await asyncio.wait_for(socket.send_text(text), ANSWER_TIMEOUT)
-    except TimeoutError:
-        raise _DroppedError from None

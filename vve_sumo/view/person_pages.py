@@ -6,7 +6,6 @@ A person's page has to be held by one browser at a time. Knows WebSockets and me
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -20,6 +19,8 @@ from vve_sumo.people.consent import TEXT, digest
 from vve_sumo.people.geolocation import PageEntered, PageMessage, PageStop, read, report_of
 from vve_sumo.people.person_view import PersonView
 from vve_sumo.people.reports import PositionReport, Report
+from vve_sumo.view import connection
+from vve_sumo.view.connection import Rate
 from vve_sumo.view.server import NO_FRAMES, page_routes
 
 #: between two messages to a page [s]
@@ -30,10 +31,8 @@ MAX_KNOWN: Final = 600
 MAX_MESSAGE: Final = 512
 #: messages of a page in a second, at most; a page sends about three
 MAX_RATE: Final = 30
-#: a page that says nothing for so long, or takes nothing for so long, is left to itself [s]
+#: a page that says nothing for so long is left to itself [s]
 TIMEOUT: Final = 5.0
-#: of the WebSocket protocol (RFC 6455)
-POLICY_VIOLATION: Final = 1008
 
 
 class PagePerson(NamedTuple):
@@ -70,16 +69,11 @@ class PersonPages:
     async def watch(self, socket: WebSocket) -> None:
         """Serve one page until it leaves or has to."""
         await socket.accept()
-        tasks = [asyncio.create_task(part) for part in (self._tell(socket), self._hear(socket))]
         try:
-            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            await connection.run(self._tell(socket), self._hear(socket))
         finally:
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
             self._held = {name: holder for name, holder in self._held.items() if holder is not socket}
-        with contextlib.suppress(Exception):
-            await asyncio.wait_for(socket.close(POLICY_VIOLATION), 1.0)
+        await connection.close(socket)
 
     async def _tell(self, socket: WebSocket) -> None:
         people = [person._asdict() for person in self._people.values()]
@@ -95,18 +89,14 @@ class PersonPages:
             await asyncio.sleep(PERIOD)
 
     async def _hear(self, socket: WebSocket) -> None:
-        begun, count = self._clock(), 0
+        rate = Rate(MAX_RATE)
         while True:
             try:
                 text = await asyncio.wait_for(socket.receive_text(), TIMEOUT)
             except (WebSocketDisconnect, KeyError, TimeoutError):
                 return
-            now = self._clock()
-            if now - begun >= 1.0:
-                begun, count = now, 0
-            count += 1
-            message = read(text)
-            if count > MAX_RATE or message is None or not await self._take(socket, message, now):
+            now, message = self._clock(), read(text)
+            if rate.exceeded(now) or message is None or not await self._take(socket, message, now):
                 return
 
     async def _take(self, socket: WebSocket, message: PageMessage, now: float) -> bool:
@@ -141,4 +131,4 @@ class PersonPages:
 
 
 async def _send(socket: WebSocket, message: dict[str, Any]) -> None:
-    await asyncio.wait_for(socket.send_text(json.dumps(message, allow_nan=False)), TIMEOUT)
+    await connection.send(socket.send_text(json.dumps(message, allow_nan=False)))

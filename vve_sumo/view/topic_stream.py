@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import asyncio
 import base64
-import contextlib
 import json
 import secrets
 import struct
@@ -21,7 +20,8 @@ from typing import Any, Final, NamedTuple
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from vve_sumo.view.hub import ANSWER_TIMEOUT, POLICY_VIOLATION, TRY_AGAIN_LATER
+from vve_sumo.view import connection
+from vve_sumo.view.connection import POLICY_VIOLATION, TRY_AGAIN_LATER, DroppedError, Rate, now
 
 PROTOCOLS: Final = ("foxglove.websocket.v1", "foxglove.sdk.v1")
 #: viewers at a time
@@ -122,33 +122,29 @@ class TopicStream:
             return
         viewer = Viewer()
         self._viewers.add(viewer)
-        tasks = [asyncio.create_task(part) for part in (self._send(socket, viewer), self._hear(socket, viewer))]
         try:
-            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            self.dropped += await connection.run(self._send(socket, viewer), self._hear(socket, viewer))
         finally:
             self._viewers.discard(viewer)
-            for task in tasks:
-                task.cancel()
-            results = await asyncio.gather(*tasks, return_exceptions=True)
-        self.dropped += any(isinstance(one, _DroppedError) for one in results)
-        with contextlib.suppress(Exception):
-            await asyncio.wait_for(socket.close(POLICY_VIOLATION), 1.0)
+        await connection.close(socket)
 
     async def _send(self, socket: WebSocket, viewer: Viewer) -> None:
         for text in (self._server_info(), self._advertised()):
-            await _sent(socket.send_text(text))
-        reported = _now()
+            await connection.send(socket.send_text(text))
+        reported = now()
         while True:
             while viewer.waiting:
                 message = viewer.waiting.popleft()
                 if isinstance(message, str):
-                    await _sent(socket.send_text(message))
+                    await connection.send(socket.send_text(message))
                 elif message.topic in viewer.topics:
                     head = _HEAD.pack(_MESSAGE_DATA, viewer.topics[message.topic], message.time)
-                    await _sent(socket.send_bytes(head + message.content))
-                if viewer.left_out and _now() - reported >= REPORT_PERIOD:
-                    count, viewer.left_out, reported = viewer.left_out, 0, _now()
-                    await _sent(socket.send_text(_status(WARNING, f"{count} messages were left out: read faster")))
+                    await connection.send(socket.send_bytes(head + message.content))
+                if viewer.left_out and now() - reported >= REPORT_PERIOD:
+                    count, viewer.left_out, reported = viewer.left_out, 0, now()
+                    await connection.send(
+                        socket.send_text(_status(WARNING, f"{count} messages were left out: read faster"))
+                    )
             if self._over:
                 return
             viewer.wake.clear()
@@ -156,7 +152,7 @@ class TopicStream:
 
     async def _hear(self, socket: WebSocket, viewer: Viewer) -> None:
         """Take subscriptions; a viewer that floods is dropped."""
-        begun, count = _now(), 0
+        rate = Rate(MAX_RATE)
         while True:
             try:
                 message = await socket.receive()
@@ -164,13 +160,9 @@ class TopicStream:
                 return
             if message["type"] == "websocket.disconnect":
                 return
-            now = _now()
-            if now - begun >= 1.0:
-                begun, count = now, 0
-            count += 1
             text = message.get("text")
-            if count > MAX_RATE or len(text or message.get("bytes") or "") > MAX_MESSAGE:
-                raise _DroppedError
+            if rate.exceeded(now()) or len(text or message.get("bytes") or "") > MAX_MESSAGE:
+                raise DroppedError
             self._take(viewer, text)
 
     def _take(self, viewer: Viewer, text: str | None) -> None:
@@ -220,10 +212,6 @@ class TopicStream:
         return json.dumps({"op": "advertise", "channels": channels})
 
 
-class _DroppedError(Exception):
-    """A viewer is dropped."""
-
-
 def _schema_text(topic: StreamedTopic) -> str:
     binary = topic.schema_encoding == "protobuf"
     return base64.b64encode(topic.schema).decode() if binary else topic.schema.decode()
@@ -231,14 +219,3 @@ def _schema_text(topic: StreamedTopic) -> str:
 
 def _status(level: int, message: str) -> str:
     return json.dumps({"op": "status", "level": level, "message": message})
-
-
-def _now() -> float:
-    return asyncio.get_running_loop().time()
-
-
-async def _sent(sending: Any) -> None:
-    try:
-        await asyncio.wait_for(sending, ANSWER_TIMEOUT)
-    except TimeoutError:
-        raise _DroppedError from None
