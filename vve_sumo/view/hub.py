@@ -81,9 +81,10 @@ class Hub:
         client = Client()
         self._clients.add(client)
         try:
-            self.dropped += await connection.run(self._send(socket, client), self._hear(socket, client))
+            dropped = await connection.run(self._send(socket, client), self._hear(socket, client))
         finally:
             self._clients.discard(client)
+        self.dropped += dropped
         await connection.close(socket)
 
     async def _send(self, socket: WebSocket, client: Client) -> None:

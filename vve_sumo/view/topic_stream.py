@@ -123,9 +123,10 @@ class TopicStream:
         viewer = Viewer()
         self._viewers.add(viewer)
         try:
-            self.dropped += await connection.run(self._send(socket, viewer), self._hear(socket, viewer))
+            dropped = await connection.run(self._send(socket, viewer), self._hear(socket, viewer))
         finally:
             self._viewers.discard(viewer)
+        self.dropped += dropped
         await connection.close(socket)
 
     async def _send(self, socket: WebSocket, viewer: Viewer) -> None:
