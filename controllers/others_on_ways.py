@@ -109,6 +109,9 @@ class OthersOnWays:
 
     def step(self, observation: Observation, conflicts: list[Conflict]) -> None:
         """Take in the newest turn and the newest messages; raises TypeError where the scenario has no lidar."""
+        turn = next((one for one in observation.sensors.values() if isinstance(one, PointCloud)), None)
+        if turn is None:
+            raise TypeError("right of way: the scenario has no sensor of kind lidar, by which others are seen")
         self._memory.add(observation.pose)
         if conflicts is not self._conflicts:
             self._conflicts = conflicts
@@ -117,9 +120,6 @@ class OthersOnWays:
             self.in_sight = [one.reach for one in conflicts]
         if not conflicts:
             return
-        turn = next((one for one in observation.sensors.values() if isinstance(one, PointCloud)), None)
-        if turn is None:
-            raise TypeError("right of way: the scenario has no sensor of kind lidar, by which others are seen")
         if turn.time > self._newest:
             self._newest = turn.time
             self._take(turn)

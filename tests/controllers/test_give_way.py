@@ -200,12 +200,13 @@ def test_a_house_at_the_corner_hides_the_lane_behind_it() -> None:
 
 def test_a_scenario_that_has_the_sense_and_no_lidar_is_refused() -> None:
     sense = RightOfWaySense(RightOfWayConfig(120.0, 10.0), CAR, (crossing(Control.STOP),))
-    pose = Pose(0.0, Point.REAR_AXLE, 20.0, 0.0, 0.0, 5.0, 0.0, 0.0, 0.0, 0.0)
+    # At the first tick, with the junction far away.
+    pose = Pose(0.0, Point.REAR_AXLE, -100.0, 0.0, 0.0, 5.0, 0.0, 0.0, 0.0, 0.0)
     sense.step(0.0, pose, Actors.none(0.0))
     law, drive = GiveWay(CAR, PERIOD, 1.0, 1.1, LidarMount(1.4, 1.9, 90.0)), Drive(crossing(Control.STOP), 5.0)
     seen = Observation(0, 0.0, pose, PATH, 10.0, {"priorities": sense.output}, 0.0)
     with pytest.raises(TypeError, match="no sensor of kind lidar"):
-        law.goal(seen, 20.0, None, drive)
+        law.goal(seen, -100.0, None, drive)
 
 
 def test_the_tuning_key_turns_it_off() -> None:
