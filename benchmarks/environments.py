@@ -1,7 +1,8 @@
 """Steps a second of the environment for gymnasium, beside those of others that are installed, and what PPO learns.
 
 python -m benchmarks.environments [--seconds N] [--learn SECONDS] [--smoke]
-Others: highway-env, and sumo-rl with libsumo (both simulate other things, at other steps; the table says which).
+Others: highway-env, sumo-rl with libsumo, and SMARTS with its roads of SUMO (all simulate other things, at other steps;
+the table says which).
 --learn trains PPO of stable-baselines3 to stop before a parked car, for that time, and drives with it afterwards.
 """
 
@@ -12,6 +13,8 @@ import importlib.util
 import multiprocessing
 import os
 import statistics
+import subprocess
+import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -69,14 +72,52 @@ def intersection() -> gymnasium.Env[Any, Any]:
     return made
 
 
+class OneCar(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """The one agent of an environment of several."""
+
+    def __init__(self, environment: gymnasium.Env[Any, Any], name: str) -> None:
+        super().__init__(environment)
+        self._name, self.action_space = name, environment.action_space[name]  # type: ignore[index]
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, Any]:
+        """Step with the agent's action."""
+        observed, reward, terminated, truncated, info = self.env.step({self._name: action})
+        return observed, reward, terminated["__all__"], truncated["__all__"], info  # type: ignore[index]
+
+
+def road() -> gymnasium.Env[Any, Any]:
+    """Return SMARTS' car by throttle, brake and steering on a straight empty road of two lanes."""
+    import sumo
+    from smarts.core.agent_interface import AgentInterface
+    from smarts.core.controllers import ActionSpaceType
+
+    importlib.import_module("smarts.env")
+    scenario = Path(tempfile.mkdtemp(prefix="smarts_"))
+    (scenario / "build").mkdir()
+    (scenario / "scenario.py").touch()
+    words = "--grid --grid.x-number 2 --grid.y-number 1 --grid.length 800 --default.lanenumber 2 -o"
+    netgenerate = [f"{sumo.SUMO_HOME}/bin/netgenerate", *words.split(), f"{scenario}/map.net.xml"]
+    subprocess.run(netgenerate, check=True, capture_output=True)
+    agent = AgentInterface(action=ActionSpaceType.Continuous, max_episode_steps=300)
+    made = gymnasium.make(
+        "hiway-v1", scenarios=[str(scenario)], agent_interfaces={"car": agent}, headless=True, disable_env_checker=True
+    )
+    return OneCar(made, "car")
+
+
 #: what is timed: name, how it is made, seconds of simulation a step, what a step simulates
 ROWS: list[tuple[str, Callable[[], gymnasium.Env[Any, Any]], float, str]] = [
     ("vve_sumo, near parked car", ours, 0.1, "5 ticks: car, receiver, radar, gateway, SUMO, empty road"),
     ("vve_sumo, parked_car", town, 0.1, "the same, 20 vehicles in a town"),
     ("highway-env, highway-v0", highway, 1.0, "15 steps of 50 kinematic vehicles"),
+    ("SMARTS, hiway-v1", road, 0.1, "1 step of SUMO, the car by PyBullet, empty road"),
     ("sumo-rl, single intersection", intersection, 5.0, "5 steps of SUMO, no car of one's own"),
 ]
-NEEDS = {"highway-env, highway-v0": "highway_env", "sumo-rl, single intersection": "sumo_rl"}
+NEEDS = {
+    "highway-env, highway-v0": "highway_env",
+    "SMARTS, hiway-v1": "smarts",
+    "sumo-rl, single intersection": "sumo_rl",
+}
 
 
 def cpu() -> float:
