@@ -17,6 +17,7 @@ import numpy as np
 from vve_sumo.analysis.run import Run
 from vve_sumo.errors import ConfigError
 from vve_sumo.export.part import ExportPart
+from vve_sumo.export.rosbag2_senses import RecordedSenses
 from vve_sumo.export.unix_time import unix_of_drive
 from vve_sumo.frames import Alignment, MapFrame, Mounting, Placement
 from vve_sumo.metrics.lead_vehicle import index_of_tick
@@ -75,15 +76,18 @@ def messages_of(run: Run) -> Iterator[tuple[int, str, Any]]:
     mounting = Mounting(**run.resolved["vehicle_model"]["mounting"])
     placement, sensors = _placement(run, mounting), (mounting.forward, mounting.left)
     actors, scans = _actors(run), _scans(run)
+    senses, bumper = RecordedSenses(run), run.vehicle.rear_axle_to_bumper
     s: float | None = None  # of the ego along the path
     ahead = PathAhead(run.path, run.resolved["settings"]["ego"]["speed_mps"])
     for number, (at, pose, status) in enumerate(_ticks(run)):
         yield at, "/clock", messages.clock(at)
         if number == 0:
-            yield at, "/tf_static", messages.static_transforms(at, run.vehicle.rear_axle_to_bumper, sensors)
+            yield at, "/tf_static", messages.static_transforms(at, bumper, sensors, senses.frames)
             yield at, "/path", messages.path(at, run.path)
         for cloud in scans.get(number, ()):
             yield at, "/radar/points", cloud
+        for topic, message in senses.of_tick(number):
+            yield at, topic, message
         if pose is not None:
             # A record's ticks do not hold the fix' quality: that there was one is all that the message says.
             fix = replace(placement.unplace(pose), locked=True, quality=FixQuality.SINGLE)

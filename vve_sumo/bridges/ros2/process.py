@@ -18,13 +18,13 @@ from typing import Final
 
 from vve_sumo.bridges.ros2.bridge import COMMANDS, Bridge, Installation
 from vve_sumo.bridges.ros2.dds import Dds
-from vve_sumo.bridges.ros2.senses import refusal, topics_of
+from vve_sumo.bridges.ros2.senses import topics_of
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.errors import ConfigError, RigError
 from vve_sumo.live.brain_link import key_of
 from vve_sumo.rig.schema import Rig
 from vve_sumo.sensors.drawing import Mounting
-from vve_sumo.wire.ros2.messages import LATCHED, TOPICS
+from vve_sumo.wire.ros2.messages import LATCHED, TOPICS, sense_refusal
 
 #: largest datagram [bytes]
 LONGEST: Final = 65_535
@@ -64,7 +64,9 @@ def senses_of(rig: Rig) -> dict[str, tuple[str, int]]:
     for number, output in enumerate(rig.outputs):
         if output.kind != SENSE or output.udp is None or output.sensor is None:
             continue
-        why = refusal(output.sensor) or ("" if output.sensor not in found else f"sensor {output.sensor!r}: got two")
+        why = sense_refusal(output.sensor) or (
+            "" if output.sensor not in found else f"sensor {output.sensor!r}: got two"
+        )
         if why:
             raise ConfigError(f"outputs.{number}: {why}")
         found[output.sensor] = _place(output.udp)

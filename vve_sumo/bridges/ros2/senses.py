@@ -6,14 +6,13 @@ out, or never.
 
 from __future__ import annotations
 
-import re
 from collections import deque
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from vve_sumo.sensors.port import Content
 from vve_sumo.wire.ros2 import clouds
-from vve_sumo.wire.ros2.messages import BASE, GNSS, MAP, ODOM, RADAR, unix_nanoseconds
+from vve_sumo.wire.ros2.messages import unix_nanoseconds
 from vve_sumo.wire.senses import SenseDatagram, TurnAssembler, decode_sense
 from vve_sumo.wire.signature import without_tag
 
@@ -28,16 +27,6 @@ TOPICS_OF: Final[Mapping[Content, Mapping[str, str]]] = {
 }
 #: measurements that wait for their tick: those of a bridge that is some ticks late
 MAX_WAITING: Final = 20
-_NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-
-
-def refusal(name: str) -> str:
-    """Return why a sensor's name cannot be that of topics and of a frame; empty where it can."""
-    if not _NAME.fullmatch(name):
-        return f"sensor {name!r} cannot be a topic of ROS 2, expected letters, digits and underscores"
-    if name in (MAP, ODOM, BASE, RADAR, GNSS):
-        return f"sensor {name!r} cannot be a frame, the ROS 2 bridge has another of that name"
-    return ""
 
 
 def topics_of(name: str, contents: tuple[Content, ...]) -> dict[str, str]:

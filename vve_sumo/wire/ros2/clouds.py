@@ -26,6 +26,7 @@ from vve_sumo.wire.ros2.types import make
 from vve_sumo.wire.sample import LidarTurn
 from vve_sumo.wire.vlp16 import AZIMUTHS, RANGE_QUANTUM
 
+Ints = NDArray[Any]  #: whole numbers
 #: PointField.datatype of a column's type
 DATATYPES: Final[Mapping[str, int]] = {"|i1": 1, "|u1": 2, "<u2": 4, "<u4": 6, "<f4": 7, "<f8": 8}
 #: columns of a table whose place is at `x`, `y` on the ground, and their types
@@ -76,17 +77,35 @@ def lidar_cloud(at: int, turn: LidarTurn, frame: str) -> Any:
     firings, channels = len(turn.azimuth), len(turn.elevation)
     range_, reflectivity = turn.range.reshape(firings, channels), turn.reflectivity.reshape(firings, channels)
     firing, channel = np.nonzero(range_)
-    far = RANGE_QUANTUM * range_[firing, channel]
     azimuth = turn.azimuth_offset[channel] - turn.azimuth[firing] * (2.0 * np.pi / AZIMUTHS)
-    level = far * np.cos(turn.elevation[channel])
-    return _cloud(at, frame, (
+    far: Floats = RANGE_QUANTUM * range_[firing, channel].astype(np.float64)
+    elevation = turn.elevation[channel]
+    returns = _returns(far, azimuth, elevation, reflectivity[firing, channel], channel)
+    return _cloud(at, frame, [*returns, ("time", "<f4", turn.firing_period * (firing - (firings - 1)))])
+
+
+def returns_cloud(
+    at: int, far: Floats, azimuth: Floats, elevation: Floats, reflectivity: Ints, channel: Ints, frame: str
+) -> Any:
+    """Return the cloud of rays that came back, as `lidar_cloud`, but for `time`, which is not known.
+
+    An entry a ray: range [m], azimuth from the lidar's x axis [rad], left positive, elevation [rad], up positive,
+    reflectivity [percent], number of the channel.
+    """
+    return _cloud(at, frame, _returns(far, azimuth, elevation, reflectivity, channel))
+
+
+def _returns(
+    far: Floats, azimuth: Floats, elevation: Floats, reflectivity: Ints, channel: Ints
+) -> list[tuple[str, str, NDArray[Any]]]:
+    level = far * np.cos(elevation)
+    return [
         ("x", "<f4", level * np.cos(azimuth)),
         ("y", "<f4", level * np.sin(azimuth)),
-        ("z", "<f4", far * np.sin(turn.elevation[channel])),
-        ("intensity", "<f4", reflectivity[firing, channel]),
+        ("z", "<f4", far * np.sin(elevation)),
+        ("intensity", "<f4", reflectivity),
         ("ring", "<u2", channel),
-        ("time", "<f4", turn.firing_period * (firing - (firings - 1))),
-    ))  # fmt: skip
+    ]
 
 
 def table_cloud(at: int, table: CameraObjects | Stations | StopLines, frame: str) -> Any:

@@ -8,6 +8,7 @@ that an axis is not measured at all. Knows values and fields; it must not know w
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -37,6 +38,7 @@ TOPICS: Final[Mapping[str, str]] = {
 }
 LATCHED: Final = frozenset({"/tf_static", "/path"})
 MAP, ODOM, BASE, RADAR, GNSS = "map", "odom", "base_link", "radar", "gnss"
+_NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 #: of GNSS time 0, 1980-01-06, as Unix time [s]
 GNSS_EPOCH: Final = 315_964_800
 MICROSECONDS: Final = 1_000_000  #: in a second
@@ -102,6 +104,15 @@ def odometry(at: int, pose: Pose, fix: Fix | None = None) -> Any:
 def transforms(at: int, pose: Pose) -> Any:
     """Return tf2_msgs/TFMessage of `/tf`: `base_link` in `odom`."""
     return make("tf2_msgs/msg/TFMessage", [_transform(at, ODOM, BASE, pose.x, pose.y, pose.heading)])
+
+
+def sense_refusal(name: str) -> str:
+    """Return why a sensor's name cannot be that of topics and of a frame; empty where it can."""
+    if not _NAME.fullmatch(name):
+        return f"sensor {name!r} cannot be a topic of ROS 2, expected letters, digits and underscores"
+    if name in (MAP, ODOM, BASE, RADAR, GNSS):
+        return f"sensor {name!r} cannot be a frame, the ROS 2 bridge has another of that name"
+    return ""
 
 
 def static_transforms(
