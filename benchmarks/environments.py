@@ -38,6 +38,7 @@ NEAR = {
 ENVIRONMENT = "vve_sumo.bridges.environments:vve_sumo/ParkedCar-v0"
 #: of actions in training [m/s2]: those of comfortable driving
 HARDEST, STRONGEST = -3.0, 2.0
+KEPT = 5  #: steps for which training keeps an action: noise of every 0.1 s would hardly ever bring a car to rest
 SEEDS = range(1000, 1005)  #: of the drives that judge what was learnt
 
 
@@ -163,7 +164,7 @@ def table(seconds: float) -> None:
 
 
 class Comfortable(gymnasium.ActionWrapper[Any, Any, Any]):
-    """Actions from -1 to 1 as accelerations of comfortable driving."""
+    """Actions from -1 to 1 as accelerations of comfortable driving, each kept for half a second."""
 
     def __init__(self, environment: gymnasium.Env[Any, Any]) -> None:
         super().__init__(environment)
@@ -172,6 +173,16 @@ class Comfortable(gymnasium.ActionWrapper[Any, Any, Any]):
     def action(self, action: Any) -> Any:
         """Return the acceleration [m/s2]."""
         return (0.5 * (STRONGEST - HARDEST) * action + 0.5 * (STRONGEST + HARDEST)).astype(np.float32)
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, Any]:
+        """Keep the action for KEPT steps; return the last observation and the sum of the rewards."""
+        whole = 0.0
+        for _ in range(KEPT):
+            observed, reward, terminated, truncated, info = super().step(action)
+            whole += float(reward)
+            if terminated or truncated:
+                break
+        return observed, whole, terminated, truncated, info
 
 
 def trained() -> gymnasium.Env[Any, Any]:
@@ -194,7 +205,7 @@ def learn(seconds: float) -> None:
             return time.monotonic() - self.begun < seconds
 
     vector = VecNormalize(VecMonitor(SubprocVecEnv([trained] * 2)), clip_obs=5.0)
-    model = PPO("MlpPolicy", vector, n_steps=512, batch_size=128, gamma=0.995, seed=1, device="cpu", verbose=0)
+    model = PPO("MlpPolicy", vector, n_steps=256, batch_size=128, gamma=0.99, seed=1, device="cpu", verbose=0)
     model.learn(10**9, callback=Clock())
     judge(model, vector, model.num_timesteps)
     vector.close()
