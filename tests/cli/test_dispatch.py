@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -347,6 +348,20 @@ def test_every_command_says_its_own_exit_codes(capsys: pytest.CaptureFixture[str
         text = capsys.readouterr().out
         assert "exit codes:" in text
         assert name in drives or "\n  1  " not in text, f"{name}: exit code 1 is for what was driven and failed"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "network build", "network edges", "network picture", "network demand", "path record", "path cut", "lot survey",
+        "pose decode", "scenarios show", "scenarios schema", "scenarios import",
+    ],
+)  # fmt: skip
+def test_what_only_writes_files_has_no_exit_code_of_a_drive(words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main([*words.split(), "--help"])
+    codes = capsys.readouterr().out.partition("exit codes:")[2]
+    assert re.findall(r"^ +(\d+) ", codes, flags=re.MULTILINE) == ["0", "2", "70", "130"]
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh"])

@@ -37,7 +37,9 @@ def arguments(parser: Parser) -> None:
 
 
 def _add_build(inner: Commands) -> None:
-    build = add_command(inner, "build", "turn an OpenStreetMap extract or OpenDRIVE into a SUMO network", BUILD_TEXT)
+    build = add_command(
+        inner, "build", "turn an OpenStreetMap extract or OpenDRIVE into a SUMO network", BUILD_TEXT, EXIT_CODES
+    )
     build.add_argument(
         "source",
         type=Path,
@@ -72,7 +74,7 @@ def _add_build(inner: Commands) -> None:
 
 
 def _add_edges(inner: Commands) -> None:
-    edges = add_command(inner, "edges", "list the edges of streets, to choose those of a path", EDGES_TEXT)
+    edges = add_command(inner, "edges", "list the edges of streets, to choose those of a path", EDGES_TEXT, EXIT_CODES)
     edges.add_argument("network", help="name or .net.xml file")
     edges.add_argument("street", nargs="?", default="", help="part of a street's name (default: all)")
     edges.set_defaults(run=_edges)
@@ -88,6 +90,7 @@ def _add_picture(inner: Commands) -> None:
         "examples:\n"
         "  vve-sumo network picture linden --out linden.svg\n"
         "  vve-sumo network picture linden 'Cleveland' --out cleveland.png   the part with these streets, larger\n",
+        EXIT_CODES,
     )
     picture.add_argument("network", help="name or .net.xml file")
     picture.add_argument("street", nargs="?", default="", help="part of a street's name: draw what is around it")
@@ -96,7 +99,7 @@ def _add_picture(inner: Commands) -> None:
 
 
 def _add_demand(inner: Commands) -> None:
-    demand = add_command(inner, "demand", "write seeded traffic for a network", DEMAND_TEXT)
+    demand = add_command(inner, "demand", "write seeded traffic for a network", DEMAND_TEXT, EXIT_CODES)
     demand.add_argument("network", help="name or .net.xml file")
     how = demand.add_mutually_exclusive_group(required=True)
     how.add_argument("--level", choices=("light", "moderate", "heavy"), help="how much random traffic")

@@ -79,7 +79,7 @@ def _with_suggestion(message: str) -> str:
 Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 
 
-def add_command(commands: Commands, name: str, summary: str, text: str, codes: str = EXIT_CODES) -> Parser:
+def add_command(commands: Commands, name: str, summary: str, text: str, codes: str) -> Parser:
     """Add a command with its line in the list, its text and its exit codes; return its parser."""
     return commands.add_parser(
         name, help=summary, description=text, epilog=codes, formatter_class=argparse.RawDescriptionHelpFormatter
