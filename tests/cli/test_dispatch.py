@@ -206,6 +206,10 @@ def test_a_refusal_takes_away_only_what_it_made(tmp_path: Path) -> None:
     refused(tmp_path, ["drive", "mine.toml", "--out", "a/b/c"], ["starts"])
 
 
+def test_a_street_that_is_not_there_is_refused_by_name(tmp_path: Path) -> None:
+    refused(tmp_path, ["network", "edges", "linden", "Nowhere Road"], ["linden", "Nowhere Road"])
+
+
 def test_demand_refuses_edges_that_are_none(tmp_path: Path) -> None:
     demand = ["network", "demand", "linden", "--level", "light", "--out", "x.rou.xml"]
     refused(tmp_path, [*demand, "--clear", "nope"], ["nope"])
@@ -327,9 +331,10 @@ def test_a_defect_of_ours_is_no_failed_drive(
         (["study", "cliff", "parked_car"], "cliff is now vve-sumo study latency"),
         (["design"], "design is now vve-sumo steering-margin"),
         (["export", "runs/mine", "--csv"], "required: FORMAT, such as csv"),
+        (["path", "record", "linden", "--from", "-21405924#2"], "one that begins with a minus is written --from=-…"),
     ],
 )
-def test_a_former_spelling_gets_one_line_with_the_new_one(
+def test_a_former_or_wrong_spelling_gets_one_line_with_the_right_one(
     arguments: list[str], now: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as wrong:

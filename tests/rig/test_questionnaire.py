@@ -188,7 +188,9 @@ def test_the_command_writes_one_file_and_never_replaces_it(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "answers.toml").write_text('title = "Ours"\n[limits]\nspeed_mps = 8\n', encoding="utf-8")
     assert main(["init", "--rig", "rigs/ours.toml", "--answers", "answers.toml"]) == 0
-    assert "keys to be filled in, first pose.address" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "keys to be filled in, first pose.address" in said
+    assert "next: " not in said
     before = (tmp_path / "rigs/ours.toml").read_bytes()
     for wrong in (
         ["--rig", "rigs/ours.toml", "--answers", "answers.toml"],

@@ -44,7 +44,7 @@ def _add_build(inner: Commands) -> None:
         "source",
         type=Path,
         metavar="MAP",
-        help=".osm.xml or .osm.xml.gz, already cut to the area, or .xodr or .xodr.gz",
+        help=".osm, .osm.xml or .osm.xml.gz, already cut to the area, or .xodr or .xodr.gz",
     )
     build.add_argument("--out", type=Path, required=True, metavar="NET", help="network file to write (.net.xml)")
     build.add_argument(
@@ -192,21 +192,21 @@ def _build_opendrive(arguments: argparse.Namespace) -> int:
 
 
 def _edges(arguments: argparse.Namespace) -> int:
-    """List the edges of streets; return the exit code, 1 where there is none."""
+    """List the edges of streets; return the exit code, 0."""
     from vve_sumo.workspace import find
     from vve_sumo.world.network import Roads
 
     roads = Roads(find("network", arguments.network, Path.cwd()))
     matching = [edge for edge in roads.edges if arguments.street.lower() in edge.getName().lower()]
+    if not matching:
+        raise ConfigError(f"no street of {arguments.network} has {arguments.street!r} in its name")
     for edge in sorted(matching, key=lambda edge: (edge.getName(), edge.getID())):
         (x, y), (end_x, end_y) = edge.getShape()[0][:2], edge.getShape()[-1][:2]
         ends = f"({x:.0f}, {y:.0f}) to ({end_x:.0f}, {end_y:.0f})"
         print(
             f"{edge.getID():<16} {edge.getName():<28} {edge.getLength():7.1f} m  {edge.getLaneNumber()} lane(s)  {ends}"
         )
-    if not matching:
-        print(f"no street of {arguments.network} has {arguments.street!r} in its name", file=sys.stderr)
-    return 0 if matching else 1
+    return 0
 
 
 def _picture(arguments: argparse.Namespace) -> int:
