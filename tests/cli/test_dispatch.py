@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -205,6 +206,10 @@ def test_a_refusal_takes_away_only_what_it_made(tmp_path: Path) -> None:
     refused(tmp_path, ["drive", "mine.toml", "--out", "a/b/c"], ["starts"])
 
 
+def test_a_street_that_is_not_there_is_refused_by_name(tmp_path: Path) -> None:
+    refused(tmp_path, ["network", "edges", "linden", "Nowhere Road"], ["linden", "Nowhere Road"])
+
+
 def test_demand_refuses_edges_that_are_none(tmp_path: Path) -> None:
     demand = ["network", "demand", "linden", "--level", "light", "--out", "x.rou.xml"]
     refused(tmp_path, [*demand, "--clear", "nope"], ["nope"])
@@ -326,9 +331,10 @@ def test_a_defect_of_ours_is_no_failed_drive(
         (["study", "cliff", "parked_car"], "cliff is now vve-sumo study latency"),
         (["design"], "design is now vve-sumo steering-margin"),
         (["export", "runs/mine", "--csv"], "required: FORMAT, such as csv"),
+        (["path", "record", "linden", "--from", "-21405924#2"], "one that begins with a minus is written --from=-…"),
     ],
 )
-def test_a_former_spelling_gets_one_line_with_the_new_one(
+def test_a_former_or_wrong_spelling_gets_one_line_with_the_right_one(
     arguments: list[str], now: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as wrong:
@@ -347,6 +353,20 @@ def test_every_command_says_its_own_exit_codes(capsys: pytest.CaptureFixture[str
         text = capsys.readouterr().out
         assert "exit codes:" in text
         assert name in drives or "\n  1  " not in text, f"{name}: exit code 1 is for what was driven and failed"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "network build", "network edges", "network picture", "network demand", "path record", "path cut", "lot survey",
+        "pose decode", "scenarios show", "scenarios schema", "scenarios import",
+    ],
+)  # fmt: skip
+def test_what_only_writes_files_has_no_exit_code_of_a_drive(words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main([*words.split(), "--help"])
+    codes = capsys.readouterr().out.partition("exit codes:")[2]
+    assert re.findall(r"^ +(\d+) ", codes, flags=re.MULTILINE) == ["0", "2", "70", "130"]
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh"])

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import os
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -14,6 +16,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.fixes import GOOD
+from vve_sumo.errors import RigError
+from vve_sumo.live import alignment
 from vve_sumo.live.alignment import AVERAGING_TIME, standing_pose
 from vve_sumo.pose.dating import FixDater, Undated
 from vve_sumo.pose.ncom import Decoder, Encoder
@@ -80,6 +84,27 @@ def test_a_locked_receiver_whose_clock_is_set_during_the_start_is_believed_after
     standing = standing_pose(source, Decoder(), DRIVE, DELAY, 0.0)
     source.close()
     assert standing.epoch == pytest.approx(EPOCH, abs=1e-3)
+
+
+class Late(Played):
+    """A receiver of which nothing comes for a while."""
+
+    until = 0.0
+
+    def receive(self) -> list[tuple[float, bytes]]:
+        return [] if time.monotonic() < self.until else super().receive()
+
+
+@pytest.mark.parametrize("settling", [0.0, 5.0])
+def test_a_receiver_that_has_to_settle_is_waited_for_as_much_longer(
+    settling: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(alignment, "TIMEOUT", 0.1)
+    source = Late(sent(fixes(0.0, 5.0)).waiting)
+    source.until = time.monotonic() + 0.3
+    with contextlib.closing(source), pytest.raises(RigError) if not settling else contextlib.nullcontext():
+        standing = standing_pose(source, Decoder(), DRIVE, DELAY, 0.0, settling=settling)
+        assert standing.epoch == pytest.approx(EPOCH, abs=1e-3)
 
 
 @given(

@@ -21,10 +21,11 @@ def test_its_commands_are_whole_and_go_through_the_first_step() -> None:
     """That each is taken with its options, `tests/test_docs_commands.py` tests of every page."""
     typed = [line for line in commands(PAGE) if line.startswith("vve-sumo ")]
     shown = [line.removeprefix("$ ") for block in BLOCKS for line in block.splitlines() if line.startswith("$ vve")]
-    assert len(shown) >= 9
+    assert len(shown) >= 15
+    assert any("--rehearse" in line for line in shown)
     assert {*shown} <= {*typed}
     assert all(is_whole(words(line)) for line in shown)
-    wanted = {"init", "doctor", "vehicle", "align", "drive", "replay", "report", "dossier"}
+    wanted = {"init", "doctor", "vehicle", "network", "path", "align", "drive", "replay", "report", "dossier"}
     assert {line.split()[1] for line in shown} == wanted
 
 

@@ -78,7 +78,8 @@ def _rig(file: Path, answers_file: Path | None) -> int:
     file.write_text(questionnaire.text_of(answers), encoding="utf-8")
     unknown = questionnaire.unknown_keys(answers)
     print(f"{file}: {len(unknown)} keys to be filled in{', first ' + unknown[0] if unknown else ''}")
-    print(f"next: vve-sumo doctor --rig {file}")
+    if not unknown:
+        print(f"next: vve-sumo scenarios --fit-lot {file}, then vve-sumo doctor SCENARIO --rig {file}")
     return 0
 
 

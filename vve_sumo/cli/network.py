@@ -37,12 +37,14 @@ def arguments(parser: Parser) -> None:
 
 
 def _add_build(inner: Commands) -> None:
-    build = add_command(inner, "build", "turn an OpenStreetMap extract or OpenDRIVE into a SUMO network", BUILD_TEXT)
+    build = add_command(
+        inner, "build", "turn an OpenStreetMap extract or OpenDRIVE into a SUMO network", BUILD_TEXT, EXIT_CODES
+    )
     build.add_argument(
         "source",
         type=Path,
         metavar="MAP",
-        help=".osm.xml or .osm.xml.gz, already cut to the area, or .xodr or .xodr.gz",
+        help=".osm, .osm.xml or .osm.xml.gz, already cut to the area, or .xodr or .xodr.gz",
     )
     build.add_argument("--out", type=Path, required=True, metavar="NET", help="network file to write (.net.xml)")
     build.add_argument(
@@ -72,7 +74,7 @@ def _add_build(inner: Commands) -> None:
 
 
 def _add_edges(inner: Commands) -> None:
-    edges = add_command(inner, "edges", "list the edges of streets, to choose those of a path", EDGES_TEXT)
+    edges = add_command(inner, "edges", "list the edges of streets, to choose those of a path", EDGES_TEXT, EXIT_CODES)
     edges.add_argument("network", help="name or .net.xml file")
     edges.add_argument("street", nargs="?", default="", help="part of a street's name (default: all)")
     edges.set_defaults(run=_edges)
@@ -88,6 +90,7 @@ def _add_picture(inner: Commands) -> None:
         "examples:\n"
         "  vve-sumo network picture linden --out linden.svg\n"
         "  vve-sumo network picture linden 'Cleveland' --out cleveland.png   the part with these streets, larger\n",
+        EXIT_CODES,
     )
     picture.add_argument("network", help="name or .net.xml file")
     picture.add_argument("street", nargs="?", default="", help="part of a street's name: draw what is around it")
@@ -96,7 +99,7 @@ def _add_picture(inner: Commands) -> None:
 
 
 def _add_demand(inner: Commands) -> None:
-    demand = add_command(inner, "demand", "write seeded traffic for a network", DEMAND_TEXT)
+    demand = add_command(inner, "demand", "write seeded traffic for a network", DEMAND_TEXT, EXIT_CODES)
     demand.add_argument("network", help="name or .net.xml file")
     how = demand.add_mutually_exclusive_group(required=True)
     how.add_argument("--level", choices=("light", "moderate", "heavy"), help="how much random traffic")
@@ -189,21 +192,21 @@ def _build_opendrive(arguments: argparse.Namespace) -> int:
 
 
 def _edges(arguments: argparse.Namespace) -> int:
-    """List the edges of streets; return the exit code, 1 where there is none."""
+    """List the edges of streets; return the exit code, 0."""
     from vve_sumo.workspace import find
     from vve_sumo.world.network import Roads
 
     roads = Roads(find("network", arguments.network, Path.cwd()))
     matching = [edge for edge in roads.edges if arguments.street.lower() in edge.getName().lower()]
+    if not matching:
+        raise ConfigError(f"no street of {arguments.network} has {arguments.street!r} in its name")
     for edge in sorted(matching, key=lambda edge: (edge.getName(), edge.getID())):
         (x, y), (end_x, end_y) = edge.getShape()[0][:2], edge.getShape()[-1][:2]
         ends = f"({x:.0f}, {y:.0f}) to ({end_x:.0f}, {end_y:.0f})"
         print(
             f"{edge.getID():<16} {edge.getName():<28} {edge.getLength():7.1f} m  {edge.getLaneNumber()} lane(s)  {ends}"
         )
-    if not matching:
-        print(f"no street of {arguments.network} has {arguments.street!r} in its name", file=sys.stderr)
-    return 0 if matching else 1
+    return 0
 
 
 def _picture(arguments: argparse.Namespace) -> int:

@@ -44,6 +44,8 @@ _CHOICES = re.compile(r"invalid choice: '(?P<name>.*)' \(choose from (?P<known>.
 _NAME = re.compile(r"[^\s',]+")
 #: argparse's message about options that a command does not have
 _UNRECOGNIZED = re.compile(r"unrecognized arguments: (?P<arguments>.*)$")
+#: argparse's message where an option is followed by nothing, or by what looks like another option
+_LACKING = re.compile(r"^argument (?P<option>--[\w-]+): expected one argument$")
 
 
 class Parser(argparse.ArgumentParser):
@@ -67,6 +69,8 @@ def _with_suggestion(message: str) -> str:
             return f"{name} is now vve-sumo {FORMER_COMMANDS[name]}"
         suggestion = did_you_mean(name, _NAME.findall(choices["known"]))
         return f"{message}; {suggestion}" if suggestion else message
+    if lacking := _LACKING.search(message):
+        return f"{message}; one that begins with a minus is written {lacking['option']}=-…"
     if unknown := _UNRECOGNIZED.search(message):
         for argument in unknown["arguments"].split():
             option = argument.partition("=")[0]
@@ -79,7 +83,7 @@ def _with_suggestion(message: str) -> str:
 Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 
 
-def add_command(commands: Commands, name: str, summary: str, text: str, codes: str = EXIT_CODES) -> Parser:
+def add_command(commands: Commands, name: str, summary: str, text: str, codes: str) -> Parser:
     """Add a command with its line in the list, its text and its exit codes; return its parser."""
     return commands.add_parser(
         name, help=summary, description=text, epilog=codes, formatter_class=argparse.RawDescriptionHelpFormatter

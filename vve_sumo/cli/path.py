@@ -23,6 +23,7 @@ def arguments(parser: Parser) -> None:
         "record a path from edge to edge as latitude and longitude",
         "Let a SUMO car drive through the network and write its smoothed track as CSV for the ego's rear axle.\n"
         "An edge whose name begins with a minus is given as --from=-21405924#2.",
+        EXIT_CODES,
     )
     record.add_argument("network", help="name or .net.xml file")
     record.add_argument("--from", dest="start", required=True, metavar="EDGE", help="edge to start on")
@@ -59,6 +60,7 @@ def _add_cut(inner: Commands) -> None:
         "Write the part of a path between two distances along it, in metres on the ground, as a path file of its own.\n"
         "What a scenario places by distances along the path then counts from the new start.\n\n"
         "example:\n  vve-sumo path cut linden_17th --from 540 --to 660 --out part.csv\n",
+        EXIT_CODES,
     )
     cut.add_argument("path", help="name under routes/ or a .csv file")
     cut.add_argument("--from", dest="start", type=float, required=True, metavar="N", help="distance of the new start")

@@ -30,6 +30,7 @@ def arguments(parser: Parser) -> None:
         "format is found by the content: OXTS NCOM, u-blox UBX, Septentrio SBF, NovAtel OEM7 or NMEA 0183. With --rig "
         "the log is decoded as the rig's receiver would have decoded the same bytes: NMEA holds no accuracies of "
         "velocity and heading, the rig declares them.",
+        EXIT_CODES,
     )
     decode.add_argument("file", type=Path, metavar="FILE", help="bytes as the receiver sent them")
     decode.add_argument("--csv", type=Path, required=True, metavar="OUT", help="CSV file to write")
@@ -43,6 +44,7 @@ def arguments(parser: Parser) -> None:
         "speed is that of nav_msgs/Odometry, or of the places where the bag has none. A bag is a folder of rosbag2, an "
         "MCAP file, or a .bag of ROS 1. `vve-sumo drive --pose OUT` plays it. Needs pip install 'vve-sumo[ros2]', and "
         "no ROS.",
+        EXIT_CODES,
     )
     bag.add_argument("file", type=Path, metavar="BAG", help="folder or file")
     bag.add_argument("--csv", type=Path, required=True, metavar="OUT", help="CSV file to write")
@@ -56,6 +58,7 @@ def arguments(parser: Parser) -> None:
         "Hear sensor_msgs/NavSatFix, sensor_msgs/Imu and nav_msgs/Odometry of a receiver's driver and send each fix as "
         'NCOM to the port of the rig, `pose.kind = "ncom_udp"` on 127.0.0.1. It runs beside the drive and stays for '
         "any number of drives. Needs pip install 'vve-sumo[ros2]', and no ROS; docs/ros2.md says more.",
+        EXIT_CODES,
     )
     ros2.add_argument("--rig", metavar="NAME", required=True, help="of the drive: a name under rigs/ or a .toml file")
     for key, kind in (("fix", "NavSatFix"), ("imu", "Imu"), ("odom", "Odometry")):

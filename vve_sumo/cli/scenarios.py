@@ -65,13 +65,18 @@ def arguments(parser: Parser) -> None:
         "Describe the scenario: traffic, signals, disturbances of the car, faults, the actors' events, pass criteria.\n"
         "Draw the road from above, the ego's path, every actor's line of motion, and where and when triggers fire if\n"
         "the ego never brakes. Nothing is driven.",
+        EXIT_CODES,
     )
     show.add_argument("scenario", nargs="?", help="name or .toml file")
     show.add_argument("--out", type=Path, metavar="PNG", help="picture to write (default: NAME.png here)")
     show.add_argument("--all", dest="all_folder", type=Path, metavar="DIR", help="draw every scenario into a folder")
     show.set_defaults(run=_show)
     schema = add_command(
-        inner, "schema", "print the JSON Schema of a scenario file", "Print the JSON Schema of a scenario file."
+        inner,
+        "schema",
+        "print the JSON Schema of a scenario file",
+        "Print the JSON Schema of a scenario file.",
+        EXIT_CODES,
     )
     schema.add_argument("--out", type=Path, metavar="FILE", help="write it into a file instead")
     schema.set_defaults(run=_schema)

@@ -121,7 +121,7 @@ def matched(site: AlignmentSite, notify: Callable[[str], None] = lambda line: No
     with contextlib.ExitStack() as stack:
         stack.enter_context(rig_lock(site.rig_file, rig))
         source, _car = start_simulated_vehicle.open_receiver(rig, t0, site.resolved.scenario.seed, stack, None)
-        notify("waiting for trusted fixes of the standing car")
+        notify(assembly.waiting_for_fixes(rig))
         standing = assembly.standing_pose_of(rig, source, t0)
     begin = path.at(0.0)
     start = pose_at_rest(begin.x, begin.y, begin.heading)

@@ -30,7 +30,7 @@ from vve_sumo.values import Fix, Pose
 AVERAGING_TIME: Final = 1.5
 #: between two polls of a silent receiver [s]
 POLL_INTERVAL: Final = 0.1
-#: a receiver that does not give these fixes within this time is not ready [s]
+#: a receiver that does not give these fixes within this time, and what its decoder settles for, is not ready [s]
 TIMEOUT: Final = 30.0
 #: a car at this speed or faster counts as moving [m/s]: five sigma of a receiver's velocity
 MAX_STANDSTILL_SPEED: Final = 0.15
@@ -54,19 +54,22 @@ def standing_pose(
     minimum_delay: float,
     t0: float,
     absolute: float | None = None,
+    settling: float = 0.0,
 ) -> StandingPose:
     """Average the fixes of a standing car.
 
     `minimum_delay` is the shortest delay of a fix as the rig declares it [s], `t0` the monotonic second of drive time
-    0, `absolute` the GNSS second of drive time 0 if this machine's clock gives it. Raises RigError saying what the
-    receiver's fixes lack, or that the car moves.
+    0, `absolute` the GNSS second of drive time 0 if this machine's clock gives it, `settling` the time for which a
+    fresh decoder takes no fix to be locked [s]. Raises RigError saying what the receiver's fixes lack, or that the car
+    moves.
     """
+    patience = settling + TIMEOUT
     begun = time.monotonic()
     dater = FixDater(minimum_delay, math.nan if absolute is None else absolute, absolute=absolute is not None)
     gate: TrustGate | None = None
     standing: list[Fix] = []
     lacks: Counter[str] = Counter()
-    while time.monotonic() - begun < TIMEOUT:
+    while time.monotonic() - begun < patience:
         select.select([source], [], [], POLL_INTERVAL)
         for stamp, data in source.receive():
             received = stamp - t0
@@ -88,7 +91,7 @@ def standing_pose(
         if standing and standing[-1].time - standing[0].time >= AVERAGING_TIME:
             return average_fixes(dater.measured_epoch, standing)
     lacking = "no fix at all" if not lacks else ", ".join(code for code, _count in lacks.most_common(4))
-    raise RigError(f"pose: {TIMEOUT:.0f} s without {AVERAGING_TIME} s of trusted fixes at standstill: {lacking}")
+    raise RigError(f"pose: {patience:.0f} s without {AVERAGING_TIME} s of trusted fixes at standstill: {lacking}")
 
 
 def lot_alignment(

@@ -149,11 +149,20 @@ def absolute_epoch(rig: Rig, t0: float) -> float | None:
     return wall_epoch(t0) if rig.pose.clock == "absolute" else None
 
 
+def waiting_for_fixes(rig: Rig) -> str:
+    """Return what is said before `standing_pose_of`, with how long it takes at least where that is long."""
+    settling = meaning.receiver_of(rig).settling_time
+    locking = f"; this kind of receiver is taken to be locking for {settling:.0f} s whenever it is opened"
+    return f"waiting for trusted fixes of the standing car{locking if settling else ''}"
+
+
 def standing_pose_of(rig: Rig, source: Source, t0: float) -> StandingPose:
     """Wait for the pose of the standing car from the rig's receiver; raises RigError as `standing_pose` does."""
     receiver, delay = meaning.receiver_of(rig), minimum_delay_of(rig)
     try:
-        return standing_pose(source, receiver.decoder(), receiver.profile, delay, t0, absolute_epoch(rig, t0))
+        return standing_pose(
+            source, receiver.decoder(), receiver.profile, delay, t0, absolute_epoch(rig, t0), receiver.settling_time
+        )
     except RigError as error:
         if refused := source.sender_report().get("refused"):
             raise RigError(f"{error}; refused were datagrams of {', '.join(refused)}: see pose.source") from None

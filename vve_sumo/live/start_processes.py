@@ -104,7 +104,7 @@ def _remove_begun(folder: Path) -> None:
 def _measure_alignment(plan: DrivePlan, source: Source, notify: Notify) -> LotAlignment:
     """Measure the alignment and GNSS time while the car stands; close `source`, for the drive's process to open it."""
     rig, resolved = plan.rig, plan.resolved
-    notify("waiting for trusted fixes of the standing car")
+    notify(assembly.waiting_for_fixes(rig))
     try:
         standing = assembly.standing_pose_of(rig, source, plan.t0)
     finally:

@@ -129,7 +129,7 @@ def _middle(osm: Path) -> tuple[float, float]:
                     return round((low + high) / 2, ORIGIN_DECIMALS), round((left + right) / 2, ORIGIN_DECIMALS)
     except (ET.ParseError, KeyError, ValueError, OSError, EOFError, zlib.error) as error:
         raise ConfigError(f"{osm}: expected an OpenStreetMap extract in XML, it can't be read: {error}") from None
-    raise ConfigError(f"{osm}: expected a <bounds> element, found none; give an origin")
+    raise ConfigError(f"{osm}: expected a <bounds> element, found none; say the centre by --origin LAT,LON")
 
 
 def sumo_home() -> Path:

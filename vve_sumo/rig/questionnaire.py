@@ -33,8 +33,15 @@ class Question:
     )
 
 
-_UDP: Final = ("pose.kind", ("ncom_udp", "nmea_udp"))
+_NCOM_AND_CAN: Final = ("ncom_udp", "oxts_can")
+_OVER_UDP: Final = ("nmea_udp", "ubx_udp", "sbf_udp", "novatel_udp")
+_OVER_TCP: Final = ("nmea_tcp", "sbf_tcp", "novatel_tcp")
+_OVER_SERIAL: Final = ("nmea_serial", "ubx_serial", "sbf_serial", "novatel_serial")
+_UDP: Final = ("pose.kind", ("ncom_udp", *_OVER_UDP))
+_TCP: Final = ("pose.kind", _OVER_TCP)
+_SERIAL: Final = ("pose.kind", _OVER_SERIAL)
 _NMEA: Final = ("pose.kind", ("nmea_udp", "nmea_tcp", "nmea_serial"))
+_SLOWER: Final = ("pose.kind", (*_OVER_UDP, *_OVER_TCP, *_OVER_SERIAL))
 _DATASPEED: Final = ("drive_by_wire.interface", ("dataspeed_dbw1", "dataspeed_ulc"))
 _PEDALS: Final = ("drive_by_wire.interface", ("pacmod3", "new_eagle_raptor"))
 _OXTS_CAN: Final = ("pose.kind", ("oxts_can",))
@@ -47,16 +54,20 @@ QUESTIONS: Final = (
         "pose.kind",
         "how the receiver is heard",
         default="ncom_udp",
-        choices=("ncom_udp", "nmea_udp", "nmea_tcp", "nmea_serial", "oxts_can"),
+        choices=(*_NCOM_AND_CAN, *_OVER_UDP, *_OVER_TCP, *_OVER_SERIAL),
     ),
     Question("pose.address", "this computer's address on the receiver's network", only=_UDP),
     Question("pose.source", "the receiver's own address", only=_UDP),
-    Question("pose.address", "the receiver's address", only=("pose.kind", ("nmea_tcp",))),
-    Question("pose.device", "serial port of the receiver", only=("pose.kind", ("nmea_serial",))),
+    Question("pose.port", "port of this computer that the receiver sends to", "whole", default="3000", only=_UDP),
+    Question("pose.address", "the receiver's address", only=_TCP),
+    Question("pose.port", "port that the receiver serves", "whole", default="3000", only=_TCP),
+    Question("pose.device", "serial port of the receiver", only=_SERIAL),
+    Question("pose.baud", "its speed [baud]; over USB any", "whole", default="115200", only=_SERIAL),
     Question("pose.interface", "CAN interface of the receiver, as python-can names it", only=_OXTS_CAN),
     Question("pose.channel", "CAN channel of the receiver", only=_OXTS_CAN),
     Question("pose.velocity_sigma_mps", "1 sigma of its velocity [m/s], data sheet", "number", only=_NMEA),
     Question("pose.heading_sigma_deg", "1 sigma of its heading [deg], data sheet", "number", only=_NMEA),
+    Question("pose.rate_hz", "fixes a second that it is set to, 10 or more", "number", only=_SLOWER),
     Question("pose.minimum_delay_ms", "what a fix takes to arrive at best [ms]", "number"),
     Question("mounting.forward_m", "receiver's output point ahead of the rear axle [m]", "number"),
     Question("mounting.left_m", "receiver's output point left of the rear axle [m]", "number"),
