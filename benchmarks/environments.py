@@ -38,7 +38,7 @@ NEAR = {
 ENVIRONMENT = "vve_sumo.bridges.environments:vve_sumo/ParkedCar-v0"
 #: of actions in training [m/s2]: those of comfortable driving
 HARDEST, STRONGEST = -3.0, 2.0
-KEPT = 5  #: steps for which training keeps an action: noise of every 0.1 s would hardly ever bring a car to rest
+GAP = 5.0  #: that is to be learnt [m]
 SEEDS = range(1000, 1005)  #: of the drives that judge what was learnt
 
 
@@ -163,31 +163,30 @@ def table(seconds: float) -> None:
         print(f"| {name} | {rate:.0f} | {rate * step:.1f} | {reset:.2f} | {what} |", flush=True)
 
 
-class Comfortable(gymnasium.ActionWrapper[Any, Any, Any]):
-    """Actions from -1 to 1 as accelerations of comfortable driving, each kept for half a second."""
+class Lesson(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Actions from -1 to 1 as accelerations of comfortable driving, and another reward for the end of a drive.
+
+    The environment's own takes a contact for no worse than a car that stands: by small steps one learns to go on.
+    """
 
     def __init__(self, environment: gymnasium.Env[Any, Any]) -> None:
         super().__init__(environment)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (1,), np.float32)
 
-    def action(self, action: Any) -> Any:
-        """Return the acceleration [m/s2]."""
-        return (0.5 * (STRONGEST - HARDEST) * action + 0.5 * (STRONGEST + HARDEST)).astype(np.float32)
-
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, Any]:
-        """Keep the action for KEPT steps; return the last observation and the sum of the rewards."""
-        whole = 0.0
-        for _ in range(KEPT):
-            observed, reward, terminated, truncated, info = super().step(action)
-            whole += float(reward)
-            if terminated or truncated:
-                break
-        return observed, whole, terminated, truncated, info
+        """Take an action; its reward is the way made, at the end what the drive came to."""
+        acceleration = 0.5 * (STRONGEST - HARDEST) * action + 0.5 * (STRONGEST + HARDEST)
+        observed, reward, terminated, truncated, info = self.env.step(acceleration.astype(np.float32))
+        if terminated or truncated:
+            gap, impact = info["figures"]["stop_gap_m"], info["figures"]["impact_speed_mps"]
+            reward = 0.0 if gap is None else 10.0 / (1.0 + abs(gap - GAP) / 2.5)
+            reward -= 5.0 + impact if info["outcome"] == "contact" else 0.0
+        return observed, reward, terminated, truncated, info
 
 
 def trained() -> gymnasium.Env[Any, Any]:
-    """Return the environment that PPO is trained in."""
-    return Comfortable(ours())
+    """Return the environment that PPO is trained in; an action holds for half a second."""
+    return Lesson(ours(ticks_per_action=25))
 
 
 def learn(seconds: float) -> None:
