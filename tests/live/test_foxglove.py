@@ -26,7 +26,7 @@ from tests.view.feed import PERIOD, sample
 from vve_sumo.live.foxglove_topics import LiveTopics
 from vve_sumo.record.roads import read_roads
 from vve_sumo.values import ArmingState
-from vve_sumo.view import topic_stream
+from vve_sumo.view import connection, topic_stream
 from vve_sumo.view.sample import ViewSample
 from vve_sumo.view.server import PageServer
 from vve_sumo.view.topic_stream import MAX_RATE, MAX_VIEWERS, MAX_WAITING, TopicStream
@@ -318,7 +318,7 @@ def test_who_floods_is_dropped_and_no_more_than_so_many_watch(served: Served) ->
 def test_a_viewer_that_never_reads_slows_nobody_and_its_queue_is_bounded(
     record: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(topic_stream, "ANSWER_TIMEOUT", 1.0)
+    monkeypatch.setattr(connection, "ANSWER_TIMEOUT", 1.0)
     with serving(record, bodies=30) as busy:
         deaf, honest = Viewer(busy.address), Viewer(busy.address)
         deaf.subscribe(*TOPICS)
