@@ -60,9 +60,10 @@ def from_dict(scenario_content: Mapping[str, Any], working: Path) -> tuple[Resol
 
 
 def scenario_with_rig(resolved: ResolvedScenario, rig: Rig, working: Path) -> ResolvedScenario:
-    """Return a resolved scenario with the rig's car.
+    """Return a resolved scenario with the rig's car, to be driven live.
 
-    Raises ConfigError for a speed above the rig's limit, and for a rolling start.
+    No end trigger ends a live drive: an ego whose drive shall be `completed` goes on to the end of its path, and shall
+    have `arrived`. Raises ConfigError for a speed above the rig's limit, and for a rolling start.
     """
     for one in resolved.egos:
         require_start_from_rest(one, "a drive with a rig starts from rest")
@@ -73,6 +74,10 @@ def scenario_with_rig(resolved: ResolvedScenario, rig: Rig, working: Path) -> Re
             f"{table}.speed_mps: {wanted:g} m/s is more than the rig's limits.speed_mps, {allowed:g} m/s; "
             "lower the scenario's speed or take a larger lot"
         )
+    criteria = resolved.scenario.criteria
+    if criteria.outcome == "completed":
+        criteria = criteria.model_copy(update={"outcome": "arrived"})
+        resolved = replace(resolved, scenario=resolved.scenario.model_copy(update={"criteria": criteria}))
     return resolved.with_rig(rig, working, live=True)
 
 

@@ -229,7 +229,7 @@ def run(
         sensors_of(one.resolved)
     grounds = {one.ego_id: lockstep_ego(one, plan.working).lot for one in plan.simulated}
     if plan.resolved.scenario.end_trigger != EndTrigger():
-        notify("the scenario's [end_trigger] does not apply to a live drive: nothing lets go of a moving car")
+        notify("the scenario's [end_trigger] does not apply to a live drive, which goes on to the end of the path")
     permitted = rights()
     if lacking := permitted.lacking():
         notify(lacking)
