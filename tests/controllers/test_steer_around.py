@@ -96,18 +96,6 @@ def test_while_somebody_keeps_coming_it_waits() -> None:
     assert 47.75 - bumper == pytest.approx(TUNING["gap_m"], abs=1.0)
 
 
-def test_it_waits_as_far_behind_one_whose_nearest_corner_is_beside_its_path() -> None:
-    """The radar's one point of it is 1.3 m to the right of the path; its other side is in the car's way."""
-    stream = [steady(90.0 + 30.0 * number, 3.2, 8.0, math.pi) for number in range(6)]
-    oblique = steady(50.0, -0.57, 0.0, -math.radians(5.0))
-    found = drive(around(elastic_band), ROAD, 8.0, [oblique, *stream], 12.0)
-    nearest = 50.0 - 2.25 * math.cos(math.radians(5.0)) - 0.9 * math.sin(math.radians(5.0))
-    assert found.speed[-1] < 0.1
-    assert not found.emergency.any()
-    bumper = found.s[-1] + CAR.rear_axle_to_bumper
-    assert nearest - bumper == pytest.approx(TUNING["gap_m"], abs=1.0)
-
-
 @pytest.mark.thorough
 @both
 def test_out_of_a_standstill_behind_it(module: ModuleType) -> None:
