@@ -98,6 +98,15 @@ def test_the_stop_button_acts_at_the_press_and_does_not_move(phone: Any, pages: 
     phone.mouse.move(place["x"] + 20, place["y"] + 20)
     phone.mouse.down()
     until(lambda: len(pages.of(PersonStop)) > 0)
+    phone.mouse.up()
+    # It is heard; then the next drive begins, with the same page.
+    pages.pages.show("stopping", [seen(faults=("person_stop",))])
+    time.sleep(1.5)
+    pages.pages.show("engaged", [seen()])
+    time.sleep(0.5)
+    heard = len(pages.of(PersonStop))
+    phone.click("#stop")
+    until(lambda: len(pages.of(PersonStop)) > heard)
 
 
 @pytest.mark.thorough

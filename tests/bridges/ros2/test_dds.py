@@ -137,10 +137,10 @@ def _close_in_a_listener(domain: int) -> bool:
     # Within one process the listener is called by the thread that publishes.
     publisher = threading.Thread(target=joined.publish, args=("/clock", messages.clock(AT)))
     publisher.start()
-    told = begun.wait(10.0)
+    came = begun.wait(10.0)
     joined.close()
     publisher.join()
-    return told
+    return came
 
 
 @pytest.mark.parametrize("attempt", range(5))

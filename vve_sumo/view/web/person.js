@@ -34,6 +34,7 @@ class Person {
     this.entered = false; // the person has agreed
     this.taken = false; // the server has another page for this person, maybe this one's own before it was connected again
     this.stopping = false;
+    this.asking = false; // for a stop, until it is heard
     this.compass = null;
     this.newest = -Infinity; // time of the newest position that was reported [ms]
     this.trouble = ""; // with the positions
@@ -143,16 +144,19 @@ class Person {
     });
   }
 
+  // Every press asks: a page stays open from one drive to the next.
   stop() {
-    if (this.stopping) return;
     this.stopping = true;
-    this.askForStop();
+    if (this.asking) this.say({ type: "stop" });
+    else this.askForStop();
   }
 
   // Again and again until the drive says that it has heard it.
   askForStop() {
+    this.asking = true;
     this.say({ type: "stop" });
     setTimeout(() => {
+      this.asking = false;
       if (!this.view?.faults.includes("person_stop")) this.askForStop();
     }, RETRY);
   }
