@@ -38,7 +38,6 @@ NEAR = {
 ENVIRONMENT = "vve_sumo.bridges.environments:vve_sumo/ParkedCar-v0"
 #: of actions in training [m/s2]: those of comfortable driving
 HARDEST, STRONGEST = -3.0, 2.0
-GAP = 5.0  #: that is to be learnt [m]
 SEEDS = range(1000, 1005)  #: of the drives that judge what was learnt
 
 
@@ -163,25 +162,17 @@ def table(seconds: float) -> None:
         print(f"| {name} | {rate:.0f} | {rate * step:.1f} | {reset:.2f} | {what} |", flush=True)
 
 
-class Lesson(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """Actions from -1 to 1 as accelerations of comfortable driving, and another reward for the end of a drive.
-
-    The environment's own takes a contact for no worse than a car that stands: by small steps one learns to go on.
-    """
+class Lesson(gymnasium.ActionWrapper[Any, Any, Any]):
+    """Actions from -1 to 1 as accelerations of comfortable driving."""
 
     def __init__(self, environment: gymnasium.Env[Any, Any]) -> None:
         super().__init__(environment)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (1,), np.float32)
 
-    def step(self, action: Any) -> tuple[Any, Any, bool, bool, Any]:
-        """Take an action; its reward is the way made, at the end what the drive came to."""
+    def action(self, action: Any) -> Any:
+        """Return the acceleration of an action [m/s2]."""
         acceleration = 0.5 * (STRONGEST - HARDEST) * action + 0.5 * (STRONGEST + HARDEST)
-        observed, reward, terminated, truncated, info = self.env.step(acceleration.astype(np.float32))
-        if terminated or truncated:
-            gap, impact = info["figures"]["stop_gap_m"], info["figures"]["impact_speed_mps"]
-            reward = 0.0 if gap is None else 10.0 / (1.0 + abs(gap - GAP) / 2.5)
-            reward -= 5.0 + impact if info["outcome"] == "contact" else 0.0
-        return observed, reward, terminated, truncated, info
+        return acceleration.astype(np.float32)
 
 
 def trained() -> gymnasium.Env[Any, Any]:

@@ -131,11 +131,21 @@ CRITERIA = Criteria.model_validate({"outcome": "stopped", "collision": False, "s
         ({"outcome": "stopped", "collision": False, "stop_gap_m": 10.0, "passed": False}, 0.5 * 1 / 2),
         ({"outcome": "stopped", "collision": False, "stop_gap_m": 2.0, "passed": False}, 0.5 * 2 / 3),
         ({"outcome": "timeout", "collision": False, "stop_gap_m": None, "passed": False}, 0.0),
-        ({"outcome": "contact", "collision": True, "stop_gap_m": 4.5, "passed": False}, 0.0),
     ],
 )
 def test_the_end_is_paid_by_how_well_it_meets_the_criteria(figures: dict[str, object], score: float) -> None:
     assert reward_of_end(CRITERIA, figures) == pytest.approx(MET_ALL * score)
+
+
+def test_a_contact_costs_more_than_driving_on_into_it_gains() -> None:
+    """A car that could stop 30 m before and drives on at the desired speed gains the time of the way, 30 m / 8 m/s."""
+    halted = reward_of_end(CRITERIA, {"outcome": "stopped", "collision": False, "stop_gap_m": 30.0, "passed": False})
+    touched = [
+        reward_of_end(CRITERIA, {"outcome": "contact", "collision": True, "passed": False, "impact_speed_mps": speed})
+        for speed in (0.0, 0.4, 8.0)
+    ]
+    assert touched == [-5.0, -5.4, -13.0]
+    assert all(cost + reward_of_progress(30.0, 8.0) < halted for cost in touched)
 
 
 def test_progress_is_paid_by_the_time_that_it_takes_at_the_desired_speed() -> None:

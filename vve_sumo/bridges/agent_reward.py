@@ -14,6 +14,8 @@ from vve_sumo.scenario.schema import Criteria, CriterionBand
 
 #: reward of a drive's end that meets every criterion
 MET_ALL: Final = 10.0
+#: what a contact costs beside its impact's speed: more than an agent gains that drives on where it could stop
+CONTACT: Final = 5.0
 
 
 def reward_of_progress(distance: float, desired_speed: float) -> float:
@@ -27,10 +29,12 @@ def reward_of_end(criteria: Criteria, figures: Mapping[str, Any]) -> float:
     The scores of the scenario's criteria are multiplied: a car that never sets out meets most of them. A criterion that
     is met scores 1. A number outside its band scores less the farther out it is: 1 / (1 + distance from the band / the
     band's bound there, but at least 1). What is not met otherwise scores 0. The end of a drive that touched something
-    has no reward.
+    costs CONTACT and the speed of the impact [m/s], whatever the criteria say.
     """
+    if figures.get("collision"):
+        return -CONTACT - float(figures.get("impact_speed_mps") or 0.0)
     known = {name: figures.get(name) for name, wanted in criteria if wanted is not None}
-    if figures.get("collision") or not known:
+    if not known:
         return 0.0
     scores = [_score(getattr(criteria, name), name, value) for name, value in known.items()]
     return 0.5 * MET_ALL * (bool(figures.get("passed")) + math.prod(scores))
