@@ -23,7 +23,7 @@ from vve_sumo.statistics import wilson
 
 REPOSITORY = Path(__file__).parent.parent
 CHAIN: Final = ("ego", "second", "third", "fourth", "fifth")
-PRELOADED: Final = ["vve_sumo.drive.lockstep", "vve_sumo.drive.run", "vve_sumo.record.writer"]
+PRELOADED: Final = ["scipy.optimize", "vve_sumo.drive.lockstep", "vve_sumo.drive.run", "vve_sumo.record.writer"]
 SPEED, STANDSTILL = 15.0, 5.0  #: of the platoon [m/s]; its gap at rest [m]
 LENGTH: Final = 4.872  #: of a car of the platoon [m]
 FRONT: Final = 190.0  #: s of the first ego's rear axle at the start [m]

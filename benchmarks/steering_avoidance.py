@@ -33,7 +33,9 @@ PICTURE: Final = REPOSITORY / "docs" / "steering_avoidance.png"
 WORKERS: Final = 2
 #: the drives past the parked car begin where the path has turned into its street
 ROLLS: Final = {"ego.initial_speed_mps": 4.0, "ego.initial_s_m": 556.0}
-PRELOADED: Final = ["vve_sumo.drive.lockstep", "vve_sumo.record.writer", "vve_sumo.drive.resolved_scenario"]
+PRELOADED: Final = [
+    "scipy.optimize", "vve_sumo.drive.lockstep", "vve_sumo.record.writer", "vve_sumo.drive.resolved_scenario",
+]  # fmt: skip
 #: what the controller may do: its tuning
 MEANS: Final[dict[str, dict[str, Any]]] = {
     "braking": {},
