@@ -125,6 +125,10 @@ class Avoidance(Protocol):
         """Return the way to take, None for the scenario's path; called at every tick, once the tracker has stepped."""
         ...
 
+    def in_path(self, observation: Observation, projection: PathProjection) -> Target | None:
+        """Return the nearest thing in the scenario's path as the avoidance sees it; called where that path is taken."""
+        ...
+
 
 class FollowAndStop:
     """One step: projection onto the path, deviation, steering; target, goals, acceleration."""
@@ -188,6 +192,9 @@ class FollowAndStop:
         way = None if self._avoidance is None else self._avoidance.step(observation, projection, self._tracker)
         dangers = self._tracker.dangers(observation.time, projection.s)
         if way is None:
+            seen = None if self._avoidance is None else self._avoidance.in_path(observation, projection)
+            if seen is not None and (target is None or seen.gap < target.gap):
+                target = seen
             way = Way(observation.path, projection, self._profiled(observation.path), None, target, dangers)
         else:
             observation = replace(observation, path=way.path)

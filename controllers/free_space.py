@@ -94,15 +94,22 @@ def clearances(
 ) -> list[float]:
     """Return how near a body is to the car's side at each node of a way [m]; inf where it is not beside the car.
 
-    `offsets` are the rear axle's [m], `times` when it is there [s]. Negative where the body is in the way.
+    `offsets` are the rear axle's [m], `times` when it is there [s]. Negative where the body is in the way. A car that
+    leaves its path steeply has its front much farther out than its rear axle.
     """
-    beside, d, spread = _beside(nodes, np.array(times), body, keeps, 0.0)
-    away = d - np.array(offsets)[:, None]
+    at, way = np.array(times), np.array(offsets)
+    beside, d, spread = _beside(nodes, at, body, keeps, 0.0)
+    ahead = (body.s[None, :] + body.along * at[:, None] - nodes.stations[:, None]).clip(-nodes.rear, nodes.front)
+    away = d - way[:, None] - _slopes(way, nodes.stations)[:, None] * ahead
     gap = np.where(away > 0.0, away - nodes.left[:, None], -away - nodes.right[:, None])
     both = _straddled(away, beside)
     least = np.where(beside, gap, math.inf).min(axis=1) - spread
     nearest: list[float] = np.where(both, np.minimum(least, 0.0), least).tolist()
     return nearest
+
+
+def _slopes(offsets: np.ndarray, stations: np.ndarray) -> np.ndarray:
+    return np.gradient(offsets, stations) if len(offsets) > 1 else np.zeros(len(offsets))
 
 
 def _straddled(away: np.ndarray, beside: np.ndarray) -> np.ndarray:

@@ -36,8 +36,7 @@ ALONG_AGILITY, ACROSS_AGILITY = 1.0, 0.5  #: spectral densities of acceleration 
 ACROSS_FASTEST: Final = 4.0  #: standard deviation of a speed across the path before any is measured [m/s]
 MOVES, CRAWLS = 3.0, 0.4  #: it moves if so many standard deviations, and so much [m/s], say so
 ONE_BODY: Final = 1.5  #: a radar's track so near to an outline is of the same body [m]
-ADDED: Final = 2.5  #: a body of which only a radar's track is known is taken for one of this half length [m]
-HALF_WIDTH: Final = 1.0  #: and this half width [m]
+LENGTH, WIDTH = 5.0, 2.0  #: of a body of which only a radar's track is known [m]
 ONCOMING: Final = -2.0  #: of such bodies only those count that come nearer along the path [m/s]
 
 
@@ -263,6 +262,11 @@ def _is_of(track: Track, one: _Followed, time: float) -> bool:
 
 
 def _taken_for_a_car(track: Track, time: float) -> Body:
-    s, d = track.s + track.speed * (time - track.time) + ADDED, track.across.value
-    corners = np.array([-ADDED, -ADDED, ADDED, ADDED]), np.array([-HALF_WIDTH, HALF_WIDTH, -HALF_WIDTH, HALF_WIDTH])
-    return Body(s + corners[0], d + corners[1], track.speed, 0.0, 0.0, 1.5)
+    """Return a car of which a radar sees the nearest point: the rest of it lies beyond, seen from the path.
+
+    It counts a standard deviation farther off than it is measured: far away that is most of a lane.
+    """
+    s, offset = track.s + track.speed * (time - track.time), track.offset
+    near = math.copysign(abs(offset) + math.sqrt(track.offset_variance), offset)
+    far = near + math.copysign(WIDTH, offset)
+    return Body(s + np.array([0.0, 0.0, LENGTH, LENGTH]), np.array([near, far] * 2), track.speed, 0.0, 0.0, 1.5)

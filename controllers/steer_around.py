@@ -156,6 +156,7 @@ class SteerAround:
         self._along: float | None = None  # place along the way [m]
         self._bodies: list[Body] = []
         self._seen = 0.0  # drive time for which the bodies hold [s]
+        self._in_path: list[Body] = []  # what of them stands in the scenario's path or goes along it
         self._free = 0  # turns in a row in which a way in comfort was free
         self._decision: Generator[None, None, None] | None = None  # by the newest turn, while it is being made
         self._hurries = False  # whether it is about a swerve
@@ -168,8 +169,10 @@ class SteerAround:
         if self._outlines.step(observation, projection):
             self._bodies = self._outlines.bodies(observation.time, tracker.confirmed)
             self._seen = observation.time
+            sight = self._sight(observation, projection)
+            self._in_path = _in_path(sight)
             # What was still being decided on by an older turn is out of date.
-            self._decision = self._deciding(self._sight(observation, projection))
+            self._decision = self._deciding(sight)
             self._decide(1)
         else:
             self._decide(PORTIONS)
@@ -180,6 +183,17 @@ class SteerAround:
         self._along = on_line.s
         commanded = line.commanded_from(math.floor(projection.s / SPACING))
         return Way(line.path, on_line, line.profile, commanded, *self._ahead(observation, projection, line))
+
+    def in_path(self, observation: Observation, projection: PathProjection) -> Target | None:
+        """Return the nearest body that stands in the scenario's path or goes along it, by its outline.
+
+        A radar's one point of a body may lie beside the path while a side of the body is in it.
+        """
+        bumper = projection.s + self._vehicle.rear_axle_to_bumper
+        moved = [body.moved(observation.time - self._seen) for body in self._in_path]
+        ahead = [(float(body.s.min()) - bumper, body) for body in moved if float(body.s.max()) > bumper]
+        gap, body = min(ahead, key=lambda pair: pair[0], default=(math.inf, None))
+        return None if body is None else Target(gap, body.along)
 
     def _sight(self, observation: Observation, here: PathProjection) -> _Sight:
         first = math.floor(here.s / SPACING)
@@ -225,11 +239,15 @@ class SteerAround:
             self._go_on(sight)
 
     def _gives_up(self, sight: _Sight, blocking: list[Body]) -> bool:
-        """Give up a way in comfort that is not free any more if the car is still on its path; tell whether it did."""
+        """Give up a way if the car is still on its path and has no use for it any more; tell whether it did.
+
+        That is one in comfort that is not free, and an urgent one where braking is not too late after all.
+        """
         assert self._line is not None
-        if self._line.urgent or abs(sight.here.offset) > AT_PATH:
+        if abs(sight.here.offset) > AT_PATH:
             return False
-        if blocking and self._is_free(sight, self._keeps(sight)):
+        useful = self._hurries if self._line.urgent else blocking and self._is_free(sight, self._keeps(sight))
+        if useful:
             return False
         self._line = self._along = None
         return True
@@ -536,6 +554,13 @@ def _met(nodes: Nodes, times: Sequence[float], offsets: Sequence[float], body: B
     """Return the first node at which the car comes `within` a distance [m] of a body on a way, None for nowhere."""
     away = clearances(nodes, times, offsets, body, CONTACT)
     return next((node for node, clear in enumerate(away) if clear < within), None)
+
+
+def _in_path(sight: _Sight) -> list[Body]:
+    """Return the bodies that stand in the scenario's path, or go along it."""
+    times, path = times_at(sight.speeds, SPACING), [0.0] * NODES
+    along = (body for body in sight.bodies if abs(body.across) < CROSSES and not _comes_nearer(body))
+    return [body for body in along if _met(sight.nodes, times, path, body) is not None]
 
 
 def _target(body: Body, gap: float, time: float) -> Target:

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from shapely.affinity import rotate, translate
+from shapely.geometry import Point as Place
 from shapely.geometry import Polygon, box
 
 from controllers.elastic_band import ElasticBand, Springs, balance
@@ -238,6 +239,33 @@ def test_quartic_speeds_over_the_way() -> None:
 
 def test_times_along_the_nodes() -> None:
     assert times_at([2.0, 4.0, 4.0], 3.0) == pytest.approx([0.0, 1.0, 1.75])
+
+
+@given(
+    slope=st.floats(-0.35, 0.35),
+    ahead=st.floats(-CAR.rear_overhang, CAR.rear_axle_to_bumper),
+    away=st.floats(0.0, 3.0),
+    left=st.booleans(),
+)
+def test_a_car_that_leaves_its_path_obliquely_is_as_near_as_its_polygon(
+    slope: float, ahead: float, away: float, left: bool
+) -> None:
+    """The nearest of the car's places along the way, a metre apart or less, to a post beside the way."""
+    nodes, side = nodes_of(road(0.0)), 1.0 if left else -1.0
+    offsets = slope * (nodes.stations - 30.0)
+    post = Place(30.0 + ahead, slope * ahead + side * (0.5 * CAR.width + away) / math.cos(math.atan(slope)))
+    body = Body(np.array([post.x]), np.array([post.y]), 0.0, 0.0, 0.0, 1.0)
+    times = times_at((5.0,) * COUNT, SPACING)
+    found = min(clearances(nodes, times, offsets.tolist(), body, KEEPS._replace(lengthwise=0.0)))
+    turn = math.atan(slope)
+    middle = CAR.rear_axle_to_bumper - 0.5 * CAR.length
+    nearest = min(
+        Polygon(
+            Box(s + middle * math.cos(turn), d + middle * math.sin(turn), turn, CAR.length, CAR.width).corners()
+        ).distance(post)
+        for s, d in zip(nodes.stations.tolist(), offsets.tolist(), strict=True)
+    )
+    assert found == pytest.approx(nearest, abs=0.06 + 0.07 * nearest)
 
 
 def test_room_beside_one_who_crosses_is_where_he_will_be() -> None:

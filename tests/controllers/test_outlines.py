@@ -11,6 +11,8 @@ from shapely.geometry import MultiPoint, Polygon
 from shapely.geometry import Point as Place
 
 from controllers.outlines import Body, Outlines
+from controllers.sightings import Sighting
+from controllers.tracks import Track
 from tests.controllers.avoid_bench import LIDAR
 from tests.controllers.bench import ROAD
 from tests.sensors.scenes import FUSION, Row, actors, rear_axle
@@ -99,3 +101,18 @@ def test_a_body_that_is_seen_no_more_is_forgotten() -> None:
         lidar.prepare()
         counts[round(time, 2)] = len(outlines.bodies(time, []))
     assert (counts[0.9], counts[1.98]) == (1, 0)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("offset", "sigma"), [(2.2, 0.5), (2.2, 0.05), (0.3, 0.2)])
+def test_who_comes_beyond_the_lidars_sight_lies_beyond_the_point_that_a_radar_sees(
+    side: float, offset: float, sigma: float
+) -> None:
+    """Seen from the path; and by a standard deviation farther off, so that he who keeps to his lane is in it."""
+    seen = Sighting(120.0, side * offset, sigma * sigma, -9.0)
+    track = Track(3.0, seen)
+    (body,) = Outlines(FUSION, "roof", 1.4, 1.9).bodies(3.2, [track])
+    low, high = sorted((side * (offset + sigma), side * (offset + sigma + 2.0)))
+    assert (float(body.d.min()), float(body.d.max())) == pytest.approx((low, high))
+    assert (float(body.s.min()), float(body.s.max())) == pytest.approx((120.0 - 1.8, 125.0 - 1.8))
+    assert (body.along, body.across) == (-9.0, 0.0)

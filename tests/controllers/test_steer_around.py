@@ -96,6 +96,38 @@ def test_while_somebody_keeps_coming_it_waits() -> None:
     assert 47.75 - bumper == pytest.approx(TUNING["gap_m"], abs=1.0)
 
 
+def test_it_waits_as_far_behind_one_whose_nearest_corner_is_beside_its_path() -> None:
+    """The radar's one point of it is 1.3 m to the right of the path; its other side is in the car's way."""
+    stream = [steady(90.0 + 30.0 * number, 3.2, 8.0, math.pi) for number in range(6)]
+    oblique = steady(50.0, -0.57, 0.0, -math.radians(5.0))
+    found = drive(around(elastic_band), ROAD, 8.0, [oblique, *stream], 12.0)
+    nearest = 50.0 - 2.25 * math.cos(math.radians(5.0)) - 0.9 * math.sin(math.radians(5.0))
+    assert found.speed[-1] < 0.1
+    assert not found.emergency.any()
+    bumper = found.s[-1] + CAR.rear_axle_to_bumper
+    assert nearest - bumper == pytest.approx(TUNING["gap_m"], abs=1.0)
+
+
+@pytest.mark.parametrize(
+    ("start", "offset", "begins", "lasts", "his", "own"),
+    [(100.0, 0.5, 3.2, 1.0, 9.0, 7.0), (89.3, 0.59, 3.71, 1.18, 7.45, 6.45)],
+)
+def test_who_comes_in_its_lane_and_moves_over_is_given_way_to_as_any_other(
+    start: float, offset: float, begins: float, lasts: float, his: float, own: float
+) -> None:
+    """He begins to when he is 2 to 4 s away: a swerve that the car has not begun yet has no use any more."""
+
+    def place(time: float) -> tuple[float, float, float, float]:
+        share = min(max((time - begins) / lasts, 0.0), 1.0)
+        return start - his * time, offset + (3.3 - offset) * share * share * (3.0 - 2.0 * share), math.pi, his
+
+    found = drive(around(elastic_band), ROAD, own, [steady(60.0, -0.1), Body(place)], 25.0, until=120.0)
+    met = int(np.argmin(np.abs(start - his * found.time - found.s)))
+    assert abs(found.offset[met]) < 0.15
+    assert found.least > CLEAR
+    assert found.s[-1] > 100.0
+
+
 @pytest.mark.thorough
 @both
 def test_out_of_a_standstill_behind_it(module: ModuleType) -> None:
