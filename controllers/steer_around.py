@@ -17,8 +17,8 @@ import numpy as np
 
 from vve_sumo.controller import Tuning, settle
 from vve_sumo.laws import sideways_reach, stopping_distance, swerve_time, time_to_cover
-from vve_sumo.path import PathProjection, ReferencePath
-from vve_sumo.values import CommandedPath, Observation, Vehicle
+from vve_sumo.path import PathProjection
+from vve_sumo.values import Observation, Vehicle
 
 from . import follow_and_stop
 from .emergency import FIRST_ORDER_RAMP, JERK
@@ -26,11 +26,19 @@ from .follow_and_stop import COMFORT_LIMIT, PERIOD, FollowAndStop, Way, steering
 from .free_space import LEFT, RIGHT, Margins, Nodes, Room, clearances, room, sees, side_of
 from .lateral_plan import LateralLimits, LateralPlan, Planner, Planning, Task, times_at
 from .outlines import Body, Outlines
-from .speed import SLOWING, SPEEDING_UP, Profile, SpeedProfile
-from .tracks import MARGIN, Target, Tracker
+from .speed import SLOWING, SPEEDING_UP
+from .tracks import Target, Tracker
+from .way_around import (
+    CONTACT,
+    CROSSES,
+    NODES,
+    SPACING,
+    URGENT_ACCELERATION,
+    URGENT_JERK,
+    WayAround,
+    first_met,
+)
 
-SPACING: Final = 1.5  #: between nodes [m]
-NODES: Final = 64  #: of a way: it leads 95 m ahead
 HEAD: Final = 3  #: nodes, the first one behind the car, that a new way leaves where they were
 WANTED: Final = 0.8  #: a body that is nearer than this to the car's side on its path is steered around [m]
 COMFORT: Final = Margins(clearance=1.1, lengthwise=0.6, slack=1.5)
@@ -38,18 +46,13 @@ COMFORT: Final = Margins(clearance=1.1, lengthwise=0.6, slack=1.5)
 SETTING_OUT: Final = COMFORT._replace(slack=3.5)
 #: a way in comfort that is this far from all bodies is kept where no new one is found [m]
 KEPT: Final = 0.7
-#: who is nearer than this to such a way is braked for [m]
-NEAR: Final = 0.5
 #: an urgent way keeps so far from bodies; the first that leads past is taken
 URGENT: Final = tuple(Margins(away, 0.3, 0.2, 1.0) for away in (1.0, 0.7, 0.4, 0.15))
 #: who comes the other way in the car's way is given way to by steering when he is so near [s]
 ONCOMING: Final = 4.0
-CONTACT: Final = Margins(MARGIN, 0.3, 0.0, 1.0)  #: what comes nearer than this is in the way
 COMFORT_ACCELERATION, COMFORT_JERK = 1.8, 2.0  #: lateral, of a way in comfort [m/s2], [m/s3]
-#: lateral, of an urgent way: of the gateway's 3.0 m/s2 and 5.0 m/s3 a share is left to the steering law
-URGENT_ACCELERATION, URGENT_JERK = 2.8, 4.6
-CROSSES: Final = 0.5  #: who is faster across the path is not gone around in comfort: he will be gone [m/s]
-SLOWER: Final = 2.0  #: nor who is not slower than the car would be by so much [m/s]
+#: who is not slower than the car would be by so much is not gone around in comfort, nor who crosses [m/s]
+SLOWER: Final = 2.0
 #: speeds of a way in comfort, tried one after the other: out of a narrow place a car comes slowly only [m/s]
 CAPS: Final = (math.inf, 5.0, 3.0, 2.0)
 SLOWS: Final = 1.0  #: and from so much more it slows down to one of them [m/s]
@@ -62,7 +65,6 @@ BACK: Final = 0.6  #: a car that waits no farther beside its path is out of the 
 SIGHT: Final = 80.0  #: as far as this a lidar sees a car [m]
 REACTION: Final = 1.0  #: the car must be back on its side so long before who comes the other way [s]
 LOOKS: Final = 3  #: a way in comfort must be free in so many turns of the lidar, one after the other
-HORIZON: Final = 3.0  #: what is farther ahead than this is braked for in comfort [s]
 #: portions of work on a decision in one tick, of about a millisecond each; a tick that takes in a turn of the lidar has
 #: less time and does one. For a swerve every tick counts.
 PORTIONS, URGENT_PORTIONS = 3, 12
@@ -88,50 +90,6 @@ RANGES: dict[str, tuple[float, float]] = {
 _DECIDED: Final = object()
 
 
-class _Line(NamedTuple):
-    """The way that the car takes: its nodes lie at whole multiples of SPACING along the scenario's path."""
-
-    first: int  #: number of the first node
-    offsets: tuple[float, ...]  #: [m]
-    times: tuple[float, ...]  #: at which the car is at the nodes if it takes the planned speeds [s]
-    path: ReferencePath
-    profile: Profile
-    commanded: CommandedPath
-    urgent: bool
-
-    def commanded_from(self, node: int) -> CommandedPath:
-        """Return the way from a node on: a command begins at the car, which goes on while the next way is planned."""
-        behind = min(max(node - self.first, 0), len(self.offsets) - 2)
-        x, y, speed = self.commanded.x, self.commanded.y, self.commanded.speed
-        return CommandedPath(x[behind:], y[behind:], speed[behind:])
-
-    def ahead(self, first: int) -> tuple[list[float], list[float]]:
-        """Return the offsets [m] and the commanded speeds [m/s] at NODES nodes from a number on."""
-        last = len(self.offsets) - 1
-        own = [min(max(first + node - self.first, 0), last) for node in range(NODES)]
-        return [self.offsets[node] for node in own], [self.commanded.speed[node] for node in own]
-
-    def offset(self, node: int) -> float:
-        """Return the offset at a node by its number [m]; beyond the end that at the end."""
-        return self.offsets[min(max(node - self.first, 0), len(self.offsets) - 1)]
-
-
-class _Kept(NamedTuple):
-    """The speeds along a way: those that its bends allow, and those that it was planned with."""
-
-    bends: SpeedProfile
-    squares: tuple[float, ...]  #: of planned speeds at the nodes [m2/s2]
-
-    def at(self, s: float) -> tuple[float, float]:
-        """Return the speed [m/s] and the acceleration along the profile [m/s2] at a station [m]."""
-        speed, along = self.bends.at(s)
-        place = min(max(s / SPACING, 0.0), len(self.squares) - 1.001)
-        node = int(place)
-        here, there = self.squares[node], self.squares[node + 1]
-        square = here + (place - node) * (there - here)
-        return (speed, along) if speed * speed <= square else (math.sqrt(square), (there - here) / (2.0 * SPACING))
-
-
 class _Sight(NamedTuple):
     """What is known at a turn of the lidar."""
 
@@ -152,7 +110,7 @@ class SteerAround:
         self._left, self._right = tuning["left_m"], tuning["right_m"]
         self._eye = tuning["forward_m"], tuning["height_m"]
         self._lateral, self._brakes = tuning["lateral_acceleration_m_s2"], bool(tuning["emergency"])
-        self._line: _Line | None = None
+        self._line: WayAround | None = None
         self._along: float | None = None  # place along the way [m]
         self._bodies: list[Body] = []
         self._seen = 0.0  # drive time for which the bodies hold [s]
@@ -182,7 +140,9 @@ class SteerAround:
         on_line = line.path.project(pose.x, pose.y, self._along)
         self._along = on_line.s
         commanded = line.commanded_from(math.floor(projection.s / SPACING))
-        return Way(line.path, on_line, line.profile, commanded, *self._ahead(observation, projection, line))
+        bodies = [body.moved(observation.time - self._seen) for body in self._bodies]
+        met = line.met(bodies, self._vehicle, projection, pose.speed)
+        return Way(line.path, on_line, line.profile, commanded, *met)
 
     def in_path(self, observation: Observation, projection: PathProjection) -> Target | None:
         """Return the nearest body that stands in the scenario's path or goes along it, by its outline.
@@ -281,7 +241,7 @@ class SteerAround:
         """Tell whether a body is in the way which the car has taken, or on its path."""
         line = self._line
         offsets = [0.0 if line is None else line.offset(sight.first + node) for node in range(NODES)]
-        return _met(sight.nodes, times_at(sight.speeds, SPACING), offsets, body) is not None
+        return first_met(sight.nodes, times_at(sight.speeds, SPACING), offsets, body) is not None
 
     def _keep(self, sight: _Sight) -> None:
         """Go on along the way that there is, at its speeds."""
@@ -499,73 +459,15 @@ class SteerAround:
         self._lay(sight, LateralPlan(offsets, tuple(sight.speeds)), self._line.urgent)
 
     def _lay(self, sight: _Sight, plan: LateralPlan, urgent: bool) -> None:
-        path, x, y = sight.observation.path, [], []
-        for station, offset in zip(sight.nodes.stations.tolist(), plan.offsets, strict=True):
-            point = path.at(station)
-            x.append(point.x - offset * math.sin(point.heading))
-            y.append(point.y + offset * math.cos(point.heading))
-        way = ReferencePath.from_points(x, y, rounds=0)
-        lateral = max(URGENT_ACCELERATION if urgent else self._lateral, self._lateral) * 1.1
-        profile = SpeedProfile(way, lateral)
-        speeds = [min(v, profile.at(SPACING * node)[0]) for node, v in enumerate(plan.speeds)]
-        commanded = CommandedPath(tuple(x), tuple(y), tuple(speeds))
-        kept: Profile = profile
-        if not urgent and any(planned < usual - 0.1 for planned, usual in zip(plan.speeds, sight.speeds, strict=True)):
-            kept = _Kept(profile, tuple(speed * speed for speed in plan.speeds))
-        times = tuple(times_at(plan.speeds, SPACING))
-        self._line, self._along = _Line(sight.first, plan.offsets, times, way, kept, commanded, urgent), None
-
-    def _ahead(self, observation: Observation, here: PathProjection, line: _Line) -> tuple[Target | None, list[Target]]:
-        """Return the nearest body in the way, and all that the car would meet soon."""
-        since = observation.time - self._seen
-        bumper, speed = here.s + self._vehicle.rear_axle_to_bumper, max(observation.pose.speed, 0.5)
-        stations = SPACING * (line.first + np.arange(NODES))
-        ahead = stations >= here.s - SPACING
-        curvature = np.zeros(int(ahead.sum()))
-        nodes = Nodes.of(self._vehicle, stations[ahead], curvature)
-        offsets = np.array(line.offsets)[ahead].tolist()
-        steady = ((nodes.stations - here.s).clip(min=0.0) / speed).tolist()
-        planned = steady if line.urgent else self._planned(here, line, ahead)
-        nearest, dangers = None, []
-        for body in self._bodies:
-            now = body.moved(since)
-            gap = float(now.s.min()) - bumper
-            if float(now.s.max()) < here.s - self._vehicle.rear_overhang:
-                continue
-            met = _met(nodes, steady, offsets, now)
-            if met is not None and steady[met] < HORIZON:
-                dangers.append(_target(now, gap, steady[met]))
-            # At its present speed the car may overtake who goes along too late for this way, or never.
-            met = _met(nodes, planned, offsets, now, 0.0 if line.urgent else NEAR)
-            if met is not None and (nearest is None or gap < nearest.gap):
-                nearest = _target(now, gap, planned[met])
-        return nearest, dangers
-
-    @staticmethod
-    def _planned(here: PathProjection, line: _Line, ahead: np.ndarray) -> list[float]:
-        """Return the times from now on to the nodes ahead at the planned speeds [s], 0 for those that are passed."""
-        times = np.array(line.times)
-        now = np.interp(here.s, SPACING * (line.first + np.arange(NODES)), times)
-        planned: list[float] = (times[ahead] - now).clip(min=0.0).tolist()
-        return planned
-
-
-def _met(nodes: Nodes, times: Sequence[float], offsets: Sequence[float], body: Body, within: float = 0.0) -> int | None:
-    """Return the first node at which the car comes `within` a distance [m] of a body on a way, None for nowhere."""
-    away = clearances(nodes, times, offsets, body, CONTACT)
-    return next((node for node, clear in enumerate(away) if clear < within), None)
+        self._line = WayAround.laid(sight.observation.path, sight.first, plan, sight.speeds, self._lateral, urgent)
+        self._along = None
 
 
 def _in_path(sight: _Sight) -> list[Body]:
     """Return the bodies that stand in the scenario's path, or go along it."""
     times, path = times_at(sight.speeds, SPACING), [0.0] * NODES
     along = (body for body in sight.bodies if abs(body.across) < CROSSES and not _comes_nearer(body))
-    return [body for body in along if _met(sight.nodes, times, path, body) is not None]
-
-
-def _target(body: Body, gap: float, time: float) -> Target:
-    """Return a body in the way, met after a time [s], as a target."""
-    return Target(gap, body.along, foreseen=time > 0.0 and abs(body.across) > CROSSES)
+    return [body for body in along if first_met(sight.nodes, times, path, body) is not None]
 
 
 def _comes_nearer(body: Body) -> bool:

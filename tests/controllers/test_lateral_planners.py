@@ -243,29 +243,26 @@ def test_times_along_the_nodes() -> None:
 
 @given(
     slope=st.floats(-0.35, 0.35),
-    ahead=st.floats(-CAR.rear_overhang, CAR.rear_axle_to_bumper),
-    away=st.floats(0.0, 3.0),
+    place=st.floats(20.0, 40.0),
+    away=st.floats(-0.5, 3.0),
     left=st.booleans(),
 )
 def test_a_car_that_leaves_its_path_obliquely_is_as_near_as_its_polygon(
-    slope: float, ahead: float, away: float, left: bool
+    slope: float, place: float, away: float, left: bool
 ) -> None:
-    """The nearest of the car's places along the way, a metre apart or less, to a post beside the way."""
-    nodes, side = nodes_of(road(0.0)), 1.0 if left else -1.0
+    """At each node at which a post that stands beside the way is beside the car's flank."""
+    nodes, side, turn = nodes_of(road(0.0)), 1.0 if left else -1.0, math.atan(slope)
     offsets = slope * (nodes.stations - 30.0)
-    post = Place(30.0 + ahead, slope * ahead + side * (0.5 * CAR.width + away) / math.cos(math.atan(slope)))
+    post = Place(place, slope * (place - 30.0) + side * (0.5 * CAR.width + away) / math.cos(turn))
     body = Body(np.array([post.x]), np.array([post.y]), 0.0, 0.0, 0.0, 1.0)
-    times = times_at((5.0,) * COUNT, SPACING)
-    found = min(clearances(nodes, times, offsets.tolist(), body, KEEPS._replace(lengthwise=0.0)))
-    turn = math.atan(slope)
+    found = clearances(nodes, times_at((5.0,) * COUNT, SPACING), offsets.tolist(), body, KEEPS)
     middle = CAR.rear_axle_to_bumper - 0.5 * CAR.length
-    nearest = min(
-        Polygon(
-            Box(s + middle * math.cos(turn), d + middle * math.sin(turn), turn, CAR.length, CAR.width).corners()
-        ).distance(post)
-        for s, d in zip(nodes.stations.tolist(), offsets.tolist(), strict=True)
-    )
-    assert found == pytest.approx(nearest, abs=0.06 + 0.07 * nearest)
+    for s, d, clear in zip(nodes.stations.tolist(), offsets.tolist(), found, strict=True):
+        along = (post.x - s) * math.cos(turn) + (post.y - d) * math.sin(turn)
+        if all(-CAR.rear_overhang < ahead < CAR.rear_axle_to_bumper for ahead in (place - s, along)):
+            x, y = s + middle * math.cos(turn), d + middle * math.sin(turn)
+            nearest = Polygon(Box(x, y, turn, CAR.length, CAR.width).corners()).distance(post)
+            assert max(clear, 0.0) == pytest.approx(nearest, abs=0.06 + 0.07 * nearest)
 
 
 def test_room_beside_one_who_crosses_is_where_he_will_be() -> None:

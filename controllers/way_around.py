@@ -1,0 +1,141 @@
+"""The way around that a car takes: its nodes, its curve, its speeds, and who is in it.
+
+It must not know why the way was taken, nor what is done about who is in it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from vve_sumo.path import PathProjection, ReferencePath
+from vve_sumo.values import CommandedPath, Vehicle
+
+from .free_space import Margins, Nodes, clearances
+from .lateral_plan import LateralPlan, times_at
+from .outlines import Body
+from .speed import Profile, SpeedProfile
+from .tracks import MARGIN, Target
+
+SPACING: Final = 1.5  #: between nodes [m]
+NODES: Final = 64  #: of a way: it leads 95 m ahead
+#: lateral, of an urgent way: of the gateway's 3.0 m/s2 and 5.0 m/s3 a share is left to the steering law
+URGENT_ACCELERATION, URGENT_JERK = 2.8, 4.6
+CONTACT: Final = Margins(MARGIN, 0.3, 0.0, 1.0)  #: what comes nearer than this is in the way
+NEAR: Final = 0.5  #: who is nearer than this to a way in comfort is braked for [m]
+CROSSES: Final = 0.5  #: who is faster across the path crosses it: he will be gone [m/s]
+HORIZON: Final = 3.0  #: what is farther ahead than this is braked for in comfort [s]
+
+
+class WayAround(NamedTuple):
+    """A way around; its nodes lie at whole multiples of SPACING along the scenario's path."""
+
+    first: int  #: number of the first node
+    offsets: tuple[float, ...]  #: [m]
+    times: tuple[float, ...]  #: at which the car is at the nodes if it takes the planned speeds [s]
+    path: ReferencePath
+    profile: Profile
+    commanded: CommandedPath
+    urgent: bool
+
+    @classmethod
+    def laid(
+        cls, path: ReferencePath, first: int, plan: LateralPlan, usual: Sequence[float], lateral: float, urgent: bool
+    ) -> WayAround:
+        """Lay a plan from a node of a path on.
+
+        `usual` are the speeds [m/s] at the nodes of a car that has nothing in its way, `lateral` is the acceleration
+        [m/s2] that bends allow in comfort.
+        """
+        x, y = [], []
+        for node, offset in enumerate(plan.offsets):
+            point = path.at(SPACING * (first + node))
+            x.append(point.x - offset * math.sin(point.heading))
+            y.append(point.y + offset * math.cos(point.heading))
+        way = ReferencePath.from_points(x, y, rounds=0)
+        profile = SpeedProfile(way, max(URGENT_ACCELERATION if urgent else lateral, lateral) * 1.1)
+        speeds = [min(v, profile.at(SPACING * node)[0]) for node, v in enumerate(plan.speeds)]
+        kept: Profile = profile
+        if not urgent and any(planned < open_road - 0.1 for planned, open_road in zip(plan.speeds, usual, strict=True)):
+            kept = _Kept(profile, tuple(speed * speed for speed in plan.speeds))
+        commanded = CommandedPath(tuple(x), tuple(y), tuple(speeds))
+        return cls(first, plan.offsets, tuple(times_at(plan.speeds, SPACING)), way, kept, commanded, urgent)
+
+    def commanded_from(self, node: int) -> CommandedPath:
+        """Return the way from a node on: a command begins at the car, which goes on while the next way is planned."""
+        behind = min(max(node - self.first, 0), len(self.offsets) - 2)
+        x, y, speed = self.commanded.x, self.commanded.y, self.commanded.speed
+        return CommandedPath(x[behind:], y[behind:], speed[behind:])
+
+    def ahead(self, first: int) -> tuple[list[float], list[float]]:
+        """Return the offsets [m] and the commanded speeds [m/s] at NODES nodes from a number on."""
+        last = len(self.offsets) - 1
+        own = [min(max(first + node - self.first, 0), last) for node in range(NODES)]
+        return [self.offsets[node] for node in own], [self.commanded.speed[node] for node in own]
+
+    def offset(self, node: int) -> float:
+        """Return the offset at a node by its number [m]; beyond the end that at the end."""
+        return self.offsets[min(max(node - self.first, 0), len(self.offsets) - 1)]
+
+    def met(
+        self, bodies: Iterable[Body], vehicle: Vehicle, here: PathProjection, speed: float
+    ) -> tuple[Target | None, list[Target]]:
+        """Return the nearest body in the way, and all that a car would meet soon; `here` is its place on the path."""
+        stations = SPACING * (self.first + np.arange(NODES))
+        ahead = stations >= here.s - SPACING
+        nodes = Nodes.of(vehicle, stations[ahead], np.zeros(int(ahead.sum())))
+        offsets = np.array(self.offsets)[ahead].tolist()
+        steady = ((nodes.stations - here.s).clip(min=0.0) / max(speed, 0.5)).tolist()
+        planned = steady if self.urgent else self._planned(here, ahead)
+        bumper, nearest, dangers = here.s + vehicle.rear_axle_to_bumper, None, []
+        for body in bodies:
+            gap = float(body.s.min()) - bumper
+            if float(body.s.max()) < here.s - vehicle.rear_overhang:
+                continue
+            node = first_met(nodes, steady, offsets, body)
+            if node is not None and steady[node] < HORIZON:
+                dangers.append(_target(body, gap, steady[node]))
+            # At its present speed the car may overtake who goes along too late for this way, or never.
+            node = first_met(nodes, planned, offsets, body, 0.0 if self.urgent else NEAR)
+            if node is not None and (nearest is None or gap < nearest.gap):
+                nearest = _target(body, gap, planned[node])
+        return nearest, dangers
+
+    def _planned(self, here: PathProjection, ahead: np.ndarray) -> list[float]:
+        """Return the times from now on to the nodes ahead at the planned speeds [s], 0 for those that are passed."""
+        times = np.array(self.times)
+        now = np.interp(here.s, SPACING * (self.first + np.arange(NODES)), times)
+        planned: list[float] = (times[ahead] - now).clip(min=0.0).tolist()
+        return planned
+
+
+class _Kept(NamedTuple):
+    """The speeds along a way: those that its bends allow, and those that it was planned with."""
+
+    bends: SpeedProfile
+    squares: tuple[float, ...]  #: of planned speeds at the nodes [m2/s2]
+
+    def at(self, s: float) -> tuple[float, float]:
+        """Return the speed [m/s] and the acceleration along the profile [m/s2] at a station [m]."""
+        speed, along = self.bends.at(s)
+        place = min(max(s / SPACING, 0.0), len(self.squares) - 1.001)
+        node = int(place)
+        here, there = self.squares[node], self.squares[node + 1]
+        square = here + (place - node) * (there - here)
+        return (speed, along) if speed * speed <= square else (math.sqrt(square), (there - here) / (2.0 * SPACING))
+
+
+def first_met(
+    nodes: Nodes, times: Sequence[float], offsets: Sequence[float], body: Body, within: float = 0.0
+) -> int | None:
+    """Return the first node at which the car comes `within` a distance [m] of a body on a way, None for nowhere."""
+    away = clearances(nodes, times, offsets, body, CONTACT)
+    return next((node for node, clear in enumerate(away) if clear < within), None)
+
+
+def _target(body: Body, gap: float, time: float) -> Target:
+    """Return a body in the way, met after a time [s], as a target."""
+    return Target(gap, body.along, foreseen=time > 0.0 and abs(body.across) > CROSSES)
