@@ -12,12 +12,12 @@ from . import delay_observers, follow_and_stop
 from .delay_observers import delay_observer, innermost, with_observers
 from .follow_and_stop import FollowAndStop, SteeringLaw, steering_law
 from .preview import PreviewSteering
+from .trim import SteeringTrim
 
 TUNING: dict[str, float | str | bool] = {
     **follow_and_stop.TUNING,
     **delay_observers.TUNING,
     "cdob_time_constant_s": 0.1,
-    "trim_share": 0.05,  #: more of it, which acts beside the observer, takes from the delay that is tolerated
 }
 RANGES: dict[str, tuple[float, float]] = {**follow_and_stop.RANGES, **delay_observers.RANGES}
 
@@ -27,10 +27,14 @@ class DelayTolerant(FollowAndStop):
 
     def __init__(self, vehicle: Vehicle, law: SteeringLaw, tuning: dict[str, float]) -> None:
         super().__init__(vehicle, with_observers(law, vehicle, tuning), tuning)
-        core = innermost(law)
-        self.preview_tuning = core.tuning if isinstance(core, PreviewSteering) else None
-        # For the gain design: of the steering trim, and time constant and washout time [s] of what bears delay.
         self.trim_share, self.delay_observer = tuning["trim_share"], delay_observer(self._law)
+        # The trim acts beside the observer.
+        washout_time = None if self.delay_observer is None else self.delay_observer[1]
+        time, least = tuning["look_ahead_time_s"], tuning["look_ahead_least_m"]
+        self._trim = SteeringTrim(vehicle, self.trim_share, time, least, washout_time)
+        core = innermost(law)
+        # For the gain design, as the share of the trim, and time constant and washout time [s] of what bears delay.
+        self.preview_tuning = core.tuning if isinstance(core, PreviewSteering) else None
 
 
 def make(vehicle: Vehicle, tuning: Tuning) -> DelayTolerant:

@@ -21,6 +21,7 @@ from vve_sumo.values import Vehicle
 from .gain_schedule import Schedule
 from .preview import PreviewTuning
 from .single_track import DAMPING
+from .trim import slow_rate
 
 SPEEDS = (2.2, 4.5, 6.7, 8.9, 11.2, 13.4, 15.6, 17.9, 20.1)  #: 5 to 45 mph in steps of 5 [m/s]
 DEFAULT = PreviewTuning()
@@ -66,12 +67,18 @@ class Region(NamedTuple):
 
 
 def preview_model(
-    vehicle: Vehicle, tuning: Schedule, speed: float, trim_share: float = TRIM_SHARE, yaw_rate_lag: float = 0.0
+    vehicle: Vehicle,
+    tuning: Schedule,
+    speed: float,
+    trim_share: float = TRIM_SHARE,
+    yaw_rate_lag: float = 0.0,
+    washout_time: float | None = None,
 ) -> tuple[Floats, Floats, Floats]:
     """A (6, 6), B (6, 1) and K (1, 6) of the single track under a steering request that the law answers with -K x.
 
     x = [lateral velocity of the mass centre, yaw rate, heading error, offset of the rear axle, its integral,
     road-wheel angle]. With a `yaw_rate_lag` [s] there is a seventh state, the smoothed yaw rate that the law is given.
+    A `washout_time` [s] is that of an observer around the law: the trim is the slower for it.
     """
     cf, cr = vehicle.cornering_stiffness_front, vehicle.cornering_stiffness_rear
     lf, lr = vehicle.front_axle_to_mass, vehicle.wheelbase - vehicle.front_axle_to_mass
@@ -86,6 +93,8 @@ def preview_model(
     a[5, 5] = -1.0 / lag
     look_ahead, kp, kd = tuning.at(vehicle, v)
     trim = trim_share * 2.0 * vehicle.wheelbase / look_ahead**3 * v
+    if washout_time is not None:
+        trim = min(trim, slow_rate(vehicle, trim_share, washout_time, v) * v)
     k = [[0.0, kd * look_ahead, kp * look_ahead + kd * v, kp, trim, 0.0]]
     b = np.array([[0.0]] * 5 + [[1.0 / lag]])
     return _smoothed(a, b, np.array(k), yaw_rate_lag) if yaw_rate_lag > 0.0 else (a, b, np.array(k))
@@ -119,13 +128,15 @@ def delayed_loop(
     """Return the loop of the preview steering, opened where more delay would come in, at complex frequencies [rad/s].
 
     Without an observer that is L_true + L_trim, of law and trim. An observer's model is the declared `vehicle`, `true`
-    is the car that drives: more delay then acts on L_true (1 - Q) + L_trim alone, inside a loop L Q that the delay does
-    not touch, the closed form's 1 + L Q + (L_true (1 - Q) + L_trim) e^-Ts = 0. The steering's dead time is exact.
+    is the car that drives: more delay then acts on L_true (1 - Q), inside a loop L Q that the delay does not touch. The
+    trim is beside both, the observer's model knows nothing of it: L_true (1 - Q) / (1 + L Q) + L_trim. The steering's
+    dead time is exact.
     """
     dead_time = np.exp(-vehicle.steering_delay * s)
 
     # The gains are those of the declared car, whatever car drives.
-    gains = preview_model(vehicle, tuning, speed, trim_share, yaw_rate_lag)[2]
+    washout_time = None if observer is None else observer.washout_time
+    gains = preview_model(vehicle, tuning, speed, trim_share, yaw_rate_lag, washout_time)[2]
     learning = np.where(np.arange(gains.size) == TRIM_STATE, gains, 0.0)
 
     def answer(car: Vehicle, gains: Floats) -> Complexes:
@@ -138,7 +149,16 @@ def delayed_loop(
     if observer is None:
         return answer(car, gains)
     q = observer_filter(observer, s)
-    return (answer(car, law) * (1.0 - q) + answer(car, learning)) / (1.0 + answer(vehicle, law) * q)
+    return np.asarray(answer(car, law) * (1.0 - q) / (1.0 + answer(vehicle, law) * q) + answer(car, learning))
+
+
+def is_stable(loop: Complexes, integrators: int) -> bool:
+    """Tell whether a loop is stable once it is closed, by Nyquist's criterion from its frequency response.
+
+    Opened it is stable but for so many `integrators`: then 1 + L turns by a quarter of a turn for each of them.
+    """
+    turned = np.unwrap(np.angle(1.0 + loop))
+    return abs(float(turned[-1] - turned[0]) - 0.5 * math.pi * integrators) < 0.5 * math.pi
 
 
 def swept_margins(frequencies: Floats, loop: Complexes) -> Margins:
@@ -172,13 +192,15 @@ def margins(
     """Margins of the preview loop over speeds [m/s], with an observer where more delay would come in.
 
     `true` is the car that drives where it is another than the declared `vehicle`; `yaw_rate_lag` is that of the
-    smoothing of the yaw rate that the law is given [s].
+    smoothing of the yaw rate that the law is given [s]. A loop that is unstable as it stands has no margin: all are 0.
     """
     rows = []
     for speed in speeds:
         s = FREQUENCIES.astype(np.complex128) * 1j
         loop = delayed_loop(vehicle, tuning, speed, observer, s, true, trim_share, yaw_rate_lag)
-        found = swept_margins(FREQUENCIES, loop)
+        # The car's course and place, and what the trim has learnt.
+        stable = is_stable(loop, 3 if trim_share > 0.0 else 2)
+        found = swept_margins(FREQUENCIES, loop) if stable else Margins(0.0, 0.0, 0.0)
         look_ahead, proportional, _ = tuning.at(vehicle, speed)
         rows.append(SpeedRow(speed, look_ahead, proportional, *found))
     return rows

@@ -12,7 +12,7 @@ from dataclasses import astuple, replace
 import control
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
@@ -159,8 +159,8 @@ def _exponential(matrix):
     return total
 
 
-def answer(part, law, car, step: float, seconds: float) -> np.ndarray:
-    """Offsets of a late car whose law shall keep `step` [m] beside a straight path."""
+def answer(part, law, car, step: float, seconds: float, trim=None) -> np.ndarray:
+    """Offsets of a late car whose law shall keep `step` [m] beside a straight path; a `trim` acts beside the law."""
     deviation = part("deviation")
     path, offsets = STRAIGHT, []
     for layer in part("delay_observers").layers(law):
@@ -170,7 +170,9 @@ def answer(part, law, car, step: float, seconds: float) -> np.ndarray:
         now = car.observation(tick, path)
         pose = now.pose
         offsets.append(pose.y)
-        car.drive(law.steer(deviation.Deviation(pose.x, pose.y, pose.heading, pose.yaw_rate, car.speed, 0.0), now))
+        learnt = 0.0 if trim is None else trim.step(pose.y, car.speed, PERIOD, saturated=False)
+        off = deviation.Deviation(pose.x, pose.y, pose.heading, pose.yaw_rate, car.speed, 0.0)
+        car.drive(law.steer(off, now) + learnt)
     return np.array(offsets)
 
 
@@ -203,6 +205,50 @@ def test_in_time_the_loop_fails_where_the_closed_form_says(part, speed, observer
     limit = predicted(part, speed, observer)
     assert not grows(stepped(part, speed, 0.95 * limit, tau, washout), 0.3)
     assert grows(stepped(part, speed, 1.05 * limit, tau, washout), 0.3)
+
+
+def pushed(part, speed: float, link: float, share: float, washout: float, seconds: float) -> np.ndarray:
+    """Offsets of a late car with a push that a trim of some share learns, beside a law that bears delay."""
+    preview, observers = part("preview"), part("delay_observers")
+    core = preview.PreviewSteering(FUSION, preview.PreviewTuning())
+    law = observers.CommunicationDisturbanceObserver(core, FUSION, 0.1, washout)
+    trim = part("trim").SteeringTrim(FUSION, share, 0.8, 4.0, washout)
+    return answer(part, law, LateCar(FUSION, speed, link, push=0.0005), 0.0, seconds, trim)
+
+
+@pytest.mark.parametrize(("speed", "washout"), [(10.0, 3.0), (6.0, 2.0)])
+def test_the_trim_learns_a_push_beside_the_observer_and_swings_where_the_design_says(part, speed, washout):
+    """By Routh a share of the square root of 2 is the edge; the shipped one is 0.25."""
+    learnt = np.abs(pushed(part, speed, 0.0, 0.25, washout, 80.0))
+    assert learnt.max() > 0.02
+    assert learnt[-500:].max() < 0.1 * learnt.max()
+    for share, swings in ((1.1, False), (1.8, True)):
+        assert grows(pushed(part, speed, 0.0, share, washout, 80.0), 0.0) is swings
+        design, tuning = part("design"), part("preview").PreviewTuning()
+        known = {"trim_share": share, "yaw_rate_lag": 0.08}
+        row = design.margins(FUSION, tuning, (speed,), design.DelayObserver(0.1, washout), **known)[0]
+        assert (row.delay_margin == row.gain_margin_db == row.phase_margin_deg == 0.0) is swings
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("speed", [4.0, 10.0, 16.0])
+def test_with_the_trim_the_loop_fails_where_the_closed_form_says(part, speed):
+    design, tuning = part("design"), part("preview").PreviewTuning()
+    row = design.margins(FUSION, tuning, (speed,), design.DelayObserver(0.1, 3.0), None, 0.25, 0.08)[0]
+    limit = row.delay_margin - 1.5 * PERIOD
+    assert not grows(pushed(part, speed, 0.95 * limit, 0.25, 3.0, 150.0), 0.0)
+    assert grows(pushed(part, speed, 1.05 * limit, 0.25, 3.0, 150.0), 0.0)
+
+
+@given(speed=st.floats(3.0, 20.0), share=st.floats(0.01, 20.0), lag=st.sampled_from([0.0, 0.08, 0.5]))
+def test_nyquist_says_what_the_poles_say(part, speed, share, lag):
+    design, tuning = part("design"), part("preview").PreviewTuning()
+    at_once = replace(FUSION, steering_delay=0.0)
+    a, b, k = design.preview_model(at_once, tuning, speed, share, lag)
+    poles = np.linalg.eigvals(a - b @ k)
+    assume(abs(poles.real.max()) > 1e-3)
+    loop = design.delayed_loop(at_once, tuning, speed, None, 1j * design.FREQUENCIES, None, share, lag)
+    assert design.is_stable(loop, 3) is bool(poles.real.max() < 0.0)
 
 
 @pytest.mark.thorough
@@ -357,15 +403,14 @@ def test_keys_of_the_tuning_wrap_the_law_and_are_declared(tolerant, part):
     assert astuple(both.preview_tuning) == astuple(part("preview").PreviewTuning())
 
 
-@pytest.mark.thorough
-def test_a_flawed_car_keeps_a_wide_bend_behind_a_late_link(make, tolerant):
+@pytest.mark.parametrize("link", [0.0, 0.5])
+def test_a_flawed_car_keeps_a_wide_bend_behind_a_late_link(make, tolerant, link):
     """Steering zero, misalignment and noise of the street's car; 0.5 s of link lead the law alone astray."""
-    path, late = circle(300.0), replace(FUSION, steering_delay=FUSION.steering_delay + 0.5)
-    keys = {"cdob_time_constant_s": 0.1, "cdob_washout_s": 2.0, "trim_share": 0.1}
-    plain = drive(make(), path, 10.0, [], 40.0, vehicle=late, start_speed=10.0)
-    observed = drive(tolerant(**keys), path, 10.0, [], 40.0, vehicle=late, start_speed=10.0)
-    assert np.abs(plain.offset).max() > 1.0
-    # Its zero error, unknown to the model, is the price: the trim takes it out slowly.
-    assert np.abs(observed.offset).max() < 1.5
-    assert np.abs(observed.offset[-500:]).max() < np.abs(observed.offset).max() - 0.2
-    assert np.abs(plain.offset[-500:]).max() > 2.0 * np.abs(observed.offset[-500:]).max()
+    path, late = circle(300.0), replace(FUSION, steering_delay=FUSION.steering_delay + link)
+    observed = drive(tolerant(), path, 10.0, [], 60.0, vehicle=late, start_speed=10.0)
+    # The zero error, unknown to the observer's model, is the price: the trim takes it out slowly.
+    assert np.abs(observed.offset).max() < 1.0
+    assert np.abs(observed.offset[-500:]).max() < 0.1
+    if link > 0.0:
+        plain = drive(make(), path, 10.0, [], 15.0, vehicle=late, start_speed=10.0)
+        assert np.abs(plain.offset).max() > 5.0
