@@ -14,6 +14,7 @@ import multiprocessing
 import os
 import statistics
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -187,16 +188,26 @@ def learn(seconds: float) -> None:
     from stable_baselines3.common.vec_env import SubprocVecEnv, VecMonitor, VecNormalize
 
     class Clock(BaseCallback):  # type: ignore[misc]
-        """Ends the training when the time is over."""
+        """Ends the training when the time is over, and says every minute how far it is."""
 
-        begun = time.monotonic()
+        begun, said = time.monotonic(), 0
 
         def _on_step(self) -> bool:
-            return time.monotonic() - self.begun < seconds
+            spent = time.monotonic() - self.begun
+            if spent > 60.0 * (self.said + 1):
+                self.said += 1
+                print(
+                    f"\r{spent:.0f} of {seconds:.0f} s: {self.num_timesteps} steps", end="", file=sys.stderr, flush=True
+                )
+            return spent < seconds
 
     vector = VecNormalize(VecMonitor(SubprocVecEnv([trained] * 2)), clip_obs=5.0)
-    model = PPO("MlpPolicy", vector, n_steps=256, batch_size=128, gamma=0.99, seed=1, device="cpu", verbose=0)
+    model = PPO(
+        "MlpPolicy", vector, learning_rate=5e-4, n_steps=128, batch_size=64, gamma=0.99, seed=1, device="cpu",
+        policy_kwargs={"log_std_init": -0.7},
+    )  # fmt: skip
     model.learn(10**9, callback=Clock())
+    print(file=sys.stderr)
     judge(model, vector, model.num_timesteps)
     vector.close()
 
