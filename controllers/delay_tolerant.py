@@ -12,7 +12,6 @@ from . import delay_observers, follow_and_stop
 from .delay_observers import delay_observer, innermost, with_observers
 from .follow_and_stop import FollowAndStop, SteeringLaw, steering_law
 from .preview import PreviewSteering
-from .trim import SteeringTrim
 
 TUNING: dict[str, float | str | bool] = {
     **follow_and_stop.TUNING,
@@ -27,14 +26,10 @@ class DelayTolerant(FollowAndStop):
 
     def __init__(self, vehicle: Vehicle, law: SteeringLaw, tuning: dict[str, float]) -> None:
         super().__init__(vehicle, with_observers(law, vehicle, tuning), tuning)
-        self.trim_share, self.delay_observer = tuning["trim_share"], delay_observer(self._law)
-        # The trim acts beside the observer.
-        washout_time = None if self.delay_observer is None else self.delay_observer[1]
-        time, least = tuning["look_ahead_time_s"], tuning["look_ahead_least_m"]
-        self._trim = SteeringTrim(vehicle, self.trim_share, time, least, washout_time)
         core = innermost(law)
-        # For the gain design, as the share of the trim, and time constant and washout time [s] of what bears delay.
         self.preview_tuning = core.tuning if isinstance(core, PreviewSteering) else None
+        # For the gain design: of the steering trim, and time constant and washout time [s] of what bears delay.
+        self.trim_share, self.delay_observer = tuning["trim_share"], delay_observer(self._law)
 
 
 def make(vehicle: Vehicle, tuning: Tuning) -> DelayTolerant:

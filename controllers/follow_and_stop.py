@@ -16,6 +16,7 @@ from vve_sumo.path import PathProjection, ReferencePath
 from vve_sumo.values import CommandedPath, ControlCommand, Observation, Vehicle
 
 from .approach import NOWHERE, Approach, Goal, Standstill
+from .delay_observers import delay_observer
 from .deviation import Deviation, DeviationObserver
 from .emergency import Emergency
 from .give_way import GiveWay
@@ -155,9 +156,9 @@ class FollowAndStop:
         self.preview_tuning = law.tuning if isinstance(law, PreviewSteering) else None
         self._lateral = tuning["lateral_acceleration_m_s2"]
         self._observer = DeviationObserver(vehicle)
-        self._trim = SteeringTrim(
-            vehicle, tuning["trim_share"], tuning["look_ahead_time_s"], tuning["look_ahead_least_m"]
-        )
+        time, least, around = tuning["look_ahead_time_s"], tuning["look_ahead_least_m"], delay_observer(law)
+        washout_time = None if around is None else around[1]
+        self._trim = SteeringTrim(vehicle, tuning["trim_share"], time, least, washout_time)
         self._keeper = SpeedKeeper(vehicle, PERIOD)
         self._tracker = Tracker(vehicle, sense)
         self._stop = RadarStop(tuning["gap_m"], tuning["time_headway_s"])
