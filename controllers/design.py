@@ -155,10 +155,11 @@ def delayed_loop(
 def is_stable(loop: Complexes, integrators: int) -> bool:
     """Tell whether a loop is stable once it is closed, by Nyquist's criterion from its frequency response.
 
-    Opened it is stable but for so many `integrators`: then 1 + L turns by a quarter of a turn for each of them.
+    Opened it is stable but for so many `integrators`: then 1 + L turns by a quarter of a turn for each of them, and by
+    half a turn less for each unstable pole. One integrator may act below the least frequency alone.
     """
     turned = np.unwrap(np.angle(1.0 + loop))
-    return abs(float(turned[-1] - turned[0]) - 0.5 * math.pi * integrators) < 0.5 * math.pi
+    return float(turned[-1] - turned[0]) > 0.5 * math.pi * (integrators - 1.5)
 
 
 def swept_margins(frequencies: Floats, loop: Complexes) -> Margins:
