@@ -134,7 +134,7 @@ class Following:
 
     def __init__(self, action: KeptDistance, reach: tuple[float, float]) -> None:
         """`reach`: how far the actor's box goes back (negative) and forward of its reference point [m]."""
-        self._action, self._reach = action, reach
+        self._action, self._reach, self._side = action, reach, action.side
 
     @property
     def other(self) -> str:
@@ -149,11 +149,13 @@ class Following:
     def missing(self, s: float, other: Body, other_s: float, turned: float, speed: float) -> float:
         """Return how far along its line the actor is behind where it shall be [m]."""
         action = self._action
+        if self._side == "any":
+            self._side = "ahead" if s >= other_s else "behind"
         gap = action.gap_m if action.gap_m is not None else (action.headway_s or 0.0) * speed
         back, front = _reach_along(other, turned) if action.freespace else (0.0, 0.0)
         own_back, own_front = self._reach if action.freespace else (0.0, 0.0)
         wanted = other_s + back - gap - own_front
-        if action.side == "ahead":
+        if self._side == "ahead":
             wanted = other_s + front + gap - own_back
         return wanted - s
 
