@@ -23,14 +23,14 @@ from vve_sumo.bridges.openscenario.actions import (
 )
 from vve_sumo.bridges.openscenario.document import Document
 from vve_sumo.bridges.openscenario.entities import Entity, read_entities
-from vve_sumo.bridges.openscenario.lines import Track, track_of, trajectory_track
+from vve_sumo.bridges.openscenario.lines import ACROSS, Track, track_of, trajectory_track
 from vve_sumo.bridges.openscenario.parameters import Scope
 from vve_sumo.bridges.openscenario.places import Line, Places, Spot
 from vve_sumo.bridges.openscenario.road_map import Pose2, RoadMap
 from vve_sumo.bridges.openscenario.routes import Route
 from vve_sumo.bridges.openscenario.storyboard import Storyboard
 from vve_sumo.bridges.openscenario.triggers import Context, Groups
-from vve_sumo.bridges.scenario_import.lines import LineFiles, Points, reference
+from vve_sumo.bridges.scenario_import.lines import LineFiles, Points, reference, straight
 from vve_sumo.bridges.scenario_import.not_taken import NotTakenError, Problems
 from vve_sumo.bridges.scenario_import.workspace_files import LOT
 from vve_sumo.bridges.scenario_import.xml_tree import Element
@@ -44,6 +44,8 @@ LONGEST: Final = 180.0
 MARGIN: Final = 10.0
 #: how long the ego may stand before the drive is over, where a stop trigger ends it otherwise [s]
 REST: Final = 30.0
+#: who stands faces its lane's way where it is stated no farther from it than this [rad]
+FACING: Final = 1e-3
 #: the ego's speeds [m/s]: slower it begins from rest, faster none is driven
 SLOWEST, FASTEST = 1.0, 40.0
 
@@ -60,8 +62,8 @@ class Imported:
     numbers: dict[str, float] = field(default_factory=dict)  #: the file's parameters that are numbers
 
 
-def roads_of(document: Document) -> RoadMap:
-    """Return the roads of a scenario; raises ConfigError naming the element where there are none."""
+def roads_file(document: Document) -> Path:
+    """Return the file of a scenario's roads; raises ConfigError naming the element where there is none."""
     logic = document.root.child("RoadNetwork", "LogicFile")
     if logic is None:
         raise ConfigError(f"{document.root.where}: expected a RoadNetwork with a LogicFile")
@@ -71,7 +73,7 @@ def roads_of(document: Document) -> RoadMap:
         raise ConfigError(str(error)) from None
     if not file.is_file():
         raise ConfigError(f"{logic.where}: {file} does not exist")
-    return RoadMap(file)
+    return file
 
 
 def read_scenario(
@@ -89,7 +91,7 @@ def read_scenario(
     """
     document = Document(file, given or {})
     try:
-        return _Reader(document, name, ego, roads or roads_of(document)).read()
+        return _Reader(document, name, ego, roads or RoadMap(roads_file(document))).read()
     except NotTakenError as error:
         # What stands outside of all that can be left out.
         raise ConfigError(str(error)) from None
@@ -291,6 +293,8 @@ class _Reader:
                     continue
                 action = read_action(kind, scope, name, self._stage)
             except NotTakenError as error:
+                if kind.tag == "SpeedAction" and name == self._ego.name:
+                    self._refuse(error)  # such as one backwards: without a speed there is no ego
                 self._problems.add(error)
                 continue
             if action is not None:
@@ -388,6 +392,9 @@ class _Reader:
 
     def _actor(self, entity: Entity, track: Track, story: list[Action]) -> dict[str, Any]:
         actions = self._first.get(entity.name, []) + story
+        stands = not self._stage.speeds.get(entity.name) and all("leaves" in action for action in actions)
+        if stands and entity.name in self._stage.places.entities:
+            track = self._standing(entity, track, self._stage.places.entities[entity.name].pose)
         table: dict[str, Any] = {
             "id": entity.id,
             "kind": entity.kind,
@@ -402,6 +409,15 @@ class _Reader:
             table["speed_mps"] = speed
         table["story"] = {"reference_m": entity.reference, "actions": actions}
         return table
+
+    def _standing(self, entity: Entity, track: Track, pose: Pose2) -> Track:
+        """Return the track of an entity that never moves: it faces as the file says, whatever its lane does."""
+        line = reference(track.points, entity.element).at(track.station)
+        if abs(math.remainder(pose.heading - line.heading, math.tau)) < FACING:
+            return track
+        points = straight(pose.x, pose.y, pose.heading, ACROSS)
+        path = self._stage.files.named(f"{entity.id}_stands", points)
+        return replace(track, path=path, points=points, station=0.0, offset=0.0)
 
 
 def _beside(track: Track, of: Element) -> Points:
