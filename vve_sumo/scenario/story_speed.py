@@ -202,7 +202,8 @@ class Arriving:
             return Moved(speed * dt, speed, False)
         left = meeting.ego_at_m - scene.path.project(ego.x, ego.y).s
         if left <= 0.0:
-            return Moved(speed * dt, speed, True)
+            arrived = speed if meeting.speed_mps is None else meeting.speed_mps
+            return Moved(speed * dt, arrived, True)
         if ego.speed < WAITING_SPEED:
             return Moved(speed * dt, speed, False)
         # The ego is where it is at the end of the tick, the actor where it was at its beginning.

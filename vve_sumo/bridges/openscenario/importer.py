@@ -170,14 +170,14 @@ class _Reader:
         return set(self._entities) if any(name.startswith("$") for name in named) else found | named
 
     def _of_story_at_once(self) -> list[_Start]:
-        """Return what says where the ego goes, of events that begin with the drive."""
+        """Return what says where entities go, of events that begin with the drive."""
 
         def nowhere(position: Element, scope: Scope) -> tuple[float, float]:
             raise NotTakenError(position, "no place is known before the start")
 
         context = Context(self._stage.ids, nowhere, {}, {}, {})
         board = Storyboard(self._document, self._stage, context, Problems())
-        begun = [_Start(self._ego.name, kind, scope) for kind, scope in board.at_once(self._ego.name)]
+        begun = [_Start(name, kind, scope) for name in self._entities for kind, scope in board.at_once(name)]
         self._stage.begun = {id(one.kind) for one in begun}
         return begun
 

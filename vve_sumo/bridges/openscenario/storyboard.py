@@ -78,14 +78,16 @@ class Storyboard:
     def at_once(self, who: str) -> Iterator[tuple[Element, Scope]]:
         """Yield what says where an entity goes, and begins as the drive does: part of the start as much as Init is."""
         for event in self._events:
-            kinds = [kind_of(one.children[0]) for one in event.actions if one.child("PrivateAction") is not None]
-            if who not in event.actors or not any(kind.tag in PATHS for kind in kinds):
+            if who not in event.actors:
                 continue
             try:
-                begins = self._triggers(event) == ([], [])
+                private = [one for one in event.actions if one.child("PrivateAction") is not None]
+                kinds = [kind for one in private if (kind := kind_of(one.children[0])).tag in PATHS]
+                begins = bool(kinds) and self._triggers(event) == ([], [])
             except NotTakenError:
                 continue
-            yield from ((kind, event.scope) for kind in kinds if begins and kind.tag in PATHS)
+            timed = [kind for kind in kinds if kind.child("TimeReference", "Timing") is not None]
+            yield from ((kind, event.scope) for kind in kinds if begins and not timed)
 
     def compile(self) -> Groups:
         """Fill `stories` and return the groups of the trigger that ends the drive; [] where nothing ends it."""
