@@ -160,8 +160,15 @@ class Meeting(Table):
     ego_at_m: Finite = Field(description="where the ego's rear axle is then, along its path")
     at_m: NotNegative = Field(description="where the actor's reference point is then, along the actor's path")
     speed_mps: Speed | None = Field(default=None, description="of the actor then; left out: any")
+    relative_mps: Finite | None = Field(default=None, description="instead: of the actor then, more than the ego's")
     steady_m: NotNegative = Field(default=0.0, description="last part of the way, along which it has that speed")
     steady_s: NotNegative = Field(default=0.0, description="instead: last part of the time")
+
+    @model_validator(mode="after")
+    def _one_speed(self) -> Self:
+        if self.speed_mps is not None and self.relative_mps is not None:
+            raise ValueError("expected one of speed_mps and relative_mps")
+        return self
 
 
 class TimedPlace(Table):
@@ -214,7 +221,7 @@ class StoryAction(Table):
     until: Groups = Field(
         default=(),
         strict=False,
-        description="a trigger that ends it, and after which it does not begin, looked at from the start of the drive",
+        description="a trigger that ends it, and after which it does not begin; looked at from the start on",
     )
     times: int = Field(default=1, ge=1, le=1000, description="how often it is done: once it is over it waits again")
     ends: tuple[Name, ...] = Field(

@@ -202,17 +202,20 @@ class Arriving:
             return Moved(speed * dt, speed, False)
         left = meeting.ego_at_m - scene.path.project(ego.x, ego.y).s
         if left <= 0.0:
-            arrived = speed if meeting.speed_mps is None else meeting.speed_mps
-            return Moved(speed * dt, arrived, True)
+            wanted = self._wanted(ego.speed)
+            return Moved(speed * dt, speed if wanted is None else wanted, True)
         if ego.speed < WAITING_SPEED:
             return Moved(speed * dt, speed, False)
         # The ego is where it is at the end of the tick, the actor where it was at its beginning.
         due = left / ego.speed + dt
-        now = max(speed + self._acceleration(due, meeting.at_m - s, speed) * dt, 0.0)
+        now = max(speed + self._acceleration(due, meeting.at_m - s, speed, self._wanted(ego.speed)) * dt, 0.0)
         return Moved(0.5 * (speed + now) * dt, now, False)
 
-    def _acceleration(self, due: float, way: float, speed: float) -> float:
-        wanted = self._meeting.speed_mps
+    def _wanted(self, of_ego: float) -> float | None:
+        meeting = self._meeting
+        return meeting.speed_mps if meeting.relative_mps is None else max(of_ego + meeting.relative_mps, 0.0)
+
+    def _acceleration(self, due: float, way: float, speed: float, wanted: float | None) -> float:
         if wanted is None:
             return 3.0 * (way / due - speed) / due if due > MEETING_TIME else 0.0
         steady = self._meeting.steady_m / wanted if wanted > 0.0 else 0.0

@@ -147,6 +147,30 @@ def test_the_state_of_an_action_is_known_by_its_name(tmp_path: Path) -> None:
     assert first(moments, 7.0) == pytest.approx(3.0, abs=4 * PERIOD)
 
 
+def test_of_two_elements_with_one_name_that_of_the_same_manoeuvre_is_meant(tmp_path: Path) -> None:
+    def manoeuvre(began: str, speed: str) -> str:
+        change = event("one", speed_action("linear", "time", "1", speed), after(began))
+        return change + event(f"two{speed}", step("7"), state("event", "one", "endTransition"))
+
+    text = scenario(f'{manoeuvre("1", "12")}</Maneuver><Maneuver name="n">{manoeuvre("4", "15")}')
+    moments = played(imported(tmp_path, text), 6.0)
+    assert speeds(moments, 2.5, 3.9, 4.9, 5.5) == pytest.approx([7.0, 7.0, 14.2, 7.0], abs=0.3)
+
+
+def test_a_meeting_may_have_a_speed_that_counts_from_the_egos(tmp_path: Path) -> None:
+    def place(s: str) -> str:
+        return f'<LanePosition roadId="0" laneId="-1" s="{s}"/>'
+
+    meet = f"""<PrivateAction><SynchronizeAction masterEntityRef="Ego">
+    <TargetPositionMaster>{place("220")}</TargetPositionMaster><TargetPosition>{place("230")}</TargetPosition>
+    <FinalSpeed><RelativeSpeedToMaster value="-5" speedTargetValueType="delta"/></FinalSpeed></SynchronizeAction>
+    </PrivateAction>"""
+    moments = played(imported(tmp_path, scenario(event("e", meet, after("0")))), 11.0)
+    at = moments[round(10.0 / PERIOD)].actors["Other"]
+    assert at.x - 1.5 == pytest.approx(230.0, abs=0.2)
+    assert speeds(moments, 11.0) == pytest.approx([20.0 - 5.0])
+
+
 def test_a_name_that_two_elements_have_says_nothing(tmp_path: Path) -> None:
     events = event("one", FASTER, after("1")) + event("one", step("5"), after("2"))
     events += event("two", step("7"), state("event", "one", "endTransition"))

@@ -307,9 +307,12 @@ def _synchronize(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
     final = of.child("FinalSpeed")
     if final is not None and final.children:
         absolute = final.children[0]
-        if absolute.tag != "AbsoluteSpeed":
-            raise NotTakenError(absolute, "expected an AbsoluteSpeed")
-        meets["speed_mps"] = scope.number(absolute, "value")
+        if absolute.tag not in ("AbsoluteSpeed", "RelativeSpeedToMaster"):
+            raise NotTakenError(absolute, "expected an AbsoluteSpeed or a RelativeSpeedToMaster")
+        relative = absolute.tag == "RelativeSpeedToMaster"
+        if relative and scope.text(absolute, "speedTargetValueType", "delta") != "delta":
+            raise NotTakenError(absolute, "speedTargetValueType: expected delta")
+        meets["relative_mps" if relative else "speed_mps"] = scope.number(absolute, "value")
         for tag, name, key in (
             ("TargetDistanceSteadyState", "distance", "steady_m"),
             ("TargetTimeSteadyState", "time", "steady_s"),

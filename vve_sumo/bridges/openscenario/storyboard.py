@@ -119,11 +119,11 @@ class Storyboard:
             whole = self._state("story", story)
             whole.begins([])
             for act in story.all("Act"):
-                act_state = self._state("act", act)
+                act_state = self._state("act", act, whole)
                 if _is_stopped(act):
                     act_state.stop = whole.stop = None
                 for group in act.all("ManeuverGroup"):
-                    group_state = self._state("maneuverGroup", group)
+                    group_state = self._state("maneuverGroup", group, act_state, whole)
                     try:
                         found = list(self._maneuvers(group, in_story))
                     except NotTakenError as error:
@@ -133,17 +133,16 @@ class Storyboard:
                         continue
                     for maneuver, scope in found:
                         number += 1
-                        outer = [self._state("maneuver", maneuver), group_state, act_state, whole]
+                        outer = [group_state, act_state, whole]
+                        outer = [self._state("maneuver", maneuver, *outer), *outer]
                         for event in maneuver.all("Event"):
-                            states = [self._state("event", event), *outer]
+                            states = [self._state("event", event, *outer), *outer]
                             actors = self._actors(group, in_story)
                             yield Event(event, scope, act, in_story, actors, number, states)
 
-    def _state(self, kind: str, element: Element) -> ElementState:
-        key, state = (kind, element.attributes.get("name", "")), ElementState()
-        if key in self._context.elements:
-            self._context.twice.add(key)
-        self._context.elements[key] = state
+    def _state(self, kind: str, element: Element, *outer: ElementState) -> ElementState:
+        state = ElementState(outer=outer)
+        self._context.elements.setdefault((kind, element.attributes.get("name", "")), []).append(state)
         return state
 
     def _maneuvers(self, group: Element, scope: Scope) -> Iterator[tuple[Element, Scope]]:
@@ -189,7 +188,7 @@ class Storyboard:
         """Return the state of an action, one for all of the event's actors; it is known from the first of them on."""
         known = event.of_actions.get(id(action))
         if known is None:
-            known = event.of_actions[id(action)] = self._state("action", action)
+            known = event.of_actions[id(action)] = self._state("action", action, *event.states)
         return known
 
     def _repeats(self, event: Event) -> None:
@@ -221,6 +220,7 @@ class Storyboard:
         return self._stops[id(act)]
 
     def _triggers(self, event: Event) -> tuple[Groups | None, Groups | None]:
+        self._context.within = event.states
         armed = self._act(event)
         return armed, None if armed is None else compiled(
             event.element.child("StartTrigger"), event.scope, self._context
@@ -337,6 +337,7 @@ class Storyboard:
     def _stop(self) -> Groups:
         board = self._document.root.child("Storyboard")
         trigger = None if board is None else board.child("StopTrigger")
+        self._context.within = ()
         groups: Groups = []
         for one in [] if trigger is None else trigger.all("ConditionGroup"):
             alone = Element("StopTrigger", {}, one.file, one.line, [one])

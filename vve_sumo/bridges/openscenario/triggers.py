@@ -6,7 +6,7 @@ what it is handed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -48,6 +48,7 @@ class ElementState:
     stop: Groups | None = field(default_factory=list)  #: that stops its act; None where that has not been found
     unknown: str = ""  #: why nobody knows when it ends; empty where it is known
     repeats: bool = False  #: whether something in it is done several times
+    outer: tuple[ElementState, ...] = ()  #: what it is in
 
     def begins(self, start: Groups | None) -> None:
         """Take down when it begins."""
@@ -60,10 +61,23 @@ class Context:
 
     ids: Mapping[str, str]  #: of entities, by their names
     place: Callable[[Element, Scope], tuple[float, float]]  #: of a <Position>: station and offset on the ego's path
-    elements: dict[tuple[str, str], ElementState]  #: of the storyboard, by type and name
-    twice: set[tuple[str, str]] = field(default_factory=set, init=False)  #: of them, those that several elements have
+    elements: dict[tuple[str, str], list[ElementState]]  #: of the storyboard, by type and name
     variables: dict[str, list[tuple[str, Groups | None]]]  #: values that events set, with their triggers
     initial: Mapping[str, str]  #: values of variables at the start
+    within: Sequence[ElementState] = ()  #: what the condition that is read is in
+
+    def element(self, kind: str, name: str) -> ElementState | None:
+        """Return what a condition means by a name: of several the one that it has most in common with, None for none.
+
+        Raises ValueError where two are as near.
+        """
+        found = self.elements.get((kind, name), [])
+        if len(found) < 2:
+            return found[0] if found else None
+        near = [sum(any(one is other for other in self.within) for one in (state, *state.outer)) for state in found]
+        if near.count(max(near)) > 1:
+            raise ValueError(f"several elements {kind} {name!r} are in the storyboard")
+        return found[near.index(max(near))]
 
 
 def compiled(trigger: Element | None, scope: Scope, context: Context) -> Groups | None:
@@ -184,12 +198,13 @@ def latched(of: Element, trigger: Groups, delay: float = 0.0) -> Groups:
 def _state(of: Element, scope: Scope, context: Context, edge: str, delay: float) -> Groups | None:
     kind, state = scope.text(of, "storyboardElementType"), scope.text(of, "state")
     name = scope.text(of, "storyboardElementRef").rpartition("::")[2].rpartition("/")[2]
-    known = context.elements.get((kind, name))
+    try:
+        known = context.element(kind, name)
+    except ValueError as error:
+        raise NotTakenError(of, str(error)) from None
     if known is None or state not in STATES:
         what = f"no {kind} {name!r} in the storyboard" if known is None else f"the state {state!r} is not taken"
         raise NotTakenError(of, what)
-    if (kind, name) in context.twice:
-        raise NotTakenError(of, f"several elements {kind} {name!r} are in the storyboard")
     if known.start is None:
         return None
     wanted = STATES[state]
