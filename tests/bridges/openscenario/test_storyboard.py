@@ -228,6 +228,17 @@ def test_an_offset_counts_from_that_of_the_ego(tmp_path: Path) -> None:
     assert played(imported(tmp_path, text), 6.0)[-1].actors["Other"].y == pytest.approx(-1.75 + 0.3 + 0.5, abs=1e-3)
 
 
+def test_an_offset_at_the_start_lasts_until_the_action_changes_it(tmp_path: Path) -> None:
+    text = scenario(event("e", OFFSET.format("0"), after("1"))).replace(
+        'laneId="-1" s="100"', 'laneId="-1" s="100" offset="3.5"'
+    )
+    moments = played(imported(tmp_path, text), 6.0)
+    # Over the time T the sinusoidal shape has the greatest lateral acceleration pi^2 / 2 of the change over T^2.
+    over = math.sqrt(0.5 * math.pi**2 * 3.5 / 2.0)
+    states = [moments[round(time / PERIOD)].actors["Other"] for time in (0.5, 1.0 + 0.5 * over, 1.1 + over)]
+    assert [state.y - 1.5 * math.sin(state.heading) for state in states] == pytest.approx([1.75, 0.0, -1.75], abs=0.1)
+
+
 def distance(more: str, limits: str = "") -> str:
     return f"""<PrivateAction><LongitudinalAction><LongitudinalDistanceAction entityRef="Ego" freespace="false"
     continuous="true" distance="30" displacement="any" {more}>{limits}</LongitudinalDistanceAction></LongitudinalAction>

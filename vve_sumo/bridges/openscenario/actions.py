@@ -256,7 +256,7 @@ def _lane_offset(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
         # The greatest lateral acceleration is the one that is stated: pi^2 / 2 or 6 of change over time squared.
         factor = 6.0 if shape == "cubic" else 0.5 * math.pi**2
         line |= {"shape": shape, "over_s": math.sqrt(factor * change / scope.number(dynamics, "maxLateralAcc"))}
-    track.offset = target
+    stage.tracks[who] = replace(track, offset=target)
     return {"line": line}
 
 

@@ -24,7 +24,7 @@ ACROSS: Final = 30.0
 LONGEST: Final = 4000.0
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Track:
     """Where an entity moves at a stage of the story."""
 
