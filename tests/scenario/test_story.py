@@ -105,6 +105,7 @@ def test_what_says_too_much_or_too_little_is_refused(
     [
         ({"name": "a", "when": [[{"of": "nobody", "speed_mps": 1.0}]]}, "no actor 'nobody', expected b or ego"),
         ({"name": "a", "when": [[{"actions": ["b.c"]}]]}, "no action 'b.c', expected b.a"),
+        ({"name": "a", "until": [[{"actions": ["b.c"]}]]}, "no action 'b.c', expected b.a"),
         ({"name": "a", "ends": ["c.a"]}, "no action 'c.a'"),
         ({"name": "a", "keeps": {"to": "c", "gap_m": 1.0, "side": "ahead"}}, "no actor 'c'"),
     ],

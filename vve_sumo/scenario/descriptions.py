@@ -114,13 +114,15 @@ def story_action(action: StoryAction) -> str:
     if action.profile:
         parts.append(f"changes its speed piece by piece to {action.profile[-1].speed_mps:g} m/s")
     if action.keeps is not None:
-        parts.append(f"takes up a distance {action.keeps.side} {action.keeps.to}")
+        side = "on either side of" if action.keeps.side == "any" else action.keeps.side
+        parts.append(f"takes up a distance {side} {action.keeps.to}")
     if action.meets is not None:
         parts.append("arrives when the ego arrives")
     if action.line is not None:
         path = "" if action.line.path is None else f"the path {action.line.path}, "
         parts.append(f"goes over to {path}{action.line.offset_m:g} m beside it, {action.line.shape}")
-    return ", ".join([*parts, *(["leaves"] if action.leaves else [])]) or "does nothing"
+    often = f", up to {action.times} times" if action.times > 1 else ""
+    return (", ".join([*parts, *(["leaves"] if action.leaves else [])]) or "does nothing") + often
 
 
 def beside(offset: float) -> str:

@@ -77,7 +77,9 @@ def _check_stories(scenario: Scenario, file: Path) -> None:
     for actor, actions in stories.items():
         for one in actions:
             bound = (one.keeps.to if one.keeps else None, one.speed.of if one.speed else None)
-            named.append((f"actors.{actor}.story.actions.{one.name}", (*one.armed, *one.when), bound, one.ends))
+            named.append(
+                (f"actors.{actor}.story.actions.{one.name}", (*one.armed, *one.when, *one.until), bound, one.ends)
+            )
     for where, groups, others, ends in named:
         conditions = [condition for group in groups for condition in group]
         asked = [name for condition in conditions for name in (condition.of, condition.to)]

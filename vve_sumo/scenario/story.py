@@ -41,16 +41,30 @@ class RunningAction:
         self.action, self.name = action, f"{actor}.{action.name}"
         self._armed: TriggerMonitor | None = TriggerMonitor(action.armed) if action.armed else None
         self._when = TriggerMonitor(action.when)
-        self.state = ""  #: empty while it waits
+        self._until: TriggerMonitor | None = TriggerMonitor(action.until) if action.until else None
+        self._left = action.times
+        self.state = ""  #: empty before it begins for the first time
         self.parts: set[str] = set()  #: of it that run: "speed", "line"
 
     def due(self, scene: Scene) -> bool:
-        """Return whether its triggers fire at a tick; call it at every tick while it waits."""
+        """Return whether it begins at a tick; call it at every tick. One that runs does not begin again."""
+        if not self._left:
+            return False
         if self._armed is not None:
             if not self._armed.step(scene):
                 return False
             self._armed = None
-        return self._when.step(scene)
+        # The trigger of one that runs is stepped, too: what rises meanwhile does not rise once it is over.
+        fires = self._when.step(scene) and self.state != "running"
+        self._left -= fires
+        return fires
+
+    def stopped(self, scene: Scene) -> bool:
+        """Return whether it is stopped for good at a tick; call it at every tick."""
+        if self._until is None or not self._until.step(scene):
+            return False
+        self._left, self._until = 0, None
+        return True
 
     def done(self, part: str) -> None:
         """Take note that a part of it is over."""
@@ -146,10 +160,11 @@ class StoryActor:
         return self._s < line.until_m - AT_END
 
     def begin_due(self, scene: Scene) -> list[RunningAction]:
-        """Begin the actions whose triggers fire at this tick and return them."""
+        """Stop what is stopped, begin the actions whose triggers fire at this tick and return these."""
+        self.end([running.name for running in self.actions if running.stopped(scene)])
         begun = []
         for running in self.actions:
-            if not running.state and running.due(scene):
+            if running.due(scene):
                 self._begin(running, scene)
                 begun.append(running)
         return begun

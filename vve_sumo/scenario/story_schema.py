@@ -137,7 +137,9 @@ class KeptDistance(Table):
     gap_m: NotNegative | None = Field(default=None, description="between the nearest faces, or reference points")
     headway_s: NotNegative | None = Field(default=None, description="instead: gap over the actor's speed")
     freespace: bool = Field(default=True, description="between the nearest faces instead of reference points")
-    side: Literal["ahead", "behind"] = Field(description="of the other body, where the actor is")
+    side: Literal["ahead", "behind", "any"] = Field(
+        description="of the other body, where the actor is; any: where it is as the action begins"
+    )
     once: bool = Field(default=False, description="is over when the distance is reached, instead of keeping it")
     acceleration_mps2: Positive | None = Field(default=None, description="no more than this; left out: at once")
     deceleration_mps2: Positive | None = Field(default=None, description="no more than this")
@@ -158,8 +160,15 @@ class Meeting(Table):
     ego_at_m: Finite = Field(description="where the ego's rear axle is then, along its path")
     at_m: NotNegative = Field(description="where the actor's reference point is then, along the actor's path")
     speed_mps: Speed | None = Field(default=None, description="of the actor then; left out: any")
+    relative_mps: Finite | None = Field(default=None, description="instead: of the actor then, more than the ego's")
     steady_m: NotNegative = Field(default=0.0, description="last part of the way, along which it has that speed")
     steady_s: NotNegative = Field(default=0.0, description="instead: last part of the time")
+
+    @model_validator(mode="after")
+    def _one_speed(self) -> Self:
+        if self.speed_mps is not None and self.relative_mps is not None:
+            raise ValueError("expected one of speed_mps and relative_mps")
+        return self
 
 
 class TimedPlace(Table):
@@ -198,8 +207,8 @@ class LineChange(Table):
 
 
 class StoryAction(Table):
-    """What an actor does once a trigger fires, once. A change of speed takes the place of the one before, a change of
-    line likewise; the actor keeps the speed and the distance beside its line that it has at the end of an action.
+    """What an actor does once a trigger fires. A change of speed takes the place of the one before, a change of line
+    likewise; the actor keeps the speed and the distance beside its line that it has at the end of an action.
     """
 
     name: ActionName = Field(description="each once an actor")
@@ -209,6 +218,12 @@ class StoryAction(Table):
     when: Groups = Field(
         default=(), strict=False, description="the trigger: groups of conditions, of one of which all have to hold"
     )
+    until: Groups = Field(
+        default=(),
+        strict=False,
+        description="a trigger that ends it, and after which it does not begin; looked at from the start on",
+    )
+    times: int = Field(default=1, ge=1, le=1000, description="how often it is done: once it is over it waits again")
     ends: tuple[Name, ...] = Field(
         default=(), strict=False, description="actions, each ACTOR.NAME, that are over once this one begins"
     )

@@ -134,7 +134,7 @@ class Following:
 
     def __init__(self, action: KeptDistance, reach: tuple[float, float]) -> None:
         """`reach`: how far the actor's box goes back (negative) and forward of its reference point [m]."""
-        self._action, self._reach = action, reach
+        self._action, self._reach, self._side = action, reach, action.side
 
     @property
     def other(self) -> str:
@@ -149,11 +149,13 @@ class Following:
     def missing(self, s: float, other: Body, other_s: float, turned: float, speed: float) -> float:
         """Return how far along its line the actor is behind where it shall be [m]."""
         action = self._action
+        if self._side == "any":
+            self._side = "ahead" if s >= other_s else "behind"
         gap = action.gap_m if action.gap_m is not None else (action.headway_s or 0.0) * speed
         back, front = _reach_along(other, turned) if action.freespace else (0.0, 0.0)
         own_back, own_front = self._reach if action.freespace else (0.0, 0.0)
         wanted = other_s + back - gap - own_front
-        if action.side == "ahead":
+        if self._side == "ahead":
             wanted = other_s + front + gap - own_back
         return wanted - s
 
@@ -200,16 +202,20 @@ class Arriving:
             return Moved(speed * dt, speed, False)
         left = meeting.ego_at_m - scene.path.project(ego.x, ego.y).s
         if left <= 0.0:
-            return Moved(speed * dt, speed, True)
+            wanted = self._wanted(ego.speed)
+            return Moved(speed * dt, speed if wanted is None else wanted, True)
         if ego.speed < WAITING_SPEED:
             return Moved(speed * dt, speed, False)
         # The ego is where it is at the end of the tick, the actor where it was at its beginning.
         due = left / ego.speed + dt
-        now = max(speed + self._acceleration(due, meeting.at_m - s, speed) * dt, 0.0)
+        now = max(speed + self._acceleration(due, meeting.at_m - s, speed, self._wanted(ego.speed)) * dt, 0.0)
         return Moved(0.5 * (speed + now) * dt, now, False)
 
-    def _acceleration(self, due: float, way: float, speed: float) -> float:
-        wanted = self._meeting.speed_mps
+    def _wanted(self, of_ego: float) -> float | None:
+        meeting = self._meeting
+        return meeting.speed_mps if meeting.relative_mps is None else max(of_ego + meeting.relative_mps, 0.0)
+
+    def _acceleration(self, due: float, way: float, speed: float, wanted: float | None) -> float:
         if wanted is None:
             return 3.0 * (way / due - speed) / due if due > MEETING_TIME else 0.0
         steady = self._meeting.steady_m / wanted if wanted > 0.0 else 0.0

@@ -28,6 +28,7 @@ from tests.isolated import command
 from vve_sumo.bridges.openscenario.distributions import read_variation
 from vve_sumo.bridges.openscenario.importer import Imported, read_scenario
 from vve_sumo.bridges.openscenario.parameters import Scope
+from vve_sumo.bridges.openscenario.write import import_file
 from vve_sumo.bridges.scenario_import.not_taken import NotTakenError
 from vve_sumo.bridges.scenario_import.xml_tree import Element, read_xml
 from vve_sumo.errors import ConfigError
@@ -38,9 +39,10 @@ FOLDER = SHARED_DATA / "openscenario"
 REFUSED = {
     "highway_merge.xosc": (23, "LogicFile"),  # its roads are not beside it
     "slow-lead-vehicle.xosc": (19, "LogicFile"),  # likewise
-    "ltap-od.xosc": (38, "ScenarioObject"),  # the ego's place counts along a route
-    "pedestrian.xosc": (29, "ScenarioObject"),  # likewise
-    "lane_change_simple.xosc": (65, "Event"),  # repeats its events
+    "lane_change_simple.xosc": (69, "LaneChangeAction"),  # of the ego
+    # Their routes are in a catalog that is not beside them.
+    "ltap-od.xosc": (38, "ScenarioObject"),
+    "pedestrian.xosc": (29, "ScenarioObject"),
 }
 
 
@@ -136,7 +138,7 @@ def refusal(folder: Path, text: str) -> str:
         (event("e", step("nan"), after("1")), "AbsoluteTargetSpeed", "expected a number"),
         (event("e", step("-3"), after("1")), "AbsoluteTargetSpeed", "0 to 100"),
         (event("e", speed_action("wavy", "time", "2", "3"), after("1")), "SpeedActionDynamics", "dynamicsShape"),
-        (event("e", step("3"), after("1"), more='maximumExecutionCount="2"'), "Event", "maximumExecutionCount"),
+        (event("e", step("3"), after("1"), more='maximumExecutionCount="0"'), "Event", "maximumExecutionCount"),
         (
             event(
                 "e",
@@ -250,6 +252,30 @@ def test_variations_are_every_set_of_values(tmp_path: Path) -> None:
     found = read_variation(varied)
     assert found.file.name == "made.xosc"
     assert [(one["a"], one["b"]) for one in found.sets] == [(a, b) for a in ("10", "15", "20") for b in ("x", "y")]
+
+
+def test_a_variation_of_roads_has_a_network_for_each(tmp_path: Path) -> None:
+    pytest.importorskip("sumo", reason="eclipse-sumo (netconvert) is not installed")
+    declared = '<ParameterDeclaration name="Roads" parameterType="string" value="road.xodr"/>'
+    write(tmp_path, scenario("", parameters=declared).replace('filepath="road.xodr"', 'filepath="$Roads"'))
+    (tmp_path / "lower.xodr").write_text(ROAD.replace('y="0"', 'y="-40"'), encoding="utf-8")
+    varied = tmp_path / "varied.xosc"
+    varied.write_text(
+        """<OpenSCENARIO><FileHeader revMajor="1" revMinor="2"/><ParameterValueDistribution>
+    <ScenarioFile filepath="made.xosc"/><Deterministic>
+    <DeterministicSingleParameterDistribution parameterName="Roads"><DistributionSet><Element value="road.xodr"/>
+    <Element value="lower.xodr"/></DistributionSet></DeterministicSingleParameterDistribution></Deterministic>
+    </ParameterValueDistribution></OpenSCENARIO>""",
+        encoding="utf-8",
+    )
+    found = import_file(varied, tmp_path, "two")
+    assert found.scenarios == ["two_001", "two_002"]
+    for name, network in (("two_001", "two"), ("two_002", "two_roads_2")):
+        text = (tmp_path / "scenarios" / f"{name}.toml").read_text(encoding="utf-8")
+        assert f'network = "{network}"' in text
+        assert (tmp_path / "networks" / f"{network}.net.xml").is_file()
+        # Each path lies on its own road: where the lane is, the ego is placed.
+        assert f'path = "{network}_ego_lane_m1"' in text
 
 
 @pytest.mark.thorough

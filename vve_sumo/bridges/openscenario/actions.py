@@ -13,6 +13,8 @@ from typing import Any, Final
 from vve_sumo.bridges.openscenario.lines import Track, lane_track, track_of, trajectory_track
 from vve_sumo.bridges.openscenario.parameters import Scope
 from vve_sumo.bridges.openscenario.places import Line, Places, neighbour
+from vve_sumo.bridges.openscenario.road_map import RoadPlace
+from vve_sumo.bridges.openscenario.routes import Route, Waypoint, route_over
 from vve_sumo.bridges.scenario_import.lines import LineFiles, reference
 from vve_sumo.bridges.scenario_import.not_taken import NotTakenError
 from vve_sumo.bridges.scenario_import.xml_tree import Element
@@ -22,6 +24,11 @@ Action = dict[str, Any]
 SHAPES: Final = ("linear", "cubic", "sinusoidal", "step")
 #: what changes how something looks, and not what happens
 LOOKS: Final = ("AppearanceAction",)
+#: what says which roads an entity goes along, and what says where it goes at all
+ROUTES: Final = ("AssignRouteAction", "AcquirePositionAction")
+PATHS: Final = (*ROUTES, "FollowTrajectoryAction")
+#: what leads an entity off the path that it is on
+LEADING_OFF: Final = (*PATHS, "TeleportAction", "LaneChangeAction", "LaneOffsetAction", "LateralDistanceAction")
 
 
 @dataclass(slots=True)
@@ -32,9 +39,11 @@ class Stage:
     files: LineFiles
     ids: Mapping[str, str]  #: of entities, by their names
     tracks: dict[str, Track] = field(default_factory=dict)  #: where each moves, by its name, as the story goes on
+    routes: dict[str, Route] = field(default_factory=dict)  #: of those that have one, by name
     speeds: dict[str, float] = field(default_factory=dict)  #: at the start [m/s], by name
     ego_place: Callable[[Element, Scope], tuple[float, float]] = lambda _element, _scope: (0.0, 0.0)
     controlled: set[str] = field(default_factory=set)  #: entities that have a controller of their own
+    begun: set[int] = field(default_factory=set)  #: identities of elements of the story that are part of the start
 
     def id(self, element: Element, name: str) -> str:
         """Return an entity's id; raises NotTakenError for none."""
@@ -64,6 +73,12 @@ def longitudinal(of: Element) -> bool:
     return of.tag in ("SpeedAction", "SpeedProfileAction", "LongitudinalDistanceAction")
 
 
+def looks(action: Element) -> bool:
+    """Whether an action of an event changes nothing but how something looks."""
+    private = action.child("PrivateAction")
+    return private is not None and bool(private.children) and private.children[0].tag in LOOKS
+
+
 def read_action(of: Element, scope: Scope, who: str, stage: Stage) -> Action | None:
     """Return what an entity does by an action; None where the action changes nothing that moves.
 
@@ -86,6 +101,8 @@ def read_action(of: Element, scope: Scope, who: str, stage: Stage) -> Action | N
         "FollowTrajectoryAction": _follow_trajectory,
         "SynchronizeAction": _synchronize,
         "TeleportAction": _teleport,
+        "AssignRouteAction": _route,
+        "AcquirePositionAction": _route,
         "VisibilityAction": _visibility,
     }.get(of.tag)
     if reader is None:
@@ -95,10 +112,10 @@ def read_action(of: Element, scope: Scope, who: str, stage: Stage) -> Action | N
 
 def _dynamics(of: Element, scope: Scope, time: str, distance: str, rate: str) -> dict[str, Any]:
     """Return shape and length of a change, by the keys that are given for its dimensions."""
-    shape, value = scope.text(of, "dynamicsShape"), abs(scope.number(of, "value"))
+    shape = scope.text(of, "dynamicsShape")
     if shape not in SHAPES:
         raise NotTakenError(of, f"dynamicsShape: expected {', '.join(SHAPES)}, got {shape!r}")
-    if shape == "step" or value == 0.0:
+    if shape == "step" or (value := abs(scope.number(of, "value"))) == 0.0:
         return {}
     keys = {"time": time, "distance": distance, "rate": rate}
     dimension = scope.text(of, "dynamicsDimension")
@@ -155,10 +172,10 @@ def _profile(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
 
 
 def _distance(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
-    sides = {"leadingReferencedEntity": "ahead", "trailingReferencedEntity": "behind"}
+    sides = {"leadingReferencedEntity": "ahead", "trailingReferencedEntity": "behind", "any": "any"}
     displacement = scope.text(of, "displacement", "trailingReferencedEntity")
     if displacement not in sides:
-        raise NotTakenError(of, f"displacement: expected {' or '.join(sides)}, got {displacement!r}")
+        raise NotTakenError(of, f"displacement: expected {', '.join(sides)}, got {displacement!r}")
     keeps: dict[str, Any] = {
         "to": stage.id(of, scope.text(of, "entityRef")),
         "side": sides[displacement],
@@ -172,6 +189,11 @@ def _distance(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
         keeps["once"] = True
     limits = of.child("DynamicConstraints")
     if limits is not None:
+        rate = next(
+            (name for name in ("maxAccelerationRate", "maxDecelerationRate") if name in limits.attributes), None
+        )
+        if rate is not None:
+            raise NotTakenError(limits, f"{rate} is not taken")
         keys = {
             "maxAcceleration": "acceleration_mps2",
             "maxDeceleration": "deceleration_mps2",
@@ -201,7 +223,8 @@ def _lane_change(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
         lane = neighbour(other.lane, scope.whole(relative, "value") * other.sense)
     own = stage.ids[who]
     moved = lane_track(
-        stage.places.roads, stage.files, own, track.road, lane, track.s, _t(track, stage), track.sense, of
+        *(stage.places.roads, stage.files, own, track.road, lane, track.s, _t(track, stage), track.sense, of),
+        stage.routes.get(who),
     )
     offset = scope.number(of, "targetLaneOffset", 0.0) * track.sense
     stage.tracks[who] = replace(moved, offset=offset)
@@ -217,10 +240,13 @@ def _t(track: Track, stage: Stage) -> float:
 
 def _lane_offset(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
     track = stage.track(of, who)
-    absolute = _needed(of, "LaneOffsetTarget").child("AbsoluteTargetLaneOffset")
-    if absolute is None:
-        raise NotTakenError(of, "an offset relative to another entity is not taken")
-    target = scope.number(absolute, "value") * track.sense
+    stated = _needed(of, "LaneOffsetTarget")
+    absolute, relative = stated.child("AbsoluteTargetLaneOffset"), stated.child("RelativeTargetLaneOffset")
+    if absolute is not None:
+        target = scope.number(absolute, "value") * track.sense
+    else:
+        relative = relative or _needed(stated, "RelativeTargetLaneOffset")
+        target = _beside(relative, scope, track, stage)
     dynamics = _needed(of, "LaneOffsetActionDynamics")
     shape, change = scope.text(dynamics, "dynamicsShape"), abs(target - track.offset)
     line: dict[str, Any] = {"offset_m": target}
@@ -230,8 +256,17 @@ def _lane_offset(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
         # The greatest lateral acceleration is the one that is stated: pi^2 / 2 or 6 of change over time squared.
         factor = 6.0 if shape == "cubic" else 0.5 * math.pi**2
         line |= {"shape": shape, "over_s": math.sqrt(factor * change / scope.number(dynamics, "maxLateralAcc"))}
-    track.offset = target
+    stage.tracks[who] = replace(track, offset=target)
     return {"line": line}
+
+
+def _beside(of: Element, scope: Scope, track: Track, stage: Stage) -> float:
+    """Return the offset along a track [m] that counts from where another entity of its lane is."""
+    other = stage.track(of, name := scope.text(of, "entityRef"))
+    if other.road is None or other.lane is None or (other.road, other.lane) != (track.road, track.lane):
+        raise NotTakenError(of, f"an offset relative to {name}, which is not in the same lane, is not taken")
+    # Both count left of the road's reference line; the ego keeps the offset that it begins with.
+    return (other.offset * other.sense + scope.number(of, "value")) * track.sense
 
 
 def _follow_trajectory(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
@@ -272,9 +307,12 @@ def _synchronize(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
     final = of.child("FinalSpeed")
     if final is not None and final.children:
         absolute = final.children[0]
-        if absolute.tag != "AbsoluteSpeed":
-            raise NotTakenError(absolute, "expected an AbsoluteSpeed")
-        meets["speed_mps"] = scope.number(absolute, "value")
+        if absolute.tag not in ("AbsoluteSpeed", "RelativeSpeedToMaster"):
+            raise NotTakenError(absolute, "expected an AbsoluteSpeed or a RelativeSpeedToMaster")
+        relative = absolute.tag == "RelativeSpeedToMaster"
+        if relative and scope.text(absolute, "speedTargetValueType", "delta") != "delta":
+            raise NotTakenError(absolute, "speedTargetValueType: expected delta")
+        meets["relative_mps" if relative else "speed_mps"] = scope.number(absolute, "value")
         for tag, name, key in (
             ("TargetDistanceSteadyState", "distance", "steady_m"),
             ("TargetTimeSteadyState", "time", "steady_s"),
@@ -284,11 +322,53 @@ def _synchronize(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
     return {"meets": meets}
 
 
-def _teleport(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
-    spot = stage.places.spot(_needed(of, "Position"), scope)
-    track = track_of(stage.places.roads, stage.files, stage.ids[who], spot, of)
+def _teleport(of: Element, scope: Scope, who: str, stage: Stage) -> Action | None:
+    position = _needed(of, "Position")
+    if position.children and _stays(position.children[0], scope, who):
+        return None
+    spot = stage.places.spot(position, scope)
+    track = track_of(stage.places.roads, stage.files, stage.ids[who], spot, of, stage.routes.get(who))
     stage.tracks[who] = track
     return {"line": {"path": track.path, "at_m": track.station, "offset_m": track.offset}}
+
+
+def _stays(position: Element, scope: Scope, who: str) -> bool:
+    """Whether a position is where an entity is, and does not turn it: it may lie down or rise."""
+    if position.tag != "RelativeObjectPosition" or scope.text(position, "entityRef") != who:
+        return False
+    turned = position.child("Orientation")
+    relative = turned is None or scope.text(turned, "type", "absolute") == "relative"
+    moved = [scope.number(position, key, 0.0) for key in ("dx", "dy")]
+    return relative and not any(moved) and (turned is None or scope.number(turned, "h", 0.0) == 0.0)
+
+
+def route_of(of: Element, scope: Scope, places: Places, on: RoadPlace | None, sense: int) -> Route:
+    """Return the route that an action assigns to an entity at a place, which goes in a sense along its road there."""
+    if of.tag == "AssignRouteAction":
+        return places.route(of, scope)
+    there = places.spot(_needed(of, "Position"), scope).on
+    if on is None or there is None:
+        raise NotTakenError(of, "a way from or to a place off all roads is not taken")
+    try:
+        return route_over(places.roads, [Waypoint(on, sense), Waypoint(there, 1)])
+    except ValueError as error:
+        raise NotTakenError(of, str(error)) from None
+
+
+def _route(of: Element, scope: Scope, who: str, stage: Stage) -> Action:
+    track = stage.track(of, who)
+    if track.road is None or track.lane is None:
+        raise NotTakenError(of, f"{who} is in no lane of a road")
+    own, roads = stage.ids[who], stage.places.roads
+    route = route_of(of, scope, stage.places, RoadPlace(track.road, track.s, _t(track, stage)), track.sense)
+    way = route.way(track.road)
+    if way is None or way.sense != track.sense:
+        raise NotTakenError(of, "an entity that is not on its route at first is not taken")
+    moved = lane_track(
+        roads, stage.files, own, track.road, track.lane, track.s, _t(track, stage), track.sense, of, route
+    )
+    stage.routes[who], stage.tracks[who] = route, replace(moved, offset=track.offset)
+    return {"line": {"path": moved.path, "offset_m": track.offset}}
 
 
 def _visibility(of: Element, scope: Scope, who: str, stage: Stage) -> Action | None:

@@ -9,18 +9,28 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
-from vve_sumo.bridges.openscenario.actions import Action, Stage, kind_of, longitudinal, read_action, speed_target
+from vve_sumo.bridges.openscenario.actions import (
+    ROUTES,
+    Action,
+    Stage,
+    kind_of,
+    longitudinal,
+    read_action,
+    route_of,
+    speed_target,
+)
 from vve_sumo.bridges.openscenario.document import Document
 from vve_sumo.bridges.openscenario.entities import Entity, read_entities
-from vve_sumo.bridges.openscenario.lines import Track, track_of, trajectory_track
+from vve_sumo.bridges.openscenario.lines import ACROSS, Track, track_of, trajectory_track
 from vve_sumo.bridges.openscenario.parameters import Scope
-from vve_sumo.bridges.openscenario.places import Line, Places
+from vve_sumo.bridges.openscenario.places import Line, Places, Spot
 from vve_sumo.bridges.openscenario.road_map import Pose2, RoadMap
+from vve_sumo.bridges.openscenario.routes import Route
 from vve_sumo.bridges.openscenario.storyboard import Storyboard
 from vve_sumo.bridges.openscenario.triggers import Context, Groups
-from vve_sumo.bridges.scenario_import.lines import LineFiles, Points, reference
+from vve_sumo.bridges.scenario_import.lines import LineFiles, Points, reference, straight
 from vve_sumo.bridges.scenario_import.not_taken import NotTakenError, Problems
 from vve_sumo.bridges.scenario_import.workspace_files import LOT
 from vve_sumo.bridges.scenario_import.xml_tree import Element
@@ -34,6 +44,8 @@ LONGEST: Final = 180.0
 MARGIN: Final = 10.0
 #: how long the ego may stand before the drive is over, where a stop trigger ends it otherwise [s]
 REST: Final = 30.0
+#: who stands faces its lane's way where it is stated no farther from it than this [rad]
+FACING: Final = 1e-3
 #: the ego's speeds [m/s]: slower it begins from rest, faster none is driven
 SLOWEST, FASTEST = 1.0, 40.0
 
@@ -50,8 +62,8 @@ class Imported:
     numbers: dict[str, float] = field(default_factory=dict)  #: the file's parameters that are numbers
 
 
-def roads_of(document: Document) -> RoadMap:
-    """Return the roads of a scenario; raises ConfigError naming the element where there are none."""
+def roads_file(document: Document) -> Path:
+    """Return the file of a scenario's roads; raises ConfigError naming the element where there is none."""
     logic = document.root.child("RoadNetwork", "LogicFile")
     if logic is None:
         raise ConfigError(f"{document.root.where}: expected a RoadNetwork with a LogicFile")
@@ -61,7 +73,7 @@ def roads_of(document: Document) -> RoadMap:
         raise ConfigError(str(error)) from None
     if not file.is_file():
         raise ConfigError(f"{logic.where}: {file} does not exist")
-    return RoadMap(file)
+    return file
 
 
 def read_scenario(
@@ -79,10 +91,18 @@ def read_scenario(
     """
     document = Document(file, given or {})
     try:
-        return _Reader(document, name, ego, roads or roads_of(document)).read()
+        return _Reader(document, name, ego, roads or RoadMap(roads_file(document))).read()
     except NotTakenError as error:
         # What stands outside of all that can be left out.
         raise ConfigError(str(error)) from None
+
+
+class _Start(NamedTuple):
+    """One private action at the start."""
+
+    who: str  #: name of the entity
+    kind: Element  #: what the action does
+    scope: Scope
 
 
 class _Reader:
@@ -96,6 +116,7 @@ class _Reader:
         self._first: dict[str, list[Action]] = {}
         self._friction: float | None = None
         self._inits = self._init_actions()
+        self._inits += self._of_story_at_once()
 
     def read(self) -> Imported:
         self._place_all()
@@ -118,6 +139,7 @@ class _Reader:
             one.name for one in self._entities.values() if one.element.child("ObjectController") is not None
         }
         self._start_all()
+        self._stage.places.moving = self._moving()
         context = Context(self._stage.ids, place, {}, {}, self._variables())
         board = Storyboard(self._document, self._stage, context, self._problems)
         stop = board.compile()
@@ -139,9 +161,29 @@ class _Reader:
         declared = [] if holder is None else holder.children
         return {one.attributes.get("name", ""): self._document.scope.text(one, "value") for one in declared}
 
-    def _init_actions(self) -> list[tuple[str, Element]]:
-        """Return the private actions at the start with their entities' names, in the file's order."""
-        found: list[tuple[str, Element]] = []
+    def _moving(self) -> set[str]:
+        """Return the entities that may be elsewhere than at the start when an event begins."""
+        found = {self._ego.name, *self._first, *(name for name, speed in self._stage.speeds.items() if speed > 0.0)}
+        actors = [one for one in self._document.root.walk() if one.tag == "Actors"]
+        named = {reference.attributes.get("entityRef", "") for one in actors for reference in one.children}
+        # Whom a parameter names is anybody.
+        return set(self._entities) if any(name.startswith("$") for name in named) else found | named
+
+    def _of_story_at_once(self) -> list[_Start]:
+        """Return what says where entities go, of events that begin with the drive."""
+
+        def nowhere(position: Element, scope: Scope) -> tuple[float, float]:
+            raise NotTakenError(position, "no place is known before the start")
+
+        context = Context(self._stage.ids, nowhere, {}, {}, {})
+        board = Storyboard(self._document, self._stage, context, Problems())
+        begun = [_Start(name, kind, scope) for name in self._entities for kind, scope in board.at_once(name)]
+        self._stage.begun = {id(one.kind) for one in begun}
+        return begun
+
+    def _init_actions(self) -> list[_Start]:
+        """Return the private actions at the start, in the file's order."""
+        found: list[_Start] = []
         holder = self._document.root.child("Storyboard", "Init", "Actions")
         for one in [] if holder is None else holder.children:
             if one.tag != "Private":
@@ -152,7 +194,7 @@ class _Reader:
                 self._refuse(NotTakenError(one, f"no entity {name!r}"))
             for action in one.all("PrivateAction"):
                 try:
-                    found.append((name, kind_of(action)))
+                    found.append(_Start(name, kind_of(action), self._document.scope))
                 except NotTakenError as error:
                     self._problems.add(error)
         return found
@@ -173,36 +215,54 @@ class _Reader:
 
     def _place_all(self) -> None:
         """Place the entities, those after others whose places are relative to them."""
-        waiting = [(name, kind) for name, kind in self._inits if kind.tag == "TeleportAction"]
+        waiting = [one for one in self._inits if one.kind.tag == "TeleportAction"]
         while waiting:
-            left = []
-            for name, kind in waiting:
+            left, problems = list[_Start](), list[NotTakenError]()
+            for one in waiting:
                 try:
-                    position = kind.child("Position")
+                    position = one.kind.child("Position")
                     if position is None:
-                        raise NotTakenError(kind, "expected a <Position>")
-                    spot = self._stage.places.spot(position, self._document.scope)
+                        raise NotTakenError(one.kind, "expected a <Position>")
+                    spot = self._stage.places.spot(position, one.scope)
                 except NotTakenError as error:
-                    left.append((name, kind, error))
+                    left.append(one)
+                    problems.append(error)
                     continue
-                self._stage.places.entities[name] = spot
-                own = self._entities[name].id
-                try:
-                    self._stage.tracks[name] = track_of(self._roads, self._stage.files, own, spot, kind)
-                except NotTakenError as error:
-                    self._problems.add(error)
+                self._place(one, spot)
             if len(left) == len(waiting):
-                for _name, _kind, problem in left:
+                for problem in problems:
                     self._problems.add(problem)
                 break
-            waiting = [(name, kind) for name, kind, _problem in left]
-        for name, kind in self._inits:
-            if kind.tag == "FollowTrajectoryAction":
-                self._place_on_trajectory(name, kind)
+            waiting = left
+        for one in self._inits:
+            if one.kind.tag == "FollowTrajectoryAction":
+                self._place_on_trajectory(*one)
 
-    def _place_on_trajectory(self, name: str, kind: Element) -> None:
+    def _place(self, one: _Start, spot: Spot) -> None:
+        """Place an entity at the start, on its route where it has one."""
+        self._stage.places.entities[one.who] = spot
+        own = self._entities[one.who].id
+        try:
+            route = self._route(one.who, spot)
+            if route is not None:
+                self._stage.routes[one.who] = route
+            self._stage.tracks[one.who] = track_of(self._roads, self._stage.files, own, spot, one.kind, route)
+        except NotTakenError as error:
+            self._problems.add(error)
+
+    def _route(self, name: str, spot: Spot) -> Route | None:
+        """Return the route that an entity is given at the start; of several the last counts."""
+        given = [one for one in self._inits if one.who == name and one.kind.tag in ROUTES]
+        if not given:
+            return None
+        sense = 1
+        if spot.on is not None:
+            road = self._roads.roads[spot.on.road].at(spot.on.s, 0.0)
+            sense = 1 if math.cos(spot.pose.heading - road.heading) >= 0.0 else -1
+        return route_of(given[-1].kind, given[-1].scope, self._stage.places, spot.on, sense)
+
+    def _place_on_trajectory(self, name: str, kind: Element, scope: Scope) -> None:
         """Place an entity that follows a trajectory from the start on: its line is the trajectory."""
-        scope = self._document.scope
         try:
             holder = kind.child("TrajectoryRef") or kind
             line: Line = self._stage.places.trajectory(holder, scope)
@@ -220,9 +280,8 @@ class _Reader:
 
     def _start_all(self) -> None:
         """Take the speeds at the start, and what begins at once."""
-        scope = self._document.scope
-        for name, kind in self._inits:
-            if kind.tag == "TeleportAction" or name not in self._stage.tracks:
+        for name, kind, scope in self._inits:
+            if kind.tag in ("TeleportAction", *ROUTES) or name not in self._stage.tracks:
                 continue
             try:
                 if kind.tag == "SpeedAction" and self._speed_at_start(name, kind):
@@ -234,6 +293,8 @@ class _Reader:
                     continue
                 action = read_action(kind, scope, name, self._stage)
             except NotTakenError as error:
+                if kind.tag == "SpeedAction" and name == self._ego.name:
+                    self._refuse(error)  # such as one backwards: without a speed there is no ego
                 self._problems.add(error)
                 continue
             if action is not None:
@@ -331,6 +392,9 @@ class _Reader:
 
     def _actor(self, entity: Entity, track: Track, story: list[Action]) -> dict[str, Any]:
         actions = self._first.get(entity.name, []) + story
+        stands = not self._stage.speeds.get(entity.name) and all("leaves" in action for action in actions)
+        if stands and entity.name in self._stage.places.entities:
+            track = self._standing(entity, track, self._stage.places.entities[entity.name].pose)
         table: dict[str, Any] = {
             "id": entity.id,
             "kind": entity.kind,
@@ -345,6 +409,15 @@ class _Reader:
             table["speed_mps"] = speed
         table["story"] = {"reference_m": entity.reference, "actions": actions}
         return table
+
+    def _standing(self, entity: Entity, track: Track, pose: Pose2) -> Track:
+        """Return the track of an entity that never moves: it faces as the file says, whatever its lane does."""
+        line = reference(track.points, entity.element).at(track.station)
+        if abs(math.remainder(pose.heading - line.heading, math.tau)) < FACING:
+            return track
+        points = straight(pose.x, pose.y, pose.heading, ACROSS)
+        path = self._stage.files.named(f"{entity.id}_stands", points)
+        return replace(track, path=path, points=points, station=0.0, offset=0.0)
 
 
 def _beside(track: Track, of: Element) -> Points:

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from vve_sumo.bridges.openscenario.places import Line, Spot
-from vve_sumo.bridges.openscenario.road_map import RoadMap
+from vve_sumo.bridges.openscenario.road_map import RoadMap, Way
+from vve_sumo.bridges.openscenario.routes import Route
 from vve_sumo.bridges.scenario_import.lines import LineFiles, Points, extended, reference, straight
 from vve_sumo.bridges.scenario_import.not_taken import NotTakenError
 from vve_sumo.bridges.scenario_import.xml_tree import Element
@@ -23,7 +24,7 @@ ACROSS: Final = 30.0
 LONGEST: Final = 4000.0
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Track:
     """Where an entity moves at a stage of the story."""
 
@@ -37,16 +38,27 @@ class Track:
     sense: int  #: 1 along the road's reference line, -1 against it
 
 
-def track_of(roads: RoadMap, files: LineFiles, name: str, spot: Spot, element: Element) -> Track:
-    """Return where an entity moves that is only placed: along its lane, or straight on where it faces across."""
+def track_of(
+    roads: RoadMap, files: LineFiles, name: str, spot: Spot, element: Element, route: Route | None = None
+) -> Track:
+    """Return where an entity moves that is only placed: along its lane, or straight on where it faces across.
+
+    With a route it moves along that, whatever way it faces. Raises NotTakenError where its place is not on the route.
+    """
     pose, on = spot.pose, spot.on
+    if route is not None:
+        way = None if on is None else route.way(on.road)
+        if on is None or way is None:
+            raise NotTakenError(element, "an entity that is not on its route at first is not taken")
+        lane = spot.lane if spot.lane is not None else 0
+        return lane_track(roads, files, name, on.road, lane, on.s, on.t, way.sense, element, route)
     if on is not None:
         road = roads.roads[on.road]
         turned = math.remainder(pose.heading - road.at(on.s, 0.0).heading, math.tau)
         sense = 1 if abs(turned) <= 0.5 * math.pi else -1
         if abs(math.remainder(turned - (0.0 if sense > 0 else math.pi), math.tau)) <= ALONG_LANE:
             lane = spot.lane if spot.lane is not None else 0
-            return lane_track(roads, files, f"{name}", on.road, lane, on.s, on.t, sense, element)
+            return lane_track(roads, files, name, on.road, lane, on.s, on.t, sense, element)
     points = straight(pose.x, pose.y, pose.heading, ACROSS)
     return Track(files.named(f"{name}_straight", points), points, 0.0, 0.0, None, None, 0.0, 1)
 
@@ -61,6 +73,7 @@ def lane_track(
     t: float,
     sense: int,
     element: Element,
+    route: Route | None = None,
 ) -> Track:
     """Return the track along a lane from where the road begins, with the place of road coordinates s, t on it."""
     road = roads.roads[road_name]
@@ -69,7 +82,11 @@ def lane_track(
         begin = road.section(s).start if sense > 0 else s
     if road.middle(lane, s) is None:
         raise NotTakenError(element, f"no lane {lane} on road {road_name} at s {s:.2f}")
-    points = roads.lane_line(road_name, lane, begin, sense, LONGEST)
+    turns: dict[Way, Way] = {} if route is None else route.turns
+    try:
+        points = roads.lane_line(road_name, lane, begin, sense, LONGEST, turns)
+    except ValueError as error:
+        raise NotTakenError(element, str(error)) from None
     if len(points) < 2:
         raise NotTakenError(element, f"lane {lane} of road {road_name} leads nowhere from s {s:.2f} on")
     path = reference(points, element)

@@ -100,10 +100,11 @@ class Scope:
 
     def flag(self, element: Element, name: str, default: bool) -> bool:
         """Return an attribute's boolean."""
-        text = self.text(element, name, str(default).lower())
-        if text not in _BOOLEANS:
+        text = self.text(element, name, str(default))
+        # Python's writers of such files write True and False.
+        if (value := _BOOLEANS.get(text.lower())) is None:
             raise NotTakenError(element, f"{name}: expected true or false, got {text[:80]!r}")
-        return _BOOLEANS[text]
+        return value
 
     def _evaluated(self, element: Element, name: str, raw: str) -> float | bool:
         inner = raw[2:-1] if raw.endswith("}") else ""

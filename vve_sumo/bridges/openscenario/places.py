@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 from vve_sumo.bridges.openscenario.document import Document
 from vve_sumo.bridges.openscenario.parameters import Scope
 from vve_sumo.bridges.openscenario.road_map import Pose2, Road, RoadMap, RoadPlace, advanced
+from vve_sumo.bridges.openscenario.routes import Route, RoutePlace, Waypoint, route_over
 from vve_sumo.bridges.scenario_import.lines import Points
 from vve_sumo.bridges.scenario_import.not_taken import NotTakenError
 from vve_sumo.bridges.scenario_import.xml_tree import Element
@@ -44,6 +45,7 @@ class Places:
     def __init__(self, document: Document, roads: RoadMap) -> None:
         self._document, self.roads = document, roads
         self.entities: dict[str, Spot] = {}  #: where each entity is at the start
+        self.moving: set[str] = set()  #: of them, those of which nobody knows where they are later on
 
     def spot(self, position: Element, scope: Scope) -> Spot:
         """Return the place of a <Position>; raises NotTakenError for a kind that is not known and for no place."""
@@ -59,6 +61,7 @@ class Places:
             "RelativeRoadPosition": self._relative_road,
             "RelativeLanePosition": self._relative_lane,
             "TrajectoryPosition": self._trajectory,
+            "RoutePosition": self._on_route,
         }.get(of.tag)
         if reader is None:
             raise NotTakenError(of, "this kind of position is not taken")
@@ -93,7 +96,7 @@ class Places:
         if t is None:
             raise NotTakenError(of, f"no lane {lane} on road {road.name} at s {s:.2f}")
         pose = road.at(s, t + offset)
-        base = pose.heading + (math.pi if lane > 0 else 0.0)
+        base = pose.heading + (math.pi if road.traffic(lane) < 0 else 0.0)
         return Spot(pose._replace(heading=_heading(of, base, scope)), RoadPlace(road.name, s, t + offset), lane)
 
     def _road(self, of: Element, scope: Scope) -> Spot:
@@ -109,6 +112,8 @@ class Places:
         name = scope.text(of, "entityRef")
         if name not in self.entities:
             raise NotTakenError(of, f"the entity {name!r} has no place of its own yet")
+        if name in self.moving:
+            raise NotTakenError(of, f"a place that counts from where {name!r} is by then is not taken")
         return self.entities[name]
 
     def _relative_world(self, of: Element, scope: Scope) -> Spot:
@@ -151,6 +156,59 @@ class Places:
         pose = _along(line.points, s)
         moved = Pose2(pose.x - t * math.sin(pose.heading), pose.y + t * math.cos(pose.heading), pose.heading)
         return self.at(moved._replace(heading=_heading(of, pose.heading, scope)))
+
+    def _on_route(self, of: Element, scope: Scope) -> Spot:
+        """Return a place that counts along a route, which faces as the route goes."""
+        reference, inner = of.child("RouteRef"), of.child("InRoutePosition")
+        if reference is None or inner is None or not inner.children:
+            raise NotTakenError(of, "expected a RouteRef and an InRoutePosition")
+        stated = inner.children[0]
+        if stated.tag not in ("FromLaneCoordinates", "FromRoadCoordinates"):
+            raise NotTakenError(stated, "this kind of place on a route is not taken")
+        route, station = self.route(reference, scope), scope.number(stated, "pathS")
+        place = route.at(station, self.roads)
+        if place is None:
+            raise NotTakenError(stated, f"pathS {station:.2f} lies off the route")
+        road = self.roads.roads[place.way.road]
+        if stated.tag == "FromRoadCoordinates":
+            t = place.way.sense * scope.number(stated, "t")
+            lane = road.lane_at(place.s, t)
+        else:
+            lane, t = self._lane_of_route(stated, road, place, scope)
+        pose = road.at(place.s, t)
+        base = pose.heading + (math.pi if place.way.sense < 0 else 0.0)
+        return Spot(pose._replace(heading=_heading(of, base, scope)), RoadPlace(road.name, place.s, t), lane)
+
+    def _lane_of_route(self, of: Element, road: Road, place: RoutePlace, scope: Scope) -> tuple[int, float]:
+        """Return a road's lane and t of a place in lane coordinates of a route.
+
+        On a road that a route goes along against its reference line, some files state the road's own lane, others
+        one that counts along the route, as its t does. The lane whose traffic drives along the route is meant in both.
+        """
+        lane, offset = scope.whole(of, "laneId"), scope.number(of, "laneOffset", 0.0)
+        if lane != 0 and place.way.sense < 0 and road.traffic(lane) > 0:
+            lane, offset = -lane, -offset
+        middle = road.middle(lane, place.s)
+        if middle is None:
+            raise NotTakenError(of, f"no lane {lane} on road {road.name} at s {place.s:.2f}")
+        return lane, middle + offset
+
+    def route(self, holder: Element, scope: Scope) -> Route:
+        """Return the route that an element holds or refers to in a catalog."""
+        element, inner = self._document.resolved(holder, scope, "Route")
+        if inner.flag(element, "closed", False):
+            raise NotTakenError(element, "a closed route is not taken")
+        waypoints = []
+        for one in element.all("Waypoint"):
+            spot = self.spot(_position(one), inner)
+            if spot.on is None:
+                raise NotTakenError(one, "a waypoint off all roads is not taken")
+            along = math.cos(spot.pose.heading - self.roads.roads[spot.on.road].at(spot.on.s, 0.0).heading)
+            waypoints.append(Waypoint(spot.on, 1 if along >= 0.0 else -1))
+        try:
+            return route_over(self.roads, waypoints)
+        except ValueError as error:
+            raise NotTakenError(element, str(error)) from None
 
     def trajectory(self, holder: Element, scope: Scope) -> Line:
         """Return the trajectory that an element holds or refers to in a catalog."""

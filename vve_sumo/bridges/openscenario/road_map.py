@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -37,6 +37,21 @@ class RoadPlace(NamedTuple):
     road: str
     s: float  #: along the reference line [m]
     t: float  #: left of it [m]
+
+
+class Way(NamedTuple):
+    """A road, and in which sense one goes along it."""
+
+    road: str
+    sense: int  #: 1 along the reference line, -1 against it
+
+
+class Entry(NamedTuple):
+    """A lane where one comes onto a road."""
+
+    way: Way
+    lane: int
+    s: float  #: [m]
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +139,12 @@ class Road:
     pieces: list[_Piece]
     offsets: list[_Cubic]
     sections: list[_Section]
+    left_hand: bool = False  #: whether traffic keeps to the left
     links: dict[str, tuple[str, str, str]] = field(default_factory=dict)  #: by end: kind, id, contact point
+
+    def traffic(self, lane: int) -> int:
+        """Return in which sense a lane's traffic drives: 1 along the reference line, -1 against it."""
+        return -1 if (lane > 0) != self.left_hand else 1
 
     def at(self, s: float, t: float) -> Pose2:
         """Return the place of road coordinates, with the reference line's heading there."""
@@ -205,52 +225,68 @@ class RoadMap:
                 best = apart, RoadPlace(road.name, s, t)
         return None if best is None else best[1]
 
-    def lane_line(self, road: str, lane: int, s: float, sense: int, length: float) -> list[tuple[float, float]]:
+    def lane_line(
+        self, road: str, lane: int, s: float, sense: int, length: float, route: Mapping[Way, Way]
+    ) -> list[tuple[float, float]]:
         """Return points about every SPACING of a lane's middle from a place on, over the roads that follow.
 
-        `sense` is 1 along the reference line and -1 against it. Where a junction offers several ways, the straightest
-        is taken. The line ends after a `length` [m] or where no lane follows.
+        `sense` is 1 along the reference line and -1 against it. Where several roads follow, the line goes as the
+        `route` says, and straight on where that says nothing. It ends after a `length` [m] or where no lane follows.
+        Raises ValueError where the lane does not lead on to where the route goes.
         """
         points: list[tuple[float, float]] = []
         gone, seen = 0.0, set[tuple[str, int]]()
-        here: tuple[str, int, float, int] | None = (road, lane, s, sense)
-        while here is not None and gone < length and (here[0], here[1]) not in seen:
-            name, lane, s, sense = here
-            seen.add((name, lane))
-            part, lane = _along(self.roads[name], lane, s, sense, length - gone)
-            points += [one for one in part if not points or math.dist(one, points[-1]) > 0.2]
+        here: Entry | None = Entry(Way(road, sense), lane, s)
+        while here is not None and gone < length and (here.way.road, here.lane) not in seen:
+            seen.add((here.way.road, here.lane))
+            part, lane = _along(self.roads[here.way.road], here.lane, here.s, here.way.sense, length - gone)
+            for one in part:
+                if not points or math.dist(one, points[-1]) > 0.2:
+                    points.append(one)
             gone += len(part) * SPACING
-            here = self._next(name, lane, sense)
+            here = self._next(here.way, lane, route.get(here.way))
         return points
 
-    def _next(self, name: str, lane: int, sense: int) -> tuple[str, int, float, int] | None:
-        """Return the road, lane, place and sense after a road's end, the straightest of several."""
-        road = self.roads[name]
-        link = road.links.get("successor" if sense > 0 else "predecessor")
-        if link is None:
-            return None
-        kind, target, contact = link
-        section = road.sections[-1] if sense > 0 else road.sections[0]
-        own = section.lanes.get(lane)
-        if kind == "road":
-            onward = None if own is None else own.successor if sense > 0 else own.predecessor
-            return self._entered(target, contact, onward)
-        ways = [
-            entered
-            for incoming, connecting, contact, lanes in self._connections.get(target, [])
-            if incoming == name and lane in lanes and (entered := self._entered(connecting, contact, lanes[lane]))
-        ]
-        return min(ways, key=self._turn, default=None)
+    def _next(self, way: Way, lane: int, wanted: Way | None) -> Entry | None:
+        """Return what follows after a road's end: the `wanted` way, or the straightest of several."""
+        entries = self.onward(way, lane)
+        if wanted is not None:
+            entries = [entry for entry in entries if entry.way == wanted]
+            if not entries:
+                raise ValueError(f"lane {lane} of road {way.road} does not lead to road {wanted.road}")
+        return min(entries, key=self._turn, default=None)
 
-    def _entered(self, target: str, contact: str, lane: int | None) -> tuple[str, int, float, int] | None:
+    def onward(self, way: Way, lane: int | None = None) -> list[Entry]:
+        """Return what follows after a road's end, from one lane or from any."""
+        road = self.roads[way.road]
+        link = road.links.get("successor" if way.sense > 0 else "predecessor")
+        if link is None:
+            return []
+        kind, target, contact = link
+        section = road.sections[-1] if way.sense > 0 else road.sections[0]
+        found = []
+        for number in section.lanes if lane is None else [lane]:
+            if kind == "road":
+                own = section.lanes.get(number)
+                onward = None if own is None else own.successor if way.sense > 0 else own.predecessor
+                found.append(self._entered(target, contact, onward))
+                continue
+            found += [
+                self._entered(connecting, contact, lanes[number])
+                for incoming, connecting, contact, lanes in self._connections.get(target, [])
+                if incoming == way.road and number in lanes
+            ]
+        return [entry for entry in found if entry is not None]
+
+    def _entered(self, target: str, contact: str, lane: int | None) -> Entry | None:
         road = self.roads.get(target)
         if road is None or lane is None:
             return None
         sense = -1 if contact == "end" else 1
-        return target, lane, 0.0 if sense > 0 else road.length, sense
+        return Entry(Way(target, sense), lane, 0.0 if sense > 0 else road.length)
 
-    def _turn(self, way: tuple[str, int, float, int]) -> float:
-        road = self.roads[way[0]]
+    def _turn(self, entry: Entry) -> float:
+        road = self.roads[entry.way.road]
         return abs(math.remainder(road.at(road.length, 0.0).heading - road.at(0.0, 0.0).heading, math.tau))
 
 
@@ -315,6 +351,7 @@ def _road(element: Element) -> Road:
         pieces=[_piece(one) for one in view.all("geometry")],
         offsets=_cubics(lanes.all("laneOffset"), "s"),
         sections=[_section(one) for one in lanes.all("laneSection")],
+        left_hand=element.attributes.get("rule") == "LHT",
     )
     link = element.child("link")
     for one in [] if link is None else link.children:

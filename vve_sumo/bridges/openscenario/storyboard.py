@@ -9,16 +9,27 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from vve_sumo.bridges.openscenario.actions import Action, Stage, kind_of, longitudinal, read_action
+from vve_sumo.bridges.openscenario.actions import (
+    LEADING_OFF,
+    PATHS,
+    Action,
+    Stage,
+    kind_of,
+    longitudinal,
+    looks,
+    read_action,
+)
 from vve_sumo.bridges.openscenario.document import Document
 from vve_sumo.bridges.openscenario.entities import slug
 from vve_sumo.bridges.openscenario.parameters import Scope
-from vve_sumo.bridges.openscenario.triggers import Context, ElementState, Groups, compiled
+from vve_sumo.bridges.openscenario.triggers import Context, ElementState, Groups, compiled, latched
 from vve_sumo.bridges.scenario_import.not_taken import NotTakenError, Problems
 from vve_sumo.bridges.scenario_import.xml_tree import Element
 from vve_sumo.values import EGO
 
 OVERRIDING: Final = ("override", "overwrite")
+#: how often an event is done at most: who states more, or -1, means always
+MOST_TIMES: Final = 1000
 
 
 @dataclass(slots=True)
@@ -32,6 +43,7 @@ class Event:
     actors: list[str]  #: names of entities
     maneuver: int  #: number of its manoeuvre
     states: list[ElementState] = field(default_factory=list)  #: of itself and what it is in, innermost first
+    of_actions: dict[int, ElementState] = field(default_factory=dict)  #: by the identity of their elements
     names: list[str] = field(default_factory=list)  #: of its actions, ACTOR.NAME
 
     @property
@@ -41,8 +53,16 @@ class Event:
 
     @property
     def actions(self) -> list[Element]:
-        """The elements that say what it does."""
-        return self.element.all("Action")
+        """The elements that say what it does, but for what only changes how something looks."""
+        return [one for one in self.element.all("Action") if not looks(one)]
+
+    @property
+    def times(self) -> int:
+        """How often it is done; raises NotTakenError for no number of times."""
+        stated = self.scope.whole(self.element, "maximumExecutionCount", 1)
+        if stated < 1 and stated != -1:
+            raise NotTakenError(self.element, f"maximumExecutionCount: expected 1 or more, got {stated}")
+        return MOST_TIMES if stated == -1 else min(stated, MOST_TIMES)
 
 
 class Storyboard:
@@ -53,11 +73,28 @@ class Storyboard:
         self.stories: dict[str, list[Action]] = {name: [] for name in stage.ids}  #: by entity's name
         self._events = list(self._read())
         self._acts: dict[int, Groups | None] = {}
+        self._stops: dict[int, Groups] = {}
+
+    def at_once(self, who: str) -> Iterator[tuple[Element, Scope]]:
+        """Yield what says where an entity goes, and begins as the drive does: part of the start as much as Init is."""
+        for event in self._events:
+            if who not in event.actors:
+                continue
+            try:
+                private = [one for one in event.actions if one.child("PrivateAction") is not None]
+                kinds = [kind for one in private if (kind := kind_of(one.children[0])).tag in PATHS]
+                begins = bool(kinds) and self._triggers(event) == ([], [])
+            except NotTakenError:
+                continue
+            timed = [kind for kind in kinds if kind.child("TimeReference", "Timing") is not None]
+            yield from ((kind, event.scope) for kind in kinds if begins and not timed)
 
     def compile(self) -> Groups:
         """Fill `stories` and return the groups of the trigger that ends the drive; [] where nothing ends it."""
         for event in self._events:
             self._name_actions(event)
+        for event in self._events:
+            self._repeats(event)
         for event in self._events:
             self._markers(event)
         for event in self._events:
@@ -80,10 +117,13 @@ class Storyboard:
         for story in [] if board is None else board.all("Story"):
             in_story = self._document.scope.declared(story.child("ParameterDeclarations"))
             whole = self._state("story", story)
+            whole.begins([])
             for act in story.all("Act"):
-                act_state = self._state("act", act)
+                act_state = self._state("act", act, whole)
+                if _is_stopped(act):
+                    act_state.stop = whole.stop = None
                 for group in act.all("ManeuverGroup"):
-                    group_state = self._state("maneuverGroup", group)
+                    group_state = self._state("maneuverGroup", group, act_state, whole)
                     try:
                         found = list(self._maneuvers(group, in_story))
                     except NotTakenError as error:
@@ -93,15 +133,16 @@ class Storyboard:
                         continue
                     for maneuver, scope in found:
                         number += 1
-                        outer = [self._state("maneuver", maneuver), group_state, act_state, whole]
+                        outer = [group_state, act_state, whole]
+                        outer = [self._state("maneuver", maneuver, *outer), *outer]
                         for event in maneuver.all("Event"):
-                            states = [self._state("event", event), *outer]
+                            states = [self._state("event", event, *outer), *outer]
                             actors = self._actors(group, in_story)
                             yield Event(event, scope, act, in_story, actors, number, states)
 
-    def _state(self, kind: str, element: Element) -> ElementState:
-        state = ElementState()
-        self._context.elements[kind, element.attributes.get("name", "")] = state
+    def _state(self, kind: str, element: Element, *outer: ElementState) -> ElementState:
+        state = ElementState(outer=outer)
+        self._context.elements.setdefault((kind, element.attributes.get("name", "")), []).append(state)
         return state
 
     def _maneuvers(self, group: Element, scope: Scope) -> Iterator[tuple[Element, Scope]]:
@@ -140,20 +181,46 @@ class Storyboard:
                 while name in taken:
                     name, copy = f"{wanted}_{copy}", copy + 1
                 event.names.append(name)
-                for state in event.states:
+                for state in (self._state_of_action(event, action), *event.states):
                     state.actions.append(name)
+
+    def _state_of_action(self, event: Event, action: Element) -> ElementState:
+        """Return the state of an action, one for all of the event's actors; it is known from the first of them on."""
+        known = event.of_actions.get(id(action))
+        if known is None:
+            known = event.of_actions[id(action)] = self._state("action", action, *event.states)
+        return known
+
+    def _repeats(self, event: Event) -> None:
+        """Note that nobody knows when an event that repeats is over for good."""
+        try:
+            if event.times > 1:
+                for state in (*event.of_actions.values(), *event.states):
+                    state.repeats = True
+        except NotTakenError as error:
+            self._leave_out(event, error)
 
     def _act(self, event: Event) -> Groups | None:
         """Return the trigger of an event's act, which counts for every event in it."""
         if id(event.act) not in self._acts:
-            stop = event.act.child("StopTrigger")
-            if stop is not None and stop.children:
-                raise NotTakenError(stop, "an act that is stopped is not taken")
             self._acts[id(event.act)] = compiled(event.act.child("StartTrigger"), event.act_scope, self._context)
-            event.states[-2].start = self._acts[id(event.act)]
+        for state in event.states[1:-1]:
+            state.begins(self._acts[id(event.act)])
         return self._acts[id(event.act)]
 
+    def _stop_of(self, event: Event) -> Groups:
+        """Return the trigger that stops an event's act, [] where nothing does."""
+        act = event.act
+        if id(act) not in self._stops:
+            groups = compiled(act.child("StopTrigger"), event.act_scope, self._context) if _is_stopped(act) else None
+            if groups == []:
+                raise NotTakenError(act, "an act that is stopped as it begins is not taken")
+            self._stops[id(act)] = groups or []
+            event.states[-2].stop = self._stops[id(act)]
+        return self._stops[id(act)]
+
     def _triggers(self, event: Event) -> tuple[Groups | None, Groups | None]:
+        self._context.within = event.states
         armed = self._act(event)
         return armed, None if armed is None else compiled(
             event.element.child("StartTrigger"), event.scope, self._context
@@ -173,6 +240,7 @@ class Storyboard:
                 if setter is None:
                     raise NotTakenError(kind, "expected a SetAction")
                 self._context.variables.setdefault(key, []).append((event.scope.text(setter, "value"), groups))
+            event.states[0].begins(groups)
             if groups is not None:
                 for state in event.states:
                     state.markers.append(groups)
@@ -181,8 +249,6 @@ class Storyboard:
 
     def _event(self, event: Event) -> None:
         try:
-            if event.scope.whole(event.element, "maximumExecutionCount", 1) != 1:
-                raise NotTakenError(event.element, "maximumExecutionCount: expected 1")
             self._read_event(event)
         except NotTakenError as error:
             self._leave_out(event, error)
@@ -193,7 +259,7 @@ class Storyboard:
 
     def _forget(self, event: Event, why: str) -> None:
         """Note that nobody knows when an event ends, nor what it is in."""
-        for state in event.states:
+        for state in (*event.of_actions.values(), *event.states):
             state.unknown = state.unknown or why
             state.actions[:] = [name for name in state.actions if name not in event.names]
 
@@ -203,35 +269,45 @@ class Storyboard:
             if one.child("GlobalAction") is not None and not list(_variable_actions(one)):
                 self._global(event, one)
         if not private:
+            if not event.actions:
+                self._forget(event, f"{event.element.where} {event.name!r} changes nothing here")
             return
         armed, when = self._triggers(event)
         if armed is None or when is None:
             self._problems.note(f"{event.element.where} {event.name!r} never begins")
-            event.states[0].start = None
+            event.states[0].begins(None)
             self._forget(event, f"the event {event.name!r} never begins")
             return
-        event.states[0].start = armed + when if not (armed and when) else when
-        ends = self._ended_by(event)
+        event.states[0].begins(armed + when if not (armed and when) else when)
         names, taken = iter(event.names), list[tuple[str, Action]]()
+        only_ego = all(self._stage.ids.get(actor) == EGO for actor in event.actors)
+        until = [] if only_ego else self._stop_of(event)
+        common = _when(armed, when, until, self._ended_by(event))
+        if event.times > 1:
+            common["times"] = event.times
         for actor in event.actors:
             for one in private:
                 kind = kind_of(one.children[0])
                 if self._stage.id(one, actor) == EGO:
-                    self._of_ego(event, kind)
+                    self._of_ego(event, kind, actor)
                     continue
                 action, name = read_action(kind, event.scope, actor, self._stage), next(names)
-                taken.append((actor, {"name": name.partition(".")[2]} | _when(armed, when, ends) | (action or {})))
+                taken.append((actor, {"name": name.partition(".")[2]} | common | (action or {})))
+        if event.times > 1 and len(taken) > 1:
+            raise NotTakenError(event.element, "an event of several actions that repeats is not taken")
         for actor, action in taken:
             self.stories[actor].append(action)
 
-    def _of_ego(self, event: Event, kind: Element) -> None:
+    def _of_ego(self, event: Event, kind: Element, ego: str) -> None:
         """Take down that the controller drives in place of an action of the ego; refuse what leads it elsewhere."""
-        if not longitudinal(kind):
+        begun = id(kind) in self._stage.begun
+        if kind.tag in LEADING_OFF and not begun:
             raise NotTakenError(
                 kind, "the ego's path is the one that it begins on: an action that leads it off is not taken"
             )
         why = f"{event.element.where} {event.name!r}: the ego's controller drives in place of its {kind.tag}"
-        self._problems.note(why)
+        if not begun and (longitudinal(kind) or read_action(kind, event.scope, ego, self._stage) is not None):
+            self._problems.note(why)
         self._forget(event, why)
 
     def _ended_by(self, event: Event) -> list[str]:
@@ -253,13 +329,15 @@ class Storyboard:
             armed, when = self._triggers(event)
             if armed is not None and when is not None:
                 story = self.stories[name]
-                story.append({"name": f"leaves_{len(story)}"} | _when(armed, when, []) | {"leaves": True})
+                when_it_leaves = _when(armed, when, self._stop_of(event), [])
+                story.append({"name": f"leaves_{len(story)}"} | when_it_leaves | {"leaves": True})
             return
         raise NotTakenError(inner, "this global action is not taken")
 
     def _stop(self) -> Groups:
         board = self._document.root.child("Storyboard")
         trigger = None if board is None else board.child("StopTrigger")
+        self._context.within = ()
         groups: Groups = []
         for one in [] if trigger is None else trigger.all("ConditionGroup"):
             alone = Element("StopTrigger", {}, one.file, one.line, [one])
@@ -270,7 +348,31 @@ class Storyboard:
                 groups += found or []
             except NotTakenError as error:
                 self._problems.add(error)
+        if trigger is None or not trigger.children:
+            return self._stop_of_all()
         return groups
+
+    def _stop_of_all(self) -> Groups:
+        """Return when every act has been stopped: then nothing is left of a storyboard that nothing ends otherwise."""
+        acts = {id(event.act): event for event in self._events}
+        groups: Groups = [[]]
+        try:
+            for event in acts.values():
+                if not _is_stopped(event.act):
+                    return []
+                stop = self._stop_of(event)
+                if len(acts) > 1:
+                    stop = latched(event.act, stop) if stop else []
+                groups = [[*one, *other] for one in groups for other in stop]
+        except NotTakenError as error:
+            self._problems.note(f"{error}: it does not end the drive")
+            return []
+        return groups if acts else []
+
+
+def _is_stopped(act: Element) -> bool:
+    stop = act.child("StopTrigger")
+    return stop is not None and bool(stop.children)
 
 
 def _not_before(event: Event, armed: Groups, when: Groups) -> Groups:
@@ -284,8 +386,8 @@ def _not_before(event: Event, armed: Groups, when: Groups) -> Groups:
     return [[condition | {"from_s": first} for condition in group] for group in when]
 
 
-def _when(armed: Groups, when: Groups, ends: Sequence[str]) -> dict[str, Any]:
-    stated: dict[str, Any] = {"armed": armed, "when": when, "ends": list(ends)}
+def _when(armed: Groups, when: Groups, until: Groups, ends: Sequence[str]) -> dict[str, Any]:
+    stated: dict[str, Any] = {"armed": armed, "when": when, "until": until, "ends": list(ends)}
     return {key: value for key, value in stated.items() if value}
 
 

@@ -6,7 +6,7 @@ what it is handed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -42,9 +42,17 @@ class ElementState:
     """What is known of one element of the storyboard for conditions about it."""
 
     start: Groups | None = field(default_factory=list)  #: that of its act or event; None where it never begins
+    started: bool = False  #: whether `start` has been found
     actions: list[str] = field(default_factory=list)  #: in it, ACTOR.NAME
     markers: list[Groups] = field(default_factory=list)  #: triggers of events in it that only set variables
+    stop: Groups | None = field(default_factory=list)  #: that stops its act; None where that has not been found
     unknown: str = ""  #: why nobody knows when it ends; empty where it is known
+    repeats: bool = False  #: whether something in it is done several times
+    outer: tuple[ElementState, ...] = ()  #: what it is in
+
+    def begins(self, start: Groups | None) -> None:
+        """Take down when it begins."""
+        self.start, self.started = start, True
 
 
 @dataclass(slots=True)
@@ -53,9 +61,23 @@ class Context:
 
     ids: Mapping[str, str]  #: of entities, by their names
     place: Callable[[Element, Scope], tuple[float, float]]  #: of a <Position>: station and offset on the ego's path
-    elements: dict[tuple[str, str], ElementState]  #: of the storyboard, by type and name
+    elements: dict[tuple[str, str], list[ElementState]]  #: of the storyboard, by type and name
     variables: dict[str, list[tuple[str, Groups | None]]]  #: values that events set, with their triggers
     initial: Mapping[str, str]  #: values of variables at the start
+    within: Sequence[ElementState] = ()  #: what the condition that is read is in
+
+    def element(self, kind: str, name: str) -> ElementState | None:
+        """Return what a condition means by a name: of several the one that it has most in common with, None for none.
+
+        Raises ValueError where two are as near.
+        """
+        found = self.elements.get((kind, name), [])
+        if len(found) < 2:
+            return found[0] if found else None
+        near = [sum(any(one is other for other in self.within) for one in (state, *state.outer)) for state in found]
+        if near.count(max(near)) > 1:
+            raise ValueError(f"several elements {kind} {name!r} are in the storyboard")
+        return found[near.index(max(near))]
 
 
 def compiled(trigger: Element | None, scope: Scope, context: Context) -> Groups | None:
@@ -121,12 +143,17 @@ def _by_value(of: Element, scope: Scope, context: Context, edge: str, delay: flo
         name = scope.text(of, "parameterRef").removeprefix("$")
         if name not in scope.values:
             raise NotTakenError(of, f"no parameter {name!r} is declared")
-        return [] if _holds(scope.values[name], _rule(of, scope), scope.text(of, "value")) else None
+        return _at_once(delay) if _holds(scope.values[name], _rule(of, scope), scope.text(of, "value")) else None
     if of.tag == "VariableCondition":
         return _variable(of, scope, context, delay)
     if of.tag == "StoryboardElementStateCondition":
         return _state(of, scope, context, edge, delay)
     raise NotTakenError(of, "this condition is not taken")
+
+
+def _at_once(delay: float) -> Groups:
+    """Return what holds from the start on, and so much later [s]."""
+    return [[{"time_s": delay, "rule": ">="}]] if delay else []
 
 
 def _holds(value: str, rule: str, wanted: str) -> bool:
@@ -147,7 +174,7 @@ def _variable(of: Element, scope: Scope, context: Context, delay: float) -> Grou
     if _holds(context.initial[name], rule, wanted):
         if any(not _holds(value, rule, wanted) for value, _ in context.variables.get(name, [])):
             raise NotTakenError(of, f"the variable {name!r} ceases to meet it")
-        return []
+        return _at_once(delay)
     groups: Groups = []
     for value, trigger in context.variables.get(name, []):
         if trigger is not None and _holds(value, rule, wanted):
@@ -157,6 +184,8 @@ def _variable(of: Element, scope: Scope, context: Context, delay: float) -> Grou
 
 def latched(of: Element, trigger: Groups, delay: float = 0.0) -> Groups:
     """Return a trigger that holds for good once another has fired, so much later [s]."""
+    if not trigger:
+        return _at_once(delay)
     if any(len(group) > 1 for group in trigger):
         raise NotTakenError(of, "it depends on an event that several conditions start together")
     return [
@@ -169,7 +198,10 @@ def latched(of: Element, trigger: Groups, delay: float = 0.0) -> Groups:
 def _state(of: Element, scope: Scope, context: Context, edge: str, delay: float) -> Groups | None:
     kind, state = scope.text(of, "storyboardElementType"), scope.text(of, "state")
     name = scope.text(of, "storyboardElementRef").rpartition("::")[2].rpartition("/")[2]
-    known = context.elements.get((kind, name))
+    try:
+        known = context.element(kind, name)
+    except ValueError as error:
+        raise NotTakenError(of, str(error)) from None
     if known is None or state not in STATES:
         what = f"no {kind} {name!r} in the storyboard" if known is None else f"the state {state!r} is not taken"
         raise NotTakenError(of, what)
@@ -181,9 +213,15 @@ def _state(of: Element, scope: Scope, context: Context, edge: str, delay: float)
             return [[_short({"actions": known.actions, "state": wanted, "edge": edge, "delay_s": delay})]]
         if wanted == "running":
             raise NotTakenError(of, f"the state {state!r} of this {kind} is not taken")
+        if not known.started:
+            raise NotTakenError(of, f"nobody knows when the {kind} {name!r} begins")
         return latched(of, known.start, delay)
     if known.unknown:
         raise NotTakenError(of, known.unknown)
+    if known.repeats and state == "completeState":
+        raise NotTakenError(of, f"the {kind} {name!r} repeats: nobody knows when that is over")
+    if known.stop is None:
+        raise NotTakenError(of, f"nobody knows when the {kind} {name!r} is stopped")
     groups: Groups = [[]]
     if known.actions:
         condition = _short({"actions": known.actions, "edge": edge, "delay_s": delay})
@@ -191,7 +229,7 @@ def _state(of: Element, scope: Scope, context: Context, edge: str, delay: float)
         groups = [[condition if not known.markers else condition | {"edge": "none"}]]
     for marker in known.markers:
         groups = _both(groups, latched(of, marker, delay)) or []
-    return groups
+    return groups + (latched(of, known.stop, delay) if known.stop else [])
 
 
 def _by_entity(of: Element, scope: Scope, context: Context, when: Condition) -> Groups:

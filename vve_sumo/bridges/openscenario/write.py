@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from vve_sumo.bridges.openscenario.distributions import read_variation
 from vve_sumo.bridges.openscenario.document import Document
-from vve_sumo.bridges.openscenario.importer import Imported, read_scenario, roads_of
+from vve_sumo.bridges.openscenario.importer import Imported, read_scenario, roads_file
 from vve_sumo.bridges.openscenario.road_map import RoadMap
 from vve_sumo.bridges.openscenario.sweepable import parameters_of
 from vve_sumo.bridges.scenario_import.lines import Points
@@ -49,33 +49,47 @@ def import_file(
     sets = [one | dict(given or {}) for one in varied.sets]
     numbers = [""] if len(sets) == 1 else [f"_{n:03d}" for n in range(1, len(sets) + 1)]
     names = [f"{name}{number}" for number in numbers]
-    refuse_existing(folder, name, names)
-    roads = roads_of(Document(varied.file, sets[0]))
-    found = [read_scenario(varied.file, name, ego=ego, given=one, roads=roads) for one in sets]
+    of_roads = [roads_file(Document(varied.file, one)) for one in sets]
+    roads = {one: RoadMap(one) for one in dict.fromkeys(of_roads)}
+    networks = {one: name if n == 1 else f"{name}_roads_{n}" for n, one in enumerate(roads, 1)}
+    for network in networks.values():
+        refuse_existing(folder, network, names)
+
+    def come_to(given: Mapping[str, str], of: Path) -> Imported:
+        return read_scenario(varied.file, networks[of], ego=ego, given=given, roads=roads[of])
+
+    found = [come_to(one, of) for one, of in zip(sets, of_roads, strict=True)]
     left_out = list(dict.fromkeys(problem for one in found for problem in one.problems))
     refuse_left_out(left_out, partial)
 
     def again(values: Mapping[str, str]) -> Imported:
-        return read_scenario(varied.file, name, ego=ego, given=sets[0] | dict(values), roads=roads)
+        return come_to(sets[0] | dict(values), of_roads[0])
 
+    warnings: list[str] = []
     with tempfile.TemporaryDirectory() as made:
         aside = Path(made)
-        built = _network(roads, aside / "networks" / f"{name}.net.xml", origin)
-        lines: dict[str, Points] = {}
-        for one, own in zip(found, names, strict=True):
-            table = with_road(_shared(one, lines), name)
+        lines: dict[Path, dict[str, Points]] = {of: {} for of in roads}
+        for one, own, of in zip(found, names, of_roads, strict=True):
+            table = with_road(_shared(one, lines[of]), networks[of])
             # Of many sets, each scenario is one; what a sweep would vary is varied already.
             if len(sets) == 1 and (parameters := parameters_of(one, again)):
                 table["parameters"] = parameters
             write_scenario(aside, own, table, varied.file)
-        frame, (x0, y0), (dx, dy) = built.network.frame(), built.network.offset, roads.shift
-        for line, points in lines.items():
-            write_line(aside, line, [(x + x0 + dx, y + y0 + dy) for x, y in points], frame, file)
+        for of, network in networks.items():
+            built = _network(roads[of], aside / "networks" / f"{network}.net.xml", origin)
+            warnings += built.warnings
+            _write_lines(aside, lines[of], built.network, roads[of], file)
         for own in names:
             check_scenario(aside, own)
         copy_all(aside, folder)
     notes = list(dict.fromkeys(note for one in found for note in one.notes))
-    return Written(names, left_out, notes, built.warnings)
+    return Written(names, left_out, notes, tuple(dict.fromkeys(warnings)))
+
+
+def _write_lines(aside: Path, lines: Mapping[str, Points], network: Network, roads: RoadMap, file: Path) -> None:
+    frame, (x0, y0), (dx, dy) = network.frame(), network.offset, roads.shift
+    for line, points in lines.items():
+        write_line(aside, line, [(x + x0 + dx, y + y0 + dy) for x, y in points], frame, file)
 
 
 class _Built(NamedTuple):
