@@ -40,7 +40,7 @@ def _tool(name: str, *arguments: str) -> None:
     )
 
 
-def _network(folder: Path, name: str, nodes: str, edges: str) -> Path:
+def _network(folder: Path, name: str, nodes: str, edges: str, *options: str) -> Path:
     (folder / f"{name}.nod.xml").write_text(f"<nodes>{nodes}</nodes>")
     (folder / f"{name}.edg.xml").write_text(f"<edges>{edges}</edges>")
     target = folder / f"{name}.net.xml"
@@ -49,20 +49,25 @@ def _network(folder: Path, name: str, nodes: str, edges: str) -> Path:
         "--node-files", str(folder / f"{name}.nod.xml"),
         "--edge-files", str(folder / f"{name}.edg.xml"),
         "--no-turnarounds", "true",
+        *options,
         "--offset.disable-normalization", "true",
         "--output-file", str(target),
     )  # fmt: skip
     return target
 
 
-def street(folder: Path, lanes: int = 2) -> Path:
-    """1 km to the east with so many lanes ("east", lane 0 in the south), one lane back ("west", at y = 1.6)."""
+def street(folder: Path, lanes: int = 2, *, opposites: bool = False) -> Path:
+    """1 km to the east with so many lanes ("east", lane 0 in the south), one lane back ("west", at y = 1.6).
+
+    With `opposites` the lanes beside the centre line know of each other, as those of an import from OpenStreetMap do.
+    """
     return _network(
         folder,
         "street",
         '<node id="a" x="0" y="0"/><node id="b" x="1000" y="0"/>',
         f'<edge id="east" from="a" to="b" numLanes="{lanes}" speed="20"/>'
         '<edge id="west" from="b" to="a" numLanes="1" speed="20"/>',
+        *(["--opposites.guess", "true"] if opposites else []),
     )
 
 

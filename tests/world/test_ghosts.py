@@ -53,12 +53,15 @@ def _polygon(shape: Box) -> Polygon:
     return Polygon(shape.corners())
 
 
-def _watch(folder: str, x: float, y: float, heading: float, speed: float, seconds: float) -> Seen:
+def _watch(
+    folder: str, x: float, y: float, heading: float, speed: float, seconds: float, opposites: bool = False
+) -> Seen:
     """Put the ego on the virtual road (east lanes at y = -4.8 and -1.6, west at 1.6) and look at the traffic."""
     root = Path(folder)
     seen = Seen(set(), {}, set(), set(), "")
     cars = demand(root, FLOWS)
-    with World(street(root), demand=[cars], seed=1, period=PERIOD, egos=ALONE, range_of_interest=400.0) as world:
+    road = street(root, opposites=opposites)
+    with World(road, demand=[cars], seed=1, period=PERIOD, egos=ALONE, range_of_interest=400.0) as world:
         for k in range(int(seconds / PERIOD)):
             at = x + speed * k * PERIOD
             seen.lane = world.step({EGO: pose(k * PERIOD, at, y, heading, speed)})[EGO].lane
@@ -122,6 +125,18 @@ def test_traffic_of_every_cut_lane_stops_and_nobody_touches(tmp_path, case):
     assert seen.nearest_stop.keys() == cut
     assert all(gap < 9.0 for gap in seen.nearest_stop.values()), seen.nearest_stop
     assert seen.passed == LANES.keys() - cut
+
+
+@pytest.mark.parametrize("y", [-0.6, 0.1, 0.7])
+@pytest.mark.parametrize("turned", [0.0, 0.15, -0.1])
+def test_where_lanes_know_of_the_other_way_traffic_of_both_stops_before_who_stands_over_the_line(tmp_path, y, turned):
+    """SUMO takes who is mapped to one of them for a leader on the other, too, his body on the wrong side of him."""
+    seen = isolated(_watch, str(tmp_path), 500.0, y, turned, 0.0, 22.0, True)
+    assert seen.touched == set()
+    assert {"left", "oncoming"} <= seen.nearest_stop.keys()
+    assert "oncoming" not in seen.passed
+    assert "left" not in seen.passed
+    assert all(gap < 9.0 for gap in seen.nearest_stop.values()), seen.nearest_stop
 
 
 @pytest.mark.thorough

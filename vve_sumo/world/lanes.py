@@ -63,6 +63,17 @@ class Lane:
         band, along = self.bands[i], distance - self.starts[i]
         return band.x + along * band.cos, band.y + along * band.sin, math.atan2(band.sin, band.cos)
 
+    def nearest(self, x: float, y: float) -> float:
+        """Return the drawn distance [m] of the place on the centre line that is nearest to a point."""
+
+        def away(piece: tuple[RoadStrip, float]) -> tuple[float, float]:
+            band, start = piece
+            dx, dy = x - band.x, y - band.y
+            along = min(max(dx * band.cos + dy * band.sin, 0.0), band.length)
+            return math.hypot(dx - along * band.cos, dy - along * band.sin), start + along
+
+        return min(map(away, zip(self.bands, self.starts, strict=True)))[1]
+
 
 @fast_frozen
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Final
 
 import libsumo
@@ -27,6 +28,14 @@ CUT_DEPTH: Final = 0.05
 
 #: Smallest length of a proxy [m]: SUMO needs a length above 0.
 MIN_LENGTH: Final = 0.1
+
+#: On lanes that go the other way than the one that the ego is mapped to, a proxy's front is so much behind the ego's
+#: front bumper [m]. Where two such lanes know of each other (SUMO's `neigh`), their traffic takes the ego for a leader,
+#: too, and what is behind its front bumper along the lane for its body; of the two it heeds the one farther back.
+BEHIND_FRONT: Final = 0.05
+
+#: Cosine of the angle between two lanes below which one goes the other way.
+AGAINST: Final = -0.7
 
 #: A change of length is passed on to SUMO above this [m].
 LENGTH_STEP: Final = 0.01
@@ -76,7 +85,7 @@ class ProxyVehicles:
             if self._by_lane:
                 self._keep({})
             return
-        self.cover(body, speed, self._lanes.cut)
+        self.cover(body, speed, self._cut_behind_front)
 
     def cover(self, body: Box, speed: float, cut: Callable[[Box], dict[str, Cut]]) -> None:
         """Put a proxy on each lane that a body cuts, for the coming step, even where it lies within one lane.
@@ -90,6 +99,17 @@ class ProxyVehicles:
         self._keep(cuts)
         for part in cuts.values():
             self._show(part, body.heading, speed)
+
+    def _cut_behind_front(self, box: Box) -> dict[str, Cut]:
+        """Return the lanes that a box cuts, on lanes that go against its own up to the front bumper alone."""
+        cuts = self._lanes.cut(box)
+        if not self._line:
+            return cuts
+        reach = 0.5 * box.length
+        x, y = box.x + reach * math.cos(box.heading), box.y + reach * math.sin(box.heading)
+        own = self._line[0]
+        along = own.at(own.nearest(x, y))[2]
+        return {name: _up_to(part, part.lane.nearest(x, y), along) for name, part in cuts.items()}
 
     def leave(self) -> None:
         """Remove every proxy; raises SUMO's errors."""
@@ -149,3 +169,11 @@ class ProxyVehicles:
         libsumo.vehicle.setLaneChangeMode(ghost, 0)
         self._by_lane[lane.id], self._lengths[ghost] = ghost, 0.0
         return ghost
+
+
+def _up_to(part: Cut, front: float, along: float) -> Cut:
+    """Return what of a cut lies before the front bumper [m], where its lane goes against a direction [rad]."""
+    if math.cos(part.lane.at(front)[2] - along) >= AGAINST:
+        return part
+    end = max(min(part.end, front - BEHIND_FRONT), MIN_LENGTH)
+    return replace(part, start=min(part.start, end - MIN_LENGTH), end=end)
