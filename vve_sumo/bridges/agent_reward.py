@@ -14,7 +14,7 @@ from vve_sumo.scenario.schema import Criteria, CriterionBand
 
 #: reward of a drive's end that meets every criterion
 MET_ALL: Final = 10.0
-#: what a contact costs beside its impact's speed: more than an agent gains that drives on where it could stop
+#: what a contact costs beside its impact's speed: more than the last seconds of way before it gain
 CONTACT: Final = 5.0
 
 
