@@ -42,7 +42,7 @@ class Room(NamedTuple):
 class Nodes:
     """Places along the path, and what the car covers there."""
 
-    stations: np.ndarray  #: of the nodes [m]
+    s: np.ndarray  #: of the nodes [m]
     curvature: np.ndarray  #: of the path there [1/m]
     left: np.ndarray  #: reach of the body to the left of the rear axle's line [m]
     right: np.ndarray  #: the same to the right [m]
@@ -50,10 +50,10 @@ class Nodes:
     rear: float  #: to the rear bumper [m]
 
     @classmethod
-    def of(cls, vehicle: Vehicle, stations: np.ndarray, curvature: np.ndarray) -> Nodes:
+    def of(cls, vehicle: Vehicle, s: np.ndarray, curvature: np.ndarray) -> Nodes:
         """Return the nodes of a car."""
         left, right = swept_half_widths(curvature, vehicle.rear_axle_to_bumper, vehicle.width)
-        return cls(stations, curvature, left, right, vehicle.rear_axle_to_bumper, vehicle.rear_overhang)
+        return cls(s, curvature, left, right, vehicle.rear_axle_to_bumper, vehicle.rear_overhang)
 
 
 class Margins(NamedTuple):
@@ -72,7 +72,7 @@ def side_of(body: Body) -> int:
 
 def room(nodes: Nodes, times: Sequence[float], bodies: Sequence[Body], sides: Sequence[int], keeps: Margins) -> Room:
     """Return the room at the nodes, which the rear axle reaches after `times` [s], passing bodies on given sides."""
-    count = len(nodes.stations)
+    count = len(nodes.s)
     low, high = np.full(count, -math.inf), np.full(count, math.inf)
     at = np.array(times)
     for body, side in zip(bodies, sides, strict=True):
@@ -99,8 +99,8 @@ def clearances(
     """
     at, way = np.array(times), np.array(offsets)
     beside, d, spread = _beside(nodes, at, body, keeps, 0.0)
-    ahead = (body.s[None, :] + body.along * at[:, None] - nodes.stations[:, None]).clip(-nodes.rear, nodes.front)
-    away = d - way[:, None] - _slopes(way, nodes.stations)[:, None] * ahead
+    ahead = (body.s[None, :] + body.along * at[:, None] - nodes.s[:, None]).clip(-nodes.rear, nodes.front)
+    away = d - way[:, None] - _slopes(way, nodes.s)[:, None] * ahead
     gap = np.where(away > 0.0, away - nodes.left[:, None], -away - nodes.right[:, None])
     both = _straddled(away, beside)
     least = np.where(beside, gap, math.inf).min(axis=1) - spread
@@ -108,8 +108,8 @@ def clearances(
     return nearest
 
 
-def _slopes(offsets: np.ndarray, stations: np.ndarray) -> np.ndarray:
-    return np.gradient(offsets, stations) if len(offsets) > 1 else np.zeros(len(offsets))
+def _slopes(offsets: np.ndarray, s: np.ndarray) -> np.ndarray:
+    return np.gradient(offsets, s) if len(offsets) > 1 else np.zeros(len(offsets))
 
 
 def _straddled(away: np.ndarray, beside: np.ndarray) -> np.ndarray:
@@ -133,7 +133,7 @@ def _beside(
     hidden = HIDDEN_SMALL if body.small else max(HIDDEN - seen, 0.5)
     slack = keeps.slack if body.along < 0.0 else min(keeps.slack, FOLLOWS)
     far = keeps.lengthwise + slack * abs(body.along)
-    at = nodes.stations[:, None]
+    at = nodes.s[:, None]
     beside: np.ndarray = (s + hidden + far >= at - nodes.rear) & (s - far <= at + nodes.front)
     spread = np.minimum(keeps.sigmas * body.sigma * times, SPREAD_LIMIT) if body.across else np.zeros(len(times))
     return beside, d, spread

@@ -157,9 +157,9 @@ class SteerAround:
 
     def _sight(self, observation: Observation, here: PathProjection) -> _Sight:
         first = math.floor(here.s / SPACING)
-        stations = SPACING * (first + np.arange(NODES))
-        curvature = np.array([observation.path.at(s).curvature for s in stations.tolist()])
-        nodes = Nodes.of(self._vehicle, stations, curvature)
+        s = SPACING * (first + np.arange(NODES))
+        curvature = np.array([observation.path.at(node).curvature for node in s.tolist()])
+        nodes = Nodes.of(self._vehicle, s, curvature)
         speed, speeds = max(observation.pose.speed, 0.0), []
         for bend in curvature.tolist():
             limit = min(observation.desired_speed, math.sqrt(self._lateral / max(abs(bend), 1e-6)))
@@ -304,7 +304,7 @@ class SteerAround:
             return sight.speeds
         beside = min((float(body.s.min()) for body in blocking), default=-math.inf) - self._vehicle.rear_axle_to_bumper
         speeds = [sight.speeds[0]]
-        for station, open_road in zip(sight.nodes.stations.tolist()[1:], sight.speeds[1:], strict=True):
+        for station, open_road in zip(sight.nodes.s.tolist()[1:], sight.speeds[1:], strict=True):
             faster = math.sqrt(speeds[-1] ** 2 + 2.0 * SPEEDING_UP * SPACING)
             slower = math.sqrt(max(speeds[-1] ** 2 - 2.0 * SLOWING * SPACING, 0.0))
             speeds.append(min(faster, open_road, max(cap, slower) if station < beside else math.inf))
@@ -459,7 +459,7 @@ class SteerAround:
         self._lay(sight, LateralPlan(offsets, tuple(sight.speeds)), self._line.urgent)
 
     def _lay(self, sight: _Sight, plan: LateralPlan, urgent: bool) -> None:
-        self._line = WayAround.laid(sight.observation.path, sight.first, plan, sight.speeds, self._lateral, urgent)
+        self._line = WayAround.of_plan(sight.observation.path, sight.first, plan, sight.speeds, self._lateral, urgent)
         self._along = None
 
 

@@ -42,10 +42,10 @@ class WayAround(NamedTuple):
     urgent: bool
 
     @classmethod
-    def laid(
+    def of_plan(
         cls, path: ReferencePath, first: int, plan: LateralPlan, usual: Sequence[float], lateral: float, urgent: bool
     ) -> WayAround:
-        """Lay a plan from a node of a path on.
+        """Return the way of a plan from a node of a path on.
 
         `usual` are the speeds [m/s] at the nodes of a car that has nothing in its way, `lateral` is the acceleration
         [m/s2] that bends allow in comfort.
@@ -84,11 +84,11 @@ class WayAround(NamedTuple):
         self, bodies: Iterable[Body], vehicle: Vehicle, here: PathProjection, speed: float
     ) -> tuple[Target | None, list[Target]]:
         """Return the nearest body in the way, and all that a car would meet soon; `here` is its place on the path."""
-        stations = SPACING * (self.first + np.arange(NODES))
-        ahead = stations >= here.s - SPACING
-        nodes = Nodes.of(vehicle, stations[ahead], np.zeros(int(ahead.sum())))
+        s = SPACING * (self.first + np.arange(NODES))
+        ahead = s >= here.s - SPACING
+        nodes = Nodes.of(vehicle, s[ahead], np.zeros(int(ahead.sum())))
         offsets = np.array(self.offsets)[ahead].tolist()
-        steady = ((nodes.stations - here.s).clip(min=0.0) / max(speed, 0.5)).tolist()
+        steady = ((nodes.s - here.s).clip(min=0.0) / max(speed, 0.5)).tolist()
         planned = steady if self.urgent else self._planned(here, ahead)
         bumper, nearest, dangers = here.s + vehicle.rear_axle_to_bumper, None, []
         for body in bodies:
@@ -119,7 +119,7 @@ class _Kept(NamedTuple):
     squares: tuple[float, ...]  #: of planned speeds at the nodes [m2/s2]
 
     def at(self, s: float) -> tuple[float, float]:
-        """Return the speed [m/s] and the acceleration along the profile [m/s2] at a station [m]."""
+        """Return the speed [m/s] and the acceleration along the profile [m/s2] at an s along it [m]."""
         speed, along = self.bends.at(s)
         place = min(max(s / SPACING, 0.0), len(self.squares) - 1.001)
         node = int(place)

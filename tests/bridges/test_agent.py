@@ -142,9 +142,9 @@ def test_a_contact_costs_more_than_driving_on_into_it_gains() -> None:
     halted = reward_of_end(CRITERIA, {"outcome": "stopped", "collision": False, "stop_gap_m": 30.0, "passed": False})
     touched = [
         reward_of_end(CRITERIA, {"outcome": "contact", "collision": True, "passed": False, "impact_speed_mps": speed})
-        for speed in (0.0, 0.4, 8.0)
+        for speed in (0.0, 0.4, 8.0, math.nan, None)
     ]
-    assert touched == [-5.0, -5.4, -13.0]
+    assert touched == [-5.0, -5.4, -13.0, -5.0, -5.0]
     assert all(cost + reward_of_progress(30.0, 8.0) < halted for cost in touched)
 
 

@@ -70,12 +70,12 @@ def outline(polygon: Polygon, path: ReferencePath) -> Body:
 def swept(path: ReferencePath, plan: LateralPlan, nodes: Nodes) -> tuple[ReferencePath, list[Polygon]]:
     """The curve that the gateway would follow, and the car's body all along it."""
     x, y = [], []
-    for station, offset in zip(nodes.stations.tolist(), plan.offsets, strict=True):
+    for station, offset in zip(nodes.s.tolist(), plan.offsets, strict=True):
         at = path.at(station)
         x.append(at.x - offset * math.sin(at.heading))
         y.append(at.y + offset * math.cos(at.heading))
     commanded = CommandedPath(tuple(x), tuple(y), tuple(plan.speeds))
-    first = path.at(float(nodes.stations[0]))
+    first = path.at(float(nodes.s[0]))
     assert not flaw(commanded, Pose(0.0, Point.REAR_AXLE, x[0], y[0], first.heading, 5.0, 0.0, 0.0, 0.0, 0.0))
     way, bodies = curve(commanded), []
     shape = box(-CAR.rear_overhang, -0.5 * CAR.width, CAR.rear_axle_to_bumper, 0.5 * CAR.width)
@@ -164,7 +164,7 @@ def test_the_least_distance_to_come_aside_is_near_the_closed_form(planner: Plann
 
     first = next(node for node in range(4, COUNT) if laid(planner, wall(node)) is not None)
     least = speed * swerve_time(1.5, URGENT.acceleration, URGENT.jerk)
-    assert len(nodes.stations) == COUNT
+    assert len(nodes.s) == COUNT
     share = {ElasticBand: 1.1, FrenetSampling: 1.25}[type(planner)]
     assert 0.85 * least - SPACING <= SPACING * (first - 3) <= share * least + SPACING
 
@@ -252,12 +252,12 @@ def test_a_car_that_leaves_its_path_obliquely_is_as_near_as_its_polygon(
 ) -> None:
     """At each node at which a post that stands beside the way is beside the car's flank."""
     nodes, side, turn = nodes_of(road(0.0)), 1.0 if left else -1.0, math.atan(slope)
-    offsets = slope * (nodes.stations - 30.0)
+    offsets = slope * (nodes.s - 30.0)
     post = Place(place, slope * (place - 30.0) + side * (0.5 * CAR.width + away) / math.cos(turn))
     body = Body(np.array([post.x]), np.array([post.y]), 0.0, 0.0, 0.0, 1.0)
     found = clearances(nodes, times_at((5.0,) * COUNT, SPACING), offsets.tolist(), body, KEEPS)
     middle = CAR.rear_axle_to_bumper - 0.5 * CAR.length
-    for s, d, clear in zip(nodes.stations.tolist(), offsets.tolist(), found, strict=True):
+    for s, d, clear in zip(nodes.s.tolist(), offsets.tolist(), found, strict=True):
         along = (post.x - s) * math.cos(turn) + (post.y - d) * math.sin(turn)
         if all(-CAR.rear_overhang < ahead < CAR.rear_axle_to_bumper for ahead in (place - s, along)):
             x, y = s + middle * math.cos(turn), d + middle * math.sin(turn)
@@ -272,7 +272,7 @@ def test_room_beside_one_who_crosses_is_where_he_will_be() -> None:
     times = times_at((10.0,) * COUNT, SPACING)
     clear = clearances(nodes, times, [0.0] * COUNT, walker, KEEPS)
     node = int(np.argmin(clear))
-    assert nodes.stations[node] / 10.0 == pytest.approx(3.0, abs=0.5)
+    assert nodes.s[node] / 10.0 == pytest.approx(3.0, abs=0.5)
     assert clear[node] < 0.0
     free = room(nodes, times, [walker], [RIGHT], KEEPS)
     assert min(free.high) == pytest.approx(-2.8 + 2.6 - 0.5 * CAR.width - KEEPS.clearance, abs=0.6)

@@ -29,10 +29,11 @@ def reward_of_end(criteria: Criteria, figures: Mapping[str, Any]) -> float:
     The scores of the scenario's criteria are multiplied: a car that never sets out meets most of them. A criterion that
     is met scores 1. A number outside its band scores less the farther out it is: 1 / (1 + distance from the band / the
     band's bound there, but at least 1). What is not met otherwise scores 0. The end of a drive that touched something
-    costs CONTACT and the speed of the impact [m/s], whatever the criteria say.
+    costs CONTACT and the speed of the impact [m/s] where that is known, whatever the criteria say.
     """
     if figures.get("collision"):
-        return -CONTACT - float(figures.get("impact_speed_mps") or 0.0)
+        impact = float(figures.get("impact_speed_mps") or 0.0)
+        return -CONTACT - (impact if math.isfinite(impact) else 0.0)
     known = {name: figures.get(name) for name, wanted in criteria if wanted is not None}
     if not known:
         return 0.0

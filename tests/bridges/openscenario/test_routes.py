@@ -235,7 +235,7 @@ def test_the_shortest_way_is_taken_and_stations_add_up(tmp_path: Path) -> None:
     first, last = Waypoint(RoadPlace("0", 40.0, 0.0), 1), Waypoint(RoadPlace("2", 30.0, 0.0), 1)
     route = route_over(found, [first, Waypoint(RoadPlace("0", 70.0, 0.0), 1), last])
     assert [leg.way for leg in route.legs] == [Way("0", 1), Way("11", 1), Way("2", -1)]
-    assert [leg.station for leg in route.legs] == pytest.approx([0.0, 60.0, 60.0 + 0.5 * math.pi * RADIUS])
+    assert [leg.path_s for leg in route.legs] == pytest.approx([0.0, 60.0, 60.0 + 0.5 * math.pi * RADIUS])
     end = route.at(60.0 + 0.5 * math.pi * RADIUS + 90.0, found)  # beyond the last waypoint, on its road
     assert end is not None
     assert end.s == pytest.approx(10.0)

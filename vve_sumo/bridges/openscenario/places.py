@@ -165,10 +165,10 @@ class Places:
         stated = inner.children[0]
         if stated.tag not in ("FromLaneCoordinates", "FromRoadCoordinates"):
             raise NotTakenError(stated, "this kind of place on a route is not taken")
-        route, station = self.route(reference, scope), scope.number(stated, "pathS")
-        place = route.at(station, self.roads)
+        route, path_s = self.route(reference, scope), scope.number(stated, "pathS")
+        place = route.at(path_s, self.roads)
         if place is None:
-            raise NotTakenError(stated, f"pathS {station:.2f} lies off the route")
+            raise NotTakenError(stated, f"pathS {path_s:.2f} lies off the route")
         road = self.roads.roads[place.way.road]
         if stated.tag == "FromRoadCoordinates":
             t = place.way.sense * scope.number(stated, "t")

@@ -27,7 +27,7 @@ class Leg(NamedTuple):
     way: Way
     first: float  #: s where the route comes onto the road, or begins [m]
     last: float  #: s where it leaves the road, or ends [m]
-    station: float  #: of the first place, along the reference lines from where the route begins [m]
+    path_s: float  #: of the first place, along the reference lines from where the route begins [m]
 
     @property
     def length(self) -> float:
@@ -36,7 +36,7 @@ class Leg(NamedTuple):
 
 
 class RoutePlace(NamedTuple):
-    """Where a station of a route lies."""
+    """Where a place that counts along a route lies."""
 
     way: Way
     s: float  #: on that road [m]
@@ -57,11 +57,11 @@ class Route:
         """Return how the route goes over a road, None where it does not."""
         return next((leg.way for leg in self.legs if leg.way.road == road), None)
 
-    def at(self, station: float, roads: RoadMap) -> RoutePlace | None:
+    def at(self, path_s: float, roads: RoadMap) -> RoutePlace | None:
         """Return the place so far along the reference lines [m], up to the end of the last road; None beyond."""
         last = self.legs[-1]
         for leg in self.legs:
-            gone = station - leg.station
+            gone = path_s - leg.path_s
             s = leg.first + leg.way.sense * gone
             on_leg = -1e-6 <= gone <= leg.length + 1e-6
             if on_leg or (leg is last and gone > 0.0 and -1e-6 <= s <= roads.roads[leg.way.road].length + 1e-6):
@@ -87,7 +87,7 @@ def route_over(roads: RoadMap, waypoints: Sequence[Waypoint]) -> Route:
 
 def _legs(roads: RoadMap, start: RoutePlace, others: Sequence[Waypoint]) -> list[Leg]:
     """Return a route's legs, [] where no way leads to a waypoint."""
-    here, legs, station = start, list[Leg](), 0.0
+    here, legs, path_s = start, list[Leg](), 0.0
     for waypoint in others:
         ways = _shortest(roads, here, waypoint.on)
         if not ways:
@@ -98,9 +98,9 @@ def _legs(roads: RoadMap, start: RoutePlace, others: Sequence[Waypoint]) -> list
             last = waypoint.on.s if number == len(ways) - 1 else road.length if way.sense > 0 else 0.0
             if legs and legs[-1].way == way and number == 0:
                 before = legs.pop()
-                first, station = before.first, before.station
-            legs.append(Leg(way, first, last, station))
-            station += legs[-1].length
+                first, path_s = before.first, before.path_s
+            legs.append(Leg(way, first, last, path_s))
+            path_s += legs[-1].length
         here = RoutePlace(ways[-1], waypoint.on.s)
     return legs
 
