@@ -1,6 +1,6 @@
 """Drives a street with signals with and without Pass-at-Green: red lights run, and energy of the ego and its followers.
 
-python -m benchmarks.signals DIR [--seeds N] [--smoke]
+python -m benchmarks.signals DIR [--first SEED] [--seeds N] [--smoke]
 Each seed is a pair of drives of `signal_street` with the same traffic, at another moment of the signals' cycle. DIR
 keeps a row a drive, and a run goes on where the last one ended. Energy is that of SUMO's emission models for the driven
 speeds, by SUMO's own emissionsDrivingCycle, along the same stretch of street. Two minutes a pair on one core.
@@ -140,13 +140,15 @@ def main() -> None:
     """Drive what is not there yet, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("out", type=Path, nargs="?", default=Path("signals"))
-    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--first", type=int, default=1, metavar="SEED", help="of the first pair (default: 1)")
+    parser.add_argument("--seeds", type=int, default=20, metavar="N", help="pairs (default: 20)")
     parser.add_argument("--smoke", action="store_true", help="a drive of a few seconds, only to see that it runs")
     arguments = parser.parse_args()
     seeds, duration = (1, 4.0) if arguments.smoke else (arguments.seeds, 300.0)
     out = Path(tempfile.mkdtemp()) if arguments.smoke else arguments.out
     out.mkdir(parents=True, exist_ok=True)
-    cases = [(seed, name, out, duration) for seed in range(1, seeds + 1) for name in CONTROLLERS]
+    drawn = range(arguments.first, arguments.first + seeds)
+    cases = [(seed, name, out, duration) for seed in drawn for name in CONTROLLERS]
     left = [case for case in cases if not (out / f"{case[0]}_{case[1]}.json").exists()]
     with multiprocessing.get_context("forkserver").Pool(2, maxtasksperchild=1) as pool:
         for number, _ in enumerate(pool.imap(drive, left, chunksize=1), 1):

@@ -1,38 +1,31 @@
 """Writes the record of a drive into one folder while the drive goes on, and hashes it.
 
-Knows rows and bytes; neither SUMO nor the wall clock. Tables grow as Arrow streams in batches of a few ticks, so a
-killed process leaves everything but the last batch readable. At the end of the drive they become Parquet files. A live
-drive's record has two more tables; the record of a drive that is not kept has no files.
+Knows rows and what a record's parts are; neither SUMO nor the wall clock. Parts are written in batches of a few ticks,
+so a killed process leaves everything but the last batch readable. A live drive's record has two more tables; the record
+of a drive that is not kept has no files.
 """
 
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import json
 import operator
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import lru_cache
-from itertools import chain
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Final, NamedTuple
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
 from vve_sumo.bus import candump_lines
-from vve_sumo.coded_texts import CodedTexts, joined
 from vve_sumo.errors import ConfigError
-from vve_sumo.record.arrow_arrays import coded_array, number_array, string_array
-from vve_sumo.record.hashes import ColumnHashes, hash_parts
+from vve_sumo.record.hashes import hash_parts
 from vve_sumo.record.layout import (
     CHUNK_HEAD,
     CLOSED_ENDING,
     COMMANDED,
     LIVE_SCHEMAS,
-    NUMPY_KINDS,
     OPEN_ENDING,
     OPTIONAL_SCHEMAS,
     PEOPLE,
@@ -46,6 +39,7 @@ from vve_sumo.record.layout import (
     sensor_schemas,
     sensor_table,
 )
+from vve_sumo.record.parts import HashedTable, RawFile, RawPart, TableFile, TablePart
 from vve_sumo.record.rows import (
     GatewayRow,
     LatencyRow,
@@ -60,9 +54,6 @@ from vve_sumo.record.summary import write_summary
 from vve_sumo.sensors.port import Column
 from vve_sumo.values import Actors, CommandedPath, Frame
 
-#: Returns a text's bytes; most texts of a record are names and codes that come at every tick.
-_encoded = lru_cache(maxsize=4096)(str.encode)
-
 #: ticks between two writes; 10 ticks of 20 ms are 0.2 s, the most that a killed process may lose
 TICKS_PER_BATCH: Final = 10
 
@@ -71,200 +62,6 @@ UNKEPT_TICKS_PER_BATCH: Final = 250
 
 #: tables of a record that is not kept whose rows are kept in memory: the summary's metrics are computed from them
 SUMMARISED = frozenset({"ticks", "actors", COMMANDED})
-
-
-class _CodedBytes(NamedTuple):
-    """Bytes of texts of which few differ."""
-
-    codes: NDArray[np.int32]  #: of each row
-    pieces: list[bytes]  #: what the codes stand for
-
-
-#: hashed values of a column in a batch: bytes of texts, or numbers
-_Hashed = Sequence[bytes] | NDArray[Any] | _CodedBytes
-
-
-def _array(column: _Hashed, kind: pa.DataType) -> pa.Array:
-    if isinstance(column, _CodedBytes):
-        return coded_array(column.codes, column.pieces, kind)
-    return number_array(column, kind) if isinstance(column, np.ndarray) else string_array(column, kind)
-
-
-def _joined_texts(parts: Sequence[Column]) -> Column:
-    coded = [part for part in parts if isinstance(part, CodedTexts)]
-    return joined(coded) if len(coded) == len(parts) else list(chain.from_iterable(parts))
-
-
-class _Bytes:
-    """Growing bytes of a raw part: buffered, then hashed and dropped."""
-
-    def __init__(self) -> None:
-        self.hash = hashlib.sha256()
-        self._waiting: list[bytes] = []
-
-    def append(self, data: bytes) -> None:
-        self._waiting.append(data)
-
-    def flush(self) -> None:
-        rest = b"".join(self._waiting)
-        self._waiting.clear()
-        self.hash.update(rest)
-        self._keep(rest)
-
-    def forget(self) -> None:
-        """Drop the buffered bytes."""
-        self._waiting.clear()
-
-    def abandon(self) -> None:
-        """Close the file, if there is one, as it is."""
-
-    def close(self) -> None:
-        """Finish the file, if there is one."""
-
-    def _keep(self, data: bytes) -> None:
-        """Store hashed bytes; here nothing is stored."""
-
-
-class _BytesFile(_Bytes):
-    """Growing bytes of a raw part, written to a file."""
-
-    def __init__(self, file: Path) -> None:
-        super().__init__()
-        self._sink = file.open("xb", buffering=0)
-
-    def abandon(self) -> None:
-        self._sink.close()
-
-    def close(self) -> None:
-        self._sink.close()
-
-    def _keep(self, data: bytes) -> None:
-        rest, begun = memoryview(data), self._sink.tell()
-        try:
-            while rest:
-                rest = rest[self._sink.write(rest) :]
-        except OSError:
-            # The file shall end with a whole line or chunk.
-            self._sink.truncate(begun)
-            raise
-
-
-class _Table:
-    """A growing table: rows are buffered, then hashed and kept in memory batch by batch."""
-
-    def __init__(self, schema: pa.Schema) -> None:
-        self.schema = schema
-        self.hashes = ColumnHashes(schema)
-        self._kinds = [(kind, NUMPY_KINDS.get(kind)) for kind in schema.types]
-        self._rows: list[tuple[Any, ...]] = []
-        self._portions: list[tuple[int, int, tuple[Column, ...]]] = []
-        self._batches: list[pa.RecordBatch] = []
-
-    def append(self, row: tuple[Any, ...]) -> None:
-        """Add a row."""
-        self._rows.append(row)
-
-    def extend(self, tick: int, rows: int, portion: tuple[Column, ...]) -> None:
-        """Add a tick's rows as the columns after `tick`: texts as sequences, numbers as arrays.
-
-        A table gets only columns or only rows.
-        """
-        self._portions.append((tick, rows, portion))
-
-    def flush(self) -> None:
-        if not self._rows and not self._portions:
-            return
-        columns: list[Any] = list(zip(*self._rows, strict=True)) if self._rows else self._joined()
-        hashed = [
-            self._strings(number, column, kind) if numeric is None else self._numbers(number, column, numeric)
-            for number, (column, (kind, numeric)) in enumerate(zip(columns, self._kinds, strict=True))
-        ]
-        self.forget()
-        self._keep(hashed)
-
-    def forget(self) -> None:
-        """Drop the buffered rows."""
-        self._rows.clear()
-        self._portions.clear()
-
-    def abandon(self) -> None:
-        """Close the file, if there is one, as it is."""
-
-    def close(self) -> pa.Table | None:
-        """Finish the table and return it; None where only its hash remains."""
-        return pa.Table.from_batches(self._batches, self.schema)
-
-    def _joined(self) -> list[Column]:
-        ticks, rows, portions = zip(*self._portions, strict=True)
-        columns: list[Column] = [np.repeat(ticks, rows)]
-        for parts, (_kind, numeric) in zip(zip(*portions, strict=True), self._kinds[1:], strict=True):
-            columns.append(_joined_texts(parts) if numeric is None else np.concatenate(parts))
-        return columns
-
-    def _strings(self, number: int, column: Column, kind: pa.DataType) -> _Hashed:
-        if isinstance(column, CodedTexts):
-            coded = _CodedBytes(column.codes, list(map(_encoded, column.texts)))
-            self.hashes.add_coded(number, *coded)
-            return coded
-        pieces: list[bytes] = list(column) if kind == pa.binary() else list(map(_encoded, column))
-        self.hashes.add_bytes(number, pieces)
-        return pieces
-
-    def _numbers(self, number: int, column: Column, numeric: Any) -> NDArray[Any]:
-        numbers: NDArray[Any] = np.asarray(column, numeric)
-        self.hashes.add_numbers(number, numbers)
-        return numbers
-
-    def _keep(self, hashed: Sequence[_Hashed]) -> None:
-        """Store the hashed columns of a batch."""
-        self._batches.append(self._batch(hashed))
-
-    def _batch(self, hashed: Sequence[_Hashed]) -> pa.RecordBatch:
-        arrays = [_array(column, kind) for column, (kind, _numeric) in zip(hashed, self._kinds, strict=True)]
-        return pa.RecordBatch.from_arrays(arrays, schema=self.schema)
-
-
-class _HashedTable(_Table):
-    """A growing table of which only the hash remains."""
-
-    def _keep(self, hashed: Sequence[_Hashed]) -> None:
-        """Store nothing."""
-
-    def close(self) -> None:
-        """Return no table."""
-
-
-class _TableFile(_Table):
-    """A growing table in a file: a stream of batches that becomes a Parquet file."""
-
-    def __init__(self, file: Path, schema: pa.Schema) -> None:
-        super().__init__(schema)
-        self._file = file
-        self._sink = file.open("xb")
-        self._stream = pa.ipc.new_stream(self._sink, schema)
-
-    def abandon(self) -> None:
-        self._sink.close()
-
-    def close(self) -> pa.Table:
-        """Replace the stream by a Parquet file; a kill at any moment leaves at least one of them whole."""
-        self._stream.close()
-        self._sink.close()
-        with pa.ipc.open_stream(self._file) as stream:
-            table = stream.read_all()
-        half = self._file.with_suffix(".half")
-        try:
-            pq.write_table(table, half, compression="zstd")
-        except OSError:
-            half.unlink(missing_ok=True)
-            raise
-        half.replace(self._file.with_suffix(CLOSED_ENDING))
-        self._file.unlink()
-        return table
-
-    def _keep(self, hashed: Sequence[_Hashed]) -> None:
-        self._stream.write_batch(self._batch(hashed))
-        self._sink.flush()
 
 
 def scenario_bytes(resolved: dict[str, Any]) -> bytes:
@@ -295,7 +92,7 @@ class MemoryRecorder:
         self._pose, self._can = self._raw["pose.bin"], self._raw["can.log"]
         schemas = {**self.schemas, **sensor_schemas(resolved)}
         self._tables = {name: self._table(name, schema) for name, schema in schemas.items()}
-        self._parts: dict[str, _Bytes | _Table] = {**self._raw, **self._tables}
+        self._parts: dict[str, RawPart | TablePart] = {**self._raw, **self._tables}
         self._ticks = 0
 
     def received_pose(self, time: float, data: bytes) -> None:
@@ -372,7 +169,7 @@ class MemoryRecorder:
         if (table := self._optional(SIGNAL_PLANS)) is not None:
             table.append(_signal_tuple(row))
 
-    def _optional(self, name: str) -> _Table | None:
+    def _optional(self, name: str) -> TablePart | None:
         """Return one of the tables that not every drive has, which is opened with its first row.
 
         None where it cannot be opened.
@@ -413,11 +210,11 @@ class MemoryRecorder:
         for part in self._parts.values():
             part.abandon()
 
-    def _bytes(self, _name: str) -> _Bytes:
-        return _Bytes()
+    def _bytes(self, _name: str) -> RawPart:
+        return RawPart()
 
-    def _table(self, name: str, schema: pa.Schema) -> _Table:
-        return _Table(schema) if name in SUMMARISED else _HashedTable(schema)
+    def _table(self, name: str, schema: pa.Schema) -> TablePart:
+        return TablePart(schema) if name in SUMMARISED else HashedTable(schema)
 
 
 class RecordWriter(MemoryRecorder):
@@ -461,12 +258,12 @@ class RecordWriter(MemoryRecorder):
             self._files.append(file)
         return file
 
-    def _bytes(self, name: str) -> _Bytes:
-        return _BytesFile(self._own(name))
+    def _bytes(self, name: str) -> RawPart:
+        return RawFile(self._own(name))
 
-    def _table(self, name: str, schema: pa.Schema) -> _Table:
+    def _table(self, name: str, schema: pa.Schema) -> TablePart:
         self._own(f"{name}{CLOSED_ENDING}")  # which it becomes
-        return _TableFile(self._own(f"{name}{OPEN_ENDING}"), schema)
+        return TableFile(self._own(f"{name}{OPEN_ENDING}"), schema)
 
 
 class LiveRecord(RecordWriter):
@@ -486,7 +283,7 @@ class LiveRecord(RecordWriter):
         """Record the row of a tick without flushing; the owner of the record decides when to flush."""
         self._tables["ticks"].append(_as_tuple(row))
 
-    def _optional(self, name: str) -> _Table | None:
+    def _optional(self, name: str) -> TablePart | None:
         """Return one of the tables that not every drive has; where it cannot be opened, note it in `broken`."""
         if name in self.broken and name not in self._tables:
             return None
