@@ -39,6 +39,8 @@ def test_every_scenario_is_one_line_with_its_title(tmp_path: Path) -> None:
         (("show", "cut_in", "--all", "x"), "either a scenario's name or --all DIR"),
         (("show", "cut_inn"), "no scenario named 'cut_inn'"),
         (("show", "cut_in", "--out", "nowhere/x.png"), "expected an existing folder, got nowhere"),
+        (("--scenario", "cut_in"), "--scenario: goes with --fit-lot RIG"),
+        (("--fit-lot", "small_lot", "--scenario", "cut_inn"), "no scenario named 'cut_inn'"),
     ],
 )
 def test_what_is_wrong_is_one_line(tmp_path: Path, arguments: tuple[str, ...], complaint: str) -> None:
@@ -47,6 +49,13 @@ def test_what_is_wrong_is_one_line(tmp_path: Path, arguments: tuple[str, ...], c
     assert complaint in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_one_scenario_alone_is_asked_whether_it_fits_into_a_lot(tmp_path: Path) -> None:
+    """As its rig has it laid into that lot already, at its own speed."""
+    asked = ("--fit-lot", "small_lot", "--scenario", "small_lot_cut_in", "--json")
+    (row,) = json.loads(said(*asked, folder=tmp_path).stdout)
+    assert (row["scenario"], row["speed_mps"], row["why_not"]) == ("small_lot_cut_in", row["own_speed_mps"], "")
 
 
 def test_the_schema_is_printed_as_json(tmp_path: Path) -> None:

@@ -36,6 +36,7 @@ That takes seconds to a minute a scenario.
 examples:
   vve-sumo scenarios                            the list
   vve-sumo scenarios --fit-lot ours             which of them fit into the lot of the rig `ours`
+  vve-sumo scenarios --fit-lot ours --scenario cut_in   whether this one does
   vve-sumo scenarios show cut_in --out cut.png   a picture: the road, the actors' motion, the triggers
   vve-sumo scenarios schema --out scenario.schema.json   for editors that complete and check
   vve-sumo scenarios import cut-in.xosc         a scenario of OpenSCENARIO, into this folder
@@ -56,6 +57,12 @@ def arguments(parser: Parser) -> None:
     add_json(parser, "the list")
     parser.add_argument(
         "--fit-lot", metavar="RIG", help="list what fits into the lot of this rig: a name under rigs/ or a .toml file"
+    )
+    parser.add_argument(
+        "--scenario",
+        action="append",
+        metavar="NAME",
+        help="with --fit-lot: only this scenario, a name or a .toml file; may be given several times",
     )
     inner = add_subcommands(parser, required=False)
     show = add_command(
@@ -155,7 +162,9 @@ def _imported(arguments: argparse.Namespace, file: Path, name: str) -> Written:
 def run(arguments: argparse.Namespace) -> int:
     """Print every scenario with its title, network, other road users and pass criteria."""
     if arguments.fit_lot is not None:
-        return _fit_lot(arguments.fit_lot, as_json=arguments.json)
+        return _fit_lot(arguments.fit_lot, arguments.scenario, as_json=arguments.json)
+    if arguments.scenario:
+        raise ConfigError("--scenario: goes with --fit-lot RIG; scenarios show NAME describes one")
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -180,12 +189,15 @@ def run(arguments: argparse.Namespace) -> int:
     return _print_errors(errors)
 
 
-def _fit_lot(rig: str, *, as_json: bool) -> int:
-    """Print which scenarios fit into a rig's lot; return the exit code."""
+def _fit_lot(rig: str, names: list[str] | None, *, as_json: bool) -> int:
+    """Print which scenarios, all or those of some names, fit into a rig's lot; return the exit code."""
+    from vve_sumo import workspace
     from vve_sumo.commissioning.lot_fits import lot_fits
 
+    for name in names or ():
+        workspace.find("scenario", name, Path.cwd())
     fits = []
-    for one in lot_fits(rig, Path.cwd()):
+    for one in lot_fits(rig, Path.cwd(), names):
         fits.append(one)
         notify(f"{one.scenario}: {'fits' if one.speed_mps is not None else one.why_not}")
     if as_json:
