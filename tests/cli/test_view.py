@@ -21,7 +21,7 @@ from tests.isolated import command
 from tests.report.made import driven
 from vve_sumo.errors import ConfigError
 from vve_sumo.live.view_token import token_of
-from vve_sumo.rig.schema import RigView
+from vve_sumo.rig.connections import RigView
 from vve_sumo.view.library import Library
 
 

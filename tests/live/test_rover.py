@@ -16,7 +16,7 @@ from vve_sumo.live.rover import Rover, open_rover
 from vve_sumo.people.reports import PositionReport
 from vve_sumo.people.track import CIRCLE_95
 from vve_sumo.pose.nmea import Decoder
-from vve_sumo.rig.schema import RigPerson
+from vve_sumo.rig.connections import RigPerson
 
 #: drive time 0 is 100 s before the first epoch of these tests
 EPOCH = MIDNIGHT_GPS + NOON - 100.0

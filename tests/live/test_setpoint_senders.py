@@ -14,7 +14,7 @@ import pytest
 from tests.live.stage import free_ports
 from vve_sumo.live.brain_link import ChannelLink, open_setpoints
 from vve_sumo.live.channel import pair
-from vve_sumo.rig.schema import Brain
+from vve_sumo.rig.connections import Brain
 from vve_sumo.wire.datagrams import RadarDatagram, SetpointDatagram, encode_radar, encode_setpoint
 from vve_sumo.wire.setpoints import SetpointInbox
 from vve_sumo.wire.signature import signed

@@ -12,7 +12,7 @@ from tests.vehicles import FUSION
 from vve_sumo.live import spawn
 from vve_sumo.live.channel import pair
 from vve_sumo.pose import ncom
-from vve_sumo.rig.schema import RigOutput
+from vve_sumo.rig.connections import RigOutput
 from vve_sumo.wire.datagrams import decode_radar
 from vve_sumo.wire.signature import TAG, signed, without_tag
 

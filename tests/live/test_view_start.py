@@ -13,7 +13,7 @@ import pytest
 from vve_sumo.errors import RigError
 from vve_sumo.live import optional_processes, spawn
 from vve_sumo.live.messages import Ready, encode
-from vve_sumo.rig.schema import RigView
+from vve_sumo.rig.connections import RigView
 
 
 @pytest.mark.parametrize("stops", [0, 1])

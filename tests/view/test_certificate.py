@@ -16,7 +16,7 @@ from tests.view.certificates import certificate_in
 from tests.view.conftest import serving
 from vve_sumo.errors import ConfigError
 from vve_sumo.live.view_token import certificate_of
-from vve_sumo.rig.schema import RigView
+from vve_sumo.rig.connections import RigView
 from vve_sumo.view.server import NO_FRAMES, PageServer, page_routes
 
 

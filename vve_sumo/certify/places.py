@@ -14,7 +14,8 @@ from typing import Any, Final, Self
 
 from vve_sumo.errors import ConfigError
 from vve_sumo.pty_link import PREFIX
-from vve_sumo.rig.schema import Rig, RigOutput
+from vve_sumo.rig.connections import RigOutput
+from vve_sumo.rig.schema import Rig
 
 #: placeholder of the port that the setpoints go to; those of the wires are their kinds
 SETPOINTS: Final = "setpoints"

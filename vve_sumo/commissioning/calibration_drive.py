@@ -15,7 +15,7 @@ from vve_sumo.drive.verify import alterations
 from vve_sumo.errors import ConfigError, RigError
 from vve_sumo.live import session
 from vve_sumo.live.plan import DrivePlan
-from vve_sumo.rig.schema import Brain
+from vve_sumo.rig.connections import Brain
 
 SCENARIO: Final = "calibration"
 #: of a part, and where that is chosen

@@ -22,7 +22,8 @@ from vve_sumo.scenario.schema import Person, Scenario, StartPose
 from vve_sumo.values import Point, Pose
 
 if TYPE_CHECKING:
-    from vve_sumo.rig.schema import Rig, RigPerson
+    from vve_sumo.rig.connections import RigPerson
+    from vve_sumo.rig.schema import Rig
 
 WALK_COLUMNS: Final = ("time_s", "forward_m", "left_m")
 

@@ -16,7 +16,7 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.live.channel import Channel
 from vve_sumo.live.outputs import OutputWire
 from vve_sumo.pose.sources import Source, open_udp
-from vve_sumo.rig.schema import Brain as RigBrain
+from vve_sumo.rig.connections import Brain as RigBrain
 from vve_sumo.rig.schema import Rig
 from vve_sumo.wire.outputs import KINDS
 from vve_sumo.wire.sample import Sample

@@ -26,7 +26,7 @@ from vve_sumo.live.spawn import receive_config
 from vve_sumo.live.view import MAX_FILES, write_address
 from vve_sumo.people import reports
 from vve_sumo.people.reports import Report
-from vve_sumo.rig.schema import RigPerson
+from vve_sumo.rig.connections import RigPerson
 from vve_sumo.view.person_pages import MAX_MESSAGE, PagePerson, PersonPages
 from vve_sumo.view.server import PageServer
 

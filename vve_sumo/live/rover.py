@@ -12,7 +12,7 @@ from vve_sumo.people.reports import PositionReport
 from vve_sumo.people.track import CIRCLE_95
 from vve_sumo.pose.nmea import Decoder
 from vve_sumo.pose.sources import Source, open_udp
-from vve_sumo.rig.schema import RigPerson
+from vve_sumo.rig.connections import RigPerson
 from vve_sumo.values import Fix
 
 #: below this speed the course over ground is no direction [m/s]

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.rig.schema import RigView
+from vve_sumo.rig.connections import RigView
 
 _TOKEN: Final = re.compile(r"[A-Za-z0-9_-]{16,128}")
 
