@@ -60,7 +60,8 @@ from vve_sumo.rig.load import parse as parse_rig
 from vve_sumo.rig.schema import Rig
 from vve_sumo.rig.validation import arming_obstacle
 from vve_sumo.scenario.load import parse
-from vve_sumo.scenario.schema import Scenario, When
+from vve_sumo.scenario.road_users import When
+from vve_sumo.scenario.schema import Scenario
 from vve_sumo.scenario.story_schema import StoryCondition
 from vve_sumo.sensors.camera_settings import CameraSettings
 from vve_sumo.sensors.lidar_settings import LidarSettings

@@ -17,7 +17,7 @@ from tests.world.streets import FUSION, pose
 from vve_sumo.body_kinds import TYPICAL
 from vve_sumo.path import ReferencePath
 from vve_sumo.scenario.engine import RecordedSpeed, ScenarioEngine, Sidestep, SpeedChange
-from vve_sumo.scenario.schema import Actor, ActorEvent
+from vve_sumo.scenario.road_users import Actor, ActorEvent
 from vve_sumo.values import ActorState, Pose
 
 TICK = 0.02

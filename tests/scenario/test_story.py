@@ -16,7 +16,8 @@ from vve_sumo.errors import ConfigError
 from vve_sumo.geometry import Box, Boxes, distance
 from vve_sumo.path import ReferencePath
 from vve_sumo.scenario.load import parse
-from vve_sumo.scenario.schema import Actor, EndTrigger
+from vve_sumo.scenario.road_users import Actor
+from vve_sumo.scenario.schema import EndTrigger
 from vve_sumo.scenario.story_conditions import Body, distance_between
 from vve_sumo.scenario.story_schema import LineChange, SpeedAction, StoryCondition
 from vve_sumo.scenario.transitions import Transition, length

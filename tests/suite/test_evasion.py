@@ -9,7 +9,7 @@ import pytest
 
 from tests import vehicles
 from vve_sumo import laws
-from vve_sumo.scenario.schema import Actor
+from vve_sumo.scenario.road_users import Actor
 from vve_sumo.suite import vru
 from vve_sumo.suite.evasion import OUTLINED, TIMES, Body, Room, greatest_clearance
 from vve_sumo.suite.physics import reaction_time

@@ -13,7 +13,8 @@ from vve_sumo import laws
 from vve_sumo.body_kinds import TYPICAL
 from vve_sumo.errors import ConfigError
 from vve_sumo.network_tools.proving_ground import TEST_TRACK
-from vve_sumo.scenario.schema import Actor, Scenario
+from vve_sumo.scenario.road_users import Actor
+from vve_sumo.scenario.schema import Scenario
 from vve_sumo.suite import catalogue, requirements
 from vve_sumo.suite.physics import DETECTION, BrakedMotion, full_braking, gap_used, reaction_time
 from vve_sumo.suite.row import SuiteRow

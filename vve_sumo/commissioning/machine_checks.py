@@ -29,7 +29,7 @@ from vve_sumo.drive.virtual_road import open_world, pose_at_rest, scenario_engin
 from vve_sumo.errors import ConfigError
 from vve_sumo.frames import move_point
 from vve_sumo.live.priority import GATEWAY_PRIORITY, OOM_NEVER, rights
-from vve_sumo.scenario.schema import When
+from vve_sumo.scenario.road_users import When
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import EGO, EXTENDED, Point, identifier_text
 from vve_sumo.vehicle.effective_deceleration import of_model

@@ -14,7 +14,7 @@ from typing import Final
 from vve_sumo.csv_numbers import CsvNumbers
 from vve_sumo.errors import ConfigError
 from vve_sumo.path import ReferencePath
-from vve_sumo.scenario.schema import Actor
+from vve_sumo.scenario.road_users import Actor
 
 SPEED_COLUMNS: Final = ("time_s", "speed_mps")
 

@@ -18,7 +18,8 @@ from vve_sumo.frames import Alignment, local_frame
 from vve_sumo.path import ReferencePath
 from vve_sumo.people.setup import MAX_SPEED, PersonSetup, PresenceLimits
 from vve_sumo.people.walk import WalkPoint
-from vve_sumo.scenario.schema import Person, Scenario, StartPose
+from vve_sumo.scenario.road_users import Person
+from vve_sumo.scenario.schema import Scenario, StartPose
 from vve_sumo.values import Point, Pose
 
 if TYPE_CHECKING:

@@ -13,7 +13,8 @@ from vve_sumo.controller import origin
 from vve_sumo.drive.resolved_scenario import ResolvedScenario
 from vve_sumo.errors import ConfigError
 from vve_sumo.scenario import descriptions
-from vve_sumo.scenario.schema import Actor, Control, ParkedObstacle
+from vve_sumo.scenario.road_users import Actor, ParkedObstacle
+from vve_sumo.scenario.schema import Control
 from vve_sumo.world.network import signals
 
 #: a junction whose middle is this near to the path lies on it [m]

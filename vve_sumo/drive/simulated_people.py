@@ -14,7 +14,7 @@ from vve_sumo.people.reports import PositionReport
 from vve_sumo.people.setup import PersonSetup
 from vve_sumo.people.simulated_phone import PhoneErrors, SimulatedPhone
 from vve_sumo.people.walk import Walk
-from vve_sumo.scenario.schema import Person
+from vve_sumo.scenario.road_users import Person
 
 
 class SimulatedPeople:

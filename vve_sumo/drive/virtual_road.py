@@ -16,8 +16,8 @@ from vve_sumo.drive.shared_prefix import ActorEngine
 from vve_sumo.drive.stations_on_road import StationsOnRoad
 from vve_sumo.intersections import SignalPhase
 from vve_sumo.path import ReferencePath
-from vve_sumo.scenario import schema
 from vve_sumo.scenario.engine import ScenarioEngine
+from vve_sumo.scenario.road_users import ParkedObstacle
 from vve_sumo.timing import PERIOD
 from vve_sumo.values import EGO, Actors, ActorState, Point, Pose, SignalChange
 from vve_sumo.world.ego_sync import Ego, EgoSyncReport
@@ -48,7 +48,7 @@ def obstacles_of(resolved: ResolvedScenario) -> tuple[Obstacle, ...]:
     )
 
 
-def obstacle_position(obstacle: schema.ParkedObstacle, path: ReferencePath) -> MapSpot:
+def obstacle_position(obstacle: ParkedObstacle, path: ReferencePath) -> MapSpot:
     """Return centre and heading, in the map, of an obstacle that the scenario places relative to a path."""
     at = path.at(obstacle.at_m)
     x, y = at.x - obstacle.offset_m * math.sin(at.heading), at.y + obstacle.offset_m * math.cos(at.heading)

@@ -40,7 +40,7 @@ from vve_sumo.plotting.page import (
     panel,
 )
 from vve_sumo.scenario import descriptions
-from vve_sumo.scenario.schema import Actor
+from vve_sumo.scenario.road_users import Actor
 from vve_sumo.values import ActorState, Floats
 from vve_sumo.world.network import lane_shapes
 

@@ -9,7 +9,8 @@ from pydantic import BaseModel
 from vve_sumo.config_file import alternatives, inside, is_table
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.table import label_of
-from vve_sumo.scenario.schema import Actor, ActorEvent, Criteria, CriterionBand, Scenario, When
+from vve_sumo.scenario.road_users import Actor, ActorEvent, When
+from vve_sumo.scenario.schema import Criteria, CriterionBand, Scenario
 from vve_sumo.scenario.story_schema import COMPARED, Groups, StoryAction, StoryCondition
 
 CONDITIONS = {

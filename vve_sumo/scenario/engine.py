@@ -15,7 +15,7 @@ from typing import Final, NamedTuple, Protocol
 from vve_sumo.body_kinds import TYPICAL
 from vve_sumo.laws import clamp
 from vve_sumo.path import ReferencePath
-from vve_sumo.scenario.schema import Actor, ActorEvent, Kind, When
+from vve_sumo.scenario.road_users import Actor, ActorEvent, Kind, When
 from vve_sumo.scenario.story_schema import Groups
 from vve_sumo.scenario.story_stage import StoryStage
 from vve_sumo.values import ActorState, Pose, Vehicle

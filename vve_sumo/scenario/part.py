@@ -10,7 +10,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from vve_sumo.errors import ConfigError
-from vve_sumo.scenario.schema import Actor, Scenario
+from vve_sumo.scenario.road_users import Actor
+from vve_sumo.scenario.schema import Scenario
 
 
 class ScenarioPart(NamedTuple):

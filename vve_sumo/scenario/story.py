@@ -12,7 +12,7 @@ from typing import Final
 from vve_sumo.body_kinds import TYPICAL
 from vve_sumo.geometry import Box
 from vve_sumo.path import ReferencePath
-from vve_sumo.scenario.schema import Actor
+from vve_sumo.scenario.road_users import Actor
 from vve_sumo.scenario.story_conditions import Body, Scene, TriggerMonitor
 from vve_sumo.scenario.story_schema import LineChange, StoryAction
 from vve_sumo.scenario.story_speed import (

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 from vve_sumo.geometry import Box, behind_bumper
 from vve_sumo.path import ReferencePath
-from vve_sumo.scenario.schema import Actor
+from vve_sumo.scenario.road_users import Actor
 from vve_sumo.scenario.story import StoryActor
 from vve_sumo.scenario.story_conditions import Body, BodyHistory, Scene, TriggerMonitor
 from vve_sumo.scenario.story_schema import Groups

@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from vve_sumo.body_kinds import TYPICAL
-from vve_sumo.scenario.schema import Actor
+from vve_sumo.scenario.road_users import Actor
 from vve_sumo.suite import requirements
 from vve_sumo.suite.evasion import TIMES, Body, Room, greatest_clearance
 from vve_sumo.suite.fmvss127_pedestrian import crossing, on_the_way
