@@ -15,6 +15,8 @@ from tests.isolated import isolated
 
 SPEED = 11.176
 TICK = 0.02
+#: from the rear axle to the front bumper, and a parked car's length [m]
+BUMPER, PARKED = 3.84, 4.6
 
 
 def _foreseen(name: str, changes: dict[str, Any]) -> Any:
@@ -48,6 +50,16 @@ def test_a_braking_lead_is_met_when_the_closed_form_says(gap: float, deceleratio
     contact = float(times[np.argmax([lost(float(time)) >= gap for time in times])])
     assert seen.contact.id == "lead"
     assert seen.contact.time - brakes.time == pytest.approx(contact, abs=2.0 * TICK)
+
+
+def test_a_rolling_start_begins_at_its_place_with_its_speed() -> None:
+    """A parked car 79 m ahead, on a straight street, at a constant speed."""
+    seen = isolated(_foreseen, "parked_car", {"ego.initial_s_m": 560.0, "ego.initial_speed_mps": SPEED})
+    parked = seen.samples[0]
+    assert (parked.time, parked.speed) == (0.0, SPEED)
+    assert parked.s == pytest.approx(560.0 + BUMPER, abs=0.02)
+    assert seen.contact.id == "parked_car"
+    assert seen.contact.time == pytest.approx((639.0 - PARKED / 2.0 - 560.0 - BUMPER) / SPEED, abs=2.0 * TICK)
 
 
 @pytest.mark.parametrize(("arrival", "walking", "met"), [(3.6, 1.389, True), (5.5, 1.389, False), (3.6, 0.8, False)])

@@ -15,6 +15,7 @@ from vve_sumo.drive.run import resolve_by_name
 from vve_sumo.drive.scenario_text import lines, signals_along_path
 from vve_sumo.scenario import descriptions
 from vve_sumo.scenario.load import parse
+from vve_sumo.scenario.schema import Control
 
 #: keys that are about files and places of the lab, or that no reader of a scenario asks for
 UNTOLD = {
@@ -59,7 +60,14 @@ def test_everything_in_a_shipped_scenario_is_told(name: str) -> None:
     text = "\n".join(lines(resolve_by_name(name, REPOSITORY), REPOSITORY))
     declared = [(key, value) for key, value in leaves(tomllib.loads(file.read_text(encoding="utf-8")))]
     missing = [(key, value) for key, value in declared if not isinstance(value, bool) and words(key, value) not in text]
-    assert [one for one in missing if one[1] not in (0.0, "pedestrian", "bicycle", "child")] == []
+    usual = (0.0, "pedestrian", "bicycle", "child", Control().name)
+    assert [one for one in missing if one[1] not in usual] == []
+
+
+@pytest.mark.thorough
+def test_a_further_ego_is_told_by_what_it_has_of_its_own() -> None:
+    text = lines(resolve_by_name("two_cars", REPOSITORY), REPOSITORY)
+    assert [line for line in text if "second" in line] == ["ego 'second': path two_cars_front of 200 m"]
 
 
 @pytest.mark.thorough

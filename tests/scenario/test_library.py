@@ -26,10 +26,15 @@ WITHOUT_CONFLICT = {
     "left_at_green",
     "minor_road",
     "rush_hour",
+    "signal_street",
     "steering_probe",
     "stop_sign",
     "two_cars",
 }
+#: the ego brakes, goes on and stops in these without a pause between: such a stop has no tolerance and is not judged
+GAINS_SPEED = {"minor_road"}
+#: who the scenario is about, where that is nobody of its actors
+STANDING_CONFLICT = {"cut_out": {"stopped_car"}, "parked_car_passed": {"parked_car"}}
 #: tests of their own (calibration, both probes, parked car), and minutes of driving (`benchmarks/library.py` drives
 #: these too)
 LEFT_OUT = {
@@ -105,9 +110,9 @@ def test_an_ego_that_never_brakes_touches_who_the_scenario_is_about() -> None:
     assert None not in met.values()
     for name, touched in met.items():
         scenario = load(FOLDER / f"{name}.toml")
-        # Where there are actors one of them is the conflict, but for the car that one of them reveals.
+        # Where there are actors one of them is the conflict, but for what one of them reveals or bars the way around.
         expected = {one.id for one in scenario.actors} or {one.id for one in scenario.obstacles}
-        assert touched in (expected if name != "cut_out" else {"stopped_car"}), name
+        assert touched in STANDING_CONFLICT.get(name, expected), name
 
 
 def _driven(names: list[str]) -> dict[str, dict[str, Any]]:
@@ -131,6 +136,8 @@ def test_driving_a_scenario_meets_its_criteria(part: list[str]) -> None:
         assert summary["passed"] is True, (name, summary["failed"], summary["text"])
         assert not summary["removed_at_entry"], name
         if not math.isnan(summary["stop_distance_m"]):
+            assert math.isnan(summary["stop_tolerance_m"]) == (name in GAINS_SPEED), name
+        if math.isfinite(summary["stop_tolerance_m"]):
             # The car as declared keeps the bound that its stop sets itself, and the bound is no generous one. It counts
             # with one constant demand, which fits a stop in two stages less well.
             share = 0.9 if summary["emergency_used"] else 0.93

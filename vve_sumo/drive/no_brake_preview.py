@@ -97,7 +97,7 @@ def obstacle_boxes(resolved: ResolvedScenario) -> dict[str, Box]:
 
 
 def _ego(resolved: ResolvedScenario) -> Iterator[tuple[float, Box, Pose, float]]:
-    """Yield time, box, pose of the front bumper and its s, from the start at rest to the end of the drive."""
+    """Yield time, box, pose of the front bumper and its s, from the start, at rest or rolling, to the drive's end."""
     path, car, scenario = resolved.path, resolved.vehicle, resolved.scenario
     limits = _limits(path)
     end = (
@@ -105,7 +105,7 @@ def _ego(resolved: ResolvedScenario) -> Iterator[tuple[float, Box, Pose, float]]
         if scenario.end_trigger.ego_at_m is None
         else scenario.end_trigger.ego_at_m - car.rear_axle_to_bumper
     )
-    s, speed, tick = 0.0, 0.0, 0
+    s, speed, tick = scenario.ego.initial_s_m, scenario.ego.initial_speed_mps or 0.0, 0
     while s < min(end, path.length) and tick * PERIOD < scenario.duration_s:
         at = path.at(s)
         x = at.x + car.rear_axle_to_bumper * math.cos(at.heading)

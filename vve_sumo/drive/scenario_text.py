@@ -23,12 +23,11 @@ MAX_SIGNAL_DISTANCE = 12.0
 
 def lines(resolved: ResolvedScenario, working: Path) -> list[str]:
     """Return the lines of a scenario's text, without its title."""
-    scenario = resolved.scenario
-    road = f"{scenario.road.network}, path {scenario.ego.path} of {resolved.path.length:.0f} m"
+    scenario, ego = resolved.scenario, resolved.scenario.ego
+    road = f"{scenario.road.network}, path {ego.path} of {resolved.path.length:.0f} m"
     return [
-        f"{road}, ego at {scenario.ego.speed_mps:g} m/s, seed {scenario.seed}",
+        f"{road}, ego at {descriptions.ego_speed(ego)}, seed {scenario.seed}",
         *special_conditions(resolved, working),
-        *map(_further, resolved.others),
         *map(_standing, scenario.obstacles),
         *(line for actor in scenario.actors for line in _of_actor(actor)),
         f"passes if: {descriptions.passes(scenario.criteria)}",
@@ -36,7 +35,10 @@ def lines(resolved: ResolvedScenario, working: Path) -> list[str]:
 
 
 def special_conditions(resolved: ResolvedScenario, working: Path) -> list[str]:
-    """Return a line for everything besides actors and obstacles that makes the drive another than the usual one."""
+    """Return a line for everything besides actors and obstacles that makes the drive another than the usual one.
+
+    The last are the further egos.
+    """
     conditions = descriptions.special_conditions(resolved.scenario)
     manoeuvre = _manoeuvre(resolved.scenario.controller, working)
     found = ", ".join(f"{at:.0f} m" for at in signals_along_path(resolved))
@@ -46,6 +48,7 @@ def special_conditions(resolved: ResolvedScenario, working: Path) -> list[str]:
         *([f"manoeuvre: {manoeuvre}"] if manoeuvre else []),
         *([f"signals at {found} of the path: the traffic obeys, {shown}"] if found else []),
         *conditions,
+        *(_further(resolved, other) for other in resolved.others),
     ]
 
 
@@ -72,10 +75,17 @@ def _manoeuvre(control: Control, working: Path) -> str:
     return " ".join((text or "").partition("\n\n")[0].split())
 
 
-def _further(other: ResolvedScenario) -> str:
-    ego = other.scenario.ego
-    path = f"path {ego.path} of {other.path.length:.0f} m" + (f" from {ego.initial_s_m:g} m" if ego.initial_s_m else "")
-    return f"ego {other.ego_id!r}: {ego.vehicle}, {path}, {ego.speed_mps:g} m/s, {other.scenario.controller.name}"
+def _further(first: ResolvedScenario, other: ResolvedScenario) -> str:
+    """Return in what a further ego differs from the first one."""
+    own, ones = _of_ego(other), _of_ego(first)
+    return f"ego {other.ego_id!r}: {', '.join(part for part in own if part not in ones) or 'as the first'}"
+
+
+def _of_ego(one: ResolvedScenario) -> list[str]:
+    ego = one.scenario.ego
+    path = f"path {ego.path} of {one.path.length:.0f} m"
+    start = descriptions.rolling_start(ego) or "begins at rest"
+    return [ego.vehicle, path, f"{ego.speed_mps:g} m/s", start, one.scenario.controller.name]
 
 
 def _standing(one: ParkedObstacle) -> str:

@@ -499,5 +499,6 @@ def _head(figure: Figure, resolved: ResolvedScenario) -> None:
     title = textwrap.shorten(f"{resolved.name}: {scenario.title}", 110, placeholder=" …")
     figure.text(LEFT / SIZE[0], 0.955, title, fontsize=14, fontweight="bold")
     traffic = ", ".join(scenario.road.demand) or "no other traffic"
-    below = f"{scenario.road.network}, {scenario.ego.path} · ego at {scenario.ego.speed_mps:g} m/s · {traffic}"
+    speed = descriptions.ego_speed(scenario.ego)
+    below = f"{scenario.road.network}, {scenario.ego.path} · ego at {speed} · {traffic}"
     figure.text(LEFT / SIZE[0], 0.92, below, fontsize=12)

@@ -10,7 +10,7 @@ from vve_sumo.config_file import alternatives, inside, is_table
 from vve_sumo.metrics.metric import unit_of
 from vve_sumo.metrics.table import label_of
 from vve_sumo.scenario.road_users import Actor, ActorEvent, When
-from vve_sumo.scenario.schema import Criteria, CriterionBand, Scenario
+from vve_sumo.scenario.schema import Criteria, CriterionBand, DeclaredStretch, EgoSettings, Scenario, SensorSettings
 from vve_sumo.scenario.story_schema import COMPARED, Groups, StoryAction, StoryCondition
 
 CONDITIONS = {
@@ -156,9 +156,10 @@ def special_conditions(scenario: Scenario) -> list[str]:
         line
         for line in (
             _fault(scenario),
+            *map(_stretch, scenario.ego.corridor),
             _controller(scenario),
             _changed("the radar differs from the usual one", scenario.radar),
-            *(f"sensor {one.name!r}: {one.kind}" for one in scenario.sensors),
+            *map(_sensor, scenario.sensors),
             *(f"also measured: {name}" for name in scenario.metrics),
             _changed("the weather", scenario.weather),
             _end(scenario),
@@ -182,6 +183,30 @@ def _controller(scenario: Scenario) -> str:
         return ""
     tuned = ", ".join(f"{key} = {value}" for key, value in control.tuning.items())
     return f"controller {control.name}" + (f" with {tuned}" if tuned else "")
+
+
+def _sensor(one: SensorSettings) -> str:
+    stated = ", ".join(f"{label_of(key)} {_value(key, value)}" for key, value in one.settings.items())
+    return f"sensor {one.name!r}: {one.kind}" + (f" with {stated}" if stated else "")
+
+
+def _stretch(room: DeclaredStretch) -> str:
+    """Return how far beside a stretch of its path the ego may go."""
+    sides = [f"{way:g} m {side}" for way, side in ((room.left_m, "left"), (room.right_m, "right")) if way]
+    end = "the path's end" if room.to_m is None else f"{room.to_m:g} m"
+    return f"the ego may go up to {' and '.join(sides)} of its path, from {room.from_m:g} m to {end}"
+
+
+def rolling_start(ego: EgoSettings) -> str:
+    """Return with which speed and from where the ego's drive begins; empty where it begins at rest."""
+    if ego.initial_speed_mps is None:
+        return ""
+    return f"begins at {ego.initial_s_m:g} m with {ego.initial_speed_mps:g} m/s"
+
+
+def ego_speed(ego: EgoSettings) -> str:
+    """Return an ego's desired speed and its rolling start."""
+    return ", ".join(part for part in (f"{ego.speed_mps:g} m/s", rolling_start(ego)) if part)
 
 
 def _changed(what: str, table: BaseModel) -> str:
