@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -111,11 +112,21 @@ def test_few_points_along_a_straight_street_are_enough(write: Write, spacing: in
     assert lay(write(straight[:2])).path.length == pytest.approx(spacing, rel=0.01)
 
 
+def networks_of(path: str) -> set[str]:
+    """Return the networks of the shipped scenarios in which an ego drives a path."""
+    scenarios = [tomllib.loads(file.read_text(encoding="utf-8")) for file in (REPOSITORY / "scenarios").glob("*.toml")]
+    return {
+        one["road"]["network"]
+        for one in scenarios
+        if path in (one["ego"]["path"], *(ego.get("path") for ego in one.get("egos", ())))
+    }
+
+
 @pytest.mark.thorough(witnesses=1)
 @pytest.mark.parametrize("vehicle", VEHICLES, ids=lambda file: file.stem)
 @pytest.mark.parametrize("route", sorted((REPOSITORY / "routes").glob("*.csv")), ids=lambda file: file.stem)
 def test_every_shipped_route_suits_every_shipped_car(route: Path, vehicle: Path) -> None:
-    name = "linden" if route.stem.startswith("linden") else route.stem
+    (name,) = networks_of(route.stem)
     network = read_network(REPOSITORY / "networks" / f"{name}.net.xml")
     laid = read_path(route, network.frame(), network)
     refuse_tight_bend(laid.path, load_vehicle(vehicle).vehicle.tightest_curvature, route.name)

@@ -111,6 +111,7 @@ def record(folder: Path, summary: Any, ticks: int = TICKS, speed: float = SPEED,
             "actors": sum(not away(actor, tick + 1) for actor in ACTORS),
             "note": 'he said "on, on"' if tick == 3 else "",
             "measured_steering_rad": math.nan,
+            "state": "engaged",
         }
         for tick, (x, y, heading) in enumerate(zip(X.tolist(), Y.tolist(), HEADING.tolist(), strict=True))
     ]

@@ -272,7 +272,8 @@ def test_jobs_are_taken_as_they_are_needed() -> None:
             yield dataclasses.replace(made, table=made.table | {"seed": number})
 
     def done(given: Job, result: RunResult) -> None:
-        assert len(taken) <= int(given.key) + 2
+        # One more is being driven, and the one behind it has been asked whether it begins alike.
+        assert len(taken) <= int(given.key) + 3
         if given.key == "5":
             raise InterruptedError
 

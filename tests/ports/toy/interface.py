@@ -2,7 +2,7 @@
 
 Big endian: command 0x300, reports 0x310 every 20 ms and 0x311 every 10 ms. Every frame ends with a counter of four bits
 and a checksum, the sum of all bytes before it and of the identifier. A report whose checksum is wrong, or whose counter
-stands still, is malformed. The one setting is `brake_nm`, the torque at full brake.
+stands still, is malformed; such a command is not followed. The one setting is `brake_nm`, the torque at full brake.
 """
 
 from __future__ import annotations
@@ -162,6 +162,7 @@ class SimulatedToy:
         self._brake, self._duration = brake, duration
         self._command, self._gear, self._enable = Commanded(0.0, 0.0, 0.0), Gear.NONE, False
         self._age = math.inf  # of the last command [s]
+        self._counter = -1  # of the last command: one that stands still says nothing new
         self._override = self._driver = False
         self._broken: int | None = None
         self._angle = math.nan
@@ -175,8 +176,9 @@ class SimulatedToy:
     def receive(self, frames: Sequence[Frame], speed: float, brake_torque: float) -> None:
         for frame in frames:
             body = _opened(frame, _COMMAND) if frame.id == COMMAND else None
-            if body is None:
+            if body is None or body[-1] == self._counter:
                 continue
+            self._counter = body[-1]
             torque, throttle, angle, flags = _COMMAND.unpack_from(body)
             self._command = Commanded(torque / 255.0 * self._brake, throttle / 255.0, angle * ANGLE)
             self._gear, self._enable, self._age = Gear(flags & 7), bool(flags & 16), 0.0
