@@ -64,12 +64,12 @@ def test_following_it_from_a_small_deviation_ends_near_the_path(
     assert way is not None
     rest = 0.2 * speed + speed**2 / 4.8
     ways = followed(start, way, rest)
-    deviations = [abs(ROUND_A_CORNER.project(x, y, s).offset) for x, y, _heading in ways[:: max(len(ways) // 20, 1)]]
+    deviations = [abs(ROUND_A_CORNER.project(x, y, s).d) for x, y, _heading in ways[:: max(len(ways) // 20, 1)]]
     assert max(deviations, default=0.0) < 0.75
     if rest > 5.0:
         x, y, heading = ways[-1]
         at = ROUND_A_CORNER.project(x, y, s + rest)
-        assert abs(at.offset) < 0.6 * abs(offset) + 0.12
+        assert abs(at.d) < 0.6 * abs(offset) + 0.12
         assert abs(math.remainder(heading - at.heading, math.tau)) < 0.12
 
 

@@ -101,7 +101,7 @@ class CalibrationDrive:
     def _setpoint(self, tick: int, now: float) -> Setpoint | None:
         pose, truth = self._predictor.at(now), self.car.truth()
         self.speeds.append(truth.speed)
-        self.offsets.append(self.path.project(truth.x, truth.y).offset)
+        self.offsets.append(self.path.project(truth.x, truth.y).d)
         if pose is None:
             self.notes.append("")
             return None

@@ -305,7 +305,7 @@ class LockstepEgo:
         bumper = deviation = ttc = math.nan
         if math.isfinite(s):
             place = self._path.project(truth.x, truth.y, s)
-            bumper, deviation = place.s + self._vehicle.rear_axle_to_bumper, place.offset
+            bumper, deviation = place.s + self._vehicle.rear_axle_to_bumper, place.d
         if end_trigger.ttc_s is not None:
             commanded = ticked.result.commanded_path
             lead = lead_vehicle_now(truth, s, ticked.actors, self._path, self._vehicle, commanded)

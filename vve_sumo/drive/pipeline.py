@@ -225,7 +225,7 @@ class Pipeline:
         setpoint, s, d, commanded = None, math.nan, math.nan, None
         if pose is not None:
             projection = self._path.project(pose.x, pose.y, self._s)
-            self._s, s, d = projection.s, projection.s, projection.offset
+            self._s, s, d = projection.s, projection.s, projection.d
             self._way += abs(pose.speed) * max(now - self._moved, 0.0)
             self._moved = now
             faults += ("off_path",) if not abs(d) <= self._deviation_limit else ()

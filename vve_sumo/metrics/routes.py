@@ -100,7 +100,7 @@ def _line(path: ReferencePath, station: float, own: ReferencePath, base: Routes)
     end = path.at(path.length)
     foot = own.project(end.x, end.y, station + path.length if math.isfinite(station) else None)
     turn = math.remainder(end.heading - foot.heading, math.tau)
-    if not (abs(foot.offset) <= JOINED_OFFSET and abs(turn) <= JOINED_TURN and foot.s < own.length):
+    if not (abs(foot.d) <= JOINED_OFFSET and abs(turn) <= JOINED_TURN and foot.s < own.length):
         return line, math.inf
     after = min(JOINED_LENGTH, own.length - foot.s + 1.0)
     s = SAMPLE_SPACING * np.arange(last, last + math.ceil(after) + 1, dtype=np.float64)

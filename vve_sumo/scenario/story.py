@@ -253,7 +253,7 @@ class StoryActor:
         if change.from_here:
             path = _moved_to(path, x, y, heading)
         foot = path.project(x, y)
-        self._path, self._s, self._offset = path, min(max(foot.s, 0.0), path.length), foot.offset
+        self._path, self._s, self._offset = path, min(max(foot.s, 0.0), path.length), foot.d
         if change.at_m is not None:
             self._s = min(change.at_m, path.length)
         elif change.from_here:

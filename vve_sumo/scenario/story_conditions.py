@@ -210,7 +210,7 @@ def distance_between(along: str, freespace: bool, body: Body, other: Body, path:
     lateral = along.endswith("lateral")
     if along.startswith("path"):
         first, second = (path.project(one.x, one.y) for one in (body, other))
-        signed = second.offset - first.offset if lateral else second.s - first.s
+        signed = second.d - first.d if lateral else second.s - first.s
         axes = first.heading, second.heading
     else:
         dx, dy = other.x - body.x, other.y - body.y

@@ -132,7 +132,7 @@ class _Reader:
             foot = path.project(there.x, there.y)
             if not -1.0 <= foot.s <= path.length + 1.0:
                 raise NotTakenError(position, "a place behind or beyond the ego's path is not taken")
-            return round(foot.s, 4), round(foot.offset, 4) + 0.0
+            return round(foot.s, 4), round(foot.d, 4) + 0.0
 
         self._stage.ego_place = place
         self._stage.controlled = {

@@ -97,7 +97,7 @@ def lane_track(
         files.named(f"{name}_lane_{'' if lane >= 0 else 'm'}{abs(lane)}", points),
         points,
         max(station, 0.0),
-        _rounded(foot.offset),
+        _rounded(foot.d),
         road_name,
         lane,
         s,
