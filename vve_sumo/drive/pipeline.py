@@ -53,7 +53,7 @@ STEERING_HISTORY: Final = 10
 #: the sensors' readings at a tick: the columns of each sensor's table in the record, by the sensor's name
 Readings = Mapping[str, tuple[Column, ...]]
 
-#: from pose, reported road-wheel angle [rad], path, station of the pose [m] and vehicle to the fallback path
+#: from pose, reported road-wheel angle [rad], path, s of the pose [m] and vehicle to the fallback path
 FallbackRule = Callable[[Pose, float, ReferencePath, float, Vehicle], FallbackPath | DeferredFallbackPath | None]
 
 _NO_READINGS: Readings = MappingProxyType({})

@@ -131,7 +131,7 @@ def run(
     pose: Path | None = None,
     brain: ExternalController | None = None,
     keep_record: bool = True,
-    on_tick: TickCallback = lambda tick, now, speed, station: None,
+    on_tick: TickCallback = lambda tick, now, speed, s: None,
     loaded: LoadedRoad | None = None,
 ) -> Drive:
     """Drive a scenario, or play the recording `pose` in it, into a new record folder.
@@ -231,7 +231,7 @@ def run_variants(
     variants: Variants,
     working: Path,
     *,
-    on_tick: TickCallback = lambda tick, now, speed, station: None,
+    on_tick: TickCallback = lambda tick, now, speed, s: None,
     loaded: LoadedRoad | None = None,
 ) -> dict[int, dict[str, Any]]:
     """Drive scenarios as one until they differ; return the summaries of those that this process drove to their end.

@@ -21,7 +21,7 @@ WIDTH = 1.8  #: of the cars that stand beside the path [m]
 SPEEDING_UP = 1.5  #: of the shipped controller [m/s2]
 SETTLING = 4.0  #: time of steady driving between the run-up and the entry of a target, margin included [s]
 ROLLING = 2.0  #: time between a rolling start and the entry of a target [s]
-FOREMOST = 6.0  #: station s of the front bumper at the start, rounded up [m]
+FOREMOST = 6.0  #: s of the front bumper at the start, rounded up [m]
 #: time at rest after which a row ends [s]
 AT_REST = 0.3
 

@@ -92,7 +92,7 @@ def run_jobs(
     """
     variants, shared = Variants([resolve_job(job, cache) for job in jobs], fork), 0.0
 
-    def watch(_tick: int, now: float, _speed: float, _station: float) -> None:
+    def watch(_tick: int, now: float, _speed: float, _s: float) -> None:
         nonlocal shared
         if len(variants.together) > 1:
             shared = now
