@@ -57,8 +57,8 @@ def outputs(kind: str, settings: dict[str, Any], phantom: Phantom | None, curvat
 
 def altered(now: float, output: Any, fault: Any, curvature: float) -> Any:
     """What a wire of the sensor carries under a fault."""
-    there: dict[str, Any] = {"lists": {}, "heard": {}, "turns": {}}
-    name = {CameraObjects: "lists", Stations: "heard", PointCloud: "turns"}[type(output)]
+    there: dict[str, Any] = {"lists": {}, "stations_by_receiver": {}, "turns": {}}
+    name = {CameraObjects: "lists", Stations: "stations_by_receiver", PointCloud: "turns"}[type(output)]
     there[name] = {"other": turn_of(output) if name == "turns" else output}
     content = SampleContent(
         no_fix(now, now), pose(now, curvature), NO_SCAN, math.inf, Actors.none(now), **there

@@ -109,7 +109,7 @@ class Phantoms:
             actors=self._actors(measured.actors),
             turns=turns,
             lists={name: listed(one) if math.isfinite(one.time) else one for name, one in measured.lists.items()},
-            heard={name: heard(one) for name, one in measured.heard.items()},
+            stations_by_receiver={name: heard(one) for name, one in measured.stations_by_receiver.items()},
         )
 
     def _bodies(self, time: float) -> list[PhantomBody]:
@@ -192,7 +192,9 @@ class MissedDetections:
                 others={name: _emptied(scan) for name, scan in measured.others.items()},
                 turns=turns,
                 lists={name: contents.without_rows(one) for name, one in measured.lists.items()},
-                heard={name: contents.without_rows(one) for name, one in measured.heard.items()},
+                stations_by_receiver={
+                    name: contents.without_rows(one) for name, one in measured.stations_by_receiver.items()
+                },
             ),
         )
 

@@ -343,7 +343,7 @@ class Lockstep:
         if variants is not None:
             variants.forked = self.road.inherit
         publisher = None if brain is None else brain.publisher
-        if publisher is not None and publisher.tells_signals:
+        if publisher is not None and publisher.needs_signals:
             publisher.signals = self.road.timed_signals()
         self._last = round(resolved.scenario.duration_s / PERIOD) - 1
         self._people = resolved.people
